@@ -1,0 +1,1 @@
+"""steelyard: weigh a robot from its motion and its torque."""

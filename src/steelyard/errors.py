@@ -1,0 +1,36 @@
+"""The one error root: every message says what is wrong, where, and how to mend it."""
+
+
+class SteelyardError(Exception):
+    """Something a user gave cannot be used.
+
+    Args:
+        wrong: What is wrong, in one sentence.
+        where: The file, line, column or joint it is wrong in.
+        mend: What the user can do about it.
+    """
+
+    def __init__(self, wrong: str, *, where: str, mend: str) -> None:
+        super().__init__(wrong, where, mend)
+        self.wrong = wrong
+        self.where = where
+        self.mend = mend
+
+    def __str__(self) -> str:
+        return f"{self.wrong}\n  where  {self.where}\n  mend   {self.mend}"
+
+
+class ModelError(SteelyardError):
+    """A robot model or robot file cannot be used."""
+
+
+class LogError(SteelyardError):
+    """A recording cannot be used."""
+
+
+class DataError(SteelyardError):
+    """The data cannot answer what was asked of it."""
+
+
+class OutputError(SteelyardError):
+    """A result cannot be written."""

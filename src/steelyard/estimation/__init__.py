@@ -1,0 +1,1 @@
+"""Estimators: from information to parameters with intervals."""

@@ -1,0 +1,1 @@
+"""Log files of all kinds, read in parts."""

@@ -1,0 +1,1 @@
+"""Equations written once over symbols, traced per robot, run by backends."""

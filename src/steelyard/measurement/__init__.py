@@ -1,0 +1,1 @@
+"""From a raw recording to clean motion on a uniform clock."""

@@ -1,0 +1,1 @@
+"""What the robot is: bodies, joints, inertias, and the files they come from."""

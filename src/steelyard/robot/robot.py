@@ -1,0 +1,141 @@
+"""The robot as the dynamics see it: a tree of moving bodies on a fixed base."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from steelyard.arrays import Array, frozen
+from steelyard.robot.inertia import Inertia
+
+JointKind = Literal["revolute", "prismatic"]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Range of one joint: position [rad; m], speed [rad/s; m/s], effort [Nm; N]; inf if unknown."""
+
+    lower: float = -np.inf
+    upper: float = np.inf
+    velocity: float = np.inf
+    effort: float = np.inf
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """One independent joint coordinate: what a log has a position and an effort column for."""
+
+    name: str
+    kind: JointKind
+    limits: Limits = field(default_factory=Limits)
+
+    @property
+    def unit(self) -> str:
+        """Unit of the position."""
+        return "m" if self.kind == "prismatic" else "rad"
+
+    @property
+    def effort_unit(self) -> str:
+        """Unit of the joint's generalised force."""
+        return "N" if self.kind == "prismatic" else "Nm"
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A moving body and the joint that carries it.
+
+    The body's frame is the joint's frame. At position `x` of the joint, a point `p` of the body is
+    at `rotation @ (turn(axis, x) @ p) + position` in the parent's frame (revolute), or at
+    `rotation @ (p + axis * x) + position` (prismatic). `x = ratio * q[coordinate] + offset`,
+    so a mimic joint is a body that follows its master's coordinate.
+
+    Attributes:
+        name: The link's name.
+        joint: The joint's name.
+        kind: `revolute` or `prismatic`.
+        parent: Index of the parent body; -1 is the base.
+        rotation: Shape `(3, 3)`, joint frame's axes in the parent's frame.
+        position: Shape `(3,)` [m], joint frame's origin in the parent's frame.
+        axis: Shape `(3,)`, unit vector in the joint's frame.
+        coordinate: Index of the coordinate that moves the joint.
+        ratio: Joint position per coordinate.
+        offset: Joint position at coordinate zero [rad; m].
+        inertia: Nominal mass properties (prior), fixed links included; zero if unknown.
+        known: Whether the model file gave any mass properties.
+    """
+
+    name: str
+    joint: str
+    kind: JointKind
+    parent: int
+    rotation: Array
+    position: Array
+    axis: Array
+    coordinate: int
+    ratio: float = 1.0
+    offset: float = 0.0
+    inertia: Inertia = field(default_factory=Inertia.zero)
+    known: bool = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "rotation", frozen(self.rotation, (3, 3)))
+        object.__setattr__(self, "position", frozen(self.position, (3,)))
+        axis = frozen(self.axis, (3,))
+        if not np.isclose(np.linalg.norm(axis), 1.0):
+            raise ValueError(f"axis of joint '{self.joint}' is not a unit vector: {axis}")
+        object.__setattr__(self, "axis", axis)
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """A fixed-base tree of bodies.
+
+    Attributes:
+        name: The robot's name.
+        bodies: Parents before children.
+        coordinates: Independent joint coordinates, in the order of every `q`, `dq`, `ddq`, `tau`.
+        gravity: Shape `(3,)` [m/s²], in the base frame.
+    """
+
+    name: str
+    bodies: tuple[Body, ...]
+    coordinates: tuple[Coordinate, ...]
+    gravity: Array
+
+    def __init__(
+        self,
+        name: str,
+        bodies: tuple[Body, ...],
+        coordinates: tuple[Coordinate, ...],
+        gravity: ArrayLike = (0.0, 0.0, -9.81),
+    ) -> None:
+        object.__setattr__(self, "name", name)
+        object.__setattr__(self, "bodies", tuple(bodies))
+        object.__setattr__(self, "coordinates", tuple(coordinates))
+        object.__setattr__(self, "gravity", frozen(gravity, (3,)))
+        for index, body in enumerate(self.bodies):
+            if not -1 <= body.parent < index:
+                raise ValueError(f"body '{body.name}' comes before its parent")
+            if not 0 <= body.coordinate < len(self.coordinates):
+                raise ValueError(f"body '{body.name}' follows a coordinate that does not exist")
+
+    @property
+    def n(self) -> int:
+        """Number of joint coordinates."""
+        return len(self.coordinates)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the coordinates."""
+        return tuple(c.name for c in self.coordinates)
+
+    @property
+    def effort_units(self) -> tuple[str, ...]:
+        """`Nm` or `N` per coordinate."""
+        return tuple(c.effort_unit for c in self.coordinates)
+
+    @property
+    def nominal(self) -> Array:
+        """The ten nominal numbers of every body, shape `(n_bodies, 10)`."""
+        return frozen(np.array([b.inertia.ten for b in self.bodies]).reshape(len(self.bodies), 10))

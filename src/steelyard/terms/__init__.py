@@ -1,0 +1,1 @@
+"""Causes of torque, each linear in its named parameters."""

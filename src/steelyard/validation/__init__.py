@@ -1,0 +1,1 @@
+"""Scores on motions that were not fitted."""

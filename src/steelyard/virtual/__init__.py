@@ -1,0 +1,1 @@
+"""A virtual robot: physics, controller and sensors with their faults."""
