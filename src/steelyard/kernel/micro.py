@@ -1,0 +1,225 @@
+"""The three small loops around a traced program: Gram accumulation, |column| sums, matched filter.
+
+All work on a block of rows `y[row * ld + sample]` and are emitted for a number of lanes. Sample
+counts are multiples of the lanes; callers pad with zeros.
+"""
+
+from itertools import product
+
+TILE_ROWS = 4
+TILE_COLUMNS = 3
+FIR_OUTPUTS = 4
+
+
+def gram(lanes: int, name: str = "gram") -> str:
+    """Inner products of rows.
+
+    `void gram(y, ld, N, tiles, n_tiles, sums)`.
+
+    A tile is a pair of first rows `(a, b)`; it adds the 4 x 3 inner products of rows `a..a+3` and
+    `b..b+2` to its 12 vectors of partial sums, one per lane.
+    """
+    t = f"<{lanes} x double>"
+    cells = list(product(range(TILE_ROWS), range(TILE_COLUMNS)))
+    size = TILE_ROWS * TILE_COLUMNS
+    lines = [f"%o{i} = mul i64 %ld, {i}" for i in range(max(TILE_ROWS, TILE_COLUMNS))]
+    head = "\n".join(lines)
+    rows = [f"%r{i} = getelementptr double, ptr %pa, i64 %o{i}" for i in range(TILE_ROWS)]
+    rows += [f"%s{j} = getelementptr double, ptr %pb, i64 %o{j}" for j in range(TILE_COLUMNS)]
+    loads = [
+        f"%q{i}_{j} = getelementptr {t}, ptr %g, i64 {i * TILE_COLUMNS + j}\n"
+        f"%i{i}_{j} = load {t}, ptr %q{i}_{j}, align 8"
+        for i, j in cells
+    ]
+    phis = [f"%c{i}_{j} = phi {t} [%i{i}_{j}, %tile], [%n{i}_{j}, %samples]" for i, j in cells]
+    body = [
+        f"%pa{i} = getelementptr double, ptr %r{i}, i64 %b\n%u{i} = load {t}, ptr %pa{i}, align 8"
+        for i in range(TILE_ROWS)
+    ]
+    body += [
+        f"%pb{j} = getelementptr double, ptr %s{j}, i64 %b\n%v{j} = load {t}, ptr %pb{j}, align 8"
+        for j in range(TILE_COLUMNS)
+    ]
+    body += [
+        f"%m{i}_{j} = fmul contract {t} %u{i}, %v{j}\n"
+        f"%n{i}_{j} = fadd contract {t} %c{i}_{j}, %m{i}_{j}"
+        for i, j in cells
+    ]
+    stores = [f"store {t} %n{i}_{j}, ptr %q{i}_{j}, align 8" for i, j in cells]
+    return f"""define void @{name}(ptr noalias %y, i64 %ld, i64 %N, ptr noalias %tiles,
+    i64 %nt, ptr noalias %sums) {{
+entry:
+{head}
+br label %tile
+tile:
+%k = phi i64 [0, %entry], [%k1, %done]
+%two = mul i64 %k, 2
+%ta = getelementptr i64, ptr %tiles, i64 %two
+%a = load i64, ptr %ta
+%tb = getelementptr i64, ptr %ta, i64 1
+%bb = load i64, ptr %tb
+%ao = mul i64 %a, %ld
+%bo = mul i64 %bb, %ld
+%pa = getelementptr double, ptr %y, i64 %ao
+%pb = getelementptr double, ptr %y, i64 %bo
+%g0 = mul i64 %k, {size}
+%g = getelementptr {t}, ptr %sums, i64 %g0
+{chr(10).join(rows + loads)}
+br label %samples
+samples:
+%b = phi i64 [0, %tile], [%b1, %samples]
+{chr(10).join(phis + body)}
+%b1 = add i64 %b, {lanes}
+%f = icmp sge i64 %b1, %N
+br i1 %f, label %done, label %samples
+done:
+{chr(10).join(stores)}
+%k1 = add i64 %k, 1
+%h = icmp sge i64 %k1, %nt
+br i1 %h, label %exit, label %tile
+exit:
+ret void
+}}
+"""
+
+
+def absolute_sums(lanes: int, name: str = "absolute") -> str:
+    """Sums of |value| of each row.
+
+    `void absolute(y, ld, N, rows, sums)`.
+    """
+    t = f"<{lanes} x double>"
+    fabs = f"@llvm.fabs.v{lanes}f64"
+    return f"""declare {t} {fabs}({t})
+define void @{name}(ptr noalias %y, i64 %ld, i64 %N, i64 %rows, ptr noalias %sums) {{
+entry:
+br label %row
+row:
+%k = phi i64 [0, %entry], [%k1, %done]
+%o = mul i64 %k, %ld
+%p = getelementptr double, ptr %y, i64 %o
+%q = getelementptr {t}, ptr %sums, i64 %k
+%start = load {t}, ptr %q, align 8
+br label %samples
+samples:
+%b = phi i64 [0, %row], [%b1, %samples]
+%s = phi {t} [%start, %row], [%s1, %samples]
+%px = getelementptr double, ptr %p, i64 %b
+%x = load {t}, ptr %px, align 8
+%ax = call {t} {fabs}({t} %x)
+%s1 = fadd {t} %s, %ax
+%b1 = add i64 %b, {lanes}
+%f = icmp sge i64 %b1, %N
+br i1 %f, label %done, label %samples
+done:
+store {t} %s1, ptr %q, align 8
+%k1 = add i64 %k, 1
+%h = icmp sge i64 %k1, %rows
+br i1 %h, label %exit, label %row
+exit:
+ret void
+}}
+"""
+
+
+def decimating_fir(lanes: int, name: str = "fir") -> str:
+    """The matched filter.
+
+    `void fir(y, ldy, rows, taps, T, D, M, z, ldz)`.
+
+    `z[row, m] = sum_k taps[k] * y[row, m * D + k]` for `m < M`. The number of taps `T` is a
+    multiple of the lanes (padded with zeros), `M` a multiple of `FIR_OUTPUTS`; a row of `y` holds
+    at least `(M - 1) * D + T` samples.
+    """
+    t = f"<{lanes} x double>"
+    reduce = f"@llvm.vector.reduce.fadd.v{lanes}f64"
+    outputs = range(FIR_OUTPUTS)
+    starts = "\n".join(
+        f"%m{u} = add i64 %m, {u}\n%o{u} = mul i64 %m{u}, %D\n"
+        f"%p{u} = getelementptr double, ptr %row, i64 %o{u}"
+        for u in outputs
+    )
+    phis = "\n".join(f"%c{u} = phi {t} [zeroinitializer, %group], [%n{u}, %taps]" for u in outputs)
+    body = "\n".join(
+        f"%px{u} = getelementptr double, ptr %p{u}, i64 %k\n%x{u} = load {t}, ptr %px{u}, align 8\n"
+        f"%f{u} = fmul contract {t} %x{u}, %h\n%n{u} = fadd contract {t} %c{u}, %f{u}"
+        for u in outputs
+    )
+    stores = "\n".join(
+        f"%z{u} = call reassoc double {reduce}(double 0.0, {t} %n{u})\n"
+        f"%pz{u} = getelementptr double, ptr %out, i64 %m{u}\n"
+        f"store double %z{u}, ptr %pz{u}, align 8"
+        for u in outputs
+    )
+    return f"""declare double {reduce}(double, {t})
+define void @{name}(ptr noalias %y, i64 %ldy, i64 %rows, ptr noalias %h0, i64 %T, i64 %D,
+    i64 %M, ptr noalias %z, i64 %ldz) {{
+entry:
+br label %rowloop
+rowloop:
+%r = phi i64 [0, %entry], [%r1, %rowdone]
+%oy = mul i64 %r, %ldy
+%row = getelementptr double, ptr %y, i64 %oy
+%oz = mul i64 %r, %ldz
+%out = getelementptr double, ptr %z, i64 %oz
+br label %group
+group:
+%m = phi i64 [0, %rowloop], [%mnext, %write]
+{starts}
+br label %taps
+taps:
+%k = phi i64 [0, %group], [%knext, %taps]
+{phis}
+%ph = getelementptr double, ptr %h0, i64 %k
+%h = load {t}, ptr %ph, align 8
+{body}
+%knext = add i64 %k, {lanes}
+%kdone = icmp sge i64 %knext, %T
+br i1 %kdone, label %write, label %taps
+write:
+{stores}
+%mnext = add i64 %m, {FIR_OUTPUTS}
+%mdone = icmp sge i64 %mnext, %M
+br i1 %mdone, label %rowdone, label %group
+rowdone:
+%r1 = add i64 %r, 1
+%rdone = icmp sge i64 %r1, %rows
+br i1 %rdone, label %exit, label %rowloop
+exit:
+ret void
+}}
+"""
+
+
+def fused(n_inputs: int, name: str = "fused") -> str:
+    """The whole pass without a filter.
+
+    `void fused(N, x0, ld0, ..., B, y, ldy, tiles, n_tiles, sums, rows, absolute)`.
+
+    Runs `program`, `gram` and `absolute` block by block of `B` samples; one block of rows stays in
+    the cache and is never seen from outside.
+    """
+    inputs = range(n_inputs)
+    signature = ", ".join(f"ptr %x{i}, i64 %l{i}" for i in inputs)
+    starts = "\n".join(f"%p{i} = getelementptr double, ptr %x{i}, i64 %b" for i in inputs)
+    passed = ", ".join(f"ptr %p{i}, i64 %l{i}" for i in inputs)
+    return f"""define void @{name}(i64 %N, {signature}, i64 %B, ptr %y, i64 %ly, ptr %tiles,
+    i64 %nt, ptr %sums, i64 %rows, ptr %abs) {{
+entry:
+br label %loop
+loop:
+%b = phi i64 [0, %entry], [%next, %loop]
+{starts}
+%rest = sub i64 %N, %b
+%short = icmp slt i64 %rest, %B
+%n = select i1 %short, i64 %rest, i64 %B
+call void @program(i64 %n, {passed}, ptr %y, i64 %ly)
+call void @gram(ptr %y, i64 %ly, i64 %n, ptr %tiles, i64 %nt, ptr %sums)
+call void @absolute(ptr %y, i64 %ly, i64 %n, i64 %rows, ptr %abs)
+%next = add i64 %b, %B
+%done = icmp sge i64 %next, %N
+br i1 %done, label %exit, label %loop
+exit:
+ret void
+}}
+"""

@@ -1,0 +1,127 @@
+"""Trace equations over CasADi symbols into a `Program`.
+
+The only file of the package that imports CasADi; a kernel found in the cache never comes here.
+"""
+
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from steelyard.kernel.dynamics import JointState, Scalar, inverse_dynamics
+from steelyard.kernel.program import BINARY, Array, Program, Step
+from steelyard.robot.robot import Robot
+
+Entries = Mapping[tuple[int, int], Scalar]
+_LOCK = threading.Lock()
+
+
+def symbolic(build: Callable[..., Sequence[Scalar]], inputs: Sequence[Array]) -> Program:
+    """Trace `build`, called with one list of scalar symbols per input array.
+
+    Raises:
+        NotImplementedError: The equations use an operation that no backend knows.
+    """
+    casadi = _casadi()
+    with _LOCK:
+        symbols = [casadi.SX.sym(array.name, array.entries) for array in inputs]
+        lists = [[s[k] for k in range(a.entries)] for s, a in zip(symbols, inputs, strict=True)]
+        outputs = casadi.vertcat(*build(*lists))
+        function = casadi.Function("f", symbols, casadi.cse([outputs]))
+        return _single_assignment(function, tuple(inputs))
+
+
+def rigid_columns(robot: Robot, state: JointState) -> Entries:
+    """Regressor of all bodies, `(row, 10 * body + number)` to symbol.
+
+    The reverse-mode derivative of the inverse dynamics with respect to the ten numbers of every
+    body; entries that are zero by structure are left out.
+    """
+    casadi = _casadi()
+    count = 10 * len(robot.bodies)
+    numbers = casadi.SX.sym("phi", count)
+    flat = [numbers[k] for k in range(count)]
+    tens = [flat[start : start + 10] for start in range(0, count, 10)]
+    entries: dict[tuple[int, int], Scalar] = {}
+    for row, effort in enumerate(inverse_dynamics(robot, state, tens)):
+        gradient = casadi.gradient(effort, numbers)
+        for column in range(count):
+            if not gradient[column].is_zero():
+                entries[row, column] = gradient[column]
+    return entries
+
+
+def is_zero(scalar: Scalar) -> bool:
+    """Whether an expression is zero by structure."""
+    return bool(_casadi().SX(scalar).is_zero())
+
+
+def _casadi() -> Any:
+    import casadi
+
+    casadi.GlobalOptions.setNumpyMode(1)
+    return casadi
+
+
+def _single_assignment(function: Any, inputs: tuple[Array, ...]) -> Program:
+    """CasADi's instruction list reuses work slots; give every assignment its own number."""
+    operations = _operations()
+    steps: list[Step] = []
+    slot: dict[int, int] = {}
+    outputs = [-1] * int(function.nnz_out())
+
+    def push(operation: str, *arguments: int, value: float = 0.0) -> int:
+        steps.append(Step(operation, arguments, value))
+        return len(steps) - 1
+
+    casadi = _casadi()
+    for k in range(function.n_instructions()):
+        code = function.instruction_id(k)
+        if code == casadi.OP_OUTPUT:
+            outputs[function.instruction_output(k)[1]] = slot[function.instruction_input(k)[0]]
+            continue
+        target = function.instruction_output(k)[0]
+        if code == casadi.OP_CONST:
+            slot[target] = push("constant", value=float(function.instruction_constant(k)))
+        elif code == casadi.OP_INPUT:
+            slot[target] = push("input", *function.instruction_input(k))
+        elif code not in operations:
+            raise NotImplementedError(f"CasADi operation number {code}")
+        else:
+            arguments = [slot[x] for x in function.instruction_input(k)]
+            slot[target] = operations[code](push, *arguments)
+    if not function.sparsity_out(0).is_dense():
+        raise NotImplementedError("an output is zero by structure")
+    return Program(inputs, tuple(steps), tuple(outputs))
+
+
+def _operations() -> dict[int, Callable[..., int]]:
+    """How each CasADi operation is written with ours."""
+    casadi = _casadi()
+
+    def plain(name: str) -> Callable[..., int]:
+        return lambda push, *arguments: push(name, *arguments[: 2 if name in BINARY else 1])
+
+    return {
+        casadi.OP_ADD: plain("add"),
+        casadi.OP_SUB: plain("sub"),
+        casadi.OP_MUL: plain("mul"),
+        casadi.OP_DIV: plain("div"),
+        casadi.OP_NEG: plain("neg"),
+        casadi.OP_SIN: plain("sin"),
+        casadi.OP_COS: plain("cos"),
+        casadi.OP_SQRT: plain("sqrt"),
+        casadi.OP_FABS: plain("abs"),
+        casadi.OP_SIGN: plain("sign"),
+        casadi.OP_EXP: plain("exp"),
+        casadi.OP_TANH: plain("tanh"),
+        casadi.OP_ATAN: plain("atan"),
+        casadi.OP_LT: plain("less"),
+        casadi.OP_LE: plain("less_equal"),
+        casadi.OP_FMIN: plain("minimum"),
+        casadi.OP_FMAX: plain("maximum"),
+        casadi.OP_SQ: lambda push, a, *_: push("mul", a, a),
+        casadi.OP_TWICE: lambda push, a, *_: push("add", a, a),
+        casadi.OP_INV: lambda push, a, *_: push("div", push("constant", value=1.0), a),
+        casadi.OP_ASSIGN: lambda push, a, *_: a,
+        casadi.OP_IF_ELSE_ZERO: lambda push, a, b: push("mul", a, b),
+    }

@@ -1,0 +1,244 @@
+"""A model: a robot and the causes of its torque, linear in named parameters."""
+
+import hashlib
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from steelyard.arrays import Array
+from steelyard.errors import DataError, ModelError
+from steelyard.kernel.compiled import Code, compiled
+from steelyard.kernel.dynamics import JointState, Scalar, inverse_dynamics
+from steelyard.kernel.program import Array as Input
+from steelyard.kernel.program import Program
+from steelyard.kernel.vector_ir import MAX_ANGLE
+from steelyard.motion import Motion
+from steelyard.parameters import Parameter, Parameters
+from steelyard.robot.robot import Robot
+from steelyard.robot.serial import robot_from_dict, robot_to_dict
+from steelyard.terms.register import DEFAULT_TERMS, description_of, term_of
+from steelyard.terms.rigid_body import RigidBody
+from steelyard.terms.term import Columns, Term
+
+BLOCK = 4096
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A robot and its terms; values of the parameters are not part of it.
+
+    Attributes:
+        robot: The robot.
+        terms: Causes of torque; their columns stand side by side in this order.
+    """
+
+    robot: Robot
+    terms: tuple[Term, ...] = DEFAULT_TERMS
+
+    def __post_init__(self) -> None:
+        names = [parameter.name for parameter in self.parameters]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ModelError(
+                f"two terms have the same parameter '{twice[0]}'",
+                where=f"list of terms of robot '{self.robot.name}'",
+                mend="give each joint each law once (see the terms' `joints`)",
+            )
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """All standard parameters, term by term."""
+        return tuple(p for term in self.terms for p in term.parameters(self.robot))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the standard parameters."""
+        return tuple(p.name for p in self.parameters)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the standard parameters."""
+        return tuple(p.unit for p in self.parameters)
+
+    def columns(self, state: JointState) -> Columns:
+        """Regressor entries `(effort row, standard parameter)` over symbols."""
+        entries: dict[tuple[int, int], Scalar] = {}
+        for start, term in self._placed():
+            for (row, column), value in term.columns(self.robot, state).items():
+                entries[row, start + column] = value
+        return entries
+
+    def torque_of(self, state: JointState, values: Sequence[Scalar]) -> list[Scalar]:
+        """Efforts over symbols: bodies by inverse dynamics, other terms by their columns."""
+        efforts: list[Scalar] = [0.0] * self.robot.n
+        for start, term in self._placed():
+            if isinstance(term, RigidBody):
+                stop = start + 10 * len(self.robot.bodies)
+                tens = [values[k : k + 10] for k in range(start, stop, 10)]
+                for row, effort in enumerate(inverse_dynamics(self.robot, state, tens)):
+                    efforts[row] += effort
+                continue
+            for (row, column), value in term.columns(self.robot, state).items():
+                efforts[row] += value * values[start + column]
+        return efforts
+
+    def _placed(self) -> Iterator[tuple[int, Term]]:
+        start = 0
+        for term in self.terms:
+            yield start, term
+            start += len(term.parameters(self.robot))
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values."""
+        return {
+            "robot": robot_to_dict(self.robot),
+            "terms": [description_of(term) for term in self.terms],
+        }
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> "Model":
+        """The model that `to_dict` wrote."""
+        terms = tuple(term_of(t, "list of terms of a saved model") for t in data["terms"])
+        return cls(robot_from_dict(data["robot"]), terms)
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Hash of everything the model's columns depend on."""
+        return hashlib.sha256(json.dumps(self.to_dict(), sort_keys=True).encode()).hexdigest()
+
+    @cached_property
+    def torque_code(self) -> Code:
+        """Machine code of the torque; inputs `q`, `dq`, `ddq` and the shared parameters."""
+
+        def build() -> tuple[Program, dict[str, Any]]:
+            from steelyard.kernel.trace import symbolic
+
+            n = self.robot.n
+            inputs = (
+                Input("q", n),
+                Input("dq", n),
+                Input("ddq", n),
+                Input("parameters", len(self.parameters), shared=True),
+            )
+            return symbolic(
+                lambda q, dq, ddq, values: self.torque_of(JointState(q, dq, ddq), values), inputs
+            ), {}
+
+        return compiled(["torque", self.fingerprint], build)
+
+    def at(self, values: Parameters) -> "ValuedModel":
+        """The model with values; standard parameters that are not named are zero.
+
+        Raises:
+            DataError: A value belongs to no parameter of the model.
+        """
+        known = values.as_dict()
+        strange = [name for name in known if name not in self.names]
+        if strange:
+            raise DataError(
+                f"the model of '{self.robot.name}' has no parameter '{strange[0]}'",
+                where="values of the parameters",
+                mend=f"its parameters are {', '.join(self.names[:12])}, ...",
+            )
+        full = [known.get(name, 0.0) for name in self.names]
+        return ValuedModel(self, Parameters(self.names, self.units, full))
+
+    @property
+    def prior(self) -> "ValuedModel | None":
+        """The nominal model of the robot's file: its bodies, no friction; `None` if unknown."""
+        if not all(body.known for body in self.robot.bodies):
+            return None
+        values = [p.prior if p.prior is not None else 0.0 for p in self.parameters]
+        return ValuedModel(self, Parameters(self.names, self.units, values))
+
+
+@dataclass(frozen=True, eq=False)
+class ValuedModel:
+    """A model with values for its standard parameters.
+
+    Base parameters come as standard ones with the others of each group at zero: the torque is the
+    same.
+    """
+
+    model: Model
+    values: Parameters
+
+    def torque(self, motion: Motion) -> Array:
+        """Joint efforts along a motion.
+
+        Args:
+            motion: `N` samples of `n` joints.
+
+        Returns:
+            Shape `(N, n)` [Nm; N].
+
+        Raises:
+            DataError: The motion has another number of joints, or turns beyond 1e5 rad.
+        """
+        if motion.n_joints != self.model.robot.n:
+            raise DataError(
+                f"the motion has {motion.n_joints} joints, the model {self.model.robot.n}",
+                where=f"model of '{self.model.robot.name}'",
+                mend=f"give columns for {', '.join(self.model.robot.joint_names)}",
+            )
+        check_angles(motion.q)
+        result = np.empty(motion.q.shape)
+        for start in range(0, len(motion), BLOCK):
+            part = slice(start, start + BLOCK)
+            block = self.block(motion.q[part].T, motion.dq[part].T, motion.ddq[part].T)
+            result[part] = block.T
+        return result
+
+    def block(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """Efforts of one block, joint-major: arrays and result have shape `(n, B)`."""
+        code = self.model.torque_code
+        return code([q, dq, ddq, self.values.values], [False, False, False, True])
+
+    def start(self) -> "Stepper":
+        """Begin to evaluate sample by sample, for controllers and streams."""
+        return Stepper(self)
+
+
+class Stepper:
+    """Sample-by-sample evaluation; buffers are made once, so a step allocates one small array."""
+
+    def __init__(self, valued: ValuedModel) -> None:
+        code, n = valued.model.torque_code, valued.model.robot.n
+        self._inputs = [np.zeros((n, code.lanes)) for _ in range(3)]
+        self._values = valued.values.values
+        self._output = np.empty((n, code.lanes))
+        self._arguments = [
+            *(number for x in self._inputs for number in (x.ctypes.data, code.lanes)),
+            self._values.ctypes.data,
+            0,
+            self._output.ctypes.data,
+            code.lanes,
+        ]
+        self._code = code
+
+    def step(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
+        """Joint efforts at one sample, each argument and the result of shape `(n,)`."""
+        for buffer, values in zip(self._inputs, (q, dq, ddq), strict=True):
+            buffer[:] = np.reshape(values, (-1, 1))
+        check_angles(self._inputs[0])
+        self._code.raw(self._code.lanes, *self._arguments)
+        return self._output[:, 0].copy()
+
+
+def check_angles(q: Array) -> None:
+    """Machine code reduces angles exactly only up to a limit.
+
+    Raises:
+        DataError: A position lies beyond it, or is not a number.
+    """
+    if q.size and not np.abs(q).max() <= MAX_ANGLE:
+        raise DataError(
+            f"a joint position lies beyond {MAX_ANGLE:g} rad or is not finite",
+            where="positions `q`",
+            mend="check the unit of the position columns (rad, not encoder counts)",
+        )

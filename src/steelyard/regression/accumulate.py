@@ -1,0 +1,297 @@
+"""Gram matrices of one stretch of samples: kernel, matched filter, Gram, block by block."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import lcm
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.arrays import Array
+from steelyard.kernel.compiled import Loops, loops
+from steelyard.kernel.micro import FIR_OUTPUTS, TILE_COLUMNS, TILE_ROWS
+from steelyard.model import check_angles
+from steelyard.regression.matched import MatchedFilter
+from steelyard.regression.regressor import Layout, Regressor
+
+BLOCK = 256
+"""Samples per inner block: its rows stay in the second-level cache."""
+
+PADDING = 8
+"""Extra samples per row, so that rows do not start a power of two apart."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """Consecutive samples of one run, joint-major.
+
+    Attributes:
+        q: Shape `(n, N)`; likewise `dq`, `ddq` and `effort`.
+        weights: Weight of each sample in each effort row, `(n, N)`; all ones if `None`. With a
+            matched filter it is averaged over the filter and rounded to 0 or 1.
+    """
+
+    q: Array
+    dq: Array
+    ddq: Array
+    effort: Array
+    weights: Array | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("q", "dq", "ddq", "effort"):
+            values = np.asarray(getattr(self, name), dtype=np.float64)
+            if values.strides[1] != 8:
+                values = np.ascontiguousarray(values)
+            object.__setattr__(self, name, values)
+        if not all(x.shape == self.q.shape for x in self.inputs):
+            raise ValueError("q, dq, ddq and effort differ in shape")
+        check_angles(self.q)
+
+    @property
+    def inputs(self) -> tuple[Array, Array, Array, Array]:
+        """What the kernel reads."""
+        return self.q, self.dq, self.ddq, self.effort
+
+
+@dataclass(frozen=True, eq=False)
+class Sums:
+    """Packed Gram matrices `(size,)`, sums of |value| `(width,)` and samples per row `(rows,)`."""
+
+    grams: Array
+    absolute: Array
+    counts: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Accumulator:
+    """Turns stretches into sums; holds no state, so threads share it.
+
+    Attributes:
+        regressor: The columns.
+        matched: The matched filter, if any.
+    """
+
+    regressor: Regressor
+    matched: MatchedFilter | None = None
+
+    @cached_property
+    def tiling(self) -> "_Tiling":
+        """Tiles of the Gram matrices."""
+        return _Tiling.of(self.regressor.layout)
+
+    @cached_property
+    def loops(self) -> Loops:
+        """Machine code of the small loops."""
+        return loops()
+
+    @property
+    def width(self) -> int:
+        """Columns of all rows, efforts included."""
+        return sum(self.regressor.layout.widths)
+
+    @cached_property
+    def taps(self) -> Array:
+        """The filter's taps, padded with zeros to whole vectors; a single one without filter."""
+        taps = self.matched.taps if self.matched else np.ones(1)
+        lanes = self.regressor.code.lanes
+        return np.concatenate([taps, np.zeros(-len(taps) % lanes)])
+
+    @property
+    def decimation(self) -> int:
+        """Samples per kept sample."""
+        return self.matched.decimation if self.matched else 1
+
+    @property
+    def halo(self) -> int:
+        """Samples that a stretch needs beyond those that it answers for."""
+        return len(self.matched.taps) - self.decimation if self.matched else 0
+
+    def outputs(self, n_samples: int) -> int:
+        """Filtered samples that a stretch of `n_samples` yields."""
+        length = len(self.matched.taps) if self.matched else 1
+        return max(0, (n_samples - length) // self.decimation + 1)
+
+    def __call__(self, stretch: Stretch) -> Sums:
+        """Sums over one stretch."""
+        if self.matched is None and stretch.weights is None:
+            return self._fused(stretch)
+        return self._filtered(stretch)
+
+    def _fused(self, stretch: Stretch) -> Sums:
+        """Everything in one native call; what does not fill a vector is added apart."""
+        code, work = self.regressor.code, _Workspace(self, BLOCK)
+        n_samples = stretch.q.shape[1]
+        whole = n_samples - n_samples % code.lanes
+        if whole:
+            code.fused(
+                whole,
+                *_addresses(stretch, 0),
+                BLOCK,
+                work.y.ctypes.data,
+                work.y.shape[1],
+                self.tiling.firsts.ctypes.data,
+                len(self.tiling.firsts),
+                work.sums.ctypes.data,
+                self.width,
+                work.absolute.ctypes.data,
+            )
+            work.counts += whole
+        if whole < n_samples:
+            work.evaluate(stretch, whole, n_samples - whole, 0)
+            work.add(work.y, n_samples - whole)
+        return work.result()
+
+    def _filtered(self, stretch: Stretch) -> Sums:
+        """Kernel, filter, weights and Gram, one native call each per block."""
+        lanes, decimation = self.regressor.code.lanes, self.decimation
+        step = lcm(decimation, lanes)
+        step *= max(1, BLOCK // step)
+        history = -(-self.halo // lanes) * lanes
+        work = _Workspace(self, history + step)
+        weights = self._weights(stretch)
+        n_outputs, per_step = self.outputs(stretch.q.shape[1]), step // decimation
+        known = 0
+        for first in range(0, n_outputs, per_step):
+            count = min(per_step, n_outputs - first)
+            work.evaluate(stretch, first * decimation + known, history + step - known, known)
+            block = work.filtered(count)
+            if weights is None:
+                work.add(block, count)
+            else:
+                work.add(block, count, weights[:, first : first + count])
+            work.y[:, :history] = work.y[:, step : step + history]
+            known = history
+        return work.result()
+
+    def _weights(self, stretch: Stretch) -> Array | None:
+        """Weights of the filtered samples, shape `(n, outputs)`."""
+        n_outputs = self.outputs(stretch.q.shape[1])
+        if stretch.weights is None or n_outputs == 0 or np.all(stretch.weights == 1.0):
+            return None
+        if self.matched is None:
+            return stretch.weights
+        length = len(self.matched.taps)
+        windows = np.lib.stride_tricks.sliding_window_view(stretch.weights, length, axis=1)
+        mean = windows[:, :: self.decimation][:, :n_outputs] @ self.matched.taps
+        return np.asarray(mean > 0.5, dtype=np.float64)
+
+
+class _Workspace:
+    """Buffers of one call: rows over samples, filtered rows, and the sums as they grow."""
+
+    def __init__(self, accumulator: Accumulator, samples: int) -> None:
+        self.accumulator = accumulator
+        lanes = accumulator.regressor.code.lanes
+        rows = accumulator.width + TILE_ROWS
+        spare = FIR_OUTPUTS * accumulator.decimation + len(accumulator.taps)
+        self.y = np.zeros((rows, -(-(samples + spare) // lanes) * lanes + PADDING))
+        outputs = samples // accumulator.decimation + FIR_OUTPUTS + lanes
+        self.z = np.zeros((rows, -(-outputs // lanes) * lanes + PADDING))
+        tiles = len(accumulator.tiling.firsts)
+        self.sums = np.zeros((tiles, TILE_ROWS * TILE_COLUMNS, lanes))
+        self.absolute = np.zeros((accumulator.width, lanes))
+        self.counts = np.zeros(len(accumulator.regressor.layout.rows))
+
+    def evaluate(self, stretch: Stretch, start: int, count: int, column: int) -> None:
+        """Write rows of samples `start...` into the buffer from `column` on."""
+        code = self.accumulator.regressor.code
+        count = min(count, stretch.q.shape[1] - start)
+        if count <= 0:
+            return
+        whole = count - count % code.lanes
+        if whole:
+            place = self.y.ctypes.data + 8 * column
+            code.raw(whole, *_addresses(stretch, start), place, self.y.shape[1])
+        if whole < count:
+            part = slice(start + whole, start + count)
+            values = code([x[:, part] for x in stretch.inputs])
+            self.y[: values.shape[0], column + whole : column + count] = values
+
+    def filtered(self, count: int) -> Array:
+        """The first `count` filtered samples of the buffer."""
+        taps = self.accumulator.taps
+        self.accumulator.loops.fir(
+            self.y.ctypes.data,
+            self.y.shape[1],
+            self.accumulator.width,
+            taps.ctypes.data,
+            len(taps),
+            self.accumulator.decimation,
+            -(-count // FIR_OUTPUTS) * FIR_OUTPUTS,
+            self.z.ctypes.data,
+            self.z.shape[1],
+        )
+        return self.z
+
+    def add(self, block: Array, count: int, weights: Array | None = None) -> None:
+        """Add the first `count` samples of a block of rows, weighted per effort row."""
+        loops, tiling = self.accumulator.loops, self.accumulator.tiling
+        lanes = self.accumulator.regressor.code.lanes
+        padded = -(-count // lanes) * lanes
+        block[:, count:padded] = 0.0
+        if weights is not None:
+            layout = self.accumulator.regressor.layout
+            roots = np.repeat(np.sqrt(weights), layout.widths, axis=0)
+            block[: len(roots), :count] *= roots
+        loops.gram(
+            block.ctypes.data,
+            block.shape[1],
+            padded,
+            tiling.firsts.ctypes.data,
+            len(tiling.firsts),
+            self.sums.ctypes.data,
+        )
+        loops.absolute(
+            block.ctypes.data,
+            block.shape[1],
+            padded,
+            self.accumulator.width,
+            self.absolute.ctypes.data,
+        )
+        self.counts += count if weights is None else weights.sum(axis=1)
+
+    def result(self) -> Sums:
+        """The sums, lanes added up."""
+        cells = self.sums.sum(axis=2).ravel()
+        grams = cells[self.accumulator.tiling.cells]
+        return Sums(grams, self.absolute.sum(axis=1), self.counts)
+
+
+@dataclass(frozen=True, eq=False)
+class _Tiling:
+    """Tiles that cover the lower triangles of all rows' Gram matrices.
+
+    Attributes:
+        firsts: First rows `(a, b)` of each tile, shape `(tiles, 2)`.
+        cells: Where each packed Gram entry lies among the tiles' sums.
+    """
+
+    firsts: NDArray[np.int64]
+    cells: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, layout: Layout) -> "_Tiling":
+        """The last tile of a row of tiles reaches back over its neighbour, not beyond."""
+        firsts: list[tuple[int, int]] = []
+        cells: list[int] = []
+        for start, width in zip(layout.starts, layout.widths, strict=True):
+            cell: dict[tuple[int, int], int] = {}
+            for a in _edges(width, TILE_ROWS):
+                for b in _edges(min(a + TILE_ROWS, width), TILE_COLUMNS):
+                    for k in range(TILE_ROWS * TILE_COLUMNS):
+                        i, j = a + k // TILE_COLUMNS, b + k % TILE_COLUMNS
+                        cell[i, j] = len(firsts) * TILE_ROWS * TILE_COLUMNS + k
+                    firsts.append((start + a, start + b))
+            cells += [cell[i, j] for i in range(width) for j in range(i + 1)]
+        return cls(np.array(firsts, dtype=np.int64), np.array(cells, dtype=np.int64))
+
+
+def _edges(width: int, size: int) -> list[int]:
+    return sorted({max(0, min(start, width - size)) for start in range(0, width, size)})
+
+
+def _addresses(stretch: Stretch, start: int) -> list[int]:
+    """Address of sample `start` and row stride of every input, as the machine code takes them."""
+    return [
+        number for x in stretch.inputs for number in (x.ctypes.data + 8 * start, x.strides[0] // 8)
+    ]

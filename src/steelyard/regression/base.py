@@ -1,0 +1,179 @@
+r"""Base parameters: what structure alone lets torque tell.
+
+The regressor of *all* linear terms is evaluated on random states. A column that is zero, or that
+is a combination of columns before it, has no parameter of its own: its parameter is grouped with
+others, $\phi_\mathrm{base} = \phi_b + K \phi_d$ [Gautier1991]. Natural order is kept, so
+groupings come out the customary way: a link's mass joins the moments of the links before it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from steelyard.arrays import Array, frozen
+from steelyard.kernel import cache
+from steelyard.kernel.dynamics import JointState
+from steelyard.kernel.numpy_backend import run
+from steelyard.kernel.program import Array as Input
+from steelyard.model import Model
+from steelyard.terms.term import Columns
+
+DEPENDENT = 1e-9
+"""A column's part that is new, relative to the largest column, below which it is dependent."""
+
+
+@dataclass(frozen=True, eq=False)
+class BaseMap:
+    r"""Standard parameters to base parameters, $\phi_\mathrm{base} = \phi_b + K \phi_d$.
+
+    Attributes:
+        names: Names of the standard parameters, `p` of them.
+        units: Their units.
+        independent: Indices of the parameters that lead a group, one per base parameter.
+        dependent: Indices of the parameters that are grouped with those.
+        unseen: Indices of the parameters that no motion can show.
+        coefficients: $K$, shape `(len(independent), len(dependent))`.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    independent: tuple[int, ...]
+    dependent: tuple[int, ...]
+    unseen: tuple[int, ...]
+    coefficients: Array
+
+    def __len__(self) -> int:
+        return len(self.independent)
+
+    @property
+    def base_names(self) -> tuple[str, ...]:
+        """Each base parameter has the name of the standard parameter that leads its group."""
+        return tuple(self.names[k] for k in self.independent)
+
+    @property
+    def base_units(self) -> tuple[str, ...]:
+        """Units of the base parameters."""
+        return tuple(self.units[k] for k in self.independent)
+
+    def base_values(self, standard: ArrayLike) -> Array:
+        """Base parameters of standard ones, shape `(p,)` to `(b,)`."""
+        values = np.asarray(standard, dtype=np.float64)
+        return values[list(self.independent)] + self.coefficients @ values[list(self.dependent)]
+
+    @property
+    def lift(self) -> Array:
+        """The matrix of `base_values`, shape `(b, p)`."""
+        matrix = np.zeros((len(self), len(self.names)))
+        matrix[range(len(self)), list(self.independent)] = 1.0
+        matrix[:, list(self.dependent)] += self.coefficients
+        return matrix
+
+    def grouping(self, base: int) -> str:
+        """A base parameter in full, like `Izz.link1 + Iyy.link2 + 0.25 m.link3`."""
+        text = self.names[self.independent[base]]
+        for coefficient, k in zip(self.coefficients[base], self.dependent, strict=True):
+            if coefficient:
+                size = "" if abs(coefficient) == 1.0 else f"{abs(coefficient):.4g} "
+                text += f" {'-' if coefficient < 0 else '+'} {size}{self.names[k]}"
+        return text
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values; exact."""
+        return {
+            "names": list(self.names),
+            "units": list(self.units),
+            "independent": list(self.independent),
+            "dependent": list(self.dependent),
+            "unseen": list(self.unseen),
+            "coefficients": self.coefficients.tolist(),
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> "BaseMap":
+        """The map that `to_dict` wrote."""
+        independent, dependent = tuple(data["independent"]), tuple(data["dependent"])
+        return cls(
+            names=tuple(data["names"]),
+            units=tuple(data["units"]),
+            independent=independent,
+            dependent=dependent,
+            unseen=tuple(data["unseen"]),
+            coefficients=frozen(
+                np.reshape(data["coefficients"], (len(independent), len(dependent)))
+            ),
+        )
+
+
+def base_map(model: Model) -> BaseMap:
+    """The structural base parameters of a model, from the cache where possible."""
+    key = cache.key_of(["base", model.fingerprint])
+    entry = cache.load(key)
+    if entry is not None:
+        return BaseMap.from_dict(entry[0])
+    found = _group(model, full_regressor(model))
+    cache.store(key, found.to_dict(), b"")
+    return found
+
+
+def full_regressor(model: Model, seed: int = 0) -> Array:
+    """Regressor of all standard parameters on random states, shape `(n * N, p)`."""
+    from steelyard.kernel.trace import symbolic
+
+    n, p = model.robot.n, len(model.parameters)
+    entries: dict[tuple[int, int], int] = {}
+
+    def build(q: Any, dq: Any, ddq: Any) -> list[Any]:
+        columns: Columns = model.columns(JointState(q, dq, ddq))
+        entries.update({place: number for number, place in enumerate(columns)})
+        return list(columns.values())
+
+    program = symbolic(build, [Input(name, n) for name in ("q", "dq", "ddq")])
+    n_samples = 3 * p // n + 10
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(-np.pi, np.pi, (n, n_samples))
+    dq, ddq = rng.normal(size=(2, n, n_samples))
+    values = run(program, [q, dq, ddq])
+    regressor = np.zeros((n, n_samples, p))
+    for (row, column), number in entries.items():
+        regressor[row, :, column] = values[number]
+    return regressor.reshape(n * n_samples, p)
+
+
+def _group(model: Model, regressor: Array) -> BaseMap:
+    """Gram-Schmidt in natural order, twice per column, dependent columns left out."""
+    norms = np.linalg.norm(regressor, axis=0)
+    floor = DEPENDENT * norms.max()
+    basis = np.empty((regressor.shape[0], 0))
+    independent: list[int] = []
+    for column, norm in enumerate(norms):
+        if norm <= floor:
+            continue
+        rest = regressor[:, column]
+        for _ in range(2):
+            rest = rest - basis @ (basis.T @ rest)
+        new = float(np.linalg.norm(rest))
+        if new > floor:
+            basis = np.column_stack([basis, rest / new])
+            independent.append(column)
+    unseen = [column for column, norm in enumerate(norms) if norm <= floor]
+    dependent = [c for c in range(len(norms)) if c not in set(independent) and c not in set(unseen)]
+    solved = np.linalg.lstsq(regressor[:, independent], regressor[:, dependent], rcond=None)[0]
+    return BaseMap(
+        names=model.names,
+        units=model.units,
+        independent=tuple(independent),
+        dependent=tuple(dependent),
+        unseen=tuple(unseen),
+        coefficients=frozen(_snapped(solved)),
+    )
+
+
+def _snapped(coefficients: Array) -> Array:
+    """Clean rounding from coefficients that are 0 or ±1 by structure."""
+    clean = coefficients.copy()
+    for exact in (0.0, 1.0, -1.0):
+        clean[np.abs(clean - exact) < 1e-8] = exact
+    return clean

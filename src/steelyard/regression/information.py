@@ -1,0 +1,275 @@
+"""What data say about parameters: sums of products, additive and of constant size.
+
+Per effort row the Gram matrix of `[columns that row sees | effort]`, the sums of |column| and
+|effort|, and the number of samples; kept per window of time.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from steelyard.arrays import Array, frozen
+from steelyard.errors import DataError
+from steelyard.regression.regressor import Layout
+
+
+@dataclass(frozen=True)
+class Stamp:
+    """What must be equal before two pieces of information can be added.
+
+    Attributes:
+        model: Fingerprint of the model.
+        columns: Names of the columns, in order.
+        effort: Unit of the effort per row.
+        filters: Description of the filters.
+        inflation: Variance factor for the filter's correlation of residuals.
+    """
+
+    model: str
+    columns: tuple[str, ...]
+    effort: tuple[str, ...]
+    filters: str
+    inflation: float
+
+
+@dataclass(frozen=True)
+class Window:
+    """A stretch of one run [s]."""
+
+    run: str
+    start: float
+    stop: float
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """Sums over samples, per window.
+
+    Attributes:
+        layout: Names, and what each row sees.
+        stamp: What the sums mean.
+        windows: One label per window, `w` of them.
+        grams: Lower triangles of all rows' Gram matrices one after another, shape `(w, size)`.
+        absolute: Sums of |column| and |effort| of all rows, shape `(w, width)`.
+        counts: Samples per window and row, shape `(w, rows)`.
+    """
+
+    layout: Layout
+    stamp: Stamp
+    windows: tuple[Window, ...]
+    grams: Array
+    absolute: Array
+    counts: Array
+
+    def __add__(self, other: "Information") -> "Information":
+        """All windows of both.
+
+        Raises:
+            DataError: They differ in model, columns, effort unit or filters.
+        """
+        for field in ("model", "columns", "effort", "filters"):
+            mine, theirs = getattr(self.stamp, field), getattr(other.stamp, field)
+            if mine != theirs:
+                raise DataError(
+                    f"information of unequal {field} cannot be added ({mine} and {theirs})",
+                    where=f"runs {_runs(self)} and {_runs(other)}",
+                    mend="gather both with the same robot file and the same cut-offs",
+                )
+        return Information(
+            self.layout,
+            self.stamp,
+            self.windows + other.windows,
+            np.concatenate([self.grams, other.grams]),
+            np.concatenate([self.absolute, other.absolute]),
+            np.concatenate([self.counts, other.counts]),
+        )
+
+    @property
+    def n_samples(self) -> Array:
+        """Samples per row, shape `(rows,)`."""
+        return np.asarray(self.counts.sum(axis=0))
+
+    def of(self, windows: Sequence[int]) -> "Information":
+        """Some of the windows."""
+        chosen = list(windows)
+        return Information(
+            self.layout,
+            self.stamp,
+            tuple(self.windows[k] for k in chosen),
+            self.grams[chosen],
+            self.absolute[chosen],
+            self.counts[chosen],
+        )
+
+    def merged(self, most: int) -> "Information":
+        """Neighbouring windows of each run joined until every run has at most `most`."""
+        starts: list[int] = []
+        for run in dict.fromkeys(w.run for w in self.windows):
+            mine = [k for k, w in enumerate(self.windows) if w.run == run]
+            size = -(-len(mine) // most)
+            starts += mine[::size]
+        edges = [*starts, len(self.windows)]
+        labels = tuple(
+            Window(self.windows[a].run, self.windows[a].start, self.windows[b - 1].stop)
+            for a, b in pairwise(edges)
+        )
+        grams, absolute, counts = (
+            np.add.reduceat(x, starts, axis=0) for x in (self.grams, self.absolute, self.counts)
+        )
+        return Information(self.layout, self.stamp, labels, grams, absolute, counts)
+
+    def row_gram(self, row: int, windows: Sequence[int] | None = None) -> Array:
+        """Gram matrix of one row's own columns and effort, shape `(k + 1, k + 1)`."""
+        sums = self.grams if windows is None else self.grams[list(windows)]
+        return _unpacked(sums.sum(axis=0)[self._packed(row)], self.layout.widths[row])
+
+    def normal(self, weights: Array | None = None) -> tuple[Array, Array, float]:
+        r"""Normal equations of weighted least squares over all rows.
+
+        Args:
+            weights: One weight per row, usually $1/\sigma_j^2$; ones if `None`.
+
+        Returns:
+            $\sum_j w_j A_j^T A_j$ `(p, p)`, $\sum_j w_j A_j^T b_j$ `(p,)`, $\sum_j w_j b_j^T b_j$.
+        """
+        p = len(self.layout.columns)
+        w = np.ones(len(self.layout.rows)) if weights is None else weights
+        matrix, vector, square = np.zeros((p, p)), np.zeros(p), 0.0
+        for row, seen in enumerate(self.layout.sees):
+            gram = w[row] * self.row_gram(row)
+            index = np.array(seen, dtype=int)
+            matrix[np.ix_(index, index)] += gram[:-1, :-1]
+            vector[index] += gram[:-1, -1]
+            square += float(gram[-1, -1])
+        return matrix, vector, square
+
+    def residual_squares(self, values: Array) -> Array:
+        """Sum of squared residuals per row for given parameters `(p,)`, shape `(rows,)`."""
+        result = np.empty(len(self.layout.rows))
+        for row, seen in enumerate(self.layout.sees):
+            weights = np.append(-values[list(seen)], 1.0)
+            result[row] = weights @ self.row_gram(row) @ weights
+        return np.maximum(result, 0.0)
+
+    def effort_squares(self) -> Array:
+        """Sum of squared efforts per row, shape `(rows,)`."""
+        return np.array([self.row_gram(row)[-1, -1] for row in range(len(self.layout.rows))])
+
+    def absolute_sums(self) -> Array:
+        """Sum of |column| over all rows and samples, shape `(p,)`."""
+        total = self.absolute.sum(axis=0)
+        result = np.zeros(len(self.layout.columns))
+        for start, seen in zip(self.layout.starts, self.layout.sees, strict=True):
+            result[list(seen)] += total[start : start + len(seen)]
+        return result
+
+    def select(self, names: Sequence[str]) -> "Information":
+        """The same data, seen by some of the columns only, in the order given.
+
+        Raises:
+            DataError: There is no column of that name.
+        """
+        for name in names:
+            if name not in self.layout.columns:
+                raise DataError(
+                    f"there is no column '{name}'",
+                    where=f"information of runs {_runs(self)}",
+                    mend=f"its columns are {', '.join(self.layout.columns[:12])}, ...",
+                )
+        old = [self.layout.columns.index(name) for name in names]
+        transform = np.zeros((len(self.layout.columns), len(old)))
+        transform[old, range(len(old))] = 1.0
+        units = [self.layout.units[k] for k in old]
+        chosen = self.map(transform, names, units)
+        sums = np.zeros((len(self.windows), sum(chosen.layout.widths)))
+        for row in range(len(self.layout.rows)):
+            mine = {c: k for k, c in enumerate(self.layout.sees[row])}
+            source = [mine[old[c]] for c in chosen.layout.sees[row]] + [len(mine)]
+            start, width = chosen.layout.starts[row], chosen.layout.widths[row]
+            sums[:, start : start + width] = self.absolute[
+                :, [self.layout.starts[row] + k for k in source]
+            ]
+        return Information(
+            chosen.layout, chosen.stamp, chosen.windows, chosen.grams, sums, self.counts
+        )
+
+    def map(self, transform: Array, names: Sequence[str], units: Sequence[str]) -> "Information":
+        """The same data for other parameters: old ones = `transform` @ new ones.
+
+        Sums of |column| do not transform; they are not a number in the result.
+
+        Args:
+            transform: Shape `(old, new)`.
+            names: Names of the new parameters.
+            units: Their units.
+        """
+        sees = tuple(
+            tuple(int(k) for k in np.flatnonzero(np.any(transform[list(seen)] != 0.0, axis=0)))
+            for seen in self.layout.sees
+        )
+        layout = Layout(tuple(names), tuple(units), self.layout.rows, sees)
+        pieces = []
+        for row, (old, new) in enumerate(zip(self.layout.sees, sees, strict=True)):
+            part = np.zeros((len(old) + 1, len(new) + 1))
+            part[:-1, :-1] = transform[np.ix_(old, new)]
+            part[-1, -1] = 1.0
+            width = self.layout.widths[row]
+            grams = np.stack([_unpacked(w, width) for w in self.grams[:, self._packed(row)]])
+            pieces.append(_packed(part.T @ grams @ part))
+        return Information(
+            layout,
+            Stamp(
+                self.stamp.model,
+                tuple(names),
+                self.stamp.effort,
+                self.stamp.filters,
+                self.stamp.inflation,
+            ),
+            self.windows,
+            np.concatenate(pieces, axis=1),
+            np.full((len(self.windows), sum(layout.widths)), np.nan),
+            self.counts,
+        )
+
+    def scaled(self, gains: Array, units: Sequence[str]) -> "Information":
+        """The same data with each row's effort multiplied by a gain, in its new unit."""
+        grams, absolute = self.grams.copy(), self.absolute.copy()
+        for row, gain in enumerate(gains):
+            width = self.layout.widths[row]
+            factors = np.ones(width)
+            factors[-1] = gain
+            lower = np.tril_indices(width)
+            grams[:, self._packed(row)] *= (factors[:, None] * factors)[lower]
+            absolute[:, self.layout.starts[row] + width - 1] *= abs(gain)
+        stamp = Stamp(
+            self.stamp.model,
+            self.stamp.columns,
+            tuple(units),
+            self.stamp.filters,
+            self.stamp.inflation,
+        )
+        return Information(
+            self.layout, stamp, self.windows, frozen(grams), frozen(absolute), self.counts
+        )
+
+    def _packed(self, row: int) -> slice:
+        sizes = [w * (w + 1) // 2 for w in self.layout.widths]
+        start = sum(sizes[:row])
+        return slice(start, start + sizes[row])
+
+
+def _unpacked(lower: Array, width: int) -> Array:
+    matrix = np.zeros((width, width))
+    matrix[np.tril_indices(width)] = lower
+    return matrix + np.tril(matrix, -1).T
+
+
+def _packed(matrices: Array) -> Array:
+    rows, columns = np.tril_indices(matrices.shape[-1])
+    return np.asarray(matrices[..., rows, columns])
+
+
+def _runs(information: Information) -> str:
+    return ", ".join(dict.fromkeys(w.run for w in information.windows))

@@ -1,0 +1,108 @@
+"""The regressor of a model as machine code: chosen columns, and the measured effort beside them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.kernel.compiled import Code, compiled
+from steelyard.kernel.dynamics import JointState
+from steelyard.kernel.program import Array as Input
+from steelyard.kernel.program import Program
+from steelyard.model import Model
+from steelyard.regression.base import BaseMap, base_map
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which columns each effort row sees; the measured effort is the last of each row.
+
+    Attributes:
+        columns: Names of the columns.
+        units: Their units.
+        rows: Names of the effort rows.
+        sees: Per row the indices of the columns that can be nonzero in it, ascending.
+    """
+
+    columns: tuple[str, ...]
+    units: tuple[str, ...]
+    rows: tuple[str, ...]
+    sees: tuple[tuple[int, ...], ...]
+
+    @property
+    def widths(self) -> tuple[int, ...]:
+        """Columns seen by each row, the effort included."""
+        return tuple(len(seen) + 1 for seen in self.sees)
+
+    @property
+    def starts(self) -> tuple[int, ...]:
+        """Where each row's columns begin when all rows' columns stand one after another."""
+        return tuple(int(x) for x in np.cumsum((0, *self.widths))[:-1])
+
+
+@dataclass(frozen=True, eq=False)
+class Regressor:
+    """Columns of a model over samples.
+
+    Attributes:
+        model: The model.
+        base: Its structural base parameters.
+        layout: Names, and what each row sees.
+        code: Inputs `q`, `dq`, `ddq`, `effort`; outputs as `Layout.starts` says.
+    """
+
+    model: Model
+    base: BaseMap
+    layout: Layout
+    code: Code
+
+    def dense(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """All entries at `(n, N)` states: shape `(n, N, columns)`."""
+        values = self.code([q, dq, ddq, np.zeros_like(q)])
+        result = np.zeros((len(self.layout.rows), q.shape[1], len(self.layout.columns)))
+        for row, (start, seen) in enumerate(zip(self.layout.starts, self.layout.sees, strict=True)):
+            result[row][:, list(seen)] = values[start : start + len(seen)].T
+        return result
+
+
+def base_regressor(model: Model) -> Regressor:
+    """The regressor of the structural base parameters."""
+    base = base_map(model)
+    return _regressor(model, base, base.independent)
+
+
+def standard_regressor(model: Model) -> Regressor:
+    """The regressor of all standard parameters."""
+    return _regressor(model, base_map(model), range(len(model.parameters)))
+
+
+def _regressor(model: Model, base: BaseMap, columns: Sequence[int]) -> Regressor:
+    place = {column: k for k, column in enumerate(columns)}
+
+    def build() -> tuple[Program, dict[str, Any]]:
+        from steelyard.kernel.trace import symbolic
+
+        sees: list[list[int]] = [[] for _ in range(model.robot.n)]
+
+        def rows(q: Any, dq: Any, ddq: Any, effort: Any) -> list[Any]:
+            entries = model.columns(JointState(q, dq, ddq))
+            outputs: list[Any] = []
+            for row in range(model.robot.n):
+                seen = sorted(place[c] for r, c in entries if r == row and c in place)
+                sees[row] = seen
+                outputs += [entries[row, columns[k]] for k in seen] + [effort[row]]
+            return outputs
+
+        inputs = [Input(name, model.robot.n) for name in ("q", "dq", "ddq", "effort")]
+        return symbolic(rows, inputs), {"sees": sees}
+
+    code = compiled(["regressor", model.fingerprint, list(columns)], build)
+    layout = Layout(
+        columns=tuple(model.names[c] for c in columns),
+        units=tuple(model.units[c] for c in columns),
+        rows=model.robot.joint_names,
+        sees=tuple(tuple(seen) for seen in code.about["sees"]),
+    )
+    return Regressor(model, base, layout, code)

@@ -1,0 +1,65 @@
+"""All terms by the names they have in files."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from difflib import get_close_matches
+from typing import Any, cast
+
+from steelyard.errors import ModelError
+from steelyard.terms.coulomb import Coulomb
+from steelyard.terms.offset import Offset
+from steelyard.terms.rigid_body import RigidBody
+from steelyard.terms.rotor_inertia import RotorInertia
+from steelyard.terms.term import Term
+from steelyard.terms.viscous import Viscous
+
+TERMS: dict[str, type[Any]] = {
+    term.law: term for term in (RigidBody, RotorInertia, Coulomb, Viscous, Offset)
+}
+
+DEFAULT_TERMS: tuple[Term, ...] = (RigidBody(), RotorInertia(), Coulomb(), Viscous(), Offset())
+
+
+def term_of(description: str | Mapping[str, Any], where: str) -> Term:
+    """A term from its name, or from a table with its name under `law` and its fields.
+
+    Raises:
+        ModelError: There is no such law, or it has no such field.
+    """
+    fields: dict[str, Any] = (
+        {"law": description} if isinstance(description, str) else dict(description)
+    )
+    law = str(fields.pop("law", ""))
+    if law not in TERMS:
+        near = get_close_matches(law, TERMS, n=1)
+        raise ModelError(
+            f"'{law}' is no cause of torque",
+            where=where,
+            mend=f"did you mean '{near[0]}'?" if near else f"use one of {', '.join(TERMS)}",
+        )
+    if isinstance(fields.get("joints"), list):
+        fields["joints"] = tuple(fields["joints"])
+    try:
+        return cast(Term, TERMS[law](**fields))
+    except TypeError:
+        known = tuple(getattr(TERMS[law], "__dataclass_fields__", {}))
+        unknown = ", ".join(f"'{name}'" for name in fields if name not in known)
+        raise ModelError(
+            f"term '{law}' does not understand {unknown or 'its fields'}",
+            where=where,
+            mend=f"its fields are: {', '.join(n for n in known if n != 'law') or 'none'}",
+        ) from None
+
+
+def description_of(term: Term) -> dict[str, Any]:
+    """The table that `term_of` turns back into the term."""
+    return {"law": term.law, **asdict(cast(Any, term))}
+
+
+def terms_of(
+    descriptions: Sequence[str | Mapping[str, Any]] | None, where: str
+) -> tuple[Term, ...]:
+    """The terms of a list from a file; the customary five where there is none."""
+    if descriptions is None:
+        return DEFAULT_TERMS
+    return tuple(term_of(description, where) for description in descriptions)
