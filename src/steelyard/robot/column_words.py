@@ -1,0 +1,136 @@
+"""Columns of a log read as words: which quantity they seem to hold, and for which joint."""
+
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+from steelyard.robot.robot import Coordinate
+
+Quantity = Literal["time", "position", "velocity", "acceleration", "effort"]
+
+_QUANTITIES: dict[Quantity, frozenset[str]] = {
+    "time": frozenset("time t stamp timestamp timestamps clock".split()),
+    "position": frozenset("q pos position positions angle angles theta".split()),
+    "velocity": frozenset("dq qd qdot vel velocity velocities speed speeds".split()),
+    "acceleration": frozenset("ddq qdd qddot acc accel acceleration".split()),
+    "effort": frozenset(
+        "tau torque torques effort efforts moment current currents curr i force forces".split()
+    ),
+}
+_AVOIDED = frozenset(
+    "des desired d target ref reference cmd command commanded setpoint goal error err ext external "
+    "tcp temp temperature temperatures voltage".split()
+)
+FINGERS = frozenset("finger fingers gripper knuckle fingertip hand".split())
+
+
+def words_of(name: str) -> tuple[str, ...]:
+    """Lower-case words and numbers of a name: `current_arm1_A` is `current arm 1 a`."""
+    return tuple(w.lower() for w in re.findall(r"mA\b|[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+", name))
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column's name and its words."""
+
+    name: str
+
+    @cached_property
+    def words(self) -> tuple[str, ...]:
+        """The name's words."""
+        return words_of(self.name)
+
+    @cached_property
+    def quantity(self) -> Quantity | None:
+        """What the column seems to hold; `None` for targets, errors and the unknown."""
+        if _AVOIDED & set(self.words):
+            return None
+        for number, word in enumerate(self.words):
+            for quantity, names in _QUANTITIES.items():
+                lone = word in ("t", "i")  # too short to mean much inside a name
+                if word in names and not (lone and number > 0):
+                    return quantity
+        return None
+
+    @property
+    def numbers(self) -> tuple[str, ...]:
+        """The numbers in the name, without leading zeros."""
+        return tuple(w.lstrip("0") or "0" for w in self.words if w.isdigit())
+
+    def has(self, *words: str) -> bool:
+        """Whether any of the words is in the name."""
+        return bool(set(words) & set(self.words))
+
+
+def like_finger(coordinate: Coordinate) -> bool:
+    """Whether a joint's name says that it belongs to a hand."""
+    return bool(FINGERS & set(words_of(coordinate.name)))
+
+
+def by_name(coordinates: Sequence[Coordinate], columns: Iterable[Column]) -> dict[str, Column]:
+    """Columns that carry a joint's name, by joint; a name may be shortened if it stays unique."""
+    own = _own_words(coordinates)
+    pairs = []
+    for column in columns:
+        scores = {
+            joint: len(words & set(column.words))
+            for joint, (words, numbers) in own.items()
+            if not numbers or numbers == column.numbers
+        }
+        best = max(scores.values(), default=0)
+        for joint, score in scores.items():
+            alone = list(scores.values()).count(best) == 1
+            if score == best > 0 and (score == len(own[joint][0]) or alone):
+                pairs.append((-score, len(column.words), column.name, joint, column))
+    found: dict[str, Column] = {}
+    taken: set[str] = set()
+    for *_, joint, column in sorted(pairs, key=lambda pair: pair[:4]):
+        if joint not in found and column.name not in taken:
+            found[joint] = column
+            taken.add(column.name)
+    return found
+
+
+def _own_words(
+    coordinates: Sequence[Coordinate],
+) -> dict[str, tuple[set[str], tuple[str, ...]]]:
+    """Words and numbers of each joint's name that not all joints share."""
+    names = {c.name: Column(c.name) for c in coordinates}
+    common = {"joint"}
+    if len(names) > 1:
+        common |= set.intersection(*(set(column.words) for column in names.values()))
+    return {
+        name: (
+            {w for w in column.words if not w.isdigit() and w not in common},
+            tuple(n for n in column.numbers if n not in common),
+        )
+        for name, column in names.items()
+    }
+
+
+def by_number(count: int, columns: Iterable[Column]) -> list[tuple[Column, ...]]:
+    """Groups of `count` columns alike but for their last number, 0 or 1 onwards; best first."""
+    groups: dict[tuple[str, ...], dict[int, Column]] = defaultdict(dict)
+    for column in columns:
+        places = [k for k, word in enumerate(column.words) if word.isdigit()]
+        number = int(column.words[places[-1]]) if places else 1
+        stem = list(column.words)
+        if places:
+            stem[places[-1]] = "#"
+        groups[tuple(stem)][number] = column
+    fitting = [
+        (stem, group)
+        for stem, group in groups.items()
+        if sorted(group) in (list(range(count)), list(range(1, count + 1)))
+    ]
+    fitting.sort(key=lambda item: _rank(item[0]))
+    return [tuple(group[k] for k in sorted(group)) for _, group in fitting]
+
+
+def _rank(stem: tuple[str, ...]) -> tuple[bool, bool, int]:
+    """Measured before unsaid, joint before motor, short before long."""
+    measured = {"actual", "measured", "meas", "sensor"} & set(stem)
+    return "motor" in stem, not measured, len(stem)

@@ -1,0 +1,249 @@
+"""A guess of which columns of a log are what, by their names and their values."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NoReturn
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from steelyard.arrays import Array
+from steelyard.errors import LogError
+from steelyard.robot.column_words import Column, Quantity, by_name, by_number, like_finger
+from steelyard.robot.robot import Coordinate, Robot
+from steelyard.robot.schema import SignalsSection
+from steelyard.robot.signals import Signals, build_signals, expanded
+
+Sample = Mapping[str, ArrayLike]
+_BY_NAME = "by the joints' names"
+
+
+@dataclass(frozen=True)
+class Guess:
+    """What a log's columns seem to be.
+
+    Attributes:
+        section: As the robot file would say it; a current's gain is left open.
+        joints: Joints that the log has positions and efforts of, in the order of the columns.
+        velocity: Velocity columns that were seen, and left out.
+        reasons: Why, one sentence each, for the user.
+    """
+
+    section: SignalsSection
+    joints: tuple[str, ...]
+    velocity: tuple[str, ...]
+    reasons: tuple[str, ...]
+
+
+def guess_signals(
+    robot: Robot, columns: Sequence[str], sample: Sample | None = None
+) -> tuple[Signals, tuple[str, ...]]:
+    """Signals of a log for a robot without a robot file, and the reasons.
+
+    Args:
+        robot: The robot; the log must cover all its joints.
+        columns: Names of the log's columns.
+        sample: Some values of columns, for units that names do not tell.
+
+    Raises:
+        LogError: The columns cannot be told, or do not cover the joints.
+        ModelError: The columns hold motor current: gains are needed, which a log cannot tell.
+    """
+    guess = guess_columns(robot.coordinates, columns, sample)
+    if missing := [name for name in robot.joint_names if name not in guess.joints]:
+        raise LogError(
+            f"the log has columns for {len(guess.joints)} joints of {robot.n}; "
+            f"none for {', '.join(missing)}",
+            where=f"columns {', '.join(columns)}",
+            mend="write a robot file with `steelyard init` and say there which joints are "
+            "identified, and where the others are locked",
+        )
+
+    def where(*key: str | int) -> str:
+        return "the log's columns as guessed (`steelyard init` writes the guess to a robot file)"
+
+    return build_signals(guess.section, robot.coordinates, where), guess.reasons
+
+
+def guess_columns(
+    coordinates: Sequence[Coordinate], columns: Sequence[str], sample: Sample | None = None
+) -> Guess:
+    """The columns of time, positions and efforts, and their units.
+
+    Columns are matched by the joints' names if they carry them, else by their numbers. Columns of
+    targets and commands are passed over; velocities are left out, as they are often late.
+
+    Raises:
+        LogError: They cannot be told.
+    """
+    values = {name: _finite(values) for name, values in (sample or {}).items()}
+    kinds: dict[Quantity, list[Column]] = {}
+    for column in map(Column, columns):
+        if column.quantity is not None:
+            kinds.setdefault(column.quantity, []).append(column)
+    time = _time(kinds.get("time", []), columns, values)
+    joints, position, effort, how = _matched(coordinates, kinds, columns)
+    if motors := [c.name for c in position if c.has("motor", "motors")]:
+        _give_up(f"positions are of motors, not of joints: {', '.join(motors)}", columns)
+    effort_words, units = _effort(effort, joints, values)
+    position_unit, position_reason = _position_unit(position, joints, values)
+    time_unit, time_reason = _time_unit(time, values)
+    section = SignalsSection.model_validate(
+        {
+            "time": time.name,
+            "time_unit": time_unit,
+            "position": _short(position, joints),
+            "position_unit": position_unit,
+            "effort": {
+                "columns": _short(effort, joints),
+                "kind": "motor_current" if {"A", "mA"} & set(units) else "joint_torque",
+                "unit": units[0] if len(set(units)) == 1 else units,
+            },
+        }
+    )
+    velocity = _velocity(joints, kinds.get("velocity", []), how)
+    reasons = [
+        f"time is '{time.name}' in {time_unit}, {time_reason}",
+        f"positions are {_listed(position)}, told {how}; {position_reason}",
+        f"efforts are {_listed(effort)}, told {how}; {effort_words}",
+    ]
+    if velocity:
+        reasons.append(f"velocities ({', '.join(velocity)}) are left out, as they are often late")
+    return Guess(section, tuple(c.name for c in joints), velocity, tuple(reasons))
+
+
+def _give_up(wrong: str, columns: Sequence[str]) -> NoReturn:
+    raise LogError(
+        f"the log's columns cannot be told: {wrong}",
+        where=f"columns {', '.join(columns)}",
+        mend='say it in a robot file: [signals] time = "...", position = ["...", ...] and '
+        "[signals.effort] columns = [...], kind = ..., unit = ... (`steelyard init` writes one)",
+    )
+
+
+def _finite(values: ArrayLike) -> Array:
+    array = np.asarray(values, dtype=np.float64)
+    finite: Array = array[np.isfinite(array)]
+    return finite
+
+
+def _reach(name: str, values: Mapping[str, Array]) -> float:
+    """How far from zero a column goes, a few broken values aside; zero if not sampled."""
+    sampled = values.get(name)
+    if sampled is None or not len(sampled):
+        return 0.0
+    return float(np.quantile(np.abs(sampled), 0.98))
+
+
+def _listed(columns: Sequence[Column]) -> str:
+    return ", ".join(c.name for c in columns)
+
+
+def _time(
+    candidates: Sequence[Column], columns: Sequence[str], values: Mapping[str, Array]
+) -> Column:
+    def rises(column: Column) -> bool:
+        steps = np.diff(values.get(column.name, np.zeros(0)))
+        return bool(len(steps) == 0 or np.mean(steps >= 0.0) > 0.9)
+
+    rising = [c for c in candidates if rises(c)]
+    if not rising:
+        _give_up("none looks like time", columns)
+    return min(rising, key=lambda c: len(c.words))
+
+
+def _matched(
+    coordinates: Sequence[Coordinate],
+    kinds: Mapping[Quantity, Sequence[Column]],
+    columns: Sequence[str],
+) -> tuple[list[Coordinate], list[Column], list[Column], str]:
+    """Joints, their position and effort columns, and how they were told."""
+    position, effort = kinds.get("position", ()), kinds.get("effort", ())
+    named_q, named_tau = by_name(coordinates, position), by_name(coordinates, effort)
+    if joints := [c for c in coordinates if c.name in named_q and c.name in named_tau]:
+        found_q, found_tau = ([named[c.name] for c in joints] for named in (named_q, named_tau))
+        return joints, found_q, found_tau, _BY_NAME
+    joints = [c for c in coordinates if not like_finger(c)]
+    numbered_q, numbered_tau = by_number(len(joints), position), by_number(len(joints), effort)
+    for what, found_groups in (("positions", numbered_q), ("efforts", numbered_tau)):
+        if not found_groups:
+            _give_up(f"none look like the {what} of {len(joints)} joints", columns)
+    return joints, list(numbered_q[0]), list(numbered_tau[0]), "by their numbers"
+
+
+def _velocity(joints: Sequence[Coordinate], columns: Sequence[Column], how: str) -> tuple[str, ...]:
+    if how == _BY_NAME:
+        named = by_name(joints, columns)
+        found = tuple(named[c.name].name for c in joints if c.name in named)
+        return found if len(found) == len(joints) else ()
+    groups = by_number(len(joints), columns)
+    return tuple(c.name for c in groups[0]) if groups else ()
+
+
+def _time_unit(time: Column, values: Mapping[str, Array]) -> tuple[str, str]:
+    for unit, words in (
+        ("ms", ("ms", "msec", "millis")),
+        ("us", ("us", "usec", "micros")),
+        ("ns", ("ns", "nsec", "nanos")),
+        ("s", ("s", "sec", "seconds")),
+    ):
+        if time.has(*words):
+            return unit, "by its name"
+    steps = np.diff(values.get(time.name, np.zeros(0)))
+    step = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
+    if step == 0.0:
+        return "s", "as nothing else is known"
+    unit = "s" if step < 0.5 else "ms" if step < 500.0 else "us" if step < 5e5 else "ns"
+    return unit, f"as its steps are {step:.4g}"
+
+
+def _position_unit(
+    columns: Sequence[Column], joints: Sequence[Coordinate], values: Mapping[str, Array]
+) -> tuple[Any, str]:
+    units, why = [], "in rad or m, as nothing else is known"
+    for column, joint in zip(columns, joints, strict=True):
+        reach = _reach(column.name, values)
+        si, other = ("rad", "deg") if joint.kind == "revolute" else ("m", "mm")
+        if column.has(si, other, "degree", "degrees"):
+            units.append(si if column.has(si) else other)
+            why = "units by their names"
+        else:
+            limit = max(abs(joint.limits.lower), abs(joint.limits.upper))
+            far = 4.0 * np.pi if joint.kind == "revolute" else 10.0 * min(limit, 1.0)
+            units.append(other if reach > far else si)
+            if reach > 0.0:
+                why = f"in {units[-1]} by their range (up to {reach:.3g})"
+    if set(units) <= {"rad", "m"}:
+        return None, why
+    return (units[0] if len(set(units)) == 1 else units), why
+
+
+def _effort(
+    columns: Sequence[Column], joints: Sequence[Coordinate], values: Mapping[str, Array]
+) -> tuple[str, list[str]]:
+    """Why, and the unit of each effort column."""
+    units, why = [], "torque by their names"
+    for column, joint in zip(columns, joints, strict=True):
+        if column.has("ma"):
+            units.append("mA")
+        elif column.has("a", "amp", "amps", "current", "currents", "curr", "i"):
+            far = _reach(column.name, values) > 200.0 and not column.has("a", "amp", "amps")
+            units.append("mA" if far else "A")
+        else:
+            units.append(joint.effort_unit)
+        if units[-1] in ("A", "mA"):
+            why = "motor current by their names"
+    return why, units
+
+
+def _short(columns: Sequence[Column], joints: Sequence[Coordinate]) -> Any:
+    """One pattern for all columns if there is one, else the list."""
+    names = tuple(c.name for c in columns)
+    if len(names) < 2:
+        return names
+    first = names[0]
+    for at in (k for k, letter in enumerate(first) if letter == "1"):
+        pattern = f"{first[:at]}{{}}{first[at + 1 :]}"
+        if expanded(pattern, joints) == names:
+            return pattern
+    return names

@@ -1,0 +1,249 @@
+"""The robot file that `steelyard init` writes: the best guess, with a comment on every key."""
+
+import json
+import os
+import re
+import textwrap
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from steelyard.errors import LogError, ModelError
+from steelyard.robot.column_words import like_finger
+from steelyard.robot.guess import Guess, Sample, guess_columns
+from steelyard.robot.robot import Coordinate, Robot
+from steelyard.robot.robot_file import LoadedRobot
+from steelyard.robot.signals import expanded
+from steelyard.robot.xml_reader import read_xml
+
+
+def robot_file_text(
+    model_path: Path,
+    loaded: LoadedRobot,
+    columns: Sequence[str] | None,
+    sample: Sample | None,
+    output_path: Path,
+) -> str:
+    """The text of a commented robot file, which `load_robot` reads.
+
+    Joints of hands are locked, and so are joints that the log has no columns for. Where the
+    columns of the log cannot be told, `[signals]` is left as a comment that lists them.
+
+    Args:
+        model_path: The URDF or MJCF.
+        loaded: What `load_robot(model_path)` gave.
+        columns: Names of the log's columns; `None` without a log.
+        sample: Some values of the columns, for their units.
+        output_path: Where the text will be written: the model's path is given from there.
+    """
+    if model_path.suffix.lower() == ".toml":
+        raise ModelError(
+            "this is a robot file already",
+            where=str(model_path),
+            mend="give the URDF or MJCF it is about",
+        )
+    robot = loaded.robot
+    free = [c for c in robot.coordinates if c.name not in _hands(robot)] or [*robot.coordinates]
+    guess, problem = None, ""
+    if columns is not None:
+        try:
+            guess = guess_columns(free, columns, sample)
+        except LogError as error:
+            problem = error.wrong
+    moving = [c for c in free if guess is None or c.name in guess.joints]
+    resting = [c for c in robot.coordinates if c not in moving]
+    parts = [
+        _robot_part(robot, moving, model_path, output_path),
+        _locked_part(resting),
+        _limits_part(moving),
+        _model_part(guess),
+        _signals_part(guess, moving) if guess else _signals_template(columns, problem, moving),
+        _settings_part(),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def _hands(robot: Robot) -> set[str]:
+    """Joints of hands: by name, or leaves of the tree that follow each other or slide in pairs."""
+    parents = {body.parent for body in robot.bodies}
+    leaves = [b for k, b in enumerate(robot.bodies) if k not in parents]
+    names = {c.name for c in robot.coordinates if like_finger(c)}
+    for index, coordinate in enumerate(robot.coordinates):
+        moved = [b for b in robot.bodies if b.coordinate == index]
+        if not all(body in leaves for body in moved):
+            continue
+        twins = [b for b in leaves if b not in moved and b.parent == moved[0].parent]
+        sliding = coordinate.kind == "prismatic" and any(t.kind == "prismatic" for t in twins)
+        if len(moved) > 1 or sliding:
+            names.add(coordinate.name)
+    return names
+
+
+def _text(value: Any) -> str:
+    """A value in TOML."""
+    if isinstance(value, tuple | list):
+        return "[" + ", ".join(_text(v) for v in value) + "]"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return repr(float(value))
+
+
+def _comment(text: str, start: str = "# ") -> str:
+    """The text as comment lines, whatever characters are in it."""
+    printable = "".join(c if c.isprintable() else " " for c in text)
+    return textwrap.fill(printable, 98, initial_indent=start, subsequent_indent="#   ")
+
+
+def _key(name: str) -> str:
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _text(name)
+
+
+def _relative(model_path: Path, output_path: Path) -> str:
+    """The model's path from the robot file's folder; absolute on another drive."""
+    try:
+        return Path(os.path.relpath(model_path, output_path.parent)).as_posix()
+    except ValueError:
+        return model_path.resolve().as_posix()
+
+
+def _robot_part(
+    robot: Robot, moving: Sequence[Coordinate], model_path: Path, output_path: Path
+) -> str:
+    kind = "mjcf" if read_xml(model_path).tag == "mujoco" else "urdf"
+    names = "".join(f"  {_text(c.name)},\n" for c in moving)
+    return f"""\
+# Robot file for steelyard, written by `steelyard init`. Check the lines marked CHECK.
+
+[robot]
+name = {_text(robot.name)}
+# Where the model and the logs come from, for the report.
+# source = "https://..."
+# From this file's folder; ${{NAME}} in it stands for an environment variable.
+{kind} = {_text(_relative(model_path, output_path))}
+# Joints to identify, in the order of the columns below. All others are locked.
+joints = [
+{names}]
+# The link taken as fixed base, and the link where the chain ends, if not the model's own.
+# base = "base_link"
+# tip = "tool0"
+# CHECK: gravity [m/s²] in the frame of the base. On a wall or a ceiling it is another one;
+# instead of it, mounting = {{roll = 0.0, pitch = 90.0, yaw = 0.0}} gives the base's rotation [deg].
+gravity = {_text(robot.gravity.tolist())}"""
+
+
+def _locked_part(resting: Sequence[Coordinate]) -> str:
+    lines = [
+        "# Positions of joints that are not identified [rad; m]; zero, or the limit next to it."
+    ]
+    lines.append("[robot.locked]")
+    for c in resting:
+        lines.append(f"{_key(c.name)} = {_text(np.clip(0.0, c.limits.lower, c.limits.upper))}")
+    return "\n".join(lines)
+
+
+def _limits_part(moving: Sequence[Coordinate]) -> str:
+    lines = [
+        "# Limits from the model: position [rad; m], speed [rad/s; m/s], effort [Nm; N].",
+        "# What is left out is unlimited or unknown.",
+    ]
+    for c in moving:
+        given = [
+            f"{name} = {_text(value)}"
+            for name in ("lower", "upper", "velocity", "effort")
+            if np.isfinite(value := getattr(c.limits, name))
+        ]
+        lines.append("\n".join([f"[robot.limits.{_key(c.name)}]", *given]))
+    return "\n".join(lines)
+
+
+def _model_part(guess: Guess | None) -> str:
+    torque = guess is not None and guess.section.effort.kind == "joint_torque"
+    terms = ["rigid_body", "coulomb", "viscous", "offset"]
+    if not torque:
+        terms.insert(1, "rotor_inertia")
+    return f"""\
+[model]
+# Causes of torque. Torque sensors behind the gears do not feel "rotor_inertia"; motor currents do.
+# A table gives a law its settings: {{law = "coulomb", smoothing = 0.005, joints = ["..."]}}.
+terms = {_text(terms)}"""
+
+
+def _signals_part(guess: Guess, moving: Sequence[Coordinate]) -> str:
+    section, effort = guess.section, guess.section.effort
+    reasons = "\n".join(_comment(reason, "# * ") for reason in guess.reasons)
+    units = tuple(c.unit for c in moving)
+    position_unit = section.position_unit or (units if len(set(units)) > 1 else units[0])
+    gain = _text([1.0] * len(moving))
+    if effort.kind == "motor_current":
+        gain_lines = (
+            "# CHECK: Nm at the joint per A (N per A for a sliding joint), gear ratio included;\n"
+            "# the sign counts. 1.0 stands here because a log cannot tell it.\n"
+            f"gain = {gain}"
+        )
+    else:
+        gain_lines = (
+            "# Torque at the joint per logged unit, if it is not one; -1.0 turns a sign.\n"
+            f"# gain = {gain}"
+        )
+    velocity = ""
+    if guess.velocity:
+        listed = _text(guess.velocity)
+        velocity = f"""
+# Measured velocities are often filtered and late; without them positions are differentiated.
+# velocity = {listed}
+# velocity_unit = "rad/s"  # or "deg/s", "rpm", "m/s", "mm/s"; or one per joint"""
+    return f"""\
+# CHECK: which columns of the log are what. Guessed so:
+{reasons}
+[signals]
+time = {_text(section.time)}
+time_unit = {_text(section.time_unit)}  # "s", "ms", "us" or "ns"
+# One column per joint, or a pattern: "q{{}}" for q1, q2, ..., "{{joint}}_q" for the joints' names.
+position = {_text(section.position)}
+position_unit = {_text(position_unit)}  # "rad", "deg", "m" or "mm"; or one per joint{velocity}
+
+[signals.effort]
+columns = {_text(effort.columns)}
+# "joint_torque": sensors behind the gears; "motor_torque": from the motors, before the gears'
+# losses; "motor_current".
+kind = {_text(effort.kind)}
+unit = {_text(effort.unit)}  # "A", "mA", "Nm" or "N"; or one per joint
+{gain_lines}"""
+
+
+def _signals_template(
+    columns: Sequence[str] | None, problem: str, moving: Sequence[Coordinate]
+) -> str:
+    why = "no log was given" if columns is None else problem
+    head = [_comment(f"CHECK: {why}. Fill this in and remove the leading marks.")]
+    if columns:
+        head.append(_comment("The log's columns: " + ", ".join(_text(c) for c in columns)))
+    listed = _text(expanded("q{}", moving))
+    lines = [
+        "[signals]",
+        'time = "time"',
+        'time_unit = "s"  # "s", "ms", "us" or "ns"',
+        f'position = {listed}  # or a pattern: "q{{}}", "{{joint}}_q"',
+        f'position_unit = {_text([c.unit for c in moving])}  # "rad", "deg", "m" or "mm"',
+        "[signals.effort]",
+        f"columns = {_text(expanded('tau{}', moving))}",
+        'kind = "joint_torque"  # or "motor_torque", "motor_current"',
+        f'unit = {_text([c.effort_unit for c in moving])}  # "A", "mA", "Nm" or "N"',
+        f"gain = {_text([1.0] * len(moving))}  # torque at the joint per logged unit",
+    ]
+    return "\n".join([*head, *(f"# {line}" for line in lines)])
+
+
+def _settings_part() -> str:
+    return """\
+[processing]
+# Filters [Hz] and the speed below which a joint rests [rad/s; m/s]; left out, the data decides.
+# motion_cutoff = 25.0
+# matched_cutoff = 8.0
+# rest_speed = 0.01
+
+[validation]
+# Low-pass through which measured and predicted effort are compared [Hz].
+# cutoff = 8.0"""

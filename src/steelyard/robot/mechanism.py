@@ -1,0 +1,259 @@
+"""The mechanism as a model file describes it: links and joints, nothing locked or merged yet."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+from numpy.typing import ArrayLike
+
+from steelyard.arrays import Array, frozen
+from steelyard.errors import ModelError
+from steelyard.robot.geometry import Placement, clean_axis, turn
+from steelyard.robot.inertia import Inertia
+from steelyard.robot.nearest import advice
+from steelyard.robot.robot import Limits
+
+MechanismJointKind = Literal["fixed", "revolute", "continuous", "prismatic"]
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """`position = ratio * master's position + offset` [rad; m]."""
+
+    master: str
+    ratio: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """A rigid link.
+
+    Attributes:
+        name: Unique in the mechanism.
+        inertia: Mass properties in the link frame; `None` if the file gives none.
+        where: File and line, for messages.
+    """
+
+    name: str
+    inertia: Inertia | None = None
+    where: str = "the mechanism"
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """A joint between two links; the child link's frame is the joint's frame.
+
+    Attributes:
+        name: Unique in the mechanism.
+        kind: `fixed`, `revolute`, `continuous` or `prismatic`.
+        parent: Name of the parent link.
+        child: Name of the child link.
+        placement: The joint's frame in the parent link's frame, at position zero.
+        axis: Unit vector in the joint's frame, shape `(3,)`; of no meaning for a fixed joint.
+        limits: Range, speed and effort.
+        mimic: The joint this one follows, if any.
+        where: File and line, for messages.
+    """
+
+    name: str
+    kind: MechanismJointKind
+    parent: str
+    child: str
+    placement: Placement = field(default_factory=Placement)
+    axis: Array = field(default_factory=lambda: frozen((1.0, 0.0, 0.0)))
+    limits: Limits = field(default_factory=Limits)
+    mimic: Mimic | None = None
+    where: str = "the mechanism"
+
+    def __post_init__(self) -> None:
+        if self.kind == "fixed":
+            object.__setattr__(self, "axis", frozen((1.0, 0.0, 0.0)))
+            return
+        try:
+            object.__setattr__(self, "axis", frozen(clean_axis(frozen(self.axis, (3,)))))
+        except ValueError:
+            raise ModelError(
+                f"the axis of joint '{self.name}' has no direction: {self.axis}",
+                where=self.where,
+                mend="give a vector that is not zero, e.g. xyz='0 0 1'",
+            ) from None
+        if self.limits.lower > self.limits.upper:
+            raise ModelError(
+                f"joint '{self.name}' has a lower limit above its upper one "
+                f"({self.limits.lower:g} > {self.limits.upper:g})",
+                where=self.where,
+                mend="swap the two limits",
+            )
+
+    @property
+    def movable(self) -> bool:
+        """Whether the joint is not fixed."""
+        return self.kind != "fixed"
+
+    def at(self, position: float) -> Placement:
+        """The child link in the parent link's frame at a joint position [rad; m]."""
+        if self.kind == "fixed":
+            return self.placement
+        if self.kind == "prismatic":
+            return self.placement @ Placement(position=self.axis * position)
+        return self.placement @ Placement(turn(self.axis, position))
+
+
+@dataclass(frozen=True, eq=False)
+class Mechanism:
+    """A tree of links and joints with one root.
+
+    Attributes:
+        name: The robot's name.
+        links: In the order of the file.
+        joints: In the order of the file.
+        gravity: Shape `(3,)` [m/s²], in the root link's frame.
+        where: The file, for messages.
+    """
+
+    name: str
+    links: tuple[Link, ...]
+    joints: tuple[Joint, ...]
+    gravity: Array
+    where: str
+
+    def __init__(
+        self,
+        name: str,
+        links: Sequence[Link],
+        joints: Sequence[Joint],
+        gravity: ArrayLike = (0.0, 0.0, -9.81),
+        where: str = "the mechanism",
+    ) -> None:
+        object.__setattr__(self, "name", name)
+        object.__setattr__(self, "links", tuple(links))
+        object.__setattr__(self, "joints", tuple(joints))
+        object.__setattr__(self, "gravity", frozen(gravity, (3,)))
+        object.__setattr__(self, "where", where)
+        _check_names(self)
+        _check_tree(self)
+        _check_mimics(self)
+
+    @property
+    def root(self) -> str:
+        """Name of the link that no joint carries."""
+        children = {j.child for j in self.joints}
+        return next(link.name for link in self.links if link.name not in children)
+
+    @property
+    def movable(self) -> tuple[Joint, ...]:
+        """Joints that move on their own: neither fixed nor mimic, parents before children."""
+        return tuple(j for j in self.from_link(self.root) if j.movable and j.mimic is None)
+
+    def joint(self, name: str) -> Joint:
+        """The joint of that name; `KeyError` if there is none."""
+        for joint in self.joints:
+            if joint.name == name:
+                return joint
+        raise KeyError(name)
+
+    def from_link(self, link: str) -> tuple[Joint, ...]:
+        """The joints beyond a link, depth first, parents before children, in the file's order."""
+        carried: dict[str, list[Joint]] = {}
+        for joint in self.joints:
+            carried.setdefault(joint.parent, []).append(joint)
+        found: list[Joint] = []
+        waiting = carried.get(link, [])[::-1]
+        while waiting:
+            joint = waiting.pop()
+            found.append(joint)
+            waiting.extend(carried.get(joint.child, [])[::-1])
+        return tuple(found)
+
+    def to_link(self, link: str) -> tuple[Joint, ...]:
+        """The joints that lead from the root to a link, in that order."""
+        carrier = {j.child: j for j in self.joints}
+        found: list[Joint] = []
+        while link in carrier:
+            found.append(carrier[link])
+            link = carrier[link].parent
+        return tuple(found[::-1])
+
+
+def _check_names(mechanism: Mechanism) -> None:
+    for kind, items in (("link", mechanism.links), ("joint", mechanism.joints)):
+        seen: set[str] = set()
+        for item in items:
+            if item.name in seen:
+                raise ModelError(
+                    f"{kind} name '{item.name}' is given twice",
+                    where=item.where,
+                    mend=f"give every {kind} a name of its own",
+                )
+            seen.add(item.name)
+    links = [link.name for link in mechanism.links]
+    for joint in mechanism.joints:
+        for role, name in (("parent", joint.parent), ("child", joint.child)):
+            if name not in links:
+                raise ModelError(
+                    f"the {role} link '{name}' of joint '{joint.name}' does not exist",
+                    where=joint.where,
+                    mend=advice(name, links, "links"),
+                )
+
+
+def _check_tree(mechanism: Mechanism) -> None:
+    if not mechanism.links:
+        raise ModelError(
+            "the robot has no links",
+            where=mechanism.where,
+            mend="give a model with links and joints; a xacro file must be expanded first",
+        )
+    carrier: dict[str, Joint] = {}
+    for joint in mechanism.joints:
+        if joint.child in carrier:
+            raise ModelError(
+                f"link '{joint.child}' has two parent joints, "
+                f"'{carrier[joint.child].name}' and '{joint.name}'",
+                where=joint.where,
+                mend="a link hangs on one joint: cut the loop by removing one of the two",
+            )
+        carrier[joint.child] = joint
+    roots = [link for link in mechanism.links if link.name not in carrier]
+    if len(roots) > 1:
+        names = ", ".join(f"'{r.name}'" for r in roots)
+        raise ModelError(
+            f"the links do not hang together: {names} have no parent joint",
+            where=roots[1].where,
+            mend="join them to one root link with fixed joints, or remove those not needed",
+        )
+    reached = {j.child for root in roots for j in mechanism.from_link(root.name)}
+    if loose := [j for j in mechanism.joints if j.child not in reached]:
+        raise ModelError(
+            "the joints form a closed cycle: " + ", ".join(f"'{j.name}'" for j in loose[:6]),
+            where=loose[0].where,
+            mend="every link must lead back to one root link: correct a parent or a child",
+        )
+
+
+def _check_mimics(mechanism: Mechanism) -> None:
+    followed = {j.name: j for j in mechanism.joints}
+    for joint in mechanism.joints:
+        seen = [joint.name]
+        while joint.mimic is not None:
+            master = followed.get(joint.mimic.master)
+            if master is None or not master.movable:
+                fixed = "is fixed" if master else "does not exist"
+                raise ModelError(
+                    f"joint '{joint.name}' mimics joint '{joint.mimic.master}', which {fixed}",
+                    where=joint.where,
+                    mend=advice(
+                        joint.mimic.master,
+                        [j.name for j in mechanism.joints if j.movable and j is not joint],
+                        "joints that move",
+                    ),
+                )
+            if master.name in seen:
+                raise ModelError(
+                    "mimic joints follow each other in a circle: " + " -> ".join(seen),
+                    where=joint.where,
+                    mend="one of them must move on its own: remove its mimic",
+                )
+            seen.append(master.name)
+            joint = master

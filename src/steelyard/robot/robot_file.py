@@ -1,0 +1,293 @@
+"""Robot files: a model in any format, and with TOML all that a model file cannot say."""
+
+import hashlib
+import math
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from steelyard.arrays import Array, frozen
+from steelyard.errors import ModelError
+from steelyard.robot.dh import DHRow, dh_mechanism
+from steelyard.robot.geometry import clean_rotation, rpy_rotation
+from steelyard.robot.mechanism import Mechanism
+from steelyard.robot.mjcf import read_mjcf
+from steelyard.robot.nearest import advice
+from steelyard.robot.reduction import reduced
+from steelyard.robot.robot import Limits, Robot
+from steelyard.robot.schema import (
+    DHSection,
+    ProcessingSection,
+    RobotFile,
+    RobotSection,
+    ValidationSection,
+)
+from steelyard.robot.signals import Signals, build_signals
+from steelyard.robot.toml_check import Places, checked
+from steelyard.robot.urdf import read_urdf
+from steelyard.robot.xml_reader import read_bytes, read_xml
+
+STANDARD_GRAVITY = 9.81
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file that was read, and what was in it."""
+
+    path: Path
+    sha256: str
+
+
+@dataclass(frozen=True)
+class TermSpec:
+    """A cause of torque as the robot file names it: a law's name, or a table with `law`."""
+
+    description: str | Mapping[str, Any]
+    where: str
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedRobot:
+    """A robot and all that its file says.
+
+    Attributes:
+        robot: The robot, with the joints to identify.
+        notes: What was assumed, one sentence each, for the user.
+        signals: Columns of its logs; `None` if the file does not say.
+        terms: Causes of torque; `None` if the file does not say.
+        processing: Filter settings; what is `None` is chosen from the data.
+        validation: Score settings.
+        sources: The file given, then the model file it names, if any.
+    """
+
+    robot: Robot
+    notes: tuple[str, ...]
+    signals: Signals | None
+    terms: tuple[TermSpec, ...] | None
+    processing: ProcessingSection
+    validation: ValidationSection
+    sources: tuple[Source, ...]
+
+
+def load_robot(path: str | Path) -> LoadedRobot:
+    """The robot of a URDF, an MJCF or a robot file (TOML); the format is told by the content.
+
+    Raises:
+        ModelError: The file cannot be used.
+    """
+    path = Path(path)
+    if path.suffix.lower() == ".toml":
+        return _from_toml(path)
+    robot, notes = reduced(read_mechanism(path))
+    return LoadedRobot(
+        robot, notes, None, None, ProcessingSection(), ValidationSection(), (_source(path),)
+    )
+
+
+def load_robot_file(path: str | Path) -> RobotFile:
+    """The checked sections of a robot file (TOML), as written there."""
+    return _sections(Path(path))[0]
+
+
+def read_mechanism(path: Path) -> Mechanism:
+    """The mechanism of a URDF or an MJCF, told apart by the outermost element."""
+    return read_mjcf(path) if read_xml(path).tag == "mujoco" else read_urdf(path)
+
+
+def _source(path: Path) -> Source:
+    return Source(path, hashlib.sha256(read_bytes(path, "a robot model")).hexdigest())
+
+
+def _sections(path: Path) -> tuple[RobotFile, Places]:
+    try:
+        text = read_bytes(path, "a robot file (.toml), a URDF or an MJCF").decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ModelError(
+            f"the robot file is not UTF-8 text: {error.reason} at byte {error.start}",
+            where=str(path),
+            mend="save it as UTF-8",
+        ) from None
+    return checked(path, text.replace("\r\n", "\n"), RobotFile)
+
+
+def _from_toml(path: Path) -> LoadedRobot:
+    file, places = _sections(path)
+    sources = [_source(path)]
+    if model_path := _model_path(file.robot, path, places):
+        mechanism = read_mechanism(model_path)
+        sources.append(_source(model_path))
+    else:
+        mechanism = _dh(file.robot, places)
+    robot, notes = _reduced(mechanism, file.robot, places)
+    signals = None
+    if file.signals is not None:
+        signals = build_signals(file.signals, robot.coordinates, places.where)
+    if (
+        signals is not None
+        and signals.effort_kind == "motor_current"
+        and np.all(signals.gains == 1.0)
+    ):
+        notes += ("every drive gain is 1: parameters are right only if 1 A makes 1 Nm",)
+    return LoadedRobot(
+        robot,
+        notes,
+        signals,
+        _terms(file, places),
+        file.processing,
+        file.validation,
+        tuple(sources),
+    )
+
+
+def _model_path(section: RobotSection, path: Path, places: Places) -> Path | None:
+    """The model file that is named; `None` for a DH table."""
+    given = [key for key in ("urdf", "mjcf", "dh") if getattr(section, key) is not None]
+    if len(given) != 1:
+        raise ModelError(
+            f"the robot has {' and '.join(given)}" if given else "the robot has no model",
+            where=places.where("robot"),
+            mend='give exactly one of urdf = "FILE", mjcf = "FILE" and a table [robot.dh]',
+        )
+    if given == ["dh"]:
+        return None
+    text = str(getattr(section, given[0]))
+    where = places.where("robot", given[0])
+    model_path = path.parent / _expanded(text, where)
+    if not model_path.is_file():
+        raise ModelError(
+            f"the robot's {given[0]} '{model_path}' does not exist",
+            where=where,
+            mend="give its path relative to the robot file; ${NAME} stands for an environment "
+            "variable",
+        )
+    if (read_xml(model_path).tag == "mujoco") != (given == ["mjcf"]):
+        raise ModelError(
+            f"'{model_path}' is not what its key '{given[0]}' says",
+            where=where,
+            mend=f"write {'urdf' if given == ['mjcf'] else 'mjcf'} = ... instead",
+        )
+    return model_path
+
+
+def _expanded(text: str, where: str) -> str:
+    """The text with `${NAME}` replaced by environment variables."""
+
+    def value(match: re.Match[str]) -> str:
+        name = match.group(1)
+        if name not in os.environ:
+            raise ModelError(
+                f"the environment variable '{name}' is not set",
+                where=where,
+                mend=f"set it to the folder the path starts from: export {name}=/path/to/folder",
+            )
+        return os.environ[name]
+
+    return re.sub(r"\$\{(\w+)\}", value, text)
+
+
+def _dh(section: RobotSection, places: Places) -> Mechanism:
+    table: DHSection = section.dh  # type: ignore[assignment]  # the only model given
+    angle = math.pi / 180.0 if table.angle_unit == "deg" else 1.0
+    rows = [
+        DHRow(
+            link.a,
+            link.alpha * angle,
+            link.d,
+            link.theta * angle,
+            link.kind,
+            link.joint or "",
+            link.mass,
+            link.com,
+            link.inertia_com,
+        )
+        for link in table.links
+    ]
+    name = section.name or places.path.stem
+    return dh_mechanism(rows, table.convention, name, where=places.where("robot", "dh"))
+
+
+def _reduced(
+    mechanism: Mechanism, section: RobotSection, places: Places
+) -> tuple[Robot, tuple[str, ...]]:
+    movable = [j.name for j in mechanism.movable]
+    for table in ("locked", "limits"):
+        for name in getattr(section, table):
+            _check_name("joint", name, movable, places.where("robot", table, name))
+    for index, name in enumerate(section.joints or ()):
+        _check_name("joint", name, movable, places.where("robot", "joints", index))
+    links = [link.name for link in mechanism.links]
+    tips = (section.tip,) if isinstance(section.tip, str) else section.tip or ()
+    for key, name in [("tip", t) for t in tips] + [("base", section.base or mechanism.root)]:
+        _check_name("link", name, links, places.where("robot", key))
+    robot, notes = reduced(
+        mechanism,
+        section.joints,
+        locked=section.locked,
+        base=section.base,
+        tip=section.tip,
+        gravity=_gravity(section, places),
+        limits={n: _limits(n, mechanism, section, places) for n in section.limits},
+    )
+    if section.name is not None:
+        robot = Robot(section.name, robot.bodies, robot.coordinates, robot.gravity)
+    return robot, notes
+
+
+def _check_name(kind: str, name: str, names: list[str], where: str) -> None:
+    if name not in names:
+        moving = " that moves on its own" if kind == "joint" else ""
+        raise ModelError(
+            f"the model has no {kind} '{name}'{moving}",
+            where=where,
+            mend=advice(name, names, f"{kind}s"),
+        )
+
+
+def _limits(name: str, mechanism: Mechanism, section: RobotSection, places: Places) -> Limits:
+    given = section.limits[name].model_dump(exclude_none=True)
+    limits = replace(mechanism.joint(name).limits, **given)
+    if limits.lower >= limits.upper:
+        raise ModelError(
+            f"joint '{name}' has a lower limit of {limits.lower:g} and an upper one of "
+            f"{limits.upper:g}",
+            where=places.where("robot", "limits", name),
+            mend="the upper limit must be above the lower one",
+        )
+    return limits
+
+
+def _gravity(section: RobotSection, places: Places) -> Array | None:
+    """Gravity in the base frame, if the file says anything about it."""
+    if section.mounting is None:
+        return None if section.gravity is None else np.array(section.gravity)
+    if section.gravity is not None:
+        raise ModelError(
+            "gravity and mounting are both given",
+            where=places.where("robot", "gravity"),
+            mend="keep one of them: gravity is the vector in the base frame, mounting its rotation",
+        )
+    mounting = section.mounting
+    rotation = rpy_rotation(*np.deg2rad([mounting.roll, mounting.pitch, mounting.yaw]))
+    return frozen(clean_rotation(rotation)[2] * -STANDARD_GRAVITY + 0.0)
+
+
+def _terms(file: RobotFile, places: Places) -> tuple[TermSpec, ...] | None:
+    if file.model is None:
+        return None
+    specs = []
+    for index, term in enumerate(file.model.terms):
+        where = places.where("model", "terms", index)
+        if not isinstance(term, str) and not isinstance(term.get("law"), str):
+            raise ModelError(
+                "a term's table does not name its law",
+                where=where,
+                mend='write {law = "coulomb", ...}',
+            )
+        specs.append(TermSpec(term if isinstance(term, str) else MappingProxyType(term), where))
+    return tuple(specs)

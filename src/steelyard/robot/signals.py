@@ -1,0 +1,262 @@
+"""Which columns of a log hold what, resolved to SI units and joint order."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from math import pi
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from steelyard.arrays import Array, frozen
+from steelyard.errors import ModelError
+from steelyard.robot.robot import Coordinate
+
+if TYPE_CHECKING:
+    from steelyard.robot.schema import EffortKind, EffortSection, SignalsSection
+
+Locate = Callable[..., str]
+"""Key path in the robot file to the words of a message's `where`."""
+
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+POSITION_UNITS = {
+    "revolute": {"rad": 1.0, "deg": pi / 180.0},
+    "prismatic": {"m": 1.0, "mm": 1e-3},
+}
+VELOCITY_UNITS = {
+    "revolute": {"rad/s": 1.0, "deg/s": pi / 180.0, "rpm": pi / 30.0},
+    "prismatic": {"m/s": 1.0, "mm/s": 1e-3},
+}
+EFFORT_UNITS = {"A": ("A", 1.0), "mA": ("A", 1e-3), "Nm": ("Nm", 1.0), "N": ("N", 1.0)}
+
+
+@dataclass(frozen=True, eq=False)
+class Signals:
+    """Columns of a log and how to read them; entries are in the order of the coordinates.
+
+    Attributes:
+        time: Time column.
+        time_scale: Seconds per logged unit.
+        position: Position columns.
+        position_scale: rad or m per logged unit, shape `(n,)`.
+        velocity: Velocity columns; `None` if positions are to be differentiated.
+        velocity_scale: rad/s or m/s per logged unit, shape `(n,)`; `None` without velocities.
+        effort: Effort columns.
+        effort_scale: Base unit per logged unit, shape `(n,)`.
+        effort_kind: `motor_current`, `motor_torque` or `joint_torque`.
+        effort_units: Base unit per joint: `A`, `Nm` or `N`.
+        gains: Joint torque [Nm; N on a prismatic joint] per base unit, shape `(n,)`.
+    """
+
+    time: str
+    time_scale: float
+    position: tuple[str, ...]
+    position_scale: Array
+    velocity: tuple[str, ...] | None
+    velocity_scale: Array | None
+    effort: tuple[str, ...]
+    effort_scale: Array
+    effort_kind: EffortKind
+    effort_units: tuple[str, ...]
+    gains: Array
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """All columns that are read."""
+        return (self.time, *self.position, *(self.velocity or ()), *self.effort)
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.position)
+
+
+def build_signals(
+    section: SignalsSection, coordinates: Sequence[Coordinate], locate: Locate
+) -> Signals:
+    """The signals a robot file declares, for the joints it identifies.
+
+    Raises:
+        ModelError: Columns, units or gains do not fit the joints.
+    """
+    position = _columns(section.position, coordinates, locate("signals", "position"))
+    effort = _columns(section.effort.columns, coordinates, locate("signals", "effort", "columns"))
+    velocity, velocity_scale = None, None
+    if section.velocity is not None:
+        velocity = _columns(section.velocity, coordinates, locate("signals", "velocity"))
+        velocity_scale = _scales(
+            section.velocity_unit, VELOCITY_UNITS, coordinates, locate("signals", "velocity_unit")
+        )
+    elif section.velocity_unit is not None:
+        raise ModelError(
+            "velocity_unit is given, but no velocity columns",
+            where=locate("signals", "velocity_unit"),
+            mend="add velocity = ..., or remove velocity_unit",
+        )
+    _check_distinct((section.time, *position, *(velocity or ()), *effort), locate("signals"))
+    units, effort_scale = _effort_units(section.effort, coordinates, locate)
+    return Signals(
+        section.time,
+        TIME_UNITS[section.time_unit],
+        position,
+        _scales(
+            section.position_unit, POSITION_UNITS, coordinates, locate("signals", "position_unit")
+        ),
+        velocity,
+        velocity_scale,
+        effort,
+        effort_scale,
+        section.effort.kind,
+        units,
+        _gains(section.effort, effort, units, coordinates, locate),
+    )
+
+
+def expanded(pattern: str, coordinates: Sequence[Coordinate]) -> tuple[str, ...]:
+    """Columns of a pattern: `{}` stands for 1, 2, ..., `{joint}` for the joint's name."""
+    return tuple(
+        pattern.replace("{}", str(number)).replace("{joint}", coordinate.name)
+        for number, coordinate in enumerate(coordinates, start=1)
+    )
+
+
+def _columns(
+    given: str | tuple[str, ...], coordinates: Sequence[Coordinate], where: str
+) -> tuple[str, ...]:
+    if isinstance(given, str):
+        if "{}" not in given and "{joint}" not in given and len(coordinates) > 1:
+            raise ModelError(
+                f"'{given}' is one column, but {len(coordinates)} joints are identified",
+                where=where,
+                mend='list one column per joint, or give a pattern: "q{}" for q1, q2, ..., '
+                'or "{joint}_position"',
+            )
+        given = expanded(given, coordinates)
+    _check_count(len(given), f"columns ({', '.join(given)})", coordinates, where)
+    return given
+
+
+def _check_count(got: int, what: str, coordinates: Sequence[Coordinate], where: str) -> None:
+    if got != len(coordinates):
+        names = ", ".join(c.name for c in coordinates)
+        raise ModelError(
+            f"{got} {what} are given for {len(coordinates)} identified joints ({names})",
+            where=where,
+            mend="give one per joint, in the joints' order; [robot] joints = [...] says which "
+            "joints are identified",
+        )
+
+
+def _check_distinct(columns: Sequence[str], where: str) -> None:
+    for column in columns:
+        if columns.count(column) > 1:
+            raise ModelError(
+                f"column '{column}' is used twice",
+                where=where,
+                mend="give every signal a column of its own",
+            )
+
+
+def _scales(
+    given: str | tuple[str, ...] | None,
+    units: Mapping[str, Mapping[str, float]],
+    coordinates: Sequence[Coordinate],
+    where: str,
+) -> Array:
+    """SI per logged unit. One unit for all means those joints that it can measure."""
+    if isinstance(given, tuple):
+        _check_count(len(given), "units", coordinates, where)
+        wanted: list[str | None] = list(given)
+    else:
+        wanted = [given if given in units[c.kind] else None for c in coordinates]
+        if given is not None and not any(wanted):
+            wanted = [given] * len(coordinates)
+    scales = []
+    for coordinate, unit in zip(coordinates, wanted, strict=True):
+        fitting = units[coordinate.kind]
+        if unit is not None and unit not in fitting:
+            raise ModelError(
+                f"unit '{unit}' does not fit joint '{coordinate.name}', which is {coordinate.kind}",
+                where=where,
+                mend=f"use one of {', '.join(fitting)}",
+            )
+        scales.append(1.0 if unit is None else fitting[unit])
+    return frozen(scales)
+
+
+def _effort_units(
+    effort: EffortSection, coordinates: Sequence[Coordinate], locate: Locate
+) -> tuple[tuple[str, ...], Array]:
+    """Base unit of each effort column, and base units per logged unit."""
+    where = locate("signals", "effort", "unit")
+    units = effort.unit if isinstance(effort.unit, tuple) else (effort.unit,) * len(coordinates)
+    _check_count(len(units), "units", coordinates, where)
+    for unit, coordinate in zip(units, coordinates, strict=True):
+        if effort.kind == "joint_torque" and unit != coordinate.effort_unit:
+            raise ModelError(
+                f"unit '{unit}' does not fit the joint torque of '{coordinate.name}', "
+                f"which is {coordinate.kind}",
+                where=where,
+                mend=f"use '{coordinate.effort_unit}' there, or kind = \"motor_current\" with "
+                "gains if the columns hold currents",
+            )
+        if effort.kind == "motor_torque" and unit in ("A", "mA"):
+            raise ModelError(
+                f"unit '{unit}' is a current's, but the effort's kind is motor_torque",
+                where=where,
+                mend='use kind = "motor_current", or unit = "Nm"',
+            )
+    return tuple(EFFORT_UNITS[u][0] for u in units), frozen([EFFORT_UNITS[u][1] for u in units])
+
+
+def _gains(
+    effort: EffortSection,
+    columns: Sequence[str],
+    units: Sequence[str],
+    coordinates: Sequence[Coordinate],
+    locate: Locate,
+) -> Array:
+    where = locate("signals", "effort", "gain")
+    if effort.gain is None:
+        for unit, column, coordinate in zip(units, columns, coordinates, strict=True):
+            if unit == "A":
+                raise ModelError(
+                    f"column '{column}' holds motor current, but joint '{coordinate.name}' "
+                    "has no drive gain",
+                    where=where,
+                    mend=f"give gain = [...] in {coordinate.effort_unit}/A per joint",
+                )
+        return frozen(np.ones(len(coordinates)))
+    values: ArrayLike = effort.gain
+    if isinstance(effort.gain, float | int):
+        values = np.full(len(coordinates), float(effort.gain))
+    gains = frozen(values)
+    _check_count(len(gains), "gains", coordinates, where)
+    if not np.all(gains):
+        name = coordinates[int(np.argmin(np.abs(gains)))].name
+        raise ModelError(
+            f"the gain of joint '{name}' is zero",
+            where=where,
+            mend="give the torque at the joint per logged unit; its sign may be negative",
+        )
+    return gains
+
+
+def signals_to_dict(signals: Signals) -> dict[str, Any]:
+    """As JSON values; exact."""
+    return {
+        name: value.tolist() if isinstance(value, np.ndarray) else value
+        for name, value in vars(signals).items()
+    }
+
+
+def signals_from_dict(data: Mapping[str, Any]) -> Signals:
+    """The signals that `signals_to_dict` wrote."""
+    fields = dict(data)
+    for name in ("position", "velocity", "effort", "effort_units"):
+        fields[name] = None if fields[name] is None else tuple(fields[name])
+    for name in ("position_scale", "velocity_scale", "effort_scale", "gains"):
+        fields[name] = None if fields[name] is None else frozen(fields[name])
+    return Signals(**fields)

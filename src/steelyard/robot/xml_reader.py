@@ -1,0 +1,122 @@
+"""XML from strangers, read safely, each element with its line."""
+
+import codecs
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from steelyard.errors import ModelError
+
+
+@dataclass(frozen=True)
+class Element:
+    """One XML element.
+
+    Attributes:
+        tag: Its name; `{namespace}name` if it has a namespace.
+        attributes: Name to text.
+        path: The file.
+        line: Line of the opening tag, from 1.
+        children: Elements inside, in order.
+    """
+
+    tag: str
+    attributes: Mapping[str, str]
+    path: Path
+    line: int
+    children: list["Element"] = field(default_factory=list)
+
+    @property
+    def where(self) -> str:
+        """File, line and the tag with its name, for messages."""
+        name = self.attributes.get("name")
+        shown = f"<{self.tag} name='{name}'>" if name else f"<{self.tag}>"
+        return f"{self.path}, line {self.line}, {shown}"
+
+    def all(self, tag: str) -> list["Element"]:
+        """Children of that tag."""
+        return [child for child in self.children if child.tag == tag]
+
+    def walk(self) -> Iterator["Element"]:
+        """This element and everything inside, in the order of the file."""
+        waiting = [self]
+        while waiting:
+            element = waiting.pop()
+            yield element
+            waiting.extend(element.children[::-1])
+
+
+class _Builder:
+    """Target of the parser: builds elements and asks the parser for their lines."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.expat: Any = None
+        self.open: list[Element] = []
+        self.root: Element | None = None
+
+    def start(self, tag: str, attributes: dict[str, str]) -> None:
+        line = self.expat.CurrentLineNumber
+        element = Element(tag, MappingProxyType(dict(attributes)), self.path, line)
+        if self.open:
+            self.open[-1].children.append(element)
+        else:
+            self.root = element
+        self.open.append(element)
+
+    def end(self, tag: str) -> None:
+        self.open.pop()
+
+    def close(self) -> Element | None:
+        return self.root
+
+
+def read_bytes(path: Path, what: str) -> bytes:
+    """The file's content; a clear error if it cannot be read."""
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        wrong = "there is no such file"
+    except IsADirectoryError:
+        wrong = "this is a folder, not a file"
+    except OSError as error:
+        wrong = f"the file cannot be read: {error.strerror}"
+    raise ModelError(wrong, where=str(path), mend=f"give the path of {what}")
+
+
+def read_xml(path: Path) -> Element:
+    """The root element of an XML file.
+
+    Raises:
+        ModelError: The file is missing, is not XML, or defines entities (which could grow without
+            bound or reach other files).
+    """
+    from defusedxml.common import DefusedXmlException
+    from defusedxml.ElementTree import DefusedXMLParser, ParseError
+
+    content = read_bytes(path, "a URDF, an MJCF or a robot file (.toml)")
+    builder = _Builder(path)
+    parser: Any = DefusedXMLParser(target=builder)
+    builder.expat = parser.parser
+    try:
+        parser.feed(content.removeprefix(codecs.BOM_UTF8))
+        root = parser.close()
+    except DefusedXmlException:
+        raise ModelError(
+            "the file defines XML entities, which a robot model does not need",
+            where=f"{path}, line {builder.expat.CurrentLineNumber}",
+            mend="remove the <!DOCTYPE ...> with its <!ENTITY ...> lines",
+        ) from None
+    except (ParseError, ValueError, LookupError) as error:
+        raise ModelError(
+            f"the file is not valid XML: {error}",
+            where=f"{path}, line {builder.expat.CurrentLineNumber}",
+            mend="give a URDF or an MJCF; if it is one, mend the XML there",
+        ) from None
+    if root is None:
+        raise ModelError(
+            "the file holds no XML", where=str(path), mend="give a URDF or an MJCF file"
+        )
+    return root  # type: ignore[no-any-return]

@@ -1,0 +1,206 @@
+import numpy as np
+import pytest
+
+from steelyard.errors import LogError, ModelError
+from steelyard.robot.column_words import Column, words_of
+from steelyard.robot.guess import guess_columns, guess_signals
+from steelyard.robot.inertia import Inertia
+from steelyard.robot.robot import Body, Coordinate, Limits, Robot
+
+UR = tuple(
+    Coordinate(f"{n}_joint", "revolute")
+    for n in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+)
+TWO = (Coordinate("joint1", "revolute"), Coordinate("joint2", "revolute"))
+MIXED = (
+    Coordinate("lift_joint", "prismatic", Limits(0.0, 0.4)),
+    Coordinate("arm_1_joint", "revolute"),
+    Coordinate("arm_2_joint", "revolute"),
+    Coordinate("gripper_joint", "prismatic", Limits(0.0, 0.03)),
+)
+
+
+def numbered(*stems: str, start: int = 1, count: int = 2) -> list[str]:
+    return [stem.replace("#", str(k)) for stem in stems for k in range(start, start + count)]
+
+
+def robot_of(coordinates: tuple[Coordinate, ...]) -> Robot:
+    bodies = tuple(
+        Body(c.name, c.name, c.kind, k - 1, np.eye(3), np.zeros(3), np.eye(3)[2], k,
+             inertia=Inertia.zero())
+        for k, c in enumerate(coordinates)
+    )  # fmt: skip
+    return Robot("robot", bodies, coordinates)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("current_arm1_A", "current arm 1 a"),
+        ("tau_J_0", "tau j 0"),
+        ("actualPosition[12]", "actual position 12"),
+        ("q1(rad)", "q 1 rad"),
+        ("tau1_Nm", "tau 1 nm"),
+        ("current1_mA", "current 1 ma"),
+    ],
+)
+def test_names_are_read_as_words(name: str, words: str) -> None:
+    assert " ".join(words_of(name)) == words
+
+
+@pytest.mark.parametrize(
+    ("name", "quantity"),
+    [
+        ("timestamp", "time"),
+        ("actual_q_0", "position"),
+        ("dq3_rad_s", "velocity"),
+        ("ddq3", "acceleration"),
+        ("joint_torque_2", "effort"),
+        ("i_3", "effort"),
+        ("target_q_0", None),
+        ("tau_des1_Nm", None),
+        ("q_d[3]", None),
+        ("temperature1", None),
+        ("x", None),
+    ],
+)
+def test_quantities_by_words(name: str, quantity: str | None) -> None:
+    assert Column(name).quantity == quantity
+
+
+def test_numbered_columns_without_the_targets() -> None:
+    columns = ["timestamp"]
+    columns += numbered("target_q_#", "actual_q_#", "target_current_#", start=0, count=6)
+    columns += numbered("actual_qd_#", "actual_current_#", start=0, count=6)
+    guess = guess_columns(UR, columns)
+    assert guess.section.time == "timestamp"
+    assert guess.section.position == tuple(f"actual_q_{k}" for k in range(6))
+    assert guess.section.effort.columns == tuple(f"actual_current_{k}" for k in range(6))
+    assert (guess.section.effort.kind, guess.section.effort.unit) == ("motor_current", "A")
+    assert guess.joints == tuple(c.name for c in UR)
+    assert guess.velocity == tuple(f"actual_qd_{k}" for k in range(6))
+    assert any("left out, as they are often late" in reason for reason in guess.reasons)
+
+
+def test_numbers_count_all_joints_not_the_wrist() -> None:
+    """`q1` is not wrist_1's."""
+    guess = guess_columns(UR, ["t", *numbered("q#", "tau#", count=6)])
+    assert guess.joints[0] == "shoulder_pan_joint" and guess.section.position == "q{}"
+
+
+def test_names_of_joints_win_over_order() -> None:
+    shuffled = [UR[k] for k in (3, 0, 5, 1, 4, 2)]
+    columns = ["time", *(f"{c.name}_position" for c in shuffled)]
+    columns += [f"effort.{c.name}" for c in shuffled]
+    guess = guess_columns(UR, columns)
+    assert guess.section.position == tuple(f"{c.name}_position" for c in UR)
+    assert guess.section.effort.columns == tuple(f"effort.{c.name}" for c in UR)
+    assert guess.section.effort.kind == "joint_torque"
+
+
+def test_shortened_names_and_joints_without_columns() -> None:
+    columns = ["time_s", "q_arm1", "q_lift", "current_arm1_A", "effort_lift_raw", "q_arm2"]
+    guess = guess_columns(MIXED, columns)
+    assert guess.joints == ("lift_joint", "arm_1_joint")
+    assert guess.section.effort.unit == ("N", "A")
+    assert guess.section.effort.columns == ("effort_lift_raw", "current_arm1_A")
+
+
+def test_fingers_do_not_count() -> None:
+    guess = guess_columns(MIXED, ["t", *numbered("q#", "tau#", count=3)])
+    assert guess.joints == ("lift_joint", "arm_1_joint", "arm_2_joint")
+
+
+def test_joint_torque_is_preferred_to_motor_columns() -> None:
+    guess = guess_columns(TWO, ["t", *numbered("tau_motor#", "tau#", "q#")])
+    assert guess.section.effort.columns == "tau{}"
+
+
+def test_one_joint_needs_no_number() -> None:
+    guess = guess_columns(TWO[:1], ["t", "q", "tau"])
+    assert (guess.section.position, guess.section.effort.columns) == (("q",), ("tau",))
+
+
+@pytest.mark.parametrize(
+    ("step", "name", "unit"),
+    [(0.01, "t", "s"), (10.0, "t", "ms"), (1e4, "t", "us"), (1e7, "t", "ns"), (0.01, "t_ms", "ms")],
+)
+def test_time_unit(step: float, name: str, unit: str) -> None:
+    columns = [name, *numbered("q#", "tau#")]
+    guess = guess_columns(TWO, columns, {name: step * np.arange(50.0)})
+    assert guess.section.time_unit == unit
+
+
+def test_time_must_rise() -> None:
+    sample = {"t": np.sin(np.arange(50.0)), "timestamp": np.arange(50.0)}
+    guess = guess_columns(TWO, ["t", "timestamp", *numbered("q#", "tau#")], sample)
+    assert guess.section.time == "timestamp"
+
+
+@pytest.mark.parametrize(
+    ("stem", "reach", "unit"),
+    [("q#", 1.5, None), ("q#", 120.0, "deg"), ("q#_deg", 1.0, "deg"), ("q#_rad", 90.0, None)],
+)
+def test_position_unit_by_name_then_range(stem: str, reach: float, unit: str | None) -> None:
+    columns = numbered(stem)
+    values = reach * np.sin(np.linspace(0.0, 6.0, 500))
+    values[3:5] = 1e293, np.nan  # broken rows do not decide
+    sample = {name: values for name in columns}
+    guess = guess_columns(TWO, ["t", *columns, *numbered("tau#")], sample)
+    assert guess.section.position_unit == unit
+
+
+def test_millimetres_by_range() -> None:
+    sample = {"lift_q": np.linspace(0.0, 350.0, 50), "arm_1_q": np.linspace(0.0, 1.0, 50)}
+    guess = guess_columns(MIXED[:2], ["t", *sample, "lift_tau", "arm_1_tau"], sample)
+    assert guess.section.position_unit == ("mm", "rad")
+
+
+@pytest.mark.parametrize(
+    ("stem", "reach", "unit"),
+    [("i_#", 5.0, "A"), ("i_#", 5000.0, "mA"), ("current#_mA", 5.0, "mA"), ("tau#", 500.0, "Nm")],
+)
+def test_effort_unit(stem: str, reach: float, unit: str) -> None:
+    columns = numbered(stem)
+    sample = {name: reach * np.sin(np.arange(99.0)) for name in columns}
+    guess = guess_columns(TWO, ["t", *numbered("q#"), *columns], sample)
+    assert guess.section.effort.unit == unit
+
+
+def test_signals_of_a_robot_alone() -> None:
+    signals, reasons = guess_signals(robot_of(TWO), ["t", *numbered("q#", "tau#")])
+    assert signals.position == ("q1", "q2") and signals.effort == ("tau1", "tau2")
+    assert len(reasons) == 3
+
+
+def test_currents_need_a_robot_file() -> None:
+    with pytest.raises(ModelError) as caught:
+        guess_signals(robot_of(TWO), ["t", *numbered("q#", "current#_A")])
+    assert "has no drive gain" in caught.value.wrong
+    assert "steelyard init" in caught.value.where and "Nm/A" in caught.value.mend
+
+
+def test_a_log_of_some_joints_needs_a_robot_file() -> None:
+    columns = ["t", "q_arm1", "q_lift", "tau_arm1", "tau_lift"]
+    with pytest.raises(LogError) as caught:
+        guess_signals(robot_of(MIXED), columns)
+    assert "none for arm_2_joint, gripper_joint" in caught.value.wrong
+    assert "steelyard init" in caught.value.mend
+
+
+@pytest.mark.parametrize(
+    ("columns", "words"),
+    [
+        (numbered("q#", "tau#"), "none looks like time"),
+        (["t", *numbered("tau#")], "none look like the positions of 2 joints"),
+        (["t", *numbered("q#")], "none look like the efforts of 2 joints"),
+        (["t", *numbered("q#", "tau#", count=3)], "none look like the positions of 2 joints"),
+        (["t", *numbered("q_motor#", "tau#")], "positions are of motors"),
+    ],
+)
+def test_what_cannot_be_told_is_an_error(columns: list[str], words: str) -> None:
+    with pytest.raises(LogError) as caught:
+        guess_columns(TWO, columns)
+    assert words in caught.value.wrong
+    assert ", ".join(columns) in caught.value.where
+    assert "[signals.effort] columns" in caught.value.mend

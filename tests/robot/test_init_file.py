@@ -1,0 +1,198 @@
+import os
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from steelyard.errors import ModelError
+from steelyard.robot.init_file import robot_file_text
+from steelyard.robot.robot_file import LoadedRobot, load_robot
+
+DATA = os.environ.get("STEELYARD_DATA")
+needs_data = pytest.mark.skipif(not DATA, reason="STEELYARD_DATA names no folder with robots")
+
+# model, log, number of joints found, effort kind
+ROBOTS = {
+    "ur10e": (
+        "ur10e/ur10e.urdf",
+        "ur10e/identification/ur-20_02_05-20sec_8harm.parquet",
+        6,
+        "motor_current",
+    ),
+    "ur10e old": (
+        "ur10e/ur10e.urdf",
+        "ur10e/identification/ur-19_09_27-11_32_02.parquet",
+        6,
+        "motor_current",
+    ),
+    "panda": (
+        "panda/panda_arm.urdf",
+        "panda/panda_gaz2019_trajectory1.parquet",
+        7,
+        "joint_torque",
+    ),
+    "panda with hand": (
+        "../models/panda_description/urdf/panda.urdf",
+        "panda/panda_gaz2019_trajectory1.parquet",
+        7,
+        "joint_torque",
+    ),
+    "ar5": ("rokae_ar5/ar5.urdf", "rokae_ar5/ar5_run1_rows0_2300.parquet", 7, "joint_torque"),
+    "tiago": (
+        "tiago/tiago_48_schunk.urdf",
+        "tiago/tiago_run1_rows0_5600.parquet",
+        8,
+        "motor_current",
+    ),
+    "tx40": ("tx40/tx40.urdf", "tx40/tx40_run1.parquet", 6, None),
+}
+
+JOINT = """<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{name}_l"/>
+<axis xyz="0 0 1"/>{extra}</joint><link name="{name}_l"/>"""
+LIMIT = '<limit lower="{}" upper="{}" velocity="1" effort="2"/>'
+
+
+def urdf(path: Path, *joints: tuple[str, str, str, str]) -> Path:
+    inside = "".join(
+        JOINT.format(name=name, kind=kind, parent=parent, extra=extra)
+        for name, kind, parent, extra in joints
+    )
+    path.write_text(f'<robot name="r"><link name="base"/>{inside}</robot>')
+    return path
+
+
+def round_trip(
+    model: Path, output: Path, columns: list[str] | None, sample: dict | None = None
+) -> tuple[LoadedRobot, str]:
+    output.parent.mkdir(parents=True, exist_ok=True)
+    text = robot_file_text(model, load_robot(model), columns, sample, output)
+    output.write_text(text, encoding="utf-8")
+    return load_robot(output), text
+
+
+@needs_data
+@pytest.mark.parametrize("name", ROBOTS)
+def test_real_robots_and_logs(name: str, tmp_path: Path) -> None:
+    model, log, n, kind = ROBOTS[name]
+    frame = pl.read_parquet(Path(DATA or "", log))
+    sample = {column: frame[column].head(2000).to_numpy() for column in frame.columns}
+    path = Path(DATA or "", model)
+    loaded, text = round_trip(path, tmp_path / "deep" / "er" / "x.toml", frame.columns, sample)
+    assert loaded.robot.n == n
+    assert not any("no position was given" in note for note in loaded.notes)
+    if kind is None:
+        assert loaded.signals is None and '"q_motor1_rad"' in text
+        return
+    assert loaded.signals is not None and loaded.signals.effort_kind == kind
+    assert set(loaded.signals.columns) <= set(frame.columns)
+    assert np.all(loaded.signals.position_scale == 1.0) and loaded.signals.time_scale == 1.0
+    assert loaded.terms is not None
+    rotors = "rotor_inertia" in [term.description for term in loaded.terms]
+    assert rotors == (kind == "motor_current")
+
+
+@needs_data
+def test_fingers_are_locked_and_limits_taken_over(tmp_path: Path) -> None:
+    path = Path(DATA or "").parent / "models/panda_description/urdf/panda.urdf"
+    loaded, text = round_trip(path, tmp_path / "panda.toml", None)
+    bare = load_robot(path).robot
+    assert loaded.robot.joint_names == tuple(f"panda_joint{k}" for k in range(1, 8))
+    assert "[robot.locked]\npanda_finger_joint1 = 0.0" in text
+    for one, other in zip(loaded.robot.coordinates, bare.coordinates, strict=False):
+        assert one.limits == other.limits
+
+
+def test_hands_by_structure(tmp_path: Path) -> None:
+    """A sliding pair on one link, and a leaf with a follower; locked within their limits."""
+    slide = LIMIT.format(0.01, 0.05)
+    model = urdf(
+        tmp_path / "r.urdf",
+        ("turn", "revolute", "base", LIMIT.format(-1, 1)),
+        ("left", "prismatic", "turn_l", slide),
+        ("right", "prismatic", "turn_l", slide),
+    )
+    loaded, text = round_trip(model, tmp_path / "r.toml", None)
+    assert loaded.robot.joint_names == ("turn",)
+    assert "left = 0.01\nright = 0.01" in text
+    model = urdf(
+        tmp_path / "r.urdf",
+        ("turn", "revolute", "base", LIMIT.format(-1, 1)),
+        ("a", "revolute", "turn_l", LIMIT.format(0, 1)),
+        ("b", "revolute", "turn_l", LIMIT.format(0, 1) + '<mimic joint="a"/>'),
+    )
+    assert round_trip(model, tmp_path / "r.toml", None)[0].robot.joint_names == ("turn",)
+
+
+def test_a_mimic_inside_the_arm_is_no_hand(tmp_path: Path) -> None:
+    model = urdf(
+        tmp_path / "r.urdf",
+        ("a", "revolute", "base", LIMIT.format(0, 1)),
+        ("b", "revolute", "a_l", LIMIT.format(0, 1) + '<mimic joint="a" multiplier="-1"/>'),
+        ("c", "revolute", "b_l", LIMIT.format(0, 1)),
+    )
+    assert round_trip(model, tmp_path / "r.toml", None)[0].robot.joint_names == ("a", "c")
+
+
+def test_a_robot_of_fingers_only_keeps_them(tmp_path: Path) -> None:
+    model = urdf(tmp_path / "r.urdf", ("finger", "revolute", "base", LIMIT.format(0, 1)))
+    assert round_trip(model, tmp_path / "r.toml", None)[0].robot.joint_names == ("finger",)
+
+
+def test_strange_names_and_columns_survive(tmp_path: Path) -> None:
+    name = 'ellbögen "1" # x'.replace('"', "&quot;")
+    model = urdf(tmp_path / "r.urdf", (name, "continuous", "base", ""))
+    columns = ["time\n[evil]", 'q "1"\\', "tau\n= 1", "b\x01ad"]
+    loaded, text = round_trip(model, tmp_path / "r.toml", columns)
+    assert loaded.robot.joint_names == ('ellbögen "1" # x',)
+    assert loaded.signals is not None
+    assert loaded.signals.columns == ("time\n[evil]", 'q "1"\\', "tau\n= 1")
+
+
+def test_without_a_log_the_signals_are_a_template_that_works(tmp_path: Path) -> None:
+    model = urdf(
+        tmp_path / "r.urdf",
+        ("a", "revolute", "base", LIMIT.format(0, 1)),
+        ("b", "prismatic", "a_l", LIMIT.format(0, 1)),
+    )
+    output = tmp_path / "r.toml"
+    loaded, text = round_trip(model, output, None)
+    assert loaded.signals is None and "no log was given" in text
+    head, template = text.split("leading marks.\n")
+    lines = template.split("\n\n")[0].splitlines()
+    output.write_text(head + "\n" + "\n".join(line.removeprefix("# ") for line in lines))
+    signals = load_robot(output).signals
+    assert signals is not None and signals.position == ("q1", "q2")
+
+
+def test_every_key_that_is_commented_out_is_right(tmp_path: Path) -> None:
+    """Uncommented, `key = value` lines of the other sections load too."""
+    model = urdf(tmp_path / "r.urdf", ("a", "revolute", "base", LIMIT.format(0, 1)))
+    output = tmp_path / "r.toml"
+    _, text = round_trip(model, output, ["t", "q1", "dq1", "tau1"])
+    keys = ("source", "velocity", "velocity_unit", "gain", "motion_cutoff", "matched_cutoff",
+            "rest_speed", "cutoff")  # fmt: skip
+    for key in keys:
+        assert f"\n# {key} = " in text
+        text = text.replace(f"\n# {key} = ", f"\n{key} = ")
+    output.write_text(text)
+    loaded = load_robot(output)
+    assert loaded.processing.rest_speed == 0.01 and loaded.signals is not None
+    assert loaded.signals.velocity == ("dq1",)
+
+
+def test_mjcf_is_named_as_such(tmp_path: Path) -> None:
+    model = tmp_path / "r.xml"
+    model.write_text(
+        '<mujoco model="m"><worldbody><body><joint name="j"/>'
+        '<geom type="sphere" size=".1"/></body></worldbody></mujoco>'
+    )
+    loaded, text = round_trip(model, tmp_path / "r.toml", None)
+    assert 'mjcf = "r.xml"' in text and loaded.robot.joint_names == ("j",)
+
+
+def test_a_robot_file_is_refused(tmp_path: Path) -> None:
+    model = urdf(tmp_path / "r.urdf", ("a", "revolute", "base", LIMIT.format(0, 1)))
+    loaded, _ = round_trip(model, tmp_path / "r.toml", None)
+    with pytest.raises(ModelError, match="a robot file already"):
+        robot_file_text(tmp_path / "r.toml", loaded, None, None, tmp_path / "s.toml")
