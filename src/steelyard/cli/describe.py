@@ -1,0 +1,53 @@
+"""What a run, a fit and its settings look like in words, for the terminal and the report."""
+
+import hashlib
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+
+from steelyard.estimation.identified import Cutoffs, Provenance
+from steelyard.measurement import Run
+from steelyard.robot.robot_file import LoadedRobot
+from steelyard.robot.signals import Signals
+
+
+def provenance(
+    loaded: LoadedRobot,
+    fitted: Sequence[Path],
+    validated: Sequence[Path],
+    runs: Sequence[Run],
+    notes: Sequence[str],
+) -> Provenance:
+    """Hashes of all inputs, and what was decided on the way."""
+    inputs = {f"robot {s.path}": s.sha256 for s in loaded.sources}
+    for role, paths in (("identification", fitted), ("validation", validated)):
+        inputs |= {f"{role} {path}": sha256(path) for path in paths}
+    return Provenance(version("steelyard"), inputs, tuple(r.name for r in runs), tuple(notes))
+
+
+def sha256(path: Path) -> str:
+    """Hash of a file, read in parts."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def settings(
+    signals: Signals, cutoffs: Cutoffs, estimator: str, folder: str
+) -> tuple[tuple[str, str], ...]:
+    """Settings as label and value."""
+    gains = ", ".join(f"{g:g}" for g in signals.gains)
+    velocity = "logged" if signals.velocity else "differentiated positions"
+    return (
+        ("estimator", estimator),
+        ("motion cut-off (positions, velocities, accelerations)", f"{cutoffs.motion:g} Hz"),
+        ("matched cut-off (regressor and effort)", f"{cutoffs.matched:g} Hz"),
+        ("score cut-off (measured and predicted effort)", f"{cutoffs.score:g} Hz"),
+        ("velocities", velocity),
+        ("effort", f"{signals.effort_kind.replace('_', ' ')}, gains {gains}"),
+        ("results", folder),
+    )
+
+
+def bundled_notes(runs: Sequence[Run]) -> tuple[str, ...]:
+    """What had to be mended in the logs, one line a run that had anything."""
+    return tuple(f"{run.name}: {note}" for run in runs for note in run.quality.notes)

@@ -1,0 +1,25 @@
+"""Options that several commands share."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Json = Annotated[
+    bool, typer.Option("--json", help="Machine-readable results on standard output.")
+]
+Threads = Annotated[
+    int | None, typer.Option(min=1, help="Threads for the pass over the data; all cores if unset.")
+]
+Seed = Annotated[int, typer.Option(min=0, help="Same seed, same numbers.")]
+Output = Annotated[
+    Path | None,
+    typer.Option("--output", "-o", help="Folder to make for the results; must not exist."),
+]
+RobotArgument = Annotated[
+    str, typer.Argument(help="Robot file (TOML), URDF or MJCF.", metavar="ROBOT")
+]
+LOG_HELP = (
+    "Logs (Parquet or CSV). Cut by time: run.parquet@0.6:9.5 (seconds from its start), "
+    "or by rows: run.parquet#921:4442."
+)

@@ -1,0 +1,138 @@
+"""The way of the data that commands share: logs named on the command line to runs and scores."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from steelyard.errors import ModelError, OutputError
+from steelyard.formats import open_log, parse_log_argument
+from steelyard.measurement import Processing, Recording, Run, prepare
+from steelyard.model import Model, ValuedModel
+from steelyard.progress import Progress, tell
+from steelyard.robot.guess import guess_signals
+from steelyard.robot.robot_file import LoadedRobot
+from steelyard.robot.signals import Signals
+from steelyard.terms.register import DEFAULT_TERMS, term_of
+from steelyard.validation.score import RunScore, score
+
+SAMPLE_ROWS = 2000
+"""Rows read to guess units."""
+
+
+@dataclass(frozen=True)
+class LogArgument:
+    """A log as it was named on the command line."""
+
+    text: str
+    path: Path
+
+
+def log_files(arguments: Sequence[str]) -> list[LogArgument]:
+    """The files of logs; each must be there and be a log.
+
+    Raises:
+        LogError: One is not.
+    """
+    found = []
+    for text in arguments:
+        path = parse_log_argument(text)[0]
+        open_log(path)
+        found.append(LogArgument(text, path))
+    return found
+
+
+def recording_of(argument: LogArgument, signals: Signals) -> Recording:
+    """The recording that an argument names."""
+    path, cut = parse_log_argument(argument.text)
+    return Recording(open_log(path), signals, cut)
+
+
+def sample_of(path: Path) -> tuple[tuple[str, ...], dict[str, np.ndarray]]:
+    """Names of a log's columns, and some values of each."""
+    log = open_log(path)
+    table = next(log.parts(log.columns, (0, SAMPLE_ROWS), SAMPLE_ROWS))
+    return tuple(log.columns), dict(zip(log.columns, table.T, strict=True))
+
+
+def signals_of(loaded: LoadedRobot, log: LogArgument) -> tuple[Signals, tuple[str, ...]]:
+    """The robot file's signals, or a guess from the log's columns with its reasons."""
+    if loaded.signals is not None:
+        return loaded.signals, ()
+    columns, sample = sample_of(log.path)
+    return guess_signals(loaded.robot, columns, sample)
+
+
+def model_of(loaded: LoadedRobot) -> Model:
+    """The model that a robot file describes, with the customary terms where it names none."""
+    if loaded.terms is None:
+        return Model(loaded.robot, DEFAULT_TERMS)
+    return Model(loaded.robot, tuple(term_of(t.description, t.where) for t in loaded.terms))
+
+
+def prepared(
+    recordings: Sequence[Recording], wanted: Processing, progress: Progress
+) -> tuple[Run, ...]:
+    """Clean runs with the same cut-offs: those wanted, or the widest that a run's motion asks for."""
+    runs = []
+    for number, recording in enumerate(recordings):
+        tell(progress, "reading logs", number, len(recordings))
+        runs.append(prepare(recording, wanted))
+    common = Processing(
+        motion_cutoff=max(run.motion_cutoff for run in runs),
+        matched_cutoff=max(run.matched_cutoff for run in runs),
+        rest_speed=wanted.rest_speed,
+    )
+    return tuple(
+        run
+        if (run.motion_cutoff, run.matched_cutoff)
+        == (common.motion_cutoff, common.matched_cutoff)
+        else prepare(recording, common)
+        for run, recording in zip(runs, recordings, strict=True)
+    )
+
+
+def scored(
+    valued: ValuedModel,
+    runs: Sequence[Run],
+    gains: np.ndarray,
+    cutoff: float,
+    progress: Progress,
+) -> tuple[RunScore, ...]:
+    """Scores of a model on runs, with the nominal model beside it."""
+    scores = []
+    for number, run in enumerate(runs):
+        tell(progress, "validating", number, len(runs))
+        scores.append(score(valued, run, gains, cutoff, valued.model.prior))
+    return tuple(scores)
+
+
+def new_folder(output: Path | None, default: str) -> Path:
+    """The folder to make.
+
+    Raises:
+        OutputError: It is there already.
+    """
+    folder = output if output is not None else Path(default)
+    if folder.exists():
+        raise OutputError(
+            "the output folder exists already",
+            where=str(folder),
+            mend="name another one with --output, or remove it",
+        )
+    return folder
+
+
+def check_count(signals: Signals, model: Model) -> None:
+    """Columns and joints must fit.
+
+    Raises:
+        ModelError: They do not.
+    """
+    if signals.n != model.robot.n:
+        raise ModelError(
+            f"the log has columns for {signals.n} joints, the model has {model.robot.n}",
+            where="signals",
+            mend="list one position and one effort column per identified joint",
+        )

@@ -1,0 +1,69 @@
+"""`steelyard validate`: how well an identified model predicts other logs."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from steelyard.cli.guard import guarded
+from steelyard.cli.options import LOG_HELP, Json
+
+
+@guarded
+def validate(
+    model: Annotated[str, typer.Argument(help="model.json, or the folder that holds it.")],
+    logs: Annotated[list[str], typer.Argument(help=LOG_HELP, metavar="LOG...")],
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Folder to make for a report; none if unset."),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Score an identified model on logs that it was not fitted to.
+
+    Example: steelyard validate steelyard-ur10e other_motion.parquet
+    """
+    from rich.console import Console
+
+    from steelyard.cli import describe, river
+    from steelyard.cli.show import progress_bar
+    from steelyard.estimation.identified import load_model
+    from steelyard.files import whole_folder
+    from steelyard.measurement import Processing
+    from steelyard.report import ReportContent, render
+    from steelyard.report.terminal import summary
+
+    identified = load_model(model)
+    folder = None if output is None else river.new_folder(output, "")
+    files = river.log_files(logs)
+    wanted = Processing(
+        motion_cutoff=identified.cutoffs.motion, matched_cutoff=identified.cutoffs.matched
+    )
+    with progress_bar() as progress:
+        recordings = [river.recording_of(log, identified.signals) for log in files]
+        runs = river.prepared(recordings, wanted, progress)
+        scores = river.scored(
+            identified.valued, runs, identified.signals.gains, identified.cutoffs.score, progress
+        )
+    content = ReportContent(
+        title=f"{identified.model.robot.name}: validation",
+        robot=identified.model.robot.name,
+        identified=identified,
+        scores=scores,
+        fitted=(),
+        qualities=tuple((run.name, run.quality.rows_of_text) for run in runs),
+        notes=describe.bundled_notes(runs),
+        settings=describe.settings(
+            identified.signals, identified.cutoffs, identified.estimate.estimator, model
+        ),
+    )
+    if folder is not None:
+        with whole_folder(folder) as part:
+            (part / "report.html").write_text(render(content), encoding="utf-8")
+    if as_json:
+        typer.echo(json.dumps([score.to_dict() for score in scores], allow_nan=False))
+        return
+    summary(content, Console())
+    if folder is not None:
+        typer.echo(f"\nreport  {folder / 'report.html'}")

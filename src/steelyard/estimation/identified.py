@@ -1,0 +1,159 @@
+"""An identified model: what `steelyard identify` writes and everything else reads."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from steelyard.arrays import Array
+from steelyard.errors import ModelError
+from steelyard.estimation.estimate import Estimate
+from steelyard.model import Model, Stepper, ValuedModel
+from steelyard.motion import Motion
+from steelyard.regression.base import BaseMap
+from steelyard.robot.signals import Signals, signals_from_dict, signals_to_dict
+
+SCHEMA = "steelyard.model"
+SCHEMA_VERSION = 1
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where an identified model comes from.
+
+    Attributes:
+        version: Version of steelyard.
+        inputs: Role and path of every file to its SHA-256.
+        runs: The runs that were fitted, with their cuts.
+        notes: What was decided on the way, for people to read.
+    """
+
+    version: str
+    inputs: Mapping[str, str]
+    runs: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Cutoffs:
+    """Frequencies [Hz] that the model was made with, and that it is to be scored with."""
+
+    motion: float
+    matched: float
+    score: float
+
+
+@dataclass(frozen=True, eq=False)
+class IdentifiedModel:
+    """A model with estimated values, and how to read logs of its robot.
+
+    Attributes:
+        model: Robot and terms.
+        base: Structural base parameters.
+        estimate: Estimated base parameters.
+        reference: Other estimates of the same data, by estimator, for comparison.
+        signals: Columns of the robot's logs, effort units and gains.
+        cutoffs: Filter frequencies.
+        provenance: Inputs and settings.
+    """
+
+    model: Model
+    base: BaseMap
+    estimate: Estimate
+    reference: tuple[Estimate, ...]
+    signals: Signals
+    cutoffs: Cutoffs
+    provenance: Provenance
+
+    @cached_property
+    def valued(self) -> ValuedModel:
+        """The model with the estimated values."""
+        return self.model.at(self.estimate.parameters)
+
+    def torque(self, motion: Motion) -> Array:
+        """Joint efforts along a motion, shape `(N, n)` [Nm; N]."""
+        return self.valued.torque(motion)
+
+    def start(self) -> Stepper:
+        """Begin to evaluate sample by sample: `start().step(q, dq, ddq)`."""
+        return self.valued.start()
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values; exact."""
+        return {
+            "schema": SCHEMA,
+            "schema_version": SCHEMA_VERSION,
+            "model": self.model.to_dict(),
+            "base": self.base.to_dict(),
+            "estimate": self.estimate.to_dict(),
+            "reference": [estimate.to_dict() for estimate in self.reference],
+            "signals": signals_to_dict(self.signals),
+            "cutoffs_hz": vars(self.cutoffs),
+            "provenance": {
+                "version": self.provenance.version,
+                "inputs": dict(self.provenance.inputs),
+                "runs": list(self.provenance.runs),
+                "notes": list(self.provenance.notes),
+            },
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> "IdentifiedModel":
+        """The identified model that `to_dict` wrote."""
+        origin = data["provenance"]
+        return cls(
+            model=Model.from_dict(data["model"]),
+            base=BaseMap.from_dict(data["base"]),
+            estimate=Estimate.from_dict(data["estimate"]),
+            reference=tuple(Estimate.from_dict(e) for e in data["reference"]),
+            signals=signals_from_dict(data["signals"]),
+            cutoffs=Cutoffs(**data["cutoffs_hz"]),
+            provenance=Provenance(
+                origin["version"],
+                dict(origin["inputs"]),
+                tuple(origin["runs"]),
+                tuple(origin["notes"]),
+            ),
+        )
+
+    def text(self) -> str:
+        """The content of `model.json`."""
+        return json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n"
+
+
+def load_model(path: str | Path) -> IdentifiedModel:
+    """Read `model.json`, or the folder that holds it.
+
+    Raises:
+        ModelError: It is missing, not an identified model, or of another version.
+    """
+    file = Path(path)
+    if file.is_dir():
+        file = file / "model.json"
+    mend = "give the model.json, or the output folder, that `steelyard identify` wrote"
+    try:
+        data = json.loads(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ModelError(
+            f"the model cannot be read ({error.strerror})", where=str(file), mend=mend
+        ) from None
+    except ValueError:
+        raise ModelError("the file is not JSON", where=str(file), mend=mend) from None
+    if not isinstance(data, dict) or data.get("schema") != SCHEMA:
+        raise ModelError("the file is not an identified model", where=str(file), mend=mend)
+    if data.get("schema_version") != SCHEMA_VERSION:
+        raise ModelError(
+            f"the model has schema version {data.get('schema_version')}, not {SCHEMA_VERSION}",
+            where=str(file),
+            mend="identify again with this version of steelyard",
+        )
+    try:
+        return IdentifiedModel.from_dict(data)
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise ModelError(
+            f"the model is incomplete or damaged ({type(error).__name__}: {error})",
+            where=str(file),
+            mend=mend,
+        ) from None

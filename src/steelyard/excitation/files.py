@@ -1,0 +1,138 @@
+"""Motions from files: our own JSON, or a table of postures."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.errors import DataError
+from steelyard.excitation.fourier import FourierMotion
+from steelyard.excitation.sampled import SampledMotion
+from steelyard.motion import Trajectory
+from steelyard.robot.nearest import advice
+from steelyard.robot.robot import Coordinate, Robot
+
+
+class StoredTrajectory(Trajectory, Protocol):
+    """A trajectory that can be written to a file."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """As values for JSON, with a `kind`."""
+        ...
+
+
+KINDS: dict[str, type[FourierMotion] | type[SampledMotion]] = {
+    "fourier": FourierMotion,
+    "sampled": SampledMotion,
+}
+
+
+def trajectory_from_dict(values: Mapping[str, Any]) -> FourierMotion | SampledMotion:
+    """The trajectory that `to_dict` described; `KeyError` or `ValueError` if it did not."""
+    return KINDS[values["kind"]].from_dict(values)
+
+
+def read_motion(path: Path, robot: Robot) -> FourierMotion | SampledMotion:
+    """The motion in a file.
+
+    Args:
+        path: `trajectory.json`, or a `.csv` or `.parquet` table with a column of times
+            (`time_s`, `time` or `t`) and one of positions per joint: `q1_rad` (`q1_m`), `q1`,
+            `q_NAME` or `NAME`.
+        robot: Says how many joints there are, and their names.
+
+    Raises:
+        DataError: The file is missing, is not a motion, or not one of this robot.
+    """
+    if not path.is_file():
+        raise _refused(path, "the file does not exist", "check its name and folder")
+    motion = _read_json(path) if path.suffix == ".json" else _read_table(path, robot)
+    joints = motion.sample([0.0]).n_joints
+    if joints != robot.n:
+        raise _refused(
+            path,
+            f"the motion is one of {joints} joints, the robot has {robot.n}",
+            "give a motion of this robot's joints",
+        )
+    return motion
+
+
+def _read_json(path: Path) -> FourierMotion | SampledMotion:
+    """A motion that this package wrote."""
+    try:
+        return trajectory_from_dict(json.loads(path.read_text(encoding="utf-8")))
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise _refused(
+            path,
+            f"the file is not a motion of ours: {type(error).__name__}, {error}",
+            "give a trajectory.json that steelyard wrote, or a .csv or .parquet table",
+        ) from error
+
+
+def _read_table(path: Path, robot: Robot) -> SampledMotion:
+    """A motion from a table of times and postures."""
+    import polars
+
+    try:
+        if path.suffix == ".parquet":
+            table = polars.read_parquet(path)
+        else:
+            table = polars.read_csv(path, infer_schema_length=None)
+    except (polars.exceptions.PolarsError, OSError, UnicodeDecodeError) as error:
+        raise _refused(
+            path,
+            f"the file is not a table: {str(error).splitlines()[0]}",
+            "give a .csv or .parquet file with a row of column names",
+        ) from error
+    names = {column.lower(): column for column in table.columns}
+    wanted = [("time", ["time_s", "time", "t"])]
+    wanted += [(f"joint '{c.name}'", _names(j, c)) for j, c in enumerate(robot.coordinates)]
+    columns = []
+    for what, choices in wanted:
+        name = _find(path, what, choices, names)
+        columns.append(_numbers(path, name, table[name]))
+    try:
+        return SampledMotion(columns[0], np.column_stack(columns[1:]))
+    except ValueError as error:
+        raise _refused(path, str(error), "sort the rows by time and drop repeated ones") from error
+
+
+def _names(index: int, joint: Coordinate) -> list[str]:
+    """Names that a joint's column of positions may have."""
+    number = index + 1
+    return [f"q{number}_{joint.unit}", f"q{number}", f"q_{joint.name}", joint.name]
+
+
+def _find(path: Path, what: str, choices: Sequence[str], names: Mapping[str, str]) -> str:
+    """The table's own name of the first choice that it has."""
+    for choice in choices:
+        if choice.lower() in names:
+            return names[choice.lower()]
+    raise _refused(
+        path,
+        f"no column for {what}",
+        f"name it '{choices[0]}'; " + advice(choices[0], names.values(), "columns"),
+    )
+
+
+def _numbers(path: Path, name: str, column: Any) -> Array:
+    """A column as finite numbers."""
+    import polars
+
+    values = column.cast(polars.Float64, strict=False).to_numpy()
+    good = np.isfinite(values)
+    if not good.all():
+        row = int(np.argmin(good)) + 1
+        raise _refused(
+            path,
+            f"column '{name}' holds something other than a finite number in row {row}",
+            "correct or drop that row",
+        )
+    return np.asarray(values, dtype=np.float64)
+
+
+def _refused(path: Path, wrong: str, mend: str) -> DataError:
+    return DataError(wrong, where=str(path), mend=mend)

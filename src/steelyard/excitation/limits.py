@@ -1,0 +1,81 @@
+"""What a motion may ask of the joints, with a stated guess where the robot does not say."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from steelyard.arrays import Array, frozen
+from steelyard.robot.robot import Coordinate, Robot
+
+DEFAULT_ACCELERATION = {"revolute": 5.0, "prismatic": 1.0}
+DEFAULT_VELOCITY = {"revolute": 1.5, "prismatic": 0.3}
+DEFAULT_RANGE = {"revolute": 1.5, "prismatic": 0.2}
+
+
+@dataclass(frozen=True, eq=False)
+class MotionLimits:
+    """Bounds of a motion, all finite.
+
+    Attributes:
+        lower: Lowest positions, shape `(n,)` [rad; m].
+        upper: Highest positions, shape `(n,)` [rad; m].
+        velocity: Highest speeds, shape `(n,)` [rad/s; m/s].
+        acceleration: Highest accelerations, shape `(n,)` [rad/s²; m/s²].
+        notes: One line for everything that was assumed.
+    """
+
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "lower", frozen(self.lower, (None,)))
+        for name in ("upper", "velocity", "acceleration"):
+            object.__setattr__(self, name, frozen(getattr(self, name), self.lower.shape))
+        if not np.all(self.lower < self.upper):
+            raise ValueError("a lower position limit is not below its upper one")
+
+
+def motion_limits(robot: Robot, acceleration: float | None = None) -> MotionLimits:
+    """Limits of the robot's joints; what it does not state is assumed and noted.
+
+    Args:
+        robot: The robot.
+        acceleration: Highest acceleration of every joint [rad/s²; m/s²]; by default 5 rad/s² for
+            revolute and 1 m/s² for prismatic joints.
+    """
+    notes: list[str] = []
+    ranges = [_range(c, notes) for c in robot.coordinates]
+    speeds = [_speed(c, notes) for c in robot.coordinates]
+    bounds = [acceleration or DEFAULT_ACCELERATION[c.kind] for c in robot.coordinates]
+    if acceleration is None:
+        notes.append("accelerations are kept below 5 rad/s² (prismatic joints: 1 m/s²)")
+    lower, upper = np.array(ranges).reshape(-1, 2).T
+    return MotionLimits(lower, upper, frozen(speeds), frozen(bounds), tuple(notes))
+
+
+def _range(joint: Coordinate, notes: list[str]) -> tuple[float, float]:
+    """Position range of a joint; a missing end is a set distance from the other, or from zero."""
+    lower, upper = joint.limits.lower, joint.limits.upper
+    if np.isfinite(lower) and np.isfinite(upper) and lower < upper:
+        return lower, upper
+    span = DEFAULT_RANGE[joint.kind]
+    if np.isfinite(lower) and not np.isfinite(upper):
+        lower, upper = lower, lower + 2.0 * span
+    elif np.isfinite(upper) and not np.isfinite(lower):
+        lower, upper = upper - 2.0 * span, upper
+    else:
+        lower, upper = -span, span
+    notes.append(f"joint '{joint.name}' is moved within {lower:.3g} .. {upper:.3g} {joint.unit}")
+    return lower, upper
+
+
+def _speed(joint: Coordinate, notes: list[str]) -> float:
+    """Speed limit of a joint."""
+    if np.isfinite(joint.limits.velocity) and joint.limits.velocity > 0.0:
+        return joint.limits.velocity
+    speed = DEFAULT_VELOCITY[joint.kind]
+    notes.append(f"joint '{joint.name}' is moved at {speed:.3g} {joint.unit}/s at most")
+    return speed

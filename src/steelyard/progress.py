@@ -1,0 +1,42 @@
+"""Telling how far long work is, and being told to stop."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Event:
+    """How far a phase of long work has come.
+
+    Attributes:
+        phase: What is being done, in a few words.
+        done: Work done so far, in the unit of `total`.
+        total: All the work of this phase.
+    """
+
+    phase: str
+    done: float
+    total: float
+
+
+Progress = Callable[[Event], bool]
+"""Told of every event; its answer is whether to keep going."""
+
+
+class Stopped(Exception):
+    """The watcher of a long piece of work asked it to stop."""
+
+
+def silent(event: Event) -> bool:
+    """A watcher that says nothing and never stops the work."""
+    return True
+
+
+def tell(progress: Progress, phase: str, done: float, total: float) -> None:
+    """Report to `progress`.
+
+    Raises:
+        Stopped: The answer was to stop.
+    """
+    if not progress(Event(phase, done, total)):
+        raise Stopped(f"stopped during {phase}, {done:.3g} of {total:.3g} done")

@@ -1,0 +1,46 @@
+r"""A joint controller as a robot has it: position and velocity feedback at 1 kHz."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from steelyard.arrays import Array, frozen
+from steelyard.virtual.sensors import CONTROL_RATE
+
+
+@dataclass(frozen=True, eq=False)
+class JointPD:
+    """Proportional and derivative feedback per joint.
+
+    Attributes:
+        stiffness: Shape `(n,)` [Nm/rad; N/m].
+        damping: Shape `(n,)` [Nm s/rad; N s/m].
+    """
+
+    stiffness: Array
+    damping: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "stiffness", frozen(self.stiffness, (None,)))
+        object.__setattr__(self, "damping", frozen(self.damping, self.stiffness.shape))
+
+    def torque(self, error: Array, rate: Array) -> Array:
+        """Joint torques from the errors of position and velocity, each `(n,)`."""
+        return np.asarray(self.stiffness * error + self.damping * rate)
+
+
+def tuned_pd(masses: Array, bandwidth: float = 20.0) -> JointPD:
+    r"""Critically damped gains.
+
+    $k_p = \omega^2 m_j$ and $k_d = 2 \omega m_j$ with $m_j$ the mean of $M_{jj}$. The bandwidth is
+    lowered where joints are coupled so strongly that one tick would not be stable:
+    $\lambda_{max}(M^{-1} K_d) / f \le 1/2$ at all postures.
+
+    Args:
+        masses: Mass matrices at some postures, shape `(K, n, n)`.
+        bandwidth: Natural frequency of a joint's error [Hz].
+    """
+    own = np.diagonal(masses, axis1=1, axis2=2).mean(axis=0)
+    coupling = float(np.abs(np.linalg.eigvals(np.linalg.solve(masses, np.diag(own)[None]))).max())
+    omega = min(2.0 * np.pi * bandwidth, CONTROL_RATE / (4.0 * coupling))
+    return JointPD(omega**2 * own, 2.0 * omega * own)

@@ -1,0 +1,92 @@
+"""The demonstration: an arm of our own that is not quite what its model file says."""
+
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+
+from steelyard.excitation.random_fourier import random_fourier
+from steelyard.progress import Progress, silent
+from steelyard.robot.robot_file import LoadedRobot, load_robot
+from steelyard.files import whole_folder, write_json
+from steelyard.virtual.robot import VirtualRobot
+from steelyard.virtual.simulate import customary_sensors
+from steelyard.virtual.truth import random_truth
+
+_URDF = "demo_arm.urdf"
+_ROBOT_FILE = """\
+# The steelyard demo arm: what its URDF cannot say.
+
+[robot]
+urdf = "demo_arm.urdf"
+
+[model]
+terms = ["rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"]
+
+[signals]
+time = "time_s"
+position = "q{}_rad"
+velocity = "dq{}_rad_s"
+
+[signals.effort]
+columns = "tau{}_Nm"
+kind = "joint_torque"
+unit = "Nm"
+"""
+
+
+@dataclass(frozen=True)
+class DemoFiles:
+    """What the demonstration works on.
+
+    Attributes:
+        robot: The robot file; its URDF lies beside it.
+        identification: The log to identify from.
+        validation: The log of another motion.
+        truth: What the arm really is, JSON.
+    """
+
+    robot: Path
+    identification: Path
+    validation: Path
+    truth: Path
+
+
+def demo_runs(
+    folder: Path, seed: int = 0, progress: Progress = silent, *, period: float = 10.0
+) -> DemoFiles:
+    """Simulate two runs of the demo arm and write all that identification needs.
+
+    The folder appears whole, when all is done, or not at all.
+
+    Args:
+        folder: Folder to make; it may not exist, unless it is empty.
+        seed: Seed of the truth, the motions and the noise.
+        progress: Told how far each run is.
+        period: Length of the validation motion [s]; that for identification is twice as long.
+
+    Raises:
+        OutputError: The folder cannot be written.
+        Stopped: `progress` asked to stop.
+    """
+    names = ("identification", "validation")
+    with whole_folder(folder) as part:
+        robot = write_demo_arm(part).robot
+        truth = random_truth(robot, seed)
+        sensors = customary_sensors(robot, truth)
+        rig = VirtualRobot(robot, truth, sensors, seed=seed, progress=progress)
+        for number, name in enumerate(names):
+            periods = 2 if name == "identification" else 1
+            motion = random_fourier(robot, seed=2 * seed + number, period=period, periods=periods)
+            rig.run(motion, part / f"{name}.parquet")
+            write_json(part / f"{name}_motion.json", motion.to_dict())
+        write_json(part / "truth.json", truth.to_dict(robot))
+    identification, validation = (folder / f"{name}.parquet" for name in names)
+    return DemoFiles(folder / "demo_arm.toml", identification, validation, folder / "truth.json")
+
+
+def write_demo_arm(folder: Path) -> LoadedRobot:
+    """Write the demo arm's URDF and robot file to a folder; the robot they describe."""
+    urdf = (files("steelyard.virtual") / _URDF).read_text(encoding="utf-8")
+    (folder / _URDF).write_text(urdf, encoding="utf-8")
+    (folder / "demo_arm.toml").write_text(_ROBOT_FILE, encoding="utf-8")
+    return load_robot(folder / "demo_arm.toml")

@@ -1,0 +1,115 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from steelyard.errors import OutputError
+from steelyard.excitation.files import read_motion
+from steelyard.excitation.random_fourier import random_fourier
+from steelyard.progress import Event, Stopped
+from steelyard.robot.robot import Robot
+from steelyard.robot.robot_file import load_robot
+from steelyard.virtual.demo import demo_runs
+from steelyard.virtual.simulate import customary_sensors, simulate
+from steelyard.virtual.truth import Truth, random_truth
+
+
+def interrupted(event: Event) -> bool:
+    if event.done > 0.5:
+        raise KeyboardInterrupt
+    return True
+
+
+def test_writes_log_truth_and_motion(arm: Robot, tmp_path: Path) -> None:
+    truth, motion = random_truth(arm, 0), random_fourier(arm, seed=0, period=2.0)
+    sensors = customary_sensors(arm, truth)
+    files = simulate(arm, truth, motion, sensors, tmp_path / "deep" / "out", seed=4)
+    table = pl.read_parquet(files.log)
+    assert len(table) == 1001 and len(table.columns) == 19
+    back = Truth.from_dict(json.loads(files.truth.read_text()), arm)
+    np.testing.assert_array_equal(back.inertial, truth.inertial)
+    t = np.linspace(0, 2, 9)
+    again = read_motion(files.trajectory, arm)
+    np.testing.assert_array_equal(again.sample(t).q, motion.sample(t).q)
+    assert {p.name for p in files.log.parent.iterdir()} == {
+        "log.parquet",
+        "truth.json",
+        "trajectory.json",
+    }
+    assert [p.name for p in (tmp_path / "deep").iterdir()] == ["out"]
+
+
+def test_customary_sensors_scale_with_noise(tree: Robot) -> None:
+    truth = random_truth(tree, 0)
+    plain, double, none = (customary_sensors(tree, truth, k) for k in (1.0, 2.0, 0.0))
+    np.testing.assert_allclose(plain.resolution, [4.79e-5, 1e-5, 4.79e-5, 4.79e-5], rtol=1e-3)
+    np.testing.assert_allclose(double.torque_noise, 2.0 * plain.torque_noise)
+    assert double.clock_jitter == 1e-4
+    assert not none.torque_noise.any() and not none.resolution.any()
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, Stopped])
+def test_nothing_is_left_when_stopped(
+    arm: Robot, tmp_path: Path, error: type[BaseException]
+) -> None:
+    truth, motion = random_truth(arm, 0), random_fourier(arm, seed=0, period=2.0)
+    watch = interrupted if error is KeyboardInterrupt else lambda event: event.done < 0.5
+    sensors = customary_sensors(arm, truth)
+    with pytest.raises(error):
+        simulate(arm, truth, motion, sensors, tmp_path / "out", progress=watch)
+    with pytest.raises(error):
+        demo_runs(tmp_path / "demo", progress=watch)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_with_something_in_it_is_refused_before_any_work(
+    arm: Robot, tmp_path: Path
+) -> None:
+    (tmp_path / "precious").write_text("x")
+    truth, motion = random_truth(arm, 0), random_fourier(arm, seed=0, period=2.0)
+    sensors, events = customary_sensors(arm, truth), []
+    with pytest.raises(OutputError, match="exists already") as caught:
+        simulate(arm, truth, motion, sensors, tmp_path, progress=lambda e: not events.append(e))
+    assert str(tmp_path) in caught.value.where and not events
+    with pytest.raises(OutputError, match="cannot be written|exists already"):
+        simulate(arm, truth, motion, sensors, tmp_path / "precious" / "sub")
+    assert [p.name for p in tmp_path.iterdir()] == ["precious"]
+
+
+def test_demo_writes_what_identification_needs(tmp_path: Path) -> None:
+    (tmp_path / "demo").mkdir()
+    files = demo_runs(tmp_path / "demo", seed=3, period=2.0)
+    loaded = load_robot(files.robot)
+    assert loaded.robot.n == 6 and loaded.signals is not None
+    assert [term.description for term in loaded.terms or ()][1:3] == ["rotor_inertia", "coulomb"]
+    first, second = (pl.read_parquet(p) for p in (files.identification, files.validation))
+    assert set(loaded.signals.columns) == set(first.columns)
+    assert (len(first), len(second)) == (1501, 1001)
+    assert np.abs(first["q1_rad"].to_numpy()[:1001] - second["q1_rad"].to_numpy()).max() > 0.05
+    truth = Truth.from_dict(json.loads(files.truth.read_text()), loaded.robot)
+    assert np.abs(truth.inertial[:, 0] / loaded.robot.nominal[:, 0] - 1.0).max() > 0.1
+
+
+def test_demo_keeps_its_truth_out_of_the_robot_file(tmp_path: Path) -> None:
+    files = demo_runs(tmp_path / "demo", period=1.0)
+    nominal = load_robot(files.robot).robot.nominal
+    text = files.robot.read_text() + files.robot.with_suffix(".urdf").read_text()
+    for link in json.loads(files.truth.read_text())["links"].values():
+        assert f"{link['m']:.6g}" not in text
+        assert not np.any(np.isclose(nominal[:, 0], link["m"], rtol=1e-9))
+
+
+def test_demo_motions_stay_clear_of_the_limits(tmp_path: Path) -> None:
+    files = demo_runs(tmp_path / "demo", seed=1, period=3.0)
+    robot = load_robot(files.robot).robot
+    for log in (files.identification, files.validation):
+        table = pl.read_parquet(log)
+        for j, joint in enumerate(robot.coordinates):
+            q, dq, tau = (
+                table[f"{c}{j + 1}_{u}"] for c, u in (("q", "rad"), ("dq", "rad_s"), ("tau", "Nm"))
+            )
+            assert joint.limits.lower < q.min() and q.max() < joint.limits.upper
+            assert np.abs(dq).max() < joint.limits.velocity
+            assert np.abs(tau).max() < joint.limits.effort
