@@ -1,0 +1,82 @@
+"""What every log file can do: name its columns and hand out its rows in parts."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Protocol
+
+from steelyard.arrays import Array
+from steelyard.errors import LogError
+from steelyard.robot.nearest import advice
+
+PART = 50_000
+"""Rows of a part. Twice as many need 15 MiB more, half as many take twice the time."""
+
+Rows = tuple[int, int | None]
+"""First row and the row after the last one, counted from zero; `None` is the end of the log."""
+
+
+class Log(Protocol):
+    """A table of numbers on disk, read from front to back in constant memory."""
+
+    @property
+    def path(self) -> Path:
+        """Where it is."""
+        ...
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of its columns."""
+        ...
+
+    def parts(
+        self, columns: Sequence[str], rows: Rows = (0, None), size: int = PART
+    ) -> Iterator[Array]:
+        """The rows asked for, in arrays of shape `(at most size, len(columns))`.
+
+        A cell that is missing or not a number is NaN.
+
+        Raises:
+            LogError: A column does not exist, or the file cannot be read.
+        """
+        ...
+
+
+def require_columns(path: Path, known: Sequence[str], wanted: Sequence[str]) -> None:
+    """Check that a log has the columns wanted of it, each once.
+
+    Raises:
+        LogError: One is missing or ambiguous.
+    """
+    mend = "name the columns of the log under [signals] of the robot file"
+    for column in wanted:
+        count = list(known).count(column)
+        if count == 0:
+            raise LogError(
+                f"the log has no column '{column}'",
+                where=str(path),
+                mend=f"{advice(column, known, 'columns')} {mend}",
+            )
+        if count > 1:
+            raise LogError(
+                f"the log has {count} columns that are called '{column}'",
+                where=str(path),
+                mend=f"rename them in the log's header, then {mend}",
+            )
+
+
+def require_file(path: Path) -> None:
+    """Check that there is something to read.
+
+    Raises:
+        LogError: No such file, a folder, or an empty file.
+    """
+    if path.is_dir():
+        raise LogError(
+            "the log is a folder, not a file", where=str(path), mend="name one log file in it"
+        )
+    if not path.exists():
+        siblings = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
+        hint = advice(path.name, siblings, "files there") if siblings else "check the path"
+        raise LogError("there is no such log file", where=str(path), mend=hint)
+    if path.stat().st_size == 0:
+        raise LogError("the log file is empty", where=str(path), mend="record or copy it again")

@@ -1,0 +1,129 @@
+"""Defaults that come from the data: cut-offs and the speed below which a joint rests."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from steelyard.arrays import Array, frozen
+from steelyard.errors import LogError
+from steelyard.measurement.convolve import Bank
+
+MATCHED_FACTOR = 12.0
+"""Matched cut-off over the motion's band: effort has harmonics of the motion (products of
+velocities, friction at reversals) that a factor near 1 would remove."""
+MATCHED_LOWEST = 2.0
+"""Lowest matched cut-off [Hz]: slower filters need logs of minutes."""
+MATCHED_HIGHEST = 0.2
+"""Highest matched cut-off, per sampling rate."""
+MOTION_FACTOR = 3.0
+"""Motion cut-off over matched cut-off: the derivatives' filter must be flat where the matched one
+passes, and sharp corners of friction follow from velocities it has not rounded."""
+MOTION_HIGHEST = 0.25
+"""Highest default motion cut-off, per sampling rate."""
+NYQUIST_SHARE = 0.45
+"""Highest cut-off that can be asked for, per sampling rate."""
+SHORTEST = 4.0
+"""Least length of a segment in periods of the matched cut-off: what the matched filter spans."""
+REST_SHARE = 0.005
+"""Rest speed over the speed that a joint exceeds 1 % of the time."""
+REST_NOISE = 4.0
+"""Rest speed over the standard deviation of the velocity's noise."""
+REST_STEPS = 2.0
+"""Rest speed over the speed that one step of the sensor's resolution seems to be."""
+REST_LOWEST = 1e-4
+"""Lowest default rest speed [rad/s; m/s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Processing:
+    """How a recording is made a run; what is `None` comes from the data.
+
+    Attributes:
+        motion_cutoff: Low-pass of positions and velocities [Hz].
+        matched_cutoff: Low-pass that the pass applies to regressor and effort alike [Hz].
+        rest_speed: Speed up to which a joint rests, one for all or one per joint [rad/s; m/s].
+    """
+
+    motion_cutoff: float | None = None
+    matched_cutoff: float | None = None
+    rest_speed: float | tuple[float, ...] | None = None
+
+
+@dataclass(frozen=True)
+class Cutoffs:
+    """Cut-off frequencies [Hz] of the motion's and of the matched filter."""
+
+    motion: float
+    matched: float
+
+
+def cutoffs(processing: Processing, band: float, rate: float, where: str) -> Cutoffs:
+    """The cut-offs asked for, or those that fit the motion's band.
+
+    Args:
+        processing: What was asked for.
+        band: Frequency below which the motion lives [Hz].
+        rate: [Hz].
+        where: The log, for messages.
+
+    Raises:
+        LogError: A cut-off does not fit the rate.
+    """
+    matched = processing.matched_cutoff
+    if matched is None:
+        highest = min(MATCHED_HIGHEST * rate, processing.motion_cutoff or np.inf)
+        matched = rounded(min(max(MATCHED_FACTOR * band, MATCHED_LOWEST), highest))
+    motion = processing.motion_cutoff
+    if motion is None:
+        motion = rounded(max(matched, min(MOTION_FACTOR * matched, MOTION_HIGHEST * rate)))
+    for name, cutoff, share in (
+        ("motion", motion, NYQUIST_SHARE),
+        ("matched", matched, MATCHED_HIGHEST),
+    ):
+        if not 0.0 < cutoff <= share * rate * (1.0 + 1e-9):
+            raise LogError(
+                f"the {name} cut-off of {cutoff:g} Hz does not fit a log of {rate:g} Hz",
+                where=where,
+                mend=f"choose one above 0 and up to {share * rate:.4g} Hz, or log faster",
+            )
+    return Cutoffs(motion, matched)
+
+
+def rounded(value: float) -> float:
+    """Two significant digits: a figure to be read and typed again."""
+    return float(f"{value:.2g}")
+
+
+def default_rest_speed(fast: Array, noise: Array, step_speed: Array) -> Array:
+    """Speed up to which a joint rests, shape `(n,)`.
+
+    Args:
+        fast: Speed that each joint exceeds 1 % of the time.
+        noise: Standard deviation of each velocity's noise.
+        step_speed: Speed that one step of each sensor's resolution seems to be.
+    """
+    slow = np.maximum(REST_SHARE * fast, REST_LOWEST)
+    return np.maximum(slow, np.maximum(REST_NOISE * noise, REST_STEPS * step_speed))
+
+
+def given_rest_speed(processing: Processing, joints: int) -> Array | None:
+    """The rest speeds asked for, shape `(n,)`, or `None`.
+
+    Raises:
+        LogError: Their number or a value does not fit.
+    """
+    if processing.rest_speed is None:
+        return None
+    speeds = np.atleast_1d(np.asarray(processing.rest_speed, dtype=np.float64))
+    if len(speeds) not in (1, joints) or not (np.isfinite(speeds) & (speeds > 0.0)).all():
+        raise LogError(
+            f"rest speed {processing.rest_speed} does not fit {joints} joints",
+            where="processing",
+            mend=f"give one speed above 0 for all joints, or {joints} of them",
+        )
+    return frozen(np.broadcast_to(speeds, (joints,)))
+
+
+def noise_gain(bank: Bank, row: int, rate: float) -> float:
+    """Standard deviation of a filter's result for white noise of density 1 per Hz."""
+    return float(np.sqrt(0.5 * rate * np.square(bank.taps[row]).sum()))

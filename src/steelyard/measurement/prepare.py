@@ -1,0 +1,157 @@
+"""From a recording to a run: survey, cut-offs, rests, quality."""
+
+import numpy as np
+
+from steelyard.arrays import Array, frozen
+from steelyard.errors import LogError
+from steelyard.measurement.clean import Verdict
+from steelyard.measurement.convolve import Bank
+from steelyard.measurement.defaults import (
+    SHORTEST,
+    Cutoffs,
+    Processing,
+    cutoffs,
+    default_rest_speed,
+    given_rest_speed,
+    noise_gain,
+)
+from steelyard.measurement.derivative import smooth_derivatives
+from steelyard.measurement.quality import Quality, Segment
+from steelyard.measurement.recording import Recording
+from steelyard.measurement.rest import SpeedHistogram
+from steelyard.measurement.run import Run, filtered
+from steelyard.measurement.survey import Survey, survey
+
+
+def prepare(recording: Recording, processing: Processing | None = None) -> Run:
+    """Look through a recording and decide how to read it.
+
+    Args:
+        recording: Raw rows.
+        processing: What is not left to the data.
+
+    Raises:
+        LogError: The log holds no motion that can be used; the message says why.
+    """
+    processing = Processing() if processing is None else processing
+    held = recording.held()
+    found = survey(held)
+    cut = cutoffs(processing, found.band.frequency, found.rate, recording.where)
+    segments = _long_enough(recording, found, cut)
+    given = given_rest_speed(processing, recording.channels.joints)
+    reference = np.ones(recording.channels.joints) if given is None else given
+    speeds = SpeedHistogram(reference)
+    numbers = tuple(s.number for s in segments)
+    starts = {s.number: s.start for s in segments}
+    n = recording.channels.joints
+    for number, first, signals in filtered(held, found.clock, found.rate, cut.motion, numbers):
+        at = starts[number] + np.arange(first, first + signals.shape[1]) / found.rate
+        speeds.add(at, signals[n : 2 * n])
+    if given is None:
+        given = speeds.edge_above(_rest_speed(recording, found, cut, speeds.quantile(0.99)))
+    span = speeds.moving(given)
+    if span is None:
+        raise LogError(
+            "no joint moves in this log",
+            where=recording.where,
+            mend="record a motion of all joints; rest tells too little about a robot",
+        )
+    return Run(
+        recording=recording,
+        clock=found.clock,
+        rate=found.rate,
+        segments=segments,
+        motion_cutoff=cut.motion,
+        matched_cutoff=cut.matched,
+        rest_speed=frozen(given),
+        span=span,
+        quality=_quality(recording, found, segments, cut, given, speeds.highest),
+    )
+
+
+def _long_enough(recording: Recording, found: Survey, cut: Cutoffs) -> tuple[Segment, ...]:
+    need = SHORTEST / cut.matched
+    segments = tuple(s for s in found.segments if s.samples > need * found.rate)
+    if not segments:
+        longest = max(s.stop - s.start for s in found.segments)
+        raise LogError(
+            f"the log is shorter than its filter: a cut-off of {cut.matched:g} Hz needs "
+            f"{need:.2g} s without a gap, the log has {longest:.2g} s",
+            where=recording.where,
+            mend="record for longer, widen the window, or raise matched_cutoff in [processing] "
+            "of the robot file",
+        )
+    return segments
+
+
+def _rest_speed(recording: Recording, found: Survey, cut: Cutoffs, fast: Array) -> Array:
+    """The default rest speed of each joint, shape `(n,)`."""
+    c = recording.channels
+    bank: Bank = smooth_derivatives(cut.motion, found.rate, 1)
+    if found.velocity_noise is None:
+        noise = np.sqrt(found.band.noise) * noise_gain(bank, 1, found.rate)
+        step_speed = found.resolution[c.q] * found.rate * bank.taps[0].max()
+    else:
+        noise = np.sqrt(found.velocity_noise) * noise_gain(bank, 0, found.rate)
+        step_speed = found.resolution[c.dq]
+    return default_rest_speed(fast, noise, step_speed)
+
+
+def _quality(
+    recording: Recording,
+    found: Survey,
+    segments: tuple[Segment, ...],
+    cut: Cutoffs,
+    rest_speed: Array,
+    highest: Array,
+) -> Quality:
+    c = recording.channels
+    counts = {v: found.counts[v] for v in Verdict if v != Verdict.KEPT and found.counts[v]}
+    mean, spread, least, most = found.steps
+    return Quality(
+        rows=sum(found.counts),
+        kept=found.counts[Verdict.KEPT],
+        dropped={verdict.reason: count for verdict, count in counts.items()},
+        repeated=found.counts[Verdict.REPEATED],
+        backward=found.counts[Verdict.BACKWARD],
+        gaps=tuple(s.stop for s in found.segments[:-1]),
+        short=len(found.segments) - len(segments),
+        rate=found.rate,
+        step_mean=mean,
+        step_std=spread,
+        step_min=least,
+        step_max=most,
+        duration=found.duration,
+        resolution=frozen(found.resolution[c.q]),
+        effort_resolution=frozen(found.resolution[c.effort]),
+        max_speed=frozen(highest),
+        notes=_notes(found, segments, cut, rest_speed),
+    )
+
+
+def _notes(
+    found: Survey, segments: tuple[Segment, ...], cut: Cutoffs, rest_speed: Array
+) -> tuple[str, ...]:
+    notes = []
+    lost = [(v, found.counts[v]) for v in Verdict if v != Verdict.KEPT and found.counts[v]]
+    if lost:
+        notes.append(
+            f"dropped {sum(n for _, n in lost)} of {sum(found.counts)} rows: "
+            + ", ".join(f"{n} with {v.reason}" for v, n in lost)
+        )
+    if len(found.segments) > 1:
+        at = ", ".join(f"{s.stop:.2f} s" for s in found.segments[:5][: len(found.segments) - 1])
+        notes.append(f"{len(found.segments) - 1} gaps split the run, the first after {at}")
+    if short := len(found.segments) - len(segments):
+        notes.append(f"{short} stretches between gaps are shorter than the filter and left out")
+    mean, _, least, most = found.steps
+    notes.append(
+        f"resampled to {found.rate:g} Hz (steps {1e3 * mean:.4g} ms mean, {1e3 * least:.4g} to "
+        f"{1e3 * most:.4g} ms)"
+    )
+    notes.append(
+        f"motion below {found.band.frequency:.2g} Hz: motion cut-off {cut.motion:g} Hz, "
+        f"matched cut-off {cut.matched:g} Hz"
+    )
+    notes.append("rest below " + " ".join(f"{s:.2g}" for s in rest_speed) + " rad/s or m/s")
+    return tuple(notes)

@@ -1,0 +1,151 @@
+"""A recording: a log, which of its columns hold what, and which window of it is meant."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.errors import LogError
+from steelyard.formats.cut import Cut
+from steelyard.formats.log import PART, Log, Rows, require_columns
+from steelyard.robot.signals import Signals
+
+
+@dataclass(frozen=True)
+class Channels:
+    """Order of the channels beside time: positions, velocities if logged, efforts.
+
+    Attributes:
+        joints: Number of joints, n.
+        velocities: Whether velocities are logged.
+    """
+
+    joints: int
+    velocities: bool
+
+    @property
+    def count(self) -> int:
+        """Number of channels, 2n or 3n."""
+        return (3 if self.velocities else 2) * self.joints
+
+    @property
+    def q(self) -> slice:
+        """Positions."""
+        return slice(0, self.joints)
+
+    @property
+    def dq(self) -> slice:
+        """Velocities; empty if they are not logged."""
+        return slice(self.joints, self.count - self.joints)
+
+    @property
+    def effort(self) -> slice:
+        """Efforts."""
+        return slice(self.count - self.joints, self.count)
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Rows of a recording as logged, in SI units.
+
+    Attributes:
+        t: Time, shape `(N,)` [s].
+        q: Positions, shape `(N, n)` [rad; m].
+        dq: Velocities, shape `(N, n)` [rad/s; m/s]; `None` if they are not logged.
+        effort: Efforts, shape `(N, n)` [A, Nm or N].
+    """
+
+    t: Array
+    q: Array
+    dq: Array | None
+    effort: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """What was measured in one run of a robot.
+
+    Attributes:
+        log: The table on disk.
+        signals: Which columns hold what, and in which units.
+        cut: The window that is meant.
+    """
+
+    log: Log
+    signals: Signals
+    cut: Cut = field(default_factory=Cut)
+
+    def __post_init__(self) -> None:
+        require_columns(self.log.path, self.log.columns, self.signals.columns)
+
+    @property
+    def name(self) -> str:
+        """The file's name without suffix, with the cut as written on the command line."""
+        return self.log.path.stem + self.cut.text
+
+    @property
+    def where(self) -> str:
+        """The file and the cut, for messages."""
+        return f"{self.log.path}{self.cut.text}"
+
+    @property
+    def channels(self) -> Channels:
+        """Order of the channels in `raw`."""
+        return Channels(self.signals.n, self.signals.velocity is not None)
+
+    def raw(self, rows: Rows, size: int = PART) -> Iterator[tuple[Array, Array]]:
+        """Time `(N,)` [s] and channels `(N, C)` in SI units of any rows, whatever the cut."""
+        s = self.signals
+        velocity_scale = () if s.velocity_scale is None else (s.velocity_scale,)
+        scale = np.concatenate((s.position_scale, *velocity_scale, s.effort_scale))
+        with np.errstate(over="ignore", invalid="ignore"):
+            for part in self.log.parts(s.columns, rows, size):
+                yield part[:, 0] * s.time_scale, part[:, 1:] * scale
+
+    def parts(self, size: int = PART) -> Iterator[Samples]:
+        """The rows of the cut as they were logged, broken ones too.
+
+        A cut in seconds needs a clean clock, so only a cut in rows takes effect here.
+        """
+        c = self.channels
+        for t, x in self.raw(self.cut.rows, size):
+            yield Samples(t, x[:, c.q], x[:, c.dq] if c.velocities else None, x[:, c.effort])
+
+    def held(self, limit: int = PART) -> "Recording":
+        """The same with its log in memory if it has fewer than `limit` rows, else unchanged."""
+        table = next(self.log.parts(self.signals.columns, (0, limit), limit), None)
+        if table is None:
+            raise LogError(
+                "the log has no rows", where=str(self.log.path), mend="record or copy it again"
+            )
+        if len(table) == limit:
+            return self
+        return replace(self, log=HeldLog(self.log.path, self.signals.columns, table))
+
+
+@dataclass(frozen=True, eq=False)
+class HeldLog:
+    """A small log in memory, so that several passes read the file once.
+
+    Attributes:
+        path: Where it came from.
+        columns: Names of the columns held.
+        table: Shape `(N, len(columns))`.
+    """
+
+    path: Path
+    columns: tuple[str, ...]
+    table: Array
+
+    def parts(
+        self, columns: Sequence[str], rows: Rows = (0, None), size: int = PART
+    ) -> Iterator[Array]:
+        """The rows asked for, in parts; see `Log`."""
+        require_columns(self.path, self.columns, columns)
+        table = self.table[slice(*rows)]
+        if tuple(columns) != self.columns:
+            table = table[:, [self.columns.index(c) for c in columns]]
+        for i in range(0, len(table), size):
+            yield table[i : i + size]

@@ -1,0 +1,83 @@
+"""Spectra of motion: the band it lives in, and the noise below it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from steelyard.arrays import Array
+
+WINDOW = 20.0
+"""Length of the spectrum's windows [s]: two lines below a 0.1 Hz motion."""
+SHARE = 0.99
+"""Share of a joint's velocity power that its band holds. The last percent is spread over corners
+of point-to-point moves and over noise."""
+AUDIBLE = 10.0
+"""Power density over the noise's at which the motion ends."""
+STILL = 0.02
+"""A joint with a smaller share of the fastest joint's rms speed does not count for the band."""
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """What the spectrum of the positions says.
+
+    Attributes:
+        frequency: Frequency below which the motion lives, the median over moving joints [Hz].
+        noise: Noise density of each position, shape `(n,)` [rad²/Hz; m²/Hz].
+    """
+
+    frequency: float
+    noise: Array
+
+
+def welch(x: Array, rate: float, window: float = WINDOW) -> tuple[Array, Array]:
+    """Power density by Welch's method: Hann windows, half overlapping, trend removed.
+
+    Args:
+        x: Shape `(C, N)`.
+        rate: [Hz].
+        window: Length of the windows [s].
+
+    Returns:
+        Frequencies `(F,)` [Hz] and one-sided densities `(C, F)`.
+    """
+    length = min(x.shape[1], round(window * rate))
+    hann: Array = np.sin(np.pi * np.arange(length) / length) ** 2
+    ramp: Array = np.linspace(-1.0, 1.0, length)
+    density = np.zeros((len(x), length // 2 + 1))
+    starts = range(0, x.shape[1] - length + 1, max(1, length // 2))
+    for start in starts:
+        piece = x[:, start : start + length]
+        piece = piece - piece.mean(axis=1, keepdims=True)
+        piece -= (piece @ ramp / (ramp @ ramp))[:, None] * ramp
+        density += np.abs(np.fft.rfft(piece * hann)) ** 2
+    density *= 2.0 / (rate * (hann @ hann) * len(starts))
+    frequency = np.arange(length // 2 + 1) * (rate / length)
+    return frequency, density
+
+
+def motion_band(q: Array, rate: float) -> Band:
+    """Band of the motion and noise of the positions.
+
+    The noise is the median density of the upper half of the spectrum. From the peak of a joint's
+    velocity density upwards, its motion ends where the position's density sinks to `AUDIBLE`
+    times the noise, and its band holds `SHARE` of the velocity power up to there.
+
+    Args:
+        q: Positions, shape `(n, N)`, uniformly sampled.
+        rate: [Hz].
+    """
+    frequency, position = welch(q, rate)
+    noise = np.median(position[:, position.shape[1] // 2 :], axis=1)
+    velocity = position * (2.0 * np.pi * frequency) ** 2
+    bands, powers = [], []
+    for joint in range(len(q)):
+        smooth = np.convolve(position[joint], np.full(5, 0.2), mode="same")
+        peak = int(np.argmax(velocity[joint]))
+        quiet = np.flatnonzero(smooth[peak:] < AUDIBLE * noise[joint])
+        power = np.cumsum(velocity[joint, : peak + int(quiet[0]) if len(quiet) else None])
+        total = float(power[-1]) if len(power) else 0.0
+        powers.append(total)
+        bands.append(frequency[np.searchsorted(power, SHARE * total)] if total else 0.0)
+    fast = np.sqrt(powers) >= STILL * np.sqrt(max(powers))
+    return Band(float(np.median(np.array(bands)[fast])), noise)

@@ -1,0 +1,186 @@
+"""The first pass over a recording: what is in it, before anything is filtered."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from steelyard.arrays import Array, frozen
+from steelyard.errors import LogError
+from steelyard.measurement.clean import Verdict
+from steelyard.measurement.clock import (
+    SHORTEST_CHAIN,
+    Clock,
+    Piece,
+    Scan,
+    learn_clock,
+    nice_rate,
+    not_increasing,
+    nothing_left,
+)
+from steelyard.measurement.quality import Segment
+from steelyard.measurement.recording import Recording
+from steelyard.measurement.resample import sample_count, uniform
+from steelyard.measurement.spectrum import Band, motion_band
+
+EXCERPT = 100_000
+"""Rows from which the motion's band is learnt."""
+DEPARTURE = 0.01
+"""How far a joint must be from where it started for the excerpt to begin [rad; m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """What the first pass found.
+
+    Attributes:
+        clock: The log's clock.
+        rate: Of the uniform clock [Hz].
+        segments: In order of time.
+        counts: Rows per `Verdict`.
+        steps: Mean, standard deviation, minimum and maximum of the log's steps [s].
+        resolution: Smallest step of each channel that is not zero, shape `(C,)`.
+        band: Band of the motion and noise of the positions.
+        velocity_noise: Noise density of logged velocities, shape `(n,)`; `None` without them.
+    """
+
+    clock: Clock
+    rate: float
+    segments: tuple[Segment, ...]
+    counts: tuple[int, ...]
+    steps: tuple[float, float, float, float]
+    resolution: Array
+    band: Band
+    velocity_noise: Array | None
+
+    @property
+    def duration(self) -> float:
+        """From the first row to the last [s]."""
+        return self.segments[-1].stop - self.segments[0].start
+
+
+def survey(recording: Recording) -> Survey:
+    """Read a recording once.
+
+    Raises:
+        LogError: Nothing in it can be used, or time does not increase.
+    """
+    clock = learn_clock(recording)
+    scan = Scan(clock, recording)
+    tally = _Tally(recording.channels.count)
+    excerpt = _Excerpt(recording)
+    for piece in scan.pieces():
+        tally.add(piece)
+        excerpt.add(piece)
+    counts = scan.counts
+    if counts[Verdict.KEPT] == 0:
+        raise nothing_left(recording, counts)
+    if counts[[Verdict.REPEATED, Verdict.BACKWARD, Verdict.JUMP]].sum() > counts[Verdict.KEPT]:
+        raise not_increasing(recording)
+    if tally.count < SHORTEST_CHAIN:
+        raise LogError(
+            f"the log is shorter than any filter: {counts[Verdict.KEPT]} rows can be used",
+            where=recording.where,
+            mend="record for longer, or widen the window",
+        )
+    rate = nice_rate(tally.total / tally.count)
+    band, velocity_noise = excerpt.spectra(rate)
+    return Survey(
+        clock=clock,
+        rate=rate,
+        segments=tuple(
+            Segment(number, start, stop, sample_count(start, stop, rate))
+            for number, (start, stop) in sorted(tally.spans.items())
+        ),
+        counts=tuple(counts.tolist()),
+        steps=tally.steps,
+        resolution=frozen(np.where(np.isfinite(tally.resolution), tally.resolution, 0.0)),
+        band=band,
+        velocity_noise=velocity_noise,
+    )
+
+
+class _Tally:
+    """Steps of the clock and of the channels, and where segments start and stop."""
+
+    def __init__(self, channels: int) -> None:
+        self.resolution = np.full(channels, np.inf)
+        self.spans: dict[int, tuple[float, float]] = {}
+        self.count, self.total = 0, 0.0
+        self._squares, self._least, self._most = 0.0, np.inf, 0.0
+        self._last: Piece | None = None
+
+    def add(self, piece: Piece) -> None:
+        t, x = piece.t, piece.x
+        if self._last is not None and self._last.segment == piece.segment:
+            t = np.concatenate((self._last.t, t))
+            x = np.concatenate((self._last.x, x))
+        self._last = Piece(piece.segment, t[-1:].copy(), x[-1:].copy())
+        start = self.spans.get(piece.segment, (float(t[0]), 0.0))[0]
+        self.spans[piece.segment] = start, float(t[-1])
+        if len(t) < 2:
+            return
+        step = np.diff(t)
+        self.count += len(step)
+        self.total += float(step.sum())
+        self._squares += float(step @ step)
+        self._least = min(self._least, float(step.min()))
+        self._most = max(self._most, float(step.max()))
+        change = np.abs(np.diff(x, axis=0))
+        change[change == 0.0] = np.inf
+        self.resolution = np.minimum(self.resolution, change.min(axis=0))
+
+    @property
+    def steps(self) -> tuple[float, float, float, float]:
+        mean = self.total / self.count
+        spread = np.sqrt(max(self._squares / self.count - mean * mean, 0.0))
+        return mean, float(spread), self._least, self._most
+
+
+class _Excerpt:
+    """Rows of one segment, from the first departure on: the longest of the first ones."""
+
+    def __init__(self, recording: Recording) -> None:
+        self._channels = recording.channels
+        self._longest: list[Piece] = []
+        self._current: list[Piece] = []
+        self._origin: Array | None = None
+
+    def add(self, piece: Piece) -> None:
+        if _length(self._longest) >= EXCERPT:
+            return
+        if self._current and self._current[0].segment != piece.segment:
+            self._current = []
+        x = piece.x[:, : self._channels.effort.start]
+        if self._origin is None:
+            self._origin = x[0, self._channels.q].copy()
+        start = 0
+        if not self._current:
+            gone = (np.abs(x[:, self._channels.q] - self._origin) > DEPARTURE).any(axis=1)
+            start = int(np.argmax(gone)) if gone.any() else len(x)
+        stop = start + EXCERPT - _length(self._current)
+        if start < len(x):
+            self._current.append(
+                Piece(piece.segment, piece.t[start:stop].copy(), x[start:stop].copy())
+            )
+        if _length(self._current) > _length(self._longest):
+            self._longest = self._current
+
+    def spectra(self, rate: float) -> tuple[Band, Array | None]:
+        """Band of the motion, and the noise density of logged velocities."""
+        n = self._channels.joints
+        if _length(self._longest) < SHORTEST_CHAIN:
+            return Band(0.0, np.zeros(n)), np.zeros(n) if self._channels.velocities else None
+        even = np.concatenate(list(uniform(self._rows(), rate)), axis=1)
+        band = motion_band(even[self._channels.q], rate)
+        if not self._channels.velocities:
+            return band, None
+        return band, motion_band(even[self._channels.dq], rate).noise
+
+    def _rows(self) -> Iterator[tuple[Array, Array]]:
+        for piece in self._longest:
+            yield piece.t, piece.x
+
+
+def _length(pieces: list[Piece]) -> int:
+    return sum(len(piece.t) for piece in pieces)

@@ -1,0 +1,39 @@
+"""What a report is made of; it looks at nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from steelyard.estimation.identified import IdentifiedModel
+    from steelyard.validation.score import RunScore
+
+Rows = Sequence[tuple[str, str]]
+"""Labels and values, ready to be read."""
+
+
+@dataclass(frozen=True)
+class ReportContent:
+    """Everything that a report shows.
+
+    Attributes:
+        title: What the page is called.
+        robot: The robot's name.
+        identified: The model; `None` if there is none to show.
+        scores: Scores on runs that were not fitted.
+        fitted: Scores on the runs that were.
+        qualities: Per run its name and what was found in its log.
+        notes: What was decided on the way, for people to read.
+        settings: What the results depend on.
+    """
+
+    title: str
+    robot: str
+    identified: IdentifiedModel | None = None
+    scores: tuple[RunScore, ...] = ()
+    fitted: tuple[RunScore, ...] = ()
+    qualities: tuple[tuple[str, Rows], ...] = ()
+    notes: tuple[str, ...] = ()
+    settings: tuple[tuple[str, str], ...] = ()

@@ -1,0 +1,85 @@
+"""Jinja2 and Plotly, and nothing of them elsewhere; both are imported when a page is made."""
+
+import base64
+import json
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.report import words
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+TEMPLATES = Path(__file__).parent / "templates"
+
+
+@cache
+def _environment() -> "Environment":
+    """Templates that escape everything: names come from files of strangers."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    environment = Environment(
+        loader=FileSystemLoader(TEMPLATES, encoding="utf-8"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {
+        "significant": words.significant,
+        "percent": words.percent,
+        "alike": words.alike,
+    }
+    environment.globals["count"] = words.count
+    return environment
+
+
+def fill(template: str, values: Mapping[str, Any]) -> str:
+    """A template of this room filled with values, as safe HTML."""
+    from markupsafe import Markup
+
+    return Markup(_environment().get_template(template).render(values))
+
+
+def verbatim(name: str) -> str:
+    """A style sheet or script of this room, to stand in a page as it is."""
+    from markupsafe import Markup
+
+    return Markup((TEMPLATES / name).read_text(encoding="utf-8"))
+
+
+def plotly_script() -> str:
+    """The whole of plotly.js, harmless inside a script element."""
+    from markupsafe import Markup
+    from plotly.offline import get_plotlyjs
+
+    return Markup(get_plotlyjs().replace("</script", "<\\/script"))
+
+
+def script_json(value: object) -> str:
+    """JSON that cannot end the script element it stands in.
+
+    Raises:
+        ValueError: It holds NaN or infinity.
+    """
+    from markupsafe import Markup
+
+    text = json.dumps(value, allow_nan=False, ensure_ascii=True, separators=(",", ":"))
+    for character in "<>&":
+        text = text.replace(character, f"\\u{ord(character):04x}")
+    return Markup(text)
+
+
+def packed(values: Array) -> dict[str, str]:
+    """Plotly's form of an array in single precision; NaN breaks a line."""
+    return {"dtype": "f4", "bdata": base64.b64encode(values.astype("<f4").tobytes()).decode()}
+
+
+def rounded(value: float, digits: int = 6) -> float | None:
+    """A number for JSON; `None` if it is not finite."""
+    return float(f"{value:.{digits}g}") if np.isfinite(value) else None

@@ -1,0 +1,101 @@
+"""Measured and predicted effort of every joint, with residuals."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.report.content import ReportContent
+from steelyard.report.html import fill, packed, rounded, script_json
+from steelyard.report.judgement import told
+from steelyard.report.sections.section import Numbers
+from steelyard.report.thin import drawn
+from steelyard.report.words import percent, significant
+
+if TYPE_CHECKING:
+    from steelyard.validation.score import RunScore, Traces
+
+POINTS = 2000
+"""Most points of one line."""
+
+FEWEST = 200
+"""Points of one line below which rather a whole run is left out."""
+
+BUDGET = 200_000
+"""Points of all lines together: about 2.2 MB of the page."""
+
+RESTS = 80
+"""Most rests that are shaded in one plot."""
+
+
+class EffortSection:
+    """One plot per joint; a menu chooses the run."""
+
+    name: ClassVar[str] = "effort"
+    title: ClassVar[str] = "Effort, measured and predicted"
+
+    def numbers(self, content: ReportContent) -> Numbers | None:
+        """Lines of every joint and run, unseen runs first."""
+        everything = [(s, "not fitted") for s in content.scores]
+        everything += [(s, "fitted") for s in content.fitted]
+        if not everything:
+            return None
+        n_joints = max(len(everything[0][0].joints), 1)
+        most_runs = max(BUDGET // (3 * n_joints * FEWEST), 1)
+        chosen = everything[:most_runs]
+        points = min(POINTS, BUDGET // (3 * n_joints * len(chosen)))
+        return {
+            "joints": [joint.joint for joint in chosen[0][0].joints],
+            "runs": [f"{score.run} ({kind})" for score, kind in chosen],
+            "left_out": [score.run for score, _ in everything[most_runs:]],
+            "points": points,
+            "cutoffs": sorted({score.cutoff for score, _ in chosen}),
+            "figures": [
+                _figure(score, joint, points)
+                for score, _ in chosen
+                for joint in range(len(score.joints))
+            ],
+        }
+
+    def show(self, numbers: Numbers) -> str:
+        """The numbers as safe HTML."""
+        n_joints = max(len(numbers["joints"]), 1)
+        data = [
+            (index // n_joints, index % n_joints, script_json(figure))
+            for index, figure in enumerate(numbers["figures"])
+        ]
+        return fill("effort.html", {**numbers, "data": data})
+
+
+def _figure(score: RunScore, joint: int, points: int) -> dict[str, Any]:
+    """Lines of one joint, caption and shaded rests; time is relative where it is a date."""
+    traces, numbers = score.traces, score.joints[joint]
+    origin = float(traces.t[0]) if len(traces.t) and abs(traces.t[-1]) > 1e5 else 0.0
+    t = traces.t - origin
+    measured, predicted = traces.measured[:, joint], traces.predicted[:, joint]
+    return {
+        "caption": f"{percent(told(numbers))} · RMSE {significant(numbers.rmse)} {numbers.unit} "
+        f"of {significant(numbers.predict_zero)} {numbers.unit}",
+        "unit": numbers.unit,
+        "time": f"time from {origin:.3f} s [s]" if origin else "time [s]",
+        "lines": [
+            _line(t, signal, points) for signal in (measured, predicted, measured - predicted)
+        ],
+        "rests": _rests(t, traces, joint),
+    }
+
+
+def _line(t: Array, signal: Array, points: int) -> dict[str, dict[str, str]]:
+    x, y = drawn(t, signal, points)
+    return {"x": packed(x), "y": packed(y)}
+
+
+def _rests(t: Array, traces: Traces, joint: int) -> list[list[float | None]]:
+    """Start and end [s] of the longest stretches in which the joint does not move."""
+    still = np.concatenate([[False], ~traces.moving[:, joint].astype(bool), [False]])
+    edges = np.flatnonzero(np.diff(still))
+    spans = [(float(t[a]), float(t[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    spans.sort(key=lambda span: span[0] - span[1])
+    return [[rounded(a), rounded(b)] for a, b in sorted(spans[:RESTS])]

@@ -1,0 +1,38 @@
+"""The parameters: values, intervals, groupings."""
+
+from typing import Any, ClassVar
+
+from steelyard.report.content import ReportContent
+from steelyard.report.html import fill
+from steelyard.report.sections.section import Numbers
+from steelyard.report.table import WEAK, Row, rows
+
+
+class ParametersSection:
+    """A table of base parameters, with a mark on those that are poorly determined."""
+
+    name: ClassVar[str] = "parameters"
+    title: ClassVar[str] = "Parameters"
+
+    def numbers(self, content: ReportContent) -> Numbers | None:
+        """Rows of the parameters that the data see."""
+        if content.identified is None:
+            return None
+        table = [row for row in rows(content.identified) if row.grade != "unseen"]
+        return {
+            "rows": [_shown(row) for row in table],
+            "nominal": any(row.nominal is not None for row in table),
+            "estimator": content.identified.estimate.estimator,
+            "poor": sum(row.grade != "sure" for row in table),
+            "weak": WEAK,
+        }
+
+    def show(self, numbers: Numbers) -> str:
+        """The numbers as safe HTML."""
+        return fill("parameters.html", numbers)
+
+
+def _shown(row: Row) -> dict[str, Any]:
+    relative = row.relative_percent
+    bar = 100.0 if relative is None or not relative < 100.0 else relative
+    return {**vars(row), "bar": bar, "grouped": row.group != row.name}

@@ -1,0 +1,20 @@
+"""All sections, in the order of the page."""
+
+from steelyard.report.sections.conditioning import ConditioningSection
+from steelyard.report.sections.effort import EffortSection
+from steelyard.report.sections.parameters import ParametersSection
+from steelyard.report.sections.quality import QualitySection
+from steelyard.report.sections.section import Section
+from steelyard.report.sections.settings import SettingsSection
+from steelyard.report.sections.unseen import UnseenSection
+from steelyard.report.sections.verdict import VerdictSection
+
+SECTIONS: tuple[Section, ...] = (
+    VerdictSection(),
+    EffortSection(),
+    ParametersSection(),
+    UnseenSection(),
+    ConditioningSection(),
+    QualitySection(),
+    SettingsSection(),
+)

@@ -1,0 +1,79 @@
+"""The verdict: how well the model predicts motions that were not fitted."""
+
+from __future__ import annotations
+
+from statistics import fmean
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from steelyard.report.content import ReportContent
+from steelyard.report.html import fill
+from steelyard.report.judgement import FAIR, GOOD, HOW_TO_VALIDATE, level_of, told, verdict
+from steelyard.report.sections.section import Numbers
+from steelyard.report.table import rows
+from steelyard.report.words import percent, significant
+
+if TYPE_CHECKING:
+    from steelyard.validation.score import JointScore, RunScore
+
+
+class VerdictSection:
+    """Headline, key figures, and one table of joints per run."""
+
+    name: ClassVar[str] = "verdict"
+    title: ClassVar[str] = "Verdict"
+
+    def numbers(self, content: ReportContent) -> Numbers:
+        """Verdict, key figures and scores."""
+        return {
+            "verdict": verdict(content),
+            "facts": _facts(content),
+            "runs": [_run(score) for score in content.scores],
+            "fitted": [_run(score) for score in content.fitted],
+            "notes": content.notes,
+            "good": GOOD,
+            "fair": FAIR,
+            "command": HOW_TO_VALIDATE,
+        }
+
+    def show(self, numbers: Numbers) -> str:
+        """The numbers as safe HTML."""
+        return fill("verdict.html", numbers)
+
+
+def _facts(content: ReportContent) -> list[tuple[str, str, str]]:
+    """Value, label and small print of the key figures."""
+    facts = []
+    if content.scores:
+        pooled = [s.pooled_percent for s in content.scores if s.pooled_percent is not None]
+        whole = percent(fmean(s.mean_percent for s in content.scores))
+        facts.append((whole, "error over whole logs", "mean over joints, rests included"))
+        if len(pooled) == len(content.scores):
+            facts.append((percent(fmean(pooled)), "pooled error", "norms over all joints"))
+    if content.fitted:
+        fit = percent(fmean(s.mean_percent for s in content.fitted))
+        facts.append((fit, "error on fitted runs", "mean over joints, rests included"))
+    if content.identified is not None:
+        table = rows(content.identified)
+        sure = sum(row.grade == "sure" for row in table)
+        condition = significant(content.identified.estimate.condition_normalised, 2)
+        facts.append((f"{len(table)}", "base parameters", f"{sure} of them well determined"))
+        facts.append((condition, "condition number", "columns scaled to unit length"))
+    return facts
+
+
+def _run(score: RunScore) -> dict[str, Any]:
+    return {
+        "run": score.run,
+        "cutoff": score.cutoff,
+        "mean": score.mean_percent,
+        "mean_moving": score.mean_percent_moving,
+        "joints": [_joint(joint) for joint in score.joints],
+    }
+
+
+def _joint(joint: JointScore) -> dict[str, Any]:
+    share = told(joint)
+    return vars(joint) | {
+        "level": level_of(share),
+        "bar": min(share, 100.0) if share is not None and share == share else 0.0,
+    }

@@ -1,0 +1,132 @@
+"""Rows of the parameters' table, for the page, the terminal and the file alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from steelyard.estimation.estimate import Z95
+
+if TYPE_CHECKING:
+    from steelyard.estimation.estimate import Blind
+    from steelyard.estimation.identified import IdentifiedModel
+
+WEAK = 20.0
+"""Relative standard deviation [%] above which a parameter is called weak."""
+
+Grade = Literal["sure", "weak", "zero", "unseen"]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One base parameter; numbers are `None` where the data do not see it.
+
+    Attributes:
+        name: The parameter that leads the group.
+        group: The base parameter in full.
+        unit: Unit.
+        value: Estimated value.
+        std: Standard deviation.
+        lower: Lower end of the 95 % interval.
+        upper: Upper end of the 95 % interval.
+        relative_percent: Standard deviation relative to the value [%].
+        nominal: Value in the robot's file; `None` if unknown.
+        grade: `sure`, `weak` (relative standard deviation above 20 %), `zero` (the interval holds
+            zero) or `unseen`.
+        status: The same in words.
+    """
+
+    name: str
+    group: str
+    unit: str
+    value: float | None
+    std: float | None
+    lower: float | None
+    upper: float | None
+    relative_percent: float | None
+    nominal: float | None
+    grade: Grade
+    status: str
+
+
+def rows(identified: IdentifiedModel) -> tuple[Row, ...]:
+    """All base parameters in structural order."""
+    base, estimate = identified.base, identified.estimate
+    nominal = nominal_values(identified)
+    groups = {name: base.grouping(k) for k, name in enumerate(base.base_names)}
+    units = dict(zip(base.base_names, base.base_units, strict=True))
+    seen = {
+        name: _seen(name, groups.get(name, name), unit, value, std, nominal.get(name))
+        for name, unit, value, std in zip(
+            estimate.parameters.names,
+            estimate.parameters.units,
+            estimate.parameters.values.tolist(),
+            estimate.std.tolist(),
+            strict=True,
+        )
+    }
+    blind = {b.name: _blind(b, groups, units, nominal.get(b.name)) for b in estimate.blind}
+    found = seen | blind
+    order = [name for name in groups if name in found]
+    order += [name for name in found if name not in groups]
+    return tuple(found[name] for name in order)
+
+
+def nominal_values(identified: IdentifiedModel) -> dict[str, float]:
+    """Nominal base parameters by name, of groups whose members are all known."""
+    base = identified.base
+    priors = [parameter.prior for parameter in identified.model.parameters]
+    values = base.base_values([0.0 if prior is None else prior for prior in priors])
+    unknown = np.array([prior is None for prior in priors])
+    mixed = np.any((base.lift != 0.0) & unknown, axis=1)
+    return {
+        name: float(value)
+        for name, value, hidden in zip(base.base_names, values, mixed, strict=True)
+        if not hidden
+    }
+
+
+def _seen(
+    name: str, group: str, unit: str, value: float, std: float, nominal: float | None
+) -> Row:
+    relative = 100.0 * std / abs(value) if value else float("inf")
+    grade: Grade = "sure"
+    status = "seen"
+    if not Z95 * std < abs(value):
+        grade, status = "zero", "seen (not told from zero)"
+    elif not relative <= WEAK:
+        grade, status = "weak", "seen (weakly)"
+    return Row(
+        name,
+        group,
+        unit,
+        value,
+        std,
+        value - Z95 * std,
+        value + Z95 * std,
+        relative,
+        nominal,
+        grade,
+        status,
+    )
+
+
+def _blind(
+    blind: Blind, groups: dict[str, str], units: dict[str, str], nominal: float | None
+) -> Row:
+    tied = f" (tied to {', '.join(blind.tied_to)})" if blind.tied_to else ""
+    return Row(
+        blind.name,
+        groups.get(blind.name, blind.name),
+        units.get(blind.name, ""),
+        None,
+        None,
+        None,
+        None,
+        None,
+        nominal,
+        "unseen",
+        f"not seen{tied}",
+    )

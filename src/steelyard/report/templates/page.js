@@ -1,0 +1,87 @@
+"use strict";
+// What goes wrong in this page is written into it, so that a look at the page shows it.
+window.addEventListener("error", (event) => {
+  document.body.dataset.errors = (document.body.dataset.errors || "") + event.message + "\n";
+});
+window.addEventListener("beforeprint", () => {
+  document.querySelectorAll("details").forEach((one) => { one.open = true; });
+});
+
+function drawPlots() {
+  const data = new Map();
+  document.querySelectorAll("script.effort-data").forEach((one) => {
+    data.set(one.dataset.run + "/" + one.dataset.joint, one);
+  });
+  const plots = [...document.querySelectorAll(".plot")];
+  const menu = document.getElementById("effort-run");
+  const touch = window.matchMedia("(pointer: coarse)").matches;
+  const style = getComputedStyle(document.documentElement);
+  const colour = (name) => style.getPropertyValue("--" + name).trim();
+  const names = ["measured", "predicted", "residual"];
+  const font = getComputedStyle(document.body).fontFamily;
+  const grid = { gridcolor: "#eceff2", zerolinecolor: "#cfd5dc", automargin: true };
+
+  function lines(figure) {
+    return figure.lines.map((line, k) => ({
+      type: "scatter", mode: "lines", name: names[k], x: line.x, y: line.y,
+      yaxis: k === 2 ? "y2" : "y", connectgaps: false,
+      line: { color: colour(names[k]), width: k === 0 ? 1.6 : 1.2 },
+    }));
+  }
+
+  function layout(figure) {
+    return {
+      showlegend: false, hovermode: "x unified", dragmode: touch ? false : "zoom",
+      margin: { l: 58, r: 8, t: 8, b: 40 }, autosize: true,
+      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
+      font: { family: font, size: 12, color: colour("soft") },
+      xaxis: { ...grid, anchor: "y2", zeroline: false, title: { text: figure.time, standoff: 6 } },
+      yaxis: { ...grid, domain: [0.38, 1], title: { text: figure.unit, standoff: 4 } },
+      yaxis2: { ...grid, domain: [0, 0.28], nticks: 4 },
+      shapes: figure.rests.map(([from, to]) => ({
+        type: "rect", xref: "x", yref: "paper", x0: from, x1: to, y0: 0, y1: 1,
+        fillcolor: colour("rest"), line: { width: 0 }, layer: "below",
+      })),
+    };
+  }
+
+  const config = {
+    responsive: true, displaylogo: false, displayModeBar: touch ? false : "hover",
+    modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"],
+  };
+
+  function draw(plot) {
+    const source = data.get(menu.value + "/" + plot.dataset.joint);
+    if (plot.dataset.run === menu.value || !source) return;
+    plot.dataset.run = menu.value;
+    const figure = JSON.parse(source.textContent);
+    plot.parentElement.querySelector(".caption").textContent = figure.caption;
+    Plotly.react(plot, lines(figure), layout(figure), config);
+  }
+
+  // Those in sight first, the others one by one while the page stays responsive.
+  function drawAll() {
+    const height = window.innerHeight;
+    const away = (plot) => {
+      const box = plot.getBoundingClientRect();
+      return Math.max(box.top - height, -box.bottom, 0);
+    };
+    const queue = plots.slice().sort((a, b) => away(a) - away(b));
+    const next = () => {
+      const plot = queue.shift();
+      if (!plot) return;
+      draw(plot);
+      setTimeout(next, 0);
+    };
+    next();
+  }
+
+  menu.addEventListener("change", drawAll);
+  window.addEventListener("beforeprint", () => {
+    plots.forEach((plot) => { draw(plot); Plotly.relayout(plot, { width: 660, height: 250 }); });
+  });
+  window.addEventListener("afterprint", () => {
+    plots.forEach((plot) => Plotly.relayout(plot, { width: null, height: null, autosize: true }));
+  });
+  drawAll();
+}

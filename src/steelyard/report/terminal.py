@@ -1,0 +1,125 @@
+"""The report in a terminal, and the parameters as a table for other programs."""
+
+from __future__ import annotations
+
+import csv
+import io
+from math import isfinite
+from typing import TYPE_CHECKING
+
+from steelyard.report.content import ReportContent
+from steelyard.report.judgement import Level, level_of, told, verdict
+from steelyard.report.table import Row, rows
+from steelyard.report.words import count, percent, significant
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
+    from steelyard.estimation.identified import IdentifiedModel
+    from steelyard.validation.score import RunScore
+
+COLOURS: dict[Level, str] = {"good": "green", "fair": "yellow", "poor": "red", "none": "default"}
+
+CSV_COLUMNS = (
+    "name",
+    "group",
+    "value",
+    "unit",
+    "std",
+    "lower95",
+    "upper95",
+    "relative_std_percent",
+    "status",
+)
+
+NAMED = 8
+"""Most parameters that a line of the terminal names."""
+
+
+def summary(content: ReportContent, console: Console) -> None:
+    """Print the verdict, the scores of every joint, and what could not be seen.
+
+    Args:
+        content: The report.
+        console: Where to print.
+    """
+    from rich.text import Text
+
+    judged = verdict(content)
+    console.print(Text(judged.headline, style=f"bold {COLOURS[judged.level]}"))
+    console.print(Text(judged.detail))
+    for score in content.scores or content.fitted:
+        console.print()
+        console.print(_table(score, bool(content.scores)))
+    if content.identified is not None:
+        console.print()
+        for line in _parameters(content.identified):
+            console.print(Text(line))
+    for note in content.notes:
+        console.print(Text(f"note: {note}"))
+
+
+def parameters_csv(identified: IdentifiedModel) -> str:
+    """All base parameters as CSV: values, intervals, and whether the data see them."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(CSV_COLUMNS)
+    for row in rows(identified):
+        numbers = (row.value, row.std, row.lower, row.upper, row.relative_percent)
+        value, std, lower, upper, relative = (_exact(number) for number in numbers)
+        writer.writerow(
+            [row.name, row.group, value, row.unit, std, lower, upper, relative, row.status]
+        )
+    return text.getvalue()
+
+
+def _exact(number: float | None) -> str:
+    return "" if number is None or not isfinite(number) else repr(float(number))
+
+
+def _table(score: RunScore, unseen: bool) -> Table:
+    from rich.table import Table
+    from rich.text import Text
+
+    kind = "not fitted" if unseen else "fitted"
+    table = Table(
+        title=Text(f"{score.run} ({kind}, below {score.cutoff:g} Hz)"), title_justify="left"
+    )
+    table.add_column("joint")
+    for heading in ("moving", "all", "RMSE", "predict zero", "nominal model"):
+        table.add_column(heading, justify="right")
+    table.add_column("unit")
+    for joint in score.joints:
+        style = COLOURS[level_of(told(joint))]
+        table.add_row(
+            Text(joint.joint),
+            Text(percent(joint.relative_percent_moving), style=style),
+            percent(joint.relative_percent),
+            significant(joint.rmse),
+            significant(joint.predict_zero),
+            significant(joint.prior_rmse),
+            Text(joint.unit),
+        )
+    table.add_section()
+    table.add_row("mean", percent(score.mean_percent_moving), percent(score.mean_percent))
+    return table
+
+
+def _parameters(identified: IdentifiedModel) -> list[str]:
+    """What is known of the parameters, in a few lines."""
+    table = rows(identified)
+    condition = significant(identified.estimate.condition_normalised)
+    lines = [f"{count(len(table), 'base parameter')}, normalised condition number {condition}"]
+    weak = [row for row in table if row.grade in ("weak", "zero")]
+    if weak:
+        lines.append(f"{len(weak)} poorly determined: {_some(weak)}")
+    unseen = [row for row in table if row.grade == "unseen"]
+    if unseen:
+        lines.append(f"{len(unseen)} not seen by these data: {_some(unseen)}")
+    return lines
+
+
+def _some(chosen: list[Row]) -> str:
+    rest = len(chosen) - NAMED
+    return ", ".join(row.name for row in chosen[:NAMED]) + (f" and {rest} more" if rest > 0 else "")

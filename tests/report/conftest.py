@@ -1,0 +1,246 @@
+"""Invented reports, and a browser to look at them."""
+
+import re
+import shutil
+import subprocess
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from steelyard.estimation.estimate import Blind, Estimate
+from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
+from steelyard.model import Model
+from steelyard.parameters import Parameters
+from steelyard.regression.base import BaseMap, base_map
+from steelyard.report.content import ReportContent
+from steelyard.robot.inertia import Inertia
+from steelyard.robot.robot import Body, Coordinate, Robot
+from steelyard.robot.signals import Signals
+from steelyard.validation.score import JointScore, RunScore, Traces
+
+EVIL = "<script>document.body.dataset.errors='ran'</script></script><b>\"'&{{7*7}}"
+
+
+def robot(joints: tuple[str, ...] = ("shoulder", "elbow")) -> Robot:
+    bodies = tuple(
+        Body(
+            f"link of {joint}",
+            joint,
+            "revolute",
+            k - 1,
+            np.eye(3),
+            np.array([0.4 * (k > 0), 0.0, 0.0]),
+            np.array([0.0, 1.0, 0.0]),
+            k,
+            inertia=Inertia.about_com(2.0, np.array([0.2, 0.0, 0.0]), np.eye(3) * 0.02),
+            known=True,
+        )
+        for k, joint in enumerate(joints)
+    )
+    return Robot("invented arm", bodies, tuple(Coordinate(j, "revolute") for j in joints))
+
+
+def estimate(base: BaseMap, name: str = "weighted least squares", step: float = 0.0) -> Estimate:
+    """The last base parameter is not seen, the second cannot be told from zero, the third is weak.
+
+    The first two are correlated by 0.95.
+    """
+    size = len(base) - 1
+    rng = np.random.default_rng(3)
+    values = rng.uniform(0.5, 3.0, size)
+    std = 0.03 * values
+    values[1], values[2] = 0.5 * std[1], 3.0 * std[2]
+    correlation = np.eye(size)
+    correlation[0, 1] = correlation[1, 0] = 0.95
+    return Estimate(
+        name,
+        Parameters(base.base_names[:-1], base.base_units[:-1], values + step * std),
+        correlation * std[:, None] * std,
+        (Blind(base.base_names[-1], (base.base_names[0],)),),
+        np.array([0.12, 0.034]),
+        np.array([4200.0, 4200.0]),
+        812.0,
+        41.5,
+    )
+
+
+def identified(arm: Robot) -> IdentifiedModel:
+    model = Model(arm)
+    base = base_map(model)
+    n = arm.n
+    signals = Signals(
+        "t",
+        1.0,
+        tuple(f"q{k}" for k in range(n)),
+        np.ones(n),
+        None,
+        None,
+        tuple(f"i{k}" for k in range(n)),
+        np.ones(n),
+        "motor_current",
+        ("A",) * n,
+        np.full(n, 10.0),
+    )
+    return IdentifiedModel(
+        model,
+        base,
+        estimate(base),
+        (estimate(base, "ordinary least squares", 1.5),),
+        signals,
+        Cutoffs(25.0, 8.0, 8.0),
+        Provenance("0.1.0", {"log run1.csv": "ab" * 32}, ("run1@0.6:9.5",), ("clock: 100 Hz",)),
+    )
+
+
+def run_score(
+    run: str,
+    joints: tuple[str, ...] = ("shoulder", "elbow"),
+    n_samples: int = 4000,
+    error: float = 0.05,
+    seed: int = 0,
+) -> RunScore:
+    rng = np.random.default_rng(seed)
+    t = np.arange(n_samples) * 0.01
+    waves = [
+        5.0 / (k + 1) * np.sin((0.4 + 0.13 * k) * t) + 0.8 * np.sin(2.1 * t + k)
+        for k in range(len(joints))
+    ]
+    measured = np.array(waves).T
+    noise = np.convolve(rng.standard_normal(n_samples), np.ones(20) / 20.0, "same")
+    predicted = measured + 4.5 * error * measured.std(axis=0) * noise[:, None]
+    moving = np.abs(np.sin(0.4 * t))[:, None].repeat(len(joints), axis=1) > 0.15
+    scores = tuple(
+        JointScore(
+            joint,
+            "A",
+            100.0 * error * (k + 1.5),
+            100.0 * error * (k + 1),
+            0.1 * (k + 1),
+            2.0 + k,
+            1.0 + k,
+        )
+        for k, joint in enumerate(joints)
+    )
+    return RunScore(
+        run,
+        8.0,
+        scores,
+        100.0 * error * 1.8,
+        100.0 * error,
+        Traces(t, measured, predicted, moving),
+    )
+
+
+@pytest.fixture(scope="session")
+def usual() -> ReportContent:
+    quality = (("rows", "4 012"), ("dropped", "12 (not a number)"), ("rate", "100.0 Hz"))
+    return ReportContent(
+        title="invented arm: identified dynamics",
+        robot="invented arm",
+        identified=identified(robot()),
+        scores=(run_score("points"), run_score("circle", error=0.08, seed=1)),
+        fitted=(run_score("run1@0.6:9.5", error=0.03, seed=2),),
+        qualities=(("run1", quality), ("points", (*quality, ("gaps", "1, longest 0.4 s")))),
+        notes=("joint 'wrist' is locked at 0.3 rad", "velocity: from positions"),
+        settings=(("estimator", "weighted least squares"), ("motion cut-off", "25 Hz")),
+    )
+
+
+@pytest.fixture(scope="session")
+def nasty(usual: ReportContent) -> ReportContent:
+    """Names with markup, numbers that are none, ten long joints, no run kept aside."""
+    joints = tuple(f"{k} {EVIL}" for k in range(10))
+    score = run_score(EVIL, joints, 100_000)
+    broken = score.traces.predicted.copy()
+    broken[500:900, 0] = np.nan
+    broken[1000, 1] = np.inf
+    bad = replace(
+        score.joints[0],
+        relative_percent=float("nan"),
+        relative_percent_moving=None,
+        rmse=float("inf"),
+        prior_rmse=None,
+    )
+    score = replace(
+        score,
+        joints=(bad, *score.joints[1:]),
+        traces=replace(score.traces, predicted=broken, t=score.traces.t + 1.7e9),
+    )
+    evil = identified(robot((f"a{EVIL}", f"b{EVIL}")))
+    covariance = evil.estimate.covariance.copy()
+    covariance[0, 0] = np.nan
+    covariance[3, 3] = 0.0
+    broken_estimate = replace(evil.estimate, covariance=covariance, condition=float("inf"))
+    return ReportContent(
+        title=EVIL,
+        robot=EVIL,
+        identified=replace(evil, estimate=broken_estimate),
+        fitted=(score,) * 8,
+        qualities=((EVIL, ((EVIL, EVIL),)),),
+        notes=(EVIL,),
+        settings=((EVIL, EVIL),),
+    )
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What the browser had after it ran a page."""
+
+    dom: str
+    console: tuple[str, ...]
+
+    @property
+    def drawn(self) -> int:
+        """Plots with lines in them."""
+        pieces = self.dom.split('class="plot js-plotly-plot"')[1:]
+        return sum("main-svg" in piece and "scatterlayer" in piece for piece in pieces)
+
+    @property
+    def errors(self) -> list[str]:
+        """What the page itself wrote down."""
+        return re.findall(r'<body[^>]*data-errors="([^"]*)"', self.dom)
+
+
+@pytest.fixture(scope="session")
+def browse(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Seen]:
+    """Open a page in headless Chromium."""
+    names = ("chromium", "chromium-browser", "google-chrome")
+    program = next((found for name in names if (found := shutil.which(name))), None)
+    if program is None:
+        pytest.skip("no Chromium (chromium, chromium-browser or google-chrome) on the path")
+
+    def look(page: str) -> Seen:
+        folder = tmp_path_factory.mktemp("browser")
+        file = folder / "report.html"
+        file.write_text(page, encoding="utf-8")
+        done = subprocess.run(
+            [program, *chromium_flags(folder), "--dump-dom", file.as_uri()],
+            capture_output=True,
+            text=True,
+            timeout=120,
+            check=True,
+        )
+        lines = tuple(line for line in done.stderr.splitlines() if ":CONSOLE" in line)
+        return Seen(done.stdout, lines)
+
+    return look
+
+
+def chromium_flags(folder: Path) -> list[str]:
+    return [
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--disable-quic",
+        "--no-first-run",
+        "--disable-background-networking",
+        "--disable-component-update",
+        "--disable-sync",
+        "--enable-logging=stderr",
+        "--v=0",
+        "--virtual-time-budget=20000",
+        f"--user-data-dir={folder / 'profile'}",
+    ]
