@@ -48,6 +48,8 @@ def settings(
     )
 
 
-def bundled_notes(runs: Sequence[Run]) -> tuple[str, ...]:
-    """What had to be mended in the logs, one line a run that had anything."""
-    return tuple(f"{run.name}: {note}" for run in runs for note in run.quality.notes)
+def notes_of(runs: Sequence[Run]) -> tuple[str, ...]:
+    """The cut-offs, and one line for whatever of each run could not be used."""
+    first = runs[0]
+    cut = f"cut-offs: motion {first.motion_cutoff:g} Hz, matched {first.matched_cutoff:g} Hz"
+    return (cut, *(f"{run.name}: {loss}" for run in runs for loss in run.quality.losses))

@@ -77,9 +77,15 @@ def run_identify(
     signals, reasons = river.signals_of(loaded, fitted[0])
     model = river.model_of(loaded)
     with whole_folder(folder) as part:
-        recordings = [river.recording_of(log, signals) for log in (*fitted, *unseen)]
         wanted = Processing(**loaded.processing.model_dump())
-        runs = river.prepared(recordings, wanted, progress)
+        runs = river.prepared(
+            [river.recording_of(log, signals) for log in fitted], wanted, progress
+        )
+        runs += river.prepared(
+            [river.recording_of(log, signals) for log in unseen],
+            river.settled(wanted, runs),
+            progress,
+        )
         regressor = base_regressor(model)
         raw = reduce(
             add,
@@ -94,7 +100,7 @@ def run_identify(
             matched=runs[0].matched_cutoff,
             score=loaded.validation.cutoff or runs[0].matched_cutoff,
         )
-        notes = (*loaded.notes, *reasons, *describe.bundled_notes(runs))
+        notes = (*loaded.notes, *reasons, *describe.notes_of(runs))
         identified = IdentifiedModel(
             model=model,
             base=regressor.base,

@@ -1,7 +1,7 @@
 """The way of the data that commands share: logs named on the command line to runs and scores."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -74,22 +74,27 @@ def model_of(loaded: LoadedRobot) -> Model:
 def prepared(
     recordings: Sequence[Recording], wanted: Processing, progress: Progress
 ) -> tuple[Run, ...]:
-    """Clean runs with the same cut-offs: those wanted, or the widest that a run's motion asks for."""
+    """Clean runs with common cut-offs: those wanted, or the widest that a run's motion asks for."""
     runs = []
     for number, recording in enumerate(recordings):
         tell(progress, "reading logs", number, len(recordings))
         runs.append(prepare(recording, wanted))
-    common = Processing(
-        motion_cutoff=max(run.motion_cutoff for run in runs),
-        matched_cutoff=max(run.matched_cutoff for run in runs),
-        rest_speed=wanted.rest_speed,
-    )
+    common = settled(wanted, runs)
     return tuple(
         run
         if (run.motion_cutoff, run.matched_cutoff)
         == (common.motion_cutoff, common.matched_cutoff)
         else prepare(recording, common)
         for run, recording in zip(runs, recordings, strict=True)
+    )
+
+
+def settled(wanted: Processing, runs: Sequence[Run]) -> Processing:
+    """The processing with the cut-offs that the runs came to."""
+    return replace(
+        wanted,
+        motion_cutoff=max(run.motion_cutoff for run in runs),
+        matched_cutoff=max(run.matched_cutoff for run in runs),
     )
 
 

@@ -20,6 +20,7 @@ def progress_bar() -> Iterator[Progress]:
         TimeElapsedColumn(),
         console=Console(file=sys.stderr),
         transient=True,
+        disable=not sys.stderr.isatty(),
     )
     tasks: dict[str, TaskID] = {}
 

@@ -53,7 +53,7 @@ def validate(
         scores=scores,
         fitted=(),
         qualities=tuple((run.name, run.quality.rows_of_text) for run in runs),
-        notes=describe.bundled_notes(runs),
+        notes=describe.notes_of(runs),
         settings=describe.settings(
             identified.signals, identified.cutoffs, identified.estimate.estimator, model
         ),

@@ -10,8 +10,10 @@ from steelyard.measurement.recording import Channels
 
 ABSURD = 1e6
 """Largest value that any channel can have in SI units: memory garbage is far above."""
-FASTEST = 100.0
-"""Largest joint speed [rad/s; m/s]; the fastest arms reach a fifth of it."""
+FASTEST = 60.0
+"""Largest joint speed [rad/s; m/s]: a little more than the flange of a SCARA robot reaches."""
+STEADY = 20.0
+"""Largest joint speed over more than one step of the clock, where jitter matters less."""
 
 
 class Verdict(IntEnum):

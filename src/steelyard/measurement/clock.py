@@ -15,7 +15,7 @@ from steelyard.arrays import Array
 from steelyard.errors import LogError
 from steelyard.formats.cut import Cut
 from steelyard.formats.log import Rows
-from steelyard.measurement.clean import FASTEST, Verdict, broken
+from steelyard.measurement.clean import FASTEST, STEADY, Verdict, broken
 from steelyard.measurement.recording import Recording
 
 SHORTEST_CHAIN = 10
@@ -65,8 +65,7 @@ def learn_clock(recording: Recording) -> Clock:
     Raises:
         LogError: Time does not increase.
     """
-    head = next(recording.raw((0, HEAD), HEAD), None)
-    times = np.zeros(0) if head is None else head[0]
+    times = np.concatenate([t for t, _ in recording.raw((0, HEAD))])
     steps = np.diff(times[np.isfinite(times)])
     forward = steps[steps > 0.0]
     if len(forward) == 0 or 2 * len(forward) < np.count_nonzero(steps):
@@ -207,7 +206,7 @@ class Scan:
         q = x[:, self._recording.channels.q]
         with np.errstate(over="ignore"):
             step = np.diff(t)
-            reach = FASTEST * np.maximum(step, self._clock.step)
+            reach = self._reach(step)
         linked = (step > 0.0) & (step <= self._clock.gap)
         linked &= (np.abs(np.diff(q, axis=0)) <= reach[:, None]).all(axis=1)
         ends = [*(np.flatnonzero(~linked) + 1).tolist(), len(t)]
@@ -218,9 +217,13 @@ class Scan:
         if self._last is None:
             return False
         step, q = t - self._last[0], self._recording.channels.q
-        reach = FASTEST * max(step, self._clock.step)
-        near = bool((np.abs(x[q] - self._last[1][q]) <= reach).all())
-        return 0.0 < step <= self._clock.gap and near
+        near = np.abs(x[q] - self._last[1][q]) <= self._reach(np.array(step))
+        return 0.0 < step <= self._clock.gap and bool(near.all())
+
+    def _reach(self, step: Array) -> Array:
+        """How far a joint can get in a step [rad; m]."""
+        once = self._clock.step
+        return FASTEST * once + STEADY * np.maximum(step - once, 0.0)
 
     def _count(self, row: Rowed, verdict: NDArray[np.uint8], end: int | None) -> None:
         if self._first_row is None:

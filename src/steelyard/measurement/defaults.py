@@ -8,7 +8,7 @@ from steelyard.arrays import Array, frozen
 from steelyard.errors import LogError
 from steelyard.measurement.convolve import Bank
 
-MATCHED_FACTOR = 12.0
+MATCHED_FACTOR = 10.0
 """Matched cut-off over the motion's band: effort has harmonics of the motion (products of
 velocities, friction at reversals) that a factor near 1 would remove."""
 MATCHED_LOWEST = 2.0
@@ -26,12 +26,16 @@ SHORTEST = 4.0
 """Least length of a segment in periods of the matched cut-off: what the matched filter spans."""
 REST_SHARE = 0.005
 """Rest speed over the speed that a joint exceeds 1 % of the time."""
+REST_SHARE_OF_FASTEST = 0.001
+"""Rest speed over the same speed of the fastest joint: slower ones are dragged, not driven."""
 REST_NOISE = 4.0
 """Rest speed over the standard deviation of the velocity's noise."""
 REST_STEPS = 2.0
 """Rest speed over the speed that one step of the sensor's resolution seems to be."""
 REST_LOWEST = 1e-4
 """Lowest default rest speed [rad/s; m/s]."""
+DEPARTED = 2.0
+"""Speed over rest speed at which a run's motion starts and ends: noise does not reach it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +106,7 @@ def default_rest_speed(fast: Array, noise: Array, step_speed: Array) -> Array:
         noise: Standard deviation of each velocity's noise.
         step_speed: Speed that one step of each sensor's resolution seems to be.
     """
-    slow = np.maximum(REST_SHARE * fast, REST_LOWEST)
+    slow = np.maximum(REST_SHARE * fast, max(REST_SHARE_OF_FASTEST * fast.max(), REST_LOWEST))
     return np.maximum(slow, np.maximum(REST_NOISE * noise, REST_STEPS * step_speed))
 
 

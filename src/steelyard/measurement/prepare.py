@@ -1,12 +1,16 @@
 """From a recording to a run: survey, cut-offs, rests, quality."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from steelyard.arrays import Array, frozen
 from steelyard.errors import LogError
+from steelyard.formats.cut import Cut
 from steelyard.measurement.clean import Verdict
 from steelyard.measurement.convolve import Bank
 from steelyard.measurement.defaults import (
+    DEPARTED,
     SHORTEST,
     Cutoffs,
     Processing,
@@ -18,6 +22,7 @@ from steelyard.measurement.defaults import (
 from steelyard.measurement.derivative import smooth_derivatives
 from steelyard.measurement.quality import Quality, Segment
 from steelyard.measurement.recording import Recording
+from steelyard.measurement.resample import sample_count
 from steelyard.measurement.rest import SpeedHistogram
 from steelyard.measurement.run import Run, filtered
 from steelyard.measurement.survey import Survey, survey
@@ -37,7 +42,10 @@ def prepare(recording: Recording, processing: Processing | None = None) -> Run:
     held = recording.held()
     found = survey(held)
     cut = cutoffs(processing, found.band.frequency, found.rate, recording.where)
-    segments = _long_enough(recording, found, cut)
+    _long_enough(recording, found, cut)
+    window = found.segments[0].start, found.segments[-1].stop
+    held, wide = _with_context(held, found, cut)
+    segments = _long_enough(recording, wide, cut)
     given = given_rest_speed(processing, recording.channels.joints)
     reference = np.ones(recording.channels.joints) if given is None else given
     speeds = SpeedHistogram(reference)
@@ -46,10 +54,11 @@ def prepare(recording: Recording, processing: Processing | None = None) -> Run:
     n = recording.channels.joints
     for number, first, signals in filtered(held, found.clock, found.rate, cut.motion, numbers):
         at = starts[number] + np.arange(first, first + signals.shape[1]) / found.rate
-        speeds.add(at, signals[n : 2 * n])
+        inside = (at >= window[0]) & (at <= window[1])
+        speeds.add(at[inside], signals[n : 2 * n, inside])
     if given is None:
         given = speeds.edge_above(_rest_speed(recording, found, cut, speeds.quantile(0.99)))
-    span = speeds.moving(given)
+    span = speeds.moving(DEPARTED * given)
     if span is None:
         raise LogError(
             "no joint moves in this log",
@@ -57,7 +66,8 @@ def prepare(recording: Recording, processing: Processing | None = None) -> Run:
             mend="record a motion of all joints; rest tells too little about a robot",
         )
     return Run(
-        recording=recording,
+        recording=replace(held, log=recording.log),
+        name=recording.name,
         clock=found.clock,
         rate=found.rate,
         segments=segments,
@@ -65,13 +75,37 @@ def prepare(recording: Recording, processing: Processing | None = None) -> Run:
         matched_cutoff=cut.matched,
         rest_speed=frozen(given),
         span=span,
-        quality=_quality(recording, found, segments, cut, given, speeds.highest),
+        quality=_quality(recording, found, cut, given, speeds.highest),
     )
+
+
+def _with_context(recording: Recording, found: Survey, cut: Cutoffs) -> tuple[Recording, Survey]:
+    """The recording with its window widened by what the motion's filter looks at, if it is cut.
+
+    Where the log goes on beyond the window, the filter of the motion sees it: at a cut in the middle
+    of a motion any guessed continuation would bend the accelerations.
+    """
+    if recording.cut == Cut():
+        return recording, found
+    samples = smooth_derivatives(cut.motion, found.rate, 2).halo
+    seconds, rows = recording.cut.seconds, recording.cut.rows
+    more = samples / found.rate
+    spare = int(np.ceil(1.2 * more / found.clock.step)) + 1
+    wider = Cut(
+        seconds=(seconds[0] - more, seconds[1] + more),
+        rows=(max(0, rows[0] - spare), None if rows[1] is None else rows[1] + spare),
+    )
+    wide = replace(recording, cut=wider)
+    return wide, replace(survey(wide), rate=found.rate)
 
 
 def _long_enough(recording: Recording, found: Survey, cut: Cutoffs) -> tuple[Segment, ...]:
     need = SHORTEST / cut.matched
-    segments = tuple(s for s in found.segments if s.samples > need * found.rate)
+    segments = tuple(
+        replace(s, samples=sample_count(s.start, s.stop, found.rate))
+        for s in found.segments
+        if (s.stop - s.start) > need
+    )
     if not segments:
         longest = max(s.stop - s.start for s in found.segments)
         raise LogError(
@@ -100,12 +134,12 @@ def _rest_speed(recording: Recording, found: Survey, cut: Cutoffs, fast: Array) 
 def _quality(
     recording: Recording,
     found: Survey,
-    segments: tuple[Segment, ...],
     cut: Cutoffs,
     rest_speed: Array,
     highest: Array,
 ) -> Quality:
     c = recording.channels
+    segments = _long_enough(recording, found, cut)
     counts = {v: found.counts[v] for v in Verdict if v != Verdict.KEPT and found.counts[v]}
     mean, spread, least, most = found.steps
     return Quality(
@@ -125,33 +159,35 @@ def _quality(
         resolution=frozen(found.resolution[c.q]),
         effort_resolution=frozen(found.resolution[c.effort]),
         max_speed=frozen(highest),
-        notes=_notes(found, segments, cut, rest_speed),
+        losses=_losses(found, segments),
+        notes=_choices(found, cut, rest_speed),
     )
 
 
-def _notes(
-    found: Survey, segments: tuple[Segment, ...], cut: Cutoffs, rest_speed: Array
-) -> tuple[str, ...]:
-    notes = []
+def _losses(found: Survey, segments: tuple[Segment, ...]) -> tuple[str, ...]:
+    """What of the log could not be used."""
+    losses = []
     lost = [(v, found.counts[v]) for v in Verdict if v != Verdict.KEPT and found.counts[v]]
     if lost:
-        notes.append(
+        losses.append(
             f"dropped {sum(n for _, n in lost)} of {sum(found.counts)} rows: "
             + ", ".join(f"{n} with {v.reason}" for v, n in lost)
         )
     if len(found.segments) > 1:
         at = ", ".join(f"{s.stop:.2f} s" for s in found.segments[:5][: len(found.segments) - 1])
-        notes.append(f"{len(found.segments) - 1} gaps split the run, the first after {at}")
+        losses.append(f"{len(found.segments) - 1} gaps split the run, the first after {at}")
     if short := len(found.segments) - len(segments):
-        notes.append(f"{short} stretches between gaps are shorter than the filter and left out")
+        losses.append(f"{short} stretches between gaps are shorter than the filter and left out")
+    return tuple(losses)
+
+
+def _choices(found: Survey, cut: Cutoffs, rest_speed: Array) -> tuple[str, ...]:
+    """What was decided from the data."""
     mean, _, least, most = found.steps
-    notes.append(
+    return (
         f"resampled to {found.rate:g} Hz (steps {1e3 * mean:.4g} ms mean, {1e3 * least:.4g} to "
-        f"{1e3 * most:.4g} ms)"
-    )
-    notes.append(
+        f"{1e3 * most:.4g} ms)",
         f"motion below {found.band.frequency:.2g} Hz: motion cut-off {cut.motion:g} Hz, "
-        f"matched cut-off {cut.matched:g} Hz"
+        f"matched cut-off {cut.matched:g} Hz",
+        "rest below " + " ".join(f"{s:.2g}" for s in rest_speed) + " rad/s or m/s",
     )
-    notes.append("rest below " + " ".join(f"{s:.2g}" for s in rest_speed) + " rad/s or m/s")
-    return tuple(notes)

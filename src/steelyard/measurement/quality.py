@@ -43,7 +43,8 @@ class Quality:
         resolution: Smallest step of each position, shape `(n,)` [rad; m].
         effort_resolution: Smallest step of each effort, shape `(n,)`.
         max_speed: Fastest motion of each joint, shape `(n,)` [rad/s; m/s].
-        notes: What a reader should know, in sentences.
+        losses: What could not be used, in sentences.
+        notes: What was decided from the data, in sentences.
     """
 
     rows: int
@@ -62,6 +63,7 @@ class Quality:
     resolution: Array
     effort_resolution: Array
     max_speed: Array
+    losses: tuple[str, ...]
     notes: tuple[str, ...]
 
     @property
@@ -78,6 +80,7 @@ class Quality:
             ("position resolution", _numbers(self.resolution)),
             ("effort resolution", _numbers(self.effort_resolution)),
             ("fastest", _numbers(self.max_speed)),
+            ("decided", "; ".join(self.notes)),
         )
 
     @property

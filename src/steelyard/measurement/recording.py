@@ -115,13 +115,14 @@ class Recording:
 
     def held(self, limit: int = PART) -> "Recording":
         """The same with its log in memory if it has fewer than `limit` rows, else unchanged."""
-        table = next(self.log.parts(self.signals.columns, (0, limit), limit), None)
-        if table is None:
+        parts = list(self.log.parts(self.signals.columns, (0, limit), limit))
+        if not parts:
             raise LogError(
                 "the log has no rows", where=str(self.log.path), mend="record or copy it again"
             )
-        if len(table) == limit:
+        if sum(len(part) for part in parts) == limit:
             return self
+        table = parts[0] if len(parts) == 1 else np.concatenate(parts)
         return replace(self, log=HeldLog(self.log.path, self.signals.columns, table))
 
 

@@ -92,7 +92,8 @@ class Run:
     """A recording, cleaned when it is read: every pass reads the log anew, in constant memory.
 
     Attributes:
-        recording: Where it comes from.
+        recording: Where it comes from, with context around a cut for the motion's filter.
+        name: The recording's name, with its cut as written.
         clock: The log's clock.
         rate: Of the uniform clock [Hz].
         segments: Stretches without gaps that are long enough for the filters.
@@ -104,6 +105,7 @@ class Run:
     """
 
     recording: Recording
+    name: str
     clock: Clock
     rate: float
     segments: tuple[Segment, ...]
@@ -112,11 +114,6 @@ class Run:
     rest_speed: Array
     span: tuple[float, float]
     quality: Quality
-
-    @property
-    def name(self) -> str:
-        """The recording's name."""
-        return self.recording.name
 
     @property
     def effort_units(self) -> tuple[str, ...]:

@@ -17,6 +17,10 @@ from steelyard.regression.regressor import Layout, Regressor
 BLOCK = 256
 """Samples per inner block: its rows stay in the second-level cache."""
 
+MOVING = 0.1
+"""Filtered weight above which a filtered sample counts: only a rest as long as the filter is left
+out, a reversal of the motion is not a rest."""
+
 PADDING = 8
 """Extra samples per row, so that rows do not start a power of two apart."""
 
@@ -28,7 +32,7 @@ class Stretch:
     Attributes:
         q: Shape `(n, N)`; likewise `dq`, `ddq` and `effort`.
         weights: Weight of each sample in each effort row, `(n, N)`; all ones if `None`. With a
-            matched filter it is averaged over the filter and rounded to 0 or 1.
+            matched filter it is averaged over the filter; above `MOVING` it counts as 1, else as 0.
     """
 
     q: Array
@@ -173,7 +177,7 @@ class Accumulator:
         length = len(self.matched.taps)
         windows = np.lib.stride_tricks.sliding_window_view(stretch.weights, length, axis=1)
         mean = windows[:, :: self.decimation][:, :n_outputs] @ self.matched.taps
-        return np.asarray(mean > 0.5, dtype=np.float64)
+        return np.asarray(mean > MOVING, dtype=np.float64)
 
 
 class _Workspace:

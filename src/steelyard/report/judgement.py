@@ -83,7 +83,7 @@ def _untested(fitted: Sequence[RunScore]) -> Verdict:
     fit = fmean(run.mean_percent for run in fitted) if fitted else None
     described = (
         ""
-        if fit is None
+        if fit is None or not isfinite(fit)
         else f"The model describes {count(len(fitted), 'fitted run')} within {percent(fit)} of "
         "the measured effort, which says nothing yet about other motions. "
     )
@@ -108,10 +108,12 @@ def _detail(scores: Sequence[RunScore], moves: bool, anywhere: float) -> str:
         first = f"Mean over {which}, where they move; {percent(anywhere)} over the whole log."
     else:
         first = f"Mean over {count(len(joints), 'joint')}; no joint moves."
-    runs = f"Run {scores[0].run}" if len(scores) == 1 else f"{len(scores)} runs"
+    one = len(scores) == 1
+    runs = f"Run {scores[0].run}" if one else f"{len(scores)} runs"
+    not_fitted = "not fitted" if one else "none of them fitted"
     cutoffs = sorted({run.cutoff for run in scores})
     below = " and ".join(f"{cutoff:g}" for cutoff in cutoffs)
-    return f"{first} {runs}, none of it fitted, compared below {below} Hz."
+    return f"{first} {runs}, {not_fitted}, compared below {below} Hz."
 
 
 def _finite(joint: JointScore) -> bool:

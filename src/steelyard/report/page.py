@@ -12,7 +12,7 @@ def render(content: ReportContent) -> str:
         numbers = section.numbers(content)
         if numbers is not None:
             shown.append((section, section.show(numbers)))
-    return fill(
+    page = fill(
         "page.html",
         {
             "title": content.title,
@@ -25,3 +25,4 @@ def render(content: ReportContent) -> str:
             "plotly": plotly_script,
         },
     )
+    return str(page)

@@ -88,9 +88,7 @@ def nominal_values(identified: IdentifiedModel) -> dict[str, float]:
     }
 
 
-def _seen(
-    name: str, group: str, unit: str, value: float, std: float, nominal: float | None
-) -> Row:
+def _seen(name: str, group: str, unit: str, value: float, std: float, nominal: float | None) -> Row:
     relative = 100.0 * std / abs(value) if value else float("inf")
     grade: Grade = "sure"
     status = "seen"

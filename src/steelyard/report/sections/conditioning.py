@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -79,7 +79,5 @@ def _pairs(estimate: Estimate) -> list[tuple[str, str, float]]:
     order = np.argsort(strength, axis=None)[::-1][:PAIRS]
     places = [divmod(int(place), len(names)) for place in order]
     return [
-        (names[b], names[a], float(correlation[a, b]))
-        for a, b in places
-        if strength[a, b] >= ALIKE
+        (names[b], names[a], float(correlation[a, b])) for a, b in places if strength[a, b] >= ALIKE
     ]

@@ -51,6 +51,7 @@ class EffortSection:
             "runs": [f"{score.run} ({kind})" for score, kind in chosen],
             "left_out": [score.run for score, _ in everything[most_runs:]],
             "points": points,
+            "rests": RESTS,
             "cutoffs": sorted({score.cutoff for score, _ in chosen}),
             "figures": [
                 _figure(score, joint, points)
@@ -75,9 +76,9 @@ def _figure(score: RunScore, joint: int, points: int) -> dict[str, Any]:
     origin = float(traces.t[0]) if len(traces.t) and abs(traces.t[-1]) > 1e5 else 0.0
     t = traces.t - origin
     measured, predicted = traces.measured[:, joint], traces.predicted[:, joint]
+    rmse, size = significant(numbers.rmse), significant(numbers.predict_zero)
     return {
-        "caption": f"{percent(told(numbers))} · RMSE {significant(numbers.rmse)} {numbers.unit} "
-        f"of {significant(numbers.predict_zero)} {numbers.unit}",
+        "caption": f"error {percent(told(numbers))} · RMSE {rmse} of {size} {numbers.unit}",
         "unit": numbers.unit,
         "time": f"time from {origin:.3f} s [s]" if origin else "time [s]",
         "lines": [

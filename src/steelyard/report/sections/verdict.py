@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill
-from steelyard.report.judgement import FAIR, GOOD, HOW_TO_VALIDATE, level_of, told, verdict
+from steelyard.report.judgement import FAIR, GOOD, level_of, told, verdict
 from steelyard.report.sections.section import Numbers
 from steelyard.report.table import rows
 from steelyard.report.words import percent, significant
@@ -32,7 +32,6 @@ class VerdictSection:
             "notes": content.notes,
             "good": GOOD,
             "fair": FAIR,
-            "command": HOW_TO_VALIDATE,
         }
 
     def show(self, numbers: Numbers) -> str:
@@ -40,24 +39,24 @@ class VerdictSection:
         return fill("verdict.html", numbers)
 
 
-def _facts(content: ReportContent) -> list[tuple[str, str, str]]:
-    """Value, label and small print of the key figures."""
+def _facts(content: ReportContent) -> list[tuple[str, str]]:
+    """Values and labels of the key figures."""
     facts = []
     if content.scores:
-        pooled = [s.pooled_percent for s in content.scores if s.pooled_percent is not None]
         whole = percent(fmean(s.mean_percent for s in content.scores))
-        facts.append((whole, "error over whole logs", "mean over joints, rests included"))
+        facts.append((whole, "mean error over whole logs, rests included"))
+        pooled = [s.pooled_percent for s in content.scores if s.pooled_percent is not None]
         if len(pooled) == len(content.scores):
-            facts.append((percent(fmean(pooled)), "pooled error", "norms over all joints"))
+            facts.append((percent(fmean(pooled)), "the same, norms over all joints together"))
     if content.fitted:
         fit = percent(fmean(s.mean_percent for s in content.fitted))
-        facts.append((fit, "error on fitted runs", "mean over joints, rests included"))
+        facts.append((fit, "mean error over the fitted runs, rests included"))
     if content.identified is not None:
         table = rows(content.identified)
         sure = sum(row.grade == "sure" for row in table)
         condition = significant(content.identified.estimate.condition_normalised, 2)
-        facts.append((f"{len(table)}", "base parameters", f"{sure} of them well determined"))
-        facts.append((condition, "condition number", "columns scaled to unit length"))
+        facts.append((f"{len(table)}", f"base parameters, {sure} of them well determined"))
+        facts.append((condition, "normalised condition number"))
     return facts
 
 

@@ -25,7 +25,7 @@ function drawPlots() {
     return figure.lines.map((line, k) => ({
       type: "scatter", mode: "lines", name: names[k], x: line.x, y: line.y,
       yaxis: k === 2 ? "y2" : "y", connectgaps: false,
-      line: { color: colour(names[k]), width: k === 0 ? 1.6 : 1.2 },
+      line: { color: colour(names[k]), width: k === 0 ? 3.2 : 1.2 },
     }));
   }
 
@@ -46,8 +46,7 @@ function drawPlots() {
   }
 
   const config = {
-    responsive: true, displaylogo: false, displayModeBar: touch ? false : "hover",
-    modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"],
+    responsive: true, displayModeBar: false,
   };
 
   function draw(plot) {

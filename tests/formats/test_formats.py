@@ -1,0 +1,84 @@
+"""Laws over all formats: what was written is read, in parts of any size, from any row."""
+
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from steelyard.errors import LogError
+from steelyard.formats import FORMATS, open_log
+from steelyard.formats.log import Log
+
+COLUMNS = ("time_s", "q1_rad", "q2_rad", "current1_A")
+TABLE = np.arange(240.0).reshape(60, 4) / 7.0
+
+
+def write(path: Path) -> None:
+    frame = pl.DataFrame(TABLE, schema=list(COLUMNS), orient="row")
+    if path.suffix == ".parquet":
+        frame.write_parquet(path, row_group_size=16)
+    else:
+        frame.write_csv(path)
+
+
+@pytest.fixture(scope="module", params=sorted(FORMATS))
+def log(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Log:
+    path = tmp_path_factory.mktemp("logs") / f"run{request.param}"
+    write(path)
+    return open_log(path)
+
+
+def test_columns_are_named(log: Log) -> None:
+    assert log.columns == COLUMNS
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(
+    size=st.integers(1, 70),
+    start=st.integers(0, 70),
+    stop=st.none() | st.integers(0, 70),
+    columns=st.permutations(COLUMNS).flatmap(
+        lambda order: st.integers(1, 4).map(lambda n: tuple(order[:n]))
+    ),
+)
+def test_parts_are_the_table(
+    log: Log, size: int, start: int, stop: int | None, columns: tuple[str, ...]
+) -> None:
+    parts = list(log.parts(columns, (start, stop), size))
+    assert all(0 < len(part) <= size for part in parts)
+    wanted = TABLE[start:stop][:, [COLUMNS.index(c) for c in columns]]
+    read = np.concatenate(parts) if parts else wanted[:0]
+    np.testing.assert_array_equal(read, wanted)
+
+
+def test_a_missing_column_is_named_with_its_neighbours(log: Log) -> None:
+    with pytest.raises(LogError) as caught:
+        list(log.parts(("time_s", "q1_rd")))
+    assert caught.value.wrong == "the log has no column 'q1_rd'"
+    assert "'q1_rad'" in caught.value.mend
+    assert "[signals]" in caught.value.mend
+    assert caught.value.where == str(log.path)
+
+
+@pytest.mark.parametrize("suffix", sorted(FORMATS))
+def test_what_cannot_be_read_is_said(tmp_path: Path, suffix: str) -> None:
+    missing = tmp_path / f"runn{suffix}"
+    (tmp_path / f"run{suffix}").write_bytes(b"")
+    (tmp_path / f"folder{suffix}").mkdir()
+    with pytest.raises(LogError, match="no such log file") as caught:
+        open_log(missing)
+    assert f"run{suffix}" in caught.value.mend
+    with pytest.raises(LogError, match="is empty"):
+        open_log(tmp_path / f"run{suffix}")
+    with pytest.raises(LogError, match="is a folder"):
+        open_log(tmp_path / f"folder{suffix}")
+
+
+def test_an_unknown_suffix_lists_the_known_ones(tmp_path: Path) -> None:
+    (tmp_path / "run.bag").write_bytes(b"#ROSBAG")
+    with pytest.raises(LogError, match="'.bag'") as caught:
+        open_log(tmp_path / "run.bag")
+    assert ".parquet" in caught.value.mend and ".csv" in caught.value.mend

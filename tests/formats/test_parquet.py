@@ -1,0 +1,50 @@
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from steelyard.errors import LogError
+from steelyard.formats import open_log
+
+
+def test_numbers_of_every_kind_become_floats(tmp_path: Path) -> None:
+    path = tmp_path / "run.parquet"
+    pl.DataFrame(
+        {
+            "i": pl.Series([1, None, 3], dtype=pl.Int32),
+            "f": pl.Series([1.5, float("nan"), 2.5], dtype=pl.Float32),
+            "s": ["0.25", "abc", None],
+            "none": pl.Series([None, None, None], dtype=pl.Null),
+        }
+    ).write_parquet(path)
+    (part,) = open_log(path).parts(("i", "f", "s", "none"))
+    nan = np.nan
+    np.testing.assert_array_equal(
+        part, [[1.0, 1.5, 0.25, nan], [nan, nan, nan, nan], [3.0, 2.5, nan, nan]]
+    )
+
+
+@pytest.mark.parametrize("content", [b"time,q\n0,1\n", b"PAR1" + b"\x00" * 40])
+def test_another_kind_of_file_is_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "run.parquet"
+    path.write_bytes(content)
+    with pytest.raises(LogError, match="cannot be read as Parquet") as caught:
+        open_log(path)
+    assert ".csv" in caught.value.mend
+
+
+def test_half_a_file_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "run.parquet"
+    pl.DataFrame({"a": np.arange(1000.0)}).write_parquet(path)
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(LogError, match="cannot be read as Parquet"):
+        open_log(path)
+
+
+def test_lists_in_cells_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "run.parquet"
+    pl.DataFrame({"q": [[1.0, 2.0], [3.0, 4.0]]}).write_parquet(path)
+    with pytest.raises(LogError, match="cannot be read") as caught:
+        list(open_log(path).parts(("q",)))
+    assert "one number a row" in caught.value.mend

@@ -1,0 +1,96 @@
+"""The page in a real browser."""
+
+import base64
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from steelyard.report import ReportContent, render
+from steelyard.report.sections.effort import EffortSection
+from steelyard.report.sections.register import SECTIONS
+from steelyard.report.thin import thin
+
+MEGABYTE = 1_000_000
+
+
+def own_html(page: str) -> str:
+    """The page without plotly.js, which holds addresses of maps it never draws."""
+    scripts = re.findall(r"<script>.*?</script>", page, flags=re.DOTALL)
+    return page.replace(max(scripts, key=len), "")
+
+
+@pytest.mark.parametrize(("which", "joints"), [("usual", 2), ("nasty", 10)])
+def test_the_browser_draws_everything_without_an_error(request, browse, which, joints):
+    page = render(request.getfixturevalue(which))
+    assert len(page.encode()) <= 8 * MEGABYTE
+    seen = browse(page)
+    assert seen.console == ()
+    assert seen.errors == []
+    for section in SECTIONS:
+        assert f'<section id="{section.name}"' in seen.dom
+    assert seen.drawn == joints
+
+
+def test_the_test_would_see_an_error_and_a_missing_plot(browse, usual):
+    page = render(usual).replace("Plotly.react(plot,", "Plotly.react(nothing,")
+    seen = browse(page)
+    assert "nothing" in seen.errors[0]
+    assert any("nothing" in line for line in seen.console)
+    assert seen.drawn == 0
+
+
+def test_the_menu_shows_another_run(browse, usual):
+    choose = (
+        "<script>setTimeout(() => { const menu = document.getElementById('effort-run');"
+        "menu.value = '2'; menu.dispatchEvent(new Event('change')); }, 3000);</script></body>"
+    )
+    seen = browse(render(usual).replace("</body>", choose))
+    assert seen.drawn == 2 and seen.console == ()
+    captions = re.findall(r'caption" data-joint="\d">([^<]*)<', seen.dom)
+    assert [caption.replace("&nbsp;", " ") for caption in captions] == [
+        "error 3.0 % · RMSE 0.100 of 2.00 A",
+        "error 6.0 % · RMSE 0.200 of 3.00 A",
+    ]
+
+
+def test_the_network_is_neither_asked_nor_allowed(usual):
+    page = own_html(render(usual))
+    links = re.findall(r"""(?:src|href|action)\s*=\s*["']?([^"'\s>]*)""", page)
+    assert len(links) == 8 and all(link.startswith(("#", "data:")) for link in links)
+    assert "http:" not in page and "https:" not in page
+    assert "default-src 'none'" in page
+    assert page.count("url(") == 0 and "@import" not in page
+
+
+def test_plotly_is_embedded_once_and_left_out_without_plots(usual):
+    assert render(usual).count("plotly.js v") == 1
+    bare = render(ReportContent("nothing", "arm"))
+    assert "plotly.js v" not in bare and len(bare) < 50_000
+    assert "Not tested on unseen motion" in bare
+
+
+def test_names_of_strangers_stay_text(nasty):
+    page = own_html(render(nasty))
+    assert "<script>document.body" not in page
+    assert '<b>"' not in page
+    assert "&lt;script&gt;document.body.dataset.errors=&#39;ran&#39;" in page
+    assert "{{7*7}}" in page and "49}" not in page
+
+
+def test_many_runs_and_joints_stay_small(nasty, usual):
+    many = replace(usual, scores=(), fitted=nasty.fitted * 8)
+    numbers = EffortSection().numbers(many)
+    assert len(numbers["runs"]) + len(numbers["left_out"]) == 64 and numbers["left_out"]
+    assert 200 <= numbers["points"] < 210
+    assert len(render(many).encode()) <= 8 * MEGABYTE
+
+
+def test_lines_hold_the_thinned_samples_in_single_precision(usual):
+    figure = EffortSection().numbers(usual)["figures"][1]
+    raw = base64.b64decode(figure["lines"][0]["y"]["bdata"])
+    measured = usual.scores[0].traces.measured[:, 1]
+    chosen = thin(measured, 2000)
+    np.testing.assert_array_equal(np.frombuffer(raw, "<f4"), measured[chosen].astype("<f4"))
+    assert len(chosen) <= 2000 < len(measured)

@@ -1,0 +1,142 @@
+"""What the sections say."""
+
+from dataclasses import replace
+
+import pytest
+
+from steelyard.report import ReportContent
+from steelyard.report.judgement import level_of, verdict
+from steelyard.report.sections.register import SECTIONS
+from steelyard.report.sections.section import Section
+from steelyard.report.table import rows
+
+BY_NAME: dict[str, Section] = {section.name: section for section in SECTIONS}
+
+
+def shown(name: str, content: ReportContent) -> str:
+    section = BY_NAME[name]
+    numbers = section.numbers(content)
+    assert numbers is not None
+    return section.show(numbers)
+
+
+def with_errors(content: ReportContent, **errors) -> ReportContent:
+    score = content.scores[0]
+    joints = tuple(replace(joint, **errors) for joint in score.joints)
+    return replace(content, scores=(replace(score, joints=joints),))
+
+
+def test_the_verdict_comes_first_and_titles_differ():
+    assert SECTIONS[0].name == "verdict"
+    assert len({s.name for s in SECTIONS}) == len({s.title for s in SECTIONS}) == len(SECTIONS)
+
+
+def test_the_headline_is_the_mean_where_joints_move(usual):
+    judged = verdict(replace(usual, scores=usual.scores[:1]))
+    assert judged.headline == "Predicts unseen motion within 7.5\u00a0% of the measured effort"
+    assert judged.detail == (
+        "Mean over 2 joints, where they move; 10.0\u00a0% over the whole log. "
+        "Run points, not fitted, compared below 8 Hz."
+    )
+    assert judged.level == "good"
+    assert "9.8\u00a0%" in verdict(usual).headline
+    assert "2 runs, none of them fitted" in verdict(usual).detail
+
+
+def test_joints_that_never_move_are_not_counted(usual):
+    score = usual.scores[0]
+    still = replace(score.joints[1], relative_percent_moving=None)
+    content = replace(usual, scores=(replace(score, joints=(score.joints[0], still)),))
+    assert "within 5.0\u00a0%" in verdict(content).headline
+    assert "the 1 of 2 joints that move" in verdict(content).detail
+    motionless = with_errors(usual, relative_percent_moving=None, relative_percent=12.0)
+    assert "within 12.0\u00a0%" in verdict(motionless).headline
+    assert "no joint moves" in verdict(motionless).detail
+
+
+def test_a_useless_model_is_called_so(usual):
+    content = with_errors(usual, relative_percent_moving=130.0)
+    assert "no better than predicting zero" in verdict(content).headline
+    assert "130\u00a0%" in verdict(content).headline
+    assert verdict(content).level == "poor"
+
+
+@pytest.mark.parametrize("strange", [float("nan"), float("inf")])
+def test_no_percentage_without_measured_effort(usual, strange):
+    judged = verdict(with_errors(usual, relative_percent_moving=strange))
+    assert judged.level == "none"
+    assert "cannot be given" in judged.headline and "shoulder, elbow" in judged.detail
+
+
+def test_no_verdict_without_an_unseen_run(usual):
+    judged = verdict(replace(usual, scores=()))
+    assert judged.headline == "Not tested on unseen motion"
+    assert "1 fitted run within 6.0\u00a0%" in judged.detail
+    assert "--validate OTHER_LOG" in judged.detail
+    assert judged.level == "none"
+
+
+def test_levels():
+    errors = (None, float("nan"), 10.0, 10.1, 30.0, 30.1, float("inf"))
+    assert [level_of(e) for e in errors] == ["none", "none", "good", "fair", "fair", "poor", "poor"]
+
+
+def test_poor_parameters_are_marked(usual):
+    table = rows(usual.identified)
+    assert [row.grade for row in table[:4]] == ["sure", "zero", "weak", "sure"]
+    assert table[-1].grade == "unseen" and table[-1].value is None
+    assert len(table) == len(usual.identified.base)
+    html = shown("parameters", usual)
+    assert html.count("not told from zero</span>") == 1 and html.count("weak</span>") == 1
+    assert "2 parameters of 12 are poorly determined" in html
+    assert "mx.link of shoulder + 0.4 m.link of elbow" in html
+    assert table[-1].name not in html
+
+
+def test_intervals_and_nominal_values(usual):
+    estimate = usual.identified.estimate
+    first = rows(usual.identified)[0]
+    assert first.upper - first.lower == pytest.approx(2 * 1.959964 * estimate.std[0])
+    assert first.relative_percent == pytest.approx(3.0)
+    assert first.nominal == pytest.approx(2.0 * 0.2 + 0.4 * 2.0)
+    friction = next(r for r in rows(usual.identified) if r.name == "viscous.elbow")
+    assert friction.nominal is None
+
+
+def test_what_is_not_seen_is_named_with_its_twin(usual):
+    html = shown("unseen", usual)
+    assert "28 standard parameters" in html and "on 13 combinations" in html
+    assert "<code>m.link of shoulder</code>" in html
+    assert "not told from mx.link of shoulder" in html
+    estimate = replace(usual.identified.estimate, blind=())
+    clear = replace(usual, identified=replace(usual.identified, estimate=estimate))
+    assert "The motions show every base parameter." in shown("unseen", clear)
+
+
+def test_conditioning_says_what_trades_against_what(usual):
+    html = shown("conditioning", usual)
+    assert "41.5" in html and "812" in html and "0.950" in html
+    assert "1.5 std" in html
+    assert "0.0340" in html and "4200" in html
+
+
+def test_quality_has_a_column_per_label(usual):
+    html = shown("quality", usual)
+    assert html.count('<th scope="col"') == 5
+    assert "1, longest 0.4 s" in html and "12 (not a number)" in html
+
+
+def test_settings_show_hashes_and_notes_once(usual):
+    html = shown("settings", usual)
+    assert "ab" * 32 in html and "run1@0.6:9.5" in html and "25 Hz" in html
+    assert "clock: 100 Hz" in html
+    repeated = replace(usual, notes=("clock: 100 Hz",))
+    assert "clock: 100 Hz" not in shown("settings", repeated)
+
+
+def test_sections_without_anything_to_show_are_left_out():
+    empty = ReportContent("title", "arm")
+    left = [s.name for s in SECTIONS if s.numbers(empty) is not None]
+    assert left == ["verdict"]
+    some = replace(empty, settings=(("a", "b"),))
+    assert "<dt>a</dt><dd>b</dd>" in shown("settings", some)

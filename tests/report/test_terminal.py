@@ -1,0 +1,65 @@
+import csv
+import io
+
+from rich.console import Console
+
+from steelyard.report import ReportContent, parameters_csv, summary
+from steelyard.report.terminal import CSV_COLUMNS
+
+
+def printed(content: ReportContent, width: int = 120) -> str:
+    console = Console(file=io.StringIO(), width=width)
+    summary(content, console)
+    return console.file.getvalue()
+
+
+def test_the_summary_says_what_matters(usual):
+    text = printed(usual)
+    assert "Predicts unseen motion within 9.8\u00a0% of the measured effort" in text
+    assert "points (not fitted, below 8 Hz)" in text and "run1" not in text
+    line = next(line for line in text.splitlines() if "elbow" in line)
+    assert [c.strip() for c in line.split("│")[1:-1]] == [
+        "elbow",
+        "10.0\u00a0%",
+        "12.5\u00a0%",
+        "0.200",
+        "3.00",
+        "2.00",
+        "A",
+    ]
+    assert "13 base parameters, normalised condition number 41.5" in text
+    assert "2 poorly determined: mz.link of shoulder, Iyy.link of shoulder" in text
+    assert "1 not seen by these data: offset.elbow" in text
+    assert "note: velocity: from positions" in text
+
+
+def test_names_are_no_markup_and_numbers_may_be_none(nasty):
+    text = printed(nasty, 400)
+    assert "Not tested on unseen motion" in text and "(fitted, below 8 Hz)" in text
+    assert "<script>" in text
+    bracket = ReportContent("t", "r", notes=("[bold]not bold[/bold]",))
+    assert "note: [bold]not bold[/bold]" in printed(bracket)
+
+
+def test_the_csv_holds_every_base_parameter_exactly(usual):
+    table = list(csv.DictReader(io.StringIO(parameters_csv(usual.identified))))
+    estimate = usual.identified.estimate
+    assert tuple(table[0]) == CSV_COLUMNS
+    assert len(table) == len(usual.identified.base)
+    seen = [row for row in table if row["value"]]
+    assert [float(row["value"]) for row in seen] == estimate.parameters.values.tolist()
+    assert [float(row["std"]) for row in seen] == estimate.std.tolist()
+    assert table[0]["group"] == "mx.link of shoulder + 0.4 m.link of elbow"
+    assert table[0]["unit"] == "kg m" and table[0]["status"] == "seen"
+    last = table[-1]
+    assert last["status"] == "not seen (tied to mx.link of shoulder)"
+    assert [last[c] for c in ("value", "std", "lower95", "upper95", "relative_std_percent")] == (
+        [""] * 5
+    )
+
+
+def test_the_csv_of_broken_numbers_has_empty_cells(nasty):
+    table = list(csv.DictReader(io.StringIO(parameters_csv(nasty.identified))))
+    assert table[0]["std"] == "" and table[0]["value"] != ""
+    assert "nan" not in parameters_csv(nasty.identified).lower()
+    assert "inf" not in parameters_csv(nasty.identified).lower()
