@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from steelyard.errors import LogError
-from steelyard.formats import open_log
 from steelyard.formats import delimited as delimited_module
+from steelyard.formats import open_log
 
 NAN = np.nan
 

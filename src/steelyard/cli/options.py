@@ -5,9 +5,7 @@ from typing import Annotated
 
 import typer
 
-Json = Annotated[
-    bool, typer.Option("--json", help="Machine-readable results on standard output.")
-]
+Json = Annotated[bool, typer.Option("--json", help="Machine-readable results on standard output.")]
 Threads = Annotated[
     int | None, typer.Option(min=1, help="Threads for the pass over the data; all cores if unset.")
 ]

@@ -82,8 +82,7 @@ def prepared(
     common = settled(wanted, runs)
     return tuple(
         run
-        if (run.motion_cutoff, run.matched_cutoff)
-        == (common.motion_cutoff, common.matched_cutoff)
+        if (run.motion_cutoff, run.matched_cutoff) == (common.motion_cutoff, common.matched_cutoff)
         else prepare(recording, common)
         for run, recording in zip(runs, recordings, strict=True)
     )

@@ -52,9 +52,7 @@ def simulate(
     truth = random_truth(loaded.robot, seed)
     sensors = customary_sensors(loaded.robot, truth, noise)
     with progress_bar() as progress:
-        files = run(
-            loaded.robot, truth, trajectory, sensors, folder, seed=seed, progress=progress
-        )
+        files = run(loaded.robot, truth, trajectory, sensors, folder, seed=seed, progress=progress)
     if as_json:
         typer.echo(json.dumps({k: str(v) for k, v in vars(files).items()}))
         return

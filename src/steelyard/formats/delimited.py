@@ -85,18 +85,17 @@ class DelimitedLog:
                 return
 
     def _chunks(self) -> Iterator[bytes]:
-        """Whole lines, about `CHUNK` bytes of them at a time, the last one ended too."""
+        """Whole lines, about `CHUNK` bytes at a time; the last is ended, blank ones after it go."""
         try:
             with self.path.open("rb") as file:
                 file.seek(self.body)
                 rest = b""
                 while block := file.read(CHUNK):
-                    end = block.rfind(b"\n") + 1
-                    if end:
-                        yield rest + block[:end]
-                        rest = block[end:]
-                    else:
-                        rest += block
+                    rest += block
+                    end = rest.find(b"\n", len(rest.rstrip())) + 1 or rest.rfind(b"\n") + 1
+                    if rest[:end].strip():
+                        yield rest[:end]
+                        rest = rest[end:]
                 if rest.strip():
                     yield rest + b"\n"
         except OSError as error:

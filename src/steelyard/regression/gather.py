@@ -104,9 +104,7 @@ def cut(
         yield from _windows(held, name, length, need, last=True)
 
 
-def _windows(
-    held: list[Block], name: str, length: int, need: int, last: bool
-) -> Iterator[Piece]:
+def _windows(held: list[Block], name: str, length: int, need: int, last: bool) -> Iterator[Piece]:
     joined = held[0] if len(held) == 1 else Block.joined(held)
     start = 0
     while len(joined.t) - start >= need or (last and start < len(joined.t)):

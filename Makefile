@@ -1,0 +1,45 @@
+# Each target makes its own virtual environment and installs what it needs, pinned.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check
+
+.PHONY: demo test check bench prove clean
+
+demo: $(VENV)/.base
+	$(BIN)/steelyard demo -o $$(mktemp -d)/demo
+
+test: $(VENV)/.test
+	$(BIN)/python -m pytest -q -n 2
+
+check: $(VENV)/.test $(VENV)/.check
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+bench: $(VENV)/.test
+	$(BIN)/python benchmarks/run.py
+
+prove: $(VENV)/.test
+	$(BIN)/python proofs/run.py
+
+clean:
+	rm -rf $(VENV)
+
+$(VENV)/.python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+		|| { echo "steelyard needs Python 3.11 or newer; name one with make PYTHON=python3.12"; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	@touch $@
+
+$(VENV)/.base: $(VENV)/.python pyproject.toml constraints.txt
+	$(PIP) install -q -c constraints.txt -e .
+	@touch $@
+
+$(VENV)/.test: $(VENV)/.base
+	$(PIP) install -q -c constraints.txt -e ".[test]"
+	@touch $@
+
+$(VENV)/.check: $(VENV)/.base
+	$(PIP) install -q -c constraints.txt -e ".[check]"
+	@touch $@
