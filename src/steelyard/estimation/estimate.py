@@ -1,4 +1,4 @@
-"""What an estimator returns: named numbers with their uncertainty, and what the data did not see."""
+"""What an estimator returns: named numbers, their uncertainty, and what the data did not see."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -67,7 +67,7 @@ class WeightedLeastSquares:
 
 @dataclass(frozen=True, eq=False)
 class _Solution:
-    """Values of all columns (unseen ones zero), which were kept, and the kept ones' inverse Gram."""
+    """Values of all columns (unseen ones zero), those kept, and the inverse Gram of these."""
 
     values: Array
     kept: list[int]
@@ -100,8 +100,8 @@ def _solve(information: Information, weights: Array) -> _Solution:
         kept,
         inverse / scale[:, None] / scale,
         blind,
-        np.linalg.eigvalsh(matrix[np.ix_(kept, kept)]),
-        np.linalg.eigvalsh(reduced),
+        frozen(np.linalg.eigvalsh(matrix[np.ix_(kept, kept)])),
+        frozen(np.linalg.eigvalsh(reduced)),
     )
 
 

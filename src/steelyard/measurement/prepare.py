@@ -82,8 +82,8 @@ def prepare(recording: Recording, processing: Processing | None = None) -> Run:
 def _with_context(recording: Recording, found: Survey, cut: Cutoffs) -> tuple[Recording, Survey]:
     """The recording with its window widened by what the motion's filter looks at, if it is cut.
 
-    Where the log goes on beyond the window, the filter of the motion sees it: at a cut in the middle
-    of a motion any guessed continuation would bend the accelerations.
+    Where the log goes on beyond the window, the filter of the motion sees it: at a cut in the
+    middle of a motion any guessed continuation would bend the accelerations.
     """
     if recording.cut == Cut():
         return recording, found

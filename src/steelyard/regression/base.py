@@ -167,7 +167,7 @@ def _group(model: Model, regressor: Array) -> BaseMap:
         independent=tuple(independent),
         dependent=tuple(dependent),
         unseen=tuple(unseen),
-        coefficients=frozen(_snapped(solved)),
+        coefficients=frozen(_snapped(frozen(solved))),
     )
 
 

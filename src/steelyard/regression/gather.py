@@ -1,6 +1,6 @@
 """The pass over runs: stretches of samples to information, on several threads."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -104,7 +104,10 @@ def cut(
         yield from _windows(held, name, length, need, last=True)
 
 
-def _windows(held: list[Block], name: str, length: int, need: int, last: bool) -> Iterator[Piece]:
+def _windows(
+    held: list[Block], name: str, length: int, need: int, last: bool
+) -> Generator[Piece, None, Block]:
+    """The windows that the samples held suffice for; returns the samples that are left."""
     joined = held[0] if len(held) == 1 else Block.joined(held)
     start = 0
     while len(joined.t) - start >= need or (last and start < len(joined.t)):

@@ -5,9 +5,9 @@ from importlib.resources import files
 from pathlib import Path
 
 from steelyard.excitation.random_fourier import random_fourier
+from steelyard.files import whole_folder, write_json
 from steelyard.progress import Progress, silent
 from steelyard.robot.robot_file import LoadedRobot, load_robot
-from steelyard.files import whole_folder, write_json
 from steelyard.virtual.robot import VirtualRobot
 from steelyard.virtual.simulate import customary_sensors
 from steelyard.virtual.truth import random_truth

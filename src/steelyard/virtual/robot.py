@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.arrays import Array, frozen
+from steelyard.files import write_table
 from steelyard.motion import Trajectory
 from steelyard.progress import Progress, silent, tell
 from steelyard.robot.robot import Robot
 from steelyard.virtual.controller import tuned_pd
-from steelyard.files import write_table
 from steelyard.virtual.plant import MujocoPlant
 from steelyard.virtual.scales import typical_masses
 from steelyard.virtual.sensors import CONTROL_RATE, Sensors, TrueRun

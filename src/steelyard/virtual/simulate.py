@@ -5,10 +5,10 @@ from math import pi
 from pathlib import Path
 
 from steelyard.excitation.files import StoredTrajectory
+from steelyard.files import whole_folder, write_json
 from steelyard.motion import Rig
 from steelyard.progress import Progress, silent
 from steelyard.robot.robot import Robot
-from steelyard.files import whole_folder, write_json
 from steelyard.virtual.mujoco_model import build
 from steelyard.virtual.robot import VirtualRobot
 from steelyard.virtual.scales import typical_torque
