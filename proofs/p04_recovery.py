@@ -14,7 +14,6 @@ from steelyard.excitation.random_fourier import random_fourier
 from steelyard.measurement import Recording, prepare
 from steelyard.measurement.recording import HeldLog
 from steelyard.model import Model
-from steelyard.motion import Motion
 from steelyard.parameters import Parameters
 from steelyard.regression.gather import gather
 from steelyard.regression.regressor import base_regressor
@@ -24,8 +23,8 @@ from steelyard.robot.reduction import reduced
 from steelyard.robot.robot import Robot
 from steelyard.robot.robot_file import load_robot
 from steelyard.robot.signals import Signals
-from steelyard.virtual.simulate import typical_torque
 from steelyard.virtual.mujoco_model import build
+from steelyard.virtual.simulate import typical_torque
 from steelyard.virtual.truth import Truth, random_truth
 
 RATE, DRAWS = 250.0, 50

@@ -19,9 +19,9 @@ def provenance(
     notes: Sequence[str],
 ) -> Provenance:
     """Hashes of all inputs, and what was decided on the way."""
-    inputs = {f"robot {s.path}": s.sha256 for s in loaded.sources}
+    inputs = {f"robot {s.path.name}": s.sha256 for s in loaded.sources}
     for role, paths in (("identification", fitted), ("validation", validated)):
-        inputs |= {f"{role} {path}": sha256(path) for path in paths}
+        inputs |= {f"{role} {path.name}": sha256(path) for path in paths}
     return Provenance(version("steelyard"), inputs, tuple(r.name for r in runs), tuple(notes))
 
 
@@ -31,9 +31,7 @@ def sha256(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def settings(
-    signals: Signals, cutoffs: Cutoffs, estimator: str, folder: str
-) -> tuple[tuple[str, str], ...]:
+def settings(signals: Signals, cutoffs: Cutoffs, estimator: str) -> tuple[tuple[str, str], ...]:
     """Settings as label and value."""
     gains = ", ".join(f"{g:g}" for g in signals.gains)
     velocity = "logged" if signals.velocity else "differentiated positions"
@@ -44,7 +42,6 @@ def settings(
         ("score cut-off (measured and predicted effort)", f"{cutoffs.score:g} Hz"),
         ("velocities", velocity),
         ("effort", f"{signals.effort_kind.replace('_', ' ')}, gains {gains}"),
-        ("results", folder),
     )
 
 

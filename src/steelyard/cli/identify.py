@@ -125,9 +125,7 @@ def run_identify(
             fitted=scores[: len(fitted)],
             qualities=tuple((run.name, run.quality.rows_of_text) for run in runs),
             notes=notes,
-            settings=describe.settings(
-                signals, cutoffs, identified.estimate.estimator, str(folder)
-            ),
+            settings=describe.settings(signals, cutoffs, identified.estimate.estimator),
         )
         write_results(identified, content, part)
     return content, folder

@@ -55,7 +55,7 @@ def validate(
         qualities=tuple((run.name, run.quality.rows_of_text) for run in runs),
         notes=describe.notes_of(runs),
         settings=describe.settings(
-            identified.signals, identified.cutoffs, identified.estimate.estimator, model
+            identified.signals, identified.cutoffs, identified.estimate.estimator
         ),
     )
     if folder is not None:

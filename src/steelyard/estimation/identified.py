@@ -25,7 +25,7 @@ class Provenance:
 
     Attributes:
         version: Version of steelyard.
-        inputs: Role and path of every file to its SHA-256.
+        inputs: Role and name of every file to its SHA-256.
         runs: The runs that were fitted, with their cuts.
         notes: What was decided on the way, for people to read.
     """

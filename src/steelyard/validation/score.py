@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.measurement.lowpass import zero_phase
@@ -46,7 +47,7 @@ class Traces:
     t: Array
     measured: Array
     predicted: Array
-    moving: Array
+    moving: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
