@@ -46,7 +46,8 @@ def pinocchio_regressor(robot: Robot, q: Array, dq: Array, ddq: Array) -> Array:
     """Rigid-body regressor at one sample, shape `(n, 10 * n_bodies)`."""
     model, s = pinocchio_model(robot), body_map(robot)
     at = body_positions(robot, q)
-    return s.T @ pin.computeJointTorqueRegressor(model, model.createData(), at, s @ dq, s @ ddq)
+    regressor = pin.computeJointTorqueRegressor(model, model.createData(), at, s @ dq, s @ ddq)
+    return s.T @ regressor.reshape(len(robot.bodies), -1)
 
 
 def _joint_model(body: Body) -> pin.JointModel:

@@ -81,8 +81,8 @@ def cutoffs(processing: Processing, band: float, rate: float, where: str) -> Cut
     if motion is None:
         motion = rounded(max(matched, min(MOTION_FACTOR * matched, MOTION_HIGHEST * rate)))
     for name, cutoff, share in (
-        ("motion", motion, NYQUIST_SHARE),
         ("matched", matched, MATCHED_HIGHEST),
+        ("motion", motion, NYQUIST_SHARE),
     ):
         if not 0.0 < cutoff <= share * rate * (1.0 + 1e-9):
             raise LogError(

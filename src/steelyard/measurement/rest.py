@@ -29,6 +29,8 @@ class SpeedHistogram:
 
     def add(self, t: Array, dq: Array) -> None:
         """Take in samples: time `(N,)` [s], increasing over calls, and velocity `(n, N)`."""
+        if len(t) == 0:
+            return
         for joint, velocity in enumerate(dq):
             self.highest[joint] = max(self.highest[joint], float(np.abs(velocity).max()))
             speed = np.maximum(np.abs(velocity) / self.reference[joint], 10.0**LOWEST)

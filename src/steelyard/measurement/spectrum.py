@@ -73,8 +73,9 @@ def motion_band(q: Array, rate: float) -> Band:
     bands, powers = [], []
     for joint in range(len(q)):
         smooth = np.convolve(position[joint], np.full(5, 0.2), mode="same")
-        peak = int(np.argmax(velocity[joint]))
-        quiet = np.flatnonzero(smooth[peak:] < AUDIBLE * noise[joint])
+        audible = smooth > AUDIBLE * noise[joint]
+        peak = int(np.argmax(np.where(audible, velocity[joint], 0.0)))
+        quiet = np.flatnonzero(~audible[peak:])
         power = np.cumsum(velocity[joint, : peak + int(quiet[0]) if len(quiet) else None])
         total = float(power[-1]) if len(power) else 0.0
         powers.append(total)

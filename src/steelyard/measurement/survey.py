@@ -1,6 +1,5 @@
 """The first pass over a recording: what is in it, before anything is filtered."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -138,12 +137,16 @@ class _Tally:
 
 
 class _Excerpt:
-    """Rows of one segment, from the first departure on: the longest of the first ones."""
+    """Rows of one segment, from the first departure on: the longest of the first segments.
+
+    If no joint ever departs, these are the first rows, which hold the noise.
+    """
 
     def __init__(self, recording: Recording) -> None:
         self._channels = recording.channels
         self._longest: list[Piece] = []
         self._current: list[Piece] = []
+        self._still: list[Piece] = []
         self._origin: Array | None = None
 
     def add(self, piece: Piece) -> None:
@@ -158,28 +161,34 @@ class _Excerpt:
         if not self._current:
             gone = (np.abs(x[:, self._channels.q] - self._origin) > DEPARTURE).any(axis=1)
             start = int(np.argmax(gone)) if gone.any() else len(x)
+            if start == len(x) and not self._longest:
+                self._rest(piece, x)
         stop = start + EXCERPT - _length(self._current)
         if start < len(x):
+            self._still = []
             self._current.append(
                 Piece(piece.segment, piece.t[start:stop].copy(), x[start:stop].copy())
             )
         if _length(self._current) > _length(self._longest):
             self._longest = self._current
 
+    def _rest(self, piece: Piece, x: Array) -> None:
+        if not self._still or self._still[0].segment == piece.segment:
+            room = EXCERPT - _length(self._still)
+            if room > 0:
+                self._still.append(Piece(piece.segment, piece.t[:room].copy(), x[:room].copy()))
+
     def spectra(self, rate: float) -> tuple[Band, Array | None]:
         """Band of the motion, and the noise density of logged velocities."""
         n = self._channels.joints
-        if _length(self._longest) < SHORTEST_CHAIN:
+        excerpt = self._longest or self._still
+        if _length(excerpt) < SHORTEST_CHAIN:
             return Band(0.0, np.zeros(n)), np.zeros(n) if self._channels.velocities else None
-        even = np.concatenate(list(uniform(self._rows(), rate)), axis=1)
+        even = np.concatenate(list(uniform(((p.t, p.x) for p in excerpt), rate)), axis=1)
         band = motion_band(even[self._channels.q], rate)
         if not self._channels.velocities:
             return band, None
         return band, motion_band(even[self._channels.dq], rate).noise
-
-    def _rows(self) -> Iterator[tuple[Array, Array]]:
-        for piece in self._longest:
-            yield piece.t, piece.x
 
 
 def _length(pieces: list[Piece]) -> int:

@@ -32,9 +32,9 @@ class MujocoModel:
 
     Attributes:
         compiled: The `mujoco.MjModel`.
-        map: `G`, shape `(n_bodies, n)`, joint positions per coordinate.
-        offset: Joint positions at coordinates zero, shape `(n_bodies,)`.
-        carriers: Per coordinate the first body that it moves.
+        map: `G`, shape `(n_bodies, n)`, positions of MuJoCo's joints per coordinate.
+        offset: Positions of MuJoCo's joints at coordinates zero, shape `(n_bodies,)`.
+        carriers: Per coordinate the joint of the first body that it moves.
     """
 
     compiled: Any
@@ -78,7 +78,19 @@ def build(
     for index, body in enumerate(robot.bodies):
         matrix[index, body.coordinate] = body.ratio
     offset = [body.offset for body in robot.bodies]
-    return MujocoModel(_compile(spec, robot), frozen(matrix), frozen(offset), carriers)
+    compiled = _compile(spec, robot)
+    order = _order(compiled)
+    return MujocoModel(
+        compiled,
+        frozen(matrix[order]),
+        frozen(np.array(offset)[order]),
+        tuple(order.index(carrier) for carrier in carriers),
+    )
+
+
+def _order(compiled: Any) -> list[int]:
+    """Which body's joint each of MuJoCo's joints is: MuJoCo goes through a tree depth first."""
+    return [int(compiled.joint(k).name.split()[0]) for k in range(compiled.njnt)]
 
 
 def inverse_dynamics(model: MujocoModel, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:

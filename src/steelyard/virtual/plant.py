@@ -34,7 +34,7 @@ class MujocoPlant:
         self.model.compiled.opt.timestep = self.timestep
         self._truth = truth
         self._carriers = np.array(self.model.carriers)
-        self._ratios = np.array([robot.bodies[c].ratio for c in self.model.carriers])
+        self._ratios = self.model.map[self._carriers, np.arange(robot.n)]
         self._starts = self.model.offset[self._carriers]
         self.place(np.zeros(robot.n))
 

@@ -1,0 +1,33 @@
+"""`make prove`: all proofs into one table; fails where one is missed, or without the data."""
+
+import importlib
+import sys
+import time
+import traceback
+from pathlib import Path
+
+from claims import Claim, data_folder, table
+
+
+def main() -> int:
+    """Run every `p*.py` beside this file, or those named as arguments."""
+    data_folder()
+    names = sys.argv[1:] or sorted(path.stem for path in Path(__file__).parent.glob("p[0-9]*.py"))
+    claims: list[Claim] = []
+    for name in names:
+        start = time.perf_counter()
+        try:
+            found = importlib.import_module(name).main()
+        except Exception:
+            traceback.print_exc()
+            found = [Claim(name, "the proof stopped with an error", "a figure", False)]
+        print(f"{name}: {time.perf_counter() - start:.0f} s", file=sys.stderr, flush=True)
+        claims += [Claim(f"{name[1:3]}  {c.name}", c.figure, c.bound, c.holds) for c in found]
+    print(table(claims))
+    missed = sum(not claim.holds for claim in claims)
+    print(f"{len(claims) - missed} claims hold, {missed} missed")
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

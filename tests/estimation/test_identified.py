@@ -1,0 +1,87 @@
+"""`model.json`: exact round trip, and errors for files that are not one."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import steelyard
+from invented import tree
+from steelyard.errors import ModelError
+from steelyard.estimation.estimate import Blind, Estimate
+from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
+from steelyard.model import Model
+from steelyard.motion import Motion
+from steelyard.parameters import Parameters
+from steelyard.regression.base import base_map
+from steelyard.robot.signals import Signals
+from steelyard.terms.coulomb import Coulomb
+from steelyard.terms.rigid_body import RigidBody
+
+
+@pytest.fixture
+def identified() -> IdentifiedModel:
+    model = Model(tree(), (RigidBody(), Coulomb(smoothing=0.05)))
+    base = base_map(model)
+    rng = np.random.default_rng(0)
+    size = len(base)
+    spread = rng.normal(size=(size, size))
+    estimate = Estimate(
+        "weighted least squares",
+        Parameters(base.base_names, base.base_units, rng.normal(size=size)),
+        spread @ spread.T,
+        (Blind("x", ("y",)),),
+        rng.random(4),
+        np.full(4, 100.0),
+        12.5,
+        3.25,
+    )
+    names = tuple(f"c{k}" for k in range(8))
+    signals = Signals(
+        "t", 1e-3, names[:4], np.ones(4), None, None, names[4:], np.ones(4),
+        "motor_current", ("A",) * 4, np.array([1.5, -2.0, 3.0, 0.1]),
+    )  # fmt: skip
+    origin = Provenance("0.1.0", {"robot x.toml": "ab"}, ("run@1:2",), ("a note",))
+    return IdentifiedModel(model, base, estimate, (), signals, Cutoffs(20.0, 8.0, 5.0), origin)
+
+
+def test_round_trip_is_exact(identified: IdentifiedModel, tmp_path: Path) -> None:
+    path = tmp_path / "model.json"
+    path.write_text(identified.text(), encoding="utf-8")
+    again = steelyard.load_model(tmp_path)
+    assert again.text() == identified.text()
+    q, dq, ddq = np.random.default_rng(1).normal(size=(3, 9, 4))
+    motion = Motion(np.arange(9), q, dq, ddq)
+    torque = again.torque(motion)
+    assert np.array_equal(torque, identified.torque(motion))
+    stepper = again.start()
+    for k in range(9):
+        assert np.abs(stepper.step(q[k], dq[k], ddq[k]) - torque[k]).max() < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (None, "cannot be read"),
+        ("not json", "not JSON"),
+        ("[]", "not an identified model"),
+        ('{"schema": "steelyard.model", "schema_version": 99}', "schema version 99"),
+        ('{"schema": "steelyard.model", "schema_version": 1}', "incomplete or damaged"),
+    ],
+)
+def test_other_files_are_refused(text: str | None, words: str, tmp_path: Path) -> None:
+    path = tmp_path / "model.json"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(ModelError, match=words):
+        steelyard.load_model(path)
+
+
+def test_a_damaged_value_is_refused(identified: IdentifiedModel, tmp_path: Path) -> None:
+    data = json.loads(identified.text())
+    data["estimate"]["values"] = data["estimate"]["values"][:-1]
+    path = tmp_path / "model.json"
+    path.write_text(json.dumps(data))
+    with pytest.raises(ModelError, match="incomplete or damaged"):
+        steelyard.load_model(path)

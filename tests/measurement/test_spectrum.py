@@ -1,0 +1,103 @@
+import numpy as np
+import pytest
+from scipy import signal
+
+from steelyard.errors import LogError
+from steelyard.measurement.defaults import (
+    Processing,
+    cutoffs,
+    default_rest_speed,
+    given_rest_speed,
+)
+from steelyard.measurement.rest import SpeedHistogram
+from steelyard.measurement.spectrum import motion_band, welch
+
+
+def test_welch_is_scipys() -> None:
+    x = np.random.default_rng(0).standard_normal((2, 5000)).cumsum(axis=1)
+    frequency, density = welch(x, 100.0, 10.0)
+    expected_f, expected = signal.welch(x, 100.0, "hann", 1000, 500, detrend="linear")
+    np.testing.assert_allclose(frequency, expected_f)
+    np.testing.assert_allclose(density[:, 1:-1], expected[:, 1:-1], rtol=1e-3)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-5, 1e-3])
+def test_the_band_is_the_motions_whatever_the_noise(noise: float) -> None:
+    rng = np.random.default_rng(1)
+    t = np.arange(60_000) / 1000.0
+    q = np.stack([np.sin(2 * np.pi * f * t) for f in (0.3, 0.5, 0.5)])
+    still = np.zeros((1, len(t)))
+    noisy = np.concatenate((q, still)) + noise * rng.standard_normal((4, len(t)))
+    band = motion_band(noisy, 1000.0)
+    assert band.frequency == pytest.approx(0.5, abs=0.11)
+    np.testing.assert_allclose(band.noise, noise**2 / 500.0, rtol=0.4, atol=1e-16)
+
+
+def test_cutoffs_follow_the_band_within_the_rate() -> None:
+    slow = cutoffs(Processing(), 0.05, 100.0, "log")
+    usual = cutoffs(Processing(), 0.5, 1000.0, "log")
+    fast = cutoffs(Processing(), 10.0, 100.0, "log")
+    assert (slow.matched, slow.motion) == (2.0, 6.0)
+    assert (usual.matched, usual.motion) == (6.0, 18.0)
+    assert (fast.matched, fast.motion) == (20.0, 25.0)
+
+
+def test_cutoffs_asked_for_are_taken() -> None:
+    both = cutoffs(Processing(motion_cutoff=9.0, matched_cutoff=5.0), 0.5, 100.0, "log")
+    assert (both.motion, both.matched) == (9.0, 5.0)
+    one = cutoffs(Processing(motion_cutoff=4.0), 0.5, 100.0, "log")
+    assert (one.motion, one.matched) == (4.0, 4.0)
+    other = cutoffs(Processing(matched_cutoff=4.0), 0.5, 100.0, "log")
+    assert (other.motion, other.matched) == (12.0, 4.0)
+
+
+@pytest.mark.parametrize(
+    ("processing", "words"),
+    [
+        (Processing(motion_cutoff=60.0), "motion cut-off of 60 Hz does not fit a log of 100 Hz"),
+        (Processing(matched_cutoff=30.0), "matched cut-off of 30 Hz"),
+        (Processing(matched_cutoff=-1.0), "matched cut-off of -1 Hz"),
+    ],
+)
+def test_cutoffs_beyond_the_rate_are_refused(processing: Processing, words: str) -> None:
+    with pytest.raises(LogError, match=words) as caught:
+        cutoffs(processing, 0.5, 100.0, "run.csv")
+    assert caught.value.where == "run.csv" and "log faster" in caught.value.mend
+
+
+def test_rest_speeds_are_one_or_one_per_joint() -> None:
+    np.testing.assert_array_equal(given_rest_speed(Processing(rest_speed=0.1), 3), [0.1] * 3)
+    np.testing.assert_array_equal(given_rest_speed(Processing(rest_speed=(1.0, 2.0)), 2), [1, 2])
+    assert given_rest_speed(Processing(), 3) is None
+    with pytest.raises(LogError, match="does not fit 3 joints"):
+        given_rest_speed(Processing(rest_speed=(1.0, 2.0)), 3)
+    with pytest.raises(LogError, match="does not fit"):
+        given_rest_speed(Processing(rest_speed=0.0), 3)
+
+
+def test_rest_speed_is_the_largest_of_its_reasons() -> None:
+    fast, zero = np.array([1.0, 0.001, 0.0]), np.zeros(3)
+    np.testing.assert_allclose(default_rest_speed(fast, zero, zero), [0.005, 0.001, 0.001])
+    np.testing.assert_allclose(default_rest_speed(zero, zero, zero), 1e-4)
+    np.testing.assert_allclose(default_rest_speed(fast, zero + 0.1, zero), 0.4)
+    np.testing.assert_allclose(default_rest_speed(fast, zero, zero + 0.1), 0.2)
+
+
+def test_histogram_knows_quantiles_and_times() -> None:
+    rng = np.random.default_rng(3)
+    t = np.arange(20_000) / 100.0
+    dq = rng.standard_normal((3, 20_000)) * np.array([[1.0], [0.1], [0.0]])
+    dq[:, :500] = dq[:, -700:] = 0.0
+    speeds = SpeedHistogram(np.array([0.05, 0.05, 1.0]))
+    for part in range(0, 20_000, 777):
+        speeds.add(t[part : part + 777], dq[:, part : part + 777])
+    found = speeds.quantile(0.99)
+    np.testing.assert_allclose(found[:2], np.quantile(np.abs(dq[:2]), 0.99, axis=1), rtol=0.08)
+    assert found[2] < 1e-7
+    np.testing.assert_array_equal(speeds.highest, np.abs(dq).max(axis=1))
+    faster = np.flatnonzero((np.abs(dq) > [[0.05], [0.05], [1.0]]).any(axis=0))
+    assert speeds.moving(np.array([0.05, 0.05, 1.0])) == (t[faster[0]], t[faster[-1]])
+    assert speeds.moving(np.array([80.0, 80.0, 80.0])) is None
+    edges = speeds.edge_above(np.array([0.05, 0.051, 0.3]))
+    np.testing.assert_allclose(edges[0], 0.05)
+    assert (edges >= [0.05, 0.051, 0.3]).all() and (edges < [0.0501, 0.0551, 0.33]).all()

@@ -1,0 +1,152 @@
+"""The pass against plain NumPy: sums, filters, weights, parts and threads."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from invented import ROBOTS, single
+from steelyard.measurement.run import Block
+from steelyard.model import Model
+from steelyard.regression.accumulate import MOVING, Accumulator, Stretch, Sums
+from steelyard.regression.gather import accumulate, cut
+from steelyard.regression.information import Information, Stamp
+from steelyard.regression.matched import MatchedFilter
+from steelyard.regression.regressor import Regressor, base_regressor
+
+FILTERS = {"none": None, "8 of 100 Hz": (8.0, 100.0), "5 of 1000 Hz": (5.0, 1000.0)}
+
+
+def regressor(name: str) -> Regressor:
+    return base_regressor(Model(ROBOTS[name](Path())))
+
+
+def stretch(n: int, count: int, weighted: bool, seed: int = 0) -> Stretch:
+    rng = np.random.default_rng(seed)
+    q, dq, ddq, effort = rng.normal(size=(4, n, count))
+    weights = (rng.random((n, count)) > 0.3).astype(float) if weighted else None
+    return Stretch(q, dq, ddq, effort, weights)
+
+
+def oracle(found: Regressor, matched: MatchedFilter | None, data: Stretch) -> Sums:
+    """The same with a stored regressor."""
+    dense = found.dense(data.q, data.dq, data.ddq)
+    count = data.q.shape[1]
+    grams, absolute, counts = [], [], []
+    for row, seen in enumerate(found.layout.sees):
+        rows = np.column_stack([dense[row][:, list(seen)], data.effort[row]])
+        weights = np.ones(count) if data.weights is None else data.weights[row]
+        if matched is not None:
+            starts = range(0, count - len(matched.taps) + 1, matched.decimation)
+            inside = [slice(k, k + len(matched.taps)) for k in starts]
+            rows = np.array([matched.taps @ rows[s] for s in inside]).reshape(-1, rows.shape[1])
+            mean = np.array([matched.taps @ weights[s] for s in inside])
+            weights = (mean > MOVING).astype(float)
+        rows = rows * np.sqrt(weights)[:, None]
+        gram = rows.T @ rows
+        grams.append(gram[np.tril_indices(len(gram))])
+        absolute.append(np.abs(rows).sum(axis=0))
+        counts.append(weights.sum())
+    return Sums(np.concatenate(grams), np.concatenate(absolute), np.array(counts))
+
+
+@pytest.mark.parametrize("name", ["single", "tree", "panda"])
+@pytest.mark.parametrize("kind", list(FILTERS))
+@pytest.mark.parametrize("weighted", [False, True])
+def test_sums_equal_a_stored_regressor(name: str, kind: str, weighted: bool) -> None:
+    found = regressor(name)
+    chosen = FILTERS[kind]
+    matched = None if chosen is None else MatchedFilter.design(*chosen)
+    accumulator = Accumulator(found, matched)
+    for count in (1, 3, 4, 5, 8, 17, 300, 1500):
+        data = stretch(len(found.layout.rows), count, weighted)
+        got, wanted = accumulator(data), oracle(found, matched, data)
+        scale = max(1.0, np.abs(wanted.grams).max(initial=0.0))
+        assert np.abs(got.grams - wanted.grams).max() < 1e-12 * scale
+        assert np.abs(got.absolute - wanted.absolute).max() < 1e-12 * scale
+        assert np.array_equal(got.counts, wanted.counts)
+
+
+def blocks(data: Stretch, sizes: list[int]) -> list[Block]:
+    result, start = [], 0
+    t = np.arange(data.q.shape[1]) / 100.0
+    moving = np.ones(data.q.shape, dtype=bool) if data.weights is None else data.weights > 0.5
+    whole = Block(0, t, data.q, data.dq, data.ddq, data.effort, moving)
+    for size in sizes:
+        result.append(whole.part(start, start + size))
+        start += size
+    return result
+
+
+def gathered(
+    found: Regressor, matched: MatchedFilter | None, parts: list[Block], threads: int
+) -> Information:
+    count = sum(len(b.t) for b in parts)
+    accumulator = Accumulator(found, matched)
+    stamp = Stamp("m", found.layout.columns, ("Nm",), "f", 1.0)
+    return accumulate(accumulator, cut(parts, "run", count, accumulator), stamp, threads)
+
+
+@pytest.mark.parametrize("kind", list(FILTERS))
+@pytest.mark.parametrize("weighted", [False, True])
+def test_any_split_and_any_number_of_threads_give_the_same(kind: str, weighted: bool) -> None:
+    found = regressor("tree")
+    chosen = FILTERS[kind]
+    matched = None if chosen is None else MatchedFilter.design(*chosen)
+    data = stretch(4, 9000, weighted)
+    wanted = gathered(found, matched, blocks(data, [9000]), 1)
+    direct = Accumulator(found, matched)(data)
+    scale = np.abs(direct.grams).max()
+    assert np.abs(wanted.grams.sum(axis=0) - direct.grams).max() < 1e-12 * scale
+    for sizes in ([1] * 20 + [8980], [4096, 4096, 808], [333] * 27 + [9]):
+        for threads in (1, 2, 3):
+            got = gathered(found, matched, blocks(data, sizes), threads)
+            assert np.abs(got.grams.sum(axis=0) - direct.grams).max() < 1e-12 * scale
+            assert np.array_equal(got.n_samples, wanted.n_samples)
+            assert got.windows == wanted.windows
+
+
+def test_gaps_are_not_filtered_across() -> None:
+    found = regressor("tree")
+    matched = MatchedFilter.design(8.0, 100.0)
+    data = stretch(4, 3000, False)
+    first, second = blocks(data, [1300, 1700])
+    moved = Block(1, *[getattr(second, k) for k in ("t", "q", "dq", "ddq", "effort", "moving")])
+    got = gathered(found, matched, [first, moved], 1)
+    accumulator = Accumulator(found, matched)
+    halves = [accumulator(Stretch(b.q, b.dq, b.ddq, b.effort)).grams for b in (first, second)]
+    assert np.allclose(got.grams.sum(axis=0), sum(halves), rtol=1e-12)
+
+
+def test_a_long_run_keeps_at_most_256_windows() -> None:
+    found = base_regressor(Model(single()))
+    data = stretch(1, 600_000, False)
+    assert len(gathered(found, None, blocks(data, [600_000]), 2).windows) <= 256
+
+
+def test_absurd_angles_are_refused() -> None:
+    with pytest.raises(Exception, match="beyond 100000 rad"):
+        Stretch(*(np.full((4, 8), x) for x in (1e6, 0.0, 0.0, 0.0)))
+
+
+def test_the_filter_passes_slow_and_stops_fast_signals() -> None:
+    matched = MatchedFilter.design(8.0, 1000.0)
+    frequencies = np.array([0.0, 1.0, 8.0, 16.5, 100.0])
+    centre = (len(matched.taps) - 1) / 2
+    phase = 2j * np.pi * frequencies[:, None] * (np.arange(len(matched.taps)) - centre) / 1000.0
+    gain = np.abs(np.exp(phase) @ matched.taps)
+    assert np.allclose(gain[:2], 1.0, atol=2e-3)
+    assert abs(gain[2] - 0.5) < 0.01
+    assert np.all(gain[3:] < 1e-3)
+
+
+@pytest.mark.parametrize(("cutoff", "rate"), [(8.0, 100.0), (5.0, 1000.0)])
+def test_inflation_is_that_of_filtered_white_noise(cutoff: float, rate: float) -> None:
+    matched = MatchedFilter.design(cutoff, rate)
+    rng = np.random.default_rng(0)
+    noise = rng.normal(size=(2000, 8 * len(matched.taps)))
+    windows = np.lib.stride_tricks.sliding_window_view(noise, len(matched.taps), axis=1)
+    kept = windows[:, :: matched.decimation] @ matched.taps
+    variance_of_mean = kept.mean(axis=1).var() * kept.shape[1]
+    ratio = variance_of_mean / kept.var()
+    assert abs(ratio / matched.inflation - 1.0) < 0.15

@@ -1,0 +1,65 @@
+"""Structural base parameters: their number, and that torque depends on nothing else."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from invented import ROBOTS, measured
+from steelyard.model import Model
+from steelyard.motion import Motion
+from steelyard.parameters import Parameters
+from steelyard.regression.base import BaseMap, base_map
+from steelyard.robot.robot import Body, Coordinate, Robot
+from steelyard.terms.offset import Offset
+from steelyard.terms.rigid_body import RigidBody
+from steelyard.terms.rotor_inertia import RotorInertia
+
+
+@pytest.mark.parametrize(
+    ("name", "terms", "count"),
+    [
+        ("ur10e", (RigidBody(),), 36),
+        ("ur10e", (RigidBody(), RotorInertia()), 40),
+        ("panda", (RigidBody(),), 43),
+        ("rokae_ar5", (RigidBody(),), 45),
+    ],
+)
+def test_counts_of_real_robots(name: str, terms: tuple[RigidBody, ...], count: int) -> None:
+    assert len(base_map(Model(measured(name), terms))) == count
+
+
+def test_the_count_depends_on_gravity() -> None:
+    sideways = measured("rokae_ar5")
+    upright = Robot(sideways.name, sideways.bodies, sideways.coordinates, (0.0, 0.0, -9.81))
+    assert len(base_map(Model(upright, (RigidBody(),)))) == 43
+
+
+@pytest.mark.parametrize("name", list(ROBOTS))
+def test_torque_depends_on_base_parameters_only(name: str, tmp_path: Path) -> None:
+    model = Model(ROBOTS[name](tmp_path))
+    base = base_map(model)
+    rng = np.random.default_rng(0)
+    q, dq, ddq = rng.normal(size=(3, 40, model.robot.n))
+    motion = Motion(np.arange(40), q, dq, ddq)
+    values = rng.normal(size=len(model.names))
+    full = model.at(Parameters(model.names, model.units, values)).torque(motion)
+    reduced = Parameters(base.base_names, base.base_units, base.base_values(values))
+    assert np.abs(model.at(reduced).torque(motion) - full).max() < 1e-9 * np.abs(full).max()
+    assert np.allclose(base.lift @ values, base.base_values(values), atol=1e-12)
+
+
+def test_a_torso_lift_cannot_tell_mass_offset_and_rotor_apart() -> None:
+    lift = Body("torso", "lift", "prismatic", -1, np.eye(3), np.zeros(3), [0, 0, 1.0], 0)
+    robot = Robot("torso", (lift,), (Coordinate("lift", "prismatic"),))
+    base = base_map(Model(robot, (RigidBody(), RotorInertia(), Offset())))
+    assert base.base_names == ("m.torso", "rotor_inertia.lift")
+    assert base.grouping(0) == "m.torso + 0.1019 offset.lift"
+    assert base.grouping(1) == "rotor_inertia.lift - 0.1019 offset.lift"
+
+
+def test_round_trip_is_exact() -> None:
+    base = base_map(Model(ROBOTS["tree"](Path())))
+    again = BaseMap.from_dict(base.to_dict())
+    assert again.base_names == base.base_names
+    assert np.array_equal(again.coefficients, base.coefficients)

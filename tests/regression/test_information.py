@@ -1,0 +1,106 @@
+"""Information: a value that adds, selects, transforms and knows what it must not be added to."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from invented import tree
+from steelyard.errors import DataError
+from steelyard.model import Model
+from steelyard.regression.accumulate import Accumulator, Stretch
+from steelyard.regression.information import Information, Stamp, Window
+from steelyard.regression.regressor import base_regressor
+
+REGRESSOR = base_regressor(Model(tree()))
+P = len(REGRESSOR.layout.columns)
+
+
+def piece(
+    seed: int, run: str = "a", count: int = 200
+) -> tuple[Information, np.ndarray, np.ndarray]:
+    """One window, with the stacked regressor and effort it stands for, row-major by joint."""
+    q, dq, ddq, effort = np.random.default_rng(seed).normal(size=(4, 4, count))
+    sums = Accumulator(REGRESSOR)(Stretch(q, dq, ddq, effort))
+    stamp = Stamp("model", REGRESSOR.layout.columns, ("A",) * 4, "motion 20 Hz", 1.0)
+    information = Information(
+        REGRESSOR.layout,
+        stamp,
+        (Window(run, float(seed), seed + 1.0),),
+        sums.grams[None],
+        sums.absolute[None],
+        sums.counts[None],
+    )
+    return information, REGRESSOR.dense(q, dq, ddq), effort
+
+
+def test_normal_equations_are_those_of_the_stacked_regressor() -> None:
+    information, dense, effort = piece(0)
+    weights = np.array([1.0, 2.0, 0.5, 3.0])
+    matrix, vector, square = information.normal(weights)
+    wanted = np.einsum("j,jnp,jnq->pq", weights, dense, dense)
+    assert np.allclose(matrix, wanted, rtol=1e-11, atol=1e-11)
+    assert np.allclose(vector, np.einsum("j,jnp,jn->p", weights, dense, effort), atol=1e-10)
+    assert np.isclose(square, np.einsum("j,jn,jn->", weights, effort, effort))
+    values = np.random.default_rng(1).normal(size=P)
+    residual = effort - dense @ values
+    assert np.allclose(information.residual_squares(values), (residual**2).sum(axis=1), rtol=1e-9)
+    assert np.allclose(information.absolute_sums(), np.abs(dense).sum(axis=(0, 1)), rtol=1e-12)
+
+
+def test_sums_add_and_windows_can_be_chosen() -> None:
+    first, second, third = (piece(k, run)[0] for k, run in ((0, "a"), (1, "a"), (2, "b")))
+    whole = first + second + third
+    assert [w.run for w in whole.windows] == ["a", "a", "b"]
+    assert np.allclose(whole.normal()[0], sum(x.normal()[0] for x in (first, second, third)))
+    assert np.array_equal(whole.of([1]).grams, second.grams)
+    merged = whole.merged(1)
+    assert merged.windows == (Window("a", 0.0, 2.0), Window("b", 2.0, 3.0))
+    assert np.allclose(merged.normal()[0], whole.normal()[0])
+    assert np.array_equal(merged.n_samples, whole.n_samples)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("model", "other"), ("effort", ("Nm",) * 4), ("filters", "motion 30 Hz"), ("columns", ("x",))],
+)
+def test_unequal_information_is_not_added(field: str, value: object) -> None:
+    first, second = piece(0)[0], piece(1, "b")[0]
+    other = replace(second, stamp=replace(second.stamp, **{field: value}))
+    with pytest.raises(DataError, match=f"information of unequal {field} cannot be added") as told:
+        first + other
+    assert "runs a and b" in told.value.where
+
+
+def test_select_keeps_what_the_chosen_columns_see() -> None:
+    information, dense, effort = piece(0)
+    names = [REGRESSOR.layout.columns[k] for k in (7, 2, 0)]
+    chosen = information.select(names)
+    matrix, vector, _ = chosen.normal()
+    part = dense[:, :, [7, 2, 0]]
+    assert np.allclose(matrix, np.einsum("jnp,jnq->pq", part, part), atol=1e-10)
+    assert np.allclose(vector, np.einsum("jnp,jn->p", part, effort), atol=1e-10)
+    assert np.allclose(chosen.absolute_sums(), np.abs(part).sum(axis=(0, 1)))
+    with pytest.raises(DataError, match="no column 'nothing'"):
+        information.select(["nothing"])
+
+
+def test_map_is_a_change_of_parameters() -> None:
+    information, dense, effort = piece(0)
+    transform = np.random.default_rng(2).normal(size=(P, 3))
+    mapped = information.map(transform, ["a", "b", "c"], ["", "", ""])
+    new = dense @ transform
+    assert np.allclose(mapped.normal()[0], np.einsum("jnp,jnq->pq", new, new), rtol=1e-10)
+    assert np.allclose(mapped.normal()[1], np.einsum("jnp,jn->p", new, effort), rtol=1e-9)
+
+
+def test_gains_scale_the_effort_of_each_row() -> None:
+    information, dense, effort = piece(0)
+    gains = np.array([2.0, -3.0, 0.5, 1.0])
+    scaled = information.scaled(gains, ("Nm",) * 4)
+    torque = effort * gains[:, None]
+    assert np.allclose(scaled.normal()[1], np.einsum("jnp,jn->p", dense, torque), atol=1e-9)
+    assert np.allclose(scaled.effort_squares(), (torque**2).sum(axis=1))
+    assert scaled.stamp.effort == ("Nm",) * 4
+    with pytest.raises(DataError, match="unequal effort"):
+        information + scaled
