@@ -82,7 +82,8 @@ URDF = """<robot name="mimic">
   <joint name="weld" type="fixed"><parent link="arm"/><child link="plate"/>
     <origin xyz="0.2 0 0.1" rpy="0 0.5 0"/></joint>
   <joint name="twin" type="continuous"><parent link="plate"/><child link="follower"/>
-    <origin xyz="0.1 0 0"/><axis xyz="0 0 1"/><mimic joint="shoulder" multiplier="-1.5" offset="0.2"/>
+    <origin xyz="0.1 0 0"/><axis xyz="0 0 1"/>
+    <mimic joint="shoulder" multiplier="-1.5" offset="0.2"/>
   </joint>
 </robot>"""
 

@@ -8,6 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from steelyard.errors import LogError
+from steelyard.measurement import prepare
 from steelyard.measurement.clean import Verdict
 from steelyard.measurement.clock import Scan, learn_clock, nice_rate
 from steelyard.measurement.recording import Recording
@@ -54,11 +55,11 @@ def test_every_kind_of_broken_row_is_counted(recording, sines) -> None:
     motion = sines(t)
     q, effort = motion["q"], motion["effort"]
     q[100, 0] = np.nan
-    effort[101, 1] = np.nan
-    q[102, 1] = 1e293
-    effort[103, 0] = -np.inf
-    t[104] = np.nan
-    t[105] = np.inf
+    effort[110, 1] = np.nan
+    q[120, 1] = 1e293
+    effort[130, 0] = -np.inf
+    t[140] = np.nan
+    t[150] = np.inf
     t[200] = t[199]
     t[300] = t[300] - 0.015
     t[400] = 1e12
@@ -190,7 +191,5 @@ def test_a_time_column_that_is_none_is_refused(recording, sines, kind: str) -> N
         "wrong": np.random.default_rng(0).standard_normal(1000),
     }[kind]
     with pytest.raises(LogError, match="column 't' does not increase") as caught:
-        from steelyard.measurement import prepare
-
         prepare(recording(clock, motion["q"], motion["effort"]))
     assert "[signals]" in caught.value.mend

@@ -4,6 +4,7 @@ from scipy import signal
 
 from steelyard.errors import LogError
 from steelyard.measurement.defaults import (
+    MATCHED_FACTOR,
     Processing,
     cutoffs,
     default_rest_speed,
@@ -38,7 +39,7 @@ def test_cutoffs_follow_the_band_within_the_rate() -> None:
     usual = cutoffs(Processing(), 0.5, 1000.0, "log")
     fast = cutoffs(Processing(), 10.0, 100.0, "log")
     assert (slow.matched, slow.motion) == (2.0, 6.0)
-    assert (usual.matched, usual.motion) == (6.0, 18.0)
+    assert (usual.matched, usual.motion) == (0.5 * MATCHED_FACTOR, 1.5 * MATCHED_FACTOR)
     assert (fast.matched, fast.motion) == (20.0, 25.0)
 
 

@@ -43,28 +43,12 @@ def prepare(recording: Recording, processing: Processing | None = None) -> Run:
     found = survey(held)
     cut = cutoffs(processing, found.band.frequency, found.rate, recording.where)
     _long_enough(recording, found, cut)
-    window = found.segments[0].start, found.segments[-1].stop
     held, wide = _with_context(held, found, cut)
     segments = _long_enough(recording, wide, cut)
     given = given_rest_speed(processing, recording.channels.joints)
-    reference = np.ones(recording.channels.joints) if given is None else given
-    speeds = SpeedHistogram(reference)
-    numbers = tuple(s.number for s in segments)
-    starts = {s.number: s.start for s in segments}
-    n = recording.channels.joints
-    for number, first, signals in filtered(held, found.clock, found.rate, cut.motion, numbers):
-        at = starts[number] + np.arange(first, first + signals.shape[1]) / found.rate
-        inside = (at >= window[0]) & (at <= window[1])
-        speeds.add(at[inside], signals[n : 2 * n, inside])
+    speeds = _speeds(held, found, cut, segments, given)
     if given is None:
         given = speeds.edge_above(_rest_speed(recording, found, cut, speeds.quantile(0.99)))
-    span = speeds.moving(DEPARTED * given)
-    if span is None:
-        raise LogError(
-            "no joint moves in this log",
-            where=recording.where,
-            mend="record a motion of all joints; rest tells too little about a robot",
-        )
     return Run(
         recording=replace(held, log=recording.log),
         name=recording.name,
@@ -74,9 +58,56 @@ def prepare(recording: Recording, processing: Processing | None = None) -> Run:
         motion_cutoff=cut.motion,
         matched_cutoff=cut.matched,
         rest_speed=frozen(given),
-        span=span,
+        span=_span(recording, cut, speeds, given),
         quality=_quality(recording, found, cut, given, speeds.highest),
     )
+
+
+def _speeds(
+    recording: Recording,
+    found: Survey,
+    cut: Cutoffs,
+    segments: tuple[Segment, ...],
+    given: Array | None,
+) -> SpeedHistogram:
+    """Speeds in the window, without the ends of segments, which the filter has to guess beyond."""
+    n = recording.channels.joints
+    speeds = SpeedHistogram(np.ones(n) if given is None else given)
+    window = found.segments[0].start, found.segments[-1].stop
+    by_number = {s.number: s for s in segments}
+    bent = 1.0 / cut.motion
+    for number, first, signals in filtered(
+        recording, found.clock, found.rate, cut.motion, tuple(by_number)
+    ):
+        segment = by_number[number]
+        at = segment.start + np.arange(first, first + signals.shape[1]) / found.rate
+        inside = at >= max(window[0], segment.start + bent)
+        inside &= at <= min(window[1], segment.stop - bent)
+        speeds.add(at[inside], signals[n : 2 * n, inside])
+    return speeds
+
+
+def _span(
+    recording: Recording, cut: Cutoffs, speeds: SpeedHistogram, rest_speed: Array
+) -> tuple[float, float]:
+    """Times of the first and last motion of any joint."""
+    span = speeds.moving(DEPARTED * rest_speed)
+    if span is None:
+        raise LogError(
+            "no joint moves in this log",
+            where=recording.where,
+            mend="record a motion of all joints; rest tells too little about a robot",
+        )
+    need = SHORTEST / cut.matched
+    if span[1] - span[0] < need:
+        raise LogError(
+            f"the motion in this log is shorter than its filter: {span[1] - span[0]:.2g} s, where "
+            f"a cut-off of {cut.matched:g} Hz needs {need:.2g} s",
+            where=recording.where,
+            mend="record a longer motion, or raise matched_cutoff in [processing] of the robot "
+            "file",
+        )
+    return span
 
 
 def _with_context(recording: Recording, found: Survey, cut: Cutoffs) -> tuple[Recording, Survey]:

@@ -1,0 +1,271 @@
+"""`make bench`: speed side by side with a loop over Pinocchio, in one run, on one core.
+
+Seven revolute joints: the Panda of the data folder, or without it the demo arm and one more joint.
+"""
+
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+if hasattr(os, "sched_setaffinity"):
+    os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+for pool in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "POLARS_MAX_THREADS"):
+    os.environ[pool] = "1"
+
+import numpy as np  # noqa: E402
+import pinocchio as pin  # noqa: E402
+
+from steelyard.estimation.least_squares import OrdinaryLeastSquares  # noqa: E402
+from steelyard.kernel.micro import TILE_COLUMNS, TILE_ROWS  # noqa: E402
+from steelyard.model import Model  # noqa: E402
+from steelyard.regression.accumulate import Accumulator, Stretch  # noqa: E402
+from steelyard.regression.information import Information, Stamp, Window  # noqa: E402
+from steelyard.regression.matched import MatchedFilter  # noqa: E402
+from steelyard.regression.regressor import Regressor, base_regressor  # noqa: E402
+from steelyard.robot.robot_file import load_robot  # noqa: E402
+from steelyard.terms.coulomb import Coulomb  # noqa: E402
+from steelyard.terms.rigid_body import RigidBody  # noqa: E402
+from steelyard.terms.viscous import Viscous  # noqa: E402
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+from oracles import pinocchio_model  # noqa: E402
+
+ROOT = Path(__file__).parent.parent
+Row = tuple[str, str, str, bool]
+
+
+def seven_joints() -> Model:
+    """Rigid bodies, Coulomb and viscous friction of an arm with seven joints."""
+    if os.environ.get("STEELYARD_DATA"):
+        robot = load_robot(ROOT / "examples" / "panda.toml").robot
+    else:
+        robot = load_robot(ROOT / "tests" / "regression" / "seven.urdf").robot
+    return Model(robot, (RigidBody(), Coulomb(), Viscous()))
+
+
+def best(work: Callable[[], object], repeats: int = 5) -> float:
+    """Least wall time of some repetitions [s]."""
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - start)
+    return min(times)
+
+
+def motion(n: int, count: int, seed: int = 0) -> tuple[np.ndarray, ...]:
+    """Positions, velocities, accelerations and efforts, joint-major."""
+    return tuple(np.random.default_rng(seed).normal(size=(4, n, count)))
+
+
+def information(found: Regressor, data: tuple[np.ndarray, ...], matched: MatchedFilter | None) -> Information:
+    """One window of raw samples."""
+    sums = Accumulator(found, matched)(Stretch(*data))
+    stamp = Stamp("bench", found.layout.columns, ("Nm",) * 7, "none", 1.0)
+    return Information(
+        found.layout, stamp, (Window("run", 0.0, 1.0),),
+        sums.grams[None], sums.absolute[None], sums.counts[None],
+    )  # fmt: skip
+
+
+def regressor_rows(found: Regressor) -> list[Row]:
+    """The regressor alone: one block of ours against a Python loop over Pinocchio's."""
+    count = 256
+    q, dq, ddq, effort = motion(7, count)
+    rows = np.empty((found.code.n_outputs, count + 8))
+    arguments = [v for x in (q, dq, ddq, effort) for v in (x.ctypes.data, count)]
+    ours = best(lambda: found.code.raw(count, *arguments, rows.ctypes.data, count + 8), 300) / count
+    model = pinocchio_model(found.model.robot)
+    data = model.createData()
+    samples = [np.ascontiguousarray(x.T) for x in (q, dq, ddq)]
+
+    def loop() -> None:
+        for k in range(count):
+            pin.computeJointTorqueRegressor(model, data, *(x[k] for x in samples))
+
+    theirs = best(loop, 20) / count
+    ratio = theirs / ours
+    return [
+        ("regressor block, steelyard", f"{1e9 * ours:.0f} ns a sample", "", True),
+        ("regressor, Python loop over Pinocchio", f"{1e9 * theirs:.0f} ns a sample", "", True),
+        ("ratio", f"{ratio:.0f}", ">= 30", ratio >= 30.0),
+    ]
+
+
+def solution_rows(found: Regressor) -> list[Row]:
+    """Raw samples to the least-squares solution."""
+    count, few = 100_000, 5_000
+    data = motion(7, count)
+    estimator = OrdinaryLeastSquares()
+    estimator(information(found, data, None))
+    ours = best(lambda: estimator(information(found, data, None))) / count
+    matched = MatchedFilter.design(8.0, 100.0)
+    filtered = best(lambda: estimator(information(found, data, matched))) / count
+    model = pinocchio_model(found.model.robot)
+    state = model.createData()
+    q, dq, ddq, effort = (np.ascontiguousarray(x[:, :few].T) for x in data)
+    columns = list(found.base.independent)
+
+    def stored() -> None:
+        matrix = np.empty((few * 7, len(columns)))
+        for k in range(few):
+            rigid = pin.computeJointTorqueRegressor(model, state, q[k], dq[k], ddq[k])
+            full = np.hstack([rigid, np.diag(np.sign(dq[k])), np.diag(dq[k])])
+            matrix[7 * k : 7 * k + 7] = full[:, columns]
+        np.linalg.lstsq(matrix, effort.ravel(), rcond=None)
+
+    theirs = best(stored, 3) / few
+    ratio = theirs / ours
+    return [
+        ("samples to solution, steelyard", f"{1e9 * ours:.0f} ns a sample", "", True),
+        ("the same with matched filter (8 of 100 Hz)", f"{1e9 * filtered:.0f} ns a sample", "", True),
+        ("stored matrix, Pinocchio loop, lstsq", f"{1e9 * theirs:.0f} ns a sample", "", True),
+        ("ratio without filter", f"{ratio:.0f}", ">= 50", ratio >= 50.0),
+        *floor_rows(found, ours),
+    ]
+
+
+def floor_rows(found: Regressor, ours: float) -> list[Row]:
+    """The arithmetic's own time: operations of kernel and Gram at the machine's best rate."""
+    accumulator = Accumulator(found)
+    a = np.random.default_rng(0).normal(size=(1500, 1500))
+    rate = 2.0 * 1500**3 / best(lambda: a @ a)
+    tiles = len(accumulator.tiling.firsts) * TILE_ROWS * TILE_COLUMNS
+    operations = found.code.about["n_operations"] + 2 * tiles + accumulator.width
+    floor = operations / rate
+    return [
+        (
+            "arithmetic floor (at the rate of BLAS)",
+            f"{1e9 * floor:.0f} ns, {100 * floor / ours:.0f} % of the time",
+            "",
+            True,
+        )
+    ]
+
+
+def accuracy_rows(found: Regressor) -> list[Row]:
+    """The solution against QR of the stored matrix, at condition 1e4."""
+    q, dq, ddq, effort = motion(7, 4000, 3)
+    scale = np.ones((7, 1))
+    scale[6] = 3e-4
+    dense = None
+    for power in np.linspace(0.0, 6.0, 61):
+        scale[6] = 10.0**-power
+        dense = found.dense(q, dq * scale, ddq * scale)
+        stacked = dense.reshape(-1, dense.shape[2])
+        condition = np.linalg.cond(stacked)
+        if condition >= 1e4:
+            break
+    truth = np.random.default_rng(4).normal(size=dense.shape[2])
+    effort = dense @ truth + 0.01 * effort
+    orthogonal, triangle = np.linalg.qr(stacked)
+    wanted = np.linalg.solve(triangle, orthogonal.T @ effort.ravel())
+    worst = 0.0
+    for parts in (1, 3, 7, 40):
+        pieces = np.array_split(np.arange(4000), parts)
+        found_parts = [
+            information(
+                found,
+                tuple(np.ascontiguousarray(x[:, p]) for x in (q, dq * scale, ddq * scale, effort)),
+                None,
+            )
+            for p in pieces
+        ]
+        whole = found_parts[0]
+        for part in found_parts[1:]:
+            whole = whole + part
+        values = OrdinaryLeastSquares()(whole).parameters.values
+        worst = max(worst, float(np.linalg.norm(values - wanted) / np.linalg.norm(wanted)))
+    name = f"against QR at condition {condition:.1e}, 1 to 40 parts"
+    return [(name, f"{worst:.1e} relative", "<= 1e-9", worst <= 1e-9)]
+
+
+def memory_rows() -> list[Row]:
+    """Peak memory of `prepare` and the pass over a Parquet log, 1e7 rows against 1e5."""
+    with tempfile.TemporaryDirectory() as folder:
+        peaks = []
+        for count in (100_000, 10_000_000):
+            log = Path(folder) / f"{count}.parquet"
+            for task in ("write", "read"):
+                done = subprocess.run(
+                    [sys.executable, __file__, task, str(log), str(count)],
+                    check=True, capture_output=True, text=True,
+                )  # fmt: skip
+            peaks.append(float(done.stdout.split()[0]))
+            seconds = float(done.stdout.split()[1])
+            log.unlink()
+    more = peaks[1] - peaks[0]
+    return [
+        ("1e7 rows of Parquet, prepared and gathered", f"{seconds:.0f} s", "", True),
+        (
+            f"peak memory, 1e5 rows {peaks[0]:.0f} MiB, 1e7 rows {peaks[1]:.0f} MiB",
+            f"{more:.0f} MiB more",
+            "<= 32 MiB",
+            more <= 32.0,
+        ),
+    ]
+
+
+def write_log(path: Path, count: int) -> None:
+    """A log of seven joints at 1 kHz, row groups of 1e5, written in a process of its own."""
+    import polars as pl
+
+    def part(start: int) -> pl.DataFrame:
+        t = np.arange(start, start + 100_000) / 1000.0
+        columns = {"time_s": t}
+        for j in range(7):
+            columns[f"q{j + 1}_rad"] = np.sin((0.3 + 0.11 * j) * t + j)
+            columns[f"tau{j + 1}_Nm"] = np.cos((0.3 + 0.11 * j) * t)
+        return pl.DataFrame(columns)
+
+    parts = (part(start).lazy() for start in range(0, count, 100_000))
+    pl.concat(list(parts)).sink_parquet(path, row_group_size=100_000, maintain_order=True)
+
+
+def read_log(path: Path) -> None:
+    """Prepare and gather; prints peak memory [MiB] and seconds."""
+    from steelyard.formats import open_log
+    from steelyard.measurement import Processing, Recording, prepare
+    from steelyard.regression.gather import gather
+    from steelyard.robot.signals import Signals
+
+    model = seven_joints()
+    ones = np.ones(7)
+    q, tau = (tuple(f"{k}{j}_{u}" for j in range(1, 8)) for k, u in (("q", "rad"), ("tau", "Nm")))
+    signals = Signals(
+        "time_s", 1.0, q, ones, None, None, tau, ones, "joint_torque", ("Nm",) * 7, ones
+    )
+    start = time.perf_counter()
+    run = prepare(Recording(open_log(path), signals), Processing(20.0, 5.0))
+    gather(base_regressor(model), run)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    print(peak, time.perf_counter() - start)
+
+
+def main() -> int:
+    """All rows as a table."""
+    found = base_regressor(seven_joints())
+    rows = [
+        *regressor_rows(found),
+        *solution_rows(found),
+        *accuracy_rows(found),
+        *memory_rows(),
+    ]
+    for name, figure, bound, holds in rows:
+        mark = "" if not bound else ("holds" if holds else "MISSED")
+        print(f"{name:<58} {figure:<34} {bound:<10} {mark}")
+    return 0 if all(row[3] for row in rows) else 1
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["write"]:
+        write_log(Path(sys.argv[2]), int(sys.argv[3]))
+    elif sys.argv[1:2] == ["read"]:
+        read_log(Path(sys.argv[2]))
+    else:
+        sys.exit(main())
