@@ -63,7 +63,9 @@ def motion(n: int, count: int, seed: int = 0) -> tuple[np.ndarray, ...]:
     return tuple(np.random.default_rng(seed).normal(size=(4, n, count)))
 
 
-def information(found: Regressor, data: tuple[np.ndarray, ...], matched: MatchedFilter | None) -> Information:
+def information(
+    found: Regressor, data: tuple[np.ndarray, ...], matched: MatchedFilter | None
+) -> Information:
     """One window of raw samples."""
     sums = Accumulator(found, matched)(Stretch(*data))
     stamp = Stamp("bench", found.layout.columns, ("Nm",) * 7, "none", 1.0)
@@ -123,7 +125,12 @@ def solution_rows(found: Regressor) -> list[Row]:
     ratio = theirs / ours
     return [
         ("samples to solution, steelyard", f"{1e9 * ours:.0f} ns a sample", "", True),
-        ("the same with matched filter (8 of 100 Hz)", f"{1e9 * filtered:.0f} ns a sample", "", True),
+        (
+            "the same with matched filter (8 of 100 Hz)",
+            f"{1e9 * filtered:.0f} ns a sample",
+            "",
+            True,
+        ),
         ("stored matrix, Pinocchio loop, lstsq", f"{1e9 * theirs:.0f} ns a sample", "", True),
         ("ratio without filter", f"{ratio:.0f}", ">= 50", ratio >= 50.0),
         *floor_rows(found, ours),

@@ -1,5 +1,6 @@
 """The pass against plain NumPy: sums, filters, weights, parts and threads."""
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -81,10 +82,9 @@ def blocks(data: Stretch, sizes: list[int]) -> list[Block]:
 def gathered(
     found: Regressor, matched: MatchedFilter | None, parts: list[Block], threads: int
 ) -> Information:
-    count = sum(len(b.t) for b in parts)
     accumulator = Accumulator(found, matched)
     stamp = Stamp("m", found.layout.columns, ("Nm",), "f", 1.0)
-    return accumulate(accumulator, cut(parts, "run", count, accumulator), stamp, threads)
+    return accumulate(accumulator, cut(parts, "run", accumulator), stamp, threads)
 
 
 @pytest.mark.parametrize("kind", list(FILTERS))
@@ -121,7 +121,13 @@ def test_gaps_are_not_filtered_across() -> None:
 def test_a_long_run_keeps_at_most_256_windows() -> None:
     found = base_regressor(Model(single()))
     data = stretch(1, 600_000, False)
-    assert len(gathered(found, None, blocks(data, [600_000]), 2).windows) <= 256
+    got = gathered(found, None, blocks(data, [600_000]), 2)
+    assert 128 <= len(got.windows) <= 256
+    assert got.windows[0].start == 0.0 and got.windows[-1].stop == 5999.99
+    assert all(a.stop <= b.start for a, b in pairwise(got.windows))
+    direct = Accumulator(found)(data)
+    assert np.allclose(got.grams.sum(axis=0), direct.grams, rtol=1e-11)
+    assert got.n_samples.tolist() == [600_000]
 
 
 def test_absurd_angles_are_refused() -> None:

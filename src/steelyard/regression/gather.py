@@ -16,18 +16,21 @@ from steelyard.regression.matched import MatchedFilter
 from steelyard.regression.regressor import Regressor
 
 MOST_WINDOWS = 256
-"""Windows kept per run; longer runs have longer windows."""
+"""Windows kept per run; beyond that neighbours are merged."""
 
-SHORTEST_WINDOW = 1024
-"""Samples of the shortest window."""
+PIECE = 1024
+"""Least number of samples of a piece."""
 
-AHEAD = 4
-"""Windows read ahead per thread."""
+HALOS = 8
+"""Least length of a piece in halos of the filter, which are evaluated twice."""
+
+AHEAD = 2
+"""Pieces read ahead per thread."""
 
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """One window's samples, the filter's halo included."""
+    """A short stretch of a run, the filter's halo included."""
 
     window: Window
     stretch: Stretch
@@ -56,7 +59,7 @@ def gather(
     """
     chosen = MatchedFilter.design(run.matched_cutoff, run.rate) if matched else None
     accumulator = Accumulator(regressor, chosen)
-    pieces = cut(run.blocks(), run.name, run.n_samples, accumulator)
+    pieces = cut(run.blocks(), run.name, accumulator)
     stamp = stamp_of(regressor, run.effort_units, run, chosen)
     found = accumulate(accumulator, pieces, stamp, threads, run.duration, progress)
     if not found.windows:
@@ -83,31 +86,28 @@ def stamp_of(
     )
 
 
-def cut(
-    blocks: Iterable[Block], name: str, n_samples: int, accumulator: Accumulator
-) -> Iterator[Piece]:
-    """Windows of a run with the halo they need, read from blocks of any size."""
-    unit = accumulator.decimation
-    length = max(SHORTEST_WINDOW, -(-n_samples // MOST_WINDOWS))
-    length = -(-length // unit) * unit
-    need = length + max(accumulator.halo, 0)
+def cut(blocks: Iterable[Block], name: str, accumulator: Accumulator) -> Iterator[Piece]:
+    """Pieces of a run with the halo they need, from blocks of any size."""
+    unit, halo = accumulator.decimation, max(accumulator.halo, 0)
+    length = -(-max(PIECE, HALOS * halo) // unit) * unit
+    need = length + halo
     held: list[Block] = []
     for block in blocks:
         if held and block.segment != held[0].segment:
-            yield from _windows(held, name, length, need, last=True)
+            yield from _pieces(held, name, length, need, last=True)
             held = []
         held.append(block)
         if sum(len(b.t) for b in held) >= need:
-            rest = yield from _windows(held, name, length, need, last=False)
+            rest = yield from _pieces(held, name, length, need, last=False)
             held = [rest]
     if held:
-        yield from _windows(held, name, length, need, last=True)
+        yield from _pieces(held, name, length, need, last=True)
 
 
-def _windows(
+def _pieces(
     held: list[Block], name: str, length: int, need: int, last: bool
 ) -> Generator[Piece, None, Block]:
-    """The windows that the samples held suffice for; returns the samples that are left."""
+    """The pieces that the samples held suffice for; returns the samples that are left."""
     joined = held[0] if len(held) == 1 else Block.joined(held)
     start = 0
     while len(joined.t) - start >= need or (last and start < len(joined.t)):
@@ -131,13 +131,11 @@ def accumulate(
     progress: Progress = silent,
 ) -> Information:
     """Sum up pieces, in order, on some threads; the result does not depend on their number."""
-    windows: list[Window] = []
-    sums: list[Sums] = []
+    collected = _Windows(accumulator)
 
     def keep(piece: Piece, result: Sums) -> None:
         if result.counts.any():
-            windows.append(piece.window)
-            sums.append(result)
+            collected.add(piece.window, result)
         tell(progress, f"gathering {piece.window.run}", piece.window.stop, duration)
 
     with ThreadPoolExecutor(threads) as pool:
@@ -149,16 +147,56 @@ def accumulate(
                 keep(first, future.result())
         for first, future in waiting:
             keep(first, future.result())
-    layout = accumulator.regressor.layout
     return Information(
-        layout,
-        stamp,
-        tuple(windows),
-        _stacked([s.grams for s in sums], sum(w * (w + 1) // 2 for w in layout.widths)),
-        _stacked([s.absolute for s in sums], sum(layout.widths)),
-        _stacked([s.counts for s in sums], len(layout.rows)),
+        accumulator.regressor.layout, stamp, tuple(collected.windows), *collected.sums
     )
 
 
-def _stacked(rows: list[Array], width: int) -> Array:
-    return np.array(rows).reshape(len(rows), width)
+class _Windows:
+    """Sums of a run that may be of any length: when windows get too many, neighbours merge."""
+
+    def __init__(self, accumulator: Accumulator) -> None:
+        layout = accumulator.regressor.layout
+        size = sum(w * (w + 1) // 2 for w in layout.widths)
+        self.windows: list[Window] = []
+        self._rows = [
+            np.empty((MOST_WINDOWS + 1, k)) for k in (size, accumulator.width, len(layout.rows))
+        ]
+        self._size, self._filled = 1, 1
+
+    def add(self, window: Window, sums: Sums) -> None:
+        """Take one more piece."""
+        pieces = (sums.grams, sums.absolute, sums.counts)
+        if self.windows and self._filled < self._size:
+            self.windows[-1] = _spanning(self.windows[-1], window)
+            for rows, piece in zip(self._rows, pieces, strict=True):
+                rows[len(self.windows) - 1] += piece
+            self._filled += 1
+            return
+        for rows, piece in zip(self._rows, pieces, strict=True):
+            rows[len(self.windows)] = piece
+        self.windows.append(window)
+        self._filled = 1
+        if len(self.windows) > MOST_WINDOWS:
+            self._merge()
+
+    def _merge(self) -> None:
+        """Pair the windows; the last one, new and alone, begins a pair."""
+        half = MOST_WINDOWS // 2
+        pairs = zip(self.windows[:-1:2], self.windows[1::2], strict=True)
+        self.windows = [*(_spanning(a, b) for a, b in pairs), self.windows[-1]]
+        for rows in self._rows:
+            for k in range(half):
+                rows[k] = rows[2 * k] + rows[2 * k + 1]
+            rows[half] = rows[MOST_WINDOWS]
+        self._size *= 2
+
+    @property
+    def sums(self) -> tuple[Array, Array, Array]:
+        """Gram matrices, sums of |value| and samples, one row a window."""
+        grams, absolute, counts = (rows[: len(self.windows)] for rows in self._rows)
+        return grams, absolute, counts
+
+
+def _spanning(first: Window, second: Window) -> Window:
+    return Window(first.run, first.start, second.stop)
