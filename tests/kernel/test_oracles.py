@@ -77,3 +77,17 @@ def test_backends_agree(robot: Robot) -> None:
         reference = numpy_backend.run(program, [*arrays, values])
         fast = model.torque_code([*arrays, values], [False, False, False, True])
         assert np.abs(fast - reference).max() <= 1e-12 * max(1.0, np.abs(reference).max())
+
+
+def test_memory_order_and_number_of_samples_do_not_matter(robot: Robot) -> None:
+    model = Model(robot)
+    values = np.random.default_rng(0).normal(size=len(model.names))
+    valued = model.at(Parameters(model.names, model.units, values))
+    q, dq, ddq = states(1, robot, 40)
+    whole = valued.torque(Motion(np.arange(40), q, dq, ddq))
+    for count in range(1, 40):
+        some = Motion(np.arange(count), q[:count], dq[:count], ddq[:count])
+        assert np.array_equal(valued.torque(some), whole[:count])
+        f = [np.asfortranarray(x[:count].T) for x in (q, dq, ddq)]
+        c = [np.ascontiguousarray(x[:count].T) for x in (q, dq, ddq)]
+        assert np.array_equal(valued.block(*f), valued.block(*c))

@@ -8,7 +8,7 @@ from steelyard.arrays import Array
 from steelyard.errors import LogError
 from steelyard.robot.nearest import advice
 
-PART = 20_000
+PART = 50_000
 """Rows of a part. Twice as many need 15 MiB more, half as many take twice the time."""
 
 Rows = tuple[int, int | None]

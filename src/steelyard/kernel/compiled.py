@@ -146,8 +146,8 @@ def _joined(*pieces: str) -> str:
 
 
 def _padded(x: Array, n_samples: int) -> Array:
-    """Contiguous samples, the last one repeated up to a full vector."""
+    """Samples row by row in memory, the last one repeated up to a full vector."""
     missing = n_samples - x.shape[1]
-    if missing == 0:
-        return np.ascontiguousarray(x, dtype=np.float64)
-    return np.concatenate([x, np.repeat(x[:, -1:], missing, axis=1)], axis=1)
+    if missing:
+        x = np.concatenate([x, np.repeat(x[:, -1:], missing, axis=1)], axis=1)
+    return np.ascontiguousarray(x, dtype=np.float64)
