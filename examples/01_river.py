@@ -1,0 +1,40 @@
+"""The whole river in Python: logs in, base parameters and a score on an unseen run out.
+
+Run it with a folder for the simulated logs: python examples/01_river.py /tmp/river
+"""
+
+import sys
+from pathlib import Path
+
+from steelyard.estimation.least_squares import WeightedLeastSquares
+from steelyard.formats import open_log
+from steelyard.measurement import Recording, prepare
+from steelyard.model import Model
+from steelyard.regression.gather import gather
+from steelyard.regression.regressor import base_regressor
+from steelyard.robot.robot_file import load_robot
+from steelyard.validation.score import score
+from steelyard.virtual.demo import demo_runs
+
+files = demo_runs(Path(sys.argv[1]))
+robot = load_robot(files.robot)
+assert robot.signals is not None
+fitted, unseen = (
+    prepare(Recording(open_log(path), robot.signals))
+    for path in (files.identification, files.validation)
+)
+regressor = base_regressor(Model(robot.robot))
+information = gather(regressor, fitted).scaled(robot.signals.gains, robot.robot.effort_units)
+estimate = WeightedLeastSquares()(information)
+model = regressor.model.at(estimate.parameters)
+
+for name, unit, value, half in zip(
+    estimate.parameters.names,
+    estimate.parameters.units,
+    estimate.parameters.values,
+    estimate.half_width,
+    strict=True,
+):
+    print(f"{name:<28} {value:>10.4f} ± {half:.4f} {unit}")
+result = score(model, unseen, robot.signals.gains, cutoff=unseen.matched_cutoff)
+print(f"unseen run predicted within {result.mean_percent_moving:.2f} %")
