@@ -1,15 +1,12 @@
 """Invented reports, and a browser to look at them."""
 
-import re
-import shutil
-import subprocess
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from browser import Seen, chromium, look
 from steelyard.estimation.estimate import Blind, Estimate
 from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
 from steelyard.model import Model
@@ -185,62 +182,17 @@ def nasty(usual: ReportContent) -> ReportContent:
     )
 
 
-@dataclass(frozen=True)
-class Seen:
-    """What the browser had after it ran a page."""
-
-    dom: str
-    console: tuple[str, ...]
-
-    @property
-    def drawn(self) -> int:
-        """Plots with lines in them."""
-        pieces = self.dom.split('class="plot js-plotly-plot"')[1:]
-        return sum("main-svg" in piece and "scatterlayer" in piece for piece in pieces)
-
-    @property
-    def errors(self) -> list[str]:
-        """What the page itself wrote down."""
-        return re.findall(r'<body[^>]*data-errors="([^"]*)"', self.dom)
-
-
 @pytest.fixture(scope="session")
 def browse(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Seen]:
     """Open a page in headless Chromium."""
-    names = ("chromium", "chromium-browser", "google-chrome")
-    program = next((found for name in names if (found := shutil.which(name))), None)
+    program = chromium()
     if program is None:
         pytest.skip("no Chromium (chromium, chromium-browser or google-chrome) on the path")
 
-    def look(page: str) -> Seen:
+    def open_page(page: str) -> Seen:
         folder = tmp_path_factory.mktemp("browser")
         file = folder / "report.html"
         file.write_text(page, encoding="utf-8")
-        done = subprocess.run(
-            [program, *chromium_flags(folder), "--dump-dom", file.as_uri()],
-            capture_output=True,
-            text=True,
-            timeout=120,
-            check=True,
-        )
-        lines = tuple(line for line in done.stderr.splitlines() if ":CONSOLE" in line)
-        return Seen(done.stdout, lines)
+        return look(program, file, folder)
 
-    return look
-
-
-def chromium_flags(folder: Path) -> list[str]:
-    return [
-        "--headless",
-        "--no-sandbox",
-        "--disable-gpu",
-        "--disable-quic",
-        "--no-first-run",
-        "--disable-background-networking",
-        "--disable-component-update",
-        "--disable-sync",
-        "--enable-logging=stderr",
-        "--v=0",
-        "--virtual-time-budget=20000",
-        f"--user-data-dir={folder / 'profile'}",
-    ]
+    return open_page

@@ -1,0 +1,48 @@
+"""The UR10e report in headless Chromium: no console error, all sections there, all plots drawn."""
+
+import re
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from claims import Claim, main_of
+from p02_scores import EXAMPLES, ur10e_logs, ur10e_validation
+
+from steelyard.report.sections.register import SECTIONS
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+from browser import chromium, look  # noqa: E402
+
+MEGABYTE = 2**20
+
+
+def main() -> list[Claim]:
+    """Identify, open the page, look at what is in it once it has run."""
+    program = chromium()
+    if program is None:
+        return [Claim("a browser to look with", "none found", "Chromium", False)]
+    with tempfile.TemporaryDirectory() as name:
+        out = Path(name) / "out"
+        command = [sys.executable, "-m", "steelyard", "identify", str(EXAMPLES / "ur10e.toml")]
+        command += [*ur10e_logs(), "--validate", ur10e_validation(), "-o", str(out)]
+        subprocess.run(command, check=True, capture_output=True)
+        page = out / "report.html"
+        size = page.stat().st_size / MEGABYTE
+        html = page.read_text(encoding="utf-8")
+        seen = look(program, page, Path(name))
+    there = sum(f'<section id="{section.name}"' in seen.dom for section in SECTIONS)
+    markup = re.sub(r"<script.*?</script>", "", html, flags=re.DOTALL)
+    network = len(re.findall(r"(?:src|href)\s*=\s*[\"']?http", markup))
+    quiet = not seen.console and not seen.errors
+    return [
+        Claim("console errors", f"{len(seen.console) + len(seen.errors)}", "0", quiet),
+        Claim("sections", f"{there} of {len(SECTIONS)}", "all", there == len(SECTIONS)),
+        Claim("plots drawn, one a joint", f"{seen.drawn}", "6", seen.drawn == 6),
+        Claim("size of the page", f"{size:.2f} MB", "<= 8 MB", size <= 8.0),
+        Claim("links to the network", f"{network}", "0", network == 0),
+    ]
+
+
+if __name__ == "__main__":
+    main_of(main)
