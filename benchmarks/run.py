@@ -34,7 +34,6 @@ from steelyard.regression.matched import MatchedFilter  # noqa: E402
 from steelyard.regression.regressor import Regressor, base_regressor  # noqa: E402
 from steelyard.robot.dh import DHRow, dh_mechanism  # noqa: E402
 from steelyard.robot.reduction import reduced  # noqa: E402
-from steelyard.robot.robot import Body, Coordinate, Robot  # noqa: E402
 from steelyard.robot.robot_file import load_robot  # noqa: E402
 from steelyard.terms.coulomb import Coulomb  # noqa: E402
 from steelyard.terms.rigid_body import RigidBody  # noqa: E402
@@ -110,9 +109,11 @@ def regressor_rows(found: Regressor) -> list[Row]:
     ]
 
 
-def solution_rows(found: Regressor) -> list[Row]:
-    """Raw samples to the weighted solution; theirs is unweighted, which is less work."""
-    count, few = 100_000, 5_000
+def solution_rows(found: Regressor, count: int) -> list[Row]:
+    """Raw samples to solution, the same ones on both sides; theirs is unweighted, so less work.
+
+    Solving takes us some milliseconds for any number of samples: the bound is for long logs.
+    """
     data = motion(7, count)
     estimator = WeightedLeastSquares()
     estimator(information(found, data, None))
@@ -121,30 +122,31 @@ def solution_rows(found: Regressor) -> list[Row]:
     filtered = best(lambda: estimator(information(found, data, matched))) / count
     model = pinocchio_model(found.model.robot)
     state = model.createData()
-    q, dq, ddq, effort = (np.ascontiguousarray(x[:, :few].T) for x in data)
+    q, dq, ddq, effort = (np.ascontiguousarray(x.T) for x in data)
     columns = list(found.base.independent)
 
     def stored() -> None:
-        matrix = np.empty((few * 7, len(columns)))
-        for k in range(few):
+        matrix = np.empty((count * 7, len(columns)))
+        for k in range(count):
             rigid = pin.computeJointTorqueRegressor(model, state, q[k], dq[k], ddq[k])
             full = np.hstack([rigid, np.diag(np.sign(dq[k])), np.diag(dq[k])])
             matrix[7 * k : 7 * k + 7] = full[:, columns]
         np.linalg.lstsq(matrix, effort.ravel(), rcond=None)
 
-    theirs = best(stored, 3) / few
-    ratio = theirs / ours
+    theirs = best(stored, 2) / count
+    size, ratio = f"{count:.0e} samples".replace("e+0", "e"), theirs / ours
+    bound = 50.0 if count >= 100_000 else 0.0
     return [
-        ("samples to solution, steelyard", f"{1e9 * ours:.0f} ns a sample", "", True),
+        (f"{size} to WLS solution, steelyard", f"{1e9 * ours:.0f} ns a sample", "", True),
+        ("with matched filter (8 of 100 Hz)", f"{1e9 * filtered:.0f} ns a sample", "", True),
+        ("Pinocchio loop, stored, lstsq", f"{1e9 * theirs:.0f} ns a sample", "", True),
         (
-            "the same with matched filter (8 of 100 Hz)",
-            f"{1e9 * filtered:.0f} ns a sample",
-            "",
-            True,
+            f"{size} to solution: ratio",
+            f"{ratio:.0f}",
+            f">= {bound:.0f}" if bound else "",
+            ratio >= bound,
         ),
-        ("stored matrix, Pinocchio loop, lstsq", f"{1e9 * theirs:.0f} ns a sample", "", True),
-        ("samples to solution: ratio", f"{ratio:.0f}", ">= 50", ratio >= 50.0),
-        *floor_rows(found, ours),
+        *(floor_rows(found, ours) if bound else []),
     ]
 
 
@@ -265,8 +267,19 @@ def read_log(path: Path) -> None:
     start = time.perf_counter()
     run = prepare(Recording(open_log(path), signals), Processing(20.0, 5.0))
     gather(base_regressor(model), run)
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-    print(peak, time.perf_counter() - start)
+    print(peak_memory(), time.perf_counter() - start)
+
+
+def peak_memory() -> float:
+    """Most memory of this program so far [MiB].
+
+    `ru_maxrss` outlives `exec`: a child begins with its parent's memory. Linux's `VmHWM` does not.
+    """
+    status = Path("/proc/self/status")
+    if status.exists():
+        line = next(x for x in status.read_text().splitlines() if x.startswith("VmHWM"))
+        return float(line.split()[1]) / 1024.0
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
 
 
 def main() -> int:
@@ -274,7 +287,8 @@ def main() -> int:
     found = base_regressor(seven_joints())
     rows = [
         *regressor_rows(found),
-        *solution_rows(found),
+        *solution_rows(found, 5_000),
+        *solution_rows(found, 100_000),
         *accuracy_rows(found),
         *memory_rows(),
     ]

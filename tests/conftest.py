@@ -1,11 +1,16 @@
 """Machine code of the tests is kept for one session only."""
 
 import os
+import tempfile
 
 import pytest
 
 
-@pytest.fixture(scope="session", autouse=True)
-def private_cache(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """A kernel cache of our own, so that tests neither use nor fill the user's."""
-    os.environ["STEELYARD_CACHE"] = str(tmp_path_factory.mktemp("cache"))
+def pytest_configure(config: pytest.Config) -> None:
+    """A kernel cache of our own, so that tests neither use nor fill the user's.
+
+    Set before tests are collected: some modules make a regressor when they are imported.
+    """
+    folder = tempfile.TemporaryDirectory(prefix="steelyard-tests-")
+    os.environ["STEELYARD_CACHE"] = folder.name
+    config.add_cleanup(folder.cleanup)

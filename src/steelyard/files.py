@@ -3,13 +3,21 @@
 import json
 import shutil
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
 from steelyard.arrays import Array
 from steelyard.errors import OutputError
+
+_unfinished: set[Path] = set()
+
+
+def remove_unfinished() -> None:
+    """Remove what blocks of `whole_file` and `whole_folder` left that were torn down halfway."""
+    for part in tuple(_unfinished):
+        _remove(part)
 
 
 @contextmanager
@@ -21,7 +29,7 @@ def whole_file(path: Path) -> Iterator[Path]:
             yield part
             part.replace(path)
         finally:
-            part.unlink(missing_ok=True)
+            _remove(part)
 
 
 @contextmanager
@@ -39,14 +47,18 @@ def whole_folder(path: Path) -> Iterator[Path]:
                 where=str(path),
                 mend="name another folder, or remove this one",
             )
-        part.mkdir(parents=True)
+        new_parents = [parent for parent in part.parents if not parent.exists()]
         try:
+            part.mkdir(parents=True)
             yield part
             if path.exists():
                 path.rmdir()
             part.rename(path)
         finally:
-            shutil.rmtree(part, ignore_errors=True)
+            _remove(part)
+            for parent in new_parents:
+                with suppress(OSError):
+                    parent.rmdir()
 
 
 def write_json(path: Path, values: Mapping[str, Any]) -> None:
@@ -75,7 +87,19 @@ def write_table(path: Path, columns: Mapping[str, Array]) -> None:
 
 def _beside(path: Path) -> Path:
     """A hidden name in the same folder that no other run uses."""
-    return path.absolute().parent / f".{path.name}.{uuid4().hex[:8]}.part"
+    part = path.absolute().parent / f".{path.name}.{uuid4().hex[:8]}.part"
+    _unfinished.add(part)
+    return part
+
+
+def _remove(part: Path) -> None:
+    """Remove a temporary file or folder, if it is still there."""
+    if part.is_dir():
+        shutil.rmtree(part, ignore_errors=True)
+    else:
+        with suppress(OSError):
+            part.unlink()
+    _unfinished.discard(part)
 
 
 @contextmanager

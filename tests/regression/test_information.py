@@ -60,6 +60,22 @@ def test_sums_add_and_windows_can_be_chosen() -> None:
     assert np.array_equal(merged.n_samples, whole.n_samples)
 
 
+def test_windows_of_runs_that_alternate_merge_with_their_own() -> None:
+    pieces = [piece(k, run)[0] for k, run in ((0, "a"), (1, "b"), (2, "a"), (3, "a"))]
+    merged = sum(pieces[1:], pieces[0]).merged(2)
+    assert merged.windows == (Window("a", 0.0, 3.0), Window("a", 3.0, 4.0), Window("b", 1.0, 2.0))
+    for k, members in enumerate([(0, 2), (3,), (1,)]):
+        wanted = sum(pieces[m].grams[0] for m in members)
+        assert np.allclose(merged.grams[k], wanted, rtol=1e-14)
+
+
+def test_no_windows_are_still_information() -> None:
+    none = piece(0)[0].of([])
+    assert none.merged(3).windows == ()
+    assert none.select([REGRESSOR.layout.columns[0]]).normal()[0].tolist() == [[0.0]]
+    assert (none + piece(1)[0]).windows == piece(1)[0].windows
+
+
 @pytest.mark.parametrize(
     ("field", "value"),
     [("model", "other"), ("effort", ("Nm",) * 4), ("filters", "motion 30 Hz"), ("columns", ("x",))],

@@ -12,13 +12,13 @@ from steelyard.cli.options import Json, Output, Seed
 
 @guarded
 def demo(output: Output = None, seed: Seed = 0, as_json: Json = False) -> None:
-    """Simulate an arm, identify it from one motion, validate it on another, about 20 s.
+    """Simulate an arm, identify it from one motion, validate it on another.
 
     Example: steelyard demo -o first-try
     """
     from rich.console import Console
 
-    from steelyard.cli import river
+    from steelyard.cli import interrupt, river
     from steelyard.cli.identify import results, run_identify
     from steelyard.cli.show import progress_bar
     from steelyard.files import whole_folder
@@ -35,7 +35,9 @@ def demo(output: Output = None, seed: Seed = 0, as_json: Json = False) -> None:
             part / "results",
             os.cpu_count() or 1,
             progress,
+            last=False,
         )
+        interrupt.too_late()
     if as_json:
         typer.echo(json.dumps(results(content, folder / "results"), allow_nan=False))
         return

@@ -1,4 +1,4 @@
-"""Around every command: errors become one clear message, Ctrl-C leaves nothing half done."""
+"""Around every command: errors become one clear message."""
 
 import functools
 from collections.abc import Callable
@@ -6,25 +6,24 @@ from typing import ParamSpec
 
 import typer
 
+from steelyard.cli import interrupt
 from steelyard.errors import SteelyardError
 
 Arguments = ParamSpec("Arguments")
 
-USAGE, INTERRUPTED = 2, 130
+USAGE = 2
 
 
 def guarded(command: Callable[Arguments, None]) -> Callable[Arguments, None]:
-    """Exit code 2 with a message for what a user can mend, 130 after Ctrl-C."""
+    """Exit code 2 with a message for what a user can mend."""
 
     @functools.wraps(command)
     def run(*args: Arguments.args, **kwargs: Arguments.kwargs) -> None:
         try:
             command(*args, **kwargs)
         except SteelyardError as error:
+            interrupt.check()
             typer.echo(f"error: {error}", err=True)
             raise typer.Exit(USAGE) from None
-        except KeyboardInterrupt:
-            typer.echo("stopped: nothing was written", err=True)
-            raise typer.Exit(INTERRUPTED) from None
 
     return run

@@ -59,9 +59,14 @@ def run_identify(
     output: Path | None,
     threads: int,
     progress: "Progress",
+    *,
+    last: bool = True,
 ) -> "tuple[ReportContent, Path]":
-    """The whole river; writes the output folder, whole or not at all."""
-    from steelyard.cli import describe, river
+    """The whole river; writes the output folder, whole or not at all.
+
+    With `last`, nothing can stop the command once the folder is written.
+    """
+    from steelyard.cli import describe, interrupt, river
     from steelyard.estimation.identified import Cutoffs, IdentifiedModel
     from steelyard.estimation.least_squares import OrdinaryLeastSquares, WeightedLeastSquares
     from steelyard.files import whole_folder
@@ -128,6 +133,8 @@ def run_identify(
             settings=describe.settings(signals, cutoffs, identified.estimate.estimator),
         )
         write_results(identified, content, part)
+        if last:
+            interrupt.too_late()
     return content, folder
 
 

@@ -25,7 +25,7 @@ def init(
 
     Example: steelyard init panda.urdf run1.parquet -o panda.toml
     """
-    from steelyard.cli import river
+    from steelyard.cli import interrupt, river
     from steelyard.errors import OutputError
     from steelyard.files import whole_file
     from steelyard.robot.init_file import robot_file_text
@@ -43,6 +43,7 @@ def init(
     text = robot_file_text(model, loaded, columns, sample, target)
     with whole_file(target) as part:
         part.write_text(text, encoding="utf-8")
+        interrupt.too_late()
     written = load_robot(target)
     if as_json:
         facts = {

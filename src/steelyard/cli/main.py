@@ -1,70 +1,19 @@
-"""`steelyard`: the commands, one file each."""
+"""The entry point: from its first line on, Ctrl-C ends the program cleanly."""
 
 import sys
-from typing import Annotated
 
-import typer
-
-from steelyard.cli.demo import demo
-from steelyard.cli.identify import identify
-from steelyard.cli.init import init
-from steelyard.cli.simulate import simulate
-from steelyard.cli.validate import validate
-
-app = typer.Typer(
-    name="steelyard",
-    help="Weigh a robot from its motion and its torque: a robot file and a log in, "
-    "a report and a usable model out.",
-    epilog="First success: steelyard demo",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-)
-for command in (init, identify, validate, simulate, demo):
-    app.command()(command)
-
-MANY = ("--validate",)
-"""Options that take all that follows up to the next option."""
-
-
-def _version(wanted: bool) -> None:
-    if wanted:
-        from steelyard import __version__
-
-        typer.echo(f"steelyard {__version__}")
-        raise typer.Exit
-
-
-@app.callback()
-def callback(
-    version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
-    ] = False,
-) -> None:
-    """Options before the command."""
-
-
-def expanded(arguments: list[str]) -> list[str]:
-    """Repeat an option that is followed by several values: `--validate A B` for each of them."""
-    result: list[str] = []
-    current: str | None = None
-    for argument in arguments:
-        if argument.startswith("-"):
-            current = argument if argument in MANY else None
-            if current is None:
-                result.append(argument)
-        elif current is not None:
-            result += [current, argument]
-        else:
-            result.append(argument)
-    if current is not None and result[-2:-1] != [current]:
-        result.append(current)
-    return result
+from steelyard.cli import interrupt
 
 
 def main() -> None:
-    """Entry point of the command line."""
+    """Run the command line; exit code 2 for what a user can mend, 130 after Ctrl-C."""
     try:
+        interrupt.install()
+        from steelyard.cli.app import app, expanded
+
         app(args=expanded(sys.argv[1:]))
-    except KeyboardInterrupt:
-        sys.exit(130)
+    except BaseException:
+        if interrupt.asked():
+            interrupt.leave()
+        interrupt.ignore()
+        raise

@@ -79,6 +79,8 @@ def prepared(
     for number, recording in enumerate(recordings):
         tell(progress, "reading logs", number, len(recordings))
         runs.append(prepare(recording, wanted))
+    if not runs:
+        return ()
     common = settled(wanted, runs)
     return tuple(
         run

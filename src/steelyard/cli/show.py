@@ -4,6 +4,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from steelyard.cli import interrupt
 from steelyard.progress import Event, Progress
 
 
@@ -25,6 +26,7 @@ def progress_bar() -> Iterator[Progress]:
     tasks: dict[str, TaskID] = {}
 
     def watch(event: Event) -> bool:
+        interrupt.check()
         if event.phase not in tasks:
             for task in tasks.values():
                 bars.remove_task(task)

@@ -33,10 +33,11 @@ def simulate(
 
     Example: steelyard simulate panda.urdf --seed 1 -o panda-run1
     """
-    from steelyard.cli import river
+    from steelyard.cli import interrupt, river
     from steelyard.cli.show import progress_bar
     from steelyard.excitation.files import read_motion
     from steelyard.excitation.random_fourier import random_fourier
+    from steelyard.files import whole_folder
     from steelyard.robot.robot_file import load_robot
     from steelyard.virtual.simulate import customary_sensors
     from steelyard.virtual.simulate import simulate as run
@@ -51,12 +52,14 @@ def simulate(
     )
     truth = random_truth(loaded.robot, seed)
     sensors = customary_sensors(loaded.robot, truth, noise)
-    with progress_bar() as progress:
-        files = run(loaded.robot, truth, trajectory, sensors, folder, seed=seed, progress=progress)
+    with progress_bar() as progress, whole_folder(folder) as part:
+        files = run(loaded.robot, truth, trajectory, sensors, part, seed=seed, progress=progress)
+        interrupt.too_late()
+    written = {name: str(folder / path.name) for name, path in vars(files).items()}
     if as_json:
-        typer.echo(json.dumps({k: str(v) for k, v in vars(files).items()}))
+        typer.echo(json.dumps(written))
         return
     for note in loaded.notes:
         typer.echo(f"note        {note}")
-    for name, path in vars(files).items():
+    for name, path in written.items():
         typer.echo(f"{name:<11} {path}")

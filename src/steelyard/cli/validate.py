@@ -26,7 +26,7 @@ def validate(
     """
     from rich.console import Console
 
-    from steelyard.cli import describe, river
+    from steelyard.cli import describe, interrupt, river
     from steelyard.cli.show import progress_bar
     from steelyard.estimation.identified import load_model
     from steelyard.files import whole_folder
@@ -61,6 +61,7 @@ def validate(
     if folder is not None:
         with whole_folder(folder) as part:
             (part / "report.html").write_text(render(content), encoding="utf-8")
+            interrupt.too_late()
     if as_json:
         typer.echo(json.dumps([score.to_dict() for score in scores], allow_nan=False))
         return

@@ -110,6 +110,8 @@ def _visible(
 ) -> tuple[list[int], tuple[Blind, ...]]:
     """Columns that are new to those before them: Cholesky in natural order, the others left out."""
     size = len(unit)
+    if nonzero.all() and _all_new(unit):
+        return list(range(size)), ()
     factor = np.zeros((size, size))
     kept: list[int] = []
     blind: list[Blind] = []
@@ -128,6 +130,14 @@ def _visible(
         factor[k, k] = np.sqrt(rest)
         kept.append(k)
     return kept, tuple(blind)
+
+
+def _all_new(unit: Array) -> bool:
+    """Whether every column is new; LAPACK answers that at once."""
+    try:
+        return bool(np.square(np.diag(np.linalg.cholesky(unit))).min() >= SEEN)
+    except np.linalg.LinAlgError:
+        return False
 
 
 def _variances(information: Information, solution: _Solution, weights: Array) -> Array:

@@ -6,7 +6,6 @@ Per effort row the Gram matrix of `[columns that row sees | effort]`, the sums o
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -105,18 +104,18 @@ class Information:
 
     def merged(self, most: int) -> "Information":
         """Neighbouring windows of each run joined until every run has at most `most`."""
-        starts: list[int] = []
+        groups: list[list[int]] = []
         for run in dict.fromkeys(w.run for w in self.windows):
             mine = [k for k, w in enumerate(self.windows) if w.run == run]
             size = -(-len(mine) // most)
-            starts += mine[::size]
-        edges = [*starts, len(self.windows)]
+            groups += [mine[k : k + size] for k in range(0, len(mine), size)]
         labels = tuple(
-            Window(self.windows[a].run, self.windows[a].start, self.windows[b - 1].stop)
-            for a, b in pairwise(edges)
+            Window(self.windows[g[0]].run, self.windows[g[0]].start, self.windows[g[-1]].stop)
+            for g in groups
         )
         grams, absolute, counts = (
-            np.add.reduceat(x, starts, axis=0) for x in (self.grams, self.absolute, self.counts)
+            np.array([x[g].sum(axis=0) for g in groups]).reshape(len(groups), x.shape[1])
+            for x in (self.grams, self.absolute, self.counts)
         )
         return Information(self.layout, self.stamp, labels, grams, absolute, counts)
 
@@ -216,7 +215,7 @@ class Information:
             part[:-1, :-1] = transform[np.ix_(old, new)]
             part[-1, -1] = 1.0
             width = self.layout.widths[row]
-            grams = np.stack([_unpacked(w, width) for w in self.grams[:, self._packed(row)]])
+            grams = _unpacked(self.grams[:, self._packed(row)], width)
             pieces.append(_packed(part.T @ grams @ part))
         return Information(
             layout,
@@ -261,9 +260,12 @@ class Information:
 
 
 def _unpacked(lower: Array, width: int) -> Array:
-    matrix = np.zeros((width, width))
-    matrix[np.tril_indices(width)] = lower
-    return matrix + np.tril(matrix, -1).T
+    """Symmetric matrices `(..., width, width)` of their lower triangles `(..., size)`."""
+    matrices = np.zeros((*lower.shape[:-1], width, width))
+    rows, columns = np.tril_indices(width)
+    matrices[..., rows, columns] = lower
+    matrices[..., columns, rows] = lower
+    return matrices
 
 
 def _packed(matrices: Array) -> Array:

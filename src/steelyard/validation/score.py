@@ -5,7 +5,9 @@ one zero-phase fourth-order Butterworth low-pass; once over all samples, once ov
 joint moves.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -83,16 +85,16 @@ class RunScore:
         return float(np.mean(known)) if known else None
 
     def to_dict(self) -> dict[str, Any]:
-        """As JSON values, without the traces."""
-        return {
+        """As JSON values, without the traces; an error without a finite percentage is `None`."""
+        figures = {
             "run": self.run,
             "cutoff": self.cutoff,
             "mean_percent": self.mean_percent,
             "mean_percent_moving": self.mean_percent_moving,
             "pooled_percent": self.pooled_percent,
             "pooled_percent_moving": self.pooled_percent_moving,
-            "joints": [vars(joint) for joint in self.joints],
         }
+        return _finite(figures) | {"joints": [_finite(vars(joint)) for joint in self.joints]}
 
 
 def score(
@@ -155,6 +157,14 @@ def score(
         ),
         traces=Traces(data.t, measured, predicted, moving),
     )
+
+
+def _finite(figures: Mapping[str, Any]) -> dict[str, Any]:
+    """JSON knows no infinity."""
+    return {
+        name: None if isinstance(value, float) and not isfinite(value) else value
+        for name, value in figures.items()
+    }
 
 
 def _rms(x: Array) -> float:

@@ -1,0 +1,100 @@
+"""Ctrl-C: asked for once, it is never lost, and leaves no half-written file.
+
+An interrupt can arrive anywhere: inside a native library that turns it into another error, or
+inside a callback that swallows it. So the request is noted, and asked for again at every event of
+progress and before results take their place; from then on it comes too late. It is no
+`KeyboardInterrupt`: libraries answer that in ways of their own, and Python, once it has passed
+through `exec`, ends with a signal whatever the program does.
+"""
+
+import signal
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import FrameType
+
+INTERRUPTED = 130
+
+
+class Interrupted(BaseException):
+    """Ctrl-C was pressed."""
+
+
+@dataclass
+class _State:
+    installed: bool = False
+    asked: bool = False
+
+
+_state = _State()
+
+
+def install() -> None:
+    """Take over Ctrl-C; for the program itself, not for whoever imports it."""
+    _state.installed = True
+    signal.signal(signal.SIGINT, _note)
+    sys.unraisablehook = _quiet(sys.unraisablehook)
+
+
+def asked() -> bool:
+    """Whether Ctrl-C has been pressed."""
+    return _state.asked
+
+
+def check() -> None:
+    """Stop here if Ctrl-C has been pressed.
+
+    Raises:
+        Interrupted: It has.
+    """
+    if _state.asked:
+        raise Interrupted
+
+
+def too_late() -> None:
+    """The last chance to stop: after this, the results take their place and Ctrl-C does nothing.
+
+    Raises:
+        Interrupted: Ctrl-C has been pressed before.
+    """
+    if _state.installed:
+        ignore()
+        check()
+
+
+def ignore() -> None:
+    """From here on, Ctrl-C does nothing."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def leave() -> None:
+    """Clean up, say so, and end the program.
+
+    Nothing may be imported here: the interrupt may have torn an import that cannot begin anew.
+
+    Raises:
+        SystemExit: With 130.
+    """
+    ignore()
+    files = sys.modules.get("steelyard.files")
+    if files is not None and hasattr(files, "remove_unfinished"):
+        files.remove_unfinished()
+    print("stopped: nothing was written", file=sys.stderr)
+    raise SystemExit(INTERRUPTED) from None
+
+
+def _note(number: int, frame: FrameType | None) -> None:
+    _state.asked = True
+    raise Interrupted
+
+
+def _quiet(
+    show: Callable[["sys.UnraisableHookArgs"], object],
+) -> Callable[["sys.UnraisableHookArgs"], object]:
+    """No traceback of an interrupt that a callback swallowed: it is asked for again soon."""
+
+    def hook(problem: "sys.UnraisableHookArgs") -> None:
+        if not issubclass(problem.exc_type, Interrupted):
+            show(problem)
+
+    return hook
