@@ -52,18 +52,19 @@ USER = (
     with_robot("a column that the log lacks", "column.toml", "'tua1_Nm'", "tau1_Nm"),
     with_robot("a joint that does not exist", "joint.toml", "elbwo", "elbow"),
     with_robot("too few columns", "count.toml", "5", "6"),
-    with_robot("unknown key", "key.toml", "key.toml", "line 11", "veloctiy", "velocity"),
+    with_robot("unknown key", "key.toml", "key.toml", "line 12", "veloctiy", "velocity"),
     with_robot("broken TOML", "broken.toml", "broken.toml", "line 3"),
     with_robot("negative cut-off", "negative.toml", "negative.toml", "matched_cutoff"),
     with_robot("unknown friction law", "law.toml", "viscuos", "viscous"),
     with_log("log shorter than its filter", "identification.parquet@1:1.1", "shorter"),
-    with_log("static log", "static.csv", "no joint moves"),
+    with_log("static log", "identification.parquet@0:0.9", "no joint moves"),
+    with_log("static log, every value constant", "static.csv", "no joint moves"),
     with_log("empty CSV", "empty.csv", "empty", "empty.csv"),
     with_log("header alone", "header.csv", "header.csv"),
     with_log("every row broken", "broken.csv", "broken.csv"),
     with_log("Parquet that is not one", "letter.parquet", "letter.parquet", "Parquet"),
     with_log("Parquet of words", "words.parquet", "words.parquet"),
-    with_log("unknown suffix", "log.xyz", "log.xyz", "Parquet"),
+    with_log("unknown suffix", "log.xyz", "log.xyz", ".parquet"),
     with_log("folder as log", ".", "folder"),
     with_log("cut backwards", "identification.parquet@9:3", "ends (3)", "starts (9)"),
     with_log("cut of words", "identification.parquet#a:b", "'a' is not a row"),
@@ -127,7 +128,7 @@ USER = (
 USAGE = (
     Mistake("negative noise", ("simulate", ROBOT, "--noise", "-1"), ("--noise",)),
     Mistake("no threads", (*IDENTIFY, "--threads", "0"), ("--threads",)),
-    Mistake("noise of words", ("simulate", ROBOT, "--noise", "loud"), ("--noise", "loud")),
+    Mistake("noise of words", ("simulate", ROBOT, "--noise", "loud"), ("--noise", "valid number")),
     Mistake("period too short", ("simulate", ROBOT, "--period", "0.1"), ("--period",)),
     Mistake("no log", ("identify", ROBOT), ("LOG",)),
     Mistake("unknown option", (*IDENTIFY, "--valdiate", LOG), ("--valdiate",)),
@@ -181,12 +182,8 @@ def _robots(given: Path) -> None:
 
 def _logs(given: Path) -> None:
     table = pl.read_parquet(given / "identification.parquet")
-    rng = np.random.default_rng(0)
-    still = table.select(
-        pl.col("time_s"), *(pl.lit(table[c][0]).alias(c) for c in table.columns if c != "time_s")
-    )
-    noise = rng.normal(0.0, 1e-6, table.height)
-    still.with_columns(pl.col("q1_rad") + pl.Series(noise)).write_csv(given / "static.csv")
+    still = {c: pl.lit(0.3 if c.startswith("q") else 0.0).alias(c) for c in table.columns[1:]}
+    table.select(table.columns[0], *still.values()).write_csv(given / "static.csv")
     header = ",".join(table.columns)
     (given / "empty.csv").write_text("")
     (given / "header.csv").write_text(f"{header}\n")

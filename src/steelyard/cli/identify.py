@@ -113,6 +113,7 @@ def run_identify(
             reference=(OrdinaryLeastSquares()(information),),
             signals=signals,
             cutoffs=cutoffs,
+            rest_speed=loaded.processing.rest_speed,
             provenance=describe.provenance(
                 loaded,
                 [log.path for log in fitted],

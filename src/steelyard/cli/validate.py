@@ -38,7 +38,9 @@ def validate(
     folder = None if output is None else river.new_folder(output, "")
     files = river.log_files(logs)
     wanted = Processing(
-        motion_cutoff=identified.cutoffs.motion, matched_cutoff=identified.cutoffs.matched
+        motion_cutoff=identified.cutoffs.motion,
+        matched_cutoff=identified.cutoffs.matched,
+        rest_speed=identified.rest_speed,
     )
     with progress_bar() as progress:
         recordings = [river.recording_of(log, identified.signals) for log in files]

@@ -57,6 +57,7 @@ class IdentifiedModel:
         signals: Columns of the robot's logs, effort units and gains.
         cutoffs: Filter frequencies.
         provenance: Inputs and settings.
+        rest_speed: Speed up to which a joint rests, where the robot file says it [rad/s; m/s].
     """
 
     model: Model
@@ -66,6 +67,7 @@ class IdentifiedModel:
     signals: Signals
     cutoffs: Cutoffs
     provenance: Provenance
+    rest_speed: float | None = None
 
     @cached_property
     def valued(self) -> ValuedModel:
@@ -91,6 +93,7 @@ class IdentifiedModel:
             "reference": [estimate.to_dict() for estimate in self.reference],
             "signals": signals_to_dict(self.signals),
             "cutoffs_hz": vars(self.cutoffs),
+            "rest_speed": self.rest_speed,
             "provenance": {
                 "version": self.provenance.version,
                 "inputs": dict(self.provenance.inputs),
@@ -110,6 +113,7 @@ class IdentifiedModel:
             reference=tuple(Estimate.from_dict(e) for e in data["reference"]),
             signals=signals_from_dict(data["signals"]),
             cutoffs=Cutoffs(**data["cutoffs_hz"]),
+            rest_speed=data["rest_speed"],
             provenance=Provenance(
                 origin["version"],
                 dict(origin["inputs"]),

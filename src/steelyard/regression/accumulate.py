@@ -1,7 +1,7 @@
 """Gram matrices of one stretch of samples: kernel, matched filter, Gram, block by block."""
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from math import lcm
 
 import numpy as np
@@ -274,6 +274,7 @@ class _Tiling:
     cells: NDArray[np.int64]
 
     @classmethod
+    @cache
     def of(cls, layout: Layout) -> "_Tiling":
         """The last tile of a row of tiles reaches back over its neighbour, not beyond."""
         firsts: list[tuple[int, int]] = []
