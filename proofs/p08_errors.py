@@ -41,8 +41,8 @@ def of_broken_rows(work: Path) -> list[Claim]:
     terminal = " ".join(shown.stdout.split())
     claims = []
     for place, text in (("terminal", terminal), ("--json", notes)):
-        counted = f"{lost} of 1502 rows" in text or f"{lost} rows" in text
-        figure = text[max(0, text.find(f"{lost} ") - 20) :][:80]
+        counted = f"dropped {lost} of 1501 rows" in text
+        figure = text[max(0, text.find("dropped")) :][:60]
         claims.append(Claim(f"broken rows counted, {place}", figure, f"{lost} rows", counted))
     return claims
 

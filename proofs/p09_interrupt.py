@@ -12,6 +12,11 @@ from claims import Claim, main_of
 
 from steelyard.virtual.demo import demo_runs
 
+PRESS = Path(__file__).parent.parent / "tests" / "cli" / "interrupted_at.py"
+
+PLACES = 16
+"""Functions per command at which Ctrl-C is pressed, besides those that write."""
+
 MOMENTS = 14
 """Signals per command, spread over its whole duration."""
 
@@ -37,10 +42,12 @@ def commands(folder: Path) -> dict[str, list[str]]:
     }
 
 
-def start(arguments: list[str], place: Path, cache: Path) -> subprocess.Popen[str]:
+def start(
+    arguments: list[str], place: Path, cache: Path, program: tuple[str, ...] = ("-m", "steelyard")
+) -> subprocess.Popen[str]:
     """A command in an empty folder."""
     return subprocess.Popen(
-        [sys.executable, "-m", "steelyard", *arguments],
+        [sys.executable, *program, *arguments],
         cwd=place,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -56,14 +63,47 @@ def interrupted(arguments: list[str], delay: float, cache: Path) -> str | None:
         process = start(arguments, place, cache)
         time.sleep(delay)
         process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=60)
-        left = [path.name for path in place.iterdir()]
-        if process.returncode == 0:
-            half = [name for name in left if name.startswith(".")]
-            return f"finished, but left {half}" if half else None
-        if process.returncode != 130 or "Traceback" in errors or "Exception ignored" in errors:
-            return f"exit code {process.returncode}: {errors[-300:]}"
-        return f"left {left}" if left else None
+        return fault(process, place)
+
+
+def fault(process: subprocess.Popen[str], place: Path) -> str | None:
+    """What is wrong with the end of an interrupted command; `None` if all is well."""
+    _, errors = process.communicate(timeout=60)
+    left = [path.name for path in place.iterdir()]
+    if "Traceback" in errors or "Exception ignored" in errors:
+        return f"exit code {process.returncode}: {errors[-300:]}"
+    if process.returncode == 0:
+        half = [name for name in left if name.startswith(".")]
+        return f"finished, but left {half}" if half else None
+    if process.returncode != 130:
+        return f"exit code {process.returncode}: {errors[-300:]}"
+    return f"left {left}" if left else None
+
+
+def pressed(arguments: list[str], function: str, report: Path, cache: Path) -> str | None:
+    """What was wrong after Ctrl-C on entering a function; its functions go to `report`."""
+    with tempfile.TemporaryDirectory() as name:
+        program = (str(PRESS), function, str(report))
+        return fault(start(arguments, Path(name), cache, program), Path(name))
+
+
+def at_functions(name: str, arguments: list[str], cache: Path, places: int) -> Claim:
+    """Interrupt one command where it enters functions: some of all it calls, and all that write."""
+    report = cache.with_name(f"functions-{name}")
+    faults = [pressed(arguments, "", report, cache)]
+    entered = report.read_text().splitlines()
+    chosen = entered[:: max(1, len(entered) // places)]
+    chosen += [f for f in entered if f.startswith("files.") or ".write_" in f or ".render" in f]
+    faults += [
+        fault and f"at {function}: {fault}"
+        for function in chosen
+        for fault in [pressed(arguments, function, report, cache)]
+    ]
+    wrong = [fault for fault in faults if fault]
+    figure = f"{len(faults) - len(wrong)} of {len(faults)} clean" + "".join(
+        f"; {f}" for f in wrong[:2]
+    )
+    return Claim(f"Ctrl-C at functions of {name}", figure, "all", not wrong)
 
 
 def of_command(name: str, arguments: list[str], cache: Path, moments: int) -> Claim:
@@ -83,7 +123,7 @@ def of_command(name: str, arguments: list[str], cache: Path, moments: int) -> Cl
     return Claim(f"Ctrl-C during {name}, {duration:.1f} s long", figure, "all", not faults)
 
 
-def main(moments: int = MOMENTS) -> list[Claim]:
+def main(moments: int = MOMENTS, places: int = PLACES) -> list[Claim]:
     """All commands."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -93,9 +133,10 @@ def main(moments: int = MOMENTS) -> list[Claim]:
         done = start(identify, folder, cache).communicate(timeout=120)
         if not (folder / "model" / "model.json").exists():
             return [Claim("identification before", done[1][-200:], "a model", False)]
+        every = commands(folder).items()
         return [
-            of_command(command, arguments, cache, moments)
-            for command, arguments in commands(folder).items()
+            *(of_command(command, arguments, cache, moments) for command, arguments in every),
+            *(at_functions(command, arguments, cache, places) for command, arguments in every),
         ]
 
 

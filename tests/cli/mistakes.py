@@ -133,6 +133,7 @@ USAGE = (
     Mistake("no log", ("identify", ROBOT), ("LOG",)),
     Mistake("unknown option", (*IDENTIFY, "--valdiate", LOG), ("--valdiate",)),
     Mistake("--validate without a log", (*IDENTIFY, "--validate"), ("--validate",)),
+    Mistake("--validate before an option", (*IDENTIFY, "--validate", "--json"), ("--validate",)),
     Mistake("unknown command", ("identfy", ROBOT, LOG), ("identfy",)),
 )
 """Answered by the command line's own usage message."""

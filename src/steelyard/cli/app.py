@@ -44,18 +44,22 @@ def callback(
 
 
 def expanded(arguments: list[str]) -> list[str]:
-    """Repeat an option that is followed by several values: `--validate A B` for each of them."""
+    """Repeat an option that is followed by several values: `--validate A B` for each of them.
+
+    One without a value goes to the end, where the parser misses it.
+    """
     result: list[str] = []
+    bare: list[str] = []
     current: str | None = None
-    for argument in arguments:
+    for argument, following in zip(arguments, [*arguments[1:], "-"], strict=True):
         if argument.startswith("-"):
             current = argument if argument in MANY else None
             if current is None:
                 result.append(argument)
+            elif following.startswith("-"):
+                bare.append(current)
         elif current is not None:
             result += [current, argument]
         else:
             result.append(argument)
-    if current is not None and result[-2:-1] != [current]:
-        result.append(current)
-    return result
+    return result + bare

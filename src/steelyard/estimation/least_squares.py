@@ -178,6 +178,6 @@ def _estimate(
 
 
 def _condition(eigenvalues: Array) -> float:
-    """Root of the ratio of a Gram matrix's extreme eigenvalues, as far as rounding lets it be seen."""
+    """Root of the ratio of a Gram matrix's extreme eigenvalues, as far as rounding shows it."""
     rounding = np.finfo(np.float64).eps * eigenvalues[-1]
     return float(np.sqrt(eigenvalues[-1] / max(eigenvalues[0], rounding)))

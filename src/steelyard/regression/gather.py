@@ -15,7 +15,7 @@ from steelyard.regression.information import Information, Stamp, Window
 from steelyard.regression.matched import MatchedFilter
 from steelyard.regression.regressor import Regressor
 
-MOST_WINDOWS = 256
+MOST_WINDOWS = 128
 """Windows kept per run; beyond that neighbours are merged."""
 
 PIECE = 1024

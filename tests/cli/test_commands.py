@@ -1,0 +1,236 @@
+"""What the commands print and write."""
+
+import csv
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+
+import steelyard
+from cli.conftest import Command
+from cli.mistakes import LOG, ROBOT
+from steelyard.cli.app import expanded
+
+URDF = "../given/demo_arm.urdf"
+OTHER = "../given/validation.parquet"
+JOINTS = ["shoulder_turn", "shoulder_lift", "elbow", "forearm_roll", "wrist_bend", "flange_roll"]
+FIGURES = ("relative_percent", "relative_percent_moving", "rmse", "predict_zero", "prior_rmse")
+
+
+def strict(text: str) -> Any:
+    """JSON without the NaN and Infinity that Python would let through."""
+
+    def refuse(word: str) -> None:
+        raise AssertionError(f"{word} is no JSON")
+
+    return json.loads(text, parse_constant=refuse)
+
+
+@pytest.mark.parametrize("name", ["init", "identify", "validate", "simulate", "demo"])
+def test_help_shows_an_example(name: str, command: Command) -> None:
+    done = command(name, "--help")
+    assert done.exit_code == 0
+    assert f"Example: steelyard {name}" in done.stdout
+
+
+def test_help_names_all_commands_and_the_first_success(command: Command) -> None:
+    words = command("--help").stdout.split()
+    assert {"init", "identify", "validate", "simulate", "demo"} <= set(words)
+    assert " ".join(words).endswith("First success: steelyard demo")
+
+
+def test_version(command: Command) -> None:
+    assert command("--version").stdout == f"steelyard {steelyard.__version__}\n"
+
+
+def test_the_module_runs_as_a_program() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "steelyard", "--version"], capture_output=True, text=True
+    )
+    assert (done.returncode, done.stdout) == (0, f"steelyard {steelyard.__version__}\n")
+
+
+@pytest.mark.parametrize(
+    ("given", "result"),
+    [
+        ("r a --validate b c -o out", "r a --validate b --validate c -o out"),
+        ("r a --validate b --validate c", "r a --validate b --validate c"),
+        ("r --json --validate b", "r --json --validate b"),
+        ("r a --validate", "r a --validate"),
+        ("r a --validate --json", "r a --json --validate"),
+        ("r a --validate=b c", "r a --validate=b c"),
+    ],
+)
+def test_options_that_take_several_values(given: str, result: str) -> None:
+    assert expanded(given.split()) == result.split()
+
+
+def test_identify_writes_model_parameters_and_report(identified: Path) -> None:
+    names = sorted(path.name for path in identified.iterdir())
+    assert names == ["model.json", "parameters.csv", "report.html"]
+    model = strict((identified / "model.json").read_text())
+    with (identified / "parameters.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    values = {row["name"]: float(row["value"]) for row in rows if row["status"] != "not seen"}
+    wanted = steelyard.load_model(identified).estimate.parameters.as_dict()
+    assert {name: values[name] for name in wanted} == wanted
+    assert len(rows) == len(steelyard.load_model(identified).base)
+    assert set(model["provenance"]["inputs"]) >= {"robot demo_arm.toml", "robot demo_arm.urdf"}
+    assert "<html" in (identified / "report.html").read_text()
+
+
+def test_the_terminal_ends_with_the_paths(identified: Path) -> None:
+    lines = (identified.parent / "terminal.txt").read_text().splitlines()
+    assert lines[-2:] == [
+        f"model   {identified / 'model.json'}",
+        f"report  {identified / 'report.html'}",
+    ]
+
+
+def random_motion(n: int, samples: int = 40) -> steelyard.Motion:
+    rng = np.random.default_rng(3)
+    q, dq, ddq = rng.uniform(-2.0, 2.0, (3, samples, n))
+    return steelyard.Motion(np.arange(samples) * 0.01, q, dq, ddq)
+
+
+def test_models_round_trip_exactly(identified: Path, tmp_path: Path) -> None:
+    model, motion = steelyard.load_model(identified), random_motion(6)
+    (tmp_path / "again.json").write_text(model.text())
+    again = steelyard.load_model(tmp_path / "again.json")
+    assert (tmp_path / "again.json").read_bytes() == (identified / "model.json").read_bytes()
+    assert again.torque(motion).tobytes() == model.torque(motion).tobytes()
+    assert again.estimate.covariance.tobytes() == model.estimate.covariance.tobytes()
+
+
+def test_steps_agree_with_the_whole_motion(identified: Path) -> None:
+    model, motion = steelyard.load_model(identified), random_motion(6)
+    stepper = model.start()
+    steps = [stepper.step(*x) for x in zip(motion.q, motion.dq, motion.ddq, strict=True)]
+    np.testing.assert_allclose(steps, model.torque(motion), rtol=1e-12, atol=1e-12)
+
+
+def test_validate_json_has_its_schema(identified: Path, command: Command) -> None:
+    done = command("validate", identified, OTHER, f"{LOG}@1.5:4", "--json")
+    runs = strict(done.stdout)
+    assert [run["run"] for run in runs] == ["validation", "identification@1.5:4"]
+    for run in runs:
+        assert [joint["joint"] for joint in run["joints"]] == JOINTS
+        assert all(joint["unit"] == "Nm" for joint in run["joints"])
+        assert all(joint[figure] > 0.0 for joint in run["joints"] for figure in FIGURES)
+        mean = np.mean([joint["relative_percent"] for joint in run["joints"]])
+        assert run["mean_percent"] == pytest.approx(mean)
+        for joint in run["joints"]:
+            percent = 100.0 * joint["rmse"] / joint["predict_zero"]
+            assert joint["relative_percent"] == pytest.approx(percent)
+
+
+def test_validate_says_what_identify_said(
+    identified: Path, command: Command, tmp_path: Path
+) -> None:
+    done = command("identify", ROBOT, LOG, "--validate", OTHER, "-o", tmp_path / "o", "--json")
+    said = strict(done.stdout)
+    again = strict(command("validate", tmp_path / "o" / "model.json", OTHER, "--json").stdout)
+    assert said["output"] == str(tmp_path / "o")
+    assert again[0]["joints"] == said["validation"][0]["joints"]
+    assert said["n_base_parameters"] == len(said["parameters"]) + len(said["not_seen"])
+
+
+def test_validate_writes_a_report_only_if_asked(
+    identified: Path, command: Command, tmp_path: Path, shared_work: Path
+) -> None:
+    assert command("validate", identified, OTHER).exit_code == 0
+    assert not any(shared_work.iterdir())
+    done = command("validate", identified, OTHER, "-o", tmp_path / "seen")
+    assert done.stdout.endswith(f"report  {tmp_path / 'seen' / 'report.html'}\n")
+    assert (tmp_path / "seen" / "report.html").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    "options",
+    [("--validate", OTHER, f"{LOG}@5:7"), ("--validate", OTHER, "--validate", f"{LOG}@5:7")],
+)
+def test_several_logs_to_validate(
+    options: tuple[str, ...], command: Command, tmp_path: Path
+) -> None:
+    done = command("identify", ROBOT, f"{LOG}#0:1200", *options, "-o", tmp_path / "o", "--json")
+    result = strict(done.stdout)
+    assert [run["run"] for run in result["validation"]] == ["validation", "identification@5:7"]
+    assert [run["run"] for run in result["identification"]] == ["identification#0:1200"]
+
+
+def test_an_effort_that_is_always_zero_has_no_percentage(
+    identified: Path, given: Path, command: Command, tmp_path: Path
+) -> None:
+    table = pl.read_parquet(given / "validation.parquet")
+    table.with_columns(pl.lit(0.0).alias("tau6_Nm")).write_csv(tmp_path / "dead.csv")
+    runs = strict(command("validate", identified, tmp_path / "dead.csv", "--json").stdout)
+    joint = runs[0]["joints"][5]
+    assert joint["relative_percent"] is None
+    assert joint["predict_zero"] == 0.0 < joint["rmse"]
+    assert runs[0]["mean_percent"] is None
+    assert command("validate", identified, tmp_path / "dead.csv").exit_code == 0
+    done = command(
+        "identify", ROBOT, LOG, "--validate", tmp_path / "dead.csv", "-o", tmp_path / "o"
+    )
+    assert done.exit_code == 0
+
+
+def test_init_alone_and_with_a_log(command: Command, tmp_path: Path) -> None:
+    alone, guessed = tmp_path / "alone.toml", tmp_path / "guessed.toml"
+    shown = command("init", URDF, "-o", alone)
+    assert f"wrote {alone}: 6 joints identified" in shown.stdout
+    assert shown.stdout.splitlines()[-1].startswith("next")
+    facts = strict(command("init", URDF, LOG, "-o", guessed, "--json").stdout)
+    assert (facts["robot_file"], facts["joints"]) == (str(guessed), JOINTS)
+    done = command("identify", guessed, LOG, "-o", tmp_path / "o")
+    assert done.exit_code == 0, done.output
+
+
+def test_a_urdf_alone_works_too(command: Command, tmp_path: Path) -> None:
+    done = command("identify", URDF, LOG, "-o", tmp_path / "o", "--json")
+    result = strict(done.stdout)
+    assert len(result["identification"][0]["joints"]) == 6
+    assert any("effort" in note or "tau" in note for note in result["notes"])
+
+
+def test_simulate_follows_a_motion(command: Command, tmp_path: Path) -> None:
+    first, again = tmp_path / "first", tmp_path / "again"
+    files = strict(
+        command("simulate", ROBOT, "--period", "1", "--noise", "0", "-o", first, "--json").stdout
+    )
+    assert files == {
+        "log": str(first / "log.parquet"),
+        "truth": str(first / "truth.json"),
+        "trajectory": str(first / "trajectory.json"),
+    }
+    motion = first / "trajectory.json"
+    done = command("simulate", ROBOT, "--motion", motion, "--noise", "0", "-o", again)
+    assert done.exit_code == 0, done.output
+    logs = [pl.read_parquet(folder / "log.parquet").to_numpy() for folder in (first, again)]
+    np.testing.assert_allclose(logs[0], logs[1], rtol=1e-9, atol=1e-9)
+
+
+def test_simulate_draws_by_its_seed(command: Command, tmp_path: Path) -> None:
+    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
+        command("simulate", ROBOT, "--period", "1", "--seed", seed, "-o", tmp_path / name)
+    a, b, c = ((tmp_path / name / "log.parquet").read_bytes() for name in "abc")
+    assert a == b != c
+    truth = [(tmp_path / name / "truth.json").read_text() for name in "abc"]
+    assert truth[0] == truth[1] != truth[2]
+
+
+def test_demo(command: Command, tmp_path: Path) -> None:
+    told = command("demo", "--seed", "3", "-o", tmp_path / "demo", "--json")
+    result = strict(told.stdout)
+    assert result["output"] == str(tmp_path / "demo" / "results")
+    assert result["validation"][0]["mean_percent_moving"] < 5.0
+    names = sorted(path.name for path in (tmp_path / "demo").iterdir())
+    assert names == ["results", "robot"]
+    again = tmp_path / "demo" / "robot" / "demo_arm.toml"
+    log = tmp_path / "demo" / "robot" / "validation.parquet"
+    assert command("identify", again, log, "-o", tmp_path / "o").exit_code == 0

@@ -1,0 +1,66 @@
+"""Mistakes: one clear message, exit code 2, nothing left behind; broken rows are survived."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from cli.conftest import Command
+from cli.mistakes import LOG, ROBOT, SPOILT, USAGE, USER, Mistake, faults
+
+
+@pytest.mark.parametrize("mistake", [*USER, *USAGE], ids=lambda mistake: mistake.name)
+def test_mistakes_are_answered(mistake: Mistake, command: Command, shared_work: Path) -> None:
+    done = command(*mistake.arguments)
+    assert done.exception is None or isinstance(done.exception, SystemExit)
+    assert faults(mistake, done.exit_code, done.stdout, done.stderr, shared_work) == []
+
+
+@pytest.mark.parametrize("missing", [["a"], ["a", "b"]])
+def test_new_parents_of_a_failed_output_go_too(
+    missing: list[str], command: Command, tmp_path: Path
+) -> None:
+    folder = tmp_path.joinpath(*missing, "out")
+    assert command("identify", ROBOT, f"{LOG}@0:0.9", "-o", folder).exit_code == 2
+    assert not any(tmp_path.iterdir())
+
+
+def test_broken_rows_are_dropped_counted_and_reported(command: Command, tmp_path: Path) -> None:
+    log, lost = "../given/soiled.csv", sum(SPOILT.values())
+    shown = command("identify", ROBOT, log, "-o", tmp_path / "shown")
+    told = command("identify", ROBOT, log, "-o", tmp_path / "told", "--json")
+    notes = " ".join(json.loads(told.stdout)["notes"])
+    assert shown.exit_code == told.exit_code == 0
+    for text in (" ".join(shown.stdout.split()), notes):
+        assert f"soiled: dropped {lost} of 1501 rows" in text
+        assert f"{SPOILT['NaN'] + SPOILT['cut short']} with a cell that is missing" in text
+        assert f"{SPOILT['1e293']} with a value no sensor can have" in text
+
+
+def test_broken_rows_hardly_change_the_fit(command: Command, tmp_path: Path) -> None:
+    errors = []
+    for name, log in (("clean", LOG), ("soiled", "../given/soiled.csv")):
+        done = command("identify", ROBOT, log, "--validate", LOG, "-o", tmp_path / name, "--json")
+        errors.append(json.loads(done.stdout)["validation"][0]["mean_percent"])
+    assert errors[1] < 1.5 * errors[0]
+
+
+def test_noise_alone_crashes_nothing(given: Path, command: Command, tmp_path: Path) -> None:
+    table, rng = pl.read_parquet(given / "identification.parquet"), np.random.default_rng(0)
+    sizes = {"q": 1e-5, "d": 1e-3, "t": 0.1}
+    noise = {
+        c: pl.lit(table[c][0]) + pl.Series(rng.normal(0.0, sizes[c[0]], table.height))
+        for c in table.columns[1:]
+    }
+    table.with_columns(**noise).write_csv(tmp_path / "noise.csv")
+    done = command("identify", ROBOT, tmp_path / "noise.csv", "-o", tmp_path / "o", "--json")
+    assert (
+        done.exit_code == 2
+        or min(
+            joint["relative_percent"]
+            for joint in json.loads(done.stdout)["identification"][0]["joints"]
+        )
+        > 10.0
+    )

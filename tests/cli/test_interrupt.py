@@ -1,0 +1,109 @@
+"""Ctrl-C: exit code 130, no traceback, nothing left; `proofs/p09_interrupt.py` does it all over."""
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from cli.mistakes import LOG, ROBOT, leftovers
+
+DRIVER = Path(__file__).parent / "interrupted_at.py"
+IDENTIFY = ("identify", ROBOT, LOG, "--validate", "../given/validation.parquet")
+
+
+def pressed(function: str, arguments: tuple[str, ...], work: Path) -> tuple[int, str, list[str]]:
+    """Exit code and message of a command stopped at a function, and the functions it entered."""
+    report = work.parent / "entered.txt"
+    done = subprocess.run(
+        [sys.executable, str(DRIVER), function, str(report), *arguments],
+        cwd=work,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    return done.returncode, done.stderr, report.read_text().splitlines()
+
+
+@pytest.mark.parametrize(
+    ("function", "arguments"),
+    [
+        ("app.expanded", IDENTIFY),
+        ("identify.<module>", IDENTIFY),
+        ("files._beside", IDENTIFY),
+        ("gather.gather", IDENTIFY),
+        ("show.progress_bar.<locals>.watch", IDENTIFY),
+        ("identify.write_results", IDENTIFY),
+        ("page.render", IDENTIFY),
+        ("files.write_table", ("simulate", ROBOT, "--period", "1")),
+        ("files.write_json", ("simulate", ROBOT, "--period", "1")),
+        ("files._remove", ("simulate", ROBOT, "--period", "1")),
+        ("init_file.robot_file_text", ("init", "../given/demo_arm.urdf")),
+        ("files.whole_file", ("init", "../given/demo_arm.urdf")),
+    ],
+)
+def test_ctrl_c_leaves_nothing(
+    function: str, arguments: tuple[str, ...], shared_work: Path
+) -> None:
+    code, errors, entered = pressed(function, arguments, shared_work)
+    assert function in entered
+    assert (code, errors) == (130, "stopped: nothing was written\n")
+    assert leftovers(shared_work) == []
+
+
+def test_ctrl_c_comes_too_late_once_results_take_their_place(
+    shared_work: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    code, errors, entered = pressed("terminal.summary", (*IDENTIFY, "-o", str(out)), shared_work)
+    assert "terminal.summary" in entered
+    assert (code, errors) == (0, "")
+    assert sorted(p.name for p in out.iterdir()) == ["model.json", "parameters.csv", "report.html"]
+
+
+def test_ctrl_c_from_outside_while_it_works(shared_work: Path) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "steelyard", "simulate", ROBOT, "--period", "200"],
+        cwd=shared_work,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    while not leftovers(shared_work) and process.poll() is None:
+        time.sleep(0.02)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=30)
+    assert (process.returncode, errors) == (130, "stopped: nothing was written\n")
+    assert leftovers(shared_work) == []
+
+
+LOST = """
+import os, signal, sys
+from steelyard.cli import interrupt
+from steelyard.cli.main import main
+from steelyard.cli import app as commands
+
+class Deaf:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGINT)
+
+def swallow(arguments):
+    Deaf()
+    return arguments
+
+commands.expanded = swallow
+main()
+"""
+
+
+def test_ctrl_c_that_a_callback_swallows_is_not_lost(shared_work: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", LOST, *IDENTIFY],
+        cwd=shared_work,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert (done.returncode, done.stderr) == (130, "stopped: nothing was written\n")
+    assert leftovers(shared_work) == []
