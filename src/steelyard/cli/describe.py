@@ -5,10 +5,9 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 
-from steelyard.estimation.identified import Cutoffs, Provenance
+from steelyard.estimation.identified import IdentifiedModel, Provenance
 from steelyard.measurement import Run
 from steelyard.robot.robot_file import LoadedRobot
-from steelyard.robot.signals import Signals
 
 
 def provenance(
@@ -31,12 +30,13 @@ def sha256(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def settings(signals: Signals, cutoffs: Cutoffs, estimator: str) -> tuple[tuple[str, str], ...]:
+def settings(identified: IdentifiedModel) -> tuple[tuple[str, str], ...]:
     """Settings as label and value."""
+    signals, cutoffs = identified.signals, identified.cutoffs
     gains = ", ".join(f"{g:g}" for g in signals.gains)
     velocity = "logged" if signals.velocity else "differentiated positions"
     return (
-        ("estimator", estimator),
+        ("estimator", identified.estimate.estimator),
         ("motion cut-off (positions, velocities, accelerations)", f"{cutoffs.motion:g} Hz"),
         ("matched cut-off (regressor and effort)", f"{cutoffs.matched:g} Hz"),
         ("score cut-off (measured and predicted effort)", f"{cutoffs.score:g} Hz"),

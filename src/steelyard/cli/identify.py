@@ -2,6 +2,7 @@
 
 import json
 import os
+from collections.abc import Sequence
 from functools import reduce
 from operator import add
 from pathlib import Path
@@ -13,9 +14,13 @@ from steelyard.cli.guard import guarded
 from steelyard.cli.options import LOG_HELP, Json, Output, RobotArgument, Threads
 
 if TYPE_CHECKING:
-    from steelyard.estimation.identified import IdentifiedModel
+    from steelyard.estimation.identified import IdentifiedModel, Provenance
+    from steelyard.measurement import Run
+    from steelyard.model import Model
     from steelyard.progress import Progress
     from steelyard.report import ReportContent
+    from steelyard.robot.robot_file import LoadedRobot
+    from steelyard.robot.signals import Signals
 
 
 @guarded
@@ -67,76 +72,94 @@ def run_identify(
     With `last`, nothing can stop the command once the folder is written.
     """
     from steelyard.cli import describe, interrupt, river
-    from steelyard.estimation.identified import Cutoffs, IdentifiedModel
-    from steelyard.estimation.least_squares import OrdinaryLeastSquares, WeightedLeastSquares
     from steelyard.files import whole_folder
     from steelyard.measurement import Processing
-    from steelyard.regression.gather import gather
-    from steelyard.regression.regressor import base_regressor
-    from steelyard.report import ReportContent
     from steelyard.robot.robot_file import load_robot
 
     loaded = load_robot(robot)
     folder = river.new_folder(output, f"steelyard-{loaded.robot.name}")
-    fitted, unseen = river.log_files(logs), river.log_files(validate)
-    signals, reasons = river.signals_of(loaded, fitted[0])
+    known, unknown = river.log_files(logs), river.log_files(validate)
+    signals, reasons = river.signals_of(loaded, known[0])
     model = river.model_of(loaded)
+    wanted = Processing(**loaded.processing.model_dump())
     with whole_folder(folder) as part:
-        wanted = Processing(**loaded.processing.model_dump())
-        runs = river.prepared(
-            [river.recording_of(log, signals) for log in fitted], wanted, progress
+        fitted = river.prepared(
+            [river.recording_of(log, signals) for log in known], wanted, progress
         )
-        runs += river.prepared(
-            [river.recording_of(log, signals) for log in unseen],
-            river.settled(wanted, runs),
+        unseen = river.prepared(
+            [river.recording_of(log, signals) for log in unknown],
+            river.settled(wanted, fitted),
             progress,
         )
-        regressor = base_regressor(model)
-        raw = reduce(
-            add,
-            [
-                gather(regressor, run, threads=threads, progress=progress)
-                for run in runs[: len(fitted)]
-            ],
+        notes = (*loaded.notes, *reasons, *describe.notes_of((*fitted, *unseen)))
+        origin = describe.provenance(
+            loaded, [log.path for log in known], [log.path for log in unknown], fitted, notes
         )
-        information = raw.scaled(signals.gains, model.robot.effort_units)
-        cutoffs = Cutoffs(
-            motion=runs[0].motion_cutoff,
-            matched=runs[0].matched_cutoff,
-            score=loaded.validation.cutoff or runs[0].matched_cutoff,
-        )
-        notes = (*loaded.notes, *reasons, *describe.notes_of(runs))
-        identified = IdentifiedModel(
-            model=model,
-            base=regressor.base,
-            estimate=WeightedLeastSquares()(information),
-            reference=(OrdinaryLeastSquares()(information),),
-            signals=signals,
-            cutoffs=cutoffs,
-            rest_speed=loaded.processing.rest_speed,
-            provenance=describe.provenance(
-                loaded,
-                [log.path for log in fitted],
-                [log.path for log in unseen],
-                runs[: len(fitted)],
-                notes,
-            ),
-        )
-        scores = river.scored(identified.valued, runs, signals.gains, cutoffs.score, progress)
-        content = ReportContent(
-            title=f"{model.robot.name}: identified dynamics",
-            robot=model.robot.name,
-            identified=identified,
-            scores=scores[len(fitted) :],
-            fitted=scores[: len(fitted)],
-            qualities=tuple((run.name, run.quality.rows_of_text) for run in runs),
-            notes=notes,
-            settings=describe.settings(signals, cutoffs, identified.estimate.estimator),
-        )
+        identified = fit(model, fitted, signals, loaded, origin, threads, progress)
+        content = report_of(identified, fitted, unseen, notes, progress)
         write_results(identified, content, part)
         if last:
             interrupt.too_late()
     return content, folder
+
+
+def fit(
+    model: "Model",
+    runs: "Sequence[Run]",
+    signals: "Signals",
+    loaded: "LoadedRobot",
+    origin: "Provenance",
+    threads: int,
+    progress: "Progress",
+) -> "IdentifiedModel":
+    """Gather what the runs say, and estimate."""
+    from steelyard.estimation.identified import Cutoffs, IdentifiedModel
+    from steelyard.estimation.least_squares import OrdinaryLeastSquares, WeightedLeastSquares
+    from steelyard.regression.gather import gather
+    from steelyard.regression.regressor import base_regressor
+
+    regressor = base_regressor(model)
+    said = [gather(regressor, run, threads=threads, progress=progress) for run in runs]
+    information = reduce(add, said).scaled(signals.gains, model.robot.effort_units)
+    return IdentifiedModel(
+        model=model,
+        base=regressor.base,
+        estimate=WeightedLeastSquares()(information),
+        reference=(OrdinaryLeastSquares()(information),),
+        signals=signals,
+        cutoffs=Cutoffs(
+            motion=runs[0].motion_cutoff,
+            matched=runs[0].matched_cutoff,
+            score=loaded.validation.cutoff or runs[0].matched_cutoff,
+        ),
+        rest_speed=loaded.processing.rest_speed,
+        provenance=origin,
+    )
+
+
+def report_of(
+    identified: "IdentifiedModel",
+    fitted: "Sequence[Run]",
+    unseen: "Sequence[Run]",
+    notes: tuple[str, ...],
+    progress: "Progress",
+) -> "ReportContent":
+    """Score the model on all runs; what the report shows."""
+    from steelyard.cli import describe, river
+    from steelyard.report import ReportContent
+
+    name, runs = identified.model.robot.name, (*fitted, *unseen)
+    scores = river.scored(identified, runs, progress)
+    return ReportContent(
+        title=f"{name}: identified dynamics",
+        robot=name,
+        identified=identified,
+        scores=scores[len(fitted) :],
+        fitted=scores[: len(fitted)],
+        qualities=tuple((run.name, run.quality.rows_of_text) for run in runs),
+        notes=notes,
+        settings=describe.settings(identified),
+    )
 
 
 def write_results(identified: "IdentifiedModel", content: "ReportContent", folder: Path) -> None:
@@ -151,12 +174,12 @@ def write_results(identified: "IdentifiedModel", content: "ReportContent", folde
 
 def results(content: "ReportContent", folder: Path) -> dict[str, object]:
     """What `--json` prints."""
-    identified = content.identified
-    assert identified is not None
-    estimate = identified.estimate
+    if content.identified is None:
+        raise ValueError("there are results of an identified model only")
+    estimate = content.identified.estimate
     return {
         "output": str(folder),
-        "n_base_parameters": len(identified.base),
+        "n_base_parameters": len(content.identified.base),
         "parameters": [
             {"name": n, "unit": u, "value": v, "std": s}
             for n, u, v, s in zip(

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from steelyard.errors import ModelError, OutputError
+from steelyard.errors import OutputError
+from steelyard.estimation.identified import IdentifiedModel
 from steelyard.formats import open_log, parse_log_argument
 from steelyard.measurement import Processing, Recording, Run, prepare
-from steelyard.model import Model, ValuedModel
+from steelyard.model import Model
 from steelyard.progress import Progress, tell
 from steelyard.robot.guess import guess_signals
 from steelyard.robot.robot_file import LoadedRobot
@@ -100,17 +101,14 @@ def settled(wanted: Processing, runs: Sequence[Run]) -> Processing:
 
 
 def scored(
-    valued: ValuedModel,
-    runs: Sequence[Run],
-    gains: np.ndarray,
-    cutoff: float,
-    progress: Progress,
+    identified: IdentifiedModel, runs: Sequence[Run], progress: Progress
 ) -> tuple[RunScore, ...]:
     """Scores of a model on runs, with the nominal model beside it."""
+    gains, cutoff = identified.signals.gains, identified.cutoffs.score
     scores = []
     for number, run in enumerate(runs):
         tell(progress, "validating", number, len(runs))
-        scores.append(score(valued, run, gains, cutoff, valued.model.prior))
+        scores.append(score(identified.valued, run, gains, cutoff, identified.model.prior))
     return tuple(scores)
 
 
@@ -128,17 +126,3 @@ def new_folder(output: Path | None, default: str) -> Path:
             mend="name another one with --output, or remove it",
         )
     return folder
-
-
-def check_count(signals: Signals, model: Model) -> None:
-    """Columns and joints must fit.
-
-    Raises:
-        ModelError: They do not.
-    """
-    if signals.n != model.robot.n:
-        raise ModelError(
-            f"the log has columns for {signals.n} joints, the model has {model.robot.n}",
-            where="signals",
-            mend="list one position and one effort column per identified joint",
-        )

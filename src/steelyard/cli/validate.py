@@ -45,9 +45,7 @@ def validate(
     with progress_bar() as progress:
         recordings = [river.recording_of(log, identified.signals) for log in files]
         runs = river.prepared(recordings, wanted, progress)
-        scores = river.scored(
-            identified.valued, runs, identified.signals.gains, identified.cutoffs.score, progress
-        )
+        scores = river.scored(identified, runs, progress)
     content = ReportContent(
         title=f"{identified.model.robot.name}: validation",
         robot=identified.model.robot.name,
@@ -56,9 +54,7 @@ def validate(
         fitted=(),
         qualities=tuple((run.name, run.quality.rows_of_text) for run in runs),
         notes=describe.notes_of(runs),
-        settings=describe.settings(
-            identified.signals, identified.cutoffs, identified.estimate.estimator
-        ),
+        settings=describe.settings(identified),
     )
     if folder is not None:
         with whole_folder(folder) as part:

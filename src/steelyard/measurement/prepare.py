@@ -41,6 +41,8 @@ def prepare(recording: Recording, processing: Processing | None = None) -> Run:
     processing = Processing() if processing is None else processing
     held = recording.held()
     found = survey(held)
+    if found.band.frequency == 0.0:
+        raise _static(recording)
     cut = cutoffs(processing, found.band.frequency, found.rate, recording.where)
     _long_enough(recording, found, cut)
     held, wide = _with_context(held, found, cut)
@@ -60,6 +62,14 @@ def prepare(recording: Recording, processing: Processing | None = None) -> Run:
         rest_speed=frozen(given),
         span=_span(recording, cut, speeds, given),
         quality=_quality(recording, found, cut, given, speeds.highest),
+    )
+
+
+def _static(recording: Recording) -> LogError:
+    return LogError(
+        "no joint moves in this log",
+        where=recording.where,
+        mend="record a motion of all joints; rest tells too little about a robot",
     )
 
 
@@ -93,11 +103,7 @@ def _span(
     """Times of the first and last motion of any joint."""
     span = speeds.moving(DEPARTED * rest_speed)
     if span is None:
-        raise LogError(
-            "no joint moves in this log",
-            where=recording.where,
-            mend="record a motion of all joints; rest tells too little about a robot",
-        )
+        raise _static(recording)
     need = SHORTEST / cut.matched
     if span[1] - span[0] < need:
         raise LogError(
