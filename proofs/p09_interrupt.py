@@ -14,7 +14,7 @@ from steelyard.virtual.demo import demo_runs
 
 PRESS = Path(__file__).parent.parent / "tests" / "cli" / "interrupted_at.py"
 
-PLACES = 16
+PLACES = 8
 """Functions per command at which Ctrl-C is pressed, besides those that write."""
 
 MOMENTS = 14

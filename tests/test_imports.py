@@ -78,7 +78,7 @@ def test_foreign_packages_stay_in_their_files(package: str) -> None:
     assert users == ONE_FILE[package]
 
 
-@pytest.mark.parametrize("module", ["steelyard", "steelyard.cli.main"])
+@pytest.mark.parametrize("module", ["steelyard", "steelyard.cli.app"])
 def test_a_start_loads_nothing_heavy(module: str) -> None:
     heavy = ("casadi", "llvmlite", "polars", "mujoco", "plotly", "scipy", "pydantic")
     code = f"import sys, {module}; print([m for m in {heavy} if m in sys.modules])"

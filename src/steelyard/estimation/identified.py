@@ -156,8 +156,9 @@ def load_model(path: str | Path) -> IdentifiedModel:
     try:
         return IdentifiedModel.from_dict(data)
     except (KeyError, TypeError, ValueError, IndexError) as error:
+        lacking = f"it has no {error}" if isinstance(error, KeyError) else str(error)
         raise ModelError(
-            f"the model is incomplete or damaged ({type(error).__name__}: {error})",
+            f"the model is incomplete or damaged: {lacking}",
             where=str(file),
             mend=mend,
         ) from None

@@ -65,9 +65,10 @@ def _read_json(path: Path) -> FourierMotion | SampledMotion:
     try:
         return trajectory_from_dict(json.loads(path.read_text(encoding="utf-8")))
     except (ValueError, KeyError, TypeError, AttributeError) as error:
+        lacking = f"it has no {error}" if isinstance(error, KeyError) else str(error)
         raise _refused(
             path,
-            f"the file is not a motion of ours: {type(error).__name__}, {error}",
+            f"the file is not a motion of ours: {lacking}",
             "give a trajectory.json that steelyard wrote, or a .csv or .parquet table",
         ) from error
 

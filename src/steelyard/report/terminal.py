@@ -86,7 +86,7 @@ def _table(score: RunScore, unseen: bool) -> Table:
     table = Table(
         title=Text(f"{score.run} ({kind}, below {score.cutoff:g} Hz)"), title_justify="left"
     )
-    table.add_column("joint")
+    table.add_column("joint", overflow="fold")
     for heading in ("moving", "all", "RMSE", "predict zero", "nominal model"):
         table.add_column(heading, justify="right")
     table.add_column("unit")
