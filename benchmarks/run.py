@@ -78,7 +78,7 @@ def information(
 ) -> Information:
     """One window of raw samples."""
     sums = Accumulator(found, matched)(Stretch(*data))
-    stamp = Stamp("bench", found.layout.columns, ("Nm",) * 7, "none", 1.0)
+    stamp = Stamp("bench", found.layout.columns, ("Nm",) * 7, "none")
     return Information(
         found.layout, stamp, (Window("run", 0.0, 1.0),),
         sums.grams[None], sums.absolute[None], sums.counts[None],
@@ -205,7 +205,7 @@ def in_parts(
     run = Block(0, np.arange(count) / 1000.0, *data, moving)
     blocks = (run.part(start, start + size) for start in range(0, count, size))
     accumulator = Accumulator(found)
-    stamp = Stamp("bench", found.layout.columns, ("Nm",) * 7, "none", 1.0)
+    stamp = Stamp("bench", found.layout.columns, ("Nm",) * 7, "none")
     return accumulate(accumulator, cut(blocks, "run", accumulator), stamp, threads)
 
 

@@ -143,3 +143,15 @@ def test_a_second_start_neither_traces_nor_compiles(tmp_path: Path) -> None:
         for _ in range(2)
     ]
     assert told == ["3 True", "0 False"]
+
+
+@pytest.mark.parametrize("values", [0.1, [0.1], [[0.1] * 4]])
+def test_a_step_takes_one_value_per_joint(values: object) -> None:
+    from invented import tree
+
+    model = Model(tree())
+    stepper = model.at(Parameters(("offset.tip_joint",), ("Nm",), [1.0])).start()
+    good = np.zeros(4)
+    assert stepper.step(good, good, good).tolist() == [0.0, 0.0, 0.0, 1.0]
+    with pytest.raises(DataError, match="for 4 joints"):
+        stepper.step(good, values, good)  # type: ignore[arg-type]

@@ -222,8 +222,18 @@ class Stepper:
         self._code = code
 
     def step(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
-        """Joint efforts at one sample, each argument and the result of shape `(n,)`."""
+        """Joint efforts at one sample, each argument and the result of shape `(n,)`.
+
+        Raises:
+            DataError: An argument has another shape, or a position lies beyond 1e5 rad.
+        """
         for buffer, values in zip(self._inputs, (q, dq, ddq), strict=True):
+            if np.shape(values) != (len(buffer),):
+                raise DataError(
+                    f"values of shape {np.shape(values)} for {len(buffer)} joints",
+                    where="q, dq or ddq",
+                    mend="give one value per joint in each",
+                )
             buffer[:] = np.reshape(values, (-1, 1))
         check_angles(self._inputs[0])
         self._code.raw(self._code.lanes, *self._arguments)

@@ -31,7 +31,7 @@ def data(
     sums = Accumulator(REGRESSOR)(Stretch(q, dq, ddq, effort))
     information = Information(
         REGRESSOR.layout,
-        Stamp(MODEL.fingerprint, REGRESSOR.layout.columns, ("Nm",) * 4, "none", 1.0),
+        Stamp(MODEL.fingerprint, REGRESSOR.layout.columns, ("Nm",) * 4, "none"),
         (Window("run", 0.0, 1.0),),
         sums.grams[None],
         sums.absolute[None],

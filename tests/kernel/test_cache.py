@@ -72,3 +72,10 @@ def test_the_cache_can_be_switched_off(folder: Path, monkeypatch: pytest.MonkeyP
     assert run() == 1
     assert run() == 1
     assert not folder.exists()
+
+
+def test_edited_equations_are_a_new_program(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert run() == 1
+    monkeypatch.setattr(cache, "_sources", lambda: "edited")
+    assert run() == 1
+    assert run() == 0

@@ -83,7 +83,7 @@ def gathered(
     found: Regressor, matched: MatchedFilter | None, parts: list[Block], threads: int
 ) -> Information:
     accumulator = Accumulator(found, matched)
-    stamp = Stamp("m", found.layout.columns, ("Nm",), "f", 1.0)
+    stamp = Stamp("m", found.layout.columns, ("Nm",), "f")
     return accumulate(accumulator, cut(parts, "run", accumulator), stamp, threads)
 
 

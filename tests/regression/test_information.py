@@ -7,6 +7,7 @@ import pytest
 
 from invented import tree
 from steelyard.errors import DataError
+from steelyard.estimation.least_squares import WeightedLeastSquares
 from steelyard.model import Model
 from steelyard.regression.accumulate import Accumulator, Stretch
 from steelyard.regression.information import Information, Stamp, Window
@@ -22,7 +23,7 @@ def piece(
     """One window, with the stacked regressor and effort it stands for, row-major by joint."""
     q, dq, ddq, effort = np.random.default_rng(seed).normal(size=(4, 4, count))
     sums = Accumulator(REGRESSOR)(Stretch(q, dq, ddq, effort))
-    stamp = Stamp("model", REGRESSOR.layout.columns, ("A",) * 4, "motion 20 Hz", 1.0)
+    stamp = Stamp("model", REGRESSOR.layout.columns, ("A",) * 4, "motion 20 Hz")
     information = Information(
         REGRESSOR.layout,
         stamp,
@@ -120,3 +121,10 @@ def test_gains_scale_the_effort_of_each_row() -> None:
     assert scaled.stamp.effort == ("Nm",) * 4
     with pytest.raises(DataError, match="unequal effort"):
         information + scaled
+
+
+def test_runs_of_different_rates_add_to_the_same_in_any_order() -> None:
+    slow, fast = piece(0)[0].diluted(1.5), piece(1)[0].diluted(4.5)
+    one, other = WeightedLeastSquares()(slow + fast), WeightedLeastSquares()(fast + slow)
+    assert np.allclose(one.covariance, other.covariance, rtol=1e-6)
+    assert np.allclose((slow + fast).n_samples, 200 / 1.5 + 200 / 4.5)

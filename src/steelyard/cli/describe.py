@@ -20,7 +20,10 @@ def provenance(
     """Hashes of all inputs, and what was decided on the way."""
     inputs = {f"robot {s.path.name}": s.sha256 for s in loaded.sources}
     for role, paths in (("identification", fitted), ("validation", validated)):
-        inputs |= {f"{role} {path.name}": sha256(path) for path in paths}
+        for path in dict.fromkeys(paths):
+            name = f"{role} {path.name}"
+            more = sum(key == name or key.startswith(f"{name} (") for key in inputs)
+            inputs[f"{name} ({more + 1})" if more else name] = sha256(path)
     return Provenance(version("steelyard"), inputs, tuple(r.name for r in runs), tuple(notes))
 
 

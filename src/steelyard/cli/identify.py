@@ -77,8 +77,9 @@ def run_identify(
     from steelyard.robot.robot_file import load_robot
 
     loaded = load_robot(robot)
-    folder = river.new_folder(output, f"steelyard-{loaded.robot.name}")
+    folder = river.new_folder(output, f"steelyard-{Path(robot).stem}")
     known, unknown = river.log_files(logs), river.log_files(validate)
+    river.refuse_overlaps(known, unknown)
     signals, reasons = river.signals_of(loaded, known[0])
     model = river.model_of(loaded)
     wanted = Processing(**loaded.processing.model_dump())

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from steelyard.errors import OutputError
+from steelyard.errors import LogError, OutputError
 from steelyard.estimation.identified import IdentifiedModel
-from steelyard.formats import open_log, parse_log_argument
+from steelyard.formats import Cut, open_log, parse_log_argument
 from steelyard.measurement import Processing, Recording, Run, prepare
 from steelyard.model import Model
 from steelyard.progress import Progress, tell
@@ -42,6 +42,35 @@ def log_files(arguments: Sequence[str]) -> list[LogArgument]:
         open_log(path)
         found.append(LogArgument(text, path))
     return found
+
+
+def refuse_overlaps(fitted: Sequence[LogArgument], unseen: Sequence[LogArgument]) -> None:
+    """The same samples neither count twice in a fit nor test it.
+
+    Raises:
+        LogError: Two windows of one file overlap.
+    """
+    again = [(log, other) for n, log in enumerate(fitted) for other in fitted[:n]]
+    tested = [(log, other) for log in fitted for other in unseen]
+    for pairs, role in ((again, "is fitted twice"), (tested, "is both fitted and validated")):
+        for log, other in pairs:
+            if log.path.resolve() == other.path.resolve() and _overlap(log, other):
+                raise LogError(
+                    f"a stretch of '{log.path.name}' {role}",
+                    where=f"{log.text} and {other.text}",
+                    mend="give every stretch once; cut a log with LOG@START:STOP",
+                )
+
+
+def _overlap(one: LogArgument, other: LogArgument) -> bool:
+    """Whether two windows share samples; one in seconds and one in rows cannot be compared."""
+    a, b = parse_log_argument(one.text)[1], parse_log_argument(other.text)[1]
+    whole = Cut()
+    if whole not in (a, b) and (a.seconds == whole.seconds) != (b.seconds == whole.seconds):
+        return False
+    apart = a.seconds[1] <= b.seconds[0] or b.seconds[1] <= a.seconds[0]
+    first, second = sorted((a.rows, b.rows), key=lambda rows: rows[0])
+    return not apart and (first[1] is None or second[0] < first[1])
 
 
 def recording_of(argument: LogArgument, signals: Signals) -> Recording:

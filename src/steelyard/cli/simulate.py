@@ -44,7 +44,7 @@ def simulate(
     from steelyard.virtual.truth import random_truth
 
     loaded = load_robot(robot)
-    folder = river.new_folder(output, f"steelyard-{loaded.robot.name}-simulated")
+    folder = river.new_folder(output, f"steelyard-{Path(robot).stem}-simulated")
     trajectory = (
         random_fourier(loaded.robot, seed=seed, period=period)
         if motion is None
@@ -53,7 +53,16 @@ def simulate(
     truth = random_truth(loaded.robot, seed)
     sensors = customary_sensors(loaded.robot, truth, noise)
     with progress_bar() as progress, whole_folder(folder) as part:
-        files = run(loaded.robot, truth, trajectory, sensors, part, seed=seed, progress=progress)
+        files = run(
+            loaded.robot,
+            truth,
+            trajectory,
+            sensors,
+            part,
+            seed=seed,
+            signals=loaded.signals,
+            progress=progress,
+        )
         interrupt.too_late()
     written = {name: str(folder / path.name) for name, path in vars(files).items()}
     if as_json:

@@ -1,8 +1,8 @@
 r"""Ordinary and weighted least squares on base parameters, from information alone.
 
 Weights are one per effort row, $1/\sigma_j^2$, found by iteration: fit, take each row's residuals,
-fit again [Gautier1997]. The covariance counts samples for what they are worth: residuals behind a
-low-pass are correlated, so it is larger by the filter's `inflation`.
+fit again [Gautier1997]. Information counts filtered samples for what they are worth, as many as
+there are independent ones, so the covariance is right for residuals behind a low-pass.
 """
 
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ class OrdinaryLeastSquares:
         variances = _variances(information, solution, ones)
         meat, _, _ = information.normal(variances)
         meat = meat[np.ix_(solution.kept, solution.kept)]
-        covariance = information.stamp.inflation * solution.inverse @ meat @ solution.inverse
+        covariance = solution.inverse @ meat @ solution.inverse
         return _estimate("ordinary least squares", information, solution, variances, covariance)
 
 
@@ -61,7 +61,7 @@ class WeightedLeastSquares:
             variances = settled
             if change < self.tolerance:
                 break
-        covariance = information.stamp.inflation * solution.inverse
+        covariance = solution.inverse
         return _estimate("weighted least squares", information, solution, variances, covariance)
 
 
@@ -151,7 +151,7 @@ def _variances(information: Information, solution: _Solution, weights: Array) ->
         place = [position[seen[k]] for k in mine]
         gram = information.row_gram(row)[np.ix_(mine, mine)]
         used = weights[row] * np.sum(gram * solution.inverse[np.ix_(place, place)])
-        freedom = max(counts[row] - information.stamp.inflation * used, 1.0)
+        freedom = max(counts[row] - used, 1.0)
         variances[row] = squares[row] / freedom
     floor = 1e-24 * max(float(information.effort_squares().max()), 1e-300)
     return np.maximum(variances, floor)

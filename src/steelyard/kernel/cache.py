@@ -10,6 +10,7 @@ import json
 import os
 import stat
 import tempfile
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +20,21 @@ FORMAT = 1
 
 
 def key_of(description: Any) -> str:
-    """Hash of anything JSON can write."""
-    text = json.dumps([FORMAT, description], sort_keys=True)
+    """Hash of anything JSON can write, and of the equations as they stand in the package."""
+    text = json.dumps([FORMAT, _sources(), description], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+@cache
+def _sources() -> str:
+    """Hash of the package's files that programs are made from: an edited law is a new program."""
+    package = Path(__file__).parent.parent
+    digest = hashlib.sha256()
+    for room in ("kernel", "terms", "robot", "regression", "model.py"):
+        place = package / room
+        for file in sorted(place.glob("*.py")) if place.is_dir() else [place]:
+            digest.update(file.name.encode() + file.read_bytes())
+    return digest.hexdigest()
 
 
 def load(key: str) -> tuple[dict[str, Any], bytes] | None:

@@ -55,8 +55,9 @@ def gather(
 
     Raises:
         Stopped: `progress` asked to stop.
-        LogError: No stretch of the run is as long as the filter.
+        LogError: No stretch of the run is as long as the filter, or an effort never changes.
     """
+    _refuse_dead_efforts(run)
     chosen = MatchedFilter.design(run.matched_cutoff, run.rate) if matched else None
     accumulator = Accumulator(regressor, chosen)
     pieces = cut(run.blocks(), run.name, accumulator)
@@ -69,7 +70,20 @@ def gather(
             where=run.name,
             mend="log for longer, or raise matched_cutoff in [processing] of the robot file",
         )
-    return found
+    return found if chosen is None else found.diluted(chosen.inflation)
+
+
+def _refuse_dead_efforts(run: Run) -> None:
+    """An effort that never changes would be fitted exactly, at the cost of all other joints."""
+    columns = run.recording.signals.effort
+    dead = [c for c, step in zip(columns, run.quality.effort_resolution, strict=True) if step == 0]
+    if dead:
+        raise LogError(
+            f"column '{dead[0]}' never changes: it holds no measured effort",
+            where=run.name,
+            mend="name the right column in [signals.effort], or leave its joint out of "
+            "[robot] joints and lock it",
+        )
 
 
 def stamp_of(
@@ -82,7 +96,6 @@ def stamp_of(
         columns=regressor.layout.columns,
         effort=effort,
         filters=f"motion {run.motion_cutoff:g} Hz, {after}",
-        inflation=1.0 if matched is None else matched.inflation,
     )
 
 

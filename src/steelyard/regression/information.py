@@ -23,14 +23,12 @@ class Stamp:
         columns: Names of the columns, in order.
         effort: Unit of the effort per row.
         filters: Description of the filters.
-        inflation: Variance factor for the filter's correlation of residuals.
     """
 
     model: str
     columns: tuple[str, ...]
     effort: tuple[str, ...]
     filters: str
-    inflation: float
 
 
 @dataclass(frozen=True)
@@ -52,7 +50,8 @@ class Information:
         windows: One label per window, `w` of them.
         grams: Lower triangles of all rows' Gram matrices one after another, shape `(w, size)`.
         absolute: Sums of |column| and |effort| of all rows, shape `(w, width)`.
-        counts: Samples per window and row, shape `(w, rows)`.
+        counts: Samples per window and row, shape `(w, rows)`; behind a filter, which makes
+            neighbours alike, as many as there are independent ones.
     """
 
     layout: Layout
@@ -224,12 +223,22 @@ class Information:
                 tuple(names),
                 self.stamp.effort,
                 self.stamp.filters,
-                self.stamp.inflation,
             ),
             self.windows,
             np.concatenate(pieces, axis=1),
             np.full((len(self.windows), sum(layout.widths)), np.nan),
             self.counts,
+        )
+
+    def diluted(self, factor: float) -> "Information":
+        """The same data counted as so many times fewer samples: all sums divided by `factor`."""
+        return Information(
+            self.layout,
+            self.stamp,
+            self.windows,
+            self.grams / factor,
+            self.absolute / factor,
+            self.counts / factor,
         )
 
     def scaled(self, gains: Array, units: Sequence[str]) -> "Information":
@@ -247,7 +256,6 @@ class Information:
             self.stamp.columns,
             tuple(units),
             self.stamp.filters,
-            self.stamp.inflation,
         )
         return Information(
             self.layout, stamp, self.windows, frozen(grams), frozen(absolute), self.counts

@@ -10,7 +10,9 @@ from steelyard.files import write_table
 from steelyard.motion import Trajectory
 from steelyard.progress import Progress, silent, tell
 from steelyard.robot.robot import Robot
+from steelyard.robot.signals import Signals
 from steelyard.virtual.controller import tuned_pd
+from steelyard.virtual.naming import as_declared
 from steelyard.virtual.plant import MujocoPlant
 from steelyard.virtual.scales import typical_masses
 from steelyard.virtual.sensors import CONTROL_RATE, Sensors, TrueRun
@@ -33,6 +35,7 @@ class VirtualRobot:
         truth: What it really is.
         sensors: How its log is written.
         rest: Standstill before and after a motion [s].
+        signals: Names, units and gains of the log's columns; customary ones if `None`.
     """
 
     def __init__(
@@ -43,9 +46,10 @@ class VirtualRobot:
         *,
         seed: int = 0,
         rest: float = 1.0,
+        signals: Signals | None = None,
         progress: Progress = silent,
     ) -> None:
-        self.robot, self.truth, self.rest = robot, truth, rest
+        self.robot, self.truth, self.rest, self.signals = robot, truth, rest, signals
         self.sensors = Sensors() if sensors is None else sensors
         self._plant = MujocoPlant(robot, truth)
         self._control = tuned_pd(typical_masses(robot, self._plant.model))
@@ -71,7 +75,7 @@ class VirtualRobot:
             Stopped: The watcher asked to stop; no file is written.
         """
         columns = self.sensors.read(self.follow(trajectory), self.robot, self._noise)
-        write_table(log, columns)
+        write_table(log, columns if self.signals is None else as_declared(columns, self.signals))
 
     def follow(self, trajectory: Trajectory) -> TrueRun:
         """Follow `trajectory`; what happened at every tick, without sensors."""

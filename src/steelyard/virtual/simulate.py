@@ -9,6 +9,7 @@ from steelyard.files import whole_folder, write_json
 from steelyard.motion import Rig
 from steelyard.progress import Progress, silent
 from steelyard.robot.robot import Robot
+from steelyard.robot.signals import Signals
 from steelyard.virtual.mujoco_model import build
 from steelyard.virtual.robot import VirtualRobot
 from steelyard.virtual.scales import typical_torque
@@ -60,6 +61,7 @@ def simulate(
     folder: Path,
     *,
     seed: int = 0,
+    signals: Signals | None = None,
     progress: Progress = silent,
 ) -> SimulatedFiles:
     """Send the virtual robot along a trajectory and write its log, its truth and the motion.
@@ -73,6 +75,7 @@ def simulate(
         sensors: How the log is written.
         folder: Folder to make; it may not exist, unless it is empty.
         seed: Seed of the noise.
+        signals: Names, units and gains of the log's columns; customary ones if `None`.
         progress: Told how far the simulation is.
 
     Raises:
@@ -80,7 +83,9 @@ def simulate(
         Stopped: `progress` asked to stop.
     """
     with whole_folder(folder) as part:
-        rig: Rig = VirtualRobot(robot, truth, sensors, seed=seed, progress=progress)
+        rig: Rig = VirtualRobot(
+            robot, truth, sensors, seed=seed, signals=signals, progress=progress
+        )
         rig.run(trajectory, part / "log.parquet")
         write_json(part / "truth.json", truth.to_dict(robot))
         write_json(part / "trajectory.json", trajectory.to_dict())
