@@ -8,7 +8,7 @@ import polars as pl
 import pytest
 
 from cli.conftest import Command
-from cli.mistakes import LOG, OTHER, ROBOT, SPOILT, USAGE, USER, Mistake, faults
+from cli.mistakes import LOG, ROBOT, SPOILT, USAGE, USER, Mistake, faults
 
 
 @pytest.mark.parametrize("mistake", [*USER, *USAGE], ids=lambda mistake: mistake.name)
@@ -42,7 +42,16 @@ def test_broken_rows_are_dropped_counted_and_reported(command: Command, tmp_path
 def test_broken_rows_hardly_change_the_fit(command: Command, tmp_path: Path) -> None:
     errors = []
     for name, log in (("clean", LOG), ("soiled", "../given/soiled.csv")):
-        done = command("identify", ROBOT, log, "--validate", OTHER, "-o", tmp_path / name, "--json")
+        done = command(
+            "identify",
+            ROBOT,
+            log,
+            "--validate",
+            "../given/validation.parquet",
+            "-o",
+            tmp_path / name,
+            "--json",
+        )
         errors.append(json.loads(done.stdout)["validation"][0]["mean_percent"])
     assert errors[1] < 1.5 * errors[0]
 

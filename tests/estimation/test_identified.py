@@ -78,9 +78,29 @@ def test_other_files_are_refused(text: str | None, words: str, tmp_path: Path) -
         steelyard.load_model(path)
 
 
-def test_a_damaged_value_is_refused(identified: IdentifiedModel, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("part", "key", "value"),
+    [
+        ("estimate", "values", [1.0]),
+        ("estimate", "values", None),
+        ("estimate", "covariance", -1.0),
+        ("signals", "gains", [1.0]),
+        ("signals", "gains", [1.0, 0.0, 1.0, 1.0]),
+        ("signals", "position", ["q1"]),
+        ("signals", "effort_units", ["A"]),
+    ],
+)
+def test_a_damaged_value_is_refused(
+    part: str, key: str, value: object, identified: IdentifiedModel, tmp_path: Path
+) -> None:
     data = json.loads(identified.text())
-    data["estimate"]["values"] = data["estimate"]["values"][:-1]
+    kept = data[part][key]
+    if value is None:
+        data[part][key] = [None, *kept[1:]]
+    elif value == -1.0:
+        kept[0][0] = value
+    else:
+        data[part][key] = value
     path = tmp_path / "model.json"
     path.write_text(json.dumps(data))
     with pytest.raises(ModelError, match="incomplete or damaged"):

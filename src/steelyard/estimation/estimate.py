@@ -79,10 +79,14 @@ class Estimate:
     def from_dict(cls, data: Mapping[str, Any]) -> "Estimate":
         """The estimate that `to_dict` wrote."""
         size = len(data["names"])
+        covariance = frozen(np.reshape(data["covariance"], (size, size)))
+        values = frozen(data["values"])
+        if not np.isfinite(values).all() or not (np.diag(covariance) >= 0.0).all():
+            raise ValueError("an estimated value is not finite, or a variance is negative")
         return cls(
             estimator=data["estimator"],
-            parameters=Parameters(data["names"], data["units"], data["values"]),
-            covariance=frozen(np.reshape(data["covariance"], (size, size))),
+            parameters=Parameters(data["names"], data["units"], values),
+            covariance=covariance,
             blind=tuple(Blind(b["name"], tuple(b["tied_to"])) for b in data["blind"]),
             sigma=frozen(data["sigma"]),
             n_samples=frozen(data["n_samples"]),

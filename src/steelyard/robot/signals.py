@@ -257,6 +257,11 @@ def signals_from_dict(data: Mapping[str, Any]) -> Signals:
     fields = dict(data)
     for name in ("position", "velocity", "effort", "effort_units"):
         fields[name] = None if fields[name] is None else tuple(fields[name])
+    n = len(fields["position"])
     for name in ("position_scale", "velocity_scale", "effort_scale", "gains"):
-        fields[name] = None if fields[name] is None else frozen(fields[name])
+        fields[name] = None if fields[name] is None else frozen(fields[name], (n,))
+        if fields[name] is not None and not (np.isfinite(fields[name]) & (fields[name] != 0)).all():
+            raise ValueError(f"'{name}' of the signals holds a value that cannot be used")
+    if len(fields["effort"]) != n or len(fields["effort_units"]) != n:
+        raise ValueError("the signals' lists differ in length")
     return Signals(**fields)
