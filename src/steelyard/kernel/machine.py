@@ -61,7 +61,7 @@ class Library:
         """A callable of 64-bit integers and addresses."""
         prototype = ctypes.CFUNCTYPE(None, *[ctypes.c_int64] * n_arguments)
         function = prototype(self._addresses[symbol])
-        function.library = self  # type: ignore[attr-defined]
+        function.loaded_from = self  # type: ignore[attr-defined]
         return function
 
 
