@@ -90,7 +90,7 @@ def regressor_rows(found: Regressor) -> list[Row]:
     count = 256
     q, dq, ddq, effort = motion(7, count)
     rows = np.empty((found.code.n_outputs, count + 8))
-    arguments = [v for x in (q, dq, ddq, effort) for v in (x.ctypes.data, count)]
+    arguments = [v for x in (q, dq, ddq, np.empty((0, count)), effort) for v in (x.ctypes.data, count)]
     ours = best(lambda: found.code.raw(count, *arguments, rows.ctypes.data, count + 8), 300) / count
     model = pinocchio_model(found.model.robot)
     data = model.createData()

@@ -70,7 +70,7 @@ def _errors_at(
     torque = prior.torque(Motion(np.arange(len(q)), q, dq, ddq))
     dense = standard_regressor(model).dense(q.T, dq.T, ddq.T).transpose(1, 0, 2)
     samples = list(zip(q, dq, ddq, strict=True))
-    reference = numpy_backend.run(program, [*(x.T for x in states), robot.nominal.ravel()]).T
+    reference = numpy_backend.run(program, [*(x.T for x in states), np.empty((0, len(q))), robot.nominal.ravel()]).T
     return (
         _error(dense, np.array([pinocchio_regressor(robot, *s) for s in samples])),
         _error(torque, np.array([pinocchio_torque(robot, *s) for s in samples])),
@@ -81,11 +81,8 @@ def _errors_at(
 
 def _torque_program(model: Model) -> Program:
     """The program of the torque, traced anew."""
-    n, p = model.robot.n, len(model.names)
-    inputs = (Input("q", n), Input("dq", n), Input("ddq", n), Input("parameters", p, shared=True))
-    return symbolic(
-        lambda q, dq, ddq, values: model.torque_of(JointState(q, dq, ddq), values), inputs
-    )
+    inputs = (*model.inputs, Input("parameters", len(model.names), shared=True))
+    return symbolic(lambda *x: model.torque_of(JointState(*x[:4]), x[4]), inputs)
 
 
 def _error(got: Array, wanted: Array) -> float:

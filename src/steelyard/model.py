@@ -2,16 +2,17 @@
 
 import hashlib
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from steelyard.arrays import Array
 from steelyard.errors import DataError, ModelError
+from steelyard.kernel.closure import completed, projected
 from steelyard.kernel.compiled import Code, compiled
 from steelyard.kernel.dynamics import JointState, Scalar, inverse_dynamics
 from steelyard.kernel.program import Array as Input
@@ -23,7 +24,7 @@ from steelyard.robot.robot import Robot
 from steelyard.robot.serial import robot_from_dict, robot_to_dict
 from steelyard.terms.register import DEFAULT_TERMS, description_of, term_of
 from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.term import Columns, Term
+from steelyard.terms.term import Columns, Remembering, Samples, Term, channels_of
 
 BLOCK = 4096
 
@@ -65,27 +66,50 @@ class Model:
         """Units of the standard parameters."""
         return tuple(p.unit for p in self.parameters)
 
+    @cached_property
+    def n_channels(self) -> int:
+        """Channels that are computed along a motion, see `Scan`."""
+        terms = sum(channels_of(term, self.robot) for term in self.terms)
+        return len(self.robot.passive) + terms
+
     def columns(self, state: JointState) -> Columns:
-        """Regressor entries `(effort row, standard parameter)` over symbols."""
+        """Regressor entries `(effort row, standard parameter)` over symbols.
+
+        Args:
+            state: Independent joints, and all channels.
+        """
+        full, torque_map = completed(self.robot, state)
         entries: dict[tuple[int, int], Scalar] = {}
-        for start, term in self._placed():
-            for (row, column), value in term.columns(self.robot, state).items():
+        for start, term, seen in self._seen(full):
+            for (row, column), value in term.columns(self.robot, seen).items():
                 entries[row, start + column] = value
-        return entries
+        return projected(self.robot, entries, torque_map)
 
     def torque_of(self, state: JointState, values: Sequence[Scalar]) -> list[Scalar]:
         """Efforts over symbols: bodies by inverse dynamics, other terms by their columns."""
-        efforts: list[Scalar] = [0.0] * self.robot.n
-        for start, term in self._placed():
+        full, torque_map = completed(self.robot, state)
+        efforts: list[Scalar] = [0.0] * self.robot.n_joints
+        for start, term, seen in self._seen(full):
             if isinstance(term, RigidBody):
                 stop = start + 10 * len(self.robot.bodies)
                 tens = [values[k : k + 10] for k in range(start, stop, 10)]
-                for row, effort in enumerate(inverse_dynamics(self.robot, state, tens)):
+                for row, effort in enumerate(inverse_dynamics(self.robot, seen, tens)):
                     efforts[row] += effort
                 continue
-            for (row, column), value in term.columns(self.robot, state).items():
+            for (row, column), value in term.columns(self.robot, seen).items():
                 efforts[row] += value * values[start + column]
-        return efforts
+        entries = {(row, 0): effort for row, effort in enumerate(efforts)}
+        rows = projected(self.robot, entries, torque_map)
+        return [rows[row, 0] for row in range(self.robot.n)]
+
+    def _seen(self, state: JointState) -> Iterator[tuple[int, Term, JointState]]:
+        """Every term with its first parameter and the state with its own channels only."""
+        first = 0
+        for start, term in self._placed():
+            count = channels_of(term, self.robot)
+            mine = state.channels[first : first + count]
+            yield start, term, JointState(state.q, state.dq, state.ddq, mine)
+            first += count
 
     def _placed(self) -> Iterator[tuple[int, Term]]:
         start = 0
@@ -112,24 +136,48 @@ class Model:
         return hashlib.sha256(json.dumps(self.to_dict(), sort_keys=True).encode()).hexdigest()
 
     @cached_property
+    def program_key(self) -> list[Any]:
+        """What programs over this model's columns depend on: no fields that channels know alone."""
+        described = self.to_dict()
+        for term, fields in zip(self.terms, described["terms"], strict=True):
+            if isinstance(term, Remembering):
+                for name in term.aside:
+                    # a list's length is how many channels there are
+                    given = fields[name]
+                    fields[name] = len(given) if isinstance(given, list) else None
+        described["robot"]["frames"] = []
+        return [described]
+
+    @property
+    def inputs(self) -> tuple[Input, ...]:
+        """Arrays that every program over the model reads: motion and channels."""
+        n = self.robot.n
+        return Input("q", n), Input("dq", n), Input("ddq", n), Input("channels", self.n_channels)
+
+    @cached_property
     def torque_code(self) -> Code:
-        """Machine code of the torque; inputs `q`, `dq`, `ddq` and the shared parameters."""
+        """Machine code of the torque; inputs as `inputs`, and the shared parameters."""
 
         def build() -> tuple[Program, dict[str, Any]]:
             from steelyard.kernel.trace import symbolic
 
-            n = self.robot.n
-            inputs = (
-                Input("q", n),
-                Input("dq", n),
-                Input("ddq", n),
-                Input("parameters", len(self.parameters), shared=True),
-            )
+            inputs = (*self.inputs, Input("parameters", len(self.parameters), shared=True))
             return symbolic(
-                lambda q, dq, ddq, values: self.torque_of(JointState(q, dq, ddq), values), inputs
+                lambda *x: self.torque_of(JointState(*x[:4]), x[4]), inputs
             ), {}
 
-        return compiled(["torque", self.fingerprint], build)
+        return compiled(["torque", self.program_key], build)
+
+    @cached_property
+    def bodies_only(self) -> "Model":
+        """The rigid bodies of the robot as a tree, all joints independent."""
+        robot = self.robot
+        tree = robot.changed(coordinates=robot.joints, passive=(), loops=(), transmission=None)
+        return Model(tree, (RigidBody(),))
+
+    def scan(self) -> "Scan":
+        """Begin to compute channels along a motion."""
+        return Scan(self)
 
     def at(self, values: Parameters) -> "ValuedModel":
         """The model with values; standard parameters that are not named are zero.
@@ -187,21 +235,89 @@ class ValuedModel:
                 mend=f"give columns for {', '.join(self.model.robot.joint_names)}",
             )
         check_angles(motion.q)
-        result = np.empty(motion.q.shape)
+        result, scan = np.empty(motion.q.shape), self.model.scan()
         for start in range(0, len(motion), BLOCK):
             part = slice(start, start + BLOCK)
-            block = self.block(motion.q[part].T, motion.dq[part].T, motion.ddq[part].T)
-            result[part] = block.T
+            q, dq, ddq = motion.q[part].T, motion.dq[part].T, motion.ddq[part].T
+            result[part] = self.block(q, dq, ddq, scan(q, dq, ddq)).T
         return result
 
-    def block(self, q: Array, dq: Array, ddq: Array) -> Array:
-        """Efforts of one block, joint-major: arrays and result have shape `(n, B)`."""
+    def block(self, q: Array, dq: Array, ddq: Array, channels: Array) -> Array:
+        """Efforts of one block, joint-major.
+
+        Args:
+            q: Shape `(n, B)`; likewise `dq` and `ddq`.
+            channels: Shape `(n_channels, B)`, see `Scan`.
+        """
         code = self.model.torque_code
-        return code([q, dq, ddq, self.values.values], [False, False, False, True])
+        shared = [False, False, False, False, True]
+        return code([q, dq, ddq, channels, self.values.values], shared)
 
     def start(self) -> "Stepper":
         """Begin to evaluate sample by sample, for controllers and streams."""
         return Stepper(self)
+
+
+class Scan:
+    """Channels along a motion: what a sample's columns need of the samples before it.
+
+    Attributes:
+        model: The model.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        self._memories: list[Any] = [None] * len(model.terms)
+        self._travel: Array | None = None
+        self._last: Array | None = None
+        warm = [t.warm_up(model.robot) for t in model.terms if isinstance(t, Remembering)]
+        self._warm_up = np.max([np.zeros(model.robot.n_joints), *warm], axis=0)
+
+    def __call__(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """Channels of consecutive samples.
+
+        Args:
+            q: Independent joints, shape `(n, N)`; likewise `dq` and `ddq`.
+
+        Returns:
+            Shape `(n_channels, N)`.
+        """
+        model = self.model
+        if not model.n_channels:
+            return np.empty((0, q.shape[1]))
+        samples = Samples(q, dq, ddq, self._rigid_torque(q, dq, ddq))
+        found = []
+        for k, term in enumerate(model.terms):
+            if isinstance(term, Remembering):
+                part, self._memories[k] = term.remember(model.robot, samples, self._memories[k])
+                found.append(part)
+        return np.ascontiguousarray(np.concatenate(found))
+
+    def warm(self, q: Array) -> NDArray[np.bool_]:
+        """Whether the start is forgotten, per independent joint, shape `(n, N)`.
+
+        Args:
+            q: Independent joints, shape `(n, N)`, every sample once and in order.
+        """
+        n = self.model.robot.n
+        if not self._warm_up.any():
+            return np.ones(q.shape, dtype=bool)
+        if self._last is None:
+            self._last, self._travel = q[:, :1], np.zeros((n, 1))
+        steps = np.abs(np.diff(q, axis=1, prepend=self._last))
+        travelled = self._travel + np.cumsum(steps, axis=1)
+        self._last, self._travel = q[:, -1:], travelled[:, -1:]
+        return np.asarray(travelled >= self._warm_up[:n, None])
+
+    def _rigid_torque(self, q: Array, dq: Array, ddq: Array) -> Callable[[Array], Array]:
+        bodies = self.model.bodies_only
+
+        def torque(tens: Array) -> Array:
+            empty = np.empty((0, q.shape[1]))
+            shared = [False, False, False, False, True]
+            return bodies.torque_code([q, dq, ddq, empty, tens], shared)
+
+        return torque
 
 
 class Stepper:
@@ -210,10 +326,12 @@ class Stepper:
     def __init__(self, valued: ValuedModel) -> None:
         code, n = valued.model.torque_code, valued.model.robot.n
         self._inputs = [np.zeros((n, code.lanes)) for _ in range(3)]
+        self._channels = np.zeros((valued.model.n_channels, code.lanes))
+        self._scan = valued.model.scan()
         self._values = valued.values.values
         self._output = np.empty((n, code.lanes))
         self._arguments = [
-            *(number for x in self._inputs for number in (x.ctypes.data, code.lanes)),
+            *(n for x in (*self._inputs, self._channels) for n in (x.ctypes.data, code.lanes)),
             self._values.ctypes.data,
             0,
             self._output.ctypes.data,
@@ -223,6 +341,8 @@ class Stepper:
 
     def step(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
         """Joint efforts at one sample, each argument and the result of shape `(n,)`.
+
+        Friction with memory remembers the steps before; a new motion needs a new stepper.
 
         Raises:
             DataError: An argument has another shape, or a position lies beyond 1e5 rad.
@@ -236,6 +356,8 @@ class Stepper:
                 )
             buffer[:] = np.reshape(values, (-1, 1))
         check_angles(self._inputs[0])
+        if len(self._channels):
+            self._channels[:] = self._scan(*(x[:, :1] for x in self._inputs))
         self._code.raw(self._code.lanes, *self._arguments)
         return self._output[:, 0].copy()
 

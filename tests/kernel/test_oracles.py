@@ -66,16 +66,14 @@ def test_nominal_torque_equals_pinocchio_and_mujoco(robot: Robot, seed: int) -> 
 
 def test_backends_agree(robot: Robot) -> None:
     model = Model(robot)
-    n, p = robot.n, len(model.names)
-    inputs = (Input("q", n), Input("dq", n), Input("ddq", n), Input("parameters", p, True))
-    program = symbolic(
-        lambda q, dq, ddq, values: model.torque_of(JointState(q, dq, ddq), values), inputs
-    )
+    p = len(model.names)
+    inputs = (*model.inputs, Input("parameters", p, True))
+    program = symbolic(lambda *x: model.torque_of(JointState(*x[:4]), x[4]), inputs)
     for count in (1, 3, 4, 5, 33):
-        arrays = [x.T for x in states(count, robot, count)]
+        arrays = [*(x.T for x in states(count, robot, count)), np.empty((0, count))]
         values = np.random.default_rng(count).normal(size=p)
         reference = numpy_backend.run(program, [*arrays, values])
-        fast = model.torque_code([*arrays, values], [False, False, False, True])
+        fast = model.torque_code([*arrays, values], [False, False, False, False, True])
         assert np.abs(fast - reference).max() <= 1e-12 * max(1.0, np.abs(reference).max())
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from steelyard.arrays import Array
 from steelyard.kernel import cache, machine, micro
 from steelyard.kernel.program import Program
 
-ENGINE = 1
+ENGINE = 2
 """Raised whenever emitted code changes its meaning: old cache entries are then not used."""
 
 
@@ -105,25 +106,33 @@ class Loops:
     gram: Any
     absolute: Any
     fir: Any
+    recurrence: Any
 
 
+@lru_cache
 def loops() -> Loops:
     """The small loops for this machine."""
     lanes = machine.lanes()
     key = cache.key_of([ENGINE, machine.version(), machine.host(), lanes, "loops"])
     entry = cache.load(key)
     if entry is None:
-        pieces = (micro.gram(lanes), micro.absolute_sums(lanes), micro.decimating_fir(lanes))
+        pieces = (
+            micro.gram(lanes),
+            micro.absolute_sums(lanes),
+            micro.decimating_fir(lanes),
+            micro.recurrence(),
+        )
         code = machine.compile_code(_joined(*pieces))
         cache.store(key, {}, code)
     else:
         code = entry[1]
-    library = machine.Library(code, ["gram", "absolute", "fir"])
+    library = machine.Library(code, ["gram", "absolute", "fir", "recurrence"])
     return Loops(
         lanes=lanes,
         gram=library.function("gram", 6),
         absolute=library.function("absolute", 5),
         fir=library.function("fir", 9),
+        recurrence=library.function("recurrence", 7),
     )
 
 

@@ -31,11 +31,16 @@ Matrix = Any
 
 @dataclass(frozen=True)
 class JointState:
-    """Position, velocity and acceleration of every coordinate: `q[j]` is a scalar or an array."""
+    """Position, velocity and acceleration of every joint: `q[j]` is a scalar or an array.
+
+    `channels` are what cannot be said of one sample alone and was computed along the motion:
+    positions of joints that loops determine, states of friction with memory, reference loads.
+    """
 
     q: Sequence[Scalar]
     dq: Sequence[Scalar]
     ddq: Sequence[Scalar]
+    channels: Sequence[Scalar] = ()
 
 
 @dataclass(frozen=True)
@@ -68,15 +73,15 @@ def inverse_dynamics(
 
     Args:
         robot: The tree; its gravity is used, its nominal inertias are not.
-        state: Coordinates [rad, rad/s, rad/s²; m for prismatic].
+        state: All joints [rad, rad/s, rad/s²; m for prismatic].
         inertials: Ten numbers per body, Pinocchio's order.
 
     Returns:
-        One effort per coordinate [Nm; N].
+        One effort per joint, those that loops determine last [Nm; N].
     """
     motions = _outward(robot, state)
     wrenches = [_wrench(m, ten) for m, ten in zip(motions, inertials, strict=True)]
-    efforts: list[Scalar] = [0.0] * robot.n
+    efforts: list[Scalar] = [0.0] * robot.n_joints
     for body, motion, index in reversed(
         list(zip(robot.bodies, motions, range(len(motions)), strict=True))
     ):

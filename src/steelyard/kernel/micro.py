@@ -1,6 +1,6 @@
-"""The three small loops around a traced program: Gram accumulation, |column| sums, matched filter.
+"""The small loops around a traced program: Gram, |column| sums, matched filter, recurrence.
 
-All work on a block of rows `y[row * ld + sample]` and are emitted for a number of lanes. Sample
+The first three work on a block of rows `y[row * ld + sample]` and are emitted for a number of lanes. Sample
 counts are multiples of the lanes; callers pad with zeros.
 """
 
@@ -219,6 +219,55 @@ call void @absolute(ptr %y, i64 %ly, i64 %n, i64 %rows, ptr %abs)
 %next = add i64 %b, %B
 %done = icmp sge i64 %next, %N
 br i1 %done, label %exit, label %loop
+exit:
+ret void
+}}
+"""
+
+
+def recurrence(name: str = "recurrence") -> str:
+    """Bounded linear recurrences, `y_k = max(-c_k, min(c_k, a_k y_{k-1} + b_k))`, row by row.
+
+    `void recurrence(a, b, c, y, rows, N, start)`: contiguous rows of `N` samples; `start` holds
+    `y_{-1}` of every row and is left holding the last sample's.
+    """
+    return f"""declare double @llvm.minnum.f64(double, double)
+declare double @llvm.maxnum.f64(double, double)
+define void @{name}(ptr noalias %a, ptr noalias %b, ptr noalias %c, ptr noalias %y, i64 %rows,
+    i64 %N, ptr noalias %start) {{
+entry:
+br label %row
+row:
+%k = phi i64 [0, %entry], [%k1, %done]
+%o = mul i64 %k, %N
+%ps = getelementptr double, ptr %start, i64 %k
+%s = load double, ptr %ps
+br label %samples
+samples:
+%i = phi i64 [0, %row], [%i1, %samples]
+%y0 = phi double [%s, %row], [%y1, %samples]
+%at = add i64 %o, %i
+%pa = getelementptr double, ptr %a, i64 %at
+%va = load double, ptr %pa
+%pb = getelementptr double, ptr %b, i64 %at
+%vb = load double, ptr %pb
+%pc = getelementptr double, ptr %c, i64 %at
+%vc = load double, ptr %pc
+%m = fmul double %va, %y0
+%t = fadd double %m, %vb
+%n = fneg double %vc
+%u = call double @llvm.minnum.f64(double %t, double %vc)
+%y1 = call double @llvm.maxnum.f64(double %u, double %n)
+%py = getelementptr double, ptr %y, i64 %at
+store double %y1, ptr %py
+%i1 = add i64 %i, 1
+%f = icmp sge i64 %i1, %N
+br i1 %f, label %done, label %samples
+done:
+store double %y1, ptr %ps
+%k1 = add i64 %k, 1
+%h = icmp sge i64 %k1, %rows
+br i1 %h, label %exit, label %row
 exit:
 ret void
 }}

@@ -33,6 +33,7 @@ class Block:
         ddq: Accelerations, shape `(n, B)` [rad/s²; m/s²].
         effort: As logged, not low-passed, shape `(n, B)` [A, Nm or N].
         moving: Whether each joint moves, shape `(n, B)`.
+        channels: What a model computed along the motion, shape `(n_channels, B)`; or `None`.
     """
 
     segment: int
@@ -42,6 +43,7 @@ class Block:
     ddq: Array
     effort: Array
     moving: NDArray[np.bool_]
+    channels: Array | None = None
 
     def part(self, start: int, stop: int) -> "Block":
         """The samples from `start` to `stop`."""
@@ -49,11 +51,15 @@ class Block:
             np.ascontiguousarray(x[:, start:stop]) for x in (self.q, self.dq, self.ddq, self.effort)
         )
         moving = np.ascontiguousarray(self.moving[:, start:stop])
-        return Block(self.segment, self.t[start:stop], q, dq, ddq, effort, moving)
+        channels = self.channels
+        if channels is not None:
+            channels = np.ascontiguousarray(channels[:, start:stop])
+        return Block(self.segment, self.t[start:stop], q, dq, ddq, effort, moving, channels)
 
     @classmethod
     def joined(cls, blocks: Sequence["Block"]) -> "Block":
         """Consecutive blocks of one segment as one."""
+        channels = [b.channels for b in blocks if b.channels is not None]
         return cls(
             blocks[0].segment,
             np.concatenate([b.t for b in blocks]),
@@ -62,6 +68,7 @@ class Block:
             np.concatenate([b.ddq for b in blocks], axis=1),
             np.concatenate([b.effort for b in blocks], axis=1),
             np.concatenate([b.moving for b in blocks], axis=1),
+            np.concatenate(channels, axis=1) if channels else None,
         )
 
 

@@ -31,6 +31,7 @@ class Stretch:
 
     Attributes:
         q: Shape `(n, N)`; likewise `dq`, `ddq` and `effort`.
+        channels: Shape `(n_channels, N)`, see `model.Scan`; without channels if `None`.
         weights: Weight of each sample in each effort row, `(n, N)`; all ones if `None`. With a
             matched filter it is averaged over the filter; above `MOVING` it counts as 1, else as 0.
     """
@@ -40,21 +41,26 @@ class Stretch:
     ddq: Array
     effort: Array
     weights: Array | None = None
+    channels: Array | None = None
 
     def __post_init__(self) -> None:
-        for name in ("q", "dq", "ddq", "effort"):
+        if self.channels is None:
+            object.__setattr__(self, "channels", np.empty((0, np.shape(self.q)[1])))
+        for name in ("q", "dq", "ddq", "effort", "channels"):
             values = np.asarray(getattr(self, name), dtype=np.float64)
             if values.strides[1] != 8:
                 values = np.ascontiguousarray(values)
             object.__setattr__(self, name, values)
-        if not all(x.shape == self.q.shape for x in self.inputs):
+        like = (self.q, self.dq, self.ddq, self.effort)
+        if not all(x.shape == self.q.shape for x in like):
             raise ValueError("q, dq, ddq and effort differ in shape")
         check_angles(self.q)
 
     @property
-    def inputs(self) -> tuple[Array, Array, Array, Array]:
+    def inputs(self) -> tuple[Array, Array, Array, Array, Array]:
         """What the kernel reads."""
-        return self.q, self.dq, self.ddq, self.effort
+        channels = np.empty((0, self.q.shape[1])) if self.channels is None else self.channels
+        return self.q, self.dq, self.ddq, channels, self.effort
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,6 @@ from steelyard.arrays import Array, frozen
 from steelyard.kernel import cache
 from steelyard.kernel.dynamics import JointState
 from steelyard.kernel.numpy_backend import run
-from steelyard.kernel.program import Array as Input
 from steelyard.model import Model
 from steelyard.terms.term import Columns
 
@@ -109,7 +108,7 @@ class BaseMap:
 
 def base_map(model: Model) -> BaseMap:
     """The structural base parameters of a model, from the cache where possible."""
-    key = cache.key_of(["base", model.fingerprint])
+    key = cache.key_of(["base", model.program_key])
     entry = cache.load(key)
     if entry is not None:
         return BaseMap.from_dict(entry[0])
@@ -125,17 +124,18 @@ def full_regressor(model: Model, seed: int = 0) -> Array:
     n, p = model.robot.n, len(model.parameters)
     entries: dict[tuple[int, int], int] = {}
 
-    def build(q: Any, dq: Any, ddq: Any) -> list[Any]:
-        columns: Columns = model.columns(JointState(q, dq, ddq))
+    def build(q: Any, dq: Any, ddq: Any, channels: Any) -> list[Any]:
+        columns: Columns = model.columns(JointState(q, dq, ddq, channels))
         entries.update({place: number for number, place in enumerate(columns)})
         return list(columns.values())
 
-    program = symbolic(build, [Input(name, n) for name in ("q", "dq", "ddq")])
+    program = symbolic(build, model.inputs)
     n_samples = 3 * p // n + 10
     rng = np.random.default_rng(seed)
     q = rng.uniform(-np.pi, np.pi, (n, n_samples))
     dq, ddq = rng.normal(size=(2, n, n_samples))
-    values = run(program, [q, dq, ddq])
+    channels = rng.uniform(-1.0, 1.0, (model.n_channels, n_samples))
+    values = run(program, [q, dq, ddq, channels])
     regressor = np.zeros((n, n_samples, p))
     for (row, column), number in entries.items():
         regressor[row, :, column] = values[number]

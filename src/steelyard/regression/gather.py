@@ -2,13 +2,14 @@
 
 from collections.abc import Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import LogError
 from steelyard.measurement.run import Block, Run
+from steelyard.model import Model
 from steelyard.progress import Progress, silent, tell
 from steelyard.regression.accumulate import Accumulator, Stretch, Sums
 from steelyard.regression.information import Information, Stamp, Window
@@ -60,7 +61,7 @@ def gather(
     _refuse_dead_efforts(run)
     chosen = MatchedFilter.design(run.matched_cutoff, run.rate) if matched else None
     accumulator = Accumulator(regressor, chosen)
-    pieces = cut(run.blocks(), run.name, accumulator)
+    pieces = cut(remembered(run.blocks(), regressor.model), run.name, accumulator)
     stamp = stamp_of(regressor, run.effort_units, run, chosen)
     found = accumulate(accumulator, pieces, stamp, threads, run.duration, progress)
     if not found.windows:
@@ -99,6 +100,22 @@ def stamp_of(
     )
 
 
+def remembered(blocks: Iterable[Block], model: Model) -> Iterator[Block]:
+    """The blocks with the model's channels; every segment begins without memory.
+
+    Samples before the start is forgotten do not count.
+    """
+    if not model.n_channels:
+        yield from blocks
+        return
+    segment, scan = None, model.scan()
+    for block in blocks:
+        if block.segment != segment:
+            segment, scan = block.segment, model.scan()
+        channels = scan(block.q, block.dq, block.ddq)
+        yield replace(block, channels=channels, moving=block.moving & scan.warm(block.q))
+
+
 def cut(blocks: Iterable[Block], name: str, accumulator: Accumulator) -> Iterator[Piece]:
     """Pieces of a run with the halo they need, from blocks of any size."""
     unit, halo = accumulator.decimation, max(accumulator.halo, 0)
@@ -132,7 +149,8 @@ def _pieces(
 def _piece(block: Block, name: str, length: int) -> Piece:
     weights = None if block.moving.all() else block.moving.astype(np.float64)
     window = Window(name, float(block.t[0]), float(block.t[min(length, len(block.t)) - 1]))
-    return Piece(window, Stretch(block.q, block.dq, block.ddq, block.effort, weights))
+    stretch = Stretch(block.q, block.dq, block.ddq, block.effort, weights, block.channels)
+    return Piece(window, stretch)
 
 
 def accumulate(

@@ -50,7 +50,7 @@ class Regressor:
         model: The model.
         base: Its structural base parameters.
         layout: Names, and what each row sees.
-        code: Inputs `q`, `dq`, `ddq`, `effort`; outputs as `Layout.starts` says.
+        code: Inputs `q`, `dq`, `ddq`, `channels`, `effort`; outputs as `Layout.starts` says.
     """
 
     model: Model
@@ -59,8 +59,9 @@ class Regressor:
     code: Code
 
     def dense(self, q: Array, dq: Array, ddq: Array) -> Array:
-        """All entries at `(n, N)` states: shape `(n, N, columns)`."""
-        values = self.code([q, dq, ddq, np.zeros_like(q)])
+        """All entries along a motion of `(n, N)` states: shape `(n, N, columns)`."""
+        channels = self.model.scan()(q, dq, ddq)
+        values = self.code([q, dq, ddq, channels, np.zeros_like(q)])
         result = np.zeros((len(self.layout.rows), q.shape[1], len(self.layout.columns)))
         for row, (start, seen) in enumerate(zip(self.layout.starts, self.layout.sees, strict=True)):
             result[row][:, list(seen)] = values[start : start + len(seen)].T
@@ -86,8 +87,8 @@ def _regressor(model: Model, base: BaseMap, columns: Sequence[int]) -> Regressor
 
         sees: list[list[int]] = [[] for _ in range(model.robot.n)]
 
-        def rows(q: Any, dq: Any, ddq: Any, effort: Any) -> list[Any]:
-            entries = model.columns(JointState(q, dq, ddq))
+        def rows(q: Any, dq: Any, ddq: Any, channels: Any, effort: Any) -> list[Any]:
+            entries = model.columns(JointState(q, dq, ddq, channels))
             outputs: list[Any] = []
             for row in range(model.robot.n):
                 seen = sorted(place[c] for r, c in entries if r == row and c in place)
@@ -95,10 +96,10 @@ def _regressor(model: Model, base: BaseMap, columns: Sequence[int]) -> Regressor
                 outputs += [entries[row, columns[k]] for k in seen] + [effort[row]]
             return outputs
 
-        inputs = [Input(name, model.robot.n) for name in ("q", "dq", "ddq", "effort")]
+        inputs = [*model.inputs, Input("effort", model.robot.n)]
         return symbolic(rows, inputs), {"sees": sees}
 
-    code = compiled(["regressor", model.fingerprint, list(columns)], build)
+    code = compiled(["regressor", model.program_key, list(columns)], build)
     layout = Layout(
         columns=tuple(model.names[c] for c in columns),
         units=tuple(model.units[c] for c in columns),

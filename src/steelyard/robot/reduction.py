@@ -12,7 +12,7 @@ from steelyard.robot.geometry import Placement
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.mechanism import Joint, Link, Mechanism
 from steelyard.robot.nearest import advice, listing
-from steelyard.robot.robot import Body, Coordinate, JointKind, Limits, Robot
+from steelyard.robot.robot import Body, Coordinate, Frame, JointKind, Limits, Robot
 
 
 @dataclass(frozen=True)
@@ -67,10 +67,16 @@ def reduced(
         for name, drive in drives.items()
         if drive.master in positions
     }
-    bodies = _Merging(mechanism, drives, moving, resting).run(base)
+    bodies, frames = _Merging(mechanism, drives, moving, resting).run(base)
     root_gravity = _base_placement(mechanism, base, resting).rotation.T @ mechanism.gravity
     coordinates = tuple(_coordinate(mechanism.joint(n), limits.get(n)) for n in moving)
-    robot = Robot(mechanism.name, bodies, coordinates, root_gravity if gravity is None else gravity)
+    robot = Robot(
+        mechanism.name,
+        bodies,
+        coordinates,
+        root_gravity if gravity is None else gravity,
+        frames=frames,
+    )
     return robot, _notes(mechanism, robot, base, assumed, positions)
 
 
@@ -205,8 +211,8 @@ class _Merging:
     moving: tuple[str, ...]
     resting: Mapping[str, float]
 
-    def run(self, base: str) -> tuple[Body, ...]:
-        """The moving bodies beyond the base link, parents first."""
+    def run(self, base: str) -> tuple[tuple[Body, ...], tuple[Frame, ...]]:
+        """The moving bodies beyond the base link, parents first, and where every link is."""
         links = {link.name: link for link in self.mechanism.links}
         bodies: list[dict[str, Any]] = []
         carriers = {base: (-1, Placement())}
@@ -220,7 +226,8 @@ class _Merging:
             carriers[joint.child] = (index, placement)
             if index >= 0:
                 _add_link(bodies[index], links[joint.child], placement)
-        return tuple(Body(**body) for body in bodies)
+        frames = (Frame(n, k, p.rotation, p.position) for n, (k, p) in carriers.items())
+        return tuple(Body(**body) for body in bodies), tuple(frames)
 
     def _body(self, joint: Joint, parent: int, placement: Placement) -> dict[str, Any]:
         drive = self.drives[joint.name]

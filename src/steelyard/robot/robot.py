@@ -1,7 +1,7 @@
 """The robot as the dynamics see it: a tree of moving bodies on a fixed base."""
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -88,20 +88,93 @@ class Body:
 
 
 @dataclass(frozen=True, eq=False)
+class Frame:
+    """A named frame that is fixed to a body, such as a link that merged into it.
+
+    Attributes:
+        name: The link's name.
+        body: Index of the body that carries it; -1 is the base.
+        rotation: Shape `(3, 3)`, the frame's axes in the body's frame.
+        position: Shape `(3,)` [m], the frame's origin in the body's frame.
+    """
+
+    name: str
+    body: int
+    rotation: Array
+    position: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "rotation", frozen(self.rotation, (3, 3)))
+        object.__setattr__(self, "position", frozen(self.position, (3,)))
+
+
+@dataclass(frozen=True, eq=False)
+class Transmission:
+    r"""Gears between motors and joints, $q_m = R\,q$, so that $\tau = R^T \tau_m$.
+
+    Attributes:
+        motors: Names of the motors.
+        matrix: $R$, shape `(n, n)`, motor positions per joint position; it can be inverted.
+    """
+
+    motors: tuple[str, ...]
+    matrix: Array
+
+    def __post_init__(self) -> None:
+        count = len(self.motors)
+        object.__setattr__(self, "matrix", frozen(self.matrix, (count, count)))
+        if np.linalg.matrix_rank(self.matrix) < count:
+            raise ValueError("the transmission matrix cannot be inverted")
+
+    @property
+    def coupled(self) -> bool:
+        """Whether a motor turns with more than its own joint."""
+        return bool(np.any(self.matrix != np.diag(np.diag(self.matrix))))
+
+
+@dataclass(frozen=True, eq=False)
+class Loop:
+    """A pin that closes a chain: a point of one body stays on a point of another.
+
+    Attributes:
+        name: For messages.
+        bodies: Indices of the two bodies; -1 is the base.
+        points: Shape `(2, 3)` [m], the point in each body's frame.
+    """
+
+    name: str
+    bodies: tuple[int, int]
+    points: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "points", frozen(self.points, (2, 3)))
+
+
+@dataclass(frozen=True, eq=False)
 class Robot:
-    """A fixed-base tree of bodies.
+    """A fixed-base tree of bodies, whose chains pins may close.
 
     Attributes:
         name: The robot's name.
         bodies: Parents before children.
         coordinates: Independent joint coordinates, in the order of every `q`, `dq`, `ddq`, `tau`.
         gravity: Shape `(3,)` [m/s²], in the base frame.
+        passive: Coordinates that the loops determine; bodies count them on after `coordinates`.
+        loops: The pins.
+        assembly: Positions of all joints near which the loops close, shape `(n_joints,)`.
+        transmission: Gears between motors and joints; `None` if motors are not spoken of.
+        frames: Named frames on the bodies.
     """
 
     name: str
     bodies: tuple[Body, ...]
     coordinates: tuple[Coordinate, ...]
     gravity: Array
+    passive: tuple[Coordinate, ...]
+    loops: tuple[Loop, ...]
+    assembly: Array
+    transmission: Transmission | None
+    frames: tuple[Frame, ...]
 
     def __init__(
         self,
@@ -109,21 +182,49 @@ class Robot:
         bodies: tuple[Body, ...],
         coordinates: tuple[Coordinate, ...],
         gravity: ArrayLike = (0.0, 0.0, -9.81),
+        *,
+        passive: tuple[Coordinate, ...] = (),
+        loops: tuple[Loop, ...] = (),
+        assembly: ArrayLike | None = None,
+        transmission: Transmission | None = None,
+        frames: tuple[Frame, ...] = (),
     ) -> None:
         object.__setattr__(self, "name", name)
         object.__setattr__(self, "bodies", tuple(bodies))
         object.__setattr__(self, "coordinates", tuple(coordinates))
         object.__setattr__(self, "gravity", frozen(gravity, (3,)))
+        object.__setattr__(self, "passive", tuple(passive))
+        object.__setattr__(self, "loops", tuple(loops))
+        start = np.zeros(self.n_joints) if assembly is None else assembly
+        object.__setattr__(self, "assembly", frozen(start, (self.n_joints,)))
+        object.__setattr__(self, "transmission", transmission)
+        object.__setattr__(self, "frames", tuple(frames))
         for index, body in enumerate(self.bodies):
             if not -1 <= body.parent < index:
                 raise ValueError(f"body '{body.name}' comes before its parent")
-            if not 0 <= body.coordinate < len(self.coordinates):
+            if not 0 <= body.coordinate < self.n_joints:
                 raise ValueError(f"body '{body.name}' follows a coordinate that does not exist")
+        if transmission is not None and len(transmission.motors) != self.n:
+            raise ValueError(f"{len(transmission.motors)} motors for {self.n} joints")
+
+    def changed(self, **fields: Any) -> "Robot":
+        """The same robot with some of its attributes replaced."""
+        return Robot(**{**vars(self), **fields})
 
     @property
     def n(self) -> int:
-        """Number of joint coordinates."""
+        """Number of independent joint coordinates."""
         return len(self.coordinates)
+
+    @property
+    def joints(self) -> tuple[Coordinate, ...]:
+        """All joint coordinates, those that loops determine last."""
+        return (*self.coordinates, *self.passive)
+
+    @property
+    def n_joints(self) -> int:
+        """Number of all joint coordinates."""
+        return len(self.coordinates) + len(self.passive)
 
     @property
     def joint_names(self) -> tuple[str, ...]:

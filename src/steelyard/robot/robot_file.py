@@ -235,7 +235,7 @@ def _reduced(
         limits={n: _limits(n, mechanism, section, places) for n in section.limits},
     )
     if section.name is not None:
-        robot = Robot(section.name, robot.bodies, robot.coordinates, robot.gravity)
+        robot = robot.changed(name=section.name)
     return robot, notes
 
 

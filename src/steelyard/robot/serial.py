@@ -6,36 +6,60 @@ from typing import Any
 import numpy as np
 
 from steelyard.robot.inertia import Inertia
-from steelyard.robot.robot import Body, Coordinate, Limits, Robot
+from steelyard.robot.robot import (
+    Body,
+    Coordinate,
+    Frame,
+    Limits,
+    Loop,
+    Robot,
+    Transmission,
+)
 
 
 def robot_to_dict(robot: Robot) -> dict[str, Any]:
     """Everything a robot is, as JSON values; unknown limits are left out."""
+    gears = robot.transmission
     return {
         "name": robot.name,
         "gravity": robot.gravity.tolist(),
-        "coordinates": [
-            {
-                "name": c.name,
-                "kind": c.kind,
-                "limits": {k: v for k, v in asdict(c.limits).items() if np.isfinite(v)},
-            }
-            for c in robot.coordinates
-        ],
+        "coordinates": [_coordinate_to_dict(c) for c in robot.coordinates],
         "bodies": [_body_to_dict(body) for body in robot.bodies],
+        "passive": [_coordinate_to_dict(c) for c in robot.passive],
+        "loops": [{**vars(loop), "points": loop.points.tolist()} for loop in robot.loops],
+        "assembly": robot.assembly.tolist(),
+        "transmission": gears
+        and {"motors": list(gears.motors), "matrix": gears.matrix.tolist()},
+        "frames": [
+            {**vars(f), "rotation": f.rotation.tolist(), "position": f.position.tolist()}
+            for f in robot.frames
+        ],
     }
 
 
 def robot_from_dict(data: dict[str, Any]) -> Robot:
     """The robot that `robot_to_dict` wrote."""
+    gears = data["transmission"]
     return Robot(
         name=data["name"],
         bodies=tuple(_body_from_dict(body) for body in data["bodies"]),
-        coordinates=tuple(
-            Coordinate(c["name"], c["kind"], Limits(**c["limits"])) for c in data["coordinates"]
-        ),
+        coordinates=tuple(_coordinate_from_dict(c) for c in data["coordinates"]),
         gravity=data["gravity"],
+        passive=tuple(_coordinate_from_dict(c) for c in data["passive"]),
+        loops=tuple(Loop(d["name"], tuple(d["bodies"]), d["points"]) for d in data["loops"]),
+        assembly=data["assembly"],
+        transmission=gears and Transmission(tuple(gears["motors"]), gears["matrix"]),
+        frames=tuple(Frame(**frame) for frame in data["frames"]),
     )
+
+
+def _coordinate_to_dict(coordinate: Coordinate) -> dict[str, Any]:
+    limits = {k: v for k, v in asdict(coordinate.limits).items() if np.isfinite(v)}
+    return {"name": coordinate.name, "kind": coordinate.kind, "limits": limits}
+
+
+def _coordinate_from_dict(data: dict[str, Any]) -> Coordinate:
+    return Coordinate(data["name"], data["kind"], Limits(**data["limits"]))
 
 
 def _body_to_dict(body: Body) -> dict[str, Any]:

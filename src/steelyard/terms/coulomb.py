@@ -9,11 +9,12 @@ from steelyard.errors import ModelError
 from steelyard.kernel.dynamics import JointState, Scalar
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
-from steelyard.terms.term import Columns, acting_on, diagonal, effort_unit, per_joint
+from steelyard.terms.axes import Acting, each, spread
+from steelyard.terms.term import Columns
 
 
 @dataclass(frozen=True)
-class Coulomb:
+class Coulomb(Acting):
     r"""Coulomb joint friction, $\tau_j = f_{c,j}\,s(\dot q_j)$ [Nm; N on a prismatic joint].
 
     $s$ is the sign of the velocity, zero up to `threshold` (Walker arm, eq. 3), or
@@ -22,13 +23,11 @@ class Coulomb:
     Attributes:
         threshold: Speed up to which the friction is zero [rad/s; m/s].
         smoothing: Speed scale of the smooth law [rad/s; m/s]; zero for the sign.
-        joints: Names of the joints it acts on; all if `None`.
     """
 
     law: ClassVar[str] = "coulomb"
     threshold: float = 0.0
     smoothing: float = 0.0
-    joints: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         if self.threshold < 0.0 or self.smoothing < 0.0 or (self.threshold and self.smoothing):
@@ -40,11 +39,11 @@ class Coulomb:
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """One per joint, not negative."""
-        return per_joint(robot, self.joints, self.law, effort_unit, lower=0.0)
+        return each(self.axes(robot), self.law, lambda axis: axis.effort_unit, lower=0.0)
 
     def columns(self, robot: Robot, state: JointState) -> Columns:
         """Direction of motion."""
-        return diagonal(acting_on(robot, self.joints), lambda j: self._direction(state.dq[j]))
+        return spread(self.axes(robot), lambda _, axis: self._direction(axis.of(state.dq)))
 
     def _direction(self, speed: Scalar) -> Scalar:
         if self.smoothing:

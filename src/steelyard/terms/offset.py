@@ -6,20 +6,20 @@ from typing import ClassVar
 from steelyard.kernel.dynamics import JointState
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
-from steelyard.terms.term import Columns, acting_on, diagonal, effort_unit, per_joint
+from steelyard.terms.axes import Acting, each, spread
+from steelyard.terms.term import Columns
 
 
 @dataclass(frozen=True)
-class Offset:
-    r"""Constant effort, $\tau_j = o_j$ [Nm; N on a prismatic joint]."""
+class Offset(Acting):
+    r"""Constant effort, $f = o$ [Nm; N if prismatic]."""
 
     law: ClassVar[str] = "offset"
-    joints: tuple[str, ...] | None = None
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
-        """One per joint, of either sign."""
-        return per_joint(robot, self.joints, self.law, effort_unit)
+        """One per coordinate, of either sign."""
+        return each(self.axes(robot), self.law, lambda axis: axis.effort_unit)
 
     def columns(self, robot: Robot, state: JointState) -> Columns:
         """One."""
-        return diagonal(acting_on(robot, self.joints), lambda j: 0.0 * state.dq[j] + 1.0)
+        return spread(self.axes(robot), lambda _, axis: 0.0 * axis.of(state.dq) + 1.0)

@@ -8,13 +8,15 @@ from typing import Any, cast
 from steelyard.errors import ModelError
 from steelyard.terms.coulomb import Coulomb
 from steelyard.terms.offset import Offset
+from steelyard.terms.presliding import Dahl, LuGre, MaxwellSlip
 from steelyard.terms.rigid_body import RigidBody
 from steelyard.terms.rotor_inertia import RotorInertia
 from steelyard.terms.term import Term
 from steelyard.terms.viscous import Viscous
 
 TERMS: dict[str, type[Any]] = {
-    term.law: term for term in (RigidBody, RotorInertia, Coulomb, Viscous, Offset)
+    term.law: term
+    for term in (RigidBody, RotorInertia, Coulomb, Viscous, Offset, Dahl, MaxwellSlip, LuGre)
 }
 
 DEFAULT_TERMS: tuple[Term, ...] = (RigidBody(), RotorInertia(), Coulomb(), Viscous(), Offset())
@@ -37,10 +39,8 @@ def term_of(description: str | Mapping[str, Any], where: str) -> Term:
             where=where,
             mend=f"did you mean '{near[0]}'?" if near else f"use one of {', '.join(TERMS)}",
         )
-    if isinstance(fields.get("joints"), list):
-        fields["joints"] = tuple(fields["joints"])
     try:
-        return cast(Term, TERMS[law](**fields))
+        return cast(Term, TERMS[law](**{key: _value(x) for key, x in fields.items()}))
     except TypeError:
         known = tuple(getattr(TERMS[law], "__dataclass_fields__", {}))
         unknown = ", ".join(f"'{name}'" for name in fields if name not in known)
@@ -53,7 +53,23 @@ def term_of(description: str | Mapping[str, Any], where: str) -> Term:
 
 def description_of(term: Term) -> dict[str, Any]:
     """The table that `term_of` turns back into the term."""
-    return {"law": term.law, **asdict(cast(Any, term))}
+    return {"law": term.law, **{key: _plain(x) for key, x in asdict(cast(Any, term)).items()}}
+
+
+def _value(given: Any) -> Any:
+    """What a file says, as a value that cannot be changed: lists to tuples, tables to pairs."""
+    if isinstance(given, Mapping):
+        return tuple((key, _value(x)) for key, x in given.items())
+    return tuple(_value(x) for x in given) if isinstance(given, list | tuple) else given
+
+
+def _plain(value: Any) -> Any:
+    """The inverse: tuples of named pairs to tables, other tuples to lists."""
+    if not isinstance(value, tuple):
+        return value
+    if value and all(isinstance(x, tuple) and len(x) == 2 and isinstance(x[0], str) for x in value):
+        return {key: _plain(x) for key, x in value}
+    return [_plain(x) for x in value]
 
 
 def terms_of(

@@ -1,4 +1,4 @@
-"""Inertia of rotors and gears, seen at the joint."""
+"""Inertia of rotors and gears."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -6,24 +6,24 @@ from typing import ClassVar
 from steelyard.kernel.dynamics import JointState
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
-from steelyard.terms.term import Columns, acting_on, diagonal, inertia_unit, per_joint
+from steelyard.terms.axes import Acting, each, spread
+from steelyard.terms.term import Columns
 
 
 @dataclass(frozen=True)
-class RotorInertia:
-    r"""Reflected rotor inertia, $\tau_j = I_{a,j}\,\ddot q_j$ [kg m²; kg on a prismatic joint].
+class RotorInertia(Acting):
+    r"""Rotor inertia, $f = I_a\,a$ with the coordinate's acceleration $a$ [kg m²; kg].
 
-    Gyroscopic effects of the spinning rotors are neglected, as is customary above a gear ratio
-    of about 30 [Khalil2002, ch. 9].
+    On a joint it is the inertia reflected through the gear. Gyroscopic effects of the spinning
+    rotors are neglected, as is customary above a gear ratio of about 30 [Khalil2002, ch. 9].
     """
 
     law: ClassVar[str] = "rotor_inertia"
-    joints: tuple[str, ...] | None = None
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
-        """One per joint, not negative."""
-        return per_joint(robot, self.joints, self.law, inertia_unit, lower=0.0)
+        """One per coordinate, not negative."""
+        return each(self.axes(robot), self.law, lambda axis: axis.inertia_unit, lower=0.0)
 
     def columns(self, robot: Robot, state: JointState) -> Columns:
-        """The joint's acceleration."""
-        return diagonal(acting_on(robot, self.joints), lambda j: state.ddq[j])
+        """The coordinate's acceleration."""
+        return spread(self.axes(robot), lambda _, axis: axis.of(state.ddq))

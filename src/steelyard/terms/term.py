@@ -1,15 +1,16 @@
 """What a cause of torque is: linear in named parameters, written over the state of the joints."""
 
-from collections.abc import Callable, Iterable, Mapping
-from typing import ClassVar, Protocol
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
-from steelyard.errors import ModelError
+from steelyard.arrays import Array
 from steelyard.kernel.dynamics import JointState, Scalar
 from steelyard.parameters import Parameter
-from steelyard.robot.robot import Coordinate, Robot
+from steelyard.robot.robot import Robot
 
 Columns = Mapping[tuple[int, int], Scalar]
-"""`(effort row, parameter)` to the torque per unit of that parameter; absent entries are zero."""
+"""`(joint, parameter)` to the torque per unit of that parameter; absent entries are zero."""
 
 
 class Term(Protocol):
@@ -27,55 +28,68 @@ class Term(Protocol):
         ...
 
     def columns(self, robot: Robot, state: JointState) -> Columns:
-        """Torque per unit of each parameter; a state of symbols or of arrays over samples."""
+        """Torque per unit of each parameter; a state of symbols or of arrays over samples.
+
+        The state and the rows are those of all joints, `robot.joints`.
+        """
         ...
 
 
-def acting_on(robot: Robot, joints: tuple[str, ...] | None) -> tuple[int, ...]:
-    """Indices of the named joints; all of them for `None`.
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Consecutive samples of a motion, as a term with channels sees them.
 
-    Raises:
-        ModelError: The robot has no identified joint of that name.
+    Attributes:
+        q: All joints' positions, shape `(n_joints, N)`; likewise `dq` and `ddq`.
+        rigid_torque: Torques of the rigid bodies, shape `(n_joints, N)`, for ten numbers per body,
+            shape `(10 n_bodies,)`.
     """
-    if joints is None:
-        return tuple(range(robot.n))
-    for joint in joints:
-        if joint not in robot.joint_names:
-            raise ModelError(
-                f"a term acts on joint '{joint}', which is not identified",
-                where=f"robot '{robot.name}', list of terms",
-                mend=f"use names of {', '.join(robot.joint_names)}",
-            )
-    return tuple(robot.joint_names.index(joint) for joint in joints)
+
+    q: Array
+    dq: Array
+    ddq: Array
+    rigid_torque: Callable[[Array], Array]
 
 
-def per_joint(
-    robot: Robot,
-    joints: tuple[str, ...] | None,
-    law: str,
-    unit: Callable[[Coordinate], str],
-    lower: float = float("-inf"),
+@runtime_checkable
+class Remembering(Protocol):
+    """A term whose columns need more than one sample's state: a scan along the motion.
+
+    Its channels enter `columns` as `state.channels`.
+    """
+
+    aside: ClassVar[tuple[str, ...]]
+    """Fields that act on the channels alone; the columns over the channels do not know them."""
+
+    def n_channels(self, robot: Robot) -> int:
+        """Number of channels."""
+        ...
+
+    def warm_up(self, robot: Robot) -> Array:
+        """Travel of each joint after which the unknown start is forgotten, `(n_joints,)`."""
+        ...
+
+    def remember(self, robot: Robot, samples: Samples, memory: Any) -> tuple[Array, Any]:
+        """Channels `(n_channels, N)` of consecutive samples, and the memory at their end.
+
+        Args:
+            robot: The robot.
+            samples: The samples.
+            memory: What the call before returned; `None` at the start of a motion.
+        """
+        ...
+
+
+def channels_of(term: Term, robot: Robot) -> int:
+    """Number of channels of any term."""
+    return term.n_channels(robot) if isinstance(term, Remembering) else 0
+
+
+def one_each(
+    names: Sequence[str], law: str, units: Sequence[str], lower: float = float("-inf")
 ) -> tuple[Parameter, ...]:
-    """One parameter for every joint the term acts on."""
-    acted = (robot.coordinates[j] for j in acting_on(robot, joints))
-    return tuple(Parameter(f"{law}.{c.name}", unit(c), lower=lower) for c in acted)
-
-
-def diagonal(rows: Iterable[int], values: Callable[[int], Scalar]) -> Columns:
-    """Parameter k acts on its own joint only."""
-    return {(row, k): values(row) for k, row in enumerate(rows)}
-
-
-def rate_unit(coordinate: Coordinate) -> str:
-    """Unit of effort per velocity."""
-    return "N s/m" if coordinate.kind == "prismatic" else "N m s/rad"
-
-
-def effort_unit(coordinate: Coordinate) -> str:
-    """Unit of effort."""
-    return coordinate.effort_unit
-
-
-def inertia_unit(coordinate: Coordinate) -> str:
-    """Unit of effort per acceleration."""
-    return "kg" if coordinate.kind == "prismatic" else "kg m²"
+    """One parameter named `law.name` for every name."""
+    return tuple(
+        Parameter(f"{law}.{name}", unit, lower=lower)
+        for name, unit in zip(names, units, strict=True)
+    )

@@ -6,20 +6,20 @@ from typing import ClassVar
 from steelyard.kernel.dynamics import JointState
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
-from steelyard.terms.term import Columns, acting_on, diagonal, per_joint, rate_unit
+from steelyard.terms.axes import Acting, Axis, each, spread
+from steelyard.terms.term import Columns
 
 
 @dataclass(frozen=True)
-class Viscous:
-    r"""Viscous joint friction, $\tau_j = f_{v,j}\,\dot q_j$ [N m s/rad; N s/m if prismatic]."""
+class Viscous(Acting):
+    r"""Viscous friction, $f = f_v\,v$ [N m s/rad; N s/m if prismatic]."""
 
     law: ClassVar[str] = "viscous"
-    joints: tuple[str, ...] | None = None
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
-        """One per joint, not negative."""
-        return per_joint(robot, self.joints, self.law, rate_unit, lower=0.0)
+        """One per coordinate, not negative."""
+        return each(self.axes(robot), self.law, lambda axis: axis.rate_unit, lower=0.0)
 
     def columns(self, robot: Robot, state: JointState) -> Columns:
-        """The joint's velocity."""
-        return diagonal(acting_on(robot, self.joints), lambda j: state.dq[j])
+        """The coordinate's velocity."""
+        return spread(self.axes(robot), lambda _, axis: axis.of(state.dq))

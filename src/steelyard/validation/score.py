@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.measurement.lowpass import zero_phase
-from steelyard.measurement.run import Run
+from steelyard.measurement.run import Run, RunData
 from steelyard.model import ValuedModel
+from steelyard.motion import Motion
 
 
 @dataclass(frozen=True)
@@ -127,8 +128,8 @@ def score(
         return result
 
     measured = filtered(data.effort)
-    predicted = filtered(valued.torque(data.motion) / gains)
-    nominal = None if prior is None else filtered(prior.torque(data.motion) / gains)
+    predicted = filtered(_torque(valued, data) / gains)
+    nominal = None if prior is None else filtered(_torque(prior, data) / gains)
     error = measured - predicted
     joints = []
     for j, coordinate in enumerate(valued.model.robot.coordinates):
@@ -157,6 +158,17 @@ def score(
         ),
         traces=Traces(data.t, measured, predicted, moving),
     )
+
+
+def _torque(valued: ValuedModel, data: RunData) -> Array:
+    """Predicted efforts, shape `(N, n)`; what a model remembers ends with a segment."""
+    result = np.empty_like(data.effort)
+    for segment in np.unique(data.segment):
+        inside = data.segment == segment
+        m = data.motion
+        part = Motion(m.t[inside], m.q[inside], m.dq[inside], m.ddq[inside])
+        result[inside] = valued.torque(part)
+    return result
 
 
 def _finite(figures: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,0 +1,186 @@
+r"""Coordinates that a term can act along: joints, motors, or any $c \cdot q$.
+
+Along the row $c$ the velocity is $c \cdot \dot q$, and an effort $f$ loads the joints with
+$c^T f$: the motor behind a differential that turns with $q_5 + q_6$ brakes both joints.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from steelyard.errors import ModelError
+from steelyard.kernel.dynamics import Scalar
+from steelyard.parameters import Parameter
+from steelyard.robot.robot import JointKind, Robot
+from steelyard.terms.term import Columns
+
+Along = tuple[tuple[str, tuple[tuple[str, float], ...]], ...]
+"""Named coordinates, each the joints it is made of with their coefficients."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A coordinate along which a term acts.
+
+    Attributes:
+        name: Name, for the parameters.
+        row: Coefficients `c`, one per joint of `robot.joints`.
+        kind: Its kind, which gives the units.
+    """
+
+    name: str
+    row: tuple[float, ...]
+    kind: JointKind
+
+    def of(self, values: Sequence[Scalar]) -> Scalar:
+        """`c` times the joints' positions, velocities or accelerations."""
+        total: Scalar = None
+        for coefficient, value in zip(self.row, values, strict=True):
+            if coefficient:
+                part = value if coefficient == 1.0 else coefficient * value
+                total = part if total is None else total + part
+        return total
+
+    @property
+    def effort_unit(self) -> str:
+        """Unit of effort."""
+        return "N" if self.kind == "prismatic" else "Nm"
+
+    @property
+    def rate_unit(self) -> str:
+        """Unit of effort per velocity."""
+        return "N s/m" if self.kind == "prismatic" else "N m s/rad"
+
+    @property
+    def inertia_unit(self) -> str:
+        """Unit of effort per acceleration."""
+        return "kg" if self.kind == "prismatic" else "kg m²"
+
+    @property
+    def stiffness_unit(self) -> str:
+        """Unit of effort per position."""
+        return "N/m" if self.kind == "prismatic" else "N m/rad"
+
+    def effort_per(self, unit: str) -> str:
+        """Unit of effort per something of another unit."""
+        return f"{'N' if self.kind == 'prismatic' else 'N m'}/{unit}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Acting:
+    """Where a term acts; every law that acts along coordinates has these fields.
+
+    Attributes:
+        joints: Names of the joints it acts on; all independent ones if nothing is named.
+        motors: Names of motors of the robot's transmission.
+        along: Coordinates of its own, by name: `{wrist = {joint_5 = 1.0, joint_6 = 1.0}}`.
+        per_run: Whether every run has parameters of its own.
+    """
+
+    joints: tuple[str, ...] | None = None
+    motors: tuple[str, ...] | None = None
+    along: Along | None = None
+    per_run: bool = False
+
+    def axes(self, robot: Robot) -> tuple[Axis, ...]:
+        """The coordinates it acts along.
+
+        Raises:
+            ModelError: The robot has no joint or motor of a name.
+        """
+        if self.joints is None and self.motors is None and self.along is None:
+            return tuple(_joint(robot, c.name) for c in robot.coordinates)
+        named = [_joint(robot, name) for name in self.joints or ()]
+        named += [_motor(robot, name) for name in self.motors or ()]
+        named += [_combined(robot, name, parts) for name, parts in self.along or ()]
+        return tuple(named)
+
+
+def each(
+    axes: Sequence[Axis], law: str, unit: Callable[[Axis], str], lower: float = float("-inf")
+) -> tuple[Parameter, ...]:
+    """One parameter named `law.axis` for every axis."""
+    return tuple(Parameter(f"{law}.{axis.name}", unit(axis), lower=lower) for axis in axes)
+
+
+def spread(
+    axes: Sequence[Axis], value: Callable[[int, Axis], Scalar], first: int = 0
+) -> dict[tuple[int, int], Scalar]:
+    """Columns of one parameter per axis: an effort of `value` along it, per unit.
+
+    Args:
+        axes: The coordinates.
+        value: Effort along the axis of a number.
+        first: Number of the first parameter.
+    """
+    columns: dict[tuple[int, int], Scalar] = {}
+    for k, axis in enumerate(axes):
+        effort = value(k, axis)
+        for joint, coefficient in enumerate(axis.row):
+            if coefficient:
+                columns[joint, first + k] = (
+                    effort if coefficient == 1.0 else coefficient * effort
+                )
+    return columns
+
+
+def per_axis(values: float | tuple[float, ...], axes: Sequence[Axis], law: str) -> list[float]:
+    """One value of a field for every axis, from one for all or a list.
+
+    Raises:
+        ModelError: Their number does not fit, or one is not above zero.
+    """
+    given = values if isinstance(values, tuple) else (values,) * len(axes)
+    if len(given) != len(axes) or not all(value > 0.0 for value in given):
+        raise ModelError(
+            f"term '{law}' has {values} for {len(axes)} coordinates",
+            where="list of terms",
+            mend="give one value above zero for all, or a list with one per coordinate",
+        )
+    return list(given)
+
+
+def _joint(robot: Robot, name: str) -> Axis:
+    names = [c.name for c in robot.joints]
+    if name not in names:
+        raise ModelError(
+            f"a term acts on joint '{name}', which is not identified",
+            where=f"robot '{robot.name}', list of terms",
+            mend=f"use names of {', '.join(names)}",
+        )
+    k = names.index(name)
+    return Axis(name, tuple(float(j == k) for j in range(len(names))), robot.joints[k].kind)
+
+
+def _motor(robot: Robot, name: str) -> Axis:
+    gears = robot.transmission
+    if gears is None or name not in gears.motors:
+        raise ModelError(
+            f"a term acts on motor '{name}', which the robot does not have",
+            where=f"robot '{robot.name}', list of terms",
+            mend="give the robot a [robot.transmission]"
+            if gears is None
+            else f"use names of {', '.join(gears.motors)}",
+        )
+    row = gears.matrix[gears.motors.index(name)].tolist()
+    return Axis(name, (*row, *(0.0 for _ in robot.passive)), "revolute")
+
+
+def _combined(robot: Robot, name: str, parts: tuple[tuple[str, float], ...]) -> Axis:
+    total = [0.0] * robot.n_joints
+    kinds = set()
+    for joint, coefficient in parts:
+        axis = _joint(robot, joint)
+        kinds.add(axis.kind)
+        total[axis.row.index(1.0)] += coefficient
+    if len(kinds) != 1 or not any(total):
+        raise ModelError(
+            f"coordinate '{name}' mixes kinds of joints" if kinds else f"'{name}' has no joint",
+            where=f"robot '{robot.name}', list of terms",
+            mend="combine joints of one kind: {wrist = {joint_5 = 1.0, joint_6 = 1.0}}",
+        )
+    return Axis(name, tuple(total), kinds.pop())
+
+
+def combined_columns(*parts: Columns) -> Columns:
+    """Columns of several groups of parameters as one mapping; places do not overlap."""
+    return {place: value for part in parts for place, value in part.items()}
