@@ -242,13 +242,14 @@ class ValuedModel:
             result[part] = self.block(q, dq, ddq, scan(q, dq, ddq)).T
         return result
 
-    def block(self, q: Array, dq: Array, ddq: Array, channels: Array) -> Array:
+    def block(self, q: Array, dq: Array, ddq: Array, channels: Array | None = None) -> Array:
         """Efforts of one block, joint-major.
 
         Args:
             q: Shape `(n, B)`; likewise `dq` and `ddq`.
-            channels: Shape `(n_channels, B)`, see `Scan`.
+            channels: Shape `(n_channels, B)`, see `Scan`; `None` for a model without.
         """
+        channels = np.empty((0, q.shape[1])) if channels is None else channels
         code = self.model.torque_code
         shared = [False, False, False, False, True]
         return code([q, dq, ddq, channels, self.values.values], shared)
