@@ -102,7 +102,20 @@ class Recording:
         scale = np.concatenate((s.position_scale, *velocity_scale, s.effort_scale))
         with np.errstate(over="ignore", invalid="ignore"):
             for part in self.log.parts(s.columns, rows, size):
-                yield part[:, 0] * s.time_scale, part[:, 1:] * scale
+                yield part[:, 0] * s.time_scale, self._of_joints(part[:, 1:] * scale)
+
+    def _of_joints(self, logged: Array) -> Array:
+        """Channels of the joints from those logged at motors, or from another zero."""
+        c, s = self.channels, self.signals
+        if s.position_map is not None:
+            logged[:, c.q] = logged[:, c.q] @ s.position_map.T
+            if c.velocities:
+                logged[:, c.dq] = logged[:, c.dq] @ s.position_map.T
+        if s.position_offset is not None:
+            logged[:, c.q] += s.position_offset
+        if s.effort_map is not None:
+            logged[:, c.effort] = logged[:, c.effort] @ s.effort_map.T
+        return logged
 
     def parts(self, size: int = PART) -> Iterator[Samples]:
         """The rows of the cut as they were logged, broken ones too.

@@ -42,6 +42,7 @@ def gather(
     run: Run,
     *,
     matched: bool = True,
+    rests: bool = False,
     threads: int = 1,
     progress: Progress = silent,
 ) -> Information:
@@ -51,6 +52,8 @@ def gather(
         regressor: The columns.
         run: Clean motion and effort on a uniform clock.
         matched: Whether columns and effort go through the run's matched filter.
+        rests: Whether samples count where a joint rests; its friction then lies anywhere in a dead
+            zone, which only friction with memory knows.
         threads: Native threads.
         progress: Told about every window.
 
@@ -61,7 +64,7 @@ def gather(
     _refuse_dead_efforts(run)
     chosen = MatchedFilter.design(run.matched_cutoff, run.rate) if matched else None
     accumulator = Accumulator(regressor, chosen)
-    pieces = cut(remembered(run.blocks(), regressor.model), run.name, accumulator)
+    pieces = cut(remembered(run.blocks(), regressor.model, rests), run.name, accumulator)
     stamp = stamp_of(regressor, run.effort_units, run, chosen)
     found = accumulate(accumulator, pieces, stamp, threads, run.duration, progress)
     if not found.windows:
@@ -100,20 +103,18 @@ def stamp_of(
     )
 
 
-def remembered(blocks: Iterable[Block], model: Model) -> Iterator[Block]:
+def remembered(blocks: Iterable[Block], model: Model, rests: bool) -> Iterator[Block]:
     """The blocks with the model's channels; every segment begins without memory.
 
-    Samples before the start is forgotten do not count.
+    Samples before the start is forgotten do not count; nor do rests, unless they are wanted.
     """
-    if not model.n_channels:
-        yield from blocks
-        return
     segment, scan = None, model.scan()
     for block in blocks:
         if block.segment != segment:
             segment, scan = block.segment, model.scan()
         channels = scan(block.q, block.dq, block.ddq)
-        yield replace(block, channels=channels, moving=block.moving & scan.warm(block.q))
+        counted = scan.warm(block.q) if rests else block.moving & scan.warm(block.q)
+        yield replace(block, channels=channels, moving=counted)
 
 
 def cut(blocks: Iterable[Block], name: str, accumulator: Accumulator) -> Iterator[Piece]:

@@ -15,6 +15,7 @@ import numpy as np
 from steelyard.arrays import Array, frozen
 from steelyard.errors import ModelError
 from steelyard.robot.dh import DHRow, dh_mechanism
+from steelyard.robot.gears import build_transmission
 from steelyard.robot.geometry import clean_rotation, rpy_rotation
 from steelyard.robot.mechanism import Mechanism
 from steelyard.robot.mjcf import read_mjcf
@@ -61,6 +62,7 @@ class LoadedRobot:
         notes: What was assumed, one sentence each, for the user.
         signals: Columns of its logs; `None` if the file does not say.
         terms: Causes of torque; `None` if the file does not say.
+        friction: Whether the friction laws are to be chosen from the data.
         processing: Filter settings; what is `None` is chosen from the data.
         validation: Score settings.
         sources: The file given, then the model file it names, if any.
@@ -70,6 +72,7 @@ class LoadedRobot:
     notes: tuple[str, ...]
     signals: Signals | None
     terms: tuple[TermSpec, ...] | None
+    friction: bool
     processing: ProcessingSection
     validation: ValidationSection
     sources: tuple[Source, ...]
@@ -86,7 +89,7 @@ def load_robot(path: str | Path) -> LoadedRobot:
         return _from_toml(path)
     robot, notes = reduced(read_mechanism(path))
     return LoadedRobot(
-        robot, notes, None, None, ProcessingSection(), ValidationSection(), (_source(path),)
+        robot, notes, None, None, False, ProcessingSection(), ValidationSection(), (_source(path),)
     )
 
 
@@ -125,13 +128,23 @@ def _from_toml(path: Path) -> LoadedRobot:
     else:
         mechanism = _dh(file.robot, places)
     robot, notes = _reduced(mechanism, file.robot, places)
+    if file.robot.transmission is not None:
+        gears = build_transmission(file.robot.transmission, robot.joint_names, places.where)
+        robot = robot.changed(transmission=gears)
     signals = None
     if file.signals is not None:
-        signals = build_signals(file.signals, robot.coordinates, places.where)
+        signals = build_signals(
+            file.signals, robot.coordinates, places.where, robot.transmission
+        )
+    if signals is not None and signals.effort_kind == "gravity_compensated_torque":
+        robot = robot.changed(gravity=np.zeros(3))
+        notes += ("efforts are without gravity: the model has none either",)
     if (
         signals is not None
         and signals.effort_kind == "motor_current"
         and np.all(signals.gains == 1.0)
+        and signals.effort_map is None
+        and not any(signals.unknown_gains)
     ):
         notes += ("every drive gain is 1: parameters are right only if 1 A makes 1 Nm",)
     return LoadedRobot(
@@ -139,6 +152,7 @@ def _from_toml(path: Path) -> LoadedRobot:
         notes,
         signals,
         _terms(file, places),
+        file.model is not None and file.model.friction == "auto",
         file.processing,
         file.validation,
         tuple(sources),
@@ -278,7 +292,7 @@ def _gravity(section: RobotSection, places: Places) -> Array | None:
 
 
 def _terms(file: RobotFile, places: Places) -> tuple[TermSpec, ...] | None:
-    if file.model is None:
+    if file.model is None or file.model.terms is None:
         return None
     specs = []
     for index, term in enumerate(file.model.terms):

@@ -4,12 +4,16 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-EffortKind = Literal["motor_current", "motor_torque", "joint_torque"]
+EffortKind = Literal[
+    "motor_current", "motor_torque", "joint_torque", "link_torque", "gravity_compensated_torque"
+]
+Side = Literal["joint", "motor"]
 PositionUnit = Literal["rad", "deg", "m", "mm"]
 VelocityUnit = Literal["rad/s", "deg/s", "rpm", "m/s", "mm/s"]
 EffortUnit = Literal["A", "mA", "Nm", "N"]
 TimeUnit = Literal["s", "ms", "us", "ns"]
 
+Gain = float | Literal["identify"]
 Positive = Annotated[float, Field(gt=0.0)]
 Name = Annotated[str, Field(min_length=1)]
 Vector = Annotated[tuple[float, float, float], Field(strict=False)]
@@ -63,6 +67,23 @@ class DHSection(Section):
     links: Annotated[tuple[DHLinkSection, ...], Field(strict=False, min_length=1)]
 
 
+class CouplingSection(Section):
+    """A motor that turns with a joint that is not its own."""
+
+    motor: Name
+    joint: Name
+    ratio: float
+
+
+class TransmissionSection(Section):
+    """Gears between motors and joints, see `robot.Transmission`."""
+
+    motors: Names | None = None
+    ratios: Numbers | None = None
+    coupling: Annotated[tuple[CouplingSection, ...], Field(strict=False)] = ()
+    matrix: Annotated[tuple[Numbers, ...], Field(strict=False)] | None = None
+
+
 class RobotSection(Section):
     """Which robot, which of its joints move, and how it is mounted."""
 
@@ -78,12 +99,19 @@ class RobotSection(Section):
     mounting: MountingSection | None = None
     locked: dict[str, float] = {}
     limits: dict[str, LimitsSection] = {}
+    transmission: TransmissionSection | None = None
 
 
 class ModelSection(Section):
-    """The causes of torque: law names, or tables with the name under `law`."""
+    """The causes of torque: law names, or tables with the name under `law`.
 
-    terms: Annotated[tuple[Name | dict[str, Any], ...], Field(strict=False, min_length=1)]
+    With `friction = "auto"` the friction laws are chosen from the data, beside the terms listed.
+    """
+
+    terms: (
+        Annotated[tuple[Name | dict[str, Any], ...], Field(strict=False, min_length=1)] | None
+    ) = None
+    friction: Literal["auto"] | None = None
 
 
 class EffortSection(Section):
@@ -92,7 +120,8 @@ class EffortSection(Section):
     columns: Name | Names
     kind: EffortKind
     unit: EffortUnit | Annotated[tuple[EffortUnit, ...], Field(strict=False)]
-    gain: float | Numbers | None = None
+    side: Side = "joint"
+    gain: Gain | Annotated[tuple[Gain, ...], Field(strict=False)] | None = None
 
 
 class SignalsSection(Section):
@@ -100,10 +129,12 @@ class SignalsSection(Section):
 
     time: Name
     time_unit: TimeUnit = "s"
+    coordinates: Side = "joint"
     position: Name | Names
     position_unit: (
         PositionUnit | Annotated[tuple[PositionUnit, ...], Field(strict=False)] | None
     ) = None
+    position_offset: Numbers | None = None
     velocity: Name | Names | None = None
     velocity_unit: (
         VelocityUnit | Annotated[tuple[VelocityUnit, ...], Field(strict=False)] | None

@@ -8,11 +8,10 @@ from math import pi
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from steelyard.arrays import Array, frozen
 from steelyard.errors import ModelError
-from steelyard.robot.robot import Coordinate
+from steelyard.robot.robot import Coordinate, Transmission
 
 if TYPE_CHECKING:
     from steelyard.robot.schema import EffortKind, EffortSection, SignalsSection
@@ -29,6 +28,7 @@ VELOCITY_UNITS = {
     "revolute": {"rad/s": 1.0, "deg/s": pi / 180.0, "rpm": pi / 30.0},
     "prismatic": {"m/s": 1.0, "mm/s": 1e-3},
 }
+MOTOR_KINDS = ("motor_current", "motor_torque")
 EFFORT_UNITS = {"A": ("A", 1.0), "mA": ("A", 1e-3), "Nm": ("Nm", 1.0), "N": ("N", 1.0)}
 
 
@@ -45,9 +45,16 @@ class Signals:
         velocity_scale: rad/s or m/s per logged unit, shape `(n,)`; `None` without velocities.
         effort: Effort columns.
         effort_scale: Base unit per logged unit, shape `(n,)`.
-        effort_kind: `motor_current`, `motor_torque` or `joint_torque`.
+        effort_kind: One of `schema.EffortKind`.
         effort_units: Base unit per joint: `A`, `Nm` or `N`.
-        gains: Joint torque [Nm; N on a prismatic joint] per base unit, shape `(n,)`.
+        gains: Joint torque [Nm; N on a prismatic joint] per base unit, shape `(n,)`; 1 where it is
+            unknown.
+        unknown_gains: Whether each gain is to be identified.
+        position_map: Logged positions and velocities to joints', shape `(n, n)`; `None` if they
+            are the joints' already.
+        position_offset: Joint positions where the log says zero, shape `(n,)` [rad; m].
+        effort_map: Logged efforts to joint efforts, shape `(n, n)`, behind which `effort_units`
+            and `gains` count; `None` if efforts stay as logged.
     """
 
     time: str
@@ -61,6 +68,10 @@ class Signals:
     effort_kind: EffortKind
     effort_units: tuple[str, ...]
     gains: Array
+    unknown_gains: tuple[bool, ...] = ()
+    position_map: Array | None = None
+    position_offset: Array | None = None
+    effort_map: Array | None = None
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -74,13 +85,23 @@ class Signals:
 
 
 def build_signals(
-    section: SignalsSection, coordinates: Sequence[Coordinate], locate: Locate
+    section: SignalsSection,
+    coordinates: Sequence[Coordinate],
+    locate: Locate,
+    gears: Transmission | None = None,
 ) -> Signals:
     """The signals a robot file declares, for the joints it identifies.
+
+    Args:
+        section: What the file says.
+        coordinates: The joints.
+        locate: Places in the file, for messages.
+        gears: Gears between motors and joints, for signals of the motors' side.
 
     Raises:
         ModelError: Columns, units or gains do not fit the joints.
     """
+    _check_sides(section, gears, locate)
     position = _columns(section.position, coordinates, locate("signals", "position"))
     effort = _columns(section.effort.columns, coordinates, locate("signals", "effort", "columns"))
     velocity, velocity_scale = None, None
@@ -97,6 +118,16 @@ def build_signals(
         )
     _check_distinct((section.time, *position, *(velocity or ()), *effort), locate("signals"))
     units, effort_scale = _effort_units(section.effort, coordinates, locate)
+    gains, unknown = _gains(section.effort, effort, units, coordinates, locate)
+    effort_map = None
+    if gears is not None and section.effort.side == "motor":
+        if gears.coupled:
+            effort_map = _coupled_map(gears, gains, unknown, locate)
+            units = tuple(c.effort_unit for c in coordinates)
+            gains = frozen(np.ones(len(coordinates)))
+        else:
+            gains = frozen(gains * np.diag(gears.matrix))
+    turned = gears is not None and section.coordinates == "motor"
     return Signals(
         section.time,
         TIME_UNITS[section.time_unit],
@@ -110,8 +141,59 @@ def build_signals(
         effort_scale,
         section.effort.kind,
         units,
-        _gains(section.effort, effort, units, coordinates, locate),
+        gains,
+        unknown,
+        frozen(np.linalg.inv(gears.matrix)) if gears is not None and turned else None,
+        _position_offset(section, coordinates, locate),
+        effort_map,
     )
+
+
+def _check_sides(section: SignalsSection, gears: Transmission | None, locate: Locate) -> None:
+    """Signals of the motors' side need a transmission."""
+    for side, keys in (
+        (section.coordinates, ("signals", "coordinates")),
+        (section.effort.side, ("signals", "effort", "side")),
+    ):
+        if side == "motor" and gears is None:
+            raise ModelError(
+                "signals are those of the motors, but the robot has no transmission",
+                where=locate(*keys),
+                mend="give [robot.transmission] ratios = [...], or a matrix",
+            )
+    if section.effort.side == "motor" and section.effort.kind not in MOTOR_KINDS:
+        raise ModelError(
+            f"an effort of kind '{section.effort.kind}' is not one of the motors",
+            where=locate("signals", "effort", "side"),
+            mend='use kind = "motor_torque" or "motor_current" with side = "motor"',
+        )
+
+
+def _coupled_map(
+    gears: Transmission, gains: Array, unknown: Sequence[bool], locate: Locate
+) -> Array:
+    r"""Joint efforts of logged ones behind coupled gears, $\tau = R^T \operatorname{diag}(k)\,y$."""
+    if any(unknown):
+        raise ModelError(
+            "gains behind coupled gears cannot be identified",
+            where=locate("signals", "effort", "gain"),
+            mend="give each motor's gain (its torque constant), or log joint torques",
+        )
+    return frozen(gears.matrix.T * gains)
+
+
+def _position_offset(
+    section: SignalsSection, coordinates: Sequence[Coordinate], locate: Locate
+) -> Array | None:
+    if section.position_offset is None:
+        return None
+    _check_count(
+        len(section.position_offset),
+        "offsets",
+        coordinates,
+        locate("signals", "position_offset"),
+    )
+    return frozen(section.position_offset)
 
 
 def expanded(pattern: str, coordinates: Sequence[Coordinate]) -> tuple[str, ...]:
@@ -194,7 +276,7 @@ def _effort_units(
     units = effort.unit if isinstance(effort.unit, tuple) else (effort.unit,) * len(coordinates)
     _check_count(len(units), "units", coordinates, where)
     for unit, coordinate in zip(units, coordinates, strict=True):
-        if effort.kind == "joint_torque" and unit != coordinate.effort_unit:
+        if effort.kind not in MOTOR_KINDS and unit != coordinate.effort_unit:
             raise ModelError(
                 f"unit '{unit}' does not fit the joint torque of '{coordinate.name}', "
                 f"which is {coordinate.kind}",
@@ -217,8 +299,10 @@ def _gains(
     units: Sequence[str],
     coordinates: Sequence[Coordinate],
     locate: Locate,
-) -> Array:
+) -> tuple[Array, tuple[bool, ...]]:
+    """Joint effort per base unit, 1 where it is to be identified; and where it is."""
     where = locate("signals", "effort", "gain")
+    n = len(coordinates)
     if effort.gain is None:
         for unit, column, coordinate in zip(units, columns, coordinates, strict=True):
             if unit == "A":
@@ -226,14 +310,14 @@ def _gains(
                     f"column '{column}' holds motor current, but joint '{coordinate.name}' "
                     "has no drive gain",
                     where=where,
-                    mend=f"give gain = [...] in {coordinate.effort_unit}/A per joint",
+                    mend=f"give gain = [...] in {coordinate.effort_unit}/A per joint, or "
+                    'gain = "identify" with a known payload',
                 )
-        return frozen(np.ones(len(coordinates)))
-    values: ArrayLike = effort.gain
-    if isinstance(effort.gain, float | int):
-        values = np.full(len(coordinates), float(effort.gain))
-    gains = frozen(values)
-    _check_count(len(gains), "gains", coordinates, where)
+        return frozen(np.ones(n)), (False,) * n
+    given = effort.gain if isinstance(effort.gain, tuple) else (effort.gain,) * n
+    _check_count(len(given), "gains", coordinates, where)
+    unknown = tuple(gain == "identify" for gain in given)
+    gains = frozen([1.0 if gain == "identify" else float(gain) for gain in given])
     if not np.all(gains):
         name = coordinates[int(np.argmin(np.abs(gains)))].name
         raise ModelError(
@@ -241,7 +325,7 @@ def _gains(
             where=where,
             mend="give the torque at the joint per logged unit; its sign may be negative",
         )
-    return gains
+    return gains, unknown
 
 
 def signals_to_dict(signals: Signals) -> dict[str, Any]:
@@ -257,7 +341,14 @@ def signals_from_dict(data: Mapping[str, Any]) -> Signals:
     fields = dict(data)
     for name in ("position", "velocity", "effort", "effort_units"):
         fields[name] = None if fields[name] is None else tuple(fields[name])
+    fields["unknown_gains"] = tuple(fields["unknown_gains"])
     n = len(fields["position"])
+    for name, shape in (
+        ("position_map", (n, n)),
+        ("position_offset", (n,)),
+        ("effort_map", (n, n)),
+    ):
+        fields[name] = None if fields[name] is None else frozen(fields[name], shape)
     for name in ("position_scale", "velocity_scale", "effort_scale", "gains"):
         fields[name] = None if fields[name] is None else frozen(fields[name], (n,))
         if fields[name] is not None and not (np.isfinite(fields[name]) & (fields[name] != 0)).all():
