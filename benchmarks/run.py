@@ -19,6 +19,7 @@ for pool in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "POLARS_MAX_THREADS"):
 
 import numpy as np  # noqa: E402
 import pinocchio as pin  # noqa: E402
+from genetic import comparison  # noqa: E402
 
 from steelyard.estimation.least_squares import (  # noqa: E402
     OrdinaryLeastSquares,
@@ -90,7 +91,9 @@ def regressor_rows(found: Regressor) -> list[Row]:
     count = 256
     q, dq, ddq, effort = motion(7, count)
     rows = np.empty((found.code.n_outputs, count + 8))
-    arguments = [v for x in (q, dq, ddq, np.empty((0, count)), effort) for v in (x.ctypes.data, count)]
+    arguments = [
+        v for x in (q, dq, ddq, np.empty((0, count)), effort) for v in (x.ctypes.data, count)
+    ]
     ours = best(lambda: found.code.raw(count, *arguments, rows.ctypes.data, count + 8), 300) / count
     model = pinocchio_model(found.model.robot)
     data = model.createData()
@@ -290,6 +293,7 @@ def main() -> int:
         *solution_rows(found, 5_000),
         *solution_rows(found, 100_000),
         *accuracy_rows(found),
+        *comparison(best, range(5)),
         *memory_rows(),
     ]
     for name, figure, bound, holds in rows:

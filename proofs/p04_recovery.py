@@ -14,7 +14,6 @@ from steelyard.excitation.random_fourier import random_fourier
 from steelyard.measurement import Recording, prepare
 from steelyard.measurement.recording import HeldLog
 from steelyard.model import Model
-from steelyard.parameters import Parameters
 from steelyard.regression.gather import gather
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot.dh import DHRow, dh_mechanism
@@ -23,9 +22,10 @@ from steelyard.robot.reduction import reduced
 from steelyard.robot.robot import Robot
 from steelyard.robot.robot_file import load_robot
 from steelyard.robot.signals import Signals
+from steelyard.virtual.invent import random_truth
 from steelyard.virtual.mujoco_model import build
 from steelyard.virtual.simulate import typical_torque
-from steelyard.virtual.truth import Truth, random_truth
+from steelyard.virtual.truth import Truth
 
 RATE, DRAWS = 250.0, 50
 ENCODER = 2.0 * np.pi / 2**20
@@ -55,14 +55,14 @@ def robots() -> list[Robot]:
     return [demo, *made]
 
 
-def log_of(robot: Robot, model: Model, truth: Truth, seed: int) -> Recording:
+def log_of(robot: Robot, truth: Truth, seed: int) -> Recording:
     """A log in memory: true torque along a random motion, with noise on both sides."""
     rng = np.random.default_rng(seed)
     trajectory = random_fourier(robot, seed=seed, period=10.0, periods=2)
     t = np.arange(0.0, trajectory.duration, 1.0 / RATE)
     motion = trajectory.sample(t)
-    torque = model.at(true_values(model, truth)).torque(motion)
-    scale = typical_torque(robot, build(robot, truth.inertial, truth.rotor_inertia))
+    torque = truth.model.at(truth.values).torque(motion)
+    scale = typical_torque(robot, build(robot, truth.inertial, truth.rotors))
     torque = torque + TORQUE_NOISE * scale * rng.standard_normal(torque.shape)
     noisy = motion.q + ENCODER * rng.standard_normal(motion.q.shape)
     q = ENCODER * np.round(noisy / ENCODER)
@@ -85,31 +85,16 @@ def log_of(robot: Robot, model: Model, truth: Truth, seed: int) -> Recording:
     return Recording(HeldLog(Path(f"draw{seed}"), ("t", *names), table), signals)
 
 
-def true_values(model: Model, truth: Truth) -> Parameters:
-    """The truth as standard parameters of the model."""
-    values = {
-        f"{number.split('.')[0]}.{number.split('.', 1)[1]}": value
-        for number, value in zip(model.names, truth.inertial.ravel(), strict=False)
-    }
-    for law in ("rotor_inertia", "coulomb", "viscous", "offset"):
-        for joint, value in zip(model.robot.joint_names, getattr(truth, law), strict=True):
-            values[f"{law}.{joint}"] = float(value)
-    return Parameters(model.names, model.units, [values[name] for name in model.names])
-
-
 def held(robot: Robot, draws: int = DRAWS) -> tuple[int, int]:
     """How many (parameter, draw) pairs lie in their interval, and how many there are."""
-    model = Model(robot)
-    regressor = base_regressor(model)
+    regressor = base_regressor(Model(robot))
     inside = total = 0
     for seed in range(draws):
         truth = random_truth(robot, seed)
-        run = prepare(log_of(robot, model, truth, seed))
+        run = prepare(log_of(robot, truth, seed))
         estimate = WeightedLeastSquares()(gather(regressor, run))
-        standard = true_values(model, truth).values
-        true = dict(
-            zip(regressor.base.base_names, regressor.base.base_values(standard), strict=True)
-        )
+        values = regressor.base.base_values(truth.values.values)
+        true = dict(zip(regressor.base.base_names, values, strict=True))
         wanted = np.array([true[name] for name in estimate.parameters.names])
         error = np.abs(estimate.parameters.values - wanted)
         inside += int(np.sum(error <= estimate.half_width))

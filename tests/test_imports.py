@@ -20,6 +20,7 @@ ORDER = (
     ("excitation",),
     ("estimation",),
     ("validation",),
+    ("application",),
     ("virtual",),
     ("report",),
     ("cli", "__main__"),

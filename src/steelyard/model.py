@@ -15,6 +15,7 @@ from steelyard.errors import DataError, ModelError
 from steelyard.kernel.closure import completed, projected
 from steelyard.kernel.compiled import Code, compiled
 from steelyard.kernel.dynamics import JointState, Scalar, inverse_dynamics
+from steelyard.kernel.loops import Follower, all_joints, open_loop
 from steelyard.kernel.program import Array as Input
 from steelyard.kernel.program import Program
 from steelyard.kernel.vector_ir import MAX_ANGLE
@@ -162,9 +163,7 @@ class Model:
             from steelyard.kernel.trace import symbolic
 
             inputs = (*self.inputs, Input("parameters", len(self.parameters), shared=True))
-            return symbolic(
-                lambda *x: self.torque_of(JointState(*x[:4]), x[4]), inputs
-            ), {}
+            return symbolic(lambda *x: self.torque_of(JointState(*x[:4]), x[4]), inputs), {}
 
         return compiled(["torque", self.program_key], build)
 
@@ -175,9 +174,13 @@ class Model:
         tree = robot.changed(coordinates=robot.joints, passive=(), loops=(), transmission=None)
         return Model(tree, (RigidBody(),))
 
-    def scan(self) -> "Scan":
-        """Begin to compute channels along a motion."""
-        return Scan(self)
+    def scan(self, drop: bool = False) -> "Scan":
+        """Begin to compute channels along a motion.
+
+        Args:
+            drop: Whether a loop that cannot close is passed over, see `Scan.closed`.
+        """
+        return Scan(self, drop)
 
     def at(self, values: Parameters) -> "ValuedModel":
         """The model with values; standard parameters that are not named are zero.
@@ -226,7 +229,8 @@ class ValuedModel:
             Shape `(N, n)` [Nm; N].
 
         Raises:
-            DataError: The motion has another number of joints, or turns beyond 1e5 rad.
+            DataError: The motion has another number of joints, turns beyond 1e5 rad, or opens a
+                loop.
         """
         if motion.n_joints != self.model.robot.n:
             raise DataError(
@@ -239,7 +243,7 @@ class ValuedModel:
         for start in range(0, len(motion), BLOCK):
             part = slice(start, start + BLOCK)
             q, dq, ddq = motion.q[part].T, motion.dq[part].T, motion.ddq[part].T
-            result[part] = self.block(q, dq, ddq, scan(q, dq, ddq)).T
+            result[part] = self.block(q, dq, ddq, scan(q, dq, ddq, motion.t[part])).T
         return result
 
     def block(self, q: Array, dq: Array, ddq: Array, channels: Array | None = None) -> Array:
@@ -264,30 +268,43 @@ class Scan:
 
     Attributes:
         model: The model.
+        closed: Whether the robot's loops closed at each sample of the last call, shape `(N,)`.
     """
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, model: Model, drop: bool = False) -> None:
         self.model = model
+        self.closed: NDArray[np.bool_] = np.ones(0, dtype=bool)
+        self._drop = drop
+        self._follower = Follower(model.robot) if model.robot.passive else None
         self._memories: list[Any] = [None] * len(model.terms)
         self._travel: Array | None = None
         self._last: Array | None = None
         warm = [t.warm_up(model.robot) for t in model.terms if isinstance(t, Remembering)]
         self._warm_up = np.max([np.zeros(model.robot.n_joints), *warm], axis=0)
 
-    def __call__(self, q: Array, dq: Array, ddq: Array) -> Array:
+    def __call__(self, q: Array, dq: Array, ddq: Array, t: Array | None = None) -> Array:
         """Channels of consecutive samples.
 
         Args:
-            q: Independent joints, shape `(n, N)`; likewise `dq` and `ddq`.
+            q: Independent joints, shape `(n, N)`.
+            dq: Their velocities.
+            ddq: Their accelerations.
+            t: Their times, for messages, shape `(N,)` [s].
 
         Returns:
-            Shape `(n_channels, N)`.
+            Shape `(n_channels, N)`; of a sample that is not closed, those of passive joints are
+            those of the sample before.
+
+        Raises:
+            DataError: A loop cannot close at a sample, and is not to be passed over.
         """
         model = self.model
-        if not model.n_channels:
-            return np.empty((0, q.shape[1]))
+        passive = self._passive(q, t)
+        if model.n_channels == len(passive):
+            return passive
+        q, dq, ddq = all_joints(model.robot, q, dq, ddq, passive)
         samples = Samples(q, dq, ddq, self._rigid_torque(q, dq, ddq))
-        found = []
+        found = [passive]
         for k, term in enumerate(model.terms):
             if isinstance(term, Remembering):
                 part, self._memories[k] = term.remember(model.robot, samples, self._memories[k])
@@ -309,6 +326,16 @@ class Scan:
         travelled = self._travel + np.cumsum(steps, axis=1)
         self._last, self._travel = q[:, -1:], travelled[:, -1:]
         return np.asarray(travelled >= self._warm_up[:n, None])
+
+    def _passive(self, q: Array, t: Array | None) -> Array:
+        """Positions of the passive joints, shape `(n_passive, N)`."""
+        if self._follower is None:
+            self.closed = np.ones(q.shape[1], dtype=bool)
+            return np.empty((0, q.shape[1]))
+        passive, self.closed = self._follower(q, stop=not self._drop)
+        if not self._drop and not self.closed.all():
+            raise open_loop(self._follower, q, self.closed, t)
+        return passive
 
     def _rigid_torque(self, q: Array, dq: Array, ddq: Array) -> Callable[[Array], Array]:
         bodies = self.model.bodies_only

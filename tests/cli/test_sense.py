@@ -72,6 +72,6 @@ gain = [10.0, -12.0, 8.0, 5.0, 5.0, 5.0]
     assert result["identification"][0]["mean_percent_moving"] < 3.0
     truth = json.loads((tmp_path / "sim" / "truth.json").read_text())
     found = {p["name"]: p for p in result["parameters"]}
-    for joint, values in truth["joints"].items():
-        got = found[f"viscous.{joint}"]
-        assert abs(got["value"] - values["viscous"]) < 6 * got["std"] + 0.05 * values["viscous"]
+    for joint in truth["smoothing"]:
+        got, true = found[f"viscous.{joint}"], truth["parameters"][f"viscous.{joint}"]["value"]
+        assert abs(got["value"] - true) < 6 * got["std"] + 0.05 * true

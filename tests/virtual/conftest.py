@@ -1,14 +1,22 @@
 """Robots for the tests of the virtual room."""
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
 
 from steelyard.arrays import frozen
+from steelyard.model import Model
+from steelyard.parameters import Parameters
 from steelyard.robot.geometry import turn
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.reduction import reduced
-from steelyard.robot.robot import Body, Coordinate, JointKind, Limits, Robot
+from steelyard.robot.robot import Body, Coordinate, JointKind, Limits, Loop, Robot
 from steelyard.robot.urdf import read_urdf
+from steelyard.terms.register import DEFAULT_TERMS, TERMS, term_of
+from steelyard.terms.rigid_body import RigidBody
+from steelyard.terms.term import Term
 from steelyard.virtual.truth import Truth
 
 
@@ -87,8 +95,99 @@ def pendulum() -> Robot:
     return Robot("pendulum", (bob,), (Coordinate("pivot", "revolute"),))
 
 
+MakeTruth = Callable[..., Truth]
+
+
 @pytest.fixture
-def pendulum_truth(pendulum: Robot) -> Truth:
+def make_truth() -> MakeTruth:
+    """A truth of a robot's nominal bodies, of terms, and of values by name; others are zero."""
+
+    def make(robot: Robot, *laws: Term, smoothing: float = 0.01, **values: float) -> Truth:
+        model = Model(robot, (RigidBody(), *laws))
+        bodies = [p.name for p in RigidBody().parameters(robot)]
+        known = dict.fromkeys(model.names, 0.0) | values
+        known |= dict(zip(bodies, robot.nominal.ravel(), strict=True))
+        parameters = Parameters(model.names, model.units, [known.pop(n) for n in model.names])
+        assert not known
+        return Truth(model, parameters, np.full(robot.n_joints, smoothing))
+
+    return make
+
+
+@pytest.fixture
+def pendulum_truth(pendulum: Robot, make_truth: MakeTruth) -> Truth:
     """The pendulum without any friction."""
-    zero = np.zeros(1)
-    return Truth(pendulum.nominal, zero, zero, zero, zero, np.array([0.01]))
+    return make_truth(pendulum, *DEFAULT_TERMS[1:])
+
+
+@pytest.fixture(scope="session")
+def four_bar() -> Robot:
+    """A crank, a coupler and a rocker of unequal lengths; gravity in the plane of motion."""
+
+    def bar(name: str, parent: int, position: tuple[float, float, float], joint: int) -> Body:
+        mass = Inertia.about_com(1.0 + 0.3 * joint, [0.2, 0.02, 0.0], np.diag([2e-3, 2e-2, 2e-2]))
+        axis = frozen([0.0, 0.0, 1.0])
+        where = frozen(position)
+        return Body(
+            name, f"{name}_joint", "revolute", parent, np.eye(3), where, axis, joint,
+            inertia=mass, known=True,
+        )  # fmt: skip
+
+    bodies = (
+        bar("crank", -1, (0.0, 0.0, 0.0), 0),
+        bar("coupler", 0, (0.4, 0.0, 0.0), 1),
+        bar("rocker", -1, (0.7, 0.0, 0.0), 2),
+    )
+    loop = Loop("pin", (1, 2), np.array([[0.5, 0.0, 0.0], [0.45, 0.0, 0.0]]))
+    limits = Limits(0.7, 1.5, 2.0)
+    return Robot(
+        "four_bar",
+        bodies,
+        (Coordinate("crank_joint", "revolute", limits),),
+        gravity=(0.0, -9.81, 0.0),
+        passive=(Coordinate("coupler_joint", "revolute"), Coordinate("rocker_joint", "revolute")),
+        loops=(loop,),
+        assembly=[1.2, -1.2, 1.2],
+    )
+
+
+@pytest.fixture(scope="session")
+def all_laws() -> Callable[[Robot], list[Term]]:
+    """Every term of the register but the bodies, with the fields that it needs for a robot."""
+
+    def of(robot: Robot) -> list[Term]:
+        joints, links = robot.joint_names, [b.name for b in robot.bodies]
+        pairs = [{"from": joints[0], "to": joints[1]}]
+        points = [[0.0, 0.0, 0.1], [0.0, 0.05, 0.2]]
+        given: dict[str, list[dict[str, Any]]] = {
+            "coulomb": [{}, {"threshold": 0.02}, {"smoothing": 0.05, "shape": "arctan"}],
+            "coupled": [{"pairs": pairs}, {"pairs": pairs, "kind": "coulomb"}],
+            "stribeck": [{}, {"exponent": 2, "smoothing": 0.05}],
+            "maxwell_slip": [{}, {"relaxing": True}],
+            "spring": [{}, {"free": "unknown"}],
+            "gravity_compensator": [{"links": [links[0], links[1]], "points": points}],
+        }
+        laws = [law for law in TERMS if law not in ("rigid_body", "rotor_inertia")]
+        return [
+            term_of({"law": law, **fields}, "test")
+            for law in laws
+            for fields in given.get(law, [{}])
+        ]
+
+    return of
+
+
+@pytest.fixture(scope="session")
+def leg() -> Robot:
+    """Two skew joints, quick to simulate."""
+    rng = np.random.default_rng(8)
+    limits = Limits(-1.5, 1.5, 3.0)
+    bodies = tuple(
+        Body(
+            name, f"{name}_joint", "revolute", k - 1, np.eye(3), np.array([0.3 * k, 0.0, 0.0]),
+            frozen(axis), k, inertia=inertia(rng, 3.0 - k), known=True,
+        )
+        for k, (name, axis) in enumerate((("thigh", [0.0, 1.0, 0.0]), ("shank", [0.0, 0.6, 0.8])))
+    )  # fmt: skip
+    joints = tuple(Coordinate(body.joint, "revolute", limits) for body in bodies)
+    return Robot("leg", bodies, joints)

@@ -12,7 +12,7 @@ from steelyard.robot.inertia import Inertia
 from steelyard.robot.reduction import reduced
 from steelyard.robot.robot import Body, Coordinate, Robot
 from steelyard.robot.urdf import read_urdf
-from steelyard.virtual.mujoco_model import build, inverse_dynamics, mass_matrices
+from steelyard.virtual.mujoco_model import Rotor, build, inverse_dynamics, mass_matrices
 
 MODELS = (
     "panda_description/urdf/panda.urdf",
@@ -60,10 +60,27 @@ def test_published_robots_equal_pinocchio(name: str) -> None:
 
 def test_rotor_inertia_adds_its_torque(tree: Robot) -> None:
     q, dq, ddq = states(tree.n, 3)
-    rotors = np.array([0.2, 3.0, 0.05, 0.4])
+    inertias = np.array([0.2, 3.0, 0.05, 0.4])
+    rotors = [Rotor(tuple(row), x) for row, x in zip(np.eye(4), inertias, strict=True)]
     bare = inverse_dynamics(build(tree), q, dq, ddq)
-    geared = inverse_dynamics(build(tree, rotor_inertia=rotors), q, dq, ddq)
-    np.testing.assert_allclose(geared - bare, rotors * ddq, atol=1e-9)
+    geared = inverse_dynamics(build(tree, rotors=rotors), q, dq, ddq)
+    np.testing.assert_allclose(geared - bare, inertias * ddq, atol=1e-9)
+
+
+def test_a_rotor_couples_the_joints_it_turns_with(arm: Robot) -> None:
+    q, dq, ddq = states(arm.n, 3)
+    rows = np.array([[0, 0, 0, 0, 50.0, 50.0], [0, 2.0, -1.5, 0, 0, 0.5], [3.0, 0, 0, 0, 0, 0]])
+    inertias = [4e-4, 0.3, 0.1]
+    rotors = [Rotor(tuple(row), x) for row, x in zip(rows, inertias, strict=True)]
+    bare = inverse_dynamics(build(arm), q, dq, ddq)
+    geared = inverse_dynamics(build(arm, rotors=rotors), q, dq, ddq)
+    wanted = ddq @ sum(x * np.outer(row, row) for row, x in zip(rows, inertias, strict=True))
+    np.testing.assert_allclose(geared - bare, wanted, atol=1e-9)
+
+
+def test_a_rotor_between_branches_is_refused(tree: Robot) -> None:
+    with pytest.raises(ModelError, match="'left_joint' and 'right_joint' of different branches"):
+        build(tree, rotors=[Rotor((0.0, 0.0, 1.0, 1.0), 0.1)])
 
 
 def test_given_inertias_replace_the_nominal_ones(arm: Robot) -> None:

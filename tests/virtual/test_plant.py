@@ -9,13 +9,18 @@ from steelyard.errors import ModelError
 from steelyard.motion import Plant
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.robot import Robot
+from steelyard.terms.offset import Offset
+from steelyard.terms.rigid_body import RigidBody
+from steelyard.terms.rotor_inertia import RotorInertia
+from steelyard.virtual.invent import random_truth
 from steelyard.virtual.mujoco_model import mass_matrices
 from steelyard.virtual.plant import MujocoPlant
-from steelyard.virtual.truth import Truth, random_truth
+from steelyard.virtual.truth import Truth
 
 
-def test_pendulum_swings_as_its_equation_says(pendulum: Robot) -> None:
-    truth = Truth(pendulum.nominal, *np.array([[0.05], [0.2], [0.1], [0.03], [0.01]]))
+def test_pendulum_swings_as_its_equation_says(pendulum: Robot, pendulum_truth: Truth) -> None:
+    values = {"rotor_inertia": 0.05, "coulomb": 0.2, "viscous": 0.1, "offset": 0.03}
+    truth = pendulum_truth.changed(**{f"{law}.pivot": x for law, x in values.items()})
     plant: Plant = MujocoPlant(pendulum, truth)
     assert isinstance(plant, MujocoPlant)
     plant.place([0.8])
@@ -32,7 +37,7 @@ def test_pendulum_swings_as_its_equation_says(pendulum: Robot) -> None:
 
 
 def test_first_acceleration_of_a_tree_is_pinocchios(tree: Robot) -> None:
-    truth = replace(random_truth(tree, 1), coulomb=np.zeros(4), viscous=np.zeros(4))
+    truth = random_truth(tree, 1, terms=(RigidBody(), RotorInertia(), Offset()))
     plant, rng = MujocoPlant(tree, truth), np.random.default_rng(2)
     q0, tau = 0.5 * rng.standard_normal(4), rng.standard_normal(4)
     plant.place(q0)
@@ -43,7 +48,11 @@ def test_first_acceleration_of_a_tree_is_pinocchios(tree: Robot) -> None:
         for b, t in zip(tree.bodies, truth.inertial, strict=True)
     )
     real = Robot("real", bodies, tree.coordinates, tree.gravity)
-    want = pinocchio_torque(real, q0, np.zeros(4), ddq) + truth.rotor_inertia * ddq + truth.offset
+    rotor, offset = (
+        np.array([truth.values[f"{law}.{joint}"] for joint in tree.joint_names])
+        for law in ("rotor_inertia", "offset")
+    )
+    want = pinocchio_torque(real, q0, np.zeros(4), ddq) + rotor * ddq + offset
     np.testing.assert_allclose(tau, want, atol=2e-4 * np.abs(want).max())
 
 
@@ -59,14 +68,14 @@ def test_mimic_bodies_follow(tree: Robot) -> None:
 
 
 def test_stiff_friction_gets_a_finer_step(pendulum: Robot, pendulum_truth: Truth) -> None:
-    plant = MujocoPlant(pendulum, replace(pendulum_truth, coulomb=np.array([25.0])))
+    plant = MujocoPlant(pendulum, pendulum_truth.changed(**{"coulomb.pivot": 25.0}))
     assert plant.timestep == pytest.approx(6.25e-5)
     plant.place([0.1])
     for _ in range(500):
         _, dq = plant.step(np.zeros(1), 1e-3)
     assert abs(dq[0]) < 1e-3
     with pytest.raises(ModelError, match="too stiff"):
-        MujocoPlant(pendulum, replace(pendulum_truth, coulomb=np.array([2500.0])))
+        MujocoPlant(pendulum, pendulum_truth.changed(**{"coulomb.pivot": 2500.0}))
 
 
 def test_step_must_be_a_multiple(pendulum: Robot, pendulum_truth: Truth) -> None:
@@ -81,8 +90,9 @@ def test_truth_of_another_robot_is_refused(arm: Robot, pendulum_truth: Truth) ->
 
 
 def test_joint_without_inertia_is_refused(pendulum: Robot, pendulum_truth: Truth) -> None:
+    bodies = [name for name in pendulum_truth.values.names if name.endswith(".bob")]
     with pytest.raises(ModelError, match="'pivot' moves next to no inertia"):
-        MujocoPlant(pendulum, replace(pendulum_truth, inertial=np.zeros((1, 10))))
+        MujocoPlant(pendulum, pendulum_truth.changed(**dict.fromkeys(bodies, 0.0)))
 
 
 def test_placing_does_not_disturb_the_model(arm: Robot) -> None:

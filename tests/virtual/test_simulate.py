@@ -12,8 +12,9 @@ from steelyard.progress import Event, Stopped
 from steelyard.robot.robot import Robot
 from steelyard.robot.robot_file import load_robot
 from steelyard.virtual.demo import demo_runs
+from steelyard.virtual.invent import random_truth
 from steelyard.virtual.simulate import customary_sensors, simulate
-from steelyard.virtual.truth import Truth, random_truth
+from steelyard.virtual.truth import Truth
 
 
 def interrupted(event: Event) -> bool:
@@ -96,9 +97,12 @@ def test_demo_keeps_its_truth_out_of_the_robot_file(tmp_path: Path) -> None:
     files = demo_runs(tmp_path / "demo", period=1.0)
     nominal = load_robot(files.robot).robot.nominal
     text = files.robot.read_text() + files.robot.with_suffix(".urdf").read_text()
-    for link in json.loads(files.truth.read_text())["links"].values():
-        assert f"{link['m']:.6g}" not in text
-        assert not np.any(np.isclose(nominal[:, 0], link["m"], rtol=1e-9))
+    parameters = json.loads(files.truth.read_text())["parameters"]
+    masses = [p["value"] for name, p in parameters.items() if name.startswith("m.")]
+    assert len(masses) == len(nominal)
+    for mass in masses:
+        assert f"{mass:.6g}" not in text
+        assert not np.any(np.isclose(nominal[:, 0], mass, rtol=1e-9))
 
 
 def test_demo_motions_stay_clear_of_the_limits(tmp_path: Path) -> None:

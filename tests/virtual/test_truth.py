@@ -1,21 +1,32 @@
 import json
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from steelyard.errors import ModelError
+from steelyard.model import Model
 from steelyard.robot.inertia import Inertia
-from steelyard.robot.robot import Robot
+from steelyard.robot.robot import Robot, Transmission
+from steelyard.terms.coulomb import Coulomb
+from steelyard.terms.find import Find
+from steelyard.terms.load_dependent import LoadDependent
+from steelyard.terms.presliding import Dahl, LuGre
+from steelyard.terms.rigid_body import RigidBody
+from steelyard.terms.rotor_inertia import RotorInertia
+from steelyard.terms.spring import Spring
+from steelyard.terms.viscous import Viscous
+from steelyard.virtual.invent import random_truth
 from steelyard.virtual.plant import MujocoPlant
-from steelyard.virtual.truth import Truth, random_truth
-
-FIELDS = ("inertial", "rotor_inertia", "coulomb", "viscous", "offset", "smoothing")
+from steelyard.virtual.scales import scales_of
+from steelyard.virtual.truth import Truth
 
 
 def test_same_seed_same_truth(arm: Robot) -> None:
     one, same, other = (random_truth(arm, seed) for seed in (1, 1, 2))
-    for name in FIELDS:
-        np.testing.assert_array_equal(getattr(one, name), getattr(same, name))
+    np.testing.assert_array_equal(one.values.values, same.values.values)
+    np.testing.assert_array_equal(one.smoothing, same.smoothing)
     assert np.abs(one.inertial / other.inertial - 1.0).max() > 0.05
 
 
@@ -50,20 +61,37 @@ def test_known_massless_links_stay_massless(arm: Robot) -> None:
 
 
 def test_json_round_trip_is_exact_and_named(tree: Robot) -> None:
-    truth = random_truth(tree, 3)
-    values = json.loads(json.dumps(truth.to_dict(tree)))
-    back = Truth.from_dict(values, tree)
-    for name in FIELDS:
-        np.testing.assert_array_equal(getattr(back, name), getattr(truth, name))
-    assert values["links"]["lift"]["m"] == truth.inertial[1, 0]
-    assert values["joints"]["d"]["viscous"] == truth.viscous[3]
+    terms = (RigidBody(), Dahl(length=(1e-3, 2e-3, 3e-3, 4e-3)), LoadDependent(), Spring())
+    truth = random_truth(tree, 3, terms=terms)
+    data = json.loads(json.dumps(truth.to_dict()))
+    back = Truth.from_dict(data, tree)
+    assert back.model.terms == truth.model.terms
+    np.testing.assert_array_equal(back.values.values, truth.values.values)
+    np.testing.assert_array_equal(back.smoothing, truth.smoothing)
+    assert data["parameters"]["m.lift"] == {"value": truth.inertial[1, 0], "unit": "kg"}
+    assert data["parameters"]["dahl.b"] == {"value": truth.values["dahl.b"], "unit": "N"}
+    assert data["smoothing"]["d"] == truth.smoothing[3]
 
 
-def test_friction_law() -> None:
-    truth = Truth(np.zeros((1, 10)), [0.1, 0.1], [2.0, 1.0], [0.5, 0.0], [0.3, -0.3], [0.01, 0.02])
-    np.testing.assert_allclose(truth.friction(np.array([1.0, -1.0])), [2.8, -1.3])
-    np.testing.assert_allclose(truth.friction(np.zeros(2)), [0.3, -0.3])
-    np.testing.assert_allclose(truth.friction(np.array([0.01, 0.0]))[0], 2 * np.tanh(1) + 0.305)
+def test_truths_of_others_are_refused(tree: Robot, arm: Robot) -> None:
+    data = random_truth(tree, 3).to_dict()
+    with pytest.raises(ModelError, match="schema 'steelyard-truth/1' instead of") as caught:
+        Truth.from_dict({**data, "schema": "steelyard-truth/1"}, tree)
+    assert "this version" in caught.value.mend
+    with pytest.raises(ModelError, match="not those of robot 'steelyard_demo_arm'|not those of"):
+        Truth.from_dict(data, arm)
+
+
+def test_values_out_of_range_are_refused(arm: Robot) -> None:
+    truth = random_truth(arm, 0)
+    for name in ("rotor_inertia.elbow", "coulomb.elbow", "viscous.elbow", "m.hand"):
+        with pytest.raises(ModelError, match=f"'{name}' is -1, which is out of its range"):
+            truth.changed(**{name: -1.0})
+    assert truth.changed(**{"offset.elbow": -1.0}).values["offset.elbow"] == -1.0
+    with pytest.raises(ModelError, match="smoothing speed is not positive"):
+        replace(truth, smoothing=np.zeros(arm.n))
+    with pytest.raises(ModelError, match="has no bodies"):
+        random_truth(arm, 0, terms=(Viscous(),))
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -72,14 +100,51 @@ def test_drawn_truths_run_at_the_default_step(arm: Robot, tree: Robot, seed: int
         assert MujocoPlant(robot, random_truth(robot, seed)).timestep >= 1.25e-4
 
 
-@pytest.mark.parametrize("field", ["rotor_inertia", "coulomb", "viscous"])
-def test_negative_values_are_refused(arm: Robot, field: str) -> None:
-    truth = random_truth(arm, 0)
-    with pytest.raises(ValueError, match=f"{field} is negative"):
-        replace(truth, **{field: -getattr(truth, field)})
+def test_every_law_is_drawn_in_proportion_to_the_torque(arm: Robot, all_laws: Callable) -> None:
+    for law in all_laws(arm):
+        truth = random_truth(arm, 2, terms=(RigidBody(), law))
+        drawn = truth.law_values
+        assert np.all(np.isfinite(drawn)) and np.all(drawn != 0.0), law
+        other = random_truth(arm, 3, terms=(RigidBody(), law)).law_values
+        assert np.all(drawn != other)
 
 
-def test_smoothing_must_be_positive(arm: Robot) -> None:
-    truth = random_truth(arm, 0)
-    with pytest.raises(ValueError, match="smoothing"):
-        replace(truth, smoothing=np.zeros(arm.n))
+def test_rotors_of_motors_are_drawn_for_their_gears(arm: Robot) -> None:
+    gears = np.diag([100.0, 100.0, 100.0, 50.0, 50.0, 50.0])
+    gears[5, 4] = 50.0
+    motors = tuple(f"m{k}" for k in range(1, 7))
+    geared = arm.changed(transmission=Transmission(motors, gears))
+    truth = random_truth(geared, 0, terms=(RigidBody(), RotorInertia(motors=motors)))
+    plain = random_truth(arm, 0, terms=(RigidBody(), RotorInertia()))
+    assert truth.rotors[5].row == (0.0, 0.0, 0.0, 0.0, 50.0, 50.0)
+    felt = [r.inertia * max(r.row) ** 2 for r in truth.rotors]
+    np.testing.assert_allclose(felt[:5], [r.inertia for r in plain.rotors][:5])
+
+
+def test_open_fields_are_drawn_and_loads_are_the_true_ones(arm: Robot) -> None:
+    terms = (RigidBody(), Dahl(length=Find(1e-4, 1e-2)), LoadDependent(joints=("elbow",)))
+    truth = random_truth(arm, 4, terms=terms)
+    dahl, load = truth.laws
+    assert isinstance(dahl, Dahl) and isinstance(load, LoadDependent)
+    assert 1e-4 < dahl.length < 1e-2
+    np.testing.assert_array_equal(load.reference_of(arm), truth.inertial.ravel())
+
+
+def test_bristles_are_damped_below_twice_critical(arm: Robot) -> None:
+    terms = (RigidBody(), LuGre(length=1e-3), Viscous())
+    truth = random_truth(arm, 0, terms=terms)
+    friction, damping = (
+        np.array([truth.values[f"{law}.{joint}"] for joint in arm.joint_names])
+        for law in ("lugre", "lugre_damping")
+    )
+    inertia = scales_of(arm, truth.inertial).inertia
+    ratio = damping / (2.0 * np.sqrt(friction * 1e-3 * inertia))
+    assert np.all((ratio > 0.15) & (ratio < 1.5))
+
+
+def test_smoothing_grows_where_friction_is_stiff(arm: Robot) -> None:
+    terms = (RigidBody(), Coulomb())
+    bare = random_truth(arm, 0, terms=terms)
+    assert bare.smoothing.min() == 0.005 and bare.smoothing.max() > 0.03
+    assert MujocoPlant(arm, bare).timestep == 1.25e-4
+    assert Model(arm, terms).names == bare.values.names

@@ -12,10 +12,11 @@ from steelyard.motion import Plant, Rig
 from steelyard.progress import Event, Stopped
 from steelyard.robot.robot import Robot
 from steelyard.virtual.controller import tuned_pd
+from steelyard.virtual.invent import random_truth
 from steelyard.virtual.mujoco_model import build, inverse_dynamics
 from steelyard.virtual.robot import VirtualRobot
 from steelyard.virtual.sensors import Sensors, TrueRun
-from steelyard.virtual.truth import Truth, random_truth
+from steelyard.virtual.truth import Truth
 
 
 def motion_of(robot: Robot, period: float = 4.0) -> FourierMotion:
@@ -26,8 +27,13 @@ def oracle_torque(robot: Robot, truth: Truth, run: TrueRun, shift: float = 0.0) 
     """Torque of the truth for the positions of a run, differentiated by a spline."""
     spline = CubicSpline(run.t, run.q)
     q, dq, ddq = (spline(run.t + shift, order) for order in range(3))
-    model = build(robot, truth.inertial, truth.rotor_inertia)
-    return inverse_dynamics(model, q, dq, ddq) + truth.friction(dq)
+    value = {
+        law: np.array([truth.values[f"{law}.{joint}"] for joint in robot.joint_names])
+        for law in ("coulomb", "viscous", "offset")
+    }
+    friction = value["coulomb"] * np.tanh(dq / truth.smoothing) + value["viscous"] * dq
+    model = build(robot, truth.inertial, truth.rotors)
+    return inverse_dynamics(model, q, dq, ddq) + friction + value["offset"]
 
 
 @pytest.mark.parametrize("name", ["arm", "tree"])

@@ -7,6 +7,7 @@ import typer
 from steelyard.cli.demo import demo
 from steelyard.cli.identify import identify
 from steelyard.cli.init import init
+from steelyard.cli.payload import payload
 from steelyard.cli.simulate import simulate
 from steelyard.cli.validate import validate
 
@@ -19,10 +20,10 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for command in (init, identify, validate, simulate, demo):
+for command in (init, identify, validate, payload, simulate, demo):
     app.command()(command)
 
-MANY = ("--validate",)
+MANY = ("--validate", "--unloaded")
 """Options that take all that follows up to the next option."""
 
 

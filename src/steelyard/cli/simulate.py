@@ -23,13 +23,27 @@ def simulate(
     noise: Annotated[
         float, typer.Option(min=0.0, help="Sensor noise, as a factor on that of a usual arm.")
     ] = 1.0,
+    payload_mass: Annotated[
+        float | None,
+        typer.Option(min=1e-3, help="Carry a steel ball of this mass [kg]."),
+    ] = None,
+    payload_frame: Annotated[
+        str | None, typer.Option(help="Frame that it hangs on; the last link's, if not named.")
+    ] = None,
+    attach: Annotated[
+        float, typer.Option(min=0.0, help="When it is taken [s], from the start of the log.")
+    ] = 0.0,
+    release: Annotated[
+        float, typer.Option(min=0.0, help="When it is let go [s]; not at all, if not given.")
+    ] = float("inf"),
     seed: Seed = 0,
     output: Output = None,
     as_json: Json = False,
 ) -> None:
     """Simulate a robot with invented true parameters near its nominal ones.
 
-    Writes log.parquet, trajectory.json and, in a file of its own, truth.json.
+    Its causes of torque are those of the robot file's [model] terms. Writes log.parquet,
+    trajectory.json and, in a file of its own, truth.json.
 
     Example: steelyard simulate panda.urdf --seed 1 -o panda-run1
     """
@@ -39,9 +53,10 @@ def simulate(
     from steelyard.excitation.random_fourier import random_fourier
     from steelyard.files import whole_folder
     from steelyard.robot.robot_file import load_robot
+    from steelyard.virtual.invent import random_truth
+    from steelyard.virtual.payload import Payload
     from steelyard.virtual.simulate import customary_sensors
     from steelyard.virtual.simulate import simulate as run
-    from steelyard.virtual.truth import random_truth
 
     loaded = load_robot(robot)
     folder = river.new_folder(output, f"steelyard-{Path(robot).stem}-simulated")
@@ -50,8 +65,14 @@ def simulate(
         if motion is None
         else read_motion(motion, loaded.robot)
     )
-    truth = random_truth(loaded.robot, seed)
+    truth = random_truth(loaded.robot, seed, terms=river.model_of(loaded).terms)
     sensors = customary_sensors(loaded.robot, truth, noise)
+    if loaded.signals is not None and any(loaded.signals.unknown_gains):
+        sensors = sensors.with_random_gains(loaded.robot.n, seed)
+    load = None
+    if payload_mass is not None:
+        frame = loaded.robot.frames[-1].name if payload_frame is None else payload_frame
+        load = Payload.ball(payload_mass, frame, attach, release)
     with progress_bar() as progress, whole_folder(folder) as part:
         files = run(
             loaded.robot,
@@ -61,6 +82,7 @@ def simulate(
             part,
             seed=seed,
             signals=loaded.signals,
+            payload=load,
             progress=progress,
         )
         interrupt.too_late()

@@ -1,6 +1,6 @@
 """What an estimator returns: named numbers, their uncertainty, and what the data did not see."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,6 +8,10 @@ import numpy as np
 
 from steelyard.arrays import Array, frozen
 from steelyard.parameters import Parameters
+from steelyard.regression.information import Information
+
+Estimator = Callable[[Information], "Estimate"]
+"""From information to parameters."""
 
 Z95 = 1.959963984540054
 """Half-width of a 95 % interval in standard deviations."""
@@ -27,6 +31,21 @@ class Blind:
 
 
 @dataclass(frozen=True, eq=False)
+class OfRun:
+    """Parameters that one run has for itself.
+
+    Attributes:
+        run: The run.
+        parameters: Their values.
+        std: Their standard deviations, shape `(l,)`.
+    """
+
+    run: str
+    parameters: Parameters
+    std: Array
+
+
+@dataclass(frozen=True, eq=False)
 class Estimate:
     """Estimated base parameters.
 
@@ -39,6 +58,8 @@ class Estimate:
         n_samples: Filtered samples per effort row, shape `(rows,)`.
         condition: Condition number of the whitened regressor, columns as they are.
         condition_normalised: The same with columns scaled to unit length.
+        per_run: Parameters of single runs; `parameters` then holds what a new run is to be
+            expected to have, their mean, with the variance between runs.
     """
 
     estimator: str
@@ -49,6 +70,7 @@ class Estimate:
     n_samples: Array
     condition: float
     condition_normalised: float
+    per_run: tuple[OfRun, ...] = ()
 
     @property
     def std(self) -> Array:
@@ -73,6 +95,16 @@ class Estimate:
             "n_samples": self.n_samples.tolist(),
             "condition": self.condition,
             "condition_normalised": self.condition_normalised,
+            "per_run": [
+                {
+                    "run": own.run,
+                    "names": list(own.parameters.names),
+                    "units": list(own.parameters.units),
+                    "values": own.parameters.values.tolist(),
+                    "std": own.std.tolist(),
+                }
+                for own in self.per_run
+            ],
         }
 
     @classmethod
@@ -92,4 +124,12 @@ class Estimate:
             n_samples=frozen(data["n_samples"]),
             condition=data["condition"],
             condition_normalised=data["condition_normalised"],
+            per_run=tuple(
+                OfRun(
+                    own["run"],
+                    Parameters(own["names"], own["units"], own["values"]),
+                    frozen(own["std"]),
+                )
+                for own in data["per_run"]
+            ),
         )

@@ -11,7 +11,8 @@ import numpy as np
 
 from steelyard.arrays import Array, frozen
 from steelyard.errors import DataError
-from steelyard.estimation.estimate import Blind, Estimate
+from steelyard.estimation.estimate import Blind, Estimate, OfRun
+from steelyard.estimation.per_run import Eliminated, Runs
 from steelyard.parameters import Parameters
 from steelyard.regression.information import Information
 
@@ -24,17 +25,23 @@ TIED = 1e-3
 
 @dataclass(frozen=True)
 class OrdinaryLeastSquares:
-    """All rows weigh the same, whatever their noise."""
+    """All rows weigh the same, whatever their noise.
+
+    Attributes:
+        per_run: Columns whose parameters every run has for itself.
+    """
+
+    per_run: tuple[str, ...] = ()
 
     def __call__(self, information: Information) -> Estimate:
         """Estimate all columns that the data see."""
+        data = Runs.of(information, self.per_run)
         ones = np.ones(len(information.layout.rows))
-        solution = _solve(information, ones)
-        variances = _variances(information, solution, ones)
-        meat, _, _ = information.normal(variances)
-        meat = meat[np.ix_(solution.kept, solution.kept)]
+        solution = _solve(data, ones)
+        variances = _variances(data, solution, ones)
+        meat = _meat(data, solution, ones, variances)
         covariance = solution.inverse @ meat @ solution.inverse
-        return _estimate("ordinary least squares", information, solution, variances, covariance)
+        return _estimate("ordinary least squares", data, solution, variances, covariance)
 
 
 @dataclass(frozen=True)
@@ -44,45 +51,63 @@ class WeightedLeastSquares:
     Attributes:
         rounds: Most iterations of the weights.
         tolerance: Relative change of the weights at which they are settled.
+        per_run: Columns whose parameters every run has for itself.
     """
 
     rounds: int = 50
     tolerance: float = 1e-6
+    per_run: tuple[str, ...] = ()
 
     def __call__(self, information: Information) -> Estimate:
         """Estimate all columns that the data see."""
+        data = Runs.of(information, self.per_run)
         energy = information.effort_squares() / np.maximum(information.n_samples, 1.0)
         variances = np.where(energy > 0.0, energy, 1.0)
         for _ in range(self.rounds):
             weights = 1.0 / variances
-            solution = _solve(information, weights)
-            settled = _variances(information, solution, weights)
+            solution = _solve(data, weights)
+            settled = _variances(data, solution, weights)
             change = np.abs(settled / variances - 1.0).max()
             variances = settled
             if change < self.tolerance:
                 break
-        covariance = solution.inverse
-        return _estimate("weighted least squares", information, solution, variances, covariance)
+        return _estimate(
+            "weighted least squares", data, solution, variances, solution.inverse
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class _Solution:
-    """Values of all columns (unseen ones zero), those kept, and the inverse Gram of these."""
+    """Values of all columns (unseen ones zero), those kept, and the inverse Gram of these.
+
+    Attributes:
+        values: Shared columns, shape `(p,)`; columns of single runs are zero here.
+        kept: Shared columns that the data see.
+        inverse: Inverse of the normal matrix of `kept`.
+        locals: Per run the values of its own columns, their inverse normal matrix and the map
+            from shared columns to them; see `Runs`.
+        blind: What is not seen.
+        singular: Eigenvalues of the normal matrix, as it is and with columns of unit length.
+    """
 
     values: Array
     kept: list[int]
     inverse: Array
+    locals: tuple[Eliminated, ...]
     blind: tuple[Blind, ...]
     singular: Array
     singular_normalised: Array
 
 
-def _solve(information: Information, weights: Array) -> _Solution:
-    matrix, vector, _ = information.normal(weights)
-    lengths = np.sqrt(np.diag(matrix))
+def _solve(data: Runs, weights: Array) -> _Solution:
+    information = data.whole
+    matrix, vector, eliminated = data.normal(weights)
+    lengths = np.sqrt(np.maximum(np.diag(matrix), 0.0))
     scale = np.where(lengths > 1e-12 * lengths.max(initial=1e-300), lengths, np.inf)
+    scale[list(data.local)] = np.inf
     unit = matrix / scale[:, None] / scale
     kept, blind = _visible(unit, np.isfinite(scale), information.layout.columns)
+    blind = tuple(b for b in blind if b.name not in data.local_names)
     if not kept:
         raise DataError(
             "the data show none of the model's parameters",
@@ -99,6 +124,7 @@ def _solve(information: Information, weights: Array) -> _Solution:
         values,
         kept,
         inverse / scale[:, None] / scale,
+        tuple(part.solved(values) for part in eliminated),
         blind,
         frozen(np.linalg.eigvalsh(matrix[np.ix_(kept, kept)])),
         frozen(np.linalg.eigvalsh(reduced)),
@@ -140,41 +166,100 @@ def _all_new(unit: Array) -> bool:
         return False
 
 
-def _variances(information: Information, solution: _Solution, weights: Array) -> Array:
+def _variances(data: Runs, solution: _Solution, weights: Array) -> Array:
     """Residual variance per row; a fit takes from each row the degrees of freedom it used there."""
-    squares = information.residual_squares(solution.values)
-    counts = information.n_samples
-    position = {column: k for k, column in enumerate(solution.kept)}
-    variances = np.empty(len(squares))
-    for row, seen in enumerate(information.layout.sees):
-        mine = [k for k, column in enumerate(seen) if column in position]
-        place = [position[seen[k]] for k in mine]
-        gram = information.row_gram(row)[np.ix_(mine, mine)]
-        used = weights[row] * np.sum(gram * solution.inverse[np.ix_(place, place)])
-        freedom = max(counts[row] - used, 1.0)
-        variances[row] = squares[row] / freedom
-    floor = 1e-24 * max(float(information.effort_squares().max()), 1e-300)
+    layout, counts = data.whole.layout, data.whole.n_samples
+    squares, used = np.zeros(len(layout.rows)), np.zeros(len(layout.rows))
+    for run, own in zip(data.runs, solution.locals, strict=True):
+        values = solution.values.copy()
+        values[list(own.columns)] = own.values
+        columns, covariance = own.joined(solution.kept, solution.inverse)
+        position = {column: k for k, column in enumerate(columns)}
+        squares += run.residual_squares(values)
+        for row, seen in enumerate(layout.sees):
+            mine = [k for k, column in enumerate(seen) if column in position]
+            place = [position[seen[k]] for k in mine]
+            gram = run.row_gram(row)[np.ix_(mine, mine)]
+            used[row] += weights[row] * np.sum(gram * covariance[np.ix_(place, place)])
+    variances = squares / np.maximum(counts - used, 1.0)
+    floor = 1e-24 * max(float(data.whole.effort_squares().max()), 1e-300)
     return np.maximum(variances, floor)
 
 
+def _meat(data: Runs, solution: _Solution, weights: Array, variances: Array) -> Array:
+    """What noise of these variances adds to the normal equations that `weights` made."""
+    total = np.zeros((len(solution.kept), len(solution.kept)))
+    for run, own in zip(data.runs, solution.locals, strict=True):
+        matrix, _, _ = run.normal(weights**2 * variances)
+        shared = np.zeros((len(matrix), len(solution.kept)))
+        shared[solution.kept, range(len(solution.kept))] = 1.0
+        shared[list(own.columns)] = own.slopes[:, solution.kept]
+        total += shared.T @ matrix @ shared
+    return total
+
+
 def _estimate(
-    name: str, information: Information, solution: _Solution, variances: Array, covariance: Array
+    name: str, data: Runs, solution: _Solution, variances: Array, covariance: Array
 ) -> Estimate:
-    layout = information.layout
+    layout, kept = data.whole.layout, solution.kept
+    values, covariance, own = _with_locals(data, solution, (covariance + covariance.T) / 2.0)
+    columns = [*kept, *own]
+    order = np.argsort(columns)
+    chosen = [columns[k] for k in order]
     return Estimate(
         estimator=name,
         parameters=Parameters(
-            [layout.columns[k] for k in solution.kept],
-            [layout.units[k] for k in solution.kept],
-            solution.values[solution.kept],
+            [layout.columns[k] for k in chosen],
+            [layout.units[k] for k in chosen],
+            values[order],
         ),
-        covariance=frozen((covariance + covariance.T) / 2.0),
+        covariance=frozen(covariance[np.ix_(order, order)]),
         blind=solution.blind,
         sigma=frozen(np.sqrt(variances)),
-        n_samples=frozen(information.n_samples),
+        n_samples=frozen(data.whole.n_samples),
         condition=_condition(solution.singular),
         condition_normalised=_condition(solution.singular_normalised),
+        per_run=tuple(
+            OfRun(
+                part.run,
+                Parameters(
+                    [layout.columns[k] for k in part.columns],
+                    [layout.units[k] for k in part.columns],
+                    part.values,
+                ),
+                frozen(np.sqrt(np.diag(part.covariance(kept, solution.inverse)))),
+            )
+            for part in solution.locals
+            if part.columns
+        ),
     )
+
+
+def _with_locals(
+    data: Runs, solution: _Solution, covariance: Array
+) -> tuple[Array, Array, list[int]]:
+    """Shared values and covariance, joined by what a new run is to be expected to have.
+
+    Of a column that every run has for itself that is the mean over runs, with the variance
+    between runs (of one run alone: its own).
+    """
+    own = sorted({column for part in solution.locals for column in part.columns})
+    means, variances = [], []
+    for column in own:
+        parts = [part for part in solution.locals if column in part.columns]
+        place = [part.columns.index(column) for part in parts]
+        found = np.array([part.values[k] for part, k in zip(parts, place, strict=True)])
+        noise = [
+            part.covariance(solution.kept, solution.inverse)[k, k]
+            for part, k in zip(parts, place, strict=True)
+        ]
+        means.append(found.mean())
+        variances.append(found.var(ddof=1) if len(found) > 1 else noise[0])
+    size = len(covariance)
+    total = np.zeros((size + len(own), size + len(own)))
+    total[:size, :size] = covariance
+    total[range(size, len(total)), range(size, len(total))] = variances
+    return np.concatenate([solution.values[solution.kept], means]), total, own
 
 
 def _condition(eigenvalues: Array) -> float:

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from steelyard.robot.inertia import skew
 from steelyard.robot.robot import Body, Robot
@@ -96,6 +97,36 @@ def inverse_dynamics(
                 parent_moment + motion.rotation @ moment + _cross(motion.position, carried),
             )
     return efforts
+
+
+def carried_point(
+    robot: Robot, q: Sequence[Scalar], body: int, point: ArrayLike, ancestor: int = -1
+) -> tuple[Vector, dict[int, Vector]]:
+    """Where a point that is fixed to a body is, seen from one of the bodies that carry it.
+
+    Args:
+        robot: The tree.
+        q: All joints' positions [rad; m].
+        body: Index of the body; -1 is the base.
+        point: Shape `(3,)` [m], in the body's frame.
+        ancestor: Index of the body that looks, at or before `body`; -1 is the base.
+
+    Returns:
+        The position in the ancestor's frame, shape `(3,)` [m], and its derivatives by the joints
+        between the two, by index of the joint.
+    """
+    position, slopes = _constant(point), dict[int, Vector]()
+    while body != ancestor:
+        link = robot.bodies[body]
+        x = link.ratio * q[link.coordinate] + link.offset
+        rotation, origin = _placement(link, x)
+        axis = _constant(link.axis)
+        own = axis if link.kind == "prismatic" else _cross(axis, position)
+        slopes[link.coordinate] = _times(own, link.ratio) + slopes.get(link.coordinate, 0.0)
+        slopes = {joint: rotation @ slope for joint, slope in slopes.items()}
+        position = rotation @ position + origin
+        body = link.parent
+    return position, slopes
 
 
 def _outward(robot: Robot, state: JointState) -> list[_Moving]:

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from steelyard.arrays import Array, frozen
 from steelyard.kernel import cache
 from steelyard.kernel.dynamics import JointState
+from steelyard.kernel.loops import random_positions
 from steelyard.kernel.numpy_backend import run
 from steelyard.model import Model
 from steelyard.terms.term import Columns
@@ -118,7 +119,10 @@ def base_map(model: Model) -> BaseMap:
 
 
 def full_regressor(model: Model, seed: int = 0) -> Array:
-    """Regressor of all standard parameters on random states, shape `(n * N, p)`."""
+    """Regressor of all standard parameters on random states, shape `(n * N, p)`.
+
+    Loops are closed in all of them.
+    """
     from steelyard.kernel.trace import symbolic
 
     n, p = model.robot.n, len(model.parameters)
@@ -132,9 +136,10 @@ def full_regressor(model: Model, seed: int = 0) -> Array:
     program = symbolic(build, model.inputs)
     n_samples = 3 * p // n + 10
     rng = np.random.default_rng(seed)
-    q = rng.uniform(-np.pi, np.pi, (n, n_samples))
+    q, passive = random_positions(model.robot, n_samples, rng)
     dq, ddq = rng.normal(size=(2, n, n_samples))
     channels = rng.uniform(-1.0, 1.0, (model.n_channels, n_samples))
+    channels[: len(passive)] = passive
     values = run(program, [q, dq, ddq, channels])
     regressor = np.zeros((n, n_samples, p))
     for (row, column), number in entries.items():

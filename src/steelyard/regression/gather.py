@@ -8,6 +8,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import LogError
+from steelyard.measurement.open_loops import closed_parts
 from steelyard.measurement.run import Block, Run
 from steelyard.model import Model
 from steelyard.progress import Progress, silent, tell
@@ -43,6 +44,7 @@ def gather(
     *,
     matched: bool = True,
     rests: bool = False,
+    longest: float = np.inf,
     threads: int = 1,
     progress: Progress = silent,
 ) -> Information:
@@ -54,6 +56,7 @@ def gather(
         matched: Whether columns and effort go through the run's matched filter.
         rests: Whether samples count where a joint rests; its friction then lies anywhere in a dead
             zone, which only friction with memory knows.
+        longest: Length that a window should not exceed [s]; merged ones may.
         threads: Native threads.
         progress: Told about every window.
 
@@ -64,7 +67,8 @@ def gather(
     _refuse_dead_efforts(run)
     chosen = MatchedFilter.design(run.matched_cutoff, run.rate) if matched else None
     accumulator = Accumulator(regressor, chosen)
-    pieces = cut(remembered(run.blocks(), regressor.model, rests), run.name, accumulator)
+    blocks = remembered(run.blocks(), regressor.model, rests)
+    pieces = cut(blocks, run.name, accumulator, int(min(longest, 1e6) * run.rate))
     stamp = stamp_of(regressor, run.effort_units, run, chosen)
     found = accumulate(accumulator, pieces, stamp, threads, run.duration, progress)
     if not found.windows:
@@ -106,21 +110,27 @@ def stamp_of(
 def remembered(blocks: Iterable[Block], model: Model, rests: bool) -> Iterator[Block]:
     """The blocks with the model's channels; every segment begins without memory.
 
-    Samples before the start is forgotten do not count; nor do rests, unless they are wanted.
+    Samples before the start is forgotten do not count; nor do rests, unless they are wanted. Where
+    open loops are dropped, segments end at them.
     """
-    segment, scan = None, model.scan()
+    drop, number = model.robot.open_loops == "drop", 0
+    segment, scan = None, model.scan(drop)
     for block in blocks:
         if block.segment != segment:
-            segment, scan = block.segment, model.scan()
-        channels = scan(block.q, block.dq, block.ddq)
+            segment, scan, number = block.segment, model.scan(drop), number + 1
+        channels = scan(block.q, block.dq, block.ddq, block.t)
         counted = scan.warm(block.q) if rests else block.moving & scan.warm(block.q)
-        yield replace(block, channels=channels, moving=counted)
+        whole = replace(block, segment=number, channels=channels, moving=counted)
+        yield from closed_parts(whole, scan.closed)
+        number += int(np.sum(~scan.closed))
 
 
-def cut(blocks: Iterable[Block], name: str, accumulator: Accumulator) -> Iterator[Piece]:
+def cut(
+    blocks: Iterable[Block], name: str, accumulator: Accumulator, longest: int = 2**62
+) -> Iterator[Piece]:
     """Pieces of a run with the halo they need, from blocks of any size."""
     unit, halo = accumulator.decimation, max(accumulator.halo, 0)
-    length = -(-max(PIECE, HALOS * halo) // unit) * unit
+    length = -(-max(1, min(longest, max(PIECE, HALOS * halo))) // unit) * unit
     need = length + halo
     held: list[Block] = []
     for block in blocks:

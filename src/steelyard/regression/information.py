@@ -108,12 +108,16 @@ class Information:
             mine = [k for k, w in enumerate(self.windows) if w.run == run]
             size = -(-len(mine) // most)
             groups += [mine[k : k + size] for k in range(0, len(mine), size)]
+        return self.grouped(groups)
+
+    def grouped(self, groups: Sequence[Sequence[int]]) -> "Information":
+        """Windows joined, one per group of at least one; windows in no group are left out."""
         labels = tuple(
             Window(self.windows[g[0]].run, self.windows[g[0]].start, self.windows[g[-1]].stop)
             for g in groups
         )
         grams, absolute, counts = (
-            np.array([x[g].sum(axis=0) for g in groups]).reshape(len(groups), x.shape[1])
+            np.array([x[list(g)].sum(axis=0) for g in groups]).reshape(len(groups), x.shape[1])
             for x in (self.grams, self.absolute, self.counts)
         )
         return Information(self.layout, self.stamp, labels, grams, absolute, counts)

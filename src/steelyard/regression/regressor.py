@@ -71,15 +71,22 @@ class Regressor:
 def base_regressor(model: Model) -> Regressor:
     """The regressor of the structural base parameters."""
     base = base_map(model)
-    return _regressor(model, base, base.independent)
+    return chosen_regressor(model, base, base.independent)
 
 
 def standard_regressor(model: Model) -> Regressor:
     """The regressor of all standard parameters."""
-    return _regressor(model, base_map(model), range(len(model.parameters)))
+    return chosen_regressor(model, base_map(model), range(len(model.parameters)))
 
 
-def _regressor(model: Model, base: BaseMap, columns: Sequence[int]) -> Regressor:
+def chosen_regressor(model: Model, base: BaseMap, columns: Sequence[int]) -> Regressor:
+    """The regressor of some standard parameters, whatever structure says about them.
+
+    Args:
+        model: The model.
+        base: Base parameters to go with it, such as those of the terms that are not compared.
+        columns: Indices of the standard parameters.
+    """
     place = {column: k for k, column in enumerate(columns)}
 
     def build() -> tuple[Program, dict[str, Any]]:

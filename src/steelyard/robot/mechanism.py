@@ -1,7 +1,8 @@
 """The mechanism as a model file describes it: links and joints, nothing locked or merged yet."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Literal
 
 from numpy.typing import ArrayLike
@@ -101,8 +102,33 @@ class Joint:
 
 
 @dataclass(frozen=True, eq=False)
+class Pin:
+    """A point of one link that stays on a point of another.
+
+    Attributes:
+        name: For messages.
+        links: Names of the two links.
+        points: Shape `(2, 3)` [m], the point in each link's frame.
+        where: File and line, for messages.
+    """
+
+    name: str
+    links: tuple[str, str]
+    points: Array
+    where: str
+
+    def __init__(
+        self, name: str, links: tuple[str, str], points: ArrayLike, where: str = "the mechanism"
+    ) -> None:
+        object.__setattr__(self, "name", name)
+        object.__setattr__(self, "links", links)
+        object.__setattr__(self, "points", frozen(points, (2, 3)))
+        object.__setattr__(self, "where", where)
+
+
+@dataclass(frozen=True, eq=False)
 class Mechanism:
-    """A tree of links and joints with one root.
+    """A tree of links and joints with one root, whose chains pins may close.
 
     Attributes:
         name: The robot's name.
@@ -110,6 +136,9 @@ class Mechanism:
         joints: In the order of the file.
         gravity: Shape `(3,)` [m/s²], in the root link's frame.
         where: The file, for messages.
+        pins: What closes chains.
+        driven: Names of the joints that the file gives an actuator.
+        rest: Positions of joints at which the pins close, where the file says so [rad; m].
     """
 
     name: str
@@ -117,6 +146,9 @@ class Mechanism:
     joints: tuple[Joint, ...]
     gravity: Array
     where: str
+    pins: tuple[Pin, ...]
+    driven: tuple[str, ...]
+    rest: Mapping[str, float]
 
     def __init__(
         self,
@@ -125,12 +157,19 @@ class Mechanism:
         joints: Sequence[Joint],
         gravity: ArrayLike = (0.0, 0.0, -9.81),
         where: str = "the mechanism",
+        *,
+        pins: Sequence[Pin] = (),
+        driven: Sequence[str] = (),
+        rest: Mapping[str, float] = MappingProxyType({}),
     ) -> None:
         object.__setattr__(self, "name", name)
         object.__setattr__(self, "links", tuple(links))
         object.__setattr__(self, "joints", tuple(joints))
         object.__setattr__(self, "gravity", frozen(gravity, (3,)))
         object.__setattr__(self, "where", where)
+        object.__setattr__(self, "pins", tuple(pins))
+        object.__setattr__(self, "driven", tuple(driven))
+        object.__setattr__(self, "rest", MappingProxyType(dict(rest)))
         _check_names(self)
         _check_tree(self)
         _check_mimics(self)
@@ -212,7 +251,8 @@ def _check_tree(mechanism: Mechanism) -> None:
                 f"link '{joint.child}' has two parent joints, "
                 f"'{carrier[joint.child].name}' and '{joint.name}'",
                 where=joint.where,
-                mend="a link hangs on one joint: cut the loop by removing one of the two",
+                mend="a link hangs on one joint: cut the loop by removing one of the two, and "
+                "close it with [[robot.loops]] in a robot file",
             )
         carrier[joint.child] = joint
     roots = [link for link in mechanism.links if link.name not in carrier]

@@ -11,7 +11,7 @@ from steelyard.arrays import Array, frozen
 from steelyard.errors import ModelError
 from steelyard.robot.geometry import Placement, turn
 from steelyard.robot.inertia import Inertia
-from steelyard.robot.mechanism import Joint, Link, Mechanism, Mimic
+from steelyard.robot.mechanism import Joint, Link, Mechanism, Mimic, Pin
 from steelyard.robot.robot import Limits
 from steelyard.robot.xml_reader import read_xml
 
@@ -23,11 +23,13 @@ def read_mjcf(path: Path) -> Mechanism:
 
     The world is the root link. A body with several joints becomes a chain with massless links
     between; a link's frame has the body's axes and its origin at the joint's anchor. Joint
-    equalities of first order become mimics, `ref` is kept (positions are MuJoCo's `qpos`).
-    Armature, damping, friction and actuators are no part of the mechanism: they are identified.
+    equalities of first order become mimics, `connect` becomes a pin, `ref` is kept (positions are
+    MuJoCo's `qpos`). Armature, damping, friction and actuators are no part of the mechanism: they
+    are identified.
 
     Raises:
-        ModelError: MuJoCo cannot compile the file, or it holds ball or free joints or closed loops.
+        ModelError: MuJoCo cannot compile the file, or it holds ball or free joints or chains
+            that are closed otherwise.
     """
     root = read_xml(path)
     if root.tag != "mujoco":
@@ -73,7 +75,58 @@ class _Reading:
         origins = {0: Placement()}
         for body in range(1, self.model.nbody):
             origins[body] = self._body(body, origins[int(self.model.body_parentid[body])], mimics)
-        return Mechanism(name, self.links, self.joints, self.model.opt.gravity, str(self.path))
+        pins = self._pins(origins)
+        return Mechanism(
+            name,
+            self.links,
+            self.joints,
+            self.model.opt.gravity,
+            str(self.path),
+            pins=pins,
+            driven=self._driven(),
+            rest={j.name: self._reference(k) for k, j in self._by_number()} if pins else {},
+        )
+
+    def _by_number(self) -> list[tuple[int, Joint]]:
+        """MuJoCo's joints with their numbers."""
+        named = {self._name("joint", k): k for k in range(self.model.njnt)}
+        return [(named[j.name], j) for j in self.joints if j.name in named]
+
+    def _driven(self) -> list[str]:
+        """Joints with an actuator of their own."""
+        import mujoco
+
+        kinds = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
+        model = self.model
+        return [
+            self._name("joint", int(model.actuator_trnid[k][0]))
+            for k in range(model.nu)
+            if mujoco.mjtTrn(int(model.actuator_trntype[k])) in kinds
+        ]
+
+    def _pins(self, origins: dict[int, Placement]) -> list[Pin]:
+        """`connect` equalities between bodies or sites."""
+        import mujoco
+
+        model, pins = self.model, []
+        for index in range(model.neq):
+            kind = mujoco.mjtEq(int(model.eq_type[index]))
+            if not model.eq_active0[index] or kind != mujoco.mjtEq.mjEQ_CONNECT:
+                continue
+            ends = [int(model.eq_obj1id[index]), int(model.eq_obj2id[index])]
+            points = np.reshape(model.eq_data[index][:6], (2, 3))
+            if mujoco.mjtObj(int(model.eq_objtype[index])) == mujoco.mjtObj.mjOBJ_SITE:
+                points = model.site_pos[ends]
+                ends = [int(model.site_bodyid[site]) for site in ends]
+            name = self._name("eq", index)
+            first, second = (_WORLD if body == 0 else self._name("body", body) for body in ends)
+            placed = [
+                origins[body].position + origins[body].rotation @ point
+                for body, point in zip(ends, points, strict=True)
+            ]
+            where = f"{self.path}, equality '{name}'"
+            pins.append(Pin(name, (first, second), np.array(placed), where))
+        return pins
 
     def _body(self, body: int, parent_origin: Placement, mimics: dict[int, Mimic]) -> Placement:
         """Adds the body and its joints; returns the body's frame in its link's frame."""
@@ -155,16 +208,17 @@ class _Reading:
 
         mimics: dict[int, Mimic] = {}
         for index in range(self.model.neq):
-            if not self.model.eq_active0[index]:
+            kind = mujoco.mjtEq(int(self.model.eq_type[index]))
+            if not self.model.eq_active0[index] or kind == mujoco.mjtEq.mjEQ_CONNECT:
                 continue
             follower, master = int(self.model.eq_obj1id[index]), int(self.model.eq_obj2id[index])
-            kind = mujoco.mjtEq(int(self.model.eq_type[index]))
             terms = self.model.eq_data[index][:5]
             if kind != mujoco.mjtEq.mjEQ_JOINT or master < 0 or np.any(terms[2:]):
                 raise ModelError(
                     "an equality constraint is more than one joint following another in proportion",
                     where=f"{self.path}, equality '{self._name('eq', index)}'",
-                    mend="remove it from a copy of the MJCF, and lock its joints in a robot file",
+                    mend="make a pin of it (<connect>), or remove it from a copy of the MJCF and "
+                    "lock its joints in a robot file",
                 )
             offset = self._reference(follower) + float(terms[0])
             ratio = float(terms[1])

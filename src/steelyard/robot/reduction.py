@@ -12,6 +12,7 @@ from steelyard.robot.geometry import Placement
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.mechanism import Joint, Link, Mechanism
 from steelyard.robot.nearest import advice, listing
+from steelyard.robot.pins import Closing, closed_robot, passive_joints
 from steelyard.robot.robot import Body, Coordinate, Frame, JointKind, Limits, Robot
 
 
@@ -33,6 +34,7 @@ def reduced(
     tip: str | Sequence[str] | None = None,
     gravity: ArrayLike | None = None,
     limits: Mapping[str, Limits] | None = None,
+    closing: Closing | None = None,
 ) -> tuple[Robot, tuple[str, ...]]:
     """The robot in which `joints` move and all others are locked.
 
@@ -50,17 +52,23 @@ def reduced(
         tip: The link, or links, where the moving chain ends; `None` is every leaf.
         gravity: Shape `(3,)` [m/s²], in the base link's frame; `None` is the mechanism's own.
         limits: Limits that replace those of the file, by joint.
+        closing: What the robot file says of closed chains. Passive joints move like those to
+            identify, and are listed apart from them.
 
     Returns:
         The robot, and notes for the user on what was assumed.
     """
-    locked, limits = dict(locked or {}), dict(limits or {})
+    locked, limits, closing = dict(locked or {}), dict(limits or {}), closing or Closing()
     base = mechanism.root if base is None else base
     _check_links(mechanism, base, tip)
-    moving = _moving(mechanism, joints, locked, base, tip)
+    drives = {j.name: _drive(mechanism, j) for j in mechanism.joints if j.movable}
+    free = _moving(mechanism, None, locked, base, tip)
+    masters = {name: drive.master for name, drive in drives.items()}
+    passive = passive_joints(mechanism, masters, free, joints, closing)
+    active = [n for n in free if n not in passive] if joints is None else joints
+    moving = _moving(mechanism, [*active, *passive], locked, base, tip)
     _check_joints(mechanism, [*locked], "locked")
     _check_joints(mechanism, [*limits], "given limits")
-    drives = {j.name: _drive(mechanism, j) for j in mechanism.joints if j.movable}
     positions, assumed = _locked_positions(mechanism, moving, locked)
     resting = {
         name: drive.ratio * positions[drive.master] + drive.offset
@@ -73,11 +81,13 @@ def reduced(
     robot = Robot(
         mechanism.name,
         bodies,
-        coordinates,
+        coordinates[: len(active)],
         root_gravity if gravity is None else gravity,
+        passive=coordinates[len(active) :],
         frames=frames,
     )
-    return robot, _notes(mechanism, robot, base, assumed, positions)
+    robot, closed = closed_robot(robot, mechanism, closing)
+    return robot, (*_notes(mechanism, robot, base, assumed, positions), *closed)
 
 
 def _check_links(mechanism: Mechanism, base: str, tip: str | Sequence[str] | None) -> None:
@@ -280,7 +290,7 @@ def _notes(
     for body in robot.bodies:
         if flaw := body.inertia.flaw():
             notes.append(f"no body can have the inertial of '{body.name}': {flaw}")
-    for c in robot.coordinates:
+    for c in robot.joints:
         limits = mechanism.joint(c.name).limits
         if limits.lower == limits.upper and np.isinf(c.limits.lower):
             notes.append(f"joint '{c.name}' has an empty range in the model: taken as unlimited")

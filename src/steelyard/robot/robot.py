@@ -11,6 +11,9 @@ from steelyard.robot.inertia import Inertia
 
 JointKind = Literal["revolute", "prismatic"]
 
+OpenLoops = Literal["stop", "drop"]
+"""What to do where a loop cannot close: stop with an error, or drop the sample."""
+
 
 @dataclass(frozen=True)
 class Limits:
@@ -164,6 +167,7 @@ class Robot:
         assembly: Positions of all joints near which the loops close, shape `(n_joints,)`.
         transmission: Gears between motors and joints; `None` if motors are not spoken of.
         frames: Named frames on the bodies.
+        open_loops: What to do where measured positions cannot close a loop.
     """
 
     name: str
@@ -175,6 +179,7 @@ class Robot:
     assembly: Array
     transmission: Transmission | None
     frames: tuple[Frame, ...]
+    open_loops: OpenLoops
 
     def __init__(
         self,
@@ -188,6 +193,7 @@ class Robot:
         assembly: ArrayLike | None = None,
         transmission: Transmission | None = None,
         frames: tuple[Frame, ...] = (),
+        open_loops: OpenLoops = "stop",
     ) -> None:
         object.__setattr__(self, "name", name)
         object.__setattr__(self, "bodies", tuple(bodies))
@@ -199,6 +205,7 @@ class Robot:
         object.__setattr__(self, "assembly", frozen(start, (self.n_joints,)))
         object.__setattr__(self, "transmission", transmission)
         object.__setattr__(self, "frames", tuple(frames))
+        object.__setattr__(self, "open_loops", open_loops)
         for index, body in enumerate(self.bodies):
             if not -1 <= body.parent < index:
                 raise ValueError(f"body '{body.name}' comes before its parent")

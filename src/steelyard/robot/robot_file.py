@@ -20,6 +20,7 @@ from steelyard.robot.geometry import clean_rotation, rpy_rotation
 from steelyard.robot.mechanism import Mechanism
 from steelyard.robot.mjcf import read_mjcf
 from steelyard.robot.nearest import advice
+from steelyard.robot.pins import closing_of
 from steelyard.robot.reduction import reduced
 from steelyard.robot.robot import Limits, Robot
 from steelyard.robot.schema import (
@@ -230,11 +231,12 @@ def _reduced(
     mechanism: Mechanism, section: RobotSection, places: Places
 ) -> tuple[Robot, tuple[str, ...]]:
     movable = [j.name for j in mechanism.movable]
-    for table in ("locked", "limits"):
+    for table in ("locked", "limits", "assembly"):
         for name in getattr(section, table):
             _check_name("joint", name, movable, places.where("robot", table, name))
-    for index, name in enumerate(section.joints or ()):
-        _check_name("joint", name, movable, places.where("robot", "joints", index))
+    for key in ("joints", "passive"):
+        for index, name in enumerate(getattr(section, key) or ()):
+            _check_name("joint", name, movable, places.where("robot", key, index))
     links = [link.name for link in mechanism.links]
     tips = (section.tip,) if isinstance(section.tip, str) else section.tip or ()
     for key, name in [("tip", t) for t in tips] + [("base", section.base or mechanism.root)]:
@@ -247,6 +249,7 @@ def _reduced(
         tip=section.tip,
         gravity=_gravity(section, places),
         limits={n: _limits(n, mechanism, section, places) for n in section.limits},
+        closing=closing_of(section, mechanism, places),
     )
     if section.name is not None:
         robot = robot.changed(name=section.name)

@@ -84,6 +84,14 @@ class TransmissionSection(Section):
     matrix: Annotated[tuple[Numbers, ...], Field(strict=False)] | None = None
 
 
+class LoopSection(Section):
+    """A pin that closes a chain: a point of one link, in its frame, stays on one of another."""
+
+    name: Name | None = None
+    links: Annotated[tuple[Name, Name], Field(strict=False)]
+    points: Annotated[tuple[Vector, Vector], Field(strict=False)]
+
+
 class RobotSection(Section):
     """Which robot, which of its joints move, and how it is mounted."""
 
@@ -100,6 +108,10 @@ class RobotSection(Section):
     locked: dict[str, float] = {}
     limits: dict[str, LimitsSection] = {}
     transmission: TransmissionSection | None = None
+    loops: Annotated[tuple[LoopSection, ...], Field(strict=False)] = ()
+    passive: Names | None = None
+    assembly: dict[str, float] = {}
+    open_loops: Literal["stop", "drop"] = "stop"
 
 
 class ModelSection(Section):

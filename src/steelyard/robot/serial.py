@@ -28,6 +28,7 @@ def robot_to_dict(robot: Robot) -> dict[str, Any]:
         "passive": [_coordinate_to_dict(c) for c in robot.passive],
         "loops": [{**vars(loop), "points": loop.points.tolist()} for loop in robot.loops],
         "assembly": robot.assembly.tolist(),
+        "open_loops": robot.open_loops,
         "transmission": gears
         and {"motors": list(gears.motors), "matrix": gears.matrix.tolist()},
         "frames": [
@@ -48,6 +49,7 @@ def robot_from_dict(data: dict[str, Any]) -> Robot:
         passive=tuple(_coordinate_from_dict(c) for c in data["passive"]),
         loops=tuple(Loop(d["name"], tuple(d["bodies"]), d["points"]) for d in data["loops"]),
         assembly=data["assembly"],
+        open_loops=data["open_loops"],
         transmission=gears and Transmission(tuple(gears["motors"]), gears["matrix"]),
         frames=tuple(Frame(**frame) for frame in data["frames"]),
     )

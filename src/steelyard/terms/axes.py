@@ -6,11 +6,13 @@ $c^T f$: the motor behind a differential that turns with $q_5 + q_6$ brakes both
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from steelyard.errors import ModelError
 from steelyard.kernel.dynamics import Scalar
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import JointKind, Robot
+from steelyard.terms.find import Find
 from steelyard.terms.term import Columns
 
 Along = tuple[tuple[str, tuple[tuple[str, float], ...]], ...]
@@ -44,6 +46,11 @@ class Axis:
     def effort_unit(self) -> str:
         """Unit of effort."""
         return "N" if self.kind == "prismatic" else "Nm"
+
+    @property
+    def speed_unit(self) -> str:
+        """Unit of velocity."""
+        return "m/s" if self.kind == "prismatic" else "rad/s"
 
     @property
     def rate_unit(self) -> str:
@@ -89,9 +96,9 @@ class Acting:
         """
         if self.joints is None and self.motors is None and self.along is None:
             return tuple(_joint(robot, c.name) for c in robot.coordinates)
-        named = [_joint(robot, name) for name in self.joints or ()]
-        named += [_motor(robot, name) for name in self.motors or ()]
-        named += [_combined(robot, name, parts) for name, parts in self.along or ()]
+        named = [_joint(robot, name) for name in _listed(self.joints)]
+        named += [_motor(robot, name) for name in _listed(self.motors)]
+        named += [_combined(robot, name, parts) for name, parts in _sums(self.along)]
         return tuple(named)
 
 
@@ -117,9 +124,7 @@ def spread(
         effort = value(k, axis)
         for joint, coefficient in enumerate(axis.row):
             if coefficient:
-                columns[joint, first + k] = (
-                    effort if coefficient == 1.0 else coefficient * effort
-                )
+                columns[joint, first + k] = effort if coefficient == 1.0 else coefficient * effort
     return columns
 
 
@@ -127,8 +132,15 @@ def per_axis(values: float | tuple[float, ...], axes: Sequence[Axis], law: str) 
     """One value of a field for every axis, from one for all or a list.
 
     Raises:
-        ModelError: Their number does not fit, or one is not above zero.
+        ModelError: Their number does not fit, one is not above zero, or they are not known yet.
     """
+    if isinstance(values, Find):
+        raise ModelError(
+            f"a field of term '{law}' is still to be found",
+            where="list of terms",
+            mend="find it from logs first, with `steelyard identify` or `find_fields`, or give "
+            "a number",
+        )
     given = values if isinstance(values, tuple) else (values,) * len(axes)
     if len(given) != len(axes) or not all(value > 0.0 for value in given):
         raise ModelError(
@@ -137,6 +149,37 @@ def per_axis(values: float | tuple[float, ...], axes: Sequence[Axis], law: str) 
             mend="give one value above zero for all, or a list with one per coordinate",
         )
     return list(given)
+
+
+def named_axis(robot: Robot, name: str) -> Axis:
+    """The coordinate of a joint or, where no joint has the name, of a motor.
+
+    Raises:
+        ModelError: The robot has neither.
+    """
+    gears = robot.transmission
+    if gears is not None and name in gears.motors and name not in (c.name for c in robot.joints):
+        return _motor(robot, name)
+    return _joint(robot, name)
+
+
+def _listed(names: Any) -> tuple[str, ...]:
+    """Names; one alone may come without a list."""
+    return (names,) if isinstance(names, str) else tuple(names or ())
+
+
+def _sums(along: Any) -> Along:
+    """Coordinates of a term's own, once their form is known to be right."""
+    try:
+        sums = tuple((str(n), tuple((str(j), float(c)) for j, c in p)) for n, p in along or ())
+    except (TypeError, ValueError):
+        raise ModelError(
+            f"a term acts along {along!r}",
+            where="list of terms",
+            mend="give every coordinate the joints it is made of: "
+            "along = {wrist = {joint_5 = 1.0, joint_6 = 1.0}}",
+        ) from None
+    return sums
 
 
 def _joint(robot: Robot, name: str) -> Axis:

@@ -1,36 +1,51 @@
 """Dry friction: a constant torque against the direction of motion."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
 from steelyard.errors import ModelError
-from steelyard.kernel.dynamics import JointState, Scalar
+from steelyard.kernel.dynamics import JointState
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
-from steelyard.terms.axes import Acting, each, spread
+from steelyard.terms.axes import Acting, each, per_axis, spread
+from steelyard.terms.direction import (
+    SHAPES,
+    Field,
+    directions,
+    is_zero,
+    refuse_negative,
+    refuse_unknown,
+)
 from steelyard.terms.term import Columns
 
 
 @dataclass(frozen=True)
 class Coulomb(Acting):
-    r"""Coulomb joint friction, $\tau_j = f_{c,j}\,s(\dot q_j)$ [Nm; N on a prismatic joint].
+    r"""Coulomb friction, $f = f_c\,s(v)$ [Nm; N if prismatic].
 
-    $s$ is the sign of the velocity, zero up to `threshold` (Walker arm, eq. 3), or
-    $\tanh(\dot q / w)$ with `smoothing` $w$.
+    $s$ is the sign of the velocity, zero up to `threshold`, or with `smoothing` $w$ the smooth
+    $\tanh(v/w)$, $\tfrac{2}{\pi}\arctan(v/w)$ or $2/(1 + e^{-v/w}) - 1$.
 
     Attributes:
-        threshold: Speed up to which the friction is zero [rad/s; m/s].
-        smoothing: Speed scale of the smooth law [rad/s; m/s]; zero for the sign.
+        threshold: Speed up to which the friction is zero, one for all or one per coordinate
+            [rad/s; m/s].
+        smoothing: Speed $w$ of the smooth law, likewise; zero for the sign.
+        shape: Which smooth law: `tanh`, `arctan` or `logistic`.
     """
 
     law: ClassVar[str] = "coulomb"
-    threshold: float = 0.0
-    smoothing: float = 0.0
+    bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"smoothing": (1e-3, 1.0)}
+    threshold: Field = 0.0
+    smoothing: Field = 0.0
+    shape: str = "tanh"
 
     def __post_init__(self) -> None:
-        if self.threshold < 0.0 or self.smoothing < 0.0 or (self.threshold and self.smoothing):
+        refuse_unknown(self.law, "shape", self.shape, tuple(SHAPES))
+        refuse_negative(self.law, threshold=self.threshold, smoothing=self.smoothing)
+        if not is_zero(self.threshold) and not is_zero(self.smoothing):
             raise ModelError(
                 f"Coulomb friction with threshold {self.threshold} and smoothing {self.smoothing}",
                 where="list of terms",
@@ -38,16 +53,14 @@ class Coulomb(Acting):
             )
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
-        """One per joint, not negative."""
+        """One per coordinate, not negative."""
         return each(self.axes(robot), self.law, lambda axis: axis.effort_unit, lower=0.0)
 
     def columns(self, robot: Robot, state: JointState) -> Columns:
         """Direction of motion."""
-        return spread(self.axes(robot), lambda _, axis: self._direction(axis.of(state.dq)))
-
-    def _direction(self, speed: Scalar) -> Scalar:
-        if self.smoothing:
-            return np.tanh(speed / self.smoothing)
-        if self.threshold:
-            return np.sign(speed) * (np.abs(speed) > self.threshold)
-        return np.sign(speed)
+        axes = self.axes(robot)
+        sense = directions(axes, state.dq, self.smoothing, self.law, self.shape)
+        if is_zero(self.threshold):
+            return spread(axes, lambda k, _: sense[k])
+        rest = per_axis(self.threshold, axes, self.law)
+        return spread(axes, lambda k, axis: sense[k] * (np.abs(axis.of(state.dq)) > rest[k]))

@@ -1,10 +1,12 @@
 r"""Friction with memory: what a contact does before it slides, and how it gives way.
 
-All laws here follow a state $s$ along the position alone, exactly over every monotone step
-$\Delta$ between samples, so the split of a motion into samples or blocks does not matter.
+All laws here follow states $s$ along the position, exactly over every monotone step $\Delta$
+between samples, and hand them on from block to block. Where a motion is sampled more finely,
+states at the old samples stay as they were; only LuGre, whose steady state depends on the
+velocity, takes the velocity of a step's end for the whole step.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -17,7 +19,11 @@ from steelyard.kernel.recurrence import recurrence
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
 from steelyard.terms.axes import Acting, Axis, each, per_axis, spread
+from steelyard.terms.direction import Field, refuse_negative
 from steelyard.terms.term import Columns, Samples
+
+BEFORE = 0.1
+"""Time for which a motion is taken to have had the speed it begins with [s]."""
 
 FORGOTTEN = 3.0
 """Travel in lengths after which the unknown start is forgotten."""
@@ -49,7 +55,11 @@ class Dahl(Acting):
 
     law: ClassVar[str] = "dahl"
     aside: ClassVar[tuple[str, ...]] = ("length",)
-    length: float | tuple[float, ...] = 3e-4
+    bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"length": (1e-5, 3e-2)}
+    length: Field = 3e-4
+
+    def __post_init__(self) -> None:
+        refuse_negative(self.law, length=self.length)
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """One per coordinate, not negative."""
@@ -71,12 +81,7 @@ class Dahl(Acting):
     def remember(self, robot: Robot, samples: Samples, memory: Any) -> tuple[Array, Any]:
         """The states along the motion."""
         axes = self.axes(robot)
-        lengths = np.array(per_axis(self.length, axes, self.law))[:, None]
-        steps, start = stepped(axes, samples, memory, len(axes))
-        decay = np.exp(-np.abs(steps) / lengths)
-        drive = np.sign(steps) * (1.0 - decay)
-        states, last = recurrence(decay, drive, np.ones_like(decay), start.states)
-        return states, Memory(start.q, last)
+        return dahl_states(axes, per_axis(self.length, axes, self.law), samples, memory)
 
 
 @dataclass(frozen=True)
@@ -117,12 +122,8 @@ class MaxwellSlip(Acting):
 
     def columns(self, robot: Robot, state: JointState) -> Columns:
         """The states of the elements."""
-        axes = self.axes(robot)
-        columns: dict[tuple[int, int], Any] = {}
-        for first in range(0, len(self.lengths) * len(axes), len(axes)):
-            part = state.channels[first : first + len(axes)]
-            columns.update(spread(axes, lambda k, _, part=part: part[k], first))
-        return columns
+        axes = self.axes(robot) * len(self.lengths)
+        return spread(axes, lambda k, _: state.channels[k])
 
     def n_channels(self, robot: Robot) -> int:
         """One state per coordinate and element."""
@@ -136,7 +137,8 @@ class MaxwellSlip(Acting):
     def remember(self, robot: Robot, samples: Samples, memory: Any) -> tuple[Array, Any]:
         """The states along the motion."""
         axes = self.axes(robot)
-        steps, start = stepped(axes, samples, memory, self.n_channels(robot))
+        lengths = np.repeat(self.lengths, len(axes))
+        steps, start = stepped(axes, samples, memory, lengths)
         relative = np.concatenate([steps / length for length in self.lengths])
         if self.relaxing:
             decay = np.exp(-np.abs(relative))
@@ -149,13 +151,14 @@ class MaxwellSlip(Acting):
 
 @dataclass(frozen=True)
 class LuGre(Acting):
-    r"""LuGre friction, $f = f_c\,(s + \tau_1 \dot s)$-like bristles, linear in three parameters.
+    r"""LuGre friction, $f = f_c\,s + f_1\,\dot s$ with bristles bent by $s$ [CanudasDeWit1995].
 
-    $$ \dot s = \frac{\dot q}{\delta} - \frac{|\dot q|}{\delta\,g(\dot q)}\,s, \qquad
-       g = 1 + (r - 1)\,e^{-(\dot q / v_s)^2}, \qquad f = f_c\,s + f_1\,\dot s + f_v\,\dot q $$
+    $$ \dot s = \frac{v}{\delta} - \frac{|v|}{\delta\,g(v)}\,s, \qquad
+       g = 1 + (r - 1)\,e^{-(v / v_s)^2} $$
 
-    with $\sigma_0 = f_c/\delta$ and $\sigma_1 = f_1/\delta$ of the customary form
-    [CanudasDeWit1995]; the viscous part is the term `viscous`.
+    In the customary form $\sigma_0 = f_c/\delta$ and $\sigma_1 = f_1/\delta$; its viscous part is
+    the term `viscous`. $|s|$ never exceeds $r$. The velocity at a sample holds for the step into
+    it: sample so that it changes by little, against $v_s$, from sample to sample.
 
     Attributes:
         length: Bristle deflection $\delta$ at which Coulomb friction is reached [rad; m].
@@ -165,9 +168,23 @@ class LuGre(Acting):
 
     law: ClassVar[str] = "lugre"
     aside: ClassVar[tuple[str, ...]] = ("length", "breakaway", "speed")
-    length: float | tuple[float, ...] = 3e-4
+    bounds: ClassVar[Mapping[str, tuple[float, float]]] = {
+        "length": (1e-5, 3e-2),
+        "speed": (1e-3, 1.0),
+    }
+    length: Field = 3e-4
     breakaway: float | tuple[float, ...] = 1.3
-    speed: float | tuple[float, ...] = 0.02
+    speed: Field = 0.02
+
+    def __post_init__(self) -> None:
+        refuse_negative(self.law, length=self.length, breakaway=self.breakaway, speed=self.speed)
+        ratios = self.breakaway if isinstance(self.breakaway, tuple) else (self.breakaway,)
+        if min(ratios, default=1.0) < 1.0:
+            raise ModelError(
+                f"LuGre friction breaks away at {min(ratios):g} times its Coulomb friction",
+                where="list of terms",
+                mend="give `breakaway` as a ratio of at least 1, one for all or a list",
+            )
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """Coulomb friction and bristle damping per coordinate."""
@@ -204,7 +221,7 @@ class LuGre(Acting):
         )
         dq = along(axes, samples.dq)
         level = 1.0 + (ratio - 1.0) * np.exp(-np.square(dq / speed))
-        steps, start = stepped(axes, samples, memory, len(axes))
+        steps, start = stepped(axes, samples, memory, length[:, 0])
         decay = np.exp(-np.abs(steps) / (length * level))
         drive = np.sign(steps) * level * (1.0 - decay)
         bound = np.broadcast_to(np.maximum(ratio, 1.0), decay.shape)
@@ -213,18 +230,45 @@ class LuGre(Acting):
         return np.concatenate((states, rate)), Memory(start.q, last)
 
 
+def dahl_states(
+    axes: Sequence[Axis], lengths: Sequence[float], samples: Samples, memory: Any
+) -> tuple[Array, Memory]:
+    """Dahl states along the axes, `(axes, N)`, and where they stand at the end."""
+    steps, start = stepped(axes, samples, memory, np.array(lengths))
+    decay = np.exp(-np.abs(steps) / np.array(lengths)[:, None])
+    drive = np.sign(steps) * (1.0 - decay)
+    states, last = recurrence(decay, drive, np.ones_like(decay), start.states)
+    return states, Memory(start.q, last)
+
+
 def along(axes: Sequence[Axis], values: Array) -> Array:
     """Values of all joints, `(n_joints, N)`, along the axes, `(axes, N)`."""
     return np.array([axis.row for axis in axes]) @ values
 
 
 def stepped(
-    axes: Sequence[Axis], samples: Samples, memory: Any, n_states: int
+    axes: Sequence[Axis], samples: Samples, memory: Any, lengths: Array
 ) -> tuple[Array, Memory]:
-    """Steps of position into every sample, `(axes, N)`; the memory with the last position."""
+    """Steps of position into every sample, and the memory with the last position.
+
+    A motion that begins at some speed is taken to have had it for `BEFORE`; one that begins at
+    rest begins with states of zero.
+
+    Args:
+        axes: The coordinates.
+        samples: The motion.
+        memory: From the samples before; `None` at a start.
+        lengths: Length of every state, those of all axes one after another, shape `(states,)`.
+
+    Returns:
+        Steps, shape `(axes, N)`, and the memory before them, but with the last position.
+    """
     q = along(axes, samples.q)
-    before = q[:, 0] if memory is None else memory.q
-    states = np.zeros(n_states) if memory is None else memory.states
+    if memory is None:
+        speed = np.resize(along(axes, samples.dq[:, :1])[:, 0], len(lengths))
+        states = np.sign(speed) * (1.0 - np.exp(-np.abs(speed) * BEFORE / lengths))
+        memory = Memory(q[:, 0], states)
+    before, states = memory.q, memory.states
     return np.diff(q, axis=1, prepend=before[:, None]), Memory(q[:, -1].copy(), states)
 
 

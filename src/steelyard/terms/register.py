@@ -1,22 +1,49 @@
 """All terms by the names they have in files."""
 
+import dataclasses
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from difflib import get_close_matches
 from typing import Any, cast
 
 from steelyard.errors import ModelError
 from steelyard.terms.coulomb import Coulomb
+from steelyard.terms.coupled import Coupled
+from steelyard.terms.directional import DirectionalCoulomb, DirectionalViscous
+from steelyard.terms.find import Find, asked, is_asked
+from steelyard.terms.gravity_compensator import GravityCompensator
+from steelyard.terms.load_dependent import LoadDependent
 from steelyard.terms.offset import Offset
+from steelyard.terms.powers import Cubic, Quadratic, Root
 from steelyard.terms.presliding import Dahl, LuGre, MaxwellSlip
 from steelyard.terms.rigid_body import RigidBody
 from steelyard.terms.rotor_inertia import RotorInertia
+from steelyard.terms.spring import Spring
+from steelyard.terms.stribeck import Stribeck
 from steelyard.terms.term import Term
 from steelyard.terms.viscous import Viscous
 
 TERMS: dict[str, type[Any]] = {
     term.law: term
-    for term in (RigidBody, RotorInertia, Coulomb, Viscous, Offset, Dahl, MaxwellSlip, LuGre)
+    for term in (
+        RigidBody,
+        RotorInertia,
+        Coulomb,
+        Viscous,
+        Offset,
+        DirectionalCoulomb,
+        DirectionalViscous,
+        Quadratic,
+        Cubic,
+        Root,
+        Stribeck,
+        Coupled,
+        LoadDependent,
+        Dahl,
+        MaxwellSlip,
+        LuGre,
+        Spring,
+        GravityCompensator,
+    )
 }
 
 DEFAULT_TERMS: tuple[Term, ...] = (RigidBody(), RotorInertia(), Coulomb(), Viscous(), Offset())
@@ -26,7 +53,7 @@ def term_of(description: str | Mapping[str, Any], where: str) -> Term:
     """A term from its name, or from a table with its name under `law` and its fields.
 
     Raises:
-        ModelError: There is no such law, or it has no such field.
+        ModelError: There is no such law, or it has no such field or value.
     """
     fields: dict[str, Any] = (
         {"law": description} if isinstance(description, str) else dict(description)
@@ -40,20 +67,36 @@ def term_of(description: str | Mapping[str, Any], where: str) -> Term:
             mend=f"did you mean '{near[0]}'?" if near else f"use one of {', '.join(TERMS)}",
         )
     try:
-        return cast(Term, TERMS[law](**{key: _value(x) for key, x in fields.items()}))
+        return cast(
+            Term, TERMS[law](**{key: _field(law, key, x, where) for key, x in fields.items()})
+        )
     except TypeError:
-        known = tuple(getattr(TERMS[law], "__dataclass_fields__", {}))
+        known = _names(TERMS[law])
         unknown = ", ".join(f"'{name}'" for name in fields if name not in known)
         raise ModelError(
             f"term '{law}' does not understand {unknown or 'its fields'}",
             where=where,
-            mend=f"its fields are: {', '.join(n for n in known if n != 'law') or 'none'}",
+            mend=f"its fields are: {', '.join(known) or 'none'}",
         ) from None
+    except ModelError as error:
+        raise ModelError(error.wrong, where=where, mend=error.mend) from None
 
 
 def description_of(term: Term) -> dict[str, Any]:
     """The table that `term_of` turns back into the term."""
-    return {"law": term.law, **{key: _plain(x) for key, x in asdict(cast(Any, term)).items()}}
+    return {"law": term.law, **{x: _plain(getattr(term, x)) for x in _names(type(term))}}
+
+
+def _names(law: type[Any]) -> tuple[str, ...]:
+    """Names of a law's fields."""
+    return tuple(field.name for field in dataclasses.fields(law))
+
+
+def _field(law: str, name: str, given: Any, where: str) -> Any:
+    """What a file says of one field: its value, or that it is to be found."""
+    if is_asked(given) and name in _names(TERMS[law]):
+        return asked(TERMS[law], name, given, where)
+    return _value(given)
 
 
 def _value(given: Any) -> Any:
@@ -64,7 +107,11 @@ def _value(given: Any) -> Any:
 
 
 def _plain(value: Any) -> Any:
-    """The inverse: tuples of named pairs to tables, other tuples to lists."""
+    """The inverse: tuples of named pairs to tables, other tuples to lists, terms to theirs."""
+    if isinstance(value, Find):
+        return value.description
+    if dataclasses.is_dataclass(value):
+        return description_of(cast(Term, value))
     if not isinstance(value, tuple):
         return value
     if value and all(isinstance(x, tuple) and len(x) == 2 and isinstance(x[0], str) for x in value):

@@ -6,7 +6,7 @@ from typing import ClassVar
 from steelyard.kernel.dynamics import JointState
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
-from steelyard.terms.axes import Acting, Axis, each, spread
+from steelyard.terms.axes import Acting, each, spread
 from steelyard.terms.term import Columns
 
 

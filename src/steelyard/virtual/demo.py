@@ -8,9 +8,9 @@ from steelyard.excitation.random_fourier import random_fourier
 from steelyard.files import whole_folder, write_json
 from steelyard.progress import Progress, silent
 from steelyard.robot.robot_file import LoadedRobot, load_robot
+from steelyard.virtual.invent import random_truth
 from steelyard.virtual.robot import VirtualRobot
 from steelyard.virtual.simulate import customary_sensors
-from steelyard.virtual.truth import random_truth
 
 _URDF = "demo_arm.urdf"
 _ROBOT_FILE = """\
@@ -79,7 +79,7 @@ def demo_runs(
             motion = random_fourier(robot, seed=2 * seed + number, period=period, periods=periods)
             rig.run(motion, part / f"{name}.parquet")
             write_json(part / f"{name}_motion.json", motion.to_dict())
-        write_json(part / "truth.json", truth.to_dict(robot))
+        write_json(part / "truth.json", truth.to_dict())
     identification, validation = (folder / f"{name}.parquet" for name in names)
     return DemoFiles(folder / "demo_arm.toml", identification, validation, folder / "truth.json")
 

@@ -3,12 +3,14 @@ r"""A MuJoCo model with exactly the bodies of a `Robot`.
 MuJoCo has one joint per body, so its positions are $x = G q + o$ with one row of $G$ per body
 (`Body.ratio`, `Body.offset`), and joint torques are $\tau = G^T \tau_x$. MuJoCo adds nothing of
 its own: no contacts, no friction, no damping, no joint stops. Rotor inertia is MuJoCo's
-*armature*, put on the first body that a coordinate moves. In simulation, further bodies of the
-same coordinate (mimic joints) are held to the first by stiff equality constraints.
+*armature*, put on the first body that a coordinate moves, or on a tendon where it turns with
+several joints. In simulation, further bodies of the same coordinate (mimic joints) are held to the
+first, and pins of loops are held together, by stiff equality constraints.
 """
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -17,7 +19,7 @@ from numpy.typing import ArrayLike
 from steelyard.arrays import Array, frozen
 from steelyard.errors import ModelError
 from steelyard.robot.inertia import Inertia
-from steelyard.robot.robot import Body, Robot
+from steelyard.robot.robot import Body, Loop, Robot
 
 LEAST_INERTIA = 1e-12
 """What a massless body gets, in kg and kg m²: MuJoCo refuses a moving body without inertia."""
@@ -26,15 +28,22 @@ TIMESTEP = 1.25e-4
 """Default step of the integration [s]."""
 
 
+class Rotor(NamedTuple):
+    """Inertia of a rotor that turns with `row` times the joints' velocities [kg m²; kg]."""
+
+    row: tuple[float, ...]
+    inertia: float
+
+
 @dataclass(frozen=True, eq=False)
 class MujocoModel:
-    """A compiled MuJoCo model and the map between its joints and the robot's coordinates.
+    """A compiled MuJoCo model and the map between its joints and those of the robot.
 
     Attributes:
         compiled: The `mujoco.MjModel`.
-        map: `G`, shape `(n_bodies, n)`, positions of MuJoCo's joints per coordinate.
-        offset: Positions of MuJoCo's joints at coordinates zero, shape `(n_bodies,)`.
-        carriers: Per coordinate the joint of the first body that it moves.
+        map: `G`, shape `(n_bodies, n_joints)`, positions of MuJoCo's joints per joint.
+        offset: Positions of MuJoCo's joints at joint positions zero, shape `(n_bodies,)`.
+        carriers: Per joint MuJoCo's joint of the first body that it moves.
     """
 
     compiled: Any
@@ -46,7 +55,7 @@ class MujocoModel:
 def build(
     robot: Robot,
     inertial: ArrayLike | None = None,
-    rotor_inertia: ArrayLike | None = None,
+    rotors: Sequence[Rotor] = (),
     timestep: float = TIMESTEP,
 ) -> MujocoModel:
     """The MuJoCo model of a robot.
@@ -54,7 +63,7 @@ def build(
     Args:
         robot: The robot; its gravity is used.
         inertial: Ten numbers per body, shape `(n_bodies, 10)`; by default the nominal ones.
-        rotor_inertia: Per coordinate, felt at the joint, shape `(n,)` [kg m²; kg].
+        rotors: Rotors, felt along rows over all joints.
         timestep: Step of the integration [s].
 
     Raises:
@@ -62,19 +71,18 @@ def build(
     """
     shape = (len(robot.bodies), 10)
     tens = robot.nominal if inertial is None else frozen(inertial, shape)
-    rotors = np.zeros(robot.n) if rotor_inertia is None else frozen(rotor_inertia, (robot.n,))
     carriers = _carriers(robot)
     spec = _spec(robot, timestep)
     placed = [spec.worldbody]
     for index, (body, ten) in enumerate(zip(robot.bodies, tens, strict=True)):
-        carried = carriers[body.coordinate] == index
-        armature = rotors[body.coordinate] / body.ratio**2 if carried else 0.0
-        placed.append(
-            _add_body(placed[body.parent + 1], index, body, Inertia.from_ten(ten), armature)
-        )
-        if not carried:
+        placed.append(_add_body(placed[body.parent + 1], index, body, Inertia.from_ten(ten)))
+        if carriers[body.coordinate] != index:
             _tie(spec, robot, index, carriers[body.coordinate], timestep)
-    matrix = np.zeros((len(robot.bodies), robot.n))
+    for loop in robot.loops:
+        _pin(spec, loop, [placed[body + 1] for body in loop.bodies], timestep)
+    for number, rotor in enumerate(rotors):
+        _turn(spec, robot, number, rotor, carriers)
+    matrix = np.zeros((len(robot.bodies), robot.n_joints))
     for index, body in enumerate(robot.bodies):
         matrix[index, body.coordinate] = body.ratio
     offset = [body.offset for body in robot.bodies]
@@ -94,16 +102,16 @@ def _order(compiled: Any) -> list[int]:
 
 
 def inverse_dynamics(model: MujocoModel, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
-    """Joint torques by `mj_inverse`: rigid bodies and rotor inertia, no friction.
+    """Torques of all joints by `mj_inverse`: rigid bodies and rotors of the tree, no friction.
 
     Args:
-        model: The model.
-        q: Positions, shape `(N, n)`.
-        dq: Velocities, shape `(N, n)`.
-        ddq: Accelerations, shape `(N, n)`.
+        model: The model; pins of loops are taken out.
+        q: Positions of all joints, shape `(N, n_joints)`.
+        dq: Velocities, shape `(N, n_joints)`.
+        ddq: Accelerations, shape `(N, n_joints)`.
 
     Returns:
-        Shape `(N, n)` [Nm; N].
+        Shape `(N, n_joints)` [Nm; N].
     """
     q, dq, ddq = (np.asarray(a, dtype=np.float64) @ model.map.T for a in (q, dq, ddq))
     data = new_data(model)
@@ -117,14 +125,14 @@ def inverse_dynamics(model: MujocoModel, q: ArrayLike, dq: ArrayLike, ddq: Array
 
 
 def mass_matrices(model: MujocoModel, q: ArrayLike) -> Array:
-    """Joint-space mass matrices, rotor inertia included.
+    """Mass matrices of all joints of the tree, rotors included.
 
     Args:
         model: The model.
-        q: Positions, shape `(N, n)`.
+        q: Positions of all joints, shape `(N, n_joints)`.
 
     Returns:
-        Shape `(N, n, n)`.
+        Shape `(N, n_joints, n_joints)`.
     """
     q = np.asarray(q, dtype=np.float64)
     count, n = q.shape
@@ -139,25 +147,20 @@ def new_data(model: MujocoModel) -> Any:
     return mujoco.MjData(model.compiled)
 
 
-def advance(model: MujocoModel, data: Any) -> None:
-    """One step of the integration under `data.qfrc_applied`."""
-    mujoco.mj_step(model.compiled, data)
-
-
 def _carriers(robot: Robot) -> tuple[int, ...]:
-    """Per coordinate the first body that it moves."""
+    """Per joint the first body that it moves."""
     first: dict[int, int] = {}
     for index, body in enumerate(robot.bodies):
         if body.ratio != 0.0:
             first.setdefault(body.coordinate, index)
-    for index, coordinate in enumerate(robot.coordinates):
+    for index, coordinate in enumerate(robot.joints):
         if index not in first:
             raise ModelError(
                 f"joint '{coordinate.name}' moves no body",
                 where=f"robot '{robot.name}'",
                 mend="lock the joint or leave it out",
             )
-    return tuple(first[index] for index in range(robot.n))
+    return tuple(first[index] for index in range(robot.n_joints))
 
 
 def _spec(robot: Robot, timestep: float) -> Any:
@@ -174,11 +177,12 @@ def _spec(robot: Robot, timestep: float) -> Any:
         | mujoco.mjtDisableBit.mjDSBL_LIMIT
         | mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS
         | mujoco.mjtDisableBit.mjDSBL_WARMSTART
+        | mujoco.mjtDisableBit.mjDSBL_AUTORESET
     )
     return spec
 
 
-def _add_body(parent: Any, index: int, body: Body, inertia: Inertia, armature: float) -> Any:
+def _add_body(parent: Any, index: int, body: Body, inertia: Inertia) -> Any:
     """Add one body and its joint; the body that was added."""
     added = parent.add_body(name=f"{index} {body.name}", pos=body.position)
     mujoco.mju_mat2Quat(added.quat, np.ascontiguousarray(body.rotation).ravel())
@@ -187,8 +191,7 @@ def _add_body(parent: Any, index: int, body: Body, inertia: Inertia, armature: f
     added.mass, added.ipos, added.inertia = mass, com, moments
     mujoco.mju_mat2Quat(added.iquat, np.ascontiguousarray(axes).ravel())
     kinds = {"revolute": mujoco.mjtJoint.mjJNT_HINGE, "prismatic": mujoco.mjtJoint.mjJNT_SLIDE}
-    joint = added.add_joint(name=f"{index} {body.joint}", type=kinds[body.kind], axis=body.axis)
-    joint.armature = armature
+    added.add_joint(name=f"{index} {body.joint}", type=kinds[body.kind], axis=body.axis)
     return added
 
 
@@ -215,8 +218,57 @@ def _tie(spec: Any, robot: Robot, index: int, carrier: int, timestep: float) -> 
     tie = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT)
     tie.name1, tie.name2 = f"{index} {body.joint}", f"{carrier} {master.joint}"
     tie.data[:2] = body.offset - slope * master.offset, slope
-    tie.solref = 2.0 * timestep, 1.0
-    tie.solimp = 0.99999, 0.99999, 1e-3, 0.5, 2.0
+    _stiffen(tie, timestep)
+
+
+def _pin(spec: Any, loop: Loop, bodies: Sequence[Any], timestep: float) -> None:
+    """Hold a point of one body to a point of another; sites stand at the points."""
+    pin = spec.add_equality(type=mujoco.mjtEq.mjEQ_CONNECT, objtype=mujoco.mjtObj.mjOBJ_SITE)
+    names = [f"{end} of {loop.name}" for end in ("first end", "second end")]
+    for body, name, point in zip(bodies, names, loop.points, strict=True):
+        body.add_site(name=name, pos=point)
+    pin.name1, pin.name2 = names
+    _stiffen(pin, timestep)
+
+
+def _stiffen(equality: Any, timestep: float) -> None:
+    """As stiff as the step allows."""
+    equality.solref = 2.0 * timestep, 1.0
+    equality.solimp = 0.99999, 0.99999, 1e-3, 0.5, 2.0
+
+
+def _turn(spec: Any, robot: Robot, number: int, rotor: Rotor, carriers: Sequence[int]) -> None:
+    """Add a rotor: armature of its joint, or of a tendon of all joints that it turns with."""
+    moving = [j for j, coefficient in enumerate(rotor.row) if coefficient]
+    bodies = [robot.bodies[carriers[j]] for j in moving]
+    names = [f"{carriers[j]} {body.joint}" for j, body in zip(moving, bodies, strict=True)]
+    slopes = [rotor.row[j] / body.ratio for j, body in zip(moving, bodies, strict=True)]
+    if len(moving) == 1:
+        spec.joint(names[0]).armature += rotor.inertia * slopes[0] ** 2
+        return
+    _check_chain(robot, [carriers[j] for j in moving])
+    tendon = spec.add_tendon(name=f"rotor {number}", armature=rotor.inertia)
+    for name, slope in zip(names, slopes, strict=True):
+        tendon.wrap_joint(name, slope)
+
+
+def _check_chain(robot: Robot, bodies: Iterable[int]) -> None:
+    """Raise unless the bodies carry each other: MuJoCo couples inertia along chains only."""
+    last, *before = sorted(bodies, reverse=True)
+    carried = set()
+    body = last
+    while body >= 0:
+        carried.add(body)
+        body = robot.bodies[body].parent
+    for other in before:
+        if other not in carried:
+            names = robot.bodies[other].joint, robot.bodies[last].joint
+            raise ModelError(
+                f"a rotor turns with joints '{names[0]}' and '{names[1]}' of different branches",
+                where=f"robot '{robot.name}'",
+                mend="the virtual robot couples rotors along one chain of joints only: put the "
+                "rotor inertia on the joints",
+            )
 
 
 def _compile(spec: Any, robot: Robot) -> Any:

@@ -1,33 +1,48 @@
-"""A log as the robot file says that logs look: its columns, their units and drive gains."""
+"""A log as the robot file says that logs look: its columns, their units, sides and drive gains."""
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from steelyard.arrays import Array
 from steelyard.robot.signals import Signals
+from steelyard.virtual.sensors import Reading
 
 
-def as_declared(columns: Mapping[str, Array], signals: Signals) -> dict[str, Array]:
-    """The columns of a log under the names, and in the units, that a robot file declares.
+def as_declared(
+    reading: Reading,
+    signals: Signals,
+    *,
+    velocity: bool = True,
+    gains: ArrayLike | None = None,
+) -> dict[str, Array]:
+    """The columns of a log under the names, in the units and on the side that a file declares.
 
     Args:
-        columns: Time, positions, velocities if logged, and joint efforts, in SI units, in the
-            order of the joints.
+        reading: What the sensors say, of the joints.
         signals: What the robot file declares; without velocity columns the log has none.
+        velocity: Whether there are velocities at all.
+        gains: True drive gains, for those that the file leaves to be identified; 1 if not given.
     """
-    values = list(columns.values())
-    n = signals.n
-    positions, velocities, efforts = values[1 : 1 + n], values[1 + n : -n], values[-n:]
-    named = {signals.time: values[0] / signals.time_scale}
-    named |= _scaled(signals.position, positions, signals.position_scale)
-    if signals.velocity is not None and signals.velocity_scale is not None and velocities:
-        named |= _scaled(signals.velocity, velocities, signals.velocity_scale)
-    return named | _scaled(signals.effort, efforts, signals.effort_scale * signals.gains)
+    named = {signals.time: reading.t / signals.time_scale}
+    offset = 0.0 if signals.position_offset is None else signals.position_offset
+    q = _before(reading.q - offset, signals.position_map)
+    named |= _scaled(signals.position, q, signals.position_scale)
+    if signals.velocity is not None and signals.velocity_scale is not None and velocity:
+        dq = _before(reading.dq, signals.position_map)
+        named |= _scaled(signals.velocity, dq, signals.velocity_scale)
+    true = signals.gains
+    if any(signals.unknown_gains) and gains is not None:
+        true = np.where(signals.unknown_gains, gains, true)
+    effort = _before(reading.effort / true, signals.effort_map)
+    return named | _scaled(signals.effort, effort, signals.effort_scale)
 
 
-def _scaled(names: tuple[str, ...], values: list[Array], scales: Array) -> dict[str, Array]:
-    return {
-        name: np.asarray(value / scale)
-        for name, value, scale in zip(names, values, scales, strict=True)
-    }
+def _before(values: Array, mapped: Array | None) -> Array:
+    """Values, `(N, n)`, before the map that reading a log applies to them."""
+    return values if mapped is None else np.asarray(np.linalg.solve(mapped, values.T).T)
+
+
+def _scaled(names: Sequence[str], values: Array, scales: Array) -> dict[str, Array]:
+    return dict(zip(names, (values / scales).T, strict=True))

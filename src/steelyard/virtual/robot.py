@@ -6,21 +6,27 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.arrays import Array, frozen
+from steelyard.errors import DataError
 from steelyard.files import write_table
-from steelyard.motion import Trajectory
+from steelyard.model import Model
+from steelyard.motion import Motion, Trajectory
+from steelyard.parameters import Parameters
 from steelyard.progress import Progress, silent, tell
 from steelyard.robot.robot import Robot
 from steelyard.robot.signals import Signals
+from steelyard.terms.rigid_body import RigidBody
 from steelyard.virtual.controller import tuned_pd
 from steelyard.virtual.naming import as_declared
+from steelyard.virtual.payload import Payload
 from steelyard.virtual.plant import MujocoPlant
-from steelyard.virtual.scales import typical_masses
+from steelyard.virtual.scales import closed, typical_masses
 from steelyard.virtual.sensors import CONTROL_RATE, Sensors, TrueRun
 from steelyard.virtual.truth import Truth
 
 _TICK = 1.0 / CONTROL_RATE
 _SETTLING = 0.5
 _TICKS_PER_EVENT = 250
+_TICKS_PER_CLOSURE = 20
 
 
 class VirtualRobot:
@@ -35,7 +41,9 @@ class VirtualRobot:
         truth: What it really is.
         sensors: How its log is written.
         rest: Standstill before and after a motion [s].
-        signals: Names, units and gains of the log's columns; customary ones if `None`.
+        signals: Names, units, sides, kinds and gains of the log's columns; customary ones if
+            `None`.
+        payload: What it carries for a while, if anything.
     """
 
     def __init__(
@@ -47,11 +55,13 @@ class VirtualRobot:
         seed: int = 0,
         rest: float = 1.0,
         signals: Signals | None = None,
+        payload: Payload | None = None,
         progress: Progress = silent,
     ) -> None:
         self.robot, self.truth, self.rest, self.signals = robot, truth, rest, signals
         self.sensors = Sensors() if sensors is None else sensors
-        self._plant = MujocoPlant(robot, truth)
+        self.payload = payload
+        self._plant = MujocoPlant(robot, truth, payload)
         self._control = tuned_pd(typical_masses(robot, self._plant.model))
         self._noise = np.random.default_rng(seed)
         self._progress = progress
@@ -74,19 +84,27 @@ class VirtualRobot:
         Raises:
             Stopped: The watcher asked to stop; no file is written.
         """
-        columns = self.sensors.read(self.follow(trajectory), self.robot, self._noise)
-        write_table(log, columns if self.signals is None else as_declared(columns, self.signals))
+        run, sensors = self.follow(trajectory), self.sensors
+        if self.signals is None:
+            write_table(log, sensors.read(run, self.robot, self._noise))
+            return
+        reading = sensors.measure(run, self._noise, self.signals.effort_kind)
+        columns = as_declared(reading, self.signals, velocity=sensors.velocity, gains=sensors.gains)
+        write_table(log, columns)
 
     def follow(self, trajectory: Trajectory) -> TrueRun:
         """Follow `trajectory`; what happened at every tick, without sensors."""
         ticks = round((trajectory.duration + 2.0 * self.rest) * CONTROL_RATE) + 1
         t = frozen(np.arange(ticks) * _TICK)
         wanted = trajectory.sample(np.clip(t - self.rest, 0.0, trajectory.duration))
+        self._check_loops(t, wanted.q)
         moving = ((t >= self.rest) & (t <= self.rest + trajectory.duration))[:, None]
         goal, speed = wanted.q, np.where(moving, wanted.dq, 0.0)
+        loaded = np.zeros(ticks, bool) if self.payload is None else self.payload.carried(t)
+        self._plant.load(bool(loaded[0]))
         self.place(goal[0])
         tau = self._settle(goal[0])
-        q, dq, effort = np.empty_like(goal), np.empty_like(goal), np.empty_like(goal)
+        q, dq, effort, friction = (np.zeros_like(goal) for _ in range(4))
         q[0], dq[0] = self._plant.state()
         for k in range(ticks):
             if k % _TICKS_PER_EVENT == 0:
@@ -94,10 +112,41 @@ class VirtualRobot:
             before = tau
             tau = self._control.torque(goal[k] - q[k], speed[k] - dq[k])
             effort[k] = 0.5 * (before + tau)
+            friction[k] = self._plant.motor_friction()
             if k + 1 < ticks:
+                self._plant.load(bool(loaded[k]))
                 q[k + 1], dq[k + 1] = self._plant.step(tau, _TICK)
         tell(self._progress, "simulation", t[-1], t[-1])
-        return TrueRun(t, q, dq, effort)
+        return TrueRun(t, q, dq, effort, friction + self._rotors(dq), self._gravity(t, q))
+
+    def _rotors(self, dq: Array) -> Array:
+        """Torque of the rotors that turn with the independent joints, shape `(N, n)`.
+
+        Their acceleration is the mean over the ticks before and after, as the torque is.
+        """
+        ddq = np.gradient(dq, _TICK, axis=0)
+        rows = [(np.array(r.row[: self.robot.n]), r.inertia) for r in self.truth.rotors]
+        parts = [inertia * np.outer(ddq @ row, row) for row, inertia in rows]
+        return np.asarray(sum(parts, np.zeros_like(ddq)))
+
+    def _gravity(self, t: Array, q: Array) -> Array:
+        """Torque that holds the bodies against gravity, shape `(N, n)`."""
+        bodies = Model(self.robot, (RigidBody(),))
+        values = Parameters(bodies.names, bodies.units, self.truth.inertial.ravel())
+        still = np.zeros_like(q)
+        return bodies.at(values).torque(Motion(t, q, still, still))
+
+    def _check_loops(self, t: Array, goal: Array) -> None:
+        """Raise where the robot could not follow because its loops would not close."""
+        near = None
+        for k in range(0, len(t) if self.robot.loops else 0, _TICKS_PER_CLOSURE):
+            near = closed(self.robot, goal[k], near)
+            if near is None:
+                raise DataError(
+                    f"the loops cannot close at {max(t[k] - self.rest, 0.0):.2f} s of the motion",
+                    where=f"motion of robot '{self.robot.name}'",
+                    mend="give a motion, or limits of the joints, within which the loops close",
+                )
 
     def _settle(self, goal: Array) -> Array:
         """Hold a posture until it sags no more; the last torque, shape `(n,)`."""

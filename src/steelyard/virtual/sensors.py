@@ -1,13 +1,15 @@
 """What a log shows of what happened: sampling, resolution, noise, a clock that jitters."""
 
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.arrays import Array, frozen
-from steelyard.errors import DataError
+from steelyard.errors import DataError, ModelError
 from steelyard.robot.robot import Robot
+from steelyard.robot.schema import EffortKind
 
 CONTROL_RATE = 1000.0
 """Ticks of the joint controller per second [1/s]."""
@@ -23,17 +25,51 @@ class TrueRun:
         dq: Velocities, shape `(N, n)`.
         tau: Joint torques, shape `(N, n)`: the mean of the torque held before and after the tick,
             which is the torque at that time without the half-tick delay of the hold.
+        motor_side: The part of it that rotors and friction of motors take, shape `(N, n)`; zero if
+            not given.
+        gravity: The part of it that holds the bodies against gravity, without payload, likewise.
     """
 
     t: Array
     q: Array
     dq: Array
     tau: Array
+    motor_side: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    gravity: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "t", frozen(self.t, (None,)))
         for name in ("q", "dq", "tau"):
             object.__setattr__(self, name, frozen(getattr(self, name), (len(self.t), None)))
+        for name in ("motor_side", "gravity"):
+            given = getattr(self, name)
+            part = given if np.size(given) else np.zeros_like(self.tau)
+            object.__setattr__(self, name, frozen(part, self.tau.shape))
+
+    def effort(self, kind: EffortKind) -> Array:
+        """The effort that a sensor of a kind feels, as joint torques, shape `(N, n)`."""
+        if kind == "link_torque":
+            return np.asarray(self.tau - self.motor_side)
+        if kind == "gravity_compensated_torque":
+            return np.asarray(self.tau - self.gravity)
+        return self.tau
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """What sensors say of a run, of the joints and in SI units; rows of the log.
+
+    Attributes:
+        t: Time stamps, shape `(N,)` [s].
+        q: Positions, shape `(N, n)`.
+        dq: Velocities, shape `(N, n)`.
+        effort: Efforts as joint torques, shape `(N, n)`.
+    """
+
+    t: Array
+    q: Array
+    dq: Array
+    effort: Array
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -49,7 +85,9 @@ class Sensors:
         clock_jitter: Standard deviation of each time stamp [s]; a stamp is never wrong by more than
             0.45 of the distance of two rows, so time always advances.
         velocity: Whether the log has velocity columns.
-        gains: Torque per ampere [Nm/A; N/A]; given, the log has motor currents and no torques.
+        gains: Torque per ampere [Nm/A; N/A]; given, the log has motor currents and no torques,
+            unless a robot file says what it has.
+        effort: Kind of effort that is logged; motor torques go through the robot's transmission.
     """
 
     rate: float
@@ -60,6 +98,7 @@ class Sensors:
     clock_jitter: float
     velocity: bool
     gains: Array | None
+    effort: EffortKind
 
     def __init__(
         self,
@@ -72,6 +111,7 @@ class Sensors:
         clock_jitter: float = 0.0,
         velocity: bool = True,
         gains: ArrayLike | None = None,
+        effort: EffortKind = "joint_torque",
     ) -> None:
         _check_rate(rate)
         object.__setattr__(self, "rate", float(rate))
@@ -89,38 +129,72 @@ class Sensors:
         object.__setattr__(self, "clock_jitter", float(clock_jitter))
         object.__setattr__(self, "velocity", velocity)
         object.__setattr__(self, "gains", None if gains is None else frozen(gains))
+        object.__setattr__(self, "effort", effort)
         if self.gains is not None and not np.all(self.gains):
             raise ValueError("a gain is zero")
 
-    def read(self, run: TrueRun, robot: Robot, rng: np.random.Generator) -> dict[str, Array]:
-        """The columns of the log, by name.
+    def with_random_gains(self, n: int, seed: int) -> "Sensors":
+        """The same sensors with drive gains of 5 to 15 Nm/A, for `n` joints."""
+        changed = copy(self)
+        gains = frozen(np.random.default_rng(seed).uniform(5.0, 15.0, n))
+        object.__setattr__(changed, "gains", gains)
+        return changed
+
+    def measure(
+        self, run: TrueRun, rng: np.random.Generator, kind: EffortKind | None = None
+    ) -> Reading:
+        """What the sensors say.
 
         Args:
             run: What happened.
-            robot: Gives the units.
             rng: Source of the noise.
+            kind: Kind of effort; by default that of these sensors.
         """
         rows = slice(None, None, round(CONTROL_RATE / self.rate))
-        t, q, dq, tau = run.t[rows], run.q[rows], run.dq[rows], run.tau[rows]
+        effort = run.effort(self.effort if kind is None else kind)[rows]
+        t, q, dq = run.t[rows], run.q[rows], run.dq[rows]
         noise_t, noise_q, noise_dq, noise_tau = (
-            rng.standard_normal(values.shape) for values in (t, q, dq, tau)
+            rng.standard_normal(values.shape) for values in (t, q, dq, effort)
         )
         bound = 0.45 / self.rate
-        time = t + np.clip(self.clock_jitter * noise_t, -bound, bound)
-        position = _stepped(q + self.position_noise * noise_q, self.resolution)
-        velocity = dq + self.velocity_noise * noise_dq
-        effort = tau + self.torque_noise * noise_tau
+        return Reading(
+            t + np.clip(self.clock_jitter * noise_t, -bound, bound),
+            _stepped(q + self.position_noise * noise_q, self.resolution),
+            dq + self.velocity_noise * noise_dq,
+            effort + self.torque_noise * noise_tau,
+        )
+
+    def read(self, run: TrueRun, robot: Robot, rng: np.random.Generator) -> dict[str, Array]:
+        """The columns of the log under customary names.
+
+        Args:
+            run: What happened.
+            robot: Gives the units, and the transmission of motor torques.
+            rng: Source of the noise.
+        """
+        reading = self.measure(run, rng)
+        columns = {"time_s": reading.t}
+        for j, joint in enumerate(robot.coordinates):
+            columns[f"q{j + 1}_{joint.unit}"] = reading.q[:, j]
+        for j, joint in enumerate(robot.coordinates if self.velocity else ()):
+            columns[f"dq{j + 1}_{joint.unit}_s"] = reading.dq[:, j]
+        return columns | self._efforts(reading.effort, robot)
+
+    def _efforts(self, effort: Array, robot: Robot) -> dict[str, Array]:
         if self.gains is not None:
             effort = effort / self.gains
-        columns = {"time_s": time}
-        for j, joint in enumerate(robot.coordinates):
-            columns[f"q{j + 1}_{joint.unit}"] = position[:, j]
-        for j, joint in enumerate(robot.coordinates if self.velocity else ()):
-            columns[f"dq{j + 1}_{joint.unit}_s"] = velocity[:, j]
-        for j, joint in enumerate(robot.coordinates):
-            name = f"tau{j + 1}_{joint.effort_unit}" if self.gains is None else f"current{j + 1}_A"
-            columns[name] = effort[:, j]
-        return columns
+            return {f"current{j + 1}_A": column for j, column in enumerate(effort.T)}
+        if self.effort != "motor_torque":
+            names = [f"tau{j + 1}_{c.effort_unit}" for j, c in enumerate(robot.coordinates)]
+            return dict(zip(names, effort.T, strict=True))
+        if robot.transmission is None:
+            raise ModelError(
+                "motor torques are to be logged, but the robot has no transmission",
+                where=f"robot '{robot.name}'",
+                mend="give the robot a transmission, or log joint torques",
+            )
+        motors = np.linalg.solve(robot.transmission.matrix.T, effort.T)
+        return {f"motor_tau{j + 1}_Nm": column for j, column in enumerate(motors)}
 
 
 def _check_rate(rate: float) -> None:

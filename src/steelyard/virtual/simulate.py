@@ -11,6 +11,7 @@ from steelyard.progress import Progress, silent
 from steelyard.robot.robot import Robot
 from steelyard.robot.signals import Signals
 from steelyard.virtual.mujoco_model import build
+from steelyard.virtual.payload import Payload
 from steelyard.virtual.robot import VirtualRobot
 from steelyard.virtual.scales import typical_torque
 from steelyard.virtual.sensors import Sensors
@@ -43,7 +44,7 @@ def customary_sensors(robot: Robot, truth: Truth, noise: float = 1.0) -> Sensors
         truth: What it really is; gives the size of its torques.
         noise: Factor on all of it; 0 is perfect.
     """
-    torque = typical_torque(robot, build(robot, truth.inertial, truth.rotor_inertia))
+    torque = typical_torque(robot, build(robot, truth.inertial, truth.rotors))
     steps = {"revolute": 2.0 * pi / 2**17, "prismatic": 1e-5}
     return Sensors(
         resolution=[noise * steps[c.kind] for c in robot.coordinates],
@@ -62,6 +63,7 @@ def simulate(
     *,
     seed: int = 0,
     signals: Signals | None = None,
+    payload: Payload | None = None,
     progress: Progress = silent,
 ) -> SimulatedFiles:
     """Send the virtual robot along a trajectory and write its log, its truth and the motion.
@@ -76,6 +78,7 @@ def simulate(
         folder: Folder to make; it may not exist, unless it is empty.
         seed: Seed of the noise.
         signals: Names, units and gains of the log's columns; customary ones if `None`.
+        payload: What the robot carries for a while, if anything.
         progress: Told how far the simulation is.
 
     Raises:
@@ -84,9 +87,20 @@ def simulate(
     """
     with whole_folder(folder) as part:
         rig: Rig = VirtualRobot(
-            robot, truth, sensors, seed=seed, signals=signals, progress=progress
+            robot,
+            truth,
+            sensors,
+            seed=seed,
+            signals=signals,
+            payload=payload,
+            progress=progress,
         )
         rig.run(trajectory, part / "log.parquet")
-        write_json(part / "truth.json", truth.to_dict(robot))
+        hidden = truth.to_dict()
+        if signals is not None and any(signals.unknown_gains) and sensors.gains is not None:
+            hidden["drive_gains"] = dict(
+                zip(robot.joint_names, sensors.gains.tolist(), strict=True)
+            )
+        write_json(part / "truth.json", hidden)
         write_json(part / "trajectory.json", trajectory.to_dict())
     return SimulatedFiles(folder / "log.parquet", folder / "truth.json", folder / "trajectory.json")

@@ -1,140 +1,151 @@
-r"""What a virtual robot really is: the parameters that identification should find.
+"""What a virtual robot really is: a model of any terms, and the values that it should be found by.
 
-Its torque is
-
-$$\tau = \mathrm{ID}(q, \dot q, \ddot q) + I_r \ddot q + f_c \tanh(\dot q / v_s) + f_v \dot q + o.$$
-
-The smoothing speed $v_s$ is there because a friction that jumps at zero speed makes an integration
-with fixed steps chatter; it is some thousandths of the working speed.
+Laws that jump at zero speed make an integration with fixed steps chatter; the plant turns them
+within a smoothing speed of some thousandths of the working speed.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from steelyard.arrays import Array, frozen
-from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
+from steelyard.errors import ModelError
+from steelyard.model import Model
+from steelyard.parameters import Parameters
 from steelyard.robot.robot import Robot
-from steelyard.virtual.mujoco_model import TIMESTEP, build
-from steelyard.virtual.scales import typical_inertia, typical_masses, typical_torque
+from steelyard.terms.register import description_of, term_of
+from steelyard.terms.rigid_body import RigidBody
+from steelyard.terms.rotor_inertia import RotorInertia
+from steelyard.terms.term import Term
+from steelyard.virtual.mujoco_model import Rotor
 
-_PER_JOINT = ("rotor_inertia", "coulomb", "viscous", "offset", "smoothing")
-_LEAST_SMOOTHING = {"revolute": 0.005, "prismatic": 0.001}
+SCHEMA = "steelyard-truth/2"
+_WHERE = "truth of the virtual robot"
 
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """The parameters of a virtual robot.
+    """A virtual robot's model and its values.
 
     Attributes:
-        inertial: Ten numbers per body in Pinocchio's order, shape `(n_bodies, 10)`.
-        rotor_inertia: Rotor inertia felt at the joint, shape `(n,)` [kg m²; kg].
-        coulomb: Coulomb friction, shape `(n,)` [Nm; N].
-        viscous: Viscous friction, shape `(n,)` [Nm s/rad; N s/m].
-        offset: Constant torque, shape `(n,)` [Nm; N].
-        smoothing: Speed over which Coulomb friction turns, shape `(n,)` [rad/s; m/s].
+        model: The robot and all causes of its torque; `rigid_body` is one of them.
+        values: All standard parameters of the model, in its order.
+        smoothing: Speed over which laws that jump at zero speed turn, per joint of
+            `robot.joints`, shape `(n_joints,)` [rad/s; m/s].
     """
 
-    inertial: Array
-    rotor_inertia: Array
-    coulomb: Array
-    viscous: Array
-    offset: Array
+    model: Model
+    values: Parameters
     smoothing: Array
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "inertial", frozen(self.inertial, (None, 10)))
-        count = len(np.atleast_1d(self.rotor_inertia))
-        for name in _PER_JOINT:
-            object.__setattr__(self, name, frozen(getattr(self, name), (count,)))
-        for name in ("rotor_inertia", "coulomb", "viscous"):
-            if np.any(getattr(self, name) < 0.0):
-                raise ValueError(f"{name} is negative")
+        object.__setattr__(self, "values", self.model.at(self.values).values)
+        joints = (self.model.robot.n_joints,)
+        object.__setattr__(self, "smoothing", frozen(self.smoothing, joints))
         if not np.all(self.smoothing > 0.0):
-            raise ValueError("smoothing is not positive")
+            raise _unusable("a smoothing speed is not positive", "give every joint one above zero")
+        if not any(isinstance(term, RigidBody) for term in self.model.terms):
+            raise _unusable(
+                "the true robot has no bodies", "add 'rigid_body' to the terms of its model"
+            )
+        for parameter, value in zip(self.model.parameters, self.values.values, strict=True):
+            if not parameter.lower <= value <= parameter.upper:
+                raise _unusable(
+                    f"parameter '{parameter.name}' is {value:g}, which is out of its range",
+                    f"give it a value between {parameter.lower:g} and {parameter.upper:g}",
+                )
 
-    def friction(self, dq: Array) -> Array:
-        """Coulomb, viscous and constant torque at velocities `dq`, shape `(..., n)`."""
-        smooth = self.coulomb * np.tanh(dq / self.smoothing)
-        return np.asarray(smooth + self.viscous * dq + self.offset)
+    @property
+    def robot(self) -> Robot:
+        """The robot; its nominal inertias play no part."""
+        return self.model.robot
 
-    def to_dict(self, robot: Robot) -> dict[str, Any]:
-        """As values for JSON, by the names of links and joints."""
+    @cached_property
+    def inertial(self) -> Array:
+        """Ten numbers per body in Pinocchio's order, shape `(n_bodies, 10)`."""
+        names = [p.name for p in RigidBody().parameters(self.robot)]
+        return frozen(np.reshape([self.values[name] for name in names], (-1, 10)))
+
+    @cached_property
+    def rotors(self) -> tuple[Rotor, ...]:
+        """Rotor inertias, and how the rotors turn with the joints."""
+        return tuple(
+            Rotor(axis.row, self.values[parameter.name])
+            for term in self.model.terms
+            if isinstance(term, RotorInertia)
+            for axis, parameter in zip(
+                term.axes(self.robot), term.parameters(self.robot), strict=True
+            )
+        )
+
+    @cached_property
+    def laws(self) -> tuple[Term, ...]:
+        """The other terms: neither bodies nor rotor inertia."""
+        inertial = (RigidBody, RotorInertia)
+        return tuple(term for term in self.model.terms if not isinstance(term, inertial))
+
+    @property
+    def law_values(self) -> Array:
+        """Parameters of `laws`, one after another."""
+        names = [p.name for term in self.laws for p in term.parameters(self.robot)]
+        return frozen([self.values[name] for name in names])
+
+    def changed(self, **values: float) -> "Truth":
+        """The same truth with some values replaced; names with dots go in as `**{...}`."""
+        full = {**self.values.as_dict(), **values}
+        units = dict(zip(self.values.names, self.values.units, strict=True))
+        parameters = Parameters(list(full), [units.get(n, "") for n in full], list(full.values()))
+        return Truth(self.model, parameters, self.smoothing)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As values for JSON, by the names of parameters and joints; the robot by its name."""
+        names, units, values = self.values.names, self.values.units, self.values.values.tolist()
         return {
-            "schema": "steelyard-truth/1",
-            "robot": robot.name,
-            "links": {
-                body.name: dict(zip(INERTIAL_NAMES, ten.tolist(), strict=True))
-                for body, ten in zip(robot.bodies, self.inertial, strict=True)
+            "schema": SCHEMA,
+            "robot": self.robot.name,
+            "terms": [description_of(term) for term in self.model.terms],
+            "parameters": {
+                name: {"value": value, "unit": unit}
+                for name, unit, value in zip(names, units, values, strict=True)
             },
-            "joints": {
-                name: {key: float(getattr(self, key)[j]) for key in _PER_JOINT}
-                for j, name in enumerate(robot.joint_names)
+            "smoothing": {
+                joint.name: speed
+                for joint, speed in zip(self.robot.joints, self.smoothing.tolist(), strict=True)
             },
         }
 
     @classmethod
-    def from_dict(cls, values: Mapping[str, Any], robot: Robot) -> "Truth":
-        """The inverse of `to_dict`."""
-        links, joints = values["links"], values["joints"]
-        inertial = [[links[body.name][key] for key in INERTIAL_NAMES] for body in robot.bodies]
-        table = {key: [joints[name][key] for name in robot.joint_names] for key in _PER_JOINT}
-        return cls(frozen(inertial), **{key: frozen(column) for key, column in table.items()})
+    def from_dict(cls, data: Mapping[str, Any], robot: Robot) -> "Truth":
+        """The truth that `to_dict` wrote, of this robot.
+
+        Raises:
+            ModelError: The values are no truth of this robot, or of another version.
+        """
+        if data.get("schema") != SCHEMA:
+            raise _unusable(
+                f"schema '{data.get('schema')}' instead of '{SCHEMA}'",
+                "give a truth.json that this version of steelyard wrote",
+            )
+        terms = tuple(term_of(term, _WHERE) for term in data["terms"])
+        given, model = data["parameters"], Model(robot, terms)
+        speeds = data["smoothing"]
+        wanted = {"parameters": set(model.names), "joints": {c.name for c in robot.joints}}
+        for what, found in (("parameters", set(given)), ("joints", set(speeds))):
+            if strange := sorted(found ^ wanted[what]):
+                raise _unusable(
+                    f"its {what} are not those of robot '{robot.name}': '{strange[0]}'",
+                    "take the truth that was made for this robot",
+                )
+        values = [given[name]["value"] for name in model.names]
+        return cls(
+            model,
+            Parameters(model.names, model.units, values),
+            frozen([speeds[c.name] for c in robot.joints]),
+        )
 
 
-def random_truth(robot: Robot, seed: int, spread: float = 0.15) -> Truth:
-    """An invented truth near the robot's nominal model.
-
-    Inertias are the nominal ones seen through a random deformation of the body, so they are
-    those of a body that can exist; a link whose model file gives no mass properties, or impossible
-    ones, becomes a ball of about 1 kg. Friction, rotor inertia and offset are drawn in proportion
-    to the torques and inertias that each joint sees.
-
-    Args:
-        robot: The robot.
-        seed: Same seed, same truth.
-        spread: Size of the deformation; 0.15 moves masses and inertias by 20–30 %.
-    """
-    rng = np.random.default_rng(seed)
-    inertial = [_deformed(_usable(b.inertia, b.known), rng, spread).ten for b in robot.bodies]
-    bare = build(robot, inertial)
-    masses = typical_masses(robot, bare)
-    n, typical = robot.n, typical_torque(robot, bare)
-    rotor = rng.uniform(0.2, 0.6, n) * typical_inertia(robot, masses)
-    coulomb = rng.uniform(0.1, 0.25, n) * typical
-    speed = np.array([min(c.limits.velocity, 2.0) for c in robot.coordinates])
-    viscous = rng.uniform(0.1, 0.25, n) * typical / speed
-    offset = rng.uniform(-0.03, 0.03, n) * typical
-    smoothing = _smoothing(robot, masses + np.diag(rotor), coulomb)
-    return Truth(frozen(inertial), rotor, coulomb, viscous, offset, smoothing)
-
-
-def _usable(nominal: Inertia, known: bool) -> Inertia:
-    """The nominal body, or a ball where there is none that can exist."""
-    if nominal.flaw() is None and (known or nominal.mass > 0.0):
-        return nominal
-    return Inertia.about_com(1.0, [0.0, 0.0, 0.05], np.eye(3) * 1.5e-3)
-
-
-def _deformed(nominal: Inertia, rng: np.random.Generator, spread: float) -> Inertia:
-    r"""The body $J = L\,E E^T L^T$ with $J_0 = L L^T$ and $E$ random around the unit matrix.
-
-    Any such $J$ is positive semidefinite: the body exists.
-    """
-    values, vectors = np.linalg.eigh(nominal.pseudo)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    deformed = root @ (np.eye(4) + spread * rng.standard_normal((4, 4)))
-    return Inertia.from_pseudo(deformed @ deformed.T)
-
-
-def _smoothing(robot: Robot, masses: Array, coulomb: Array) -> Array:
-    r"""Smoothing speeds that an explicit step `h` of 0.125 ms follows, shape `(n,)`.
-
-    Near zero speed Coulomb friction damps with $f_c / v_s$; the step is well inside its range of
-    stability if $h\,(M^{-1})_{jj}\,f_c / v_s \le 1/2$ at every posture.
-    """
-    mobility = np.diagonal(np.linalg.inv(masses), axis1=1, axis2=2).max(axis=0)
-    least = [_LEAST_SMOOTHING[c.kind] for c in robot.coordinates]
-    return frozen(np.maximum(least, 2.0 * TIMESTEP * mobility * coulomb))
+def _unusable(wrong: str, mend: str) -> ModelError:
+    return ModelError(wrong, where=_WHERE, mend=mend)

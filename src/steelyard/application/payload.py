@@ -1,0 +1,195 @@
+r"""The payload of a robot from loaded runs and an identified model.
+
+All parameters are estimated together: the arm's, starting from what the model knows of them, each
+run's friction and offset, which drift from day to day, and the payload's ten,
+
+$$ \min \sum_j \frac{\|r_j\|^2}{\sigma_j^2} + \|\phi - \hat\phi\|^2_{\Sigma^{-1}}
+   + \sum_r \|\delta_r\|^2_{D^{-1}} $$
+
+so the payload's intervals hold the model's uncertainty and that of friction.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.errors import DataError
+from steelyard.estimation.identified import IdentifiedModel
+from steelyard.estimation.joined import covariance_of, inverse
+from steelyard.estimation.load import PayloadEstimate, payload_of
+from steelyard.estimation.load_case import LoadCase, carrier, load_case, refuse_foreign
+from steelyard.regression.information import Information
+
+DRIFT = 0.5
+"""Drift of friction and offset from run to run, relative to the effort they make in each joint."""
+
+ROUNDS = 50
+SETTLED = 1e-6
+"""Relative change of the rows' variances at which they are settled."""
+
+
+def identify_payload(
+    identified: IdentifiedModel,
+    loaded: Sequence[Information],
+    frame: str | None = None,
+    *,
+    unloaded: Sequence[Information] = (),
+    drift: float = DRIFT,
+) -> PayloadEstimate:
+    """Weigh what a robot carries.
+
+    Args:
+        identified: The robot without the payload. Its covariance says how far its parameters may
+            move; with unloaded runs they are found from the runs alone.
+        loaded: What runs with the payload say, one by one, efforts as logged.
+        frame: The frame to give the numbers in; that of the last link if `None`.
+        unloaded: What runs without the payload say, one by one.
+        drift: Standard deviation of each run's friction and offset, relative to the effort that
+            they make together in a joint; with 0 they are those of the model.
+
+    Raises:
+        ModelError: There is no such frame, or it does not move.
+        DataError: The runs were gathered with another model, or see nothing of the payload.
+    """
+    _refuse_unanswerable(loaded, drift)
+    refuse_foreign(identified.model, (*unloaded, *loaded))
+    carries = carrier(identified.model.robot, frame)
+    gains, units = identified.signals.gains, identified.model.robot.effort_units
+    case = load_case(
+        identified.model,
+        identified.base,
+        carries,
+        [run.scaled(gains, units) for run in unloaded],
+        [run.scaled(gains, units) for run in loaded],
+        first_deviates=True,
+        drifts=drift > 0.0,
+    )
+    mean, precision = _prior(identified, case, bool(unloaded), drift)
+    fit = _fitted(case.information, mean, precision)
+    return payload_of(
+        carries,
+        identified.model.robot,
+        fit.values[-10:],
+        covariance_of(fit.matrix, case.payload),
+        np.sqrt(fit.variances),
+        case.information.n_samples,
+        _notes(bool(unloaded), drift, "A" in identified.signals.effort_units),
+    )
+
+
+def _refuse_unanswerable(loaded: Sequence[Information], drift: float) -> None:
+    if not loaded:
+        raise DataError(
+            "there is no run with the payload",
+            where="identification of a payload",
+            mend="give at least one log of the loaded robot",
+        )
+    if not drift >= 0.0:
+        raise DataError(
+            f"the drift of friction is {drift:g}",
+            where="identification of a payload",
+            mend="give 0 for friction as the model has it, or a share such as 0.5",
+        )
+
+
+def _prior(
+    identified: IdentifiedModel, case: LoadCase, jointly: bool, drift: float
+) -> tuple[Array, Array]:
+    """What is known before the runs speak: values, and the inverse of their covariance."""
+    mean, precision = np.zeros(case.size), np.zeros((case.size, case.size))
+    values, known = _knowledge(identified, case)
+    if not jointly:
+        mean[: case.n_arm], precision[: case.n_arm, : case.n_arm] = values, known
+    allowed = drift * _friction(identified, case, values)
+    for run in case.deviations:
+        precision[run, run] = 1.0 / np.square(allowed)
+    return mean, precision
+
+
+def _notes(jointly: bool, drift: float, currents: bool) -> tuple[str, ...]:
+    """What the numbers rest on."""
+    gains = "drive gains are taken as exact: an error of 1 % in them is about 1 % of the mass"
+    return (
+        "the arm's parameters are found from the unloaded and loaded runs together"
+        if jointly
+        else "the arm's parameters are the model's, within its uncertainty",
+        f"friction and offset are each run's own, within about {100.0 * drift:g} % of the model's"
+        if drift
+        else "friction and offset are those of the model",
+        *((gains,) if currents else ()),
+    )
+
+
+def _knowledge(identified: IdentifiedModel, case: LoadCase) -> tuple[Array, Array]:
+    """The model's values of the arm's columns, and the inverse of their covariance.
+
+    Nothing is known of what the model's data did not see.
+    """
+    estimate = identified.estimate
+    columns = case.information.layout.columns[: case.n_arm]
+    place = {name: k for k, name in enumerate(estimate.parameters.names)}
+    mine = [k for k, name in enumerate(columns) if name in place]
+    theirs = [place[columns[k]] for k in mine]
+    values, precision = np.zeros(case.n_arm), np.zeros((case.n_arm, case.n_arm))
+    values[mine] = estimate.parameters.values[theirs]
+    precision[np.ix_(mine, mine)] = inverse(estimate.covariance[np.ix_(theirs, theirs)])
+    return values, precision
+
+
+def _friction(identified: IdentifiedModel, case: LoadCase, values: Array) -> Array:
+    """Per drifting column the value with which it alone makes all friction of its joints.
+
+    Noise counts as friction, so that a joint without friction may get some.
+    """
+    information, drift = case.information, list(case.drift)
+    own, makes = np.zeros(case.n_arm), np.zeros(case.n_arm)
+    for row, seen in enumerate(information.layout.sees):
+        mine = [k for k, column in enumerate(seen) if column in drift]
+        columns = [seen[k] for k in mine]
+        gram = information.row_gram(row)[np.ix_(mine, mine)]
+        made = values[columns] @ gram @ values[columns]
+        made += information.n_samples[row] * identified.estimate.sigma[row] ** 2
+        own[columns] += np.diag(gram)
+        makes[columns] += made
+    free = np.full(case.n_arm, np.inf)
+    largest = np.sqrt(np.divide(makes, own, out=free, where=own > 0.0))
+    return np.asarray(largest[drift])
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """Values, their information matrix, and the variance of each row's residuals."""
+
+    values: Array
+    matrix: Array
+    variances: Array
+
+
+def _fitted(information: Information, mean: Array, precision: Array) -> _Fit:
+    """Weighted least squares with prior knowledge; every row weighs by its own residuals."""
+    counts, energy = information.n_samples, information.effort_squares()
+    floor = 1e-24 * max(float(energy.max()), 1e-300)
+    variances = np.maximum(energy / np.maximum(counts, 1.0), floor)
+    for _ in range(ROUNDS):
+        matrix, vector, _square = information.normal(1.0 / variances)
+        matrix += precision
+        covariance = inverse(matrix)
+        values = covariance @ (vector + precision @ mean)
+        values += covariance @ (vector + precision @ mean - matrix @ values)
+        used = [_used(information, row, covariance) for row in range(len(counts))] / variances
+        squares = information.residual_squares(values)
+        settled = np.maximum(squares / np.maximum(counts - used, 1.0), floor)
+        change = np.abs(settled / variances - 1.0).max()
+        variances = settled
+        if change < SETTLED:
+            break
+    return _Fit(values, matrix, variances)
+
+
+def _used(information: Information, row: int, covariance: Array) -> float:
+    """Degrees of freedom that a fit takes from a row, per weight."""
+    seen = list(information.layout.sees[row])
+    gram = information.row_gram(row)[:-1, :-1]
+    return float(np.sum(gram * covariance[np.ix_(seen, seen)]))

@@ -1,0 +1,163 @@
+"""`steelyard payload`: what a robot carries, from logs with the payload and an identified model."""
+
+import json
+import os
+from math import floor, isfinite, log10
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from steelyard.cli.guard import guarded
+from steelyard.cli.options import LOG_HELP, Json
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from steelyard.cli.river import LogArgument
+    from steelyard.estimation.identified import IdentifiedModel
+    from steelyard.estimation.load import PayloadEstimate
+    from steelyard.progress import Progress
+
+
+@guarded
+def payload(
+    model: Annotated[str, typer.Argument(help="model.json, or the folder that holds it.")],
+    logs: Annotated[
+        list[str], typer.Argument(help=f"With the payload. {LOG_HELP}", metavar="LOG...")
+    ],
+    frame: Annotated[
+        str | None,
+        typer.Option(
+            help="Frame to give the numbers in; the last link's if unset.", metavar="NAME"
+        ),
+    ] = None,
+    unloaded: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--unloaded",
+            help="Logs without the payload: all is then found from the logs together, "
+            "and the model gives its equations only.",
+            metavar="LOG...",
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Folder to make for payload.json; none if unset."),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Weigh what a robot carries: mass, centre and inertia, with intervals.
+
+    Example: steelyard payload steelyard-ur10e loaded.parquet --frame tool0
+    """
+    from rich.console import Console
+    from rich.text import Text
+
+    from steelyard.cli import interrupt, river
+    from steelyard.cli.show import progress_bar
+    from steelyard.estimation.identified import load_model
+    from steelyard.estimation.load_case import carrier
+    from steelyard.files import whole_folder, write_json
+
+    identified = load_model(model)
+    carrier(identified.model.robot, frame)
+    folder = None if output is None else river.new_folder(output, "")
+    with_it, without = river.log_files(logs), river.log_files(unloaded or [])
+    river.refuse_overlaps([*with_it, *without], [])
+    with progress_bar() as progress:
+        estimate = _estimated(identified, with_it, without, frame, progress)
+    notes = (*estimate.notes, *_fitted_before(identified, with_it, bool(without)))
+    result = estimate.to_dict() | {"notes": list(notes)}
+    if folder is not None:
+        with whole_folder(folder) as part:
+            write_json(part / "payload.json", result)
+            interrupt.too_late()
+    if as_json:
+        typer.echo(json.dumps(result, allow_nan=False))
+        return
+    console = Console()
+    console.print(_table(estimate))
+    for line in estimate.remarks:
+        console.print(Text(line))
+    for note in notes:
+        console.print(Text(f"note: {note}"))
+    if folder is not None:
+        typer.echo(f"\npayload  {folder / 'payload.json'}")
+
+
+def _estimated(
+    identified: "IdentifiedModel",
+    loaded: "list[LogArgument]",
+    unloaded: "list[LogArgument]",
+    frame: str | None,
+    progress: "Progress",
+) -> "PayloadEstimate":
+    """Gather what the logs say, with the model's cut-offs, and weigh."""
+    from steelyard.application.payload import identify_payload
+    from steelyard.cli import river
+    from steelyard.measurement import Processing
+    from steelyard.regression.gather import gather
+    from steelyard.regression.regressor import base_regressor
+
+    wanted = Processing(
+        motion_cutoff=identified.cutoffs.motion,
+        matched_cutoff=identified.cutoffs.matched,
+        rest_speed=identified.rest_speed,
+    )
+    recordings = [river.recording_of(log, identified.signals) for log in (*loaded, *unloaded)]
+    regressor, threads = base_regressor(identified.model), os.cpu_count() or 1
+    said = [
+        gather(regressor, run, threads=threads, progress=progress)
+        for run in river.prepared(recordings, wanted, progress)
+    ]
+    count = len(loaded)
+    return identify_payload(identified, said[:count], frame, unloaded=said[count:])
+
+
+def _fitted_before(
+    identified: "IdentifiedModel", loaded: "list[LogArgument]", jointly: bool
+) -> tuple[str, ...]:
+    """A log that the model was identified from weighs nothing against it."""
+    from steelyard.cli.describe import sha256
+
+    if jointly:
+        return ()
+    hashes = {h for role, h in identified.provenance.inputs.items() if role.startswith("identif")}
+    return tuple(
+        f"the model was identified from {log.path.name}: against itself it carries nothing"
+        for log in loaded
+        if sha256(log.path) in hashes
+    )
+
+
+def _table(estimate: "PayloadEstimate") -> "Table":
+    from rich.table import Table
+    from rich.text import Text
+
+    carried = "" if estimate.frame == estimate.body else f", on link '{estimate.body}'"
+    table = Table(title=Text(f"payload in frame '{estimate.frame}'{carried}"), title_justify="left")
+    table.add_column("")
+    for heading in ("value", "± 95 %"):
+        table.add_column(heading, justify="right")
+    table.add_column("unit")
+    rows = [("mass", estimate.mass, estimate.half_width[0], "kg")]
+    if estimate.weighs:
+        centre, width = estimate.com, estimate.com_half_width
+        rows += [(f"centre {axis}", centre[k], width[k], "m") for k, axis in enumerate("xyz")]
+        inertia, around = estimate.inertia_com, estimate.inertia_com_half_width
+        rows += [
+            (f"I{'xyz'[i]}{'xyz'[j]} about the centre", inertia[i, j], around[i, j], "kg m²")
+            for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+        ]
+    for name, value, half, unit in rows:
+        table.add_row(name, *_rounded(float(value), float(half)), unit)
+    return table
+
+
+def _rounded(value: float, half: float) -> tuple[str, str]:
+    """A value and its half-width, to two digits of the half-width."""
+    if not (isfinite(value) and isfinite(half)):
+        return "not seen", ""
+    digits = min(12, max(0, 1 - floor(log10(half)))) if half > 0.0 else 6
+    return f"{value:.{digits}f}", f"{half:.{digits}f}"

@@ -1,0 +1,197 @@
+"""The estimate of a payload: ten numbers about a named frame, and what follows from them."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from steelyard.arrays import Array, frozen
+from steelyard.errors import DataError
+from steelyard.estimation.estimate import Z95
+from steelyard.robot.inertia import INERTIAL_NAMES, INERTIAL_UNITS, Inertia, skew
+from steelyard.robot.robot import Frame, Robot
+
+
+@dataclass(frozen=True, eq=False)
+class PayloadEstimate:
+    """The ten numbers of a payload, about a frame's origin and along its axes.
+
+    What the data do not see is not a number, in values and covariance.
+
+    Attributes:
+        frame: The frame.
+        body: The link that carries it.
+        ten: The numbers in Pinocchio's order, shape `(10,)`.
+        covariance: Shape `(10, 10)`.
+        sigma: Standard deviation of the filtered residuals per effort row, shape `(rows,)`.
+        n_samples: Filtered samples per effort row, shape `(rows,)`.
+        notes: What was taken for granted, for people to read.
+    """
+
+    frame: str
+    body: str
+    ten: Array
+    covariance: Array
+    sigma: Array
+    n_samples: Array
+    notes: tuple[str, ...] = ()
+
+    @property
+    def inertia(self) -> Inertia:
+        """The numbers as mass properties in the frame."""
+        return Inertia.from_ten(self.ten)
+
+    @property
+    def half_width(self) -> Array:
+        """Half-widths of the 95 % intervals of the ten numbers."""
+        return Z95 * np.sqrt(np.diag(self.covariance))
+
+    @property
+    def mass(self) -> float:
+        """[kg]."""
+        return float(self.ten[0])
+
+    @property
+    def com(self) -> Array:
+        """Centre of mass in the frame, shape `(3,)` [m]."""
+        return self.inertia.com
+
+    @property
+    def inertia_com(self) -> Array:
+        """Inertia about the centre of mass, frame's axes, shape `(3, 3)` [kg m²]."""
+        return self.inertia.inertia_com
+
+    @property
+    def com_half_width(self) -> Array:
+        """Half-widths of the 95 % intervals of the centre, by the delta method, shape `(3,)`."""
+        return self._through(self._com_slope())
+
+    @property
+    def inertia_com_half_width(self) -> Array:
+        """The same of the inertia about the centre, shape `(3, 3)`."""
+        six = self._through(self._inertia_slope())
+        return np.array([[six[k] for k in row] for row in ((0, 1, 3), (1, 2, 4), (3, 4, 5))])
+
+    @property
+    def not_seen(self) -> tuple[str, ...]:
+        """Names of the numbers that the data do not see."""
+        return tuple(n for n, x in zip(INERTIAL_NAMES, self.ten, strict=True) if np.isnan(x))
+
+    @property
+    def weighs(self) -> bool:
+        """Whether the interval of the mass excludes zero."""
+        return bool(abs(self.mass) > self.half_width[0])
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """How far the numbers can be trusted, one sentence each."""
+        found = []
+        if self.not_seen:
+            found.append(f"not seen by these data: {', '.join(self.not_seen)}")
+        if np.isnan(self.mass):
+            return tuple(found)
+        if not self.weighs:
+            return (*found, "the interval of the mass holds zero: no payload is seen")
+        moments, widths = np.diag(self.inertia_com), np.diag(self.inertia_com_half_width)
+        pairs = zip(("Ixx", "Iyy", "Izz"), moments, widths, strict=True)
+        weak = [name for name, value, width in pairs if not abs(value) > width]
+        found.append(
+            f"the inertia is poorly seen: the interval of {', '.join(weak)} holds zero"
+            if weak
+            else "the inertia is seen: no interval of a moment of inertia holds zero"
+        )
+        flaw = None if self.not_seen else self.inertia.flaw()
+        if flaw is not None:
+            found.append(f"as they stand, the numbers belong to no real body: {flaw}")
+        return tuple(found)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values, with 95 % half-widths; `None` for what the data do not see."""
+        seen = self.weighs
+        return {
+            "schema": "steelyard.payload",
+            "schema_version": 1,
+            "frame": self.frame,
+            "link": self.body,
+            "mass": _plain(self.mass),
+            "mass_half_width": _plain(self.half_width[0]),
+            "centre": _plain(self.com) if seen else None,
+            "centre_half_width": _plain(self.com_half_width) if seen else None,
+            "inertia_com": _plain(self.inertia_com) if seen else None,
+            "inertia_com_half_width": _plain(self.inertia_com_half_width) if seen else None,
+            "names": list(INERTIAL_NAMES),
+            "units": list(INERTIAL_UNITS),
+            "ten": _plain(self.ten),
+            "covariance": _plain(self.covariance),
+            "not_seen": list(self.not_seen),
+            "remarks": list(self.remarks),
+            "notes": list(self.notes),
+        }
+
+    def _through(self, slope: Array) -> Array:
+        """Half-widths behind a linear map; numbers with slope zero do not matter."""
+        widths = []
+        for row in slope:
+            used = np.flatnonzero(row)
+            part = self.covariance[np.ix_(used, used)]
+            widths.append(Z95 * np.sqrt(row[used] @ part @ row[used]))
+        return np.array(widths)
+
+    def _com_slope(self) -> Array:
+        """Slope of the centre over the ten numbers, shape `(3, 10)`."""
+        slope = np.zeros((3, 10))
+        if self.mass:
+            slope[:, 0] = -self.com / self.mass
+            slope[:, 1:4] = np.eye(3) / self.mass
+        return slope
+
+    def _inertia_slope(self) -> Array:
+        """Slope of the inertia about the centre, `(xx, xy, yy, xz, yz, zz)`, shape `(6, 10)`."""
+        slope = np.zeros((6, 10))
+        slope[:, 4:] = np.eye(6)
+        if self.mass:
+            h = skew(self.ten[1:4])
+            change = [-h @ h / self.mass**2]
+            change += [(skew(e) @ h + h @ skew(e)) / self.mass for e in np.eye(3)]
+            for column, matrix in enumerate(change):
+                slope[:, column] = matrix[(0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2)]
+        return slope
+
+
+def payload_of(
+    frame: Frame,
+    robot: Robot,
+    ten: Array,
+    covariance: Array,
+    sigma: Array,
+    n_samples: Array,
+    notes: tuple[str, ...],
+) -> PayloadEstimate:
+    """The estimate, with what the covariance knows nothing of taken out of the values.
+
+    Raises:
+        DataError: The data see none of the payload's numbers.
+    """
+    blind = np.isnan(np.diag(covariance))
+    if blind.all():
+        raise DataError(
+            "the data see nothing of the payload",
+            where=f"frame '{frame.name}'",
+            mend="log a motion that turns the payload against gravity, with and without it",
+        )
+    return PayloadEstimate(
+        frame.name,
+        robot.bodies[frame.body].name,
+        frozen(np.where(blind, np.nan, ten)),
+        frozen(covariance),
+        frozen(sigma),
+        frozen(n_samples),
+        notes,
+    )
+
+
+def _plain(value: Any) -> Any:
+    """Floats and lists of them; what is not finite is `None`."""
+    if np.ndim(value):
+        return [_plain(x) for x in value]
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,121 @@
+"""Samples of a run at which a robot's loops cannot close: what to say of them, and the rest."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.errors import DataError
+from steelyard.kernel.loops import Follower
+from steelyard.measurement.run import Block, Run, RunData
+from steelyard.motion import Motion
+from steelyard.robot.robot import Robot
+
+
+@dataclass(frozen=True)
+class OpenStretch:
+    """Consecutive samples at which a loop cannot close.
+
+    Attributes:
+        run: The run's name.
+        loop: The loop's name.
+        start: Time of the first sample, from the log's start [s].
+        stop: Time of the last sample [s].
+        gap: How far the loop's points stay apart at the first sample [m].
+        samples: Number of samples.
+    """
+
+    run: str
+    loop: str
+    start: float
+    stop: float
+    gap: float
+    samples: int
+
+    def __str__(self) -> str:
+        return (
+            f"{self.run}: loop '{self.loop}' does not close from {self.start:.4f} s to "
+            f"{self.stop:.4f} s, its points stay {self.gap:.3g} m apart at first: "
+            f"{self.samples} samples left out"
+        )
+
+
+def open_stretches(run: Run, robot: Robot) -> tuple[OpenStretch, ...]:
+    """The stretches of a run that are left out where open loops are dropped; none for a tree."""
+    if not robot.passive:
+        return ()
+    found: list[OpenStretch] = []
+    segment, follower, within = -1, Follower(robot), False
+    for block in run.blocks():
+        if block.segment != segment:
+            segment, follower, within = block.segment, Follower(robot), False
+        for sample, t in zip(np.ascontiguousarray(block.q.T), block.t.tolist(), strict=True):
+            if follower.step(sample):
+                within = False
+            elif within:
+                found[-1] = replace(found[-1], stop=t, samples=found[-1].samples + 1)
+            else:
+                within = True
+                found.append(OpenStretch(run.name, *_named(follower, sample, t)))
+    return tuple(found)
+
+
+def _named(
+    follower: Follower, sample: NDArray[np.float64], t: float
+) -> tuple[str, float, float, float, int]:
+    name, gap = follower.gap(sample)
+    return name, t, t, gap, 1
+
+
+def closed_only(data: RunData, robot: Robot) -> RunData:
+    """The samples of a run at which the loops close; every gap begins a new segment.
+
+    Args:
+        data: A whole run.
+        robot: The robot; if it does not drop open loops, nothing is left out.
+
+    Raises:
+        DataError: The loops close at no sample.
+    """
+    if not robot.passive or robot.open_loops == "stop":
+        return data
+    closed = np.zeros(len(data.t), dtype=bool)
+    for segment in np.unique(data.segment):
+        inside = data.segment == segment
+        closed[inside] = Follower(robot)(data.motion.q[inside].T)[1]
+    if closed.all():
+        return data
+    if not closed.any():
+        raise DataError(
+            f"the loops of '{robot.name}' close at no sample of the run",
+            where="measured positions",
+            mend="check the loops' points and links, and the zeros and signs of the positions",
+        )
+    m, labels = data.motion, data.segment + np.cumsum(~closed)
+    changed = np.diff(labels[closed], prepend=labels[closed][:1]) != 0
+    return RunData(
+        Motion(m.t[closed], m.q[closed], m.dq[closed], m.ddq[closed]),
+        data.effort[closed],
+        data.moving[closed],
+        np.cumsum(changed),
+    )
+
+
+def closed_parts(block: Block, closed: NDArray[np.bool_]) -> list[Block]:
+    """The samples of a block at which loops are closed; every gap begins a new segment.
+
+    Args:
+        block: Consecutive samples.
+        closed: Whether the loops are closed at each, shape `(B,)`.
+
+    Returns:
+        Blocks whose segments count on from the block's own by one per sample left out.
+    """
+    if closed.all():
+        return [block]
+    labels, parts = np.cumsum(~closed), []
+    for label in np.unique(labels[closed]):
+        inside = np.flatnonzero(closed & (labels == label))
+        part = block.part(int(inside[0]), int(inside[-1]) + 1)
+        parts.append(replace(part, segment=block.segment + int(label)))
+    return parts

@@ -1,0 +1,311 @@
+"""The mix of friction laws that predicts best: `friction = "auto"`.
+
+Laws are compared in stages, each beside what the stage before has chosen: how friction turns round
+with the direction of motion, how it grows with speed, and whether it grows with the load. A mix is
+judged by leaving one run out (one stretch of a single run); a simpler one is preferred when the
+gain of a better one lies within the spread of its gain over the runs.
+
+All candidates' columns are gathered in one wide pass; a mix is a selection of them.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property, reduce
+from operator import add
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.errors import DataError
+from steelyard.estimation.estimate import Estimator
+from steelyard.estimation.reference import reference_of
+from steelyard.measurement.run import Run
+from steelyard.model import Model
+from steelyard.progress import Progress, silent
+from steelyard.regression.base import BaseMap, base_map
+from steelyard.regression.gather import gather
+from steelyard.regression.information import Information
+from steelyard.regression.regressor import Regressor, chosen_regressor
+from steelyard.robot.signals import Signals
+from steelyard.terms.coulomb import Coulomb
+from steelyard.terms.dictionary import Dictionary
+from steelyard.terms.load_dependent import LoadDependent
+from steelyard.terms.powers import Cubic, Quadratic, Root
+from steelyard.terms.presliding import Dahl, LuGre, MaxwellSlip
+from steelyard.terms.stribeck import Stribeck
+from steelyard.terms.term import Remembering, Term
+from steelyard.terms.viscous import Viscous
+from steelyard.validation.cross import folds_of, left_out_errors, longest_window, per_fold
+
+FINE = (3e-4, 1e-3, 3e-3, 1e-2)
+WIDE = (1e-3, 4e-3, 2e-2, 1e-1)
+
+DIRECTION: tuple[tuple[Term, ...], ...] = (
+    (Coulomb(),),
+    *((Coulomb(smoothing=speed),) for speed in (0.005, 0.02, 0.05)),
+    *((Dahl(length=length),) for length in (3e-4, 1e-3, 3e-3, 1e-2)),
+    *((LuGre(length=length, breakaway=1.15, speed=speed),) for length in (3e-4, 1e-3) for speed in (0.1, 0.3)),
+    (MaxwellSlip(lengths=FINE),),
+    (MaxwellSlip(lengths=WIDE, relaxing=True),),
+    (Coulomb(), MaxwellSlip(lengths=FINE)),
+)
+"""How friction turns round with the direction of motion, the simplest first."""
+
+SPEED: tuple[tuple[Term, ...], ...] = (
+    (Viscous(),),
+    (Viscous(), Root()),
+    (Viscous(), Quadratic()),
+    (Viscous(), Cubic()),
+    *((Viscous(), Stribeck(speed=speed)) for speed in (0.02, 0.1)),
+)
+"""How friction grows with speed."""
+
+LOADED = ("motor_current", "motor_torque")
+"""Kinds of effort that gears stand behind: their friction grows with the load."""
+
+LOAD: tuple[tuple[Term, ...], ...] = ((), (LoadDependent(length=1e-3),))
+"""Whether friction grows with the load."""
+
+STAGES = (DIRECTION, SPEED, LOAD)
+
+
+@dataclass(frozen=True)
+class MixScore:
+    """How well a mix of friction laws predicts what it was not fitted to.
+
+    Attributes:
+        name: The laws, for people to read.
+        terms: The laws.
+        error: Mean over runs and joints [%].
+        gain: How much less that is than with the first mix of the table, mean over runs [%].
+        spread: Standard error of that gain over the runs [%].
+        chosen: Whether it is the mix that was chosen.
+    """
+
+    name: str
+    terms: tuple[Term, ...]
+    error: float
+    gain: float
+    spread: float
+    chosen: bool = False
+
+
+@dataclass(frozen=True)
+class FrictionChoice:
+    """The mix that was chosen, and the table it was chosen from.
+
+    Attributes:
+        terms: The friction laws.
+        table: All mixes that were compared, in order.
+        left_out: What was left out in turn: `run` or `stretch`.
+    """
+
+    terms: tuple[Term, ...]
+    table: tuple[MixScore, ...]
+    left_out: str
+
+    @property
+    def name(self) -> str:
+        """The laws that were chosen."""
+        return mix_name(self.terms)
+
+    @property
+    def note(self) -> str:
+        """One sentence for the user."""
+        first, best = self.table[0], next(mix for mix in self.table if mix.chosen)
+        return (
+            f"friction chosen by leaving one {self.left_out} out: {self.name} "
+            f"({best.error:.2f} %; {first.name}: {first.error:.2f} %)"
+        )
+
+
+def remembers(terms: Sequence[Term]) -> bool:
+    """Whether friction at rest is known: some law has a memory of where the joint came from."""
+    return any(isinstance(term, Remembering) for term in terms)
+
+
+def choose_friction(
+    model: Model,
+    runs: Sequence[Run],
+    signals: Signals,
+    estimator: Estimator,
+    *,
+    threads: int = 1,
+    progress: Progress = silent,
+) -> FrictionChoice:
+    """The mix of friction laws with the least error where it was not fitted.
+
+    Args:
+        model: The robot and its causes of torque without the friction that is to be chosen.
+        runs: The runs to be fitted.
+        signals: What the logged efforts are, and joint effort per logged unit.
+        estimator: How each mix is fitted.
+        threads: Native threads.
+        progress: Told about the passes.
+
+    Raises:
+        DataError: The runs are too few or too short to leave one out.
+    """
+    folds, gains = folds_of(runs), signals.gains
+    considered = STAGES if signals.effort_kind in LOADED else STAGES[:-1]
+    stages = tuple(
+        tuple(tuple(_with_reference(t, model, runs, gains, threads) for t in mix) for mix in stage)
+        for stage in considered
+    )
+    wide = _Wide.of(model, stages)
+
+    def gathered(rests: bool) -> Information:
+        said = [
+            gather(
+                wide.regressor,
+                run,
+                rests=rests,
+                longest=longest_window(runs),
+                threads=threads,
+                progress=progress,
+            )
+            for run in runs
+        ]
+        return reduce(add, said).scaled(gains, model.robot.effort_units)
+
+    try:
+        moving, whole = (per_fold(gathered(rests), folds) for rests in (False, True))
+    except IndexError:
+        raise DataError(
+            "a run is too short to be left out",
+            where=", ".join(run.name for run in runs),
+            mend='log longer or several runs, or name the friction laws instead of "auto"',
+        ) from None
+
+    sizes = np.array([whole.of([k]).effort_squares() for k in range(len(folds))])
+
+    def errors(mix: tuple[Term, ...]) -> Array:
+        names = wide.columns_of(mix)
+        tested = whole.select(names)
+        fitted = tested if remembers(mix) else moving.select(names)
+        found = left_out_errors(fitted, tested, estimator)
+        pooled = (np.square(found) * sizes).sum(axis=1) / sizes.sum(axis=1)
+        typical = np.log(found).mean(axis=1)
+        return np.asarray(0.25 * np.log(pooled) + 0.5 * typical)
+
+    return _staged(stages, errors, "run" if len(runs) > 1 else "stretch")
+
+
+def _staged(
+    stages: Sequence[Sequence[tuple[Term, ...]]],
+    errors: Callable[[tuple[Term, ...]], Array],
+    left_out: str,
+) -> FrictionChoice:
+    """Stage by stage the simplest mix within the spread of the best."""
+    table: list[tuple[tuple[Term, ...], Array]] = []
+    kept: tuple[Term, ...] = ()
+    following = stages[1][0]
+    for number, stage in enumerate(stages):
+        # viscous friction is there from the start: direction alone would be judged by its lack
+        extra = following if number == 0 else ()
+        mixes = [(*kept, *laws, *extra) for laws in stage]
+        found = [(mix, errors(mix)) for mix in mixes]
+        table += [pair for pair in found if pair[0] not in [mix for mix, _ in table]]
+        best = min(found, key=lambda pair: float(pair[1].mean()))
+        chosen = next(mix for mix, error in found if not _worse(error, best[1]))
+        kept = chosen[: len(chosen) - len(extra)] if number == 0 else chosen
+    first = table[0][1]
+    rows = (
+        MixScore(
+            mix_name(mix),
+            mix,
+            float(np.exp(error.mean())),
+            float(100.0 * (first - error).mean()),
+            100.0 * _spread(first - error),
+            mix == kept,
+        )
+        for mix, error in table
+    )
+    return FrictionChoice(kept, tuple(rows), left_out)
+
+
+def _worse(error: Array, best: Array) -> bool:
+    """Whether a mix loses more to the best than that loss spreads over the runs."""
+    return bool((error - best).mean() > _spread(error - best))
+
+
+def _spread(values: Array) -> float:
+    return float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else 0.0
+
+
+def _with_reference(
+    term: Term, model: Model, runs: Sequence[Run], gains: Array, threads: int
+) -> Term:
+    """Load-dependent friction with bodies that were fitted to the same runs."""
+    if not isinstance(term, LoadDependent):
+        return term
+    plain = replace(model, terms=(*model.terms, *DIRECTION[0], *SPEED[0]))
+    return term.with_reference(reference_of(plain, runs, gains, threads))
+
+
+@dataclass(frozen=True, eq=False)
+class _Wide:
+    """All candidates' columns beside those of the model without friction.
+
+    Attributes:
+        model: The model with one dictionary per law.
+        base: Base parameters of the model without friction.
+        candidates: Per law the terms in its dictionary.
+    """
+
+    model: Model
+    base: BaseMap
+    candidates: Mapping[str, tuple[Term, ...]]
+
+    @classmethod
+    def of(cls, model: Model, stages: Sequence[Sequence[tuple[Term, ...]]]) -> "_Wide":
+        """One dictionary per law, with every term of the stages once."""
+        by_law: dict[str, tuple[Term, ...]] = {}
+        for term in (term for stage in stages for mix in stage for term in mix):
+            known = by_law.setdefault(term.law, ())
+            by_law[term.law] = known if term in known else (*known, term)
+        dictionaries = (
+            Dictionary.of(model.robot, terms, max(terms, key=lambda t: _warm_up(t, model)))
+            for terms in by_law.values()
+        )
+        wide = Model(model.robot, (*model.terms, *dictionaries))
+        return cls(wide, base_map(model), by_law)
+
+    @cached_property
+    def regressor(self) -> Regressor:
+        """Base columns of the model without friction, and all candidates' columns as they are."""
+        first = len(self.base.names)
+        chosen = (*self.base.independent, *range(first, len(self.model.parameters)))
+        return chosen_regressor(self.model, self.base, chosen)
+
+    def columns_of(self, mix: Sequence[Term]) -> tuple[str, ...]:
+        """Names of the columns of a mix."""
+        names = list(self.base.base_names)
+        for term in mix:
+            number = self.candidates[term.law].index(term)
+            names += [f"{p.name}@{number}" for p in term.parameters(self.model.robot)]
+        return tuple(names)
+
+
+def _warm_up(term: Term, model: Model) -> float:
+    return float(term.warm_up(model.robot).max()) if isinstance(term, Remembering) else 0.0
+
+
+def mix_name(terms: Sequence[Term]) -> str:
+    """A mix for people to read: laws with the fields that are not their defaults."""
+    return " + ".join(_term_name(term) for term in terms)
+
+
+def _term_name(term: Term) -> str:
+    given = [
+        f"{f.name} {_short(getattr(term, f.name))}"
+        for f in fields(term)  # type: ignore[arg-type]  # every term is a dataclass
+        if f.name not in ("reference", "joints", "per_run") and getattr(term, f.name) != f.default
+    ]
+    return f"{term.law} ({', '.join(given)})" if given else term.law
+
+
+def _short(value: object) -> str:
+    if isinstance(value, tuple):
+        return ", ".join(_short(x) for x in value)
+    return f"{value:g}" if isinstance(value, float) else str(value)

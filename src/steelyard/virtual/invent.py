@@ -1,0 +1,152 @@
+"""Inventing a truth: bodies near the nominal ones, and values for whatever terms there are."""
+
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from typing import Any, cast
+
+import numpy as np
+
+from steelyard.arrays import Array, frozen
+from steelyard.model import Model
+from steelyard.parameters import Parameter, Parameters
+from steelyard.robot.inertia import Inertia
+from steelyard.robot.robot import Robot
+from steelyard.terms.axes import per_axis
+from steelyard.terms.find import Find
+from steelyard.terms.load_dependent import LoadDependent
+from steelyard.terms.presliding import LuGre, MaxwellSlip
+from steelyard.terms.register import DEFAULT_TERMS
+from steelyard.terms.rigid_body import RigidBody
+from steelyard.terms.rotor_inertia import RotorInertia
+from steelyard.terms.term import Remembering, Term
+from steelyard.virtual.mujoco_model import TIMESTEP
+from steelyard.virtual.scales import Scales, scales_of
+from steelyard.virtual.truth import Truth
+
+_LEAST_SMOOTHING = {"revolute": 0.005, "prismatic": 0.001}
+_SHARE = {"rotor_inertia": (0.2, 0.6), "offset": (-0.03, 0.03), "lugre_damping": (0.3, 0.8)}
+_LAW, _SIGNED = (0.1, 0.25), (-0.25, 0.25)
+
+
+def random_truth(
+    robot: Robot, seed: int, spread: float = 0.15, terms: Sequence[Term] = DEFAULT_TERMS
+) -> Truth:
+    """An invented truth near the robot's nominal model.
+
+    Inertias are the nominal ones seen through a random deformation of the body, so they are
+    those of a body that can exist; a link whose model file gives no mass properties, or impossible
+    ones, becomes a ball of about 1 kg. Rotor inertia is drawn in proportion to the inertia that a
+    coordinate moves, all other laws in proportion to its typical torque: at half of the robot's
+    limits, a law loads a coordinate with 10 to 25 % of it.
+
+    Args:
+        robot: The robot.
+        seed: Same seed, same truth.
+        spread: Size of the deformation; 0.15 moves masses and inertias by 20–30 %.
+        terms: Causes of torque; fields still to be found are drawn within their bounds.
+    """
+    rng = np.random.default_rng(seed)
+    inertial = frozen(
+        [_deformed(_usable(b.inertia, b.known), rng, spread).ten for b in robot.bodies]
+    )
+    scales = scales_of(robot, inertial)
+    names = [p.name for p in RigidBody().parameters(robot)]
+    bodies = dict(zip(names, inertial.ravel().tolist(), strict=True))
+    chosen = tuple(_settled(term, bodies, rng) for term in terms)
+    model = Model(robot, chosen)
+    values = dict(bodies)
+    for term in chosen:
+        if not isinstance(term, RigidBody):
+            values |= _drawn(term, robot, scales, rng)
+    known = Parameters(model.names, model.units, [values[name] for name in model.names])
+    return Truth(model, known, _smoothing(robot, model, known, scales))
+
+
+def _settled(term: Term, bodies: dict[str, float], rng: np.random.Generator) -> Term:
+    """The term with its open fields drawn; loads are those of the true bodies."""
+    drawn: dict[str, Any] = {}
+    for field in fields(cast(Any, term)):
+        asked = getattr(term, field.name)
+        if isinstance(asked, Find):
+            low, high = np.log([asked.lower, asked.upper])
+            drawn[field.name] = float(np.exp(low + rng.uniform(0.4, 0.6) * (high - low)))
+    settled = cast(Term, replace(cast(Any, term), **drawn)) if drawn else term
+    return settled.with_reference(bodies) if isinstance(settled, LoadDependent) else settled
+
+
+def _drawn(term: Term, robot: Robot, scales: Scales, rng: np.random.Generator) -> dict[str, float]:
+    """Values of a term's parameters."""
+    parameters = term.parameters(robot)
+    sizes = _sizes(term, robot, scales)
+    bounds = [_share(parameter) for parameter in parameters]
+    low, high = np.array(bounds).reshape(-1, 2).T
+    values = rng.uniform(low, high) * sizes
+    return dict(zip((p.name for p in parameters), values.tolist(), strict=True))
+
+
+def _share(parameter: Parameter) -> tuple[float, float]:
+    """Of what a parameter is measured by, the least and the largest share."""
+    otherwise = _LAW if parameter.lower >= 0.0 else _SIGNED
+    return _SHARE.get(parameter.name.split(".")[0], otherwise)
+
+
+def _sizes(term: Term, robot: Robot, scales: Scales) -> Array:
+    """What the parameters are measured by, shape `(parameters,)`.
+
+    That value at which the parameter alone loads a joint with its typical torque, shared among the
+    elements of a law with several.
+    """
+    if isinstance(term, RotorInertia):
+        return np.array([scales.inertia_along(axis) for axis in term.axes(robot)])
+    peaks = scales.peaks(term)
+    loads = scales.torque[:, None] / np.maximum(peaks, 1e-300)
+    sizes = np.min(np.where(peaks > 0.0, loads, np.inf), axis=0)
+    if isinstance(term, LuGre):
+        return _with_damping(term, robot, scales, sizes)
+    return sizes / len(term.lengths) if isinstance(term, MaxwellSlip) else np.asarray(sizes)
+
+
+def _with_damping(term: LuGre, robot: Robot, scales: Scales, sizes: Array) -> Array:
+    r"""Bristle dampings at which sticking is critically damped, $2 \sqrt{f_c\,\delta\,m}$."""
+    axes = term.axes(robot)
+    friction = sizes[: len(axes)]
+    lengths = per_axis(term.length, axes, term.law)
+    inertia = np.array([scales.inertia_along(axis) for axis in axes])
+    return np.concatenate((friction, 2.0 * np.sqrt(np.mean(_LAW) * friction * lengths * inertia)))
+
+
+def _usable(nominal: Inertia, known: bool) -> Inertia:
+    """The nominal body, or a ball where there is none that can exist."""
+    if nominal.flaw() is None and (known or nominal.mass > 0.0):
+        return nominal
+    return Inertia.about_com(1.0, [0.0, 0.0, 0.05], np.eye(3) * 1.5e-3)
+
+
+def _deformed(nominal: Inertia, rng: np.random.Generator, spread: float) -> Inertia:
+    r"""The body $J = L\,E E^T L^T$ with $J_0 = L L^T$ and $E$ random around the unit matrix.
+
+    Any such $J$ is positive semidefinite: the body exists.
+    """
+    values, vectors = np.linalg.eigh(nominal.pseudo)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    deformed = root @ (np.eye(4) + spread * rng.standard_normal((4, 4)))
+    return Inertia.from_pseudo(deformed @ deformed.T)
+
+
+def _smoothing(robot: Robot, model: Model, values: Parameters, scales: Scales) -> Array:
+    r"""Smoothing speeds that an explicit step `h` of 0.125 ms follows, shape `(n_joints,)`.
+
+    Near zero speed a law that jumps by $\pm f$ damps with $f / v_s$; the step is well inside its
+    range of stability if $h\,(M^{-1})_{jj}\,f / v_s \le 1/2$ at every posture.
+    """
+    rotors = Truth(model, values, np.ones(robot.n_joints)).rotors
+    added = sum((r.inertia * np.outer(r.row, r.row) for r in rotors), np.zeros((1, 1)))
+    mobility = np.diagonal(np.linalg.inv(scales.masses + added), axis1=1, axis2=2).max(axis=0)
+    least = np.array([_LEAST_SMOOTHING[joint.kind] for joint in robot.joints])
+    known = values.as_dict()
+    jump = np.zeros(robot.n_joints)
+    for term in model.terms:
+        if not isinstance(term, RigidBody | RotorInertia | Remembering):
+            own = np.array([known[p.name] for p in term.parameters(robot)])
+            jump += scales.jumps(term, least) @ np.abs(own)
+    return frozen(np.maximum(least, 2.0 * TIMESTEP * mobility * jump))

@@ -1,0 +1,288 @@
+"""The torques that MuJoCo does not know, as machine code that reads MuJoCo's own memory.
+
+One call per integration step takes the positions, velocities and last accelerations of MuJoCo's
+joints and the held torques, steps the memory of friction, and gives the applied forces. Laws that
+jump at zero speed are softened, see `soften`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, cast
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.kernel.compiled import Code, compiled
+from steelyard.kernel.dynamics import JointState, Scalar, inverse_dynamics
+from steelyard.kernel.program import Array as Input
+from steelyard.kernel.program import Program
+from steelyard.model import Model
+from steelyard.robot.robot import Robot
+from steelyard.terms.term import Remembering, Samples, Term, channels_of
+from steelyard.virtual.memory import Stepping, stepping
+from steelyard.virtual.mujoco_model import MujocoModel
+from steelyard.virtual.soften import softened
+
+VELOCITY, WIDTHS = 1, 7
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A term with its place in the program's inputs.
+
+    Attributes:
+        term: The term.
+        first: Its first parameter.
+        memory: How its memory steps; `None` without.
+        at: First row of its memory: positions along its axes, then states.
+        channel: Its first channel among those of laws that are stepped by their own scan.
+    """
+
+    term: Term
+    first: int
+    memory: Stepping | None
+    at: int
+    channel: int
+
+
+@dataclass(frozen=True, eq=False)
+class Laws:
+    """Terms of a robot, ready to be evaluated at every step.
+
+    Attributes:
+        robot: The robot.
+        terms: The terms; neither bodies nor rotor inertia.
+        values: Their parameters.
+        widths: Speeds over which jumps at zero speed are spread, per joint of the robot.
+        model: Where MuJoCo's joints are.
+    """
+
+    robot: Robot
+    terms: tuple[Term, ...]
+    values: Array
+    widths: Array
+    model: MujocoModel
+
+    @cached_property
+    def placed(self) -> tuple[Placed, ...]:
+        """The terms with their places."""
+        found, first, at, channel = [], 0, 0, 0
+        for term in self.terms:
+            memory = stepping(term, self.robot)
+            found.append(Placed(term, first, memory, at, channel))
+            first += len(term.parameters(self.robot))
+            if memory is not None:
+                at += len(memory.axes) + memory.n_states
+            else:
+                channel += channels_of(term, self.robot)
+        return tuple(found)
+
+    @property
+    def n_memory(self) -> int:
+        """Rows of the memory."""
+        memories = [p.memory for p in self.placed if p.memory is not None]
+        return sum(len(m.axes) + m.n_states for m in memories)
+
+    @property
+    def scanned(self) -> tuple[Placed, ...]:
+        """Terms that are stepped by their own scan."""
+        return tuple(p for p in self.placed if p.memory is None and channels_of(p.term, self.robot))
+
+    @property
+    def n_channels(self) -> int:
+        """Channels of the terms that are stepped by their own scan."""
+        return sum(channels_of(p.term, self.robot) for p in self.scanned)
+
+    @cached_property
+    def _places(self) -> tuple[list[int], list[float], list[float]]:
+        """Per joint its number, ratio and zero among MuJoCo's joints."""
+        carriers = list(self.model.carriers)
+        ratios = [float(self.model.map[c, j]) for j, c in enumerate(carriers)]
+        return carriers, ratios, [float(self.model.offset[c]) for c in carriers]
+
+    @cached_property
+    def code(self) -> Code:
+        """Machine code; `about` names the joints that its rows load and brake.
+
+        Inputs: positions, velocities, accelerations, held torques, memory, channels, parameters,
+        widths. Outputs: forces on the joints `loads`, torque of motor-side terms on the joints
+        `brakes`, memory.
+        """
+        described = Model(self.robot, self.terms).to_dict()
+
+        def build() -> tuple[Program, dict[str, Any]]:
+            from steelyard.kernel.trace import symbolic
+
+            about: dict[str, Any] = {}
+
+            def outputs(*x: Any) -> list[Scalar]:
+                rows, found = self._outputs(*x)
+                about.update(found)
+                return rows
+
+            program = symbolic(outputs, self._inputs())
+            return softened(program, VELOCITY, WIDTHS), about
+
+        return compiled(["virtual", described, *self._places], build)
+
+    def _inputs(self) -> tuple[Input, ...]:
+        n = len(self.model.offset)
+        return (
+            Input("position", n, shared=True),
+            Input("velocity", n, shared=True),
+            Input("acceleration", n, shared=True),
+            Input("held", self.robot.n, shared=True),
+            Input("memory", self.n_memory),
+            Input("channels", self.n_channels, shared=True),
+            Input("parameters", len(self.values), shared=True),
+            Input("widths", n, shared=True),
+        )
+
+    def _outputs(
+        self,
+        position: Sequence[Scalar],
+        velocity: Sequence[Scalar],
+        acceleration: Sequence[Scalar],
+        held: Sequence[Scalar],
+        before: Sequence[Scalar],
+        channels: Sequence[Scalar],
+        values: Sequence[Scalar],
+        _: Sequence[Scalar],
+    ) -> tuple[list[Scalar], dict[str, Any]]:
+        places = list(zip(*self._places, strict=True))
+        q = [(position[c] - zero) / ratio for c, ratio, zero in places]
+        dq, ddq = ([x[c] / ratio for c, ratio, _ in places] for x in (velocity, acceleration))
+        total: dict[int, Scalar] = dict(enumerate(held))
+        brakes: dict[int, Scalar] = {}
+        memory: list[Scalar] = []
+        for placed in self.placed:
+            mine = channels[placed.channel : placed.channel + channels_of(placed.term, self.robot)]
+            if placed.memory is not None:
+                rows, mine = self._advanced(placed, JointState(q, dq, ddq), before)
+                memory += rows
+            state = JointState(q, dq, ddq, mine)
+            for (row, column), entry in placed.term.columns(self.robot, state).items():
+                effort = entry * values[placed.first + column]
+                total[row] = total[row] - effort if row in total else -effort
+                if on_motors(placed.term):
+                    brakes[row] = brakes[row] + effort if row in brakes else effort
+        loads = sorted(total)
+        forces = [total[row] / places[row][1] for row in loads]
+        behind = sorted(brakes)
+        rows = [*forces, *(brakes[row] for row in behind), *memory]
+        return rows, {"loads": loads, "brakes": behind}
+
+    def _advanced(
+        self, placed: Placed, state: JointState, before: Sequence[Scalar]
+    ) -> tuple[list[Scalar], list[Scalar]]:
+        """Memory and channels of a term after the step."""
+        memory = cast(Stepping, placed.memory)
+        count = len(memory.axes)
+        now, speeds = ([axis.of(x) for axis in memory.axes] for x in (state.q, state.dq))
+        last = before[placed.at : placed.at + count]
+        states = before[placed.at + count : placed.at + count + memory.n_states]
+        moved = [x - y for x, y in zip(now, last, strict=True)]
+
+        def loads(tens: Array) -> Sequence[Scalar]:
+            return inverse_dynamics(self.robot, state, tens.reshape(-1, 10).tolist())
+
+        states, channels = memory.advance(moved, speeds, states, loads)
+        return [*now, *states], channels
+
+
+def on_motors(term: Term) -> bool:
+    """Whether a term acts before the gears, so that a sensor behind them does not feel it."""
+    return getattr(term, "motors", None) is not None
+
+
+class LawsInUse:
+    """Laws that follow one simulation: buffers are made once, a step allocates nothing.
+
+    Attributes:
+        laws: The laws.
+        forces: Forces on MuJoCo's joints `dofs` after `step`, shape `(loads,)`.
+        dofs: Numbers of MuJoCo's joints that are loaded.
+        held: Torques of the controller, shape `(n,)`; set before `step`.
+    """
+
+    def __init__(self, laws: Laws, position: Array, velocity: Array, acceleration: Array) -> None:
+        """Laws over MuJoCo's own arrays of positions, velocities and accelerations."""
+        self.laws, code = laws, laws.code
+        self.held = np.zeros(laws.robot.n)
+        self._seen = position, velocity, acceleration
+        carriers, ratios, zeros = (np.array(x) for x in laws._places)
+        self._carriers, self._ratios, self._zeros = carriers, ratios, zeros
+        self._loads, self._brakes = code.about["loads"], code.about["brakes"]
+        self.dofs = carriers[self._loads]
+        self._head = len(self._loads) + len(self._brakes)
+        self._rows = [np.zeros((code.n_outputs, code.lanes)) for _ in range(2)]
+        self._channels = np.zeros(laws.n_channels)
+        self._memories: list[Any] = [None] * len(laws.scanned)
+        self._widths = np.zeros(len(laws.model.offset))
+        self._widths[carriers] = laws.widths * np.abs(ratios)
+        self._values = np.ascontiguousarray(laws.values)
+        shared = (self._channels, self._values, self._widths)
+        addresses = [x for a in (*self._seen, self.held) for x in (a.ctypes.data, 0)]
+        rest = [x for a in shared for x in (a.ctypes.data, 0)]
+        self._calls = []
+        for old, new in ((0, 1), (1, 0)):
+            memory = self._rows[old][self._head :]
+            tail = (self._rows[new].ctypes.data, code.lanes)
+            self._calls.append(
+                (code.lanes, *addresses, memory.ctypes.data, code.lanes, *rest, *tail)
+            )
+        self._results = [row[: len(self._loads), 0] for row in self._rows[::-1]]
+        self._raw, self._turn = code.raw, 0
+        self._bodies = Model(laws.robot).bodies_only
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin anew where the joints are, with all memory at zero."""
+        q = self._joints(self._seen[0], self._zeros)
+        self.remember(q, np.zeros(self.laws.n_memory))
+
+    def remember(self, q: Array, states: Array) -> None:
+        """Set the memory: last positions from `q`, all joints, and states from a full memory."""
+        memory = np.array(states, dtype=np.float64)
+        for placed in self.laws.placed:
+            if placed.memory is not None:
+                for k, axis in enumerate(placed.memory.axes):
+                    memory[placed.at + k] = np.dot(axis.row, q)
+        self._memories = [None] * len(self._memories)
+        for rows in self._rows:
+            rows[self._head :] = memory[:, None]
+
+    def step(self) -> Array:
+        """Forces on the joints `dofs` for one step; the memory goes on."""
+        if self._memories:
+            self._scan()
+        turn = self._turn
+        self._raw(*self._calls[turn])
+        self._turn = 1 - turn
+        return self._results[turn]
+
+    def brakes(self) -> Array:
+        """Torque of motor-side terms at the last step, shape `(n,)`."""
+        result = np.zeros(self.laws.robot.n_joints)
+        rows = self._rows[self._turn]
+        result[self._brakes] = rows[len(self._loads) : self._head, 0]
+        return result[: self.laws.robot.n]
+
+    def _joints(self, x: Array, zeros: Array | float = 0.0) -> Array:
+        """MuJoCo's values as those of all joints, shape `(n_joints,)`."""
+        return np.asarray((x[self._carriers] - zeros) / self._ratios)
+
+    def _scan(self) -> None:
+        robot = self.laws.robot
+        q = self._joints(self._seen[0], self._zeros)[:, None]
+        dq, ddq = (self._joints(x)[:, None] for x in self._seen[1:])
+        samples = Samples(q, dq, ddq, lambda tens: self._rigid(q, dq, ddq, tens))
+        for k, placed in enumerate(self.laws.scanned):
+            if isinstance(placed.term, Remembering):
+                found, self._memories[k] = placed.term.remember(robot, samples, self._memories[k])
+                self._channels[placed.channel : placed.channel + len(found)] = found[:, 0]
+
+    def _rigid(self, q: Array, dq: Array, ddq: Array, tens: Array) -> Array:
+        shared = [False, False, False, False, True]
+        return self._bodies.torque_code([q, dq, ddq, np.empty((0, 1)), tens], shared)

@@ -1,0 +1,174 @@
+"""Payloads of an invented arm: exact without noise, within their intervals with it."""
+
+from functools import reduce
+from operator import add
+
+import numpy as np
+import pytest
+
+from invented import ball
+from loaded import GAINS, LOAD, MODEL, REGRESSOR, TOOL, UNITS, run
+from steelyard.application.payload import identify_payload
+from steelyard.errors import DataError, ModelError, SteelyardError
+from steelyard.estimation.estimate import Z95
+from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
+from steelyard.estimation.least_squares import WeightedLeastSquares
+from steelyard.estimation.load import PayloadEstimate
+from steelyard.regression.information import Information, Stamp
+from steelyard.robot.inertia import Inertia
+from steelyard.robot.signals import Signals
+
+NAMES = tuple(f"c{k}" for k in range(9))
+SIGNALS = Signals(
+    NAMES[0], 1.0, NAMES[1:5], np.ones(4), None, None, NAMES[5:], np.ones(4),
+    "motor_current", UNITS, GAINS,
+)  # fmt: skip
+
+
+def model_of(*runs: Information) -> IdentifiedModel:
+    """The model that unloaded runs give."""
+    information = reduce(add, runs).scaled(GAINS, MODEL.robot.effort_units)
+    return IdentifiedModel(
+        MODEL,
+        REGRESSOR.base,
+        WeightedLeastSquares()(information),
+        (),
+        SIGNALS,
+        Cutoffs(20.0, 8.0, 5.0),
+        Provenance("0", {}, (), ()),
+    )
+
+
+EXACT = model_of(run(1))
+
+
+def test_a_payload_is_recovered_exactly_from_a_model() -> None:
+    found = identify_payload(EXACT, [run(2, LOAD)], "tool")
+    assert np.abs(found.ten - LOAD.ten).max() < 1e-6
+    assert np.abs(found.com - LOAD.com).max() < 1e-6
+    assert np.abs(found.inertia_com - LOAD.inertia_com).max() < 1e-6
+    assert (found.frame, found.body, found.not_seen, found.weighs) == ("tool", "tip", (), True)
+
+
+def test_a_payload_is_recovered_exactly_from_runs_together() -> None:
+    wrong = model_of(run(1, ball(3)))
+    found = identify_payload(wrong, [run(2, LOAD), run(3, LOAD)], "tool", unloaded=[run(4)])
+    assert np.abs(found.ten - LOAD.ten).max() < 1e-6
+    assert "together" in found.notes[0]
+
+
+def test_the_frame_of_the_last_link_is_the_default() -> None:
+    found = identify_payload(EXACT, [run(2, LOAD)])
+    assert (found.frame, found.body) == ("tip", "tip")
+    assert np.abs(found.ten - LOAD.moved(TOOL.rotation, TOOL.position).ten).max() < 1e-6
+
+
+@pytest.mark.parametrize("together", [False, True])
+def test_friction_of_another_day_does_not_weigh(together: bool) -> None:
+    noisy = model_of(*(run(k, noise=0.05) for k in (1, 2)))
+    unloaded = [run(4, noise=0.05)] if together else []
+    loaded = [run(3, LOAD, noise=0.05, friction=1.4)]
+    free = identify_payload(noisy, loaded, "tool", unloaded=unloaded)
+    error = np.abs(free.ten - LOAD.ten)
+    assert np.all(error < 2.0 * free.half_width)
+    stiff = identify_payload(noisy, loaded, "tool", unloaded=unloaded, drift=0.0)
+    assert stiff.sigma[0] > 5.0 * free.sigma[0]
+    assert "those of the model" in stiff.notes[1]
+
+
+def test_an_empty_hand_weighs_nothing() -> None:
+    noisy = model_of(*(run(k, noise=0.3) for k in (1, 2)))
+    found = identify_payload(noisy, [run(3, noise=0.3)], "tool")
+    assert not found.weighs
+    assert abs(found.mass) < 1.5 * found.half_width[0]
+    assert found.remarks == ("the interval of the mass holds zero: no payload is seen",)
+    assert found.to_dict()["centre"] is None
+
+
+def test_intervals_hold_the_truth() -> None:
+    """Noise in the model's runs and in the loaded one; the model is as uncertain as the run."""
+    inside = np.zeros(10 + 3 + 9)
+    draws = 40
+    for draw in range(draws):
+        noisy = model_of(run(3 * draw, noise=0.5))
+        seed = 3 * draw + 1
+        found = identify_payload(noisy, [run(seed, LOAD, noise=0.5, friction=1.1)], "tool")
+        errors = (
+            (found.ten - LOAD.ten, found.half_width),
+            (found.com - LOAD.com, found.com_half_width),
+            (found.inertia_com - LOAD.inertia_com, found.inertia_com_half_width),
+        )
+        inside += np.concatenate([(np.abs(e) <= w).ravel() for e, w in errors])
+    shares = inside / draws
+    assert 0.90 <= shares[:10].mean() <= 0.99
+    assert 0.90 <= shares[10:].mean() <= 0.99
+
+
+def test_the_delta_method_is_the_slope_of_the_numbers() -> None:
+    found = identify_payload(model_of(run(1, noise=0.2)), [run(2, LOAD, noise=0.2)], "tool")
+    draws = np.random.default_rng(0).multivariate_normal(found.ten, found.covariance, 20000)
+    bodies = [Inertia.from_ten(ten) for ten in draws]
+    centre = Z95 * np.std([body.com for body in bodies], axis=0)
+    around = Z95 * np.std([body.inertia_com for body in bodies], axis=0)
+    assert np.abs(centre / found.com_half_width - 1.0).max() < 0.05
+    assert np.abs(around / found.inertia_com_half_width - 1.0).max() < 0.05
+
+
+def test_what_the_data_do_not_see_is_named() -> None:
+    still = {1: 0.3, 3: -0.4}
+    found = identify_payload(EXACT, [run(2, LOAD, still=still)], "tip")
+    seen = LOAD.moved(TOOL.rotation, TOOL.position).ten
+    assert "Ixx" in found.not_seen and "mass" not in found.remarks[0]
+    kept = ~np.isnan(found.ten)
+    assert np.abs(found.ten[kept] - seen[kept]).max(initial=0.0) < 1e-6
+    assert found.remarks[0].startswith("not seen by these data: ")
+    assert None in found.to_dict()["ten"]
+
+
+def test_an_arm_never_seen_moving_without_its_payload_hides_it() -> None:
+    posture = {0: 0.2, 1: 0.1, 2: 0.1, 3: 0.2}
+    with pytest.raises(DataError, match="the data see nothing of the payload"):
+        identify_payload(EXACT, [run(2, LOAD)], "left", unloaded=[run(3, still=posture)])
+
+
+def test_remarks_tell_a_seen_inertia_from_a_poor_one() -> None:
+    good = identify_payload(EXACT, [run(2, LOAD, noise=0.01)], "tool")
+    assert good.remarks[0] == "the inertia is seen: no interval of a moment of inertia holds zero"
+    poor = identify_payload(model_of(run(1, noise=2.0)), [run(2, LOAD, noise=2.0)], "tool")
+    assert poor.remarks[0].startswith("the inertia is poorly seen: the interval of ")
+
+
+def test_a_body_that_cannot_be_is_told() -> None:
+    ten = np.array([1.0, 0.0, 0.0, 0.0, -0.1, 0.0, 0.2, 0.0, 0.0, 0.2])
+    found = PayloadEstimate("f", "b", ten, 1e-6 * np.eye(10), np.ones(1), np.ones(1))
+    assert found.remarks[-1].endswith("a principal moment of inertia is negative (-0.1 kg m²)")
+
+
+@pytest.mark.parametrize(
+    ("frame", "words"),
+    [("tol", "did you mean 'tool'?"), ("flange_of_base", "fixed to the base")],
+)
+def test_frames_that_cannot_carry(frame: str, words: str) -> None:
+    with pytest.raises(ModelError) as caught:
+        identify_payload(EXACT, [run(2, LOAD)], frame)
+    assert words in str(caught.value)
+
+
+def foreign(information: Information, **fields: object) -> Information:
+    stamp = Stamp(**{**vars(information.stamp), **fields})  # type: ignore[arg-type]
+    return Information(**{**vars(information), "stamp": stamp})
+
+
+def refusal(*args: object, **options: object) -> SteelyardError:
+    with pytest.raises(DataError) as caught:
+        identify_payload(EXACT, *args, **options)  # type: ignore[arg-type]
+    return caught.value
+
+
+def test_runs_of_another_kind_are_refused() -> None:
+    assert "another model" in str(refusal([foreign(run(2), model="x")]))
+    mixed = [run(2, LOAD), foreign(run(3, LOAD), filters="8 Hz")]
+    assert "unequal filters" in str(refusal(mixed))
+    assert "no run with the payload" in str(refusal([]))
+    assert "drift of friction is -1" in str(refusal([run(2)], drift=-1.0))
+    assert "it has no window" in str(refusal([run(2).of(())]))

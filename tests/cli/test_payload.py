@@ -1,0 +1,120 @@
+"""`steelyard payload`: what it prints, writes and refuses."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cli.conftest import Command
+from cli.mistakes import leftovers
+from steelyard.excitation.random_fourier import random_fourier
+from steelyard.robot.inertia import Inertia
+from steelyard.robot.robot_file import load_robot
+from steelyard.virtual.invent import random_truth
+from steelyard.virtual.payload import Payload
+from steelyard.virtual.robot import VirtualRobot
+from steelyard.virtual.simulate import customary_sensors
+
+LOAD = Inertia.about_com(1.5, (0.02, 0.05, 0.08), 0.004 * np.eye(3))
+"""About the origin of the demo arm's last link."""
+
+
+@pytest.fixture(scope="module")
+def loaded(given: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The demo arm's log with a load on its last link."""
+    robot = load_robot(given / "demo_arm.toml").robot
+    truth = random_truth(robot, 0)
+    carried = Payload(LOAD, robot.bodies[-1].name)
+    sensors = customary_sensors(robot, truth)
+    rig = VirtualRobot(robot, truth, sensors, seed=3, payload=carried)
+    path = tmp_path_factory.mktemp("loaded") / "loaded.parquet"
+    rig.run(random_fourier(robot, seed=11, period=3.0), path)
+    return path
+
+
+@pytest.mark.parametrize("together", [False, True])
+def test_the_load_is_weighed(
+    together: bool, loaded: Path, given: Path, identified: Path, command: Command, tmp_path: Path
+) -> None:
+    options = ["--unloaded", given / "identification.parquet"] if together else []
+    done = command("payload", identified, loaded, *options, "--json", "-o", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    told = json.loads(done.stdout)
+    assert told == json.loads((tmp_path / "out" / "payload.json").read_text())
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["payload.json"]
+    assert abs(told["mass"] - LOAD.mass) < 1.5 * told["mass_half_width"] < 0.1
+    error = np.abs(np.array(told["centre"]) - LOAD.com)
+    assert np.all(error < 1.5 * np.array(told["centre_half_width"]))
+    words = "from the unloaded and loaded runs" if together else "are the model's"
+    assert words in " ".join(told["notes"])
+
+
+def test_the_table_names_frame_numbers_and_units(
+    loaded: Path, identified: Path, command: Command
+) -> None:
+    done = command("payload", identified, loaded)
+    assert done.exit_code == 0, done.output
+    last = load_robot_of(identified)
+    words = " ".join(done.stdout.split())
+    assert f"payload in frame '{last}'" in words
+    for piece in ("mass", "kg", "centre x", "Iyz about the centre", "kg m²", "± 95 %"):
+        assert piece in words
+    assert "the inertia is" in words
+    assert "note: friction and offset are each run's own, within about 50 % of the model's" in words
+    assert "drive gains" not in words
+
+
+def load_robot_of(identified: Path) -> str:
+    """The last link of an identified model."""
+    told = json.loads((identified / "model.json").read_text())
+    return str(told["model"]["robot"]["bodies"][-1]["name"])
+
+
+def test_a_log_that_the_model_knows_is_told(
+    given: Path, identified: Path, command: Command
+) -> None:
+    done = command("payload", identified, given / "identification.parquet")
+    assert done.exit_code == 0, done.output
+    words = " ".join(done.stdout.split())
+    assert "the interval of the mass holds zero: no payload is seen" in words
+    assert "centre" not in words
+    assert "the model was identified from identification.parquet" in words
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--frame", "falnge"), "there is no frame 'falnge'"),
+        (("--unloaded", "../given/nothing.csv"), "no such log"),
+        (("--unloaded", "{log}"), "is fitted twice"),
+        (("-o", "../given"), "exists already"),
+    ],
+)
+def test_mistakes(
+    arguments: tuple[str, str],
+    words: str,
+    loaded: Path,
+    identified: Path,
+    command: Command,
+    shared_work: Path,
+) -> None:
+    done = command("payload", identified, loaded, *(a.format(log=loaded) for a in arguments))
+    assert done.exit_code == 2 and done.stdout == ""
+    assert words in done.stderr
+    assert [line.split()[0] for line in done.stderr.splitlines()] == ["error:", "where", "mend"]
+    assert leftovers(shared_work) == []
+
+
+def test_a_misspelt_frame_gets_the_nearest(
+    loaded: Path, identified: Path, command: Command
+) -> None:
+    name = load_robot_of(identified)
+    assert (
+        f"did you mean '{name}'"
+        in command("payload", identified, loaded, "--frame", name[:-1]).stderr
+    )
+
+
+def test_help_shows_an_example(command: Command) -> None:
+    assert "Example: steelyard payload" in command("payload", "--help").stdout

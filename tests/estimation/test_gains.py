@@ -1,0 +1,151 @@
+"""Drive gains of an invented arm: exact without noise, unbiased and within intervals with it."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from loaded import GAINS, LOAD, MODEL, TOOL, UNITS, run
+from steelyard.errors import DataError, ModelError, SteelyardError
+from steelyard.estimation.bilinear import Bilinear
+from steelyard.estimation.gains import identified_gains
+from steelyard.estimation.load_case import carrier, load_case
+from steelyard.regression.base import base_map
+from steelyard.regression.information import Information
+
+JOINTS = MODEL.robot.joint_names
+UNLOADED, LOADED = [run(1)], [run(2, LOAD, friction=1.4)]
+
+
+def relative(found: np.ndarray) -> float:
+    """Largest relative error of gains."""
+    return float(np.abs(found / GAINS - 1.0).max())
+
+
+def test_a_known_mass_gives_all_gains_signs_included() -> None:
+    found = identified_gains(MODEL, UNLOADED, LOADED, mass=LOAD.mass, frame="tool")
+    assert relative(found.gains) < 1e-6
+    assert found.payload is not None
+    assert np.abs(found.payload.ten - LOAD.ten).max() < 1e-6
+    assert found.payload.half_width[0] == 0.0
+    assert (found.joints, found.known, found.relative) == (JOINTS, (False,) * 4, False)
+    assert found.units == ("Nm/A", "N/A", "1", "Nm/A")
+    assert set(UNITS) == {"A", "Nm"}
+
+
+def test_a_known_gain_gives_the_others_and_weighs() -> None:
+    known = {JOINTS[1]: GAINS[1]}
+    without = identified_gains(MODEL, UNLOADED, known=known)
+    assert relative(without.gains) < 1e-6
+    assert without.payload is None and without.known == (False, True, False, False)
+    assert np.all(without.covariance[1] == 0.0)
+    found = identified_gains(MODEL, UNLOADED, LOADED, known=known, frame="tool")
+    assert found.payload is not None
+    assert np.abs(found.payload.ten - LOAD.ten).max() < 1e-6
+    assert found.payload.half_width[0] > 0.0
+
+
+def test_a_known_gain_is_kept_however_small() -> None:
+    small = GAINS * [1.0, 1.0, 1e-6, 1.0]
+    runs = [run(1, gains=small)]
+    found = identified_gains(MODEL, runs, known={JOINTS[2]: 1e-6})
+    assert np.abs(found.gains / small - 1.0).max() < 1e-6
+
+
+def test_all_gains_known_leaves_them() -> None:
+    known = dict(zip(JOINTS, GAINS.tolist(), strict=True))
+    found = identified_gains(MODEL, UNLOADED, LOADED, known=known, frame="tool")
+    assert np.array_equal(found.gains, GAINS) and not found.covariance.any()
+    assert found.payload is not None
+    assert np.abs(found.payload.ten - LOAD.ten).max() < 1e-6
+
+
+def test_gains_up_to_one_scale() -> None:
+    found = identified_gains(MODEL, UNLOADED, relative=True)
+    assert found.relative and found.gains[0] == 1.0
+    assert np.abs(found.gains / (GAINS / GAINS[0]) - 1.0).max() < 1e-6
+    scaled = identified_gains(MODEL, UNLOADED, LOADED, mass=LOAD.mass, frame="tool", relative=True)
+    assert not scaled.relative and relative(scaled.gains) < 1e-6
+
+
+def noisy(draw: int, noise: float) -> tuple[list[Information], list[Information]]:
+    first, second = run(2 * draw, noise=noise), run(2 * draw + 1, LOAD, noise, friction=0.7)
+    return [first], [second]
+
+
+def test_intervals_hold_the_truth() -> None:
+    draws, inside, masses = 25, np.zeros(4), 0
+    for draw in range(draws):
+        found = identified_gains(MODEL, *noisy(draw, 0.5), mass=LOAD.mass, frame="tool")
+        inside += np.abs(found.gains - GAINS) <= found.half_width
+        other = identified_gains(MODEL, *noisy(draw, 0.5), known={JOINTS[0]: 12.0}, frame="tool")
+        assert other.payload is not None
+        masses += abs(other.payload.mass - LOAD.mass) <= other.payload.half_width[0]
+    assert 0.90 <= inside.mean() / draws <= 0.99
+    assert 0.84 <= masses / draws
+
+
+def start(unloaded: Sequence[Information], loaded: Sequence[Information]) -> np.ndarray:
+    """Gains on the side of the parameters: noisy efforts among the columns."""
+    frame = carrier(MODEL.robot, "tool")
+    case = load_case(MODEL, base_map(MODEL), frame, unloaded, loaded, first_deviates=False)
+    return 1.0 / Bilinear.of(case, LOAD.mass, np.full(4, np.nan), True).first()
+
+
+def test_noise_does_not_bias_gains_as_it_does_with_efforts_among_the_columns() -> None:
+    found, biased = [], []
+    for draw in range(12):
+        unloaded, loaded = noisy(draw, 4.0)
+        gains = identified_gains(MODEL, unloaded, loaded, mass=LOAD.mass, frame="tool").gains
+        found.append(gains / GAINS - 1.0)
+        biased.append(start(unloaded, loaded) / GAINS - 1.0)
+    spread = np.std(found, axis=0) / np.sqrt(len(found))
+    assert np.all(np.abs(np.mean(found, axis=0)) < 4.0 * spread)
+    assert np.min(np.mean(biased, axis=0)) < -0.15
+
+
+def refusal(kind: type[SteelyardError], *args: object, **options: object) -> str:
+    with pytest.raises(kind) as caught:
+        identified_gains(MODEL, *args, **options)  # type: ignore[arg-type]
+    return str(caught.value)
+
+
+def test_questions_without_an_answer() -> None:
+    words = refusal(DataError, UNLOADED)
+    assert "known relative to each other only" in words
+    assert "the payload's mass, or the gain of one joint" in words
+    assert "relative to each other" in refusal(DataError, UNLOADED, LOADED)
+    assert "there is none without" in refusal(DataError, [], LOADED, mass=1.7)
+    assert "there is none with" in refusal(DataError, UNLOADED, [], mass=1.7)
+    assert "mass is -2 kg" in refusal(DataError, UNLOADED, LOADED, mass=-2.0)
+    assert "there is no run" in refusal(DataError, [], known={JOINTS[0]: 1.0})
+
+
+def test_names_and_values_of_known_gains() -> None:
+    words = refusal(ModelError, UNLOADED, known={"tpi_joint": 2.0})
+    assert "there is no joint 'tpi_joint'" in words and "'tip_joint'" in words
+    assert "the gain of joint 'trunk_joint' is 0" in refusal(
+        ModelError, UNLOADED, known={"trunk_joint": 0.0}
+    )
+    assert "no frame 'tol'" in refusal(ModelError, UNLOADED, LOADED, mass=1.0, frame="tol")
+
+
+def test_a_gain_that_nothing_shows_is_named() -> None:
+    """A branch that moves alone shares no parameter with the other joints."""
+    still = {0: 0.3, 1: 0.1, 3: 0.2}
+    words = refusal(DataError, [run(1, still=still)], known={"trunk_joint": 12.0})
+    assert "the data do not show the gain of joint '" in words
+    assert "or give its gain" in words
+
+
+def test_a_gain_behind_much_noise_is_named_with_its_interval() -> None:
+    runs = [run(1, noise=60.0)], [run(2, LOAD, noise=60.0)]
+    words = refusal(DataError, *runs, mass=LOAD.mass, frame="tool")
+    assert "95 % interval of ±" in words
+
+
+def test_the_body_that_carries_matters_not_the_frame() -> None:
+    there = LOAD.moved(TOOL.rotation, TOOL.position)
+    found = identified_gains(MODEL, UNLOADED, LOADED, mass=LOAD.mass)
+    assert found.payload is not None and found.payload.frame == "tip"
+    assert np.abs(found.payload.ten - there.ten).max() < 1e-6

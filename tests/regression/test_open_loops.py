@@ -1,0 +1,129 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from closed_chains import five_bar
+from steelyard.arrays import Array
+from steelyard.errors import DataError
+from steelyard.measurement import Processing, Recording, prepare
+from steelyard.measurement.open_loops import closed_only, open_stretches
+from steelyard.measurement.recording import HeldLog
+from steelyard.measurement.run import Run
+from steelyard.model import Model
+from steelyard.motion import Motion
+from steelyard.regression.gather import gather
+from steelyard.regression.regressor import base_regressor
+from steelyard.robot.robot import Loop, Robot
+from steelyard.robot.signals import Signals
+from steelyard.terms.rigid_body import RigidBody
+
+RATE = 200.0
+
+
+def robot(open_loops: str = "drop") -> Robot:
+    """A five-bar with short forearms: the elbows can go too far apart."""
+    tip = Loop("tip", (1, 3), [[0.3, 0.0, 0.0], [0.32, 0.0, 0.0]])
+    return five_bar().changed(loops=(tip,), assembly=(2.0, 1.1, -1.0, 1.0), open_loops=open_loops)
+
+
+def motion() -> Motion:
+    """Wide swings, with two excursions beyond the reach of the forearms."""
+    t = np.arange(0.0, 24.0, 1.0 / RATE)
+    out = 0.5 * (np.exp(-(((t - 8.0) / 0.5) ** 2)) + np.exp(-(((t - 17.0) / 0.5) ** 2)))
+    left = 2.0 + 0.2 * np.sin(1.7 * t) + 0.15 * np.sin(4.1 * t) + out
+    right = 1.1 + 0.2 * np.sin(2.3 * t + 1.0) + 0.1 * np.sin(5.2 * t) - out
+    q = np.stack([left, right], axis=1)
+    dq = np.gradient(q, 1.0 / RATE, axis=0)
+    return Motion(t, q, dq, np.gradient(dq, 1.0 / RATE, axis=0))
+
+
+def apart(q: Array) -> Array:
+    """How far the forearms are from reaching each other [m]."""
+    left, right = q.T
+    return np.abs(0.3 * np.exp(1j * left) - (0.25 + 0.05j) - 0.28 * np.exp(1j * right)) - 0.62
+
+
+def run_of(nonsense: float = 0.0) -> Run:
+    """A log with smooth efforts, and `nonsense` where the loop is open."""
+    way = motion()
+    effort = np.stack([np.sin(way.t), np.cos(1.3 * way.t)], axis=1)
+    for first, last in openings():
+        effort[first : last + 1] += nonsense
+    names = ("t", "q0", "q1", "e0", "e1")
+    ones = np.ones(2)
+    signals = Signals(
+        time="t",
+        time_scale=1.0,
+        position=names[1:3],
+        position_scale=ones,
+        velocity=None,
+        velocity_scale=None,
+        effort=names[3:],
+        effort_scale=ones,
+        effort_kind="joint_torque",
+        effort_units=("Nm", "Nm"),
+        gains=ones,
+    )
+    table = np.column_stack([way.t, way.q, effort])
+    wanted = Processing(motion_cutoff=20.0, matched_cutoff=10.0)
+    return prepare(Recording(HeldLog(Path("log"), names, table), signals), wanted)
+
+
+def openings() -> list[tuple[int, int]]:
+    """First and last sample of every stretch beyond reach."""
+    inside = np.concatenate([[0], apart(motion().q) > 0.0, [0]]).astype(int)
+    steps = np.diff(inside)
+    return list(zip(np.flatnonzero(steps > 0), np.flatnonzero(steps < 0) - 1, strict=True))
+
+
+def test_open_stretches_are_told_with_time_and_gap() -> None:
+    stretches = open_stretches(run_of(), robot())
+    wanted = openings()
+    assert len(stretches) == len(wanted) > 1
+    for stretch, (first, last) in zip(stretches, wanted, strict=True):
+        assert stretch.loop == "tip" and abs(stretch.samples - (last - first + 1)) <= 2
+        assert abs(stretch.start - first / RATE) < 0.02 and abs(stretch.stop - last / RATE) < 0.02
+        assert 0.0 < stretch.gap < 0.02
+        assert f"from {stretch.start:.4f} s" in str(stretch) and " m apart" in str(stretch)
+    assert open_stretches(run_of(), Model(robot()).bodies_only.robot) == ()
+
+
+def test_dropped_samples_leave_no_trace() -> None:
+    regressor = base_regressor(Model(robot(), (RigidBody(),)))
+    first, second = (gather(regressor, run_of(x)) for x in (0.0, 1000.0))
+    assert np.array_equal(first.counts, second.counts)
+    scale = np.abs(first.grams).max(axis=0)
+    assert np.all(np.abs(first.grams - second.grams) <= 1e-9 * scale)
+    reaching = Model(robot().changed(loops=five_bar().loops, assembly=five_bar().assembly))
+    whole = gather(base_regressor(Model(reaching.robot, (RigidBody(),))), run_of())
+    assert 0.5 < first.counts.sum() / whole.counts.sum() < 0.98
+
+
+def test_open_loops_stop_by_default() -> None:
+    model = Model(robot("stop"), (RigidBody(),))
+    run = run_of()
+    first = open_stretches(run, model.robot)[0]
+    with pytest.raises(DataError) as caught:
+        gather(base_regressor(model), run)
+    assert f"does not close at t = {first.start:.4f} s" in caught.value.wrong
+    assert f"{first.gap:.3g} m apart" in caught.value.wrong
+
+
+def test_whole_runs_keep_what_is_closed() -> None:
+    run = run_of(1000.0)
+    data = run.whole()
+    kept = closed_only(data, robot())
+    lost = sum(s.samples for s in open_stretches(run, robot()))
+    assert len(kept.t) == len(data.t) - lost
+    assert np.unique(kept.segment).tolist() == list(range(len(openings()) + 1))
+    assert np.sum(np.abs(kept.effort).max(axis=1) > 100.0) <= 2 * len(openings())
+    assert closed_only(data, robot("stop")) is data
+    away = type(data)(
+        Motion(data.t, data.motion.q + [1.2, -1.2], data.motion.dq, data.motion.ddq),
+        data.effort,
+        data.moving,
+        data.segment,
+    )
+    with pytest.raises(DataError, match="close at no sample"):
+        closed_only(away, robot())
