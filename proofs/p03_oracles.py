@@ -70,7 +70,9 @@ def _errors_at(
     torque = prior.torque(Motion(np.arange(len(q)), q, dq, ddq))
     dense = standard_regressor(model).dense(q.T, dq.T, ddq.T).transpose(1, 0, 2)
     samples = list(zip(q, dq, ddq, strict=True))
-    reference = numpy_backend.run(program, [*(x.T for x in states), np.empty((0, len(q))), robot.nominal.ravel()]).T
+    reference = numpy_backend.run(
+        program, [*(x.T for x in states), np.empty((0, len(q))), robot.nominal.ravel()]
+    ).T
     return (
         _error(dense, np.array([pinocchio_regressor(robot, *s) for s in samples])),
         _error(torque, np.array([pinocchio_torque(robot, *s) for s in samples])),

@@ -9,6 +9,7 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,9 @@ from steelyard.virtual.sensors import Sensors
 DRAWS, PERIOD, PERIODS = 20, 5.0, 1
 TORQUE_NOISE = 0.02
 """White torque noise over the typical torque of each joint."""
+
+SHARPER = 0.1
+"""Smoothing speeds of laws that jump at zero speed, of the customary ones."""
 
 GIVEN: dict[str, list[dict[str, Any]]] = {
     "coulomb": [{}, {"threshold": 0.02}, {"smoothing": 0.05}],
@@ -116,6 +120,7 @@ def signals_of(robot: Robot) -> Signals:
 def errors(robot: Robot, terms: tuple[Term, ...], seed: int, folder: Path) -> dict[str, float]:
     """Error of every base parameter over its 95 % half-width."""
     truth = random_truth(robot, seed, terms=terms)
+    truth = replace(truth, smoothing=SHARPER * truth.smoothing)
     scale = typical_torque(robot, build(robot, truth.inertial, truth.rotors))
     sensors = Sensors(
         resolution=2.0 * np.pi / 2**20, torque_noise=TORQUE_NOISE * scale, velocity=False

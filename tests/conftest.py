@@ -3,6 +3,9 @@
 import os
 import tempfile
 
+# matrices are small here: threads of their own only wait for each other
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import pytest
 
 

@@ -145,8 +145,7 @@ class Model:
                 for name in term.aside:
                     # a list's length is how many channels there are
                     given = fields[name]
-                    fields[name] = len(given) if isinstance(given, list) else None
-        described["robot"]["frames"] = []
+                    fields[name] = len(given) or None if isinstance(given, list) else None
         return [described]
 
     @property
@@ -250,7 +249,9 @@ class ValuedModel:
         """Efforts of one block, joint-major.
 
         Args:
-            q: Shape `(n, B)`; likewise `dq` and `ddq`.
+            q: Positions, shape `(n, B)`.
+            dq: Velocities, shape `(n, B)`.
+            ddq: Accelerations, shape `(n, B)`.
             channels: Shape `(n_channels, B)`, see `Scan`; `None` for a model without.
         """
         channels = np.empty((0, q.shape[1])) if channels is None else channels

@@ -14,9 +14,14 @@ from steelyard.estimation.estimate import Z95
 from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimation.least_squares import WeightedLeastSquares
 from steelyard.estimation.load import PayloadEstimate
+from steelyard.estimation.load_case import drifting
+from steelyard.model import Model
 from steelyard.regression.information import Information, Stamp
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.signals import Signals
+from steelyard.terms.rigid_body import RigidBody
+from steelyard.terms.rotor_inertia import RotorInertia
+from steelyard.terms.viscous import Viscous
 
 NAMES = tuple(f"c{k}" for k in range(9))
 SIGNALS = Signals(
@@ -74,6 +79,13 @@ def test_friction_of_another_day_does_not_weigh(together: bool) -> None:
     stiff = identify_payload(noisy, loaded, "tool", unloaded=unloaded, drift=0.0)
     assert stiff.sigma[0] > 5.0 * free.sigma[0]
     assert "those of the model" in stiff.notes[1]
+
+
+def test_friction_offset_and_what_is_per_run_may_drift() -> None:
+    terms = (RigidBody(), RotorInertia(per_run=True), Viscous(joints=("tip_joint",)))
+    model = Model(MODEL.robot, terms)
+    names = [model.names[k] for k in drifting(model, model.names)]
+    assert names == [*(f"rotor_inertia.{j}" for j in MODEL.robot.joint_names), "viscous.tip_joint"]
 
 
 def test_an_empty_hand_weighs_nothing() -> None:

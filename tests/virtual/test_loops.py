@@ -39,17 +39,17 @@ def test_placing_closes_the_loop_and_motion_keeps_it_closed(
 def test_a_free_linkage_keeps_its_energy(four_bar: Robot, make_truth: Callable) -> None:
     truth = make_truth(four_bar)
     plant = MujocoPlant(four_bar, truth)
-    plant.place([1.3])
+    plant.place([1.1])
     energies = []
-    for _ in range(1500):
+    for _ in range(600):
         q, dq = plant.step(np.zeros(1), 1e-3)
         full = closed(four_bar, q, joints_of(plant))
         rates = passive_slopes(four_bar, full) @ dq
         energies.append(_energy(four_bar, full, rates))
     energies = np.array(energies)
     kinetic = energies[:, 0].max()
-    assert kinetic > 0.05
-    assert np.ptp(energies.sum(axis=1)) < 5e-4 * kinetic
+    assert kinetic > 5.0
+    assert np.ptp(energies.sum(axis=1)) < 2e-4 * kinetic
 
 
 def _energy(robot: Robot, q: np.ndarray, dq: np.ndarray) -> tuple[float, float]:

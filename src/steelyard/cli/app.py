@@ -23,7 +23,7 @@ app = typer.Typer(
 for command in (init, identify, validate, payload, simulate, demo):
     app.command()(command)
 
-MANY = ("--validate", "--unloaded")
+MANY = ("--validate", "--loaded", "--unloaded")
 """Options that take all that follows up to the next option."""
 
 

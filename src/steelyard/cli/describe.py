@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 
+from steelyard.cli.river import LogArgument
 from steelyard.estimation.identified import IdentifiedModel, Provenance
 from steelyard.measurement import Run
 from steelyard.robot.robot_file import LoadedRobot
@@ -12,15 +13,17 @@ from steelyard.robot.robot_file import LoadedRobot
 
 def provenance(
     loaded: LoadedRobot,
-    fitted: Sequence[Path],
-    validated: Sequence[Path],
+    fitted: Sequence[LogArgument],
+    carrying: Sequence[LogArgument],
+    validated: Sequence[LogArgument],
     runs: Sequence[Run],
     notes: Sequence[str],
 ) -> Provenance:
     """Hashes of all inputs, and what was decided on the way."""
     inputs = {f"robot {s.path.name}": s.sha256 for s in loaded.sources}
-    for role, paths in (("identification", fitted), ("validation", validated)):
-        for path in dict.fromkeys(paths):
+    roles = (("identification", fitted), ("loaded", carrying), ("validation", validated))
+    for role, logs in roles:
+        for path in dict.fromkeys(log.path for log in logs):
             name = f"{role} {path.name}"
             more = sum(key == name or key.startswith(f"{name} (") for key in inputs)
             inputs[f"{name} ({more + 1})" if more else name] = sha256(path)

@@ -3,8 +3,6 @@
 import json
 import os
 from collections.abc import Sequence
-from functools import reduce
-from operator import add
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,13 +12,11 @@ from steelyard.cli.guard import guarded
 from steelyard.cli.options import LOG_HELP, Json, Output, RobotArgument, Threads
 
 if TYPE_CHECKING:
-    from steelyard.estimation.identified import IdentifiedModel, Provenance
+    from steelyard.cli.fitting import Fit
+    from steelyard.estimation.identified import IdentifiedModel
     from steelyard.measurement import Run
-    from steelyard.model import Model
     from steelyard.progress import Progress
     from steelyard.report import ReportContent
-    from steelyard.robot.robot_file import LoadedRobot
-    from steelyard.robot.signals import Signals
 
 
 @guarded
@@ -32,6 +28,21 @@ def identify(
         typer.Option(
             "--validate", help="Logs of other motions, to be predicted.", metavar="LOG..."
         ),
+    ] = None,
+    loaded: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--loaded",
+            help="Logs with a payload, to identify drive gains that are not known.",
+            metavar="LOG...",
+        ),
+    ] = None,
+    payload_mass: Annotated[
+        float | None, typer.Option(min=1e-6, help="Mass of that payload [kg].")
+    ] = None,
+    payload_frame: Annotated[
+        str | None,
+        typer.Option(help="Frame that carries it; the last link's if unset.", metavar="NAME"),
     ] = None,
     output: Output = None,
     threads: Threads = None,
@@ -48,7 +59,15 @@ def identify(
 
     with progress_bar() as progress:
         content, folder = run_identify(
-            robot, logs, validate or [], output, threads or os.cpu_count() or 1, progress
+            robot,
+            logs,
+            validate or [],
+            output,
+            threads or os.cpu_count() or 1,
+            progress,
+            loaded=loaded or [],
+            payload_mass=payload_mass,
+            payload_frame=payload_frame,
         )
     if as_json:
         typer.echo(json.dumps(results(content, folder), allow_nan=False))
@@ -65,6 +84,9 @@ def run_identify(
     threads: int,
     progress: "Progress",
     *,
+    loaded: Sequence[str] = (),
+    payload_mass: float | None = None,
+    payload_frame: str | None = None,
     last: bool = True,
 ) -> "tuple[ReportContent, Path]":
     """The whole river; writes the output folder, whole or not at all.
@@ -72,76 +94,34 @@ def run_identify(
     With `last`, nothing can stop the command once the folder is written.
     """
     from steelyard.cli import describe, interrupt, river
+    from steelyard.cli.fitting import Payload, fit
     from steelyard.files import whole_folder
-    from steelyard.measurement import Processing
     from steelyard.robot.robot_file import load_robot
 
-    loaded = load_robot(robot)
+    file = load_robot(robot)
     folder = river.new_folder(output, f"steelyard-{Path(robot).stem}")
-    known, unknown = river.log_files(logs), river.log_files(validate)
-    river.refuse_overlaps(known, unknown)
-    signals, reasons = river.signals_of(loaded, known[0])
-    model = river.model_of(loaded)
-    wanted = Processing(**loaded.processing.model_dump())
+    known, carrying, unknown = (river.log_files(some) for some in (logs, loaded, validate))
+    river.refuse_overlaps([*known, *carrying], unknown)
+    signals, reasons = river.signals_of(file, known[0])
+    model = river.model_of(file)
     with whole_folder(folder) as part:
-        fitted = river.prepared(
-            [river.recording_of(log, signals) for log in known], wanted, progress
-        )
-        unseen = river.prepared(
-            [river.recording_of(log, signals) for log in unknown],
-            river.settled(wanted, fitted),
-            progress,
-        )
-        notes = (*loaded.notes, *reasons, *describe.notes_of((*fitted, *unseen)))
-        origin = describe.provenance(
-            loaded, [log.path for log in known], [log.path for log in unknown], fitted, notes
-        )
-        identified = fit(model, fitted, signals, loaded, origin, threads, progress)
-        content = report_of(identified, fitted, unseen, notes, progress)
-        write_results(identified, content, part)
+        clean, unseen = river.runs_of(file, signals, [*known, *carrying], unknown, progress)
+        notes = (*file.notes, *reasons, *describe.notes_of((*clean, *unseen)))
+        fitted, loaded_runs = clean[: len(known)], clean[len(known) :]
+        origin = describe.provenance(file, known, carrying, unknown, fitted, notes)
+        payload = Payload(payload_mass, payload_frame)
+        found = fit(model, file, fitted, loaded_runs, payload, origin, threads, progress)
+        content = report_of(found, unseen, (*clean, *unseen), (*notes, *found.notes), progress)
+        write_results(found.identified, content, part)
         if last:
             interrupt.too_late()
     return content, folder
 
 
-def fit(
-    model: "Model",
-    runs: "Sequence[Run]",
-    signals: "Signals",
-    loaded: "LoadedRobot",
-    origin: "Provenance",
-    threads: int,
-    progress: "Progress",
-) -> "IdentifiedModel":
-    """Gather what the runs say, and estimate."""
-    from steelyard.estimation.identified import Cutoffs, IdentifiedModel
-    from steelyard.estimation.least_squares import OrdinaryLeastSquares, WeightedLeastSquares
-    from steelyard.regression.gather import gather
-    from steelyard.regression.regressor import base_regressor
-
-    regressor = base_regressor(model)
-    said = [gather(regressor, run, threads=threads, progress=progress) for run in runs]
-    information = reduce(add, said).scaled(signals.gains, model.robot.effort_units)
-    return IdentifiedModel(
-        model=model,
-        base=regressor.base,
-        estimate=WeightedLeastSquares()(information),
-        reference=(OrdinaryLeastSquares()(information),),
-        signals=signals,
-        cutoffs=Cutoffs(
-            motion=runs[0].motion_cutoff,
-            matched=runs[0].matched_cutoff,
-            score=loaded.validation.cutoff or runs[0].matched_cutoff,
-        ),
-        rest_speed=loaded.processing.rest_speed,
-        provenance=origin,
-    )
-
-
 def report_of(
-    identified: "IdentifiedModel",
-    fitted: "Sequence[Run]",
+    fit: "Fit",
     unseen: "Sequence[Run]",
+    logs: "Sequence[Run]",
     notes: tuple[str, ...],
     progress: "Progress",
 ) -> "ReportContent":
@@ -149,17 +129,21 @@ def report_of(
     from steelyard.cli import describe, river
     from steelyard.report import ReportContent
 
-    name, runs = identified.model.robot.name, (*fitted, *unseen)
-    scores = river.scored(identified, runs, progress)
+    identified, fitted = fit.identified, fit.runs
+    name = identified.model.robot.name
+    scores = river.scored(identified, (*fitted, *unseen), progress)
     return ReportContent(
         title=f"{name}: identified dynamics",
         robot=name,
         identified=identified,
         scores=scores[len(fitted) :],
         fitted=scores[: len(fitted)],
-        qualities=tuple((run.name, run.quality.rows_of_text) for run in runs),
+        qualities=tuple((run.name, run.quality.rows_of_text) for run in logs),
         notes=notes,
         settings=describe.settings(identified),
+        friction=fit.choice,
+        findings=fit.findings,
+        gains=fit.gains,
     )
 
 
@@ -177,6 +161,8 @@ def results(content: "ReportContent", folder: Path) -> dict[str, object]:
     """What `--json` prints."""
     if content.identified is None:
         raise ValueError("there are results of an identified model only")
+    from steelyard.terms.register import description_of
+
     estimate = content.identified.estimate
     return {
         "output": str(folder),
@@ -191,6 +177,11 @@ def results(content: "ReportContent", folder: Path) -> dict[str, object]:
                 strict=True,
             )
         ],
+        "per_run": [{"run": own.run, **own.parameters.as_dict()} for own in estimate.per_run],
+        "terms": [description_of(term) for term in content.identified.model.terms],
+        "friction": None if content.friction is None else content.friction.to_dict(),
+        "fields": [finding.to_dict() for finding in content.findings],
+        "gains": None if content.gains is None else content.gains.to_dict(),
         "not_seen": [blind.name for blind in estimate.blind],
         "condition": estimate.condition,
         "condition_normalised": estimate.condition_normalised,

@@ -1,8 +1,12 @@
 """The entry point: from its first line on, Ctrl-C ends the program cleanly."""
 
+import os
 import sys
 
 from steelyard.cli import interrupt
+
+# matrices are small here: threads of their own only wait for each other
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def main() -> None:

@@ -3,10 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from steelyard.errors import LogError, OutputError
+from steelyard.errors import LogError, ModelError, OutputError
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.formats import Cut, open_log, parse_log_argument
 from steelyard.measurement import Processing, Recording, Run, prepare
@@ -15,7 +16,10 @@ from steelyard.progress import Progress, tell
 from steelyard.robot.guess import guess_signals
 from steelyard.robot.robot_file import LoadedRobot
 from steelyard.robot.signals import Signals
+from steelyard.terms.coulomb import Coulomb
 from steelyard.terms.register import DEFAULT_TERMS, term_of
+from steelyard.terms.rotor_inertia import RotorInertia
+from steelyard.terms.viscous import Viscous
 from steelyard.validation.score import RunScore, score
 
 SAMPLE_ROWS = 2000
@@ -95,10 +99,30 @@ def signals_of(loaded: LoadedRobot, log: LogArgument) -> tuple[Signals, tuple[st
 
 
 def model_of(loaded: LoadedRobot) -> Model:
-    """The model that a robot file describes, with the customary terms where it names none."""
+    """The model that a robot file describes, with the customary terms where it names none.
+
+    Where friction is to be chosen, it is left out; behind the gears no rotor is felt.
+
+    Raises:
+        ModelError: A term is of the motors' side, but efforts are logged behind the gears.
+    """
+    behind = loaded.signals is not None and loaded.signals.effort_kind == "link_torque"
     if loaded.terms is None:
-        return Model(loaded.robot, DEFAULT_TERMS)
-    return Model(loaded.robot, tuple(term_of(t.description, t.where) for t in loaded.terms))
+        left: tuple[type[Any], ...] = (RotorInertia,) if behind else ()
+        left += (Coulomb, Viscous) if loaded.friction else ()
+        return Model(loaded.robot, tuple(t for t in DEFAULT_TERMS if not isinstance(t, left)))
+    terms = tuple(term_of(t.description, t.where) for t in loaded.terms)
+    for term, spec in zip(terms, loaded.terms, strict=True):
+        of_motors = isinstance(term, RotorInertia) or getattr(term, "motors", None) is not None
+        if behind and of_motors:
+            raise ModelError(
+                f"term '{term.law}' acts on the motors' side, but efforts are link torques, "
+                "behind the gears",
+                where=spec.where,
+                mend='leave it out, or use kind = "joint_torque" if efforts are computed from '
+                "motor currents",
+            )
+    return Model(loaded.robot, terms)
 
 
 def prepared(
@@ -118,6 +142,20 @@ def prepared(
         else prepare(recording, common)
         for run, recording in zip(runs, recordings, strict=True)
     )
+
+
+def runs_of(
+    loaded: LoadedRobot,
+    signals: Signals,
+    fitted: Sequence[LogArgument],
+    unseen: Sequence[LogArgument],
+    progress: Progress,
+) -> tuple[tuple[Run, ...], tuple[Run, ...]]:
+    """Clean runs, to be fitted and to be predicted, with the cut-offs that the former come to."""
+    wanted = Processing(**loaded.processing.model_dump())
+    clean = prepared([recording_of(log, signals) for log in fitted], wanted, progress)
+    fresh = [recording_of(log, signals) for log in unseen]
+    return clean, prepared(fresh, settled(wanted, clean), progress)
 
 
 def settled(wanted: Processing, runs: Sequence[Run]) -> Processing:

@@ -2,12 +2,16 @@
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from steelyard.cli.guard import guarded
 from steelyard.cli.options import Json, Output, RobotArgument, Seed
+
+if TYPE_CHECKING:
+    from steelyard.robot.robot import Robot
+    from steelyard.virtual.payload import Payload
 
 
 @guarded
@@ -54,7 +58,6 @@ def simulate(
     from steelyard.files import whole_folder
     from steelyard.robot.robot_file import load_robot
     from steelyard.virtual.invent import random_truth
-    from steelyard.virtual.payload import Payload
     from steelyard.virtual.simulate import customary_sensors
     from steelyard.virtual.simulate import simulate as run
 
@@ -69,10 +72,7 @@ def simulate(
     sensors = customary_sensors(loaded.robot, truth, noise)
     if loaded.signals is not None and any(loaded.signals.unknown_gains):
         sensors = sensors.with_random_gains(loaded.robot.n, seed)
-    load = None
-    if payload_mass is not None:
-        frame = loaded.robot.frames[-1].name if payload_frame is None else payload_frame
-        load = Payload.ball(payload_mass, frame, attach, release)
+    load = _payload(loaded.robot, payload_mass, payload_frame, attach, release)
     with progress_bar() as progress, whole_folder(folder) as part:
         files = run(
             loaded.robot,
@@ -94,3 +94,26 @@ def simulate(
         typer.echo(f"note        {note}")
     for name, path in written.items():
         typer.echo(f"{name:<11} {path}")
+
+
+def _payload(
+    robot: "Robot", mass: float | None, frame: str | None, attach: float, release: float
+) -> "Payload | None":
+    """The load that the options describe.
+
+    Raises:
+        ModelError: It has no mass, or cannot be carried.
+    """
+    from steelyard.errors import ModelError
+    from steelyard.virtual.payload import Payload
+
+    if mass is not None:
+        named = [f.name for f in robot.frames] or [b.name for b in robot.bodies]
+        return Payload.ball(mass, named[-1] if frame is None else frame, attach, release)
+    if frame is not None or attach > 0.0 or release < float("inf"):
+        raise ModelError(
+            "a payload is taken, but it has no mass",
+            where="--payload-frame, --attach or --release",
+            mend="add --payload-mass KG",
+        )
+    return None

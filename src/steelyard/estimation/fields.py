@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from operator import add
+from typing import Any
 
 import numpy as np
 
@@ -73,6 +74,10 @@ class Finding:
         """Whether the data tell the value: both ends of the interval lie within the bounds."""
         return not any(self.open_ends)
 
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values."""
+        return {**vars(self), "interval": list(self.interval), "bounds": list(self.bounds)}
+
     @property
     def warning(self) -> str | None:
         """What the user should know if the data cannot tell."""
@@ -113,13 +118,19 @@ class FoundFields:
 
 
 def said_by(
-    runs: Sequence[Run], *, rests: bool = False, threads: int = 1, progress: Progress = silent
+    runs: Sequence[Run],
+    *,
+    rests: bool = False,
+    longest: float = np.inf,
+    threads: int = 1,
+    progress: Progress = silent,
 ) -> Said:
     """What runs say, with their efforts in the joints' units; every call is a pass over the runs.
 
     Args:
         runs: At least one.
         rests: Whether rests count, see `gather`.
+        longest: Length that a window should not exceed [s].
         threads: Native threads.
         progress: Told about every window; may stop the search.
     """
@@ -127,9 +138,9 @@ def said_by(
     def said(regressor: Regressor) -> Information:
         units = regressor.model.robot.effort_units
         parts = [
-            gather(regressor, run, rests=rests, threads=threads, progress=progress).scaled(
-                run.recording.signals.gains, units
-            )
+            gather(
+                regressor, run, rests=rests, longest=longest, threads=threads, progress=progress
+            ).scaled(run.recording.signals.gains, units)
             for run in runs
         ]
         return reduce(add, parts)

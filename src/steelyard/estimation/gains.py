@@ -8,6 +8,7 @@ are each run's own; the payload's mass, known, or a known gain fixes the scale.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -57,6 +58,18 @@ class GainEstimate:
     def half_width(self) -> Array:
         """Half-widths of the 95 % intervals, shape `(n,)`."""
         return Z95 * np.sqrt(np.diag(self.covariance))
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values."""
+        return {
+            "joints": list(self.joints),
+            "gains": self.gains.tolist(),
+            "units": list(self.units),
+            "half_width": self.half_width.tolist(),
+            "known": list(self.known),
+            "relative": self.relative,
+            "payload": None if self.payload is None else self.payload.to_dict(),
+        }
 
 
 def identified_gains(

@@ -71,9 +71,7 @@ class WeightedLeastSquares:
             variances = settled
             if change < self.tolerance:
                 break
-        return _estimate(
-            "weighted least squares", data, solution, variances, solution.inverse
-        )
+        return _estimate("weighted least squares", data, solution, variances, solution.inverse)
 
 
 @dataclass(frozen=True, eq=False)

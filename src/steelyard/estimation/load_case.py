@@ -63,11 +63,11 @@ def payload_lift(robot: Robot, base: BaseMap, frame: Frame) -> Array:
 
 
 def drifting(model: Model, columns: Sequence[str]) -> tuple[int, ...]:
-    """Numbers of the columns that differ from day to day: those of friction and offset."""
+    """Numbers of the columns that differ from day to day: friction, offset, what is per run."""
     steady = {
         parameter.name
         for term in model.terms
-        if term.law in STEADY
+        if term.law in STEADY and not getattr(term, "per_run", False)
         for parameter in term.parameters(model.robot)
     }
     return tuple(k for k, name in enumerate(columns) if name not in steady)

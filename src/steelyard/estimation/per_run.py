@@ -41,9 +41,7 @@ class Eliminated:
     def solved(self, shared: Array) -> "Eliminated":
         """The same with values, for those of all shared columns, shape `(p,)`."""
         values = self.offset + self.slopes @ shared
-        return Eliminated(
-            self.run, self.columns, self.offset, self.slopes, self.inverse, values
-        )
+        return Eliminated(self.run, self.columns, self.offset, self.slopes, self.inverse, values)
 
     def covariance(self, kept: Sequence[int], inverse: Array) -> Array:
         """Covariance of the run's own parameters, given that of the shared ones `kept`."""
@@ -136,7 +134,4 @@ class Runs:
         slopes[:, list(self.local)] = 0.0
         name = run.windows[0].run if run.windows else ""
         zeros = np.zeros(len(columns))
-        return Eliminated(
-            name, tuple(columns), inverse @ vector[columns], slopes, inverse, zeros
-        )
-
+        return Eliminated(name, tuple(columns), inverse @ vector[columns], slopes, inverse, zeros)

@@ -1,18 +1,13 @@
 """The frozen reference model of load-dependent friction, refitted until it stands still."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
-from functools import reduce
-from operator import add
 
 import numpy as np
 
-from steelyard.arrays import Array
-from steelyard.estimation.estimate import Estimate
-from steelyard.estimation.least_squares import WeightedLeastSquares
-from steelyard.measurement.run import Run
+from steelyard.estimation.estimate import Estimate, Estimator
+from steelyard.estimation.field_passes import Said
 from steelyard.model import Model
-from steelyard.regression.gather import gather
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot.inertia import INERTIAL_NAMES
 from steelyard.terms.load_dependent import LoadDependent
@@ -30,14 +25,10 @@ def bodies_of(estimate: Estimate) -> dict[str, float]:
     return {name: x for name, x in found.items() if name.split(".")[0] in INERTIAL_NAMES}
 
 
-def reference_of(
-    model: Model, runs: Sequence[Run], gains: Array, threads: int = 1
-) -> dict[str, float]:
-    """Bodies fitted to runs without load-dependent friction."""
-    regressor = base_regressor(model)
-    said = (gather(regressor, run, threads=threads) for run in runs)
-    information = reduce(add, said).scaled(gains, model.robot.effort_units)
-    return bodies_of(WeightedLeastSquares()(information))
+def reference_of(model: Model, said: Said, estimator: Estimator) -> dict[str, float]:
+    """Bodies fitted without load-dependent friction."""
+    terms = tuple(t for t in model.terms if not isinstance(t, LoadDependent))
+    return bodies_of(estimator(said(base_regressor(replace(model, terms=terms)))))
 
 
 def with_references(model: Model, reference: Mapping[str, float]) -> Model:
@@ -54,36 +45,26 @@ def needs_reference(model: Model) -> bool:
     return any(isinstance(term, LoadDependent) for term in model.terms)
 
 
-def settled_reference(
-    model: Model,
-    runs: Sequence[Run],
-    gains: Array,
-    fit: Callable[[Model], Estimate],
-    threads: int = 1,
-) -> tuple[Model, Estimate, bool]:
+def settled_reference(model: Model, said: Said, estimator: Estimator) -> tuple[Model, bool]:
     """Fit, take the bodies as reference, and fit again until they stand still.
 
     Args:
         model: A model with load-dependent friction.
-        runs: What is fitted.
-        gains: Joint effort per logged unit, shape `(n,)`.
-        fit: The fit of a model to the runs.
-        threads: Native threads.
+        said: What the data say about a regressor, see `fields.said_by`.
+        estimator: The estimator.
 
     Returns:
-        The model with its reference, its estimate, and whether the reference stands still.
+        The model with its reference, and whether the reference stands still.
     """
-    plain = replace(model, terms=tuple(t for t in model.terms if not isinstance(t, LoadDependent)))
-    reference = reference_of(plain, runs, gains, threads)
+    reference = reference_of(model, said, estimator)
     for _ in range(PASSES):
         model = with_references(model, reference)
-        estimate = fit(model)
-        found = bodies_of(estimate)
+        found = bodies_of(estimator(said(base_regressor(model))))
         change = _change(reference, found)
         reference = found
         if change < SETTLED:
-            return model, estimate, True
-    return model, estimate, False
+            return model, True
+    return model, False
 
 
 def _change(before: Mapping[str, float], after: Mapping[str, float]) -> float:

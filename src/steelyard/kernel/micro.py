@@ -1,7 +1,7 @@
 """The small loops around a traced program: Gram, |column| sums, matched filter, recurrence.
 
-The first three work on a block of rows `y[row * ld + sample]` and are emitted for a number of lanes. Sample
-counts are multiples of the lanes; callers pad with zeros.
+The first three work on a block of rows `y[row * ld + sample]` and are emitted for a number of
+lanes. Sample counts are multiples of the lanes; callers pad with zeros.
 """
 
 from itertools import product

@@ -14,11 +14,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.arrays import Array, frozen
+from steelyard.errors import ModelError
 from steelyard.kernel import cache
 from steelyard.kernel.dynamics import JointState
 from steelyard.kernel.loops import random_positions
 from steelyard.kernel.numpy_backend import run
 from steelyard.model import Model
+from steelyard.terms.rigid_body import RigidBody
 from steelyard.terms.term import Columns
 
 DEPENDENT = 1e-9
@@ -138,6 +140,8 @@ def full_regressor(model: Model, seed: int = 0) -> Array:
     rng = np.random.default_rng(seed)
     q, passive = random_positions(model.robot, n_samples, rng)
     dq, ddq = rng.normal(size=(2, n, n_samples))
+    # some samples are slow: laws that fade with speed show only there
+    dq *= 10.0 ** (rng.uniform(-4.0, 0.0, dq.shape) * (rng.uniform(size=dq.shape) < 0.3))
     channels = rng.uniform(-1.0, 1.0, (model.n_channels, n_samples))
     channels[: len(passive)] = passive
     values = run(program, [q, dq, ddq, channels])
@@ -182,3 +186,28 @@ def _snapped(coefficients: Array) -> Array:
     for exact in (0.0, 1.0, -1.0):
         clean[np.abs(clean - exact) < 1e-8] = exact
     return clean
+
+
+def refuse_twins(model: Model, base: BaseMap) -> None:
+    """Causes of torque that no motion tells apart, bodies aside, are a mistake.
+
+    A rotor's inertia may join a link's: then only their sum is known, and said to be. Two frictions
+    that are one leave no such doubt.
+
+    Raises:
+        ModelError: A parameter that is no body's is a combination of others like it.
+    """
+    bodies = {p.name for p in RigidBody().parameters(model.robot)}
+    for place, k in enumerate(base.dependent):
+        if base.names[k] in bodies:
+            continue
+        others = [
+            base.names[base.independent[row]] for row in np.flatnonzero(base.coefficients[:, place])
+        ]
+        if others and not bodies.intersection(others):
+            raise ModelError(
+                f"'{base.names[k]}' cannot be told from {' and '.join(map(repr, others))}: "
+                "no motion tells these causes of torque apart",
+                where=f"list of terms of robot '{model.robot.name}'",
+                mend="leave one of the terms out, or restrict it to other joints (`joints`)",
+            )

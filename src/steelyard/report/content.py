@@ -7,7 +7,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from steelyard.estimation.fields import Finding
+    from steelyard.estimation.gains import GainEstimate
     from steelyard.estimation.identified import IdentifiedModel
+    from steelyard.validation.friction import FrictionChoice
     from steelyard.validation.score import RunScore
 
 Rows = Sequence[tuple[str, str]]
@@ -27,6 +30,9 @@ class ReportContent:
         qualities: Per run its name and what was found in its log.
         notes: What was decided on the way, for people to read.
         settings: What the results depend on.
+        friction: How the friction laws were chosen, if they were.
+        findings: Fields of terms that were found.
+        gains: Drive gains that were found, if any.
     """
 
     title: str
@@ -37,3 +43,6 @@ class ReportContent:
     qualities: tuple[tuple[str, Rows], ...] = ()
     notes: tuple[str, ...] = ()
     settings: tuple[tuple[str, str], ...] = ()
+    friction: FrictionChoice | None = None
+    findings: tuple[Finding, ...] = ()
+    gains: GainEstimate | None = None

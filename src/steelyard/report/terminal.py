@@ -7,6 +7,7 @@ import io
 from math import isfinite
 from typing import TYPE_CHECKING
 
+from steelyard.report import causes
 from steelyard.report.content import ReportContent
 from steelyard.report.judgement import Level, level_of, told, verdict
 from steelyard.report.table import Row, rows
@@ -52,6 +53,9 @@ def summary(content: ReportContent, console: Console) -> None:
     for score in content.scores or content.fitted:
         console.print()
         console.print(_table(score, bool(content.scores)))
+    for table in causes.tables(content):
+        console.print()
+        console.print(table)
     if content.identified is not None:
         console.print()
         for line in _parameters(content.identified):

@@ -25,6 +25,7 @@ from steelyard.robot.reduction import reduced
 from steelyard.robot.robot import Limits, Robot
 from steelyard.robot.schema import (
     DHSection,
+    EstimationSection,
     ProcessingSection,
     RobotFile,
     RobotSection,
@@ -65,6 +66,7 @@ class LoadedRobot:
         terms: Causes of torque; `None` if the file does not say.
         friction: Whether the friction laws are to be chosen from the data.
         processing: Filter settings; what is `None` is chosen from the data.
+        estimation: How parameters are estimated.
         validation: Score settings.
         sources: The file given, then the model file it names, if any.
     """
@@ -75,6 +77,7 @@ class LoadedRobot:
     terms: tuple[TermSpec, ...] | None
     friction: bool
     processing: ProcessingSection
+    estimation: EstimationSection
     validation: ValidationSection
     sources: tuple[Source, ...]
 
@@ -90,7 +93,15 @@ def load_robot(path: str | Path) -> LoadedRobot:
         return _from_toml(path)
     robot, notes = reduced(read_mechanism(path))
     return LoadedRobot(
-        robot, notes, None, None, False, ProcessingSection(), ValidationSection(), (_source(path),)
+        robot,
+        notes,
+        None,
+        None,
+        False,
+        ProcessingSection(),
+        EstimationSection(),
+        ValidationSection(),
+        (_source(path),),
     )
 
 
@@ -134,9 +145,7 @@ def _from_toml(path: Path) -> LoadedRobot:
         robot = robot.changed(transmission=gears)
     signals = None
     if file.signals is not None:
-        signals = build_signals(
-            file.signals, robot.coordinates, places.where, robot.transmission
-        )
+        signals = build_signals(file.signals, robot.coordinates, places.where, robot.transmission)
     if signals is not None and signals.effort_kind == "gravity_compensated_torque":
         robot = robot.changed(gravity=np.zeros(3))
         notes += ("efforts are without gravity: the model has none either",)
@@ -155,6 +164,7 @@ def _from_toml(path: Path) -> LoadedRobot:
         _terms(file, places),
         file.model is not None and file.model.friction == "auto",
         file.processing,
+        file.estimation,
         file.validation,
         tuple(sources),
     )

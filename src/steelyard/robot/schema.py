@@ -162,6 +162,15 @@ class ProcessingSection(Section):
     rest_speed: Positive | None = None
 
 
+class EstimationSection(Section):
+    """How parameters are estimated.
+
+    `weights`: joints weigh by the `noise` of their own residuals, or are `equal`.
+    """
+
+    weights: Literal["noise", "equal"] = "noise"
+
+
 class ValidationSection(Section):
     """How scores are formed."""
 
@@ -175,4 +184,5 @@ class RobotFile(Section):
     model: ModelSection | None = None
     signals: SignalsSection | None = None
     processing: ProcessingSection = ProcessingSection()
+    estimation: EstimationSection = EstimationSection()
     validation: ValidationSection = ValidationSection()

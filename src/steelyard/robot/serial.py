@@ -29,8 +29,7 @@ def robot_to_dict(robot: Robot) -> dict[str, Any]:
         "loops": [{**vars(loop), "points": loop.points.tolist()} for loop in robot.loops],
         "assembly": robot.assembly.tolist(),
         "open_loops": robot.open_loops,
-        "transmission": gears
-        and {"motors": list(gears.motors), "matrix": gears.matrix.tolist()},
+        "transmission": gears and {"motors": list(gears.motors), "matrix": gears.matrix.tolist()},
         "frames": [
             {**vars(f), "rotation": f.rotation.tolist(), "position": f.position.tolist()}
             for f in robot.frames

@@ -172,7 +172,7 @@ def _check_sides(section: SignalsSection, gears: Transmission | None, locate: Lo
 def _coupled_map(
     gears: Transmission, gains: Array, unknown: Sequence[bool], locate: Locate
 ) -> Array:
-    r"""Joint efforts of logged ones behind coupled gears, $\tau = R^T \operatorname{diag}(k)\,y$."""
+    r"""Joint efforts of motors' behind coupled gears, $\tau = R^T \operatorname{diag}(k)\,y$."""
     if any(unknown):
         raise ModelError(
             "gains behind coupled gears cannot be identified",

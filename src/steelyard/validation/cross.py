@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from steelyard.arrays import Array, frozen
+from steelyard.errors import DataError
 from steelyard.estimation.estimate import Estimate
 from steelyard.measurement.run import Run
 from steelyard.regression.information import Information, Window
@@ -34,8 +35,18 @@ def longest_window(runs: Sequence[Run]) -> float:
 
 
 def per_fold(information: Information, folds: Sequence[Fold]) -> Information:
-    """One window per fold, in their order."""
+    """One window per fold, in their order.
+
+    Raises:
+        DataError: There is nothing in a fold.
+    """
     groups = [[k for k, w in enumerate(information.windows) if fold(w)] for fold in folds]
+    if not all(groups):
+        raise DataError(
+            "a run is too short to leave a part of it out",
+            where=", ".join(dict.fromkeys(w.run for w in information.windows)),
+            mend='log longer or several runs, or name the friction laws instead of "auto"',
+        )
     return information.grouped(groups)
 
 

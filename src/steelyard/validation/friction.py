@@ -10,23 +10,21 @@ All candidates' columns are gathered in one wide pass; a mix is a selection of t
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property, reduce
-from operator import add
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.errors import DataError
 from steelyard.estimation.estimate import Estimator
+from steelyard.estimation.fields import said_by
 from steelyard.estimation.reference import reference_of
 from steelyard.measurement.run import Run
 from steelyard.model import Model
 from steelyard.progress import Progress, silent
 from steelyard.regression.base import BaseMap, base_map
-from steelyard.regression.gather import gather
 from steelyard.regression.information import Information
 from steelyard.regression.regressor import Regressor, chosen_regressor
-from steelyard.robot.signals import Signals
 from steelyard.terms.coulomb import Coulomb
 from steelyard.terms.dictionary import Dictionary
 from steelyard.terms.load_dependent import LoadDependent
@@ -44,7 +42,11 @@ DIRECTION: tuple[tuple[Term, ...], ...] = (
     (Coulomb(),),
     *((Coulomb(smoothing=speed),) for speed in (0.005, 0.02, 0.05)),
     *((Dahl(length=length),) for length in (3e-4, 1e-3, 3e-3, 1e-2)),
-    *((LuGre(length=length, breakaway=1.15, speed=speed),) for length in (3e-4, 1e-3) for speed in (0.1, 0.3)),
+    *(
+        (LuGre(length=length, breakaway=1.15, speed=speed),)
+        for length in (3e-4, 1e-3)
+        for speed in (0.1, 0.3)
+    ),
     (MaxwellSlip(lengths=FINE),),
     (MaxwellSlip(lengths=WIDE, relaxing=True),),
     (Coulomb(), MaxwellSlip(lengths=FINE)),
@@ -76,8 +78,9 @@ class MixScore:
     Attributes:
         name: The laws, for people to read.
         terms: The laws.
-        error: Mean over runs and joints [%].
-        gain: How much less that is than with the first mix of the table, mean over runs [%].
+        error: Relative error on what was left out, mean over runs: the geometric mean of a typical
+            joint's and of all joints' together [%].
+        gain: How much less that is than with the first mix of the table [% of it].
         spread: Standard error of that gain over the runs [%].
         chosen: Whether it is the mix that was chosen.
     """
@@ -109,6 +112,23 @@ class FrictionChoice:
         """The laws that were chosen."""
         return mix_name(self.terms)
 
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values."""
+        return {
+            "chosen": self.name,
+            "left_out": self.left_out,
+            "table": [
+                {
+                    "mix": mix.name,
+                    "error_percent": mix.error,
+                    "gain_percent": mix.gain,
+                    "spread_percent": mix.spread,
+                    "chosen": mix.chosen,
+                }
+                for mix in self.table
+            ],
+        }
+
     @property
     def note(self) -> str:
         """One sentence for the user."""
@@ -127,7 +147,6 @@ def remembers(terms: Sequence[Term]) -> bool:
 def choose_friction(
     model: Model,
     runs: Sequence[Run],
-    signals: Signals,
     estimator: Estimator,
     *,
     threads: int = 1,
@@ -138,45 +157,30 @@ def choose_friction(
     Args:
         model: The robot and its causes of torque without the friction that is to be chosen.
         runs: The runs to be fitted.
-        signals: What the logged efforts are, and joint effort per logged unit.
         estimator: How each mix is fitted.
         threads: Native threads.
         progress: Told about the passes.
 
     Raises:
-        DataError: The runs are too few or too short to leave one out.
+        DataError: The runs are too short to leave one out.
     """
-    folds, gains = folds_of(runs), signals.gains
-    considered = STAGES if signals.effort_kind in LOADED else STAGES[:-1]
+    folds = folds_of(runs)
+    considered = STAGES if runs[0].recording.signals.effort_kind in LOADED else STAGES[:-1]
+    said = said_by(runs, threads=threads, progress=progress)
+    plain = replace(model, terms=(*model.terms, *DIRECTION[0], *SPEED[0]))
+    reference = reference_of(plain, said, estimator) if LOAD[-1] in considered[-1] else {}
     stages = tuple(
-        tuple(tuple(_with_reference(t, model, runs, gains, threads) for t in mix) for mix in stage)
+        tuple(tuple(_with_reference(term, reference) for term in mix) for mix in stage)
         for stage in considered
     )
     wide = _Wide.of(model, stages)
 
     def gathered(rests: bool) -> Information:
-        said = [
-            gather(
-                wide.regressor,
-                run,
-                rests=rests,
-                longest=longest_window(runs),
-                threads=threads,
-                progress=progress,
-            )
-            for run in runs
-        ]
-        return reduce(add, said).scaled(gains, model.robot.effort_units)
+        window = longest_window(runs)
+        parts = said_by(runs, rests=rests, longest=window, threads=threads, progress=progress)
+        return per_fold(parts(wide.regressor), folds)
 
-    try:
-        moving, whole = (per_fold(gathered(rests), folds) for rests in (False, True))
-    except IndexError:
-        raise DataError(
-            "a run is too short to be left out",
-            where=", ".join(run.name for run in runs),
-            mend='log longer or several runs, or name the friction laws instead of "auto"',
-        ) from None
-
+    moving, whole = gathered(False), gathered(True)
     sizes = np.array([whole.of([k]).effort_squares() for k in range(len(folds))])
 
     def errors(mix: tuple[Term, ...]) -> Array:
@@ -184,11 +188,28 @@ def choose_friction(
         tested = whole.select(names)
         fitted = tested if remembers(mix) else moving.select(names)
         found = left_out_errors(fitted, tested, estimator)
-        pooled = (np.square(found) * sizes).sum(axis=1) / sizes.sum(axis=1)
-        typical = np.log(found).mean(axis=1)
-        return np.asarray(0.25 * np.log(pooled) + 0.5 * typical)
+        return _logarithms(found, sizes)
 
     return _staged(stages, errors, "run" if len(runs) > 1 else "stretch")
+
+
+def _logarithms(errors: Array, sizes: Array) -> Array:
+    """One figure per fold: between the typical joint's error and that of all joints together.
+
+    The former alone would let joints that carry next to nothing decide, the latter would leave
+    all but the strongest out.
+
+    Args:
+        errors: Relative errors, shape `(folds, rows)`.
+        sizes: Squares of the efforts, shape `(folds, rows)`.
+
+    Returns:
+        Logarithms of relative errors, shape `(folds,)`.
+    """
+    least = 1e-12
+    typical = np.log(np.maximum(errors, least)).mean(axis=1)
+    pooled = np.sqrt((np.square(errors) * sizes).sum(axis=1) / sizes.sum(axis=1))
+    return np.asarray(0.5 * (typical + np.log(np.maximum(pooled, least))))
 
 
 def _staged(
@@ -215,13 +236,17 @@ def _staged(
             mix_name(mix),
             mix,
             float(np.exp(error.mean())),
-            float(100.0 * (first - error).mean()),
-            100.0 * _spread(first - error),
+            100.0 * (1.0 - _ratio(error - first)),
+            100.0 * _ratio(error - first) * _spread(error - first),
             mix == kept,
         )
         for mix, error in table
     )
     return FrictionChoice(kept, tuple(rows), left_out)
+
+
+def _ratio(logarithms: Array) -> float:
+    return float(np.exp(logarithms.mean()))
 
 
 def _worse(error: Array, best: Array) -> bool:
@@ -233,14 +258,8 @@ def _spread(values: Array) -> float:
     return float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else 0.0
 
 
-def _with_reference(
-    term: Term, model: Model, runs: Sequence[Run], gains: Array, threads: int
-) -> Term:
-    """Load-dependent friction with bodies that were fitted to the same runs."""
-    if not isinstance(term, LoadDependent):
-        return term
-    plain = replace(model, terms=(*model.terms, *DIRECTION[0], *SPEED[0]))
-    return term.with_reference(reference_of(plain, runs, gains, threads))
+def _with_reference(term: Term, reference: Mapping[str, float]) -> Term:
+    return term.with_reference(reference) if isinstance(term, LoadDependent) else term
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.measurement.lowpass import zero_phase
+from steelyard.measurement.open_loops import closed_only
 from steelyard.measurement.run import Run, RunData
 from steelyard.model import ValuedModel
 from steelyard.motion import Motion
@@ -117,7 +118,7 @@ def score(
     Raises:
         LogError: The cut-off is too high for the run's rate.
     """
-    data = run.whole()
+    data = closed_only(run.whole(), valued.model.robot)
     moving = data.moving
 
     def filtered(effort: Array) -> Array:

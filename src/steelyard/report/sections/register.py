@@ -1,8 +1,11 @@
 """All sections, in the order of the page."""
 
 from steelyard.report.sections.conditioning import ConditioningSection
+from steelyard.report.sections.drives import DrivesSection
 from steelyard.report.sections.effort import EffortSection
+from steelyard.report.sections.friction import FrictionSection
 from steelyard.report.sections.parameters import ParametersSection
+from steelyard.report.sections.per_run import PerRunSection
 from steelyard.report.sections.quality import QualitySection
 from steelyard.report.sections.section import Section
 from steelyard.report.sections.settings import SettingsSection
@@ -12,7 +15,10 @@ from steelyard.report.sections.verdict import VerdictSection
 SECTIONS: tuple[Section, ...] = (
     VerdictSection(),
     EffortSection(),
+    FrictionSection(),
+    DrivesSection(),
     ParametersSection(),
+    PerRunSection(),
     UnseenSection(),
     ConditioningSection(),
     QualitySection(),

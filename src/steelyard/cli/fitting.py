@@ -1,0 +1,225 @@
+"""From clean runs to an identified model: what a robot file leaves open is found on the way."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from steelyard.errors import DataError, ModelError
+from steelyard.estimation.estimate import Estimate
+from steelyard.estimation.fields import Finding, find_fields, said_by
+from steelyard.estimation.gains import GainEstimate, identified_gains
+from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
+from steelyard.estimation.least_squares import OrdinaryLeastSquares, WeightedLeastSquares
+from steelyard.estimation.reference import needs_reference, settled_reference
+from steelyard.measurement import Run
+from steelyard.measurement.open_loops import open_stretches
+from steelyard.model import Model
+from steelyard.progress import Progress
+from steelyard.regression.base import base_map, refuse_twins
+from steelyard.regression.gather import gather
+from steelyard.regression.information import Information
+from steelyard.regression.regressor import base_regressor
+from steelyard.robot.robot_file import LoadedRobot
+from steelyard.terms.coulomb import Coulomb
+from steelyard.terms.find import finds_of
+from steelyard.terms.viscous import Viscous
+from steelyard.validation.friction import FrictionChoice, choose_friction, remembers
+
+
+@dataclass(frozen=True)
+class Payload:
+    """What the loaded runs carry, as far as it is known.
+
+    Attributes:
+        mass: [kg]; `None` if it is unknown.
+        frame: Frame to give its numbers in; that of the last link if `None`.
+    """
+
+    mass: float | None = None
+    frame: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """An identified model, and what was found on the way to it.
+
+    Attributes:
+        identified: The model.
+        runs: The runs that were fitted, with the gains that were found.
+        choice: How the friction laws were chosen, if they were.
+        findings: Fields that were found.
+        gains: Drive gains that were found, if any.
+        notes: What was decided, for people to read.
+    """
+
+    identified: IdentifiedModel
+    runs: tuple[Run, ...]
+    choice: FrictionChoice | None
+    findings: tuple[Finding, ...]
+    gains: GainEstimate | None
+    notes: tuple[str, ...]
+
+
+def fit(
+    model: Model,
+    loaded_robot: LoadedRobot,
+    runs: Sequence[Run],
+    carrying: Sequence[Run],
+    payload: Payload,
+    origin: Provenance,
+    threads: int,
+    progress: Progress,
+) -> Fit:
+    """Gains, friction laws, their fields, and last the parameters.
+
+    Args:
+        model: The model; without friction where that is to be chosen.
+        loaded_robot: What the robot file says.
+        runs: Runs without payload.
+        carrying: Runs with it, for the gains.
+        payload: What they carry.
+        origin: Inputs; what was decided here is added to its notes.
+        threads: Native threads.
+        progress: Told about every pass.
+    """
+    gains = _gains(model, loaded_robot, runs, carrying, payload, threads, progress)
+    if gains is not None:
+        runs = [_with_gains(run, gains) for run in runs]
+    estimator, other = estimators(loaded_robot)
+    choice = None
+    if loaded_robot.friction:
+        choice = choose_friction(model, runs, estimator, threads=threads, progress=progress)
+        model = replace(model, terms=(*model.terms, *choice.terms))
+    said = said_by(runs, rests=remembers(model.terms), threads=threads, progress=progress)
+    if not any(finds_of(term) for term in model.terms):
+        refuse_twins(model, base_map(model))
+    found = find_fields(model, said, progress=progress)
+    model, settled = found.model, True
+    if needs_reference(model):
+        model, settled = settled_reference(model, said, estimator)
+    estimate, reference = _estimates(model, said(base_regressor(model)), estimator, other)
+    notes = (
+        *([_gain_note(gains)] if gains is not None else []),
+        *([choice.note] if choice is not None else []),
+        *found.notes,
+        *([] if settled else [_UNSETTLED]),
+        *_dropped(model, runs),
+    )
+    identified = IdentifiedModel(
+        model=model,
+        base=base_map(model),
+        estimate=estimate,
+        reference=(reference,),
+        signals=runs[0].recording.signals,
+        cutoffs=Cutoffs(
+            motion=runs[0].motion_cutoff,
+            matched=runs[0].matched_cutoff,
+            score=loaded_robot.validation.cutoff or runs[0].matched_cutoff,
+        ),
+        rest_speed=loaded_robot.processing.rest_speed,
+        provenance=replace(origin, notes=(*origin.notes, *notes)),
+    )
+    return Fit(identified, tuple(runs), choice, found.findings, gains, notes)
+
+
+_UNSETTLED = (
+    "the reference of load-dependent friction still moved after three passes: "
+    "its coefficients are rough"
+)
+
+
+LeastSquares = OrdinaryLeastSquares | WeightedLeastSquares
+
+
+def estimators(loaded: LoadedRobot) -> tuple[LeastSquares, LeastSquares]:
+    """The estimator that the robot file asks for, and the one beside it."""
+    noise, equal = WeightedLeastSquares(), OrdinaryLeastSquares()
+    return (noise, equal) if loaded.estimation.weights == "noise" else (equal, noise)
+
+
+def _estimates(
+    model: Model,
+    information: Information,
+    estimator: LeastSquares,
+    other: LeastSquares,
+) -> tuple[Estimate, Estimate]:
+    """Both estimates, with the parameters that every run has for itself."""
+    own = {
+        p.name
+        for term in model.terms
+        if getattr(term, "per_run", False)
+        for p in term.parameters(model.robot)
+    }
+    names = tuple(name for name in information.layout.columns if name in own)
+    first, second = (replace(e, per_run=names)(information) for e in (estimator, other))
+    return first, second
+
+
+def _dropped(model: Model, runs: Sequence[Run]) -> tuple[str, ...]:
+    """The stretches at which a loop does not close, where those are left out."""
+    if model.robot.open_loops != "drop":
+        return ()
+    return tuple(str(one) for run in runs for one in open_stretches(run, model.robot))
+
+
+def _with_gains(run: Run, gains: GainEstimate) -> Run:
+    signals = replace(
+        run.recording.signals, gains=gains.gains, unknown_gains=(False,) * len(gains.gains)
+    )
+    return replace(run, recording=replace(run.recording, signals=signals))
+
+
+def _gains(
+    model: Model,
+    loaded_robot: LoadedRobot,
+    runs: Sequence[Run],
+    carrying: Sequence[Run],
+    payload: Payload,
+    threads: int,
+    progress: Progress,
+) -> GainEstimate | None:
+    """The drive gains that the robot file asks for."""
+    signals = runs[0].recording.signals
+    if not any(signals.unknown_gains):
+        if carrying:
+            raise ModelError(
+                "loaded logs are given, but no drive gain is to be identified",
+                where="--loaded",
+                mend='give gain = "identify" in [signals.effort], or weigh the payload with '
+                "`steelyard payload MODEL LOG`",
+            )
+        return None
+    if loaded_robot.friction:
+        model = replace(model, terms=(*model.terms, Coulomb(), Viscous()))
+    if any(finds_of(term) for term in model.terms):
+        raise DataError(
+            "drive gains and fields of terms cannot be found at once",
+            where="[signals.effort] gain",
+            mend="identify the gains with fields that are given, and write them into the file",
+        )
+    regressor = base_regressor(model)
+    rests = remembers(model.terms)
+    unloaded, loaded = (
+        [gather(regressor, run, rests=rests, threads=threads, progress=progress) for run in some]
+        for some in (runs, carrying)
+    )
+    known = {
+        joint: float(gain)
+        for joint, gain, unknown in zip(
+            model.robot.joint_names, signals.gains, signals.unknown_gains, strict=True
+        )
+        if not unknown
+    }
+    return identified_gains(
+        model, unloaded, loaded, mass=payload.mass, frame=payload.frame, known=known
+    )
+
+
+def _gain_note(gains: GainEstimate) -> str:
+    found = ", ".join(
+        f"{joint} {gain:.4g} ± {half:.2g} {unit}"
+        for joint, gain, half, unit, known in zip(
+            gains.joints, gains.gains, gains.half_width, gains.units, gains.known, strict=True
+        )
+        if not known
+    )
+    return f"drive gains identified: {found}"

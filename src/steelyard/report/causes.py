@@ -1,0 +1,79 @@
+"""What was found about the causes of torque, for the terminal: friction, fields, drive gains."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from steelyard.report.content import ReportContent
+from steelyard.report.words import significant
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from steelyard.estimation.fields import Finding
+    from steelyard.estimation.gains import GainEstimate
+    from steelyard.validation.friction import FrictionChoice
+
+
+def tables(content: ReportContent) -> list[Table]:
+    """One table for each of them that there is."""
+    found = []
+    if content.friction is not None:
+        found.append(_mixes(content.friction))
+    if content.findings:
+        found.append(_fields(content.findings))
+    if content.gains is not None:
+        found.append(_gains(content.gains))
+    return found
+
+
+def _mixes(choice: FrictionChoice) -> Table:
+    table = _table(f"Friction laws, one {choice.left_out} left out in turn")
+    table.add_column("mix", overflow="fold")
+    for heading in ("error", "gain", "spread"):
+        table.add_column(heading, justify="right")
+    for mix in choice.table:
+        table.add_row(
+            mix.name,
+            f"{mix.error:.2f} %",
+            f"{mix.gain:.1f} %",
+            f"± {mix.spread:.1f}",
+            style="bold green" if mix.chosen else None,
+        )
+    return table
+
+
+def _fields(findings: tuple[Finding, ...]) -> Table:
+    table = _table("Fields found, with 95 % intervals")
+    for heading in ("field", "joint"):
+        table.add_column(heading, overflow="fold")
+    for heading in ("value", "from", "to"):
+        table.add_column(heading, justify="right")
+    for finding in findings:
+        table.add_row(
+            f"{finding.term}: {finding.field}",
+            finding.joint or "all",
+            *(significant(x) for x in (finding.value, *finding.interval)),
+            style=None if finding.told else "yellow",
+        )
+    return table
+
+
+def _gains(gains: GainEstimate) -> Table:
+    table = _table("Drive gains, with 95 % intervals")
+    table.add_column("joint", overflow="fold")
+    for heading in ("gain", "±"):
+        table.add_column(heading, justify="right")
+    table.add_column("unit")
+    for joint, gain, half, unit, known in zip(
+        gains.joints, gains.gains, gains.half_width, gains.units, gains.known, strict=True
+    ):
+        table.add_row(joint, significant(gain), "given" if known else significant(half), unit)
+    return table
+
+
+def _table(title: str) -> Table:
+    from rich.table import Table
+    from rich.text import Text
+
+    return Table(title=Text(title), title_justify="left")

@@ -1,0 +1,45 @@
+"""Drive gains that were identified, and the payload that fixed their scale."""
+
+from typing import ClassVar
+
+from steelyard.estimation.gains import GainEstimate
+from steelyard.report.content import ReportContent
+from steelyard.report.html import fill
+from steelyard.report.sections.section import Numbers
+from steelyard.report.sections.tables import PlainTable, Row
+from steelyard.report.words import significant
+
+
+class DrivesSection:
+    """Gains with intervals."""
+
+    name: ClassVar[str] = "drives"
+    title: ClassVar[str] = "Drive gains"
+
+    def numbers(self, content: ReportContent) -> Numbers | None:
+        """One table, if gains were identified."""
+        if content.gains is None:
+            return None
+        return {"tables": [_gains(content.gains)], "title": self.title}
+
+    def show(self, numbers: Numbers) -> str:
+        """The numbers as safe HTML."""
+        return fill("tables.html", numbers)
+
+
+def _gains(gains: GainEstimate) -> PlainTable:
+    words = "Joint effort per logged unit, with 95 % intervals."
+    if gains.payload is not None:
+        words += f" The payload of {significant(gains.payload.mass)} kg fixes their scale."
+    rows = [
+        Row((joint, significant(gain), "given" if known else f"± {significant(half)}", unit))
+        for joint, gain, half, unit, known in zip(
+            gains.joints,
+            gains.gains.tolist(),
+            gains.half_width.tolist(),
+            gains.units,
+            gains.known,
+            strict=True,
+        )
+    ]
+    return PlainTable("", words, ("Joint", "Gain", "Interval", "Unit"), rows, (0, 3))

@@ -1,0 +1,80 @@
+"""How the friction laws, and what they are not linear in, were found."""
+
+from typing import ClassVar
+
+from steelyard.estimation.fields import Finding
+from steelyard.report.content import ReportContent
+from steelyard.report.html import fill
+from steelyard.report.sections.section import Numbers
+from steelyard.report.sections.tables import PlainTable, Row
+from steelyard.report.words import significant
+from steelyard.validation.friction import FrictionChoice
+
+
+class FrictionSection:
+    """The mixes that were compared, and the fields that were found."""
+
+    name: ClassVar[str] = "friction"
+    title: ClassVar[str] = "Friction"
+
+    def numbers(self, content: ReportContent) -> Numbers | None:
+        """One table each, if there is anything in it."""
+        tables = []
+        if content.friction is not None:
+            tables.append(_mixes(content.friction))
+        if content.findings:
+            tables.append(_fields(content.findings))
+        return {"tables": tables, "title": self.title} if tables else None
+
+    def show(self, numbers: Numbers) -> str:
+        """The numbers as safe HTML."""
+        return fill("tables.html", numbers)
+
+
+def _mixes(choice: FrictionChoice) -> PlainTable:
+    rows = [
+        Row(
+            (
+                mix.name,
+                f"{mix.error:.2f} %",
+                f"{mix.gain:.1f} %",
+                f"± {mix.spread:.1f} %",
+                "chosen" if mix.chosen else "",
+            ),
+            mix.chosen,
+        )
+        for mix in choice.table
+    ]
+    return PlainTable(
+        "Mixes compared",
+        f"Error on one {choice.left_out} from a fit to all others, each {choice.left_out} in turn; "
+        "the gain is against the first mix. A simpler mix is preferred to a better one whose gain "
+        "over it lies within the spread of that gain.",
+        ("Friction laws", "Error", "Gain", "Spread", ""),
+        rows,
+        (0, 4),
+    )
+
+
+def _fields(findings: tuple[Finding, ...]) -> PlainTable:
+    rows = [
+        Row(
+            (
+                finding.term,
+                finding.field,
+                finding.joint or "all",
+                significant(finding.value),
+                f"{significant(finding.interval[0])} to {significant(finding.interval[1])}",
+                "" if finding.told else "the data cannot tell",
+            )
+        )
+        for finding in findings
+    ]
+    return PlainTable(
+        "Fields found",
+        "Values in which the torque is not linear, with 95 % intervals that end at the bounds of "
+        "the search where the data do not end them before.",
+        ("Term", "Field", "Joint", "Value", "Interval", ""),
+        rows,
+        (0, 1, 2, 5),
+    )
