@@ -22,23 +22,23 @@ def simulate(
         typer.Option(help="Motion to follow: trajectory.json, or a table of time and positions."),
     ] = None,
     period: Annotated[
-        float, typer.Option(min=0.5, help="Length of the random motion [s], without --motion.")
+        float, typer.Option(min=0.5, help="Seconds of random motion, without --motion.")
     ] = 10.0,
     noise: Annotated[
         float, typer.Option(min=0.0, help="Sensor noise, as a factor on that of a usual arm.")
     ] = 1.0,
     payload_mass: Annotated[
         float | None,
-        typer.Option(min=1e-3, help="Carry a steel ball of this mass [kg]."),
+        typer.Option(min=1e-3, help="Carry a steel ball of so many kilograms."),
     ] = None,
     payload_frame: Annotated[
         str | None, typer.Option(help="Frame that it hangs on; the last link's, if not named.")
     ] = None,
     attach: Annotated[
-        float, typer.Option(min=0.0, help="When it is taken [s], from the start of the log.")
+        float, typer.Option(min=0.0, help="Second of the log at which it is taken.")
     ] = 0.0,
     release: Annotated[
-        float, typer.Option(min=0.0, help="When it is let go [s]; not at all, if not given.")
+        float, typer.Option(min=0.0, help="Second at which it is let go; never, if not given.")
     ] = float("inf"),
     seed: Seed = 0,
     output: Output = None,
@@ -46,7 +46,7 @@ def simulate(
 ) -> None:
     """Simulate a robot with invented true parameters near its nominal ones.
 
-    Its causes of torque are those of the robot file's [model] terms. Writes log.parquet,
+    Its causes of torque are those of the robot file. Writes log.parquet,
     trajectory.json and, in a file of its own, truth.json.
 
     Example: steelyard simulate panda.urdf --seed 1 -o panda-run1

@@ -7,6 +7,7 @@ import io
 from math import isfinite
 from typing import TYPE_CHECKING
 
+from steelyard.regression.customary import symbols
 from steelyard.report import causes
 from steelyard.report.content import ReportContent
 from steelyard.report.judgement import Level, level_of, told, verdict
@@ -32,6 +33,7 @@ CSV_COLUMNS = (
     "upper95",
     "relative_std_percent",
     "status",
+    "symbol",
 )
 
 NAMED = 8
@@ -69,11 +71,14 @@ def parameters_csv(identified: IdentifiedModel) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(CSV_COLUMNS)
+    base = identified.base
+    symbol = dict(zip(base.base_names, symbols(identified.model.robot, base), strict=True))
     for row in rows(identified):
         numbers = (row.value, row.std, row.lower, row.upper, row.relative_percent)
         value, std, lower, upper, relative = (_exact(number) for number in numbers)
         writer.writerow(
             [row.name, row.group, value, row.unit, std, lower, upper, relative, row.status]
+            + [symbol.get(row.name, row.name)]
         )
     return text.getvalue()
 

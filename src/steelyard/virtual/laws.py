@@ -95,7 +95,7 @@ class Laws:
         return sum(channels_of(p.term, self.robot) for p in self.scanned)
 
     @cached_property
-    def _places(self) -> tuple[list[int], list[float], list[float]]:
+    def places(self) -> tuple[list[int], list[float], list[float]]:
         """Per joint its number, ratio and zero among MuJoCo's joints."""
         carriers = list(self.model.carriers)
         ratios = [float(self.model.map[c, j]) for j, c in enumerate(carriers)]
@@ -124,7 +124,7 @@ class Laws:
             program = symbolic(outputs, self._inputs())
             return softened(program, VELOCITY, WIDTHS), about
 
-        return compiled(["virtual", described, *self._places], build)
+        return compiled(["virtual", described, *self.places], build)
 
     def _inputs(self) -> tuple[Input, ...]:
         n = len(self.model.offset)
@@ -150,7 +150,7 @@ class Laws:
         values: Sequence[Scalar],
         _: Sequence[Scalar],
     ) -> tuple[list[Scalar], dict[str, Any]]:
-        places = list(zip(*self._places, strict=True))
+        places = list(zip(*self.places, strict=True))
         q = [(position[c] - zero) / ratio for c, ratio, zero in places]
         dq, ddq = ([x[c] / ratio for c, ratio, _ in places] for x in (velocity, acceleration))
         total: dict[int, Scalar] = dict(enumerate(held))
@@ -211,7 +211,7 @@ class LawsInUse:
         self.laws, code = laws, laws.code
         self.held = np.zeros(laws.robot.n)
         self._seen = position, velocity, acceleration
-        carriers, ratios, zeros = (np.array(x) for x in laws._places)
+        carriers, ratios, zeros = (np.array(x) for x in laws.places)
         self._carriers, self._ratios, self._zeros = carriers, ratios, zeros
         self._loads, self._brakes = code.about["loads"], code.about["brakes"]
         self.dofs = carriers[self._loads]

@@ -27,6 +27,9 @@ LEAST_INERTIA = 1e-12
 TIMESTEP = 1.25e-4
 """Default step of the integration [s]."""
 
+ADVANCE = mujoco.mj_step
+"""One step of the integration of a compiled model, under `data.qfrc_applied`."""
+
 
 class Rotor(NamedTuple):
     """Inertia of a rotor that turns with `row` times the joints' velocities [kg m²; kg]."""

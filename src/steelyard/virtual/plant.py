@@ -1,6 +1,5 @@
 """The physics: a MuJoCo robot that is moved by joint torques and braked by our laws."""
 
-import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -8,7 +7,7 @@ from steelyard.arrays import Array, frozen
 from steelyard.errors import DataError, ModelError
 from steelyard.robot.robot import Robot
 from steelyard.virtual.laws import Laws, LawsInUse
-from steelyard.virtual.mujoco_model import MujocoModel, build, new_data
+from steelyard.virtual.mujoco_model import ADVANCE, MujocoModel, build, new_data
 from steelyard.virtual.payload import Payload
 from steelyard.virtual.scales import closed
 from steelyard.virtual.stability import stable_timestep
@@ -93,7 +92,7 @@ class MujocoPlant:
             raise ValueError(f"{duration} s is not a multiple of the step of {self.timestep} s")
         compiled, data, used = self._compiled[self._loaded], self._data, self._used
         used.held[:] = tau
-        forces, dofs, advance = data.qfrc_applied, used.dofs, mujoco.mj_step
+        forces, dofs, advance = data.qfrc_applied, used.dofs, ADVANCE
         for _ in range(count):
             forces[dofs] = used.step()
             advance(compiled, data)
