@@ -70,7 +70,7 @@ def wander(robot: Robot, samples: int = 400) -> Motion:
     return Motion(t[:, 0], 0.02 * q, 0.02 * dq, 0.02 * ddq)
 
 
-@pytest.mark.parametrize("law", MEMORIES, ids=lambda law: f"{law.law}-{hash(law) % 97}")
+@pytest.mark.parametrize("law", MEMORIES, ids=str)
 def test_memory_steps_as_along_a_log(tree: Robot, law: Any) -> None:
     motion = wander(tree)
     bodies = Model(tree).bodies_only

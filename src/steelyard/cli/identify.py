@@ -38,7 +38,7 @@ def identify(
         ),
     ] = None,
     payload_mass: Annotated[
-        float | None, typer.Option(min=1e-6, help="Mass of that payload [kg].")
+        float | None, typer.Option(min=1e-6, help="Mass of that payload, in kg.")
     ] = None,
     payload_frame: Annotated[
         str | None,
