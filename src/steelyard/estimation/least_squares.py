@@ -39,9 +39,8 @@ class OrdinaryLeastSquares:
         ones = np.ones(len(information.layout.rows))
         solution = _solve(data, ones)
         variances = _variances(data, solution, ones)
-        meat = _meat(data, solution, ones, variances)
-        covariance = solution.inverse @ meat @ solution.inverse
-        return _estimate("ordinary least squares", data, solution, variances, covariance)
+        spread = _spread(data, solution, variances)
+        return _estimate("ordinary least squares", data, solution, variances, spread)
 
 
 @dataclass(frozen=True)
@@ -71,7 +70,9 @@ class WeightedLeastSquares:
             variances = settled
             if change < self.tolerance:
                 break
-        return _estimate("weighted least squares", data, solution, variances, solution.inverse)
+        own = [part.covariance(solution.kept, solution.inverse) for part in solution.locals]
+        spread = _Spread(solution.inverse, tuple(own))
+        return _estimate("weighted least squares", data, solution, variances, spread)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,20 +100,21 @@ class _Solution:
 
 def _solve(data: Runs, weights: Array) -> _Solution:
     information = data.whole
-    matrix, vector, eliminated = data.normal(weights)
-    lengths = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    matrix, vector, eliminated, squares = data.normal(weights)
+    lengths = np.sqrt(np.maximum(squares, 0.0))
     scale = np.where(lengths > 1e-12 * lengths.max(initial=1e-300), lengths, np.inf)
     scale[list(data.local)] = np.inf
     unit = matrix / scale[:, None] / scale
     kept, blind = _visible(unit, np.isfinite(scale), information.layout.columns)
-    blind = tuple(b for b in blind if b.name not in data.local_names)
+    blind = _explained(blind, eliminated, lengths, information.layout.columns)
     if not kept:
         raise DataError(
             "the data show none of the model's parameters",
             where=", ".join(dict.fromkeys(w.run for w in information.windows)) or "no window",
             mend="log a motion in which the joints move",
         )
-    reduced, scale = unit[np.ix_(kept, kept)], scale[kept]
+    scale = np.sqrt(np.diag(matrix)[kept])
+    reduced = matrix[np.ix_(kept, kept)] / scale[:, None] / scale
     inverse = np.linalg.inv(reduced)
     values = np.zeros(len(vector))
     first = inverse @ (vector[kept] / scale)
@@ -156,6 +158,25 @@ def _visible(
     return kept, tuple(blind)
 
 
+def _explained(
+    blind: tuple[Blind, ...], eliminated: tuple[Eliminated, ...], lengths: Array, names: tuple[str, ...]
+) -> tuple[Blind, ...]:
+    """What is not seen, with the parameters of single runs that hide it, or that no run sees."""
+    seen = {names[column] for own in eliminated for column in own.columns}
+    result = []
+    for one in blind:
+        k = names.index(one.name)
+        hiding = (
+            names[column]
+            for own in eliminated
+            for column, slope in zip(own.columns, own.slopes[:, k], strict=True)
+            if abs(slope) * lengths[column] > TIED * lengths[k]
+        )
+        tied = tuple(dict.fromkeys((*one.tied_to, *hiding)))
+        result += [] if one.name in seen else [Blind(one.name, tied)]
+    return tuple(result)
+
+
 def _all_new(unit: Array) -> bool:
     """Whether every column is new; LAPACK answers that at once."""
     try:
@@ -184,24 +205,40 @@ def _variances(data: Runs, solution: _Solution, weights: Array) -> Array:
     return np.maximum(variances, floor)
 
 
-def _meat(data: Runs, solution: _Solution, weights: Array, variances: Array) -> Array:
-    """What noise of these variances adds to the normal equations that `weights` made."""
-    total = np.zeros((len(solution.kept), len(solution.kept)))
+@dataclass(frozen=True, eq=False)
+class _Spread:
+    """Covariance of the shared parameters, and per run that of its own."""
+
+    shared: Array
+    own: tuple[Array, ...]
+
+
+def _spread(data: Runs, solution: _Solution, variances: Array) -> _Spread:
+    """What noise of these variances does to a fit in which all rows weigh the same."""
+    kept, inverse = solution.kept, solution.inverse
+    total, parts = np.zeros((len(kept), len(kept))), []
     for run, own in zip(data.runs, solution.locals, strict=True):
-        matrix, _, _ = run.normal(weights**2 * variances)
-        shared = np.zeros((len(matrix), len(solution.kept)))
-        shared[solution.kept, range(len(solution.kept))] = 1.0
-        shared[list(own.columns)] = own.slopes[:, solution.kept]
+        matrix, _, _ = run.normal(variances)
+        shared = np.zeros((len(matrix), len(kept)))
+        shared[kept, range(len(kept))] = 1.0
+        shared[list(own.columns)] = own.slopes[:, kept]
         total += shared.T @ matrix @ shared
-    return total
+        mine = own.inverse @ matrix[list(own.columns)]
+        parts.append((own.slopes[:, kept], mine[:, list(own.columns)] @ own.inverse, mine @ shared))
+    covariance = inverse @ total @ inverse
+    each = []
+    for slopes, noise, across in parts:
+        cross = across @ inverse @ slopes.T
+        each.append(noise + slopes @ covariance @ slopes.T + cross + cross.T)
+    return _Spread(covariance, tuple(each))
 
 
 def _estimate(
-    name: str, data: Runs, solution: _Solution, variances: Array, covariance: Array
+    name: str, data: Runs, solution: _Solution, variances: Array, spread: _Spread
 ) -> Estimate:
-    layout, kept = data.whole.layout, solution.kept
-    values, covariance, own = _with_locals(data, solution, (covariance + covariance.T) / 2.0)
-    columns = [*kept, *own]
+    layout = data.whole.layout
+    values, covariance, own = _with_locals(solution, spread)
+    columns = [*solution.kept, *own]
     order = np.argsort(columns)
     chosen = [columns[k] for k in order]
     return Estimate(
@@ -225,17 +262,15 @@ def _estimate(
                     [layout.units[k] for k in part.columns],
                     part.values,
                 ),
-                frozen(np.sqrt(np.diag(part.covariance(kept, solution.inverse)))),
+                frozen(np.sqrt(np.diag(covariance))),
             )
-            for part in solution.locals
+            for part, covariance in zip(solution.locals, spread.own, strict=True)
             if part.columns
         ),
     )
 
 
-def _with_locals(
-    data: Runs, solution: _Solution, covariance: Array
-) -> tuple[Array, Array, list[int]]:
+def _with_locals(solution: _Solution, spread: _Spread) -> tuple[Array, Array, list[int]]:
     """Shared values and covariance, joined by what a new run is to be expected to have.
 
     Of a column that every run has for itself that is the mean over runs, with the variance
@@ -244,18 +279,18 @@ def _with_locals(
     own = sorted({column for part in solution.locals for column in part.columns})
     means, variances = [], []
     for column in own:
-        parts = [part for part in solution.locals if column in part.columns]
-        place = [part.columns.index(column) for part in parts]
-        found = np.array([part.values[k] for part, k in zip(parts, place, strict=True)])
-        noise = [
-            part.covariance(solution.kept, solution.inverse)[k, k]
-            for part, k in zip(parts, place, strict=True)
+        parts = [
+            (part.values[k], covariance[k, k])
+            for part, covariance in zip(solution.locals, spread.own, strict=True)
+            for k, mine in enumerate(part.columns)
+            if mine == column
         ]
+        found = np.array([value for value, _ in parts])
         means.append(found.mean())
-        variances.append(found.var(ddof=1) if len(found) > 1 else noise[0])
-    size = len(covariance)
+        variances.append(found.var(ddof=1) if len(found) > 1 else parts[0][1])
+    size = len(spread.shared)
     total = np.zeros((size + len(own), size + len(own)))
-    total[:size, :size] = covariance
+    total[:size, :size] = (spread.shared + spread.shared.T) / 2.0
     total[range(size, len(total)), range(size, len(total))] = variances
     return np.concatenate([solution.values[solution.kept], means]), total, own
 

@@ -98,7 +98,7 @@ class Runs:
         """Names of the columns that every run has for itself."""
         return tuple(self.whole.layout.columns[k] for k in self.local)
 
-    def normal(self, weights: Array) -> tuple[Array, Array, tuple[Eliminated, ...]]:
+    def normal(self, weights: Array) -> tuple[Array, Array, tuple[Eliminated, ...], Array]:
         """Normal equations of the shared columns, and what was eliminated.
 
         Args:
@@ -106,13 +106,14 @@ class Runs:
 
         Returns:
             Matrix `(p, p)` and vector `(p,)`, zero in the columns of single runs; one value per
-            run.
+            run; and the squared lengths of all columns before, `(p,)`.
         """
         p = len(self.whole.layout.columns)
-        total, right = np.zeros((p, p)), np.zeros(p)
+        total, right, squares = np.zeros((p, p)), np.zeros(p), np.zeros(p)
         eliminated = []
         for run in self.runs:
             matrix, vector, _ = run.normal(weights)
+            squares += np.diag(matrix)
             own = self._eliminated(run, matrix, vector)
             across = matrix[:, list(own.columns)]
             total += matrix + across @ own.slopes
@@ -120,7 +121,7 @@ class Runs:
             eliminated.append(own)
         own_columns = list(self.local)
         total[own_columns], total[:, own_columns], right[own_columns] = 0.0, 0.0, 0.0
-        return 0.5 * (total + total.T), right, tuple(eliminated)
+        return 0.5 * (total + total.T), right, tuple(eliminated), squares
 
     def _eliminated(self, run: Information, matrix: Array, vector: Array) -> Eliminated:
         """The run's own columns that it sees, as a function of the shared ones."""
