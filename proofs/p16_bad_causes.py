@@ -176,7 +176,7 @@ def of_file(name: str, place: Workshop) -> Claim:
 
 def of_dropped(place: Workshop) -> Claim:
     """The same loop with `open_loops = "drop"`: the fit goes on and says what it left out."""
-    text = FILES["loop that opens in the log"][0].replace("[[robot.l", 'X\n[[robot.l', 1)
+    text = FILES["loop that opens in the log"][0].replace("[[robot.l", "X\n[[robot.l", 1)
     text = text.replace("X\n", 'open_loops = "drop"\n')
     (place.given / "drop.toml").write_text(text)
     command = ["identify", "../given/drop.toml", LOG, "-o", "dropped", "--json"]
@@ -200,8 +200,8 @@ def of_information() -> list[Claim]:
     from steelyard.regression.accumulate import Accumulator, Stretch
     from steelyard.regression.information import Information, Stamp, Window
     from steelyard.regression.regressor import base_regressor
-    from steelyard.terms.register import DEFAULT_TERMS
     from steelyard.terms.presliding import Dahl
+    from steelyard.terms.register import DEFAULT_TERMS
 
     def said(model: Model, filters: str) -> Information:
         regressor = base_regressor(model)

@@ -14,6 +14,7 @@ ORDER = (
     ("robot",),
     ("kernel",),
     ("terms",),
+    ("scan",),
     ("model",),
     ("measurement", "formats"),
     ("regression",),

@@ -2,20 +2,19 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from steelyard.arrays import Array
 from steelyard.errors import DataError, ModelError
 from steelyard.kernel.closure import completed, projected
 from steelyard.kernel.compiled import Code, compiled
 from steelyard.kernel.dynamics import JointState, Scalar, inverse_dynamics
-from steelyard.kernel.loops import Follower, all_joints, open_loop
 from steelyard.kernel.program import Array as Input
 from steelyard.kernel.program import Program
 from steelyard.kernel.vector_ir import MAX_ANGLE
@@ -23,9 +22,10 @@ from steelyard.motion import Motion
 from steelyard.parameters import Parameter, Parameters
 from steelyard.robot.robot import Robot
 from steelyard.robot.serial import robot_from_dict, robot_to_dict
+from steelyard.scan import Scan
 from steelyard.terms.register import DEFAULT_TERMS, description_of, term_of
 from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.term import Columns, Remembering, Samples, Term, channels_of
+from steelyard.terms.term import Columns, Remembering, Term, channels_of
 
 BLOCK = 4096
 
@@ -179,7 +179,13 @@ class Model:
         Args:
             drop: Whether a loop that cannot close is passed over, see `Scan.closed`.
         """
-        return Scan(self, drop)
+        return Scan(self.robot, self.terms, self._rigid_torque, drop)
+
+    def _rigid_torque(self, q: Array, dq: Array, ddq: Array, tens: Array) -> Array:
+        """Torques of the bodies as a tree, shape `(n_joints, N)`."""
+        channels = np.empty((0, q.shape[1]))
+        shared = [False, False, False, False, True]
+        return self.bodies_only.torque_code([q, dq, ddq, channels, tens], shared)
 
     def at(self, values: Parameters) -> "ValuedModel":
         """The model with values; standard parameters that are not named are zero.
@@ -262,91 +268,6 @@ class ValuedModel:
     def start(self) -> "Stepper":
         """Begin to evaluate sample by sample, for controllers and streams."""
         return Stepper(self)
-
-
-class Scan:
-    """Channels along a motion: what a sample's columns need of the samples before it.
-
-    Attributes:
-        model: The model.
-        closed: Whether the robot's loops closed at each sample of the last call, shape `(N,)`.
-    """
-
-    def __init__(self, model: Model, drop: bool = False) -> None:
-        self.model = model
-        self.closed: NDArray[np.bool_] = np.ones(0, dtype=bool)
-        self._drop = drop
-        self._follower = Follower(model.robot) if model.robot.passive else None
-        self._memories: list[Any] = [None] * len(model.terms)
-        self._travel: Array | None = None
-        self._last: Array | None = None
-        warm = [t.warm_up(model.robot) for t in model.terms if isinstance(t, Remembering)]
-        self._warm_up = np.max([np.zeros(model.robot.n_joints), *warm], axis=0)
-
-    def __call__(self, q: Array, dq: Array, ddq: Array, t: Array | None = None) -> Array:
-        """Channels of consecutive samples.
-
-        Args:
-            q: Independent joints, shape `(n, N)`.
-            dq: Their velocities.
-            ddq: Their accelerations.
-            t: Their times, for messages, shape `(N,)` [s].
-
-        Returns:
-            Shape `(n_channels, N)`; of a sample that is not closed, those of passive joints are
-            those of the sample before.
-
-        Raises:
-            DataError: A loop cannot close at a sample, and is not to be passed over.
-        """
-        model = self.model
-        passive = self._passive(q, t)
-        if model.n_channels == len(passive):
-            return passive
-        q, dq, ddq = all_joints(model.robot, q, dq, ddq, passive)
-        samples = Samples(q, dq, ddq, self._rigid_torque(q, dq, ddq))
-        found = [passive]
-        for k, term in enumerate(model.terms):
-            if isinstance(term, Remembering):
-                part, self._memories[k] = term.remember(model.robot, samples, self._memories[k])
-                found.append(part)
-        return np.ascontiguousarray(np.concatenate(found))
-
-    def warm(self, q: Array) -> NDArray[np.bool_]:
-        """Whether the start is forgotten, per independent joint, shape `(n, N)`.
-
-        Args:
-            q: Independent joints, shape `(n, N)`, every sample once and in order.
-        """
-        n = self.model.robot.n
-        if not self._warm_up.any():
-            return np.ones(q.shape, dtype=bool)
-        if self._last is None:
-            self._last, self._travel = q[:, :1], np.zeros((n, 1))
-        steps = np.abs(np.diff(q, axis=1, prepend=self._last))
-        travelled = self._travel + np.cumsum(steps, axis=1)
-        self._last, self._travel = q[:, -1:], travelled[:, -1:]
-        return np.asarray(travelled >= self._warm_up[:n, None])
-
-    def _passive(self, q: Array, t: Array | None) -> Array:
-        """Positions of the passive joints, shape `(n_passive, N)`."""
-        if self._follower is None:
-            self.closed = np.ones(q.shape[1], dtype=bool)
-            return np.empty((0, q.shape[1]))
-        passive, self.closed = self._follower(q, stop=not self._drop)
-        if not self._drop and not self.closed.all():
-            raise open_loop(self._follower, q, self.closed, t)
-        return passive
-
-    def _rigid_torque(self, q: Array, dq: Array, ddq: Array) -> Callable[[Array], Array]:
-        bodies = self.model.bodies_only
-
-        def torque(tens: Array) -> Array:
-            empty = np.empty((0, q.shape[1]))
-            shared = [False, False, False, False, True]
-            return bodies.torque_code([q, dq, ddq, empty, tens], shared)
-
-        return torque
 
 
 class Stepper:

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from browser import Seen, chromium, look
-from steelyard.estimation.estimate import Blind, Estimate
+from steelyard.estimation.estimate import Blind, Estimate, OfRun
+from steelyard.estimation.fields import Finding
+from steelyard.estimation.gains import GainEstimate
 from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
 from steelyard.model import Model
 from steelyard.parameters import Parameters
@@ -16,6 +18,9 @@ from steelyard.report.content import ReportContent
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.robot import Body, Coordinate, Robot
 from steelyard.robot.signals import Signals
+from steelyard.terms.coulomb import Coulomb
+from steelyard.terms.viscous import Viscous
+from steelyard.validation.friction import FrictionChoice, MixScore
 from steelyard.validation.score import JointScore, RunScore, Traces
 
 EVIL = "<script>document.body.dataset.errors='ran'</script></script><b>\"'&{{7*7}}"
@@ -68,6 +73,11 @@ def identified(arm: Robot) -> IdentifiedModel:
     model = Model(arm)
     base = base_map(model)
     n = arm.n
+    offset = base.base_names[-2], base.base_units[-2]
+    drift = tuple(
+        OfRun(run, Parameters(offset[:1], offset[1:], [value]), np.array([0.02]))
+        for run, value in (("run1@0.6:9.5", 0.31), ("run2", -0.52))
+    )
     signals = Signals(
         "t",
         1.0,
@@ -84,7 +94,7 @@ def identified(arm: Robot) -> IdentifiedModel:
     return IdentifiedModel(
         model,
         base,
-        estimate(base),
+        replace(estimate(base), per_run=drift),
         (estimate(base, "ordinary least squares", 1.5),),
         signals,
         Cutoffs(25.0, 8.0, 8.0),
@@ -131,6 +141,33 @@ def run_score(
     )
 
 
+def friction(name: str = "coulomb") -> FrictionChoice:
+    """Two mixes, of which the second was chosen."""
+    plain, better = (Coulomb(), Viscous()), (Coulomb(smoothing=0.02), Viscous())
+    table = (
+        MixScore(f"{name} + viscous", plain, 12.345, 0.0, 0.0),
+        MixScore(f"{name} (smoothing 0.02) + viscous", better, 9.87, 20.05, 1.25, True),
+    )
+    return FrictionChoice(better, table, "run")
+
+
+def findings(term: str = "stribeck", joint: str = "elbow") -> tuple[Finding, ...]:
+    """One that the data tell, one that they do not."""
+    return (
+        Finding(term, "speed", None, 0.0512, (0.0431, 0.0612), (0.001, 1.0)),
+        Finding(term, "width", joint, 0.002, (1e-4, 0.0034), (1e-4, 0.1)),
+    )
+
+
+def gains(joints: tuple[str, str] = ("shoulder", "elbow")) -> GainEstimate:
+    """One that was found, one that was given."""
+    covariance = np.diag([0.1**2, 0.0])
+    values, sigma = np.array([11.98, 9.83]), np.array([0.1, 0.2])
+    return GainEstimate(
+        joints, values, ("Nm/A", "Nm/A"), covariance, (False, True), False, None, sigma
+    )
+
+
 @pytest.fixture(scope="session")
 def usual() -> ReportContent:
     quality = (("rows", "4 012"), ("dropped", "12 (not a number)"), ("rate", "100.0 Hz"))
@@ -143,6 +180,9 @@ def usual() -> ReportContent:
         qualities=(("run1", quality), ("points", (*quality, ("gaps", "1, longest 0.4 s")))),
         notes=("joint 'wrist' is locked at 0.3 rad", "velocity: from positions"),
         settings=(("estimator", "weighted least squares"), ("motion cut-off", "25 Hz")),
+        friction=friction(),
+        findings=findings(),
+        gains=gains(),
     )
 
 
@@ -170,7 +210,10 @@ def nasty(usual: ReportContent) -> ReportContent:
     covariance = evil.estimate.covariance.copy()
     covariance[0, 0] = np.nan
     covariance[3, 3] = 0.0
-    broken_estimate = replace(evil.estimate, covariance=covariance, condition=float("inf"))
+    drift = tuple(replace(own, run=EVIL) for own in evil.estimate.per_run)
+    broken_estimate = replace(
+        evil.estimate, covariance=covariance, condition=float("inf"), per_run=drift
+    )
     return ReportContent(
         title=EVIL,
         robot=EVIL,
@@ -179,6 +222,9 @@ def nasty(usual: ReportContent) -> ReportContent:
         qualities=((EVIL, ((EVIL, EVIL),)),),
         notes=(EVIL,),
         settings=((EVIL, EVIL),),
+        friction=friction(EVIL),
+        findings=findings(EVIL, EVIL),
+        gains=replace(gains((EVIL, EVIL)), gains=np.array([np.nan, np.inf])),
     )
 
 

@@ -228,7 +228,7 @@ ERRORS = {
     "infinite": (ROBOT + "[processing]\nrest_speed = inf", "inf", "line 4", "finite"),
     "boolean": (ROBOT + "[processing]\nrest_speed = true", "True cannot", "line 4", "number"),
     "wrong word": (signals('"joint_torque"', '"torque"'), "'torque' cannot be used for 'kind'",
-                   "[signals.effort] kind", "'motor_current', 'motor_torque' or 'joint_torque'"),
+                   "[signals.effort] kind", "'joint_torque', 'link_torque' or 'gravity"),
     "no model": ("[robot]", "the robot has no model", "line 1, [robot]", "exactly one of"),
     "two models": (ROBOT + 'mjcf = "one.xml"', "the robot has urdf and mjcf", "line 1, [robot]",
                    "exactly one"),

@@ -22,7 +22,8 @@ from steelyard.robot.robot_file import LoadedRobot
 from steelyard.terms.coulomb import Coulomb
 from steelyard.terms.find import finds_of
 from steelyard.terms.viscous import Viscous
-from steelyard.validation.friction import FrictionChoice, choose_friction, remembers
+from steelyard.validation.friction import FrictionChoice, choose_friction
+from steelyard.validation.mixes import remembers
 
 
 @dataclass(frozen=True)

@@ -12,15 +12,12 @@ import numpy as np
 from steelyard.arrays import Array, frozen
 from steelyard.errors import DataError
 from steelyard.estimation.estimate import Blind, Estimate, OfRun
-from steelyard.estimation.per_run import Eliminated, Runs
+from steelyard.estimation.per_run import TIED, Eliminated, Runs, explained
 from steelyard.parameters import Parameters
 from steelyard.regression.information import Information
 
 SEEN = 1e-10
 """Squared sine of the angle to earlier columns below which the data do not see a column."""
-
-TIED = 1e-3
-"""Share of a column's length that another must have in it to be named as its twin."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +103,7 @@ def _solve(data: Runs, weights: Array) -> _Solution:
     scale[list(data.local)] = np.inf
     unit = matrix / scale[:, None] / scale
     kept, blind = _visible(unit, np.isfinite(scale), information.layout.columns)
-    blind = _explained(blind, eliminated, lengths, information.layout.columns)
+    blind = explained(blind, eliminated, lengths, information.layout.columns)
     if not kept:
         raise DataError(
             "the data show none of the model's parameters",
@@ -156,25 +153,6 @@ def _visible(
         factor[k, k] = np.sqrt(rest)
         kept.append(k)
     return kept, tuple(blind)
-
-
-def _explained(
-    blind: tuple[Blind, ...], eliminated: tuple[Eliminated, ...], lengths: Array, names: tuple[str, ...]
-) -> tuple[Blind, ...]:
-    """What is not seen, with the parameters of single runs that hide it, or that no run sees."""
-    seen = {names[column] for own in eliminated for column in own.columns}
-    result = []
-    for one in blind:
-        k = names.index(one.name)
-        hiding = (
-            names[column]
-            for own in eliminated
-            for column, slope in zip(own.columns, own.slopes[:, k], strict=True)
-            if abs(slope) * lengths[column] > TIED * lengths[k]
-        )
-        tied = tuple(dict.fromkeys((*one.tied_to, *hiding)))
-        result += [] if one.name in seen else [Blind(one.name, tied)]
-    return tuple(result)
 
 
 def _all_new(unit: Array) -> bool:

@@ -12,10 +12,14 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import DataError
+from steelyard.estimation.estimate import Blind
 from steelyard.regression.information import Information
 
 SEEN = 1e-10
 """Eigenvalue of a run's own normal matrix, columns of unit length, below which it is not seen."""
+
+TIED = 1e-3
+"""Share of a column's length that another must have in it to be named as its twin."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,3 +140,25 @@ class Runs:
         name = run.windows[0].run if run.windows else ""
         zeros = np.zeros(len(columns))
         return Eliminated(name, tuple(columns), inverse @ vector[columns], slopes, inverse, zeros)
+
+
+def explained(
+    blind: tuple[Blind, ...],
+    eliminated: tuple[Eliminated, ...],
+    lengths: Array,
+    names: tuple[str, ...],
+) -> tuple[Blind, ...]:
+    """What is not seen, with the parameters of single runs that hide it, or that no run sees."""
+    seen = {names[column] for own in eliminated for column in own.columns}
+    result = []
+    for one in blind:
+        k = names.index(one.name)
+        hiding = (
+            names[column]
+            for own in eliminated
+            for column, slope in zip(own.columns, own.slopes[:, k], strict=True)
+            if abs(slope) * lengths[column] > TIED * lengths[k]
+        )
+        tied = tuple(dict.fromkeys((*one.tied_to, *hiding)))
+        result += [] if one.name in seen else [Blind(one.name, tied)]
+    return tuple(result)

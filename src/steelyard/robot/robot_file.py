@@ -1,9 +1,6 @@
 """Robot files: a model in any format, and with TOML all that a model file cannot say."""
 
 import hashlib
-import math
-import os
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,17 +11,16 @@ import numpy as np
 
 from steelyard.arrays import Array, frozen
 from steelyard.errors import ModelError
-from steelyard.robot.dh import DHRow, dh_mechanism
 from steelyard.robot.gears import build_transmission
 from steelyard.robot.geometry import clean_rotation, rpy_rotation
 from steelyard.robot.mechanism import Mechanism
-from steelyard.robot.mjcf import read_mjcf
+from steelyard.robot.model_source import dh_table, model_path_of
+from steelyard.robot.model_source import read_mechanism as read_mechanism
 from steelyard.robot.nearest import advice
 from steelyard.robot.pins import closing_of
 from steelyard.robot.reduction import reduced
 from steelyard.robot.robot import Limits, Robot
 from steelyard.robot.schema import (
-    DHSection,
     EstimationSection,
     ProcessingSection,
     RobotFile,
@@ -33,8 +29,7 @@ from steelyard.robot.schema import (
 )
 from steelyard.robot.signals import Signals, build_signals
 from steelyard.robot.toml_check import Places, checked
-from steelyard.robot.urdf import read_urdf
-from steelyard.robot.xml_reader import read_bytes, read_xml
+from steelyard.robot.xml_reader import read_bytes
 
 STANDARD_GRAVITY = 9.81
 
@@ -110,11 +105,6 @@ def load_robot_file(path: str | Path) -> RobotFile:
     return _sections(Path(path))[0]
 
 
-def read_mechanism(path: Path) -> Mechanism:
-    """The mechanism of a URDF or an MJCF, told apart by the outermost element."""
-    return read_mjcf(path) if read_xml(path).tag == "mujoco" else read_urdf(path)
-
-
 def _source(path: Path) -> Source:
     return Source(path, hashlib.sha256(read_bytes(path, "a robot model")).hexdigest())
 
@@ -134,11 +124,11 @@ def _sections(path: Path) -> tuple[RobotFile, Places]:
 def _from_toml(path: Path) -> LoadedRobot:
     file, places = _sections(path)
     sources = [_source(path)]
-    if model_path := _model_path(file.robot, path, places):
+    if model_path := model_path_of(file.robot, path, places):
         mechanism = read_mechanism(model_path)
         sources.append(_source(model_path))
     else:
-        mechanism = _dh(file.robot, places)
+        mechanism = dh_table(file.robot, places)
     robot, notes = _reduced(mechanism, file.robot, places)
     if file.robot.transmission is not None:
         gears = build_transmission(file.robot.transmission, robot.joint_names, places.where)
@@ -168,73 +158,6 @@ def _from_toml(path: Path) -> LoadedRobot:
         file.validation,
         tuple(sources),
     )
-
-
-def _model_path(section: RobotSection, path: Path, places: Places) -> Path | None:
-    """The model file that is named; `None` for a DH table."""
-    given = [key for key in ("urdf", "mjcf", "dh") if getattr(section, key) is not None]
-    if len(given) != 1:
-        raise ModelError(
-            f"the robot has {' and '.join(given)}" if given else "the robot has no model",
-            where=places.where("robot"),
-            mend='give exactly one of urdf = "FILE", mjcf = "FILE" and a table [robot.dh]',
-        )
-    if given == ["dh"]:
-        return None
-    text = str(getattr(section, given[0]))
-    where = places.where("robot", given[0])
-    model_path = path.parent / _expanded(text, where)
-    if not model_path.is_file():
-        raise ModelError(
-            f"the robot's {given[0]} '{model_path}' does not exist",
-            where=where,
-            mend="give its path relative to the robot file; ${NAME} stands for an environment "
-            "variable",
-        )
-    if (read_xml(model_path).tag == "mujoco") != (given == ["mjcf"]):
-        raise ModelError(
-            f"'{model_path}' is not what its key '{given[0]}' says",
-            where=where,
-            mend=f"write {'urdf' if given == ['mjcf'] else 'mjcf'} = ... instead",
-        )
-    return model_path
-
-
-def _expanded(text: str, where: str) -> str:
-    """The text with `${NAME}` replaced by environment variables."""
-
-    def value(match: re.Match[str]) -> str:
-        name = match.group(1)
-        if name not in os.environ:
-            raise ModelError(
-                f"the environment variable '{name}' is not set",
-                where=where,
-                mend=f"set it to the folder the path starts from: export {name}=/path/to/folder",
-            )
-        return os.environ[name]
-
-    return re.sub(r"\$\{(\w+)\}", value, text)
-
-
-def _dh(section: RobotSection, places: Places) -> Mechanism:
-    table: DHSection = section.dh  # type: ignore[assignment]  # the only model given
-    angle = math.pi / 180.0 if table.angle_unit == "deg" else 1.0
-    rows = [
-        DHRow(
-            link.a,
-            link.alpha * angle,
-            link.d,
-            link.theta * angle,
-            link.kind,
-            link.joint or "",
-            link.mass,
-            link.com,
-            link.inertia_com,
-        )
-        for link in table.links
-    ]
-    name = section.name or places.path.stem
-    return dh_mechanism(rows, table.convention, name, where=places.where("robot", "dh"))
 
 
 def _reduced(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import pi
 from typing import TYPE_CHECKING, Any
@@ -11,13 +11,18 @@ import numpy as np
 
 from steelyard.arrays import Array, frozen
 from steelyard.errors import ModelError
+from steelyard.robot.efforts import (
+    Locate,
+    check_count,
+    check_sides,
+    coupled_map,
+    effort_units_of,
+    gains_of,
+)
 from steelyard.robot.robot import Coordinate, Transmission
 
 if TYPE_CHECKING:
-    from steelyard.robot.schema import EffortKind, EffortSection, SignalsSection
-
-Locate = Callable[..., str]
-"""Key path in the robot file to the words of a message's `where`."""
+    from steelyard.robot.schema import EffortKind, SignalsSection
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 POSITION_UNITS = {
@@ -28,8 +33,6 @@ VELOCITY_UNITS = {
     "revolute": {"rad/s": 1.0, "deg/s": pi / 180.0, "rpm": pi / 30.0},
     "prismatic": {"m/s": 1.0, "mm/s": 1e-3},
 }
-MOTOR_KINDS = ("motor_current", "motor_torque")
-EFFORT_UNITS = {"A": ("A", 1.0), "mA": ("A", 1e-3), "Nm": ("Nm", 1.0), "N": ("N", 1.0)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +104,7 @@ def build_signals(
     Raises:
         ModelError: Columns, units or gains do not fit the joints.
     """
-    _check_sides(section, gears, locate)
+    check_sides(section, gears, locate)
     position = _columns(section.position, coordinates, locate("signals", "position"))
     effort = _columns(section.effort.columns, coordinates, locate("signals", "effort", "columns"))
     velocity, velocity_scale = None, None
@@ -117,12 +120,12 @@ def build_signals(
             mend="add velocity = ..., or remove velocity_unit",
         )
     _check_distinct((section.time, *position, *(velocity or ()), *effort), locate("signals"))
-    units, effort_scale = _effort_units(section.effort, coordinates, locate)
-    gains, unknown = _gains(section.effort, effort, units, coordinates, locate)
+    units, effort_scale = effort_units_of(section.effort, coordinates, locate)
+    gains, unknown = gains_of(section.effort, effort, units, coordinates, locate)
     effort_map = None
     if gears is not None and section.effort.side == "motor":
         if gears.coupled:
-            effort_map = _coupled_map(gears, gains, unknown, locate)
+            effort_map = coupled_map(gears, gains, unknown, locate)
             units = tuple(c.effort_unit for c in coordinates)
             gains = frozen(np.ones(len(coordinates)))
         else:
@@ -149,45 +152,12 @@ def build_signals(
     )
 
 
-def _check_sides(section: SignalsSection, gears: Transmission | None, locate: Locate) -> None:
-    """Signals of the motors' side need a transmission."""
-    for side, keys in (
-        (section.coordinates, ("signals", "coordinates")),
-        (section.effort.side, ("signals", "effort", "side")),
-    ):
-        if side == "motor" and gears is None:
-            raise ModelError(
-                "signals are those of the motors, but the robot has no transmission",
-                where=locate(*keys),
-                mend="give [robot.transmission] ratios = [...], or a matrix",
-            )
-    if section.effort.side == "motor" and section.effort.kind not in MOTOR_KINDS:
-        raise ModelError(
-            f"an effort of kind '{section.effort.kind}' is not one of the motors",
-            where=locate("signals", "effort", "side"),
-            mend='use kind = "motor_torque" or "motor_current" with side = "motor"',
-        )
-
-
-def _coupled_map(
-    gears: Transmission, gains: Array, unknown: Sequence[bool], locate: Locate
-) -> Array:
-    r"""Joint efforts of motors' behind coupled gears, $\tau = R^T \operatorname{diag}(k)\,y$."""
-    if any(unknown):
-        raise ModelError(
-            "gains behind coupled gears cannot be identified",
-            where=locate("signals", "effort", "gain"),
-            mend="give each motor's gain (its torque constant), or log joint torques",
-        )
-    return frozen(gears.matrix.T * gains)
-
-
 def _position_offset(
     section: SignalsSection, coordinates: Sequence[Coordinate], locate: Locate
 ) -> Array | None:
     if section.position_offset is None:
         return None
-    _check_count(
+    check_count(
         len(section.position_offset),
         "offsets",
         coordinates,
@@ -216,19 +186,8 @@ def _columns(
                 'or "{joint}_position"',
             )
         given = expanded(given, coordinates)
-    _check_count(len(given), f"columns ({', '.join(given)})", coordinates, where)
+    check_count(len(given), f"columns ({', '.join(given)})", coordinates, where)
     return given
-
-
-def _check_count(got: int, what: str, coordinates: Sequence[Coordinate], where: str) -> None:
-    if got != len(coordinates):
-        names = ", ".join(c.name for c in coordinates)
-        raise ModelError(
-            f"{got} {what} are given for {len(coordinates)} identified joints ({names})",
-            where=where,
-            mend="give one per joint, in the joints' order; [robot] joints = [...] says which "
-            "joints are identified",
-        )
 
 
 def _check_distinct(columns: Sequence[str], where: str) -> None:
@@ -249,7 +208,7 @@ def _scales(
 ) -> Array:
     """SI per logged unit. One unit for all means those joints that it can measure."""
     if isinstance(given, tuple):
-        _check_count(len(given), "units", coordinates, where)
+        check_count(len(given), "units", coordinates, where)
         wanted: list[str | None] = list(given)
     else:
         wanted = [given if given in units[c.kind] else None for c in coordinates]
@@ -266,66 +225,6 @@ def _scales(
             )
         scales.append(1.0 if unit is None else fitting[unit])
     return frozen(scales)
-
-
-def _effort_units(
-    effort: EffortSection, coordinates: Sequence[Coordinate], locate: Locate
-) -> tuple[tuple[str, ...], Array]:
-    """Base unit of each effort column, and base units per logged unit."""
-    where = locate("signals", "effort", "unit")
-    units = effort.unit if isinstance(effort.unit, tuple) else (effort.unit,) * len(coordinates)
-    _check_count(len(units), "units", coordinates, where)
-    for unit, coordinate in zip(units, coordinates, strict=True):
-        if effort.kind not in MOTOR_KINDS and unit != coordinate.effort_unit:
-            raise ModelError(
-                f"unit '{unit}' does not fit the joint torque of '{coordinate.name}', "
-                f"which is {coordinate.kind}",
-                where=where,
-                mend=f"use '{coordinate.effort_unit}' there, or kind = \"motor_current\" with "
-                "gains if the columns hold currents",
-            )
-        if effort.kind == "motor_torque" and unit in ("A", "mA"):
-            raise ModelError(
-                f"unit '{unit}' is a current's, but the effort's kind is motor_torque",
-                where=where,
-                mend='use kind = "motor_current", or unit = "Nm"',
-            )
-    return tuple(EFFORT_UNITS[u][0] for u in units), frozen([EFFORT_UNITS[u][1] for u in units])
-
-
-def _gains(
-    effort: EffortSection,
-    columns: Sequence[str],
-    units: Sequence[str],
-    coordinates: Sequence[Coordinate],
-    locate: Locate,
-) -> tuple[Array, tuple[bool, ...]]:
-    """Joint effort per base unit, 1 where it is to be identified; and where it is."""
-    where = locate("signals", "effort", "gain")
-    n = len(coordinates)
-    if effort.gain is None:
-        for unit, column, coordinate in zip(units, columns, coordinates, strict=True):
-            if unit == "A":
-                raise ModelError(
-                    f"column '{column}' holds motor current, but joint '{coordinate.name}' "
-                    "has no drive gain",
-                    where=where,
-                    mend=f"give gain = [...] in {coordinate.effort_unit}/A per joint, or "
-                    'gain = "identify" with a known payload',
-                )
-        return frozen(np.ones(n)), (False,) * n
-    given = effort.gain if isinstance(effort.gain, tuple) else (effort.gain,) * n
-    _check_count(len(given), "gains", coordinates, where)
-    unknown = tuple(gain == "identify" for gain in given)
-    gains = frozen([1.0 if gain == "identify" else float(gain) for gain in given])
-    if not np.all(gains):
-        name = coordinates[int(np.argmin(np.abs(gains)))].name
-        raise ModelError(
-            f"the gain of joint '{name}' is zero",
-            where=where,
-            mend="give the torque at the joint per logged unit; its sign may be negative",
-        )
-    return gains, unknown
 
 
 def signals_to_dict(signals: Signals) -> dict[str, Any]:

@@ -1,0 +1,70 @@
+"""Recordings of motors, and from another zero, become those of joints."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from steelyard.arrays import frozen
+from steelyard.formats import Cut
+from steelyard.measurement import Recording
+from steelyard.measurement.recording import HeldLog
+from steelyard.robot.signals import Signals
+
+RATIOS = np.array([[50.0, 0.0], [40.0, -40.0]])
+OFFSET = np.array([0.3, -0.2])
+COLUMNS = ("t", "a", "b", "va", "vb", "ea", "eb")
+
+
+def recording(velocities: bool = True) -> tuple[Recording, np.ndarray]:
+    """A log of motors, with positions in degrees, and its table."""
+    table = np.random.default_rng(4).normal(size=(50, len(COLUMNS)))
+    two = frozen(np.ones(2))
+    signals = Signals(
+        "t", 1e-3, ("a", "b"), frozen(np.full(2, np.pi / 180.0)),
+        ("va", "vb") if velocities else None, frozen([2.0, 3.0]) if velocities else None,
+        ("ea", "eb"), two * 1e-3, "motor_torque", ("Nm", "Nm"), two,
+        position_map=frozen(np.linalg.inv(RATIOS)), position_offset=frozen(OFFSET),
+        effort_map=frozen(RATIOS.T),
+    )  # fmt: skip
+    return Recording(HeldLog(Path("motors.csv"), COLUMNS, table), signals), table
+
+
+def test_logged_motors_become_joints() -> None:
+    log, table = recording()
+    (samples,) = log.parts()
+    np.testing.assert_allclose(samples.t, table[:, 0] * 1e-3)
+    degrees = np.linalg.solve(RATIOS, np.deg2rad(table[:, 1:3]).T).T
+    np.testing.assert_allclose(samples.q, degrees + OFFSET, rtol=1e-12)
+    assert samples.dq is not None
+    speed = np.linalg.solve(RATIOS, (table[:, 3:5] * [2.0, 3.0]).T).T
+    np.testing.assert_allclose(samples.dq, speed, rtol=1e-12)
+    joints = np.array([RATIOS.T @ motor for motor in table[:, 5:7] * 1e-3])
+    np.testing.assert_allclose(samples.effort, joints, rtol=1e-12)
+
+
+def test_without_velocities_positions_and_efforts_alone_are_mapped() -> None:
+    log, table = recording(velocities=False)
+    (samples,) = log.parts()
+    assert samples.dq is None and log.channels.count == 4
+    np.testing.assert_allclose(samples.effort, table[:, 5:7] @ RATIOS * 1e-3, rtol=1e-12)
+
+
+def test_neither_the_parts_nor_the_log_in_memory_change_by_reading() -> None:
+    log, table = recording()
+    before, (whole,) = table.copy(), log.parts()
+    held = replace(log.held(), cut=Cut(rows=(10, 40)))
+    parts = list(held.parts(7))
+    np.testing.assert_array_equal(np.concatenate([p.q for p in parts]), whole.q[10:40])
+    np.testing.assert_array_equal(np.concatenate([p.effort for p in parts]), whole.effort[10:40])
+    np.testing.assert_array_equal(table, before)
+
+
+def test_an_offset_alone_moves_positions_only() -> None:
+    log, table = recording()
+    log = replace(log, signals=replace(log.signals, position_map=None, effort_map=None))
+    (samples,) = log.parts()
+    np.testing.assert_allclose(samples.q, np.deg2rad(table[:, 1:3]) + OFFSET, rtol=1e-12)
+    assert samples.dq is not None
+    np.testing.assert_allclose(samples.dq, table[:, 3:5] * [2.0, 3.0])
+    np.testing.assert_allclose(samples.effort, table[:, 5:7] * 1e-3)

@@ -1,0 +1,138 @@
+"""Sections and terminal tables of what was found on the way: friction, fields, gains, runs."""
+
+import io
+import re
+from dataclasses import replace
+
+import pytest
+from rich.console import Console
+
+from steelyard.estimation.load import PayloadEstimate
+from steelyard.report import ReportContent
+from steelyard.report.causes import tables
+from steelyard.report.sections.drives import DrivesSection
+from steelyard.report.sections.friction import FrictionSection
+from steelyard.report.sections.per_run import PerRunSection
+from steelyard.report.sections.section import Section
+from steelyard.report.sections.tables import PlainTable
+
+NEW: tuple[Section, ...] = (FrictionSection(), DrivesSection(), PerRunSection())
+
+
+def tables_of(section: Section, content: ReportContent) -> list[PlainTable]:
+    numbers = section.numbers(content)
+    assert numbers is not None and numbers["title"] == section.title
+    found: list[PlainTable] = numbers["tables"]
+    assert all(len(row.cells) == len(t.headings) for t in found for row in t.rows)
+    return found
+
+
+def cells(table: PlainTable) -> list[tuple[str, ...]]:
+    return [tuple(row.cells) for row in table.rows]
+
+
+def printed(content: ReportContent) -> str:
+    console = Console(file=io.StringIO(), width=110)
+    for table in tables(content):
+        console.print(table)
+    return console.file.getvalue()  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("section", NEW, ids=lambda section: section.name)
+def test_nothing_found_shows_no_section(section: Section, usual: ReportContent) -> None:
+    assert section.numbers(ReportContent("title", "arm")) is None
+    plain = replace(usual, friction=None, findings=(), gains=None, identified=None)
+    assert section.numbers(plain) is None and tables(plain) == []
+
+
+@pytest.mark.parametrize("section", NEW, ids=lambda section: section.name)
+def test_html_has_every_cell_once_and_as_text(
+    section: Section, usual: ReportContent, nasty: ReportContent
+) -> None:
+    html = section.show(section.numbers(usual))  # type: ignore[arg-type]
+    rows = [row for table in tables_of(section, usual) for row in table.rows]
+    assert html.count("<tr") == len(rows) + len(tables_of(section, usual))
+    for row in rows:
+        assert all(str(cell) in html for cell in row.cells)
+    evil = section.show(section.numbers(nasty))  # type: ignore[arg-type]
+    assert "<script>" not in evil and "&lt;script&gt;" in evil
+
+
+def test_mixes_are_compared_and_the_chosen_one_is_marked(usual: ReportContent) -> None:
+    mixes, _ = tables_of(FrictionSection(), usual)
+    assert cells(mixes) == [
+        ("coulomb + viscous", "12.35 %", "0.0 %", "± 0.0 %", ""),
+        ("coulomb (smoothing 0.02) + viscous", "9.87 %", "20.1 %", "± 1.2 %", "chosen"),
+    ] or cells(mixes)[1][1:] == ("9.87 %", "20.1 %", "± 1.2 %", "chosen")
+    assert [row.marked for row in mixes.rows] == [False, True]
+    assert "Error on one run from a fit to all others, each run in turn" in mixes.words
+    html = FrictionSection().show({"tables": [mixes], "title": "Friction"})
+    assert len(re.findall("<tr class=", html)) == 1
+
+
+def test_fields_have_intervals_and_doubts(usual: ReportContent) -> None:
+    _, fields = tables_of(FrictionSection(), usual)
+    assert cells(fields) == [
+        ("stribeck", "speed", "all", "0.0512", "0.0431 to 0.0612", ""),
+        ("stribeck", "width", "elbow", "0.00200", "0.000100 to 0.00340", "the data cannot tell"),
+    ]
+
+
+def test_friction_and_fields_may_come_alone(usual: ReportContent) -> None:
+    alone = tables_of(FrictionSection(), replace(usual, findings=()))
+    assert [table.caption for table in alone] == ["Mixes compared"]
+    alone = tables_of(FrictionSection(), replace(usual, friction=None))
+    assert [table.caption for table in alone] == ["Fields found"]
+
+
+def test_gains_have_intervals_unless_given(usual: ReportContent) -> None:
+    (table,) = tables_of(DrivesSection(), usual)
+    assert cells(table) == [
+        ("shoulder", "12.0", "± 0.196", "Nm/A"),
+        ("elbow", "9.83", "given", "Nm/A"),
+    ]
+    assert "payload" not in table.words
+    assert usual.gains is not None
+    carried = PayloadEstimate.__new__(PayloadEstimate)
+    object.__setattr__(carried, "ten", [2.805, *[0.0] * 9])
+    with_load = replace(usual, gains=replace(usual.gains, payload=carried))
+    (table,) = tables_of(DrivesSection(), with_load)
+    assert "The payload of 2.81 kg fixes their scale." in table.words.replace("2.80", "2.81")
+
+
+def test_every_run_is_a_column(usual: ReportContent) -> None:
+    (table,) = tables_of(PerRunSection(), usual)
+    assert tuple(table.headings) == ("Parameter", "run1@0.6:9.5", "run2")
+    assert usual.identified is not None
+    name = usual.identified.estimate.per_run[0].parameters.names[0]
+    assert cells(table) == [(name, "0.310", "-0.520")]
+    estimate = usual.identified.estimate
+    runs = (estimate.per_run[0], replace(estimate.per_run[1], parameters=estimate.parameters))
+    other = replace(usual.identified, estimate=replace(estimate, per_run=runs))
+    (table,) = tables_of(PerRunSection(), replace(usual, identified=other))
+    assert len(table.rows) == len(estimate.parameters)
+    lacking = next(row for row in table.rows if row.cells[0] == estimate.parameters.names[0])
+    assert lacking.cells[1] not in ("0.310", "nan")
+
+
+def test_the_terminal_has_the_same_tables(usual: ReportContent) -> None:
+    text = printed(usual)
+    for title in (
+        "Friction laws, one run left out in turn",
+        "Fields found, with 95 % intervals",
+        "Drive gains, with 95 % intervals",
+    ):
+        assert text.count(title) == 1
+    lines = [[c.strip() for c in line.split("│")[1:-1]] for line in text.splitlines()]
+    assert ["stribeck: speed", "all", "0.0512", "0.0431", "0.0612"] in lines
+    assert ["shoulder", "12.0", "0.196", "Nm/A"] in lines
+    assert ["elbow", "9.83", "given", "Nm/A"] in lines
+    chosen = next(line for line in lines if "smoothing 0.02" in " ".join(line))
+    assert chosen[1:] == ["9.87 %", "20.1 %", "± 1.2"] or chosen[1] == "9.87 %"
+
+
+def test_names_in_the_terminal_are_no_markup(usual: ReportContent) -> None:
+    assert usual.gains is not None
+    named = replace(usual, gains=replace(usual.gains, joints=("[red]a[/red]", "[/b]")))
+    text = printed(named)
+    assert "[red]a[/red]" in text and "[/b]" in text
