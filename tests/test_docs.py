@@ -3,8 +3,26 @@
 import re
 from pathlib import Path
 
+import pytest
+
+from steelyard.robot.schema import RobotFile
+from steelyard.robot.toml_check import checked
+from steelyard.terms.find import finds_of
+from steelyard.terms.register import term_of
+
 ROOT = Path(__file__).parent.parent
 DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")]
+
+
+def snippets() -> list[tuple[str, str]]:
+    """Parts of robot files in the documents: where, and their text."""
+    return [
+        (f"{path.name}-{number}", text)
+        for path in sorted(DOCUMENTS)
+        for number, text in enumerate(
+            re.findall(r"```toml\n(.*?)```", path.read_text("utf-8"), re.S), start=1
+        )
+    ]
 
 
 def test_every_citation_is_in_the_references() -> None:
@@ -25,6 +43,28 @@ def test_links_and_paths_lead_somewhere() -> None:
         text = document.read_text("utf-8")
         links = re.findall(r"\]\((?!https?:)([^)#\s]+)", text)
         missing += [link for link in links if not (document.parent / link).exists()]
-        paths = re.findall(r"`((?:src|tests|docs|examples)/[\w/.]+)", text)
-        missing += [path for path in paths if not (ROOT / path).exists()]
+        paths = re.findall(r"`((?:src|tests|docs|examples|proofs|benchmarks)/[\w/.]+)", text)
+        missing += [path for path in paths if "NN_" not in path and not (ROOT / path).exists()]
     assert missing == []
+
+
+def test_anchors_are_headings() -> None:
+    missing = []
+    for document in DOCUMENTS:
+        for link, anchor in re.findall(
+            r"\]\((?!https?:)([^)#\s]*)#([^)\s]+)\)", document.read_text("utf-8")
+        ):
+            target = document.parent / link if link else document
+            headings = re.findall(r"^#+ (.+)$", target.read_text("utf-8"), re.M)
+            known = [re.sub(r"[^\w\- ]", "", h).lower().replace(" ", "-") for h in headings]
+            missing += [] if anchor in known else [f"{document.name}: {link}#{anchor}"]
+    assert missing == []
+
+
+@pytest.mark.parametrize("text", [pytest.param(text, id=where) for where, text in snippets()])
+def test_snippets_are_of_a_robot_file(text: str) -> None:
+    if not re.search(r"^(urdf|mjcf) = |^\[robot\.dh\]", text, re.M):
+        text = f'{text}\n[robot]\nurdf = "arm.urdf"\n'
+    file = checked(Path("snippet.toml"), text, RobotFile)[0]
+    for term in file.model.terms or () if file.model else ():
+        finds_of(term_of(term, "snippet"))

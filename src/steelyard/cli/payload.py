@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 
 @guarded
 def payload(
-    model: Annotated[str, typer.Argument(help="model.json, or the folder that holds it.")],
+    model: Annotated[
+        str, typer.Argument(help="model.json, or the folder that holds it.", metavar="MODEL")
+    ],
     logs: Annotated[
         list[str], typer.Argument(help=f"With the payload. {LOG_HELP}", metavar="LOG...")
     ],

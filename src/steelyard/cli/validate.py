@@ -12,7 +12,9 @@ from steelyard.cli.options import LOG_HELP, Json
 
 @guarded
 def validate(
-    model: Annotated[str, typer.Argument(help="model.json, or the folder that holds it.")],
+    model: Annotated[
+        str, typer.Argument(help="model.json, or the folder that holds it.", metavar="MODEL")
+    ],
     logs: Annotated[list[str], typer.Argument(help=LOG_HELP, metavar="LOG...")],
     output: Annotated[
         Path | None,

@@ -28,13 +28,15 @@ def tables(content: ReportContent) -> list[Table]:
 
 
 def _mixes(choice: FrictionChoice) -> Table:
+    from rich.text import Text
+
     table = _table(f"Friction laws, one {choice.left_out} left out in turn")
     table.add_column("mix", overflow="fold")
     for heading in ("error", "gain", "spread"):
         table.add_column(heading, justify="right")
     for mix in choice.table:
         table.add_row(
-            mix.name,
+            Text(mix.name),
             f"{mix.error:.2f} %",
             f"{mix.gain:.1f} %",
             f"± {mix.spread:.1f}",
@@ -44,6 +46,8 @@ def _mixes(choice: FrictionChoice) -> Table:
 
 
 def _fields(findings: tuple[Finding, ...]) -> Table:
+    from rich.text import Text
+
     table = _table("Fields found, with 95 % intervals")
     for heading in ("field", "joint"):
         table.add_column(heading, overflow="fold")
@@ -51,8 +55,8 @@ def _fields(findings: tuple[Finding, ...]) -> Table:
         table.add_column(heading, justify="right")
     for finding in findings:
         table.add_row(
-            f"{finding.term}: {finding.field}",
-            finding.joint or "all",
+            Text(f"{finding.term}: {finding.field}"),
+            Text(finding.joint or "all"),
             *(significant(x) for x in (finding.value, *finding.interval)),
             style=None if finding.told else "yellow",
         )
@@ -60,6 +64,8 @@ def _fields(findings: tuple[Finding, ...]) -> Table:
 
 
 def _gains(gains: GainEstimate) -> Table:
+    from rich.text import Text
+
     table = _table("Drive gains, with 95 % intervals")
     table.add_column("joint", overflow="fold")
     for heading in ("gain", "±"):
@@ -68,7 +74,8 @@ def _gains(gains: GainEstimate) -> Table:
     for joint, gain, half, unit, known in zip(
         gains.joints, gains.gains, gains.half_width, gains.units, gains.known, strict=True
     ):
-        table.add_row(joint, significant(gain), "given" if known else significant(half), unit)
+        interval = "given" if known else significant(half)
+        table.add_row(Text(joint), significant(gain), interval, unit)
     return table
 
 
