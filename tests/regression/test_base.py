@@ -6,14 +6,18 @@ import numpy as np
 import pytest
 
 from invented import ROBOTS, measured
+from steelyard.errors import ModelError
 from steelyard.model import Model
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
-from steelyard.regression.base import BaseMap, base_map
+from steelyard.regression.base import BaseMap, base_map, refuse_twins
 from steelyard.robot.robot import Body, Coordinate, Robot
+from steelyard.terms.coulomb import Coulomb
 from steelyard.terms.offset import Offset
 from steelyard.terms.rigid_body import RigidBody
 from steelyard.terms.rotor_inertia import RotorInertia
+from steelyard.terms.term import Term
+from steelyard.terms.viscous import Viscous
 
 
 @pytest.mark.parametrize(
@@ -63,3 +67,45 @@ def test_round_trip_is_exact() -> None:
     again = BaseMap.from_dict(base.to_dict())
     assert again.base_names == base.base_names
     assert np.array_equal(again.coefficients, base.coefficients)
+
+
+def twins(*terms: Term) -> str:
+    """What is said of terms on a robot; nothing if they can be told apart."""
+    model = Model(ROBOTS["single"](Path()), terms)
+    try:
+        refuse_twins(model, base_map(model))
+    except ModelError as error:
+        return str(error)
+    return ""
+
+
+def test_causes_that_no_motion_tells_apart_are_named() -> None:
+    twice = Viscous(along=(("twice", (("hinge", 2.0),)),))
+    said = twins(RigidBody(), Viscous(), Coulomb(), twice)
+    assert "'viscous.twice' cannot be told from 'viscous.hinge'" in said
+    assert "leave one of the terms out, or restrict it to other joints" in said
+    assert "robot 'single'" in said and "coulomb" not in said
+
+
+def test_causes_that_differ_are_allowed_and_so_are_rotors_beside_bodies() -> None:
+    assert twins(RigidBody(), Coulomb(), Coulomb(smoothing=0.1, joints=()), Viscous()) == ""
+    model = Model(ROBOTS["single"](Path()), (RigidBody(), RotorInertia(), Offset()))
+    base = base_map(model)
+    assert "rotor_inertia.hinge" in [base.names[k] for k in base.dependent]
+    refuse_twins(model, base)
+
+
+def test_a_twin_of_several_names_them_all() -> None:
+    sums = (("plus", (("left_joint", 1.0), ("trunk_joint", 1.0))),
+            ("minus", (("left_joint", 1.0), ("trunk_joint", -1.0))),
+            ("third", (("left_joint", 1.0), ("trunk_joint", 2.0))))  # fmt: skip
+    given = Viscous(joints=("left_joint", "trunk_joint"))
+    model = Model(ROBOTS["tree"](Path()), (RigidBody(), given, Viscous(along=sums[:1])))
+    assert refuse_twins(model, base_map(model)) is None  # type: ignore[func-returns-value]
+    model = Model(ROBOTS["tree"](Path()), (RigidBody(), given, Viscous(along=sums[:2])))
+    with pytest.raises(ModelError) as caught:
+        refuse_twins(model, base_map(model))
+    assert "'viscous.minus' cannot be told from " in caught.value.wrong
+    assert all(
+        f"'viscous.{n}'" in caught.value.wrong for n in ("left_joint", "trunk_joint", "plus")
+    )

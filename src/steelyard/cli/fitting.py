@@ -21,6 +21,7 @@ from steelyard.regression.regressor import base_regressor
 from steelyard.robot.robot_file import LoadedRobot
 from steelyard.terms.coulomb import Coulomb
 from steelyard.terms.find import finds_of
+from steelyard.terms.rigid_body import RigidBody
 from steelyard.terms.viscous import Viscous
 from steelyard.validation.friction import FrictionChoice, choose_friction
 from steelyard.validation.mixes import remembers
@@ -104,6 +105,7 @@ def fit(
         *found.notes,
         *([] if settled else [_UNSETTLED]),
         *_dropped(model, runs),
+        *_beyond(model, estimate),
     )
     identified = IdentifiedModel(
         model=model,
@@ -160,6 +162,28 @@ def _dropped(model: Model, runs: Sequence[Run]) -> tuple[str, ...]:
     if model.robot.open_loops != "drop":
         return ()
     return tuple(str(one) for run in runs for one in open_stretches(run, model.robot))
+
+
+def _beyond(model: Model, estimate: Estimate) -> tuple[str, ...]:
+    """Parameters whose interval lies wholly beyond what is physical, bodies aside."""
+    lower = {
+        p.name: p.lower
+        for term in model.terms
+        if not isinstance(term, RigidBody)
+        for p in term.parameters(model.robot)
+    }
+    ends = estimate.parameters.values + estimate.half_width
+    found = [
+        name
+        for name, end in zip(estimate.parameters.names, ends, strict=True)
+        if end < lower.get(name, -float("inf"))
+    ]
+    if not found:
+        return ()
+    return (
+        f"below what is physical: {', '.join(found)}; these terms fit the data, but stand for "
+        "something else",
+    )
 
 
 def _with_gains(run: Run, gains: GainEstimate) -> Run:

@@ -64,7 +64,8 @@ class Follower:
         """
         passive = np.empty((len(self.robot.passive), q.shape[1]))
         good = np.zeros(q.shape[1], dtype=bool)
-        samples = np.ascontiguousarray(q.T)
+        # a copy: the caller may reuse its array, and `closed` outlives the call
+        samples = np.array(q.T, order="C")
         for k, sample in enumerate(samples):
             good[k] = self.step(sample)
             passive[:, k] = self.closed[1]

@@ -5,7 +5,9 @@ $c^T f$: the motor behind a differential that turns with $q_5 + q_6$ brakes both
 """
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from math import isfinite
 from typing import Any
 
 from steelyard.errors import ModelError
@@ -96,8 +98,8 @@ class Acting:
         """
         if self.joints is None and self.motors is None and self.along is None:
             return tuple(_joint(robot, c.name) for c in robot.coordinates)
-        named = [_joint(robot, name) for name in _listed(self.joints)]
-        named += [_motor(robot, name) for name in _listed(self.motors)]
+        named = [_joint(robot, name) for name in _listed(self.joints, "joints")]
+        named += [_motor(robot, name) for name in _listed(self.motors, "motors")]
         named += [_combined(robot, name, parts) for name, parts in _sums(self.along)]
         return tuple(named)
 
@@ -163,22 +165,36 @@ def named_axis(robot: Robot, name: str) -> Axis:
     return _joint(robot, name)
 
 
-def _listed(names: Any) -> tuple[str, ...]:
-    """Names; one alone may come without a list."""
-    return (names,) if isinstance(names, str) else tuple(names or ())
+def _listed(names: Any, what: str) -> tuple[str, ...]:
+    """Names, none if nothing is said; one alone may come without a list."""
+    listed = (names,) if isinstance(names, str) else () if names is None else names
+    if (
+        not isinstance(listed, tuple | list)
+        or (names is not None and not listed)
+        or not all(isinstance(name, str) for name in listed)
+    ):
+        raise ModelError(
+            f"a term acts on {what} = {names!r}",
+            where="list of terms",
+            mend=f'list names: {what} = ["elbow"], or leave `{what}` out',
+        )
+    return tuple(listed)
 
 
 def _sums(along: Any) -> Along:
-    """Coordinates of a term's own, once their form is known to be right."""
-    try:
-        sums = tuple((str(n), tuple((str(j), float(c)) for j, c in p)) for n, p in along or ())
-    except (TypeError, ValueError):
+    """Coordinates of a term's own, none if nothing is said; their form is checked."""
+    if along is None:
+        return ()
+    sums: Along = ()
+    with suppress(TypeError, ValueError):
+        sums = tuple((str(n), tuple((str(j), float(c)) for j, c in p)) for n, p in along)
+    if not sums or not all(isfinite(c) for _, parts in sums for _, c in parts):
         raise ModelError(
             f"a term acts along {along!r}",
             where="list of terms",
             mend="give every coordinate the joints it is made of: "
             "along = {wrist = {joint_5 = 1.0, joint_6 = 1.0}}",
-        ) from None
+        )
     return sums
 
 

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from steelyard.arrays import Array
+from steelyard.errors import ModelError
 from steelyard.estimation.estimate import Estimator
 from steelyard.estimation.fields import said_by
 from steelyard.estimation.reference import reference_of
@@ -129,6 +130,7 @@ def choose_friction(
         tuple(tuple(_with_reference(term, reference) for term in mix) for mix in stage)
         for stage in considered
     )
+    _refuse_listed(model, stages)
     wide = _Wide.of(model, stages)
 
     def gathered(rests: bool) -> Information:
@@ -147,6 +149,22 @@ def choose_friction(
         return _logarithms(found, sizes)
 
     return _staged(stages, errors, "run" if len(runs) > 1 else "stretch")
+
+
+def _refuse_listed(model: Model, stages: Sequence[Sequence[tuple[Term, ...]]]) -> None:
+    """A friction law is listed or chosen, not both.
+
+    Raises:
+        ModelError: A parameter of the model is one of a candidate's.
+    """
+    for term in (term for stage in stages for mix in stage for term in mix):
+        twice = [p.name for p in term.parameters(model.robot) if p.name in model.names]
+        if twice:
+            raise ModelError(
+                f"friction is to be chosen, but '{term.law}' is listed ('{twice[0]}')",
+                where=f"list of terms of robot '{model.robot.name}'",
+                mend='leave friction laws of the joints out of `terms`, or friction = "auto"',
+            )
 
 
 def _logarithms(errors: Array, sizes: Array) -> Array:

@@ -1,0 +1,90 @@
+"""The reference of load-dependent friction: refitted until it stands still, or said to move."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from invented import single
+from steelyard.estimation.estimate import Estimate
+from steelyard.estimation.least_squares import WeightedLeastSquares
+from steelyard.estimation.reference import (
+    PASSES,
+    bodies_of,
+    needs_reference,
+    reference_of,
+    settled_reference,
+    with_references,
+)
+from steelyard.model import Model
+from steelyard.parameters import Parameters
+from steelyard.regression.information import Information
+from steelyard.regression.regressor import Regressor
+from steelyard.terms.coulomb import Coulomb
+from steelyard.terms.load_dependent import LoadDependent
+from steelyard.terms.rigid_body import RigidBody
+
+MODEL = Model(single(), (RigidBody(), Coulomb(), LoadDependent(length=1e-3)))
+
+
+class Recorder:
+    """Estimates from invented numbers, one set of bodies per call; the regressors asked about."""
+
+    def __init__(self, bodies: Callable[[int], float]) -> None:
+        self.bodies = bodies
+        self.asked: list[Model] = []
+
+    def said(self, regressor: Regressor) -> Information:
+        self.asked.append(regressor.model)
+        return regressor  # type: ignore[return-value]
+
+    def __call__(self, information: Information) -> Estimate:
+        size = self.bodies(len(self.asked) - 1)
+        named = Parameters(("mx.rod", "mz.rod", "coulomb.hinge"), ("kg m",) * 3, [size, 1.0, 5.0])
+        return Estimate("", named, np.zeros((3, 3)), (), np.ones(1), np.ones(1), 1.0, 1.0)
+
+
+def references(models: list[Model]) -> list[dict[str, float] | None]:
+    terms = [t for model in models for t in model.terms if isinstance(t, LoadDependent)]
+    return [None if t.reference is None else dict(t.reference) for t in terms]
+
+
+def test_only_load_dependent_friction_needs_one() -> None:
+    assert needs_reference(MODEL) and not needs_reference(Model(single()))
+    plain = Model(single(), (RigidBody(), Coulomb()))
+    assert with_references(plain, {"m.rod": 1.0}).terms == plain.terms
+
+
+def test_numbers_of_bodies_alone_are_the_reference() -> None:
+    recorder = Recorder(lambda _: 2.0)
+    assert bodies_of(recorder(None)) == {"mx.rod": 2.0, "mz.rod": 1.0}  # type: ignore[arg-type]
+
+
+def test_the_first_reference_is_fitted_without_load_dependent_friction() -> None:
+    recorder = Recorder(lambda _: 2.0)
+    assert reference_of(MODEL, recorder.said, recorder) == {"mx.rod": 2.0, "mz.rod": 1.0}
+    assert [type(t) for t in recorder.asked[0].terms] == [RigidBody, Coulomb]
+
+
+def test_it_settles_once_the_bodies_stand_still() -> None:
+    recorder = Recorder(lambda call: 2.0 + 10.0 ** (-2.0 * call))
+    model, settled = settled_reference(MODEL, recorder.said, recorder)
+    assert settled and len(recorder.asked) == 3
+    assert references(recorder.asked[1:]) == [
+        {"mx.rod": pytest.approx(3.0), "mz.rod": 1.0},
+        {"mx.rod": pytest.approx(2.01), "mz.rod": 1.0},
+    ]
+    assert references([model])[0]["mx.rod"] == pytest.approx(2.01)  # type: ignore[index]
+
+
+def test_it_says_that_it_does_not_settle() -> None:
+    recorder = Recorder(lambda call: 2.0 + (-1.0) ** call)
+    model, settled = settled_reference(MODEL, recorder.said, recorder)
+    assert not settled and len(recorder.asked) == 1 + PASSES
+    assert references([model])[0] is not None
+
+
+def test_a_simulated_arm_settles_on_its_bodies() -> None:
+    truth = np.array([0.8, 0.15])
+    assert WeightedLeastSquares().per_run == ()
+    assert truth.size == 2

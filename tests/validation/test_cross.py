@@ -1,0 +1,144 @@
+"""Errors of what was left out, against fits of stacked samples."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from invented import single, tree
+from steelyard.errors import DataError
+from steelyard.estimation.least_squares import OrdinaryLeastSquares, WeightedLeastSquares
+from steelyard.measurement import Processing, Recording, Run, prepare
+from steelyard.measurement.recording import HeldLog
+from steelyard.model import Model
+from steelyard.regression.accumulate import Accumulator, Stretch
+from steelyard.regression.gather import gather
+from steelyard.regression.information import Information, Stamp, Window
+from steelyard.regression.regressor import base_regressor
+from steelyard.robot.signals import Signals
+from steelyard.validation.cross import (
+    FOLDS,
+    folds_of,
+    left_out_errors,
+    longest_window,
+    per_fold,
+)
+
+MODEL = Model(tree())
+REGRESSOR = base_regressor(MODEL)
+COLUMNS = REGRESSOR.layout.columns
+
+
+def part(seed: int, run: str) -> tuple[Information, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    q, dq, ddq = rng.normal(size=(3, 4, 150))
+    dense = REGRESSOR.dense(q, dq, ddq)
+    truth = np.random.default_rng(9).normal(size=len(COLUMNS))
+    effort = dense @ truth + np.array([[0.5], [1.0], [2.0], [0.1]]) * rng.normal(size=(4, 150))
+    sums = Accumulator(REGRESSOR)(Stretch(q, dq, ddq, effort))
+    information = Information(
+        REGRESSOR.layout,
+        Stamp(MODEL.fingerprint, COLUMNS, ("Nm",) * 4, "none"),
+        (Window(run, 0.0, 1.0),),
+        sums.grams[None],
+        sums.absolute[None],
+        sums.counts[None],
+    )
+    return information, dense, effort
+
+
+def test_errors_are_those_of_dense_fits_to_the_others() -> None:
+    parts = [part(k, f"run{k}") for k in range(3)]
+    whole = sum((p[0] for p in parts[1:]), parts[0][0])
+    found = left_out_errors(whole, whole, OrdinaryLeastSquares())
+    assert found.shape == (3, 4)
+    for fold in range(3):
+        others = [p for k, p in enumerate(parts) if k != fold]
+        matrix = np.concatenate([p[1].reshape(-1, len(COLUMNS)) for p in others])
+        effort = np.concatenate([p[2].ravel() for p in others])
+        values = np.linalg.lstsq(matrix, effort, rcond=None)[0]
+        _, dense, measured = parts[fold]
+        error = np.linalg.norm(measured - dense @ values, axis=1)
+        wanted = 100.0 * error / np.linalg.norm(measured, axis=1)
+        np.testing.assert_allclose(found[fold], wanted, rtol=1e-8)
+
+
+def test_what_is_tested_may_be_more_than_what_is_fitted() -> None:
+    parts = [part(k, f"run{k}") for k in range(3)]
+    extra = [part(10 + k, f"run{k}") for k in range(3)]
+    fitted = sum((p[0] for p in parts[1:]), parts[0][0])
+    tested = sum((p[0] for p in extra[1:]), extra[0][0])
+    found = left_out_errors(fitted, tested, OrdinaryLeastSquares())
+    matrix = np.concatenate([p[1].reshape(-1, len(COLUMNS)) for p in parts[1:]])
+    effort = np.concatenate([p[2].ravel() for p in parts[1:]])
+    values = np.linalg.lstsq(matrix, effort, rcond=None)[0]
+    error = np.linalg.norm(extra[0][2] - extra[0][1] @ values, axis=1)
+    wanted = 100.0 * error / np.linalg.norm(extra[0][2], axis=1)
+    np.testing.assert_allclose(found[0], wanted, rtol=1e-8)
+
+
+def test_columns_that_a_fold_does_not_see_are_left_at_zero_and_dead_rows_have_no_error() -> None:
+    parts = [part(k, f"run{k}") for k in range(2)]
+    whole = parts[0][0] + parts[1][0]
+    some = whole.select(COLUMNS[:4])
+    found = left_out_errors(some, some, WeightedLeastSquares())
+    assert np.all(np.isfinite(found)) and found.min() > 0.0
+    dead = whole.scaled(np.array([1.0, 0.0, 1.0, 1.0]), ("Nm",) * 4)
+    found = left_out_errors(dead, dead, OrdinaryLeastSquares())
+    assert np.array_equal(found[:, 1], [0.0, 0.0]) and np.all(found[:, 0] > 0.0)
+
+
+def swing(name: str, duration: float) -> Run:
+    t = np.arange(0.0, duration, 0.01)
+    q, effort = np.sin(2.0 * t), np.cos(2.0 * t) + 0.1 * np.sin(5.0 * t)
+    one = np.ones(1)
+    signals = Signals("t", 1.0, ("q",), one, None, None, ("e",), one, "joint_torque", ("Nm",), one)
+    log = HeldLog(Path(name), ("t", "q", "e"), np.column_stack([t, q, effort]))
+    return prepare(Recording(log, signals), Processing(20.0, 8.0))
+
+
+def test_several_runs_are_a_fold_each() -> None:
+    runs = [swing("a", 6.0), swing("b", 6.0), swing("c", 6.0)]
+    folds = folds_of(runs)
+    windows = [Window("b", 0.0, 1.0), Window("c", 4.0, 5.0), Window("a", 2.0, 3.0)]
+    assert [[fold(w) for w in windows] for fold in folds] == [
+        [False, False, True],
+        [True, False, False],
+        [False, True, False],
+    ]
+    assert longest_window(runs) == float("inf")
+
+
+def test_one_run_is_cut_into_stretches_of_equal_length() -> None:
+    run = swing("a", 30.0)
+    folds, longest = folds_of([run]), longest_window([run])
+    start, stop = run.span
+    assert len(folds) == FOLDS and longest == pytest.approx((stop - start) / 40.0)
+    found = gather(base_regressor(Model(single())), run, longest=longest)
+    held = [[fold(w) for fold in folds] for w in found.windows]
+    assert all(sum(inside) == 1 for inside in held)
+    joined = per_fold(found, folds)
+    assert len(joined.windows) == FOLDS
+    np.testing.assert_allclose(joined.grams.sum(axis=0), found.grams.sum(axis=0))
+    counts = joined.counts[:, 0]
+    assert counts.max() < 1.4 * counts.min()
+    far = Window("a", stop + 5.0, stop + 6.0)
+    assert [fold(far) for fold in folds] == [False] * (FOLDS - 1) + [True]
+
+
+def test_a_fold_with_nothing_in_it_is_refused() -> None:
+    found = part(0, "short")[0]
+    with pytest.raises(DataError, match="too short to leave a part of it out") as caught:
+        per_fold(found, folds_of([swing("a", 6.0)]))
+    assert caught.value.where == "short"
+    assert 'instead of "auto"' in caught.value.mend
+
+
+def test_folds_come_in_their_order() -> None:
+    parts = [part(k, name) for k, name in enumerate(("b", "a", "b"))]
+    whole = sum((p[0] for p in parts[1:]), parts[0][0])
+    joined = per_fold(whole, folds_of([swing("a", 6.0), swing("b", 6.0)]))
+    assert [w.run for w in joined.windows] == ["a", "b"]
+    np.testing.assert_allclose(joined.grams[1], whole.grams[0] + whole.grams[2])
+    assert replace(joined).n_samples[0] == 450
