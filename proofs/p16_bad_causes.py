@@ -106,6 +106,10 @@ FILES: dict[str, tuple[str, tuple[str, ...]]] = {
         terms('"rigid_body", "coulomb", "offset", "directional_coulomb"'),
         ("directional_coulomb", "coulomb.j1", "leave one"),
     ),
+    "friction listed and to be chosen": (
+        terms('"rigid_body", "coulomb"').replace("[model]", '[model]\nfriction = "auto"'),
+        ("'coulomb' is listed", "leave friction laws"),
+    ),
     "rotor behind the gears": (
         terms('"rigid_body", "rotor_inertia"').replace(SIGNALS, LINK_SIDE),
         ("rotor_inertia", "link torques", "behind the gears"),

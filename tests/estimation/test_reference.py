@@ -7,7 +7,6 @@ import pytest
 
 from invented import single
 from steelyard.estimation.estimate import Estimate
-from steelyard.estimation.least_squares import WeightedLeastSquares
 from steelyard.estimation.reference import (
     PASSES,
     bodies_of,
@@ -44,9 +43,9 @@ class Recorder:
         return Estimate("", named, np.zeros((3, 3)), (), np.ones(1), np.ones(1), 1.0, 1.0)
 
 
-def references(models: list[Model]) -> list[dict[str, float] | None]:
+def references(*models: Model) -> list[dict[str, float]]:
     terms = [t for model in models for t in model.terms if isinstance(t, LoadDependent)]
-    return [None if t.reference is None else dict(t.reference) for t in terms]
+    return [dict(t.reference) for t in terms]
 
 
 def test_only_load_dependent_friction_needs_one() -> None:
@@ -70,21 +69,15 @@ def test_it_settles_once_the_bodies_stand_still() -> None:
     recorder = Recorder(lambda call: 2.0 + 10.0 ** (-2.0 * call))
     model, settled = settled_reference(MODEL, recorder.said, recorder)
     assert settled and len(recorder.asked) == 3
-    assert references(recorder.asked[1:]) == [
+    assert references(*recorder.asked[1:]) == [
         {"mx.rod": pytest.approx(3.0), "mz.rod": 1.0},
         {"mx.rod": pytest.approx(2.01), "mz.rod": 1.0},
     ]
-    assert references([model])[0]["mx.rod"] == pytest.approx(2.01)  # type: ignore[index]
+    assert references(model)[0]["mx.rod"] == pytest.approx(2.01)
 
 
 def test_it_says_that_it_does_not_settle() -> None:
     recorder = Recorder(lambda call: 2.0 + (-1.0) ** call)
     model, settled = settled_reference(MODEL, recorder.said, recorder)
     assert not settled and len(recorder.asked) == 1 + PASSES
-    assert references([model])[0] is not None
-
-
-def test_a_simulated_arm_settles_on_its_bodies() -> None:
-    truth = np.array([0.8, 0.15])
-    assert WeightedLeastSquares().per_run == ()
-    assert truth.size == 2
+    assert references(model)[0]["mx.rod"] in (1.0, 3.0)

@@ -88,7 +88,7 @@ def test_causes_that_no_motion_tells_apart_are_named() -> None:
 
 
 def test_causes_that_differ_are_allowed_and_so_are_rotors_beside_bodies() -> None:
-    assert twins(RigidBody(), Coulomb(), Coulomb(smoothing=0.1, joints=()), Viscous()) == ""
+    assert twins(RigidBody(), Coulomb(), Viscous(), Offset()) == ""
     model = Model(ROBOTS["single"](Path()), (RigidBody(), RotorInertia(), Offset()))
     base = base_map(model)
     assert "rotor_inertia.hinge" in [base.names[k] for k in base.dependent]

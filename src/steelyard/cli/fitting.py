@@ -23,7 +23,7 @@ from steelyard.terms.coulomb import Coulomb
 from steelyard.terms.find import finds_of
 from steelyard.terms.rigid_body import RigidBody
 from steelyard.terms.viscous import Viscous
-from steelyard.validation.friction import FrictionChoice, choose_friction
+from steelyard.validation.friction import FrictionChoice, choose_friction, refuse_listed
 from steelyard.validation.mixes import remembers
 
 
@@ -83,6 +83,8 @@ def fit(
         threads: Native threads.
         progress: Told about every pass.
     """
+    if loaded_robot.friction:
+        refuse_listed(model)
     gains = _gains(model, loaded_robot, runs, carrying, payload, threads, progress)
     if gains is not None:
         runs = [_with_gains(run, gains) for run in runs]

@@ -136,11 +136,14 @@ def prepared(
     if not runs:
         return ()
     common = settled(wanted, runs)
-    return tuple(
-        run
-        if (run.motion_cutoff, run.matched_cutoff) == (common.motion_cutoff, common.matched_cutoff)
-        else prepare(recording, common)
-        for run, recording in zip(runs, recordings, strict=True)
+    return distinct(
+        [
+            run
+            if (run.motion_cutoff, run.matched_cutoff)
+            == (common.motion_cutoff, common.matched_cutoff)
+            else prepare(recording, common)
+            for run, recording in zip(runs, recordings, strict=True)
+        ]
     )
 
 
@@ -155,7 +158,25 @@ def runs_of(
     wanted = Processing(**loaded.processing.model_dump())
     clean = prepared([recording_of(log, signals) for log in fitted], wanted, progress)
     fresh = [recording_of(log, signals) for log in unseen]
-    return clean, prepared(fresh, settled(wanted, clean), progress)
+    runs = distinct([*clean, *prepared(fresh, settled(wanted, clean), progress)])
+    return runs[: len(clean)], runs[len(clean) :]
+
+
+def distinct(runs: Sequence[Run]) -> tuple[Run, ...]:
+    """Runs that their names tell apart: with as many folders before them as that takes.
+
+    Logs are often called alike, each in a folder of its own; what is left out in turn, and
+    parameters of single runs, go by the runs' names.
+    """
+    names = [run.recording.name for run in runs]
+    folders = [run.recording.log.path.resolve().parts[-2::-1] for run in runs]
+    for depth in range(max((len(parts) for parts in folders), default=0)):
+        alike = [names.count(name) > 1 for name in names]
+        names = [
+            f"{parts[depth]}/{name}" if twice and depth < len(parts) else name
+            for name, parts, twice in zip(names, folders, alike, strict=True)
+        ]
+    return tuple(replace(run, name=name) for run, name in zip(runs, names, strict=True))
 
 
 def settled(wanted: Processing, runs: Sequence[Run]) -> Processing:

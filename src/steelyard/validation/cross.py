@@ -18,9 +18,20 @@ Fold = Callable[[Window], bool]
 
 
 def folds_of(runs: Sequence[Run]) -> tuple[Fold, ...]:
-    """One fold per run; a single run is divided into `FOLDS` stretches of equal length."""
+    """One fold per run; a single run is divided into `FOLDS` stretches of equal length.
+
+    Raises:
+        DataError: Two runs have one name: what is left out would be fitted with the other.
+    """
+    names = [run.name for run in runs]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise DataError(
+            f"{names.count(twice[0])} runs are called '{twice[0]}'",
+            where="runs that are left out in turn",
+            mend="give every run a name of its own",
+        )
     if len(runs) > 1:
-        return tuple(_of_run(run.name) for run in runs)
+        return tuple(_of_run(name) for name in names)
     start, stop = runs[0].span
     edges = np.linspace(start, stop, FOLDS + 1)
     edges[0], edges[-1] = -np.inf, np.inf

@@ -121,6 +121,7 @@ def choose_friction(
     Raises:
         DataError: The runs are too short to leave one out.
     """
+    refuse_listed(model)
     folds = folds_of(runs)
     considered = STAGES if runs[0].recording.signals.effort_kind in LOADED else STAGES[:-1]
     said = said_by(runs, threads=threads, progress=progress)
@@ -130,7 +131,6 @@ def choose_friction(
         tuple(tuple(_with_reference(term, reference) for term in mix) for mix in stage)
         for stage in considered
     )
-    _refuse_listed(model, stages)
     wide = _Wide.of(model, stages)
 
     def gathered(rests: bool) -> Information:
@@ -151,13 +151,13 @@ def choose_friction(
     return _staged(stages, errors, "run" if len(runs) > 1 else "stretch")
 
 
-def _refuse_listed(model: Model, stages: Sequence[Sequence[tuple[Term, ...]]]) -> None:
-    """A friction law is listed or chosen, not both.
+def refuse_listed(model: Model) -> None:
+    """A friction law of the joints is listed or chosen, not both.
 
     Raises:
         ModelError: A parameter of the model is one of a candidate's.
     """
-    for term in (term for stage in stages for mix in stage for term in mix):
+    for term in (term for stage in STAGES for mix in stage for term in mix):
         twice = [p.name for p in term.parameters(model.robot) if p.name in model.names]
         if twice:
             raise ModelError(
