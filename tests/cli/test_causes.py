@@ -68,6 +68,21 @@ def test_every_run_gets_its_own_offsets(given: Path, edit: Edit, command: Comman
     assert again.exit_code == 0, again.output
 
 
+def test_logs_that_are_called_alike_stay_apart(given: Path, edit: Edit, command: Command) -> None:
+    robot = edit(('"offset"', '{law = "offset", per_run = true}'))
+    logs = [robot.parent / folder / "log.parquet" for folder in ("monday", "tuesday")]
+    for path, name in zip(logs, ("identification", "validation"), strict=True):
+        path.parent.mkdir()
+        (path.parent / path.name).write_bytes((given / f"{name}.parquet").read_bytes())
+    told = identify(command, robot, f"{logs[0]}@1:4", f"{logs[0]}@4.5:6", logs[1])
+    names = [run["run"] for run in told["per_run"]]  # type: ignore[attr-defined]
+    assert names == ["log@1:4", "log@4.5:6", "log"]
+    (robot.parent / "out").rename(robot.parent / "first")
+    told = identify(command, robot, *logs)
+    names = [run["run"] for run in told["per_run"]]  # type: ignore[attr-defined]
+    assert names == ["monday/log", "tuesday/log"]
+
+
 TRANSMISSION = f"""[robot.transmission]
 ratios = {np.diag(RATIOS).tolist()}
 coupling = [{{motor = "motor_6", joint = "wrist_bend", ratio = 40.0}}]
@@ -208,9 +223,9 @@ def test_gains_need_a_loaded_log_and_its_mass(
 ) -> None:  # fmt: skip
     robot = edit(*CURRENT)
     log = with_currents(given, robot.parent)
-    options: list[object] = ["--loaded", f"{log}@8:16"] if loaded else []
+    options: list[object] = ["--loaded", f"{log}@3:6"] if loaded else []
     options += [] if mass is None else ["--payload-mass", mass]
-    done = command("identify", robot, f"{log}@0:8" if loaded else log, *options,
+    done = command("identify", robot, f"{log}@0:3" if loaded else log, *options,
                    "-o", robot.parent / "out")  # fmt: skip
     assert done.exit_code == 2 and not (robot.parent / "out").exists()
     assert all(word in " ".join(done.stderr.split()) for word in words), done.stderr
@@ -223,3 +238,14 @@ def test_loaded_logs_are_for_unknown_gains(given: Path, edit: Edit, command: Com
     assert done.exit_code == 2 and not (robot.parent / "out").exists()
     assert "no drive gain is to be identified" in done.stderr and "--loaded" in done.stderr
     assert "steelyard payload MODEL LOG" in " ".join(done.stderr.split())
+
+
+@pytest.mark.parametrize("option", [("--payload-mass", 2.0), ("--payload-frame", "tool")])
+def test_a_payload_is_for_unknown_gains(
+    option: tuple[str, object], given: Path, edit: Edit, command: Command
+) -> None:
+    robot, log = edit(), given / "identification.parquet"
+    done = command("identify", robot, log, *option, "-o", robot.parent / "out")
+    assert done.exit_code == 2 and not (robot.parent / "out").exists()
+    assert "a payload is given, but no drive gain is to be identified" in done.stderr
+    assert "--payload-mass, --payload-frame" in done.stderr

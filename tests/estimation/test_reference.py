@@ -66,14 +66,14 @@ def test_the_first_reference_is_fitted_without_load_dependent_friction() -> None
 
 
 def test_it_settles_once_the_bodies_stand_still() -> None:
-    recorder = Recorder(lambda call: 2.0 + 10.0 ** (-2.0 * call))
+    recorder = Recorder(lambda call: 2.0 + 10.0 ** (-3.0 * call))
     model, settled = settled_reference(MODEL, recorder.said, recorder)
     assert settled and len(recorder.asked) == 3
     assert references(*recorder.asked[1:]) == [
         {"mx.rod": pytest.approx(3.0), "mz.rod": 1.0},
-        {"mx.rod": pytest.approx(2.01), "mz.rod": 1.0},
+        {"mx.rod": pytest.approx(2.001), "mz.rod": 1.0},
     ]
-    assert references(model)[0]["mx.rod"] == pytest.approx(2.01)
+    assert references(model)[0]["mx.rod"] == pytest.approx(2.001)
 
 
 def test_it_says_that_it_does_not_settle() -> None:

@@ -142,3 +142,9 @@ def test_folds_come_in_their_order() -> None:
     assert [w.run for w in joined.windows] == ["a", "b"]
     np.testing.assert_allclose(joined.grams[1], whole.grams[0] + whole.grams[2])
     assert replace(joined).n_samples[0] == 450
+
+
+def test_runs_of_one_name_are_refused() -> None:
+    with pytest.raises(DataError, match="2 runs are called 'a'") as caught:
+        folds_of([swing("a", 6.0), swing("b", 6.0), swing("a", 6.0)])
+    assert caught.value.mend == "give every run a name of its own"

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from steelyard.cli.river import with_friction
 from steelyard.errors import DataError, ModelError
 from steelyard.estimation.estimate import Estimate
 from steelyard.estimation.fields import Finding, find_fields, said_by
@@ -19,10 +20,8 @@ from steelyard.regression.gather import gather
 from steelyard.regression.information import Information
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot.robot_file import LoadedRobot
-from steelyard.terms.coulomb import Coulomb
 from steelyard.terms.find import finds_of
 from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.viscous import Viscous
 from steelyard.validation.friction import FrictionChoice, choose_friction, refuse_listed
 from steelyard.validation.mixes import remembers
 
@@ -85,6 +84,7 @@ def fit(
     """
     if loaded_robot.friction:
         refuse_listed(model)
+        _refuse_finds(model)
     gains = _gains(model, loaded_robot, runs, carrying, payload, threads, progress)
     if gains is not None:
         runs = [_with_gains(run, gains) for run in runs]
@@ -159,6 +159,17 @@ def _estimates(
     return first, second
 
 
+def _refuse_finds(model: Model) -> None:
+    """Fields are found for friction that is there; which is there is still to be chosen."""
+    asking = [term.law for term in model.terms if finds_of(term)]
+    if asking:
+        raise ModelError(
+            f"a field of term '{asking[0]}' is to be found, and friction is to be chosen at once",
+            where="[model] friction",
+            mend='give the field a number, or list the friction laws in place of "auto"',
+        )
+
+
 def _dropped(model: Model, runs: Sequence[Run]) -> tuple[str, ...]:
     """The stretches at which a loop does not close, where those are left out."""
     if model.robot.open_loops != "drop":
@@ -207,16 +218,16 @@ def _gains(
     """The drive gains that the robot file asks for."""
     signals = runs[0].recording.signals
     if not any(signals.unknown_gains):
-        if carrying:
+        if carrying or payload != Payload():
+            given = "loaded logs are" if carrying else "a payload is"
             raise ModelError(
-                "loaded logs are given, but no drive gain is to be identified",
-                where="--loaded",
+                f"{given} given, but no drive gain is to be identified",
+                where="--loaded" if carrying else "--payload-mass, --payload-frame",
                 mend='give gain = "identify" in [signals.effort], or weigh the payload with '
                 "`steelyard payload MODEL LOG`",
             )
         return None
-    if loaded_robot.friction:
-        model = replace(model, terms=(*model.terms, Coulomb(), Viscous()))
+    model = with_friction(model, loaded_robot)
     if any(finds_of(term) for term in model.terms):
         raise DataError(
             "drive gains and fields of terms cannot be found at once",

@@ -14,11 +14,13 @@ from steelyard.measurement import Processing, Recording, Run, prepare
 from steelyard.model import Model
 from steelyard.progress import Progress, tell
 from steelyard.robot.guess import guess_signals
+from steelyard.robot.robot import Robot
 from steelyard.robot.robot_file import LoadedRobot
 from steelyard.robot.signals import Signals
 from steelyard.terms.coulomb import Coulomb
-from steelyard.terms.register import DEFAULT_TERMS, term_of
+from steelyard.terms.register import DEFAULT_TERMS, refuse_unfit, term_of
 from steelyard.terms.rotor_inertia import RotorInertia
+from steelyard.terms.term import Term
 from steelyard.terms.viscous import Viscous
 from steelyard.validation.score import RunScore, score
 
@@ -113,8 +115,8 @@ def model_of(loaded: LoadedRobot) -> Model:
         return Model(loaded.robot, tuple(t for t in DEFAULT_TERMS if not isinstance(t, left)))
     terms = tuple(term_of(t.description, t.where) for t in loaded.terms)
     for term, spec in zip(terms, loaded.terms, strict=True):
-        of_motors = isinstance(term, RotorInertia) or getattr(term, "motors", None) is not None
-        if behind and of_motors:
+        refuse_unfit(term, loaded.robot, spec.where)
+        if behind and _is_of_motors(term, loaded.robot):
             raise ModelError(
                 f"term '{term.law}' acts on the motors' side, but efforts are link torques, "
                 "behind the gears",
@@ -123,6 +125,23 @@ def model_of(loaded: LoadedRobot) -> Model:
                 "motor currents",
             )
     return Model(loaded.robot, terms)
+
+
+def with_friction(model: Model, loaded: LoadedRobot) -> Model:
+    """The model with Coulomb and viscous friction where a robot file leaves friction open."""
+    return replace(model, terms=(*model.terms, Coulomb(), Viscous())) if loaded.friction else model
+
+
+def _is_of_motors(term: Term, robot: Robot) -> bool:
+    """Whether a term acts on the motors' side of the gears."""
+    gears = robot.transmission
+    motors = () if gears is None else gears.motors
+    named = {name for pair in getattr(term, "pairs", ()) for _, name in pair}
+    return (
+        isinstance(term, RotorInertia)
+        or getattr(term, "motors", None) is not None
+        or not named.isdisjoint(set(motors) - set(robot.joint_names))
+    )
 
 
 def prepared(
@@ -168,7 +187,7 @@ def distinct(runs: Sequence[Run]) -> tuple[Run, ...]:
     Logs are often called alike, each in a folder of its own; what is left out in turn, and
     parameters of single runs, go by the runs' names.
     """
-    names = [run.recording.name for run in runs]
+    names = [run.name for run in runs]
     folders = [run.recording.log.path.resolve().parts[-2::-1] for run in runs]
     for depth in range(max((len(parts) for parts in folders), default=0)):
         alike = [names.count(name) > 1 for name in names]

@@ -46,8 +46,9 @@ def simulate(
 ) -> None:
     """Simulate a robot with invented true parameters near its nominal ones.
 
-    Its causes of torque are those of the robot file. Writes log.parquet,
-    trajectory.json and, in a file of its own, truth.json.
+    Its causes of torque are those of the robot file, with Coulomb and viscous
+    friction where that is to be chosen. Writes log.parquet, trajectory.json and,
+    in a file of its own, truth.json.
 
     Example: steelyard simulate panda.urdf --seed 1 -o panda-run1
     """
@@ -68,7 +69,8 @@ def simulate(
         if motion is None
         else read_motion(motion, loaded.robot)
     )
-    truth = random_truth(loaded.robot, seed, terms=river.model_of(loaded).terms)
+    terms = river.with_friction(river.model_of(loaded), loaded).terms
+    truth = random_truth(loaded.robot, seed, terms=terms)
     sensors = customary_sensors(loaded.robot, truth, noise)
     if loaded.signals is not None and any(loaded.signals.unknown_gains):
         sensors = sensors.with_random_gains(loaded.robot.n, seed)

@@ -39,6 +39,13 @@ def build_transmission(
             where=locate("robot", "transmission", "motors"),
             mend=f"name one motor per joint: {', '.join(joints)}",
         )
+    for motor in motors:
+        if motors.count(motor) > 1:
+            raise ModelError(
+                f"two motors are called '{motor}'",
+                where=locate("robot", "transmission", "motors"),
+                mend="give every motor a name of its own",
+            )
     matrix = _matrix(section, motors, joints, locate)
     lengths = np.linalg.norm(matrix, axis=1)
     scaled = matrix / np.where(lengths > 0.0, lengths, 1.0)[:, None]

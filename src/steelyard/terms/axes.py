@@ -176,7 +176,7 @@ def _listed(names: Any, what: str) -> tuple[str, ...]:
         raise ModelError(
             f"a term acts on {what} = {names!r}",
             where="list of terms",
-            mend=f'list names: {what} = ["elbow"], or leave `{what}` out',
+            mend=f'list names: {what} = ["...", "..."], or leave `{what}` out',
         )
     return tuple(listed)
 

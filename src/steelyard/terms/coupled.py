@@ -91,6 +91,8 @@ def _pairs(given: Any) -> tuple[Pair, ...]:
         table = {key: value for key, value in given if isinstance(key, str)}
     if table is not None and set(table) == {"from", "to"}:
         return (_pair(table),)
+    if not isinstance(given, tuple | list):
+        raise _no_pair(f"pairs = {given!r}")
     return tuple(_pair(pair) for pair in given)
 
 

@@ -69,6 +69,22 @@ def refuse_negative(law: str, **fields: Any) -> None:
                 )
 
 
+def refuse_not_positive(law: str, **fields: Any) -> None:
+    """Fields that a law divides by are finite numbers above zero; or still to be found.
+
+    Raises:
+        ModelError: One is not.
+    """
+    refuse_negative(law, **fields)
+    for name, value in fields.items():
+        if 0.0 in (value if isinstance(value, tuple) else (value,)):
+            raise ModelError(
+                f"term '{law}' has {name} = {value!r}",
+                where="list of terms",
+                mend=f"give '{name}' above zero; to leave the effect out, leave out the term",
+            )
+
+
 def refuse_unknown(law: str, name: str, value: Any, known: Sequence[Any]) -> None:
     """A field with a choice has one of its values.
 

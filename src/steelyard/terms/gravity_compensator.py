@@ -42,7 +42,9 @@ class GravityCompensator:
         for key in ("links", "points"):
             if not getattr(self, key):
                 raise _unusable(f"without its geometry: `{key}` is missing")
-        if len(self.links) != 2 or not all(isinstance(link, str) for link in self.links):
+        if not isinstance(self.name, str):
+            raise _unusable(f"with the name {self.name!r}")
+        if not _are_links(self.links):
             raise _unusable(f"between the links {self.links!r}")
         if not _are_points(self.points):
             raise _unusable(f"between the points {self.points!r}")
@@ -118,6 +120,10 @@ def _fork(robot: Robot, first: int, second: int) -> int:
         else:
             second = robot.bodies[second].parent
     return first
+
+
+def _are_links(links: Any) -> bool:
+    return isinstance(links, tuple) and len(links) == 2 and all(isinstance(x, str) for x in links)
 
 
 def _are_points(points: Any) -> bool:

@@ -16,7 +16,7 @@ from steelyard.robot.inertia import INERTIAL_NAMES
 from steelyard.robot.nearest import advice
 from steelyard.robot.robot import Robot
 from steelyard.terms.axes import Acting, Axis, each, per_axis, spread
-from steelyard.terms.direction import Field, refuse_negative
+from steelyard.terms.direction import Field, refuse_not_positive
 from steelyard.terms.presliding import dahl_states, forgotten
 from steelyard.terms.rigid_body import RigidBody
 from steelyard.terms.term import Columns, Samples
@@ -43,7 +43,7 @@ class LoadDependent(Acting):
     reference: tuple[tuple[str, float], ...] = ()
 
     def __post_init__(self) -> None:
-        refuse_negative(self.law, length=self.length)
+        refuse_not_positive(self.law, length=self.length)
         object.__setattr__(self, "reference", _numbers(self.reference))
 
     def with_reference(self, values: Mapping[str, float]) -> "LoadDependent":

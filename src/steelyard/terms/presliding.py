@@ -19,7 +19,7 @@ from steelyard.kernel.recurrence import recurrence
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
 from steelyard.terms.axes import Acting, Axis, each, per_axis, spread
-from steelyard.terms.direction import Field, refuse_negative
+from steelyard.terms.direction import Field, refuse_not_positive
 from steelyard.terms.term import Columns, Samples
 
 BEFORE = 0.1
@@ -59,7 +59,7 @@ class Dahl(Acting):
     length: Field = 3e-4
 
     def __post_init__(self) -> None:
-        refuse_negative(self.law, length=self.length)
+        refuse_not_positive(self.law, length=self.length)
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """One per coordinate, not negative."""
@@ -103,9 +103,9 @@ class MaxwellSlip(Acting):
     relaxing: bool = False
 
     def __post_init__(self) -> None:
-        if not self.lengths or not all(length > 0.0 for length in self.lengths):
+        if not _are_lengths(self.lengths):
             raise ModelError(
-                f"Maxwell slip with lengths {list(self.lengths)}",
+                f"Maxwell slip with lengths {self.lengths!r}",
                 where="list of terms",
                 mend="give one length above zero per element: lengths = [3e-4, 1e-3]",
             )
@@ -177,7 +177,9 @@ class LuGre(Acting):
     speed: Field = 0.02
 
     def __post_init__(self) -> None:
-        refuse_negative(self.law, length=self.length, breakaway=self.breakaway, speed=self.speed)
+        refuse_not_positive(
+            self.law, length=self.length, breakaway=self.breakaway, speed=self.speed
+        )
         ratios = self.breakaway if isinstance(self.breakaway, tuple) else (self.breakaway,)
         if min(ratios, default=1.0) < 1.0:
             raise ModelError(
@@ -239,6 +241,14 @@ def dahl_states(
     drive = np.sign(steps) * (1.0 - decay)
     states, last = recurrence(decay, drive, np.ones_like(decay), start.states)
     return states, Memory(start.q, last)
+
+
+def _are_lengths(values: Any) -> bool:
+    return (
+        isinstance(values, tuple)
+        and bool(values)
+        and all(isinstance(x, float | int) and 0.0 < x < float("inf") for x in values)
+    )
 
 
 def along(axes: Sequence[Axis], values: Array) -> Array:

@@ -5,11 +5,15 @@ from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any, cast
 
+import numpy as np
+
 from steelyard.errors import ModelError
+from steelyard.kernel.dynamics import JointState
+from steelyard.robot.robot import Robot
 from steelyard.terms.coulomb import Coulomb
 from steelyard.terms.coupled import Coupled
 from steelyard.terms.directional import DirectionalCoulomb, DirectionalViscous
-from steelyard.terms.find import Find, asked, is_asked
+from steelyard.terms.find import Find, asked, finds_of, is_asked
 from steelyard.terms.gravity_compensator import GravityCompensator
 from steelyard.terms.load_dependent import LoadDependent
 from steelyard.terms.offset import Offset
@@ -19,7 +23,7 @@ from steelyard.terms.rigid_body import RigidBody
 from steelyard.terms.rotor_inertia import RotorInertia
 from steelyard.terms.spring import Spring
 from steelyard.terms.stribeck import Stribeck
-from steelyard.terms.term import Term
+from steelyard.terms.term import Remembering, Term, channels_of
 from steelyard.terms.viscous import Viscous
 
 TERMS: dict[str, type[Any]] = {
@@ -82,6 +86,24 @@ def term_of(description: str | Mapping[str, Any], where: str) -> Term:
         raise ModelError(error.wrong, where=where, mend=error.mend) from None
 
 
+def refuse_unfit(term: Term, robot: Robot, where: str) -> None:
+    """What of a term does not fit a robot, said with the term's place in a file.
+
+    Raises:
+        ModelError: The robot lacks a joint, motor or link, or a list has another length.
+    """
+    try:
+        term.parameters(robot)
+        if isinstance(term, Remembering) and not finds_of(term):
+            term.warm_up(robot)
+        if not isinstance(term, RigidBody) and not finds_of(term):
+            still = [np.zeros(1)] * robot.n_joints
+            channels = [np.zeros(1)] * channels_of(term, robot)
+            term.columns(robot, JointState(still, still, still, channels))
+    except ModelError as error:
+        raise ModelError(error.wrong, where=where, mend=error.mend) from None
+
+
 def description_of(term: Term) -> dict[str, Any]:
     """The table that `term_of` turns back into the term."""
     return {"law": term.law, **{x: _plain(getattr(term, x)) for x in _names(type(term))}}
@@ -96,7 +118,27 @@ def _field(law: str, name: str, given: Any, where: str) -> Any:
     """What a file says of one field: its value, or that it is to be found."""
     if is_asked(given) and name in _names(TERMS[law]):
         return asked(TERMS[law], name, given, where)
-    return _value(given)
+    value = _value(given)
+    _refuse_mistaken_switch(law, name, value, where)
+    return value
+
+
+def _refuse_mistaken_switch(law: str, name: str, value: Any, where: str) -> None:
+    """Switches are true or false, and nothing else is: to Python, true is the number 1.
+
+    Raises:
+        ModelError: A switch has another value, or a number is true or false.
+    """
+    defaults = {field.name: field.default for field in dataclasses.fields(TERMS[law])}
+    switch = isinstance(defaults.get(name), bool)
+    parts = value if isinstance(value, tuple) else (value,)
+    if isinstance(value, bool) if switch else not any(isinstance(x, bool) for x in parts):
+        return
+    raise ModelError(
+        f"term '{law}' has {name} = {value!r}",
+        where=where,
+        mend=f"'{name}' is true or false" if switch else f"'{name}' is neither true nor false",
+    )
 
 
 def _value(given: Any) -> Any:

@@ -10,7 +10,13 @@ from steelyard.kernel.dynamics import JointState, Scalar
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
 from steelyard.terms.axes import Acting, each, per_axis, spread
-from steelyard.terms.direction import Field, directions, refuse_negative, refuse_unknown
+from steelyard.terms.direction import (
+    Field,
+    directions,
+    refuse_negative,
+    refuse_not_positive,
+    refuse_unknown,
+)
 from steelyard.terms.term import Columns
 
 
@@ -37,7 +43,8 @@ class Stribeck(Acting):
 
     def __post_init__(self) -> None:
         refuse_unknown(self.law, "exponent", self.exponent, (1, 2))
-        refuse_negative(self.law, speed=self.speed, smoothing=self.smoothing)
+        refuse_not_positive(self.law, speed=self.speed)
+        refuse_negative(self.law, smoothing=self.smoothing)
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """The excess per coordinate, not negative."""
