@@ -160,7 +160,6 @@ NOT_ONE_PER_COORDINATE: list[Term] = [
     Coulomb(smoothing=(0.1, 0.2, 0.0, 0.1)),
     DirectionalCoulomb(smoothing=(0.1,)),
     Stribeck(speed=(0.1, 0.2)),
-    Stribeck(speed=0.0),
     Stribeck(smoothing=(0.1, 0.2)),
 ]
 
@@ -244,7 +243,7 @@ def test_one_name_needs_no_list() -> None:
     assert names == ["viscous.motor3"]
 
 
-@pytest.mark.parametrize("term", [Dahl(length=(0.1,)), LuGre(speed=(0.1,)), Dahl(length=0.0)])
+@pytest.mark.parametrize("term", [Dahl(length=(0.1,)), LuGre(speed=(0.1,))])
 def test_lists_of_memory_fit_the_coordinates(term: Term) -> None:
     with pytest.raises(ModelError, match="for 4 coordinates"):
         at(term)

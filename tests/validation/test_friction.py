@@ -100,9 +100,14 @@ def test_later_stages_build_on_what_was_chosen() -> None:
 
 
 def test_one_fold_has_no_spread() -> None:
-    found = chosen({BASE: [10.0], SMOOTHED: [9.99], DAHL: [20.0],
-                    f"{SMOOTHED} + root": [9.999], f"{SMOOTHED} + cubic": [11.0]})  # fmt: skip
+    found = chosen({BASE: [10.0], SMOOTHED: [9.8], DAHL: [20.0],
+                    f"{SMOOTHED} + root": [9.9], f"{SMOOTHED} + cubic": [11.0]})  # fmt: skip
     assert found.name == SMOOTHED
+
+
+def test_a_gain_of_next_to_nothing_is_not_worth_another_law() -> None:
+    found = chosen({BASE: [10.0] * 3, SMOOTHED: [9.96] * 3, DAHL: [20.0] * 3})
+    assert found.name == BASE
 
 
 def test_the_choice_as_json() -> None:

@@ -32,6 +32,9 @@ from steelyard.terms.term import Remembering, Term
 from steelyard.validation.cross import folds_of, left_out_errors, longest_window, per_fold
 from steelyard.validation.mixes import DIRECTION, LOAD, LOADED, SPEED, STAGES, mix_name, remembers
 
+LEAST = 0.005
+"""Gain that is worth another parameter, relative to the error."""
+
 
 @dataclass(frozen=True)
 class MixScore:
@@ -224,8 +227,8 @@ def _ratio(logarithms: Array) -> float:
 
 
 def _worse(error: Array, best: Array) -> bool:
-    """Whether a mix loses more to the best than that loss spreads over the runs."""
-    return bool((error - best).mean() > _spread(error - best))
+    """Whether a mix loses more to the best than that loss spreads over the runs, and any worth."""
+    return bool((error - best).mean() > max(_spread(error - best), LEAST))
 
 
 def _spread(values: Array) -> float:

@@ -53,17 +53,24 @@ def remembers(terms: Sequence[Term]) -> bool:
 
 
 def mix_name(terms: Sequence[Term]) -> str:
-    """A mix for people to read: laws with the fields that are not their defaults."""
+    """A mix for people to read: laws with their speeds and lengths, and what else is not usual."""
     return " + ".join(_term_name(term) for term in terms)
 
 
 def _term_name(term: Term) -> str:
+    told = {f.name: getattr(term, f.name) for f in fields(term)}  # type: ignore[arg-type]
+    usual = {f.name: f.default for f in fields(term)}  # type: ignore[arg-type]
+    always = getattr(term, "bounds", {})
     given = [
-        f"{f.name} {_short(getattr(term, f.name))}"
-        for f in fields(term)  # type: ignore[arg-type]  # every term is a dataclass
-        if f.name not in ("reference", "joints", "per_run") and getattr(term, f.name) != f.default
+        f"{name} {_short(value)}"
+        for name, value in told.items()
+        if name not in HIDDEN and value and (name in always or value != usual[name])
     ]
     return f"{term.law} ({', '.join(given)})" if given else term.law
+
+
+HIDDEN = ("reference", "joints", "per_run")
+"""Fields that no name holds."""
 
 
 def _short(value: object) -> str:
