@@ -103,3 +103,32 @@ def test_a_virtual_robot_whose_friction_is_open_has_some(robot: Robot, command: 
     assert done.exit_code == 0, done.output
     names = json.loads((out / "truth.json").read_text())["parameters"]
     assert names["coulomb.elbow"]["value"] > 0.0 and names["viscous.elbow"]["value"] > 0.0
+
+
+def test_a_payload_needs_bodies_to_add_to(robot: Robot, given: Path, command: Command) -> None:
+    path, log = robot('terms = ["viscous", "offset"]'), given / "identification.parquet"
+    out = path.parent / "out"
+    assert command("identify", path, f"{log}@:3", "-o", out).exit_code == 0
+    done = command("payload", out, f"{log}@3:")
+    assert done.exit_code == 2 and "terms have none" in done.stderr, done.output
+    assert '"rigid_body"' in done.stderr
+
+
+@pytest.mark.parametrize("part", ["frames", "loops"])
+def test_a_saved_model_has_nothing_on_bodies_that_it_lacks(
+    part: str, identified: Path, tmp_path: Path, given: Path, command: Command
+) -> None:
+    data = json.loads((identified / "model.json").read_text())
+    strange = {
+        "frames": {
+            "name": "x",
+            "body": 9,
+            "rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+            "position": [0, 0, 0],
+        },
+        "loops": {"name": "x", "bodies": [0, 9], "points": [[0, 0, 0], [0, 0, 0]]},
+    }
+    data["model"]["robot"][part] = [strange[part]]
+    (tmp_path / "model.json").write_text(json.dumps(data))
+    done = command("validate", tmp_path, given / "validation.parquet")
+    assert done.exit_code == 2 and "a body that does not exist" in done.stderr, done.output

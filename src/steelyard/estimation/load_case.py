@@ -53,8 +53,18 @@ def carrier(robot: Robot, name: str | None = None) -> Frame:
 
 
 def payload_lift(robot: Robot, base: BaseMap, frame: Frame) -> Array:
-    """What a payload's ten numbers in a frame add to the base parameters, shape `(b, 10)`."""
+    """What a payload's ten numbers in a frame add to the base parameters, shape `(b, 10)`.
+
+    Raises:
+        ModelError: The model has no bodies, to which it could add.
+    """
     body = robot.bodies[frame.body].name
+    if f"{INERTIAL_NAMES[0]}.{body}" not in base.names:
+        raise ModelError(
+            "a payload adds to the robot's bodies, but the model's terms have none",
+            where=f"robot '{robot.name}', list of terms",
+            mend='list the term "rigid_body", and identify the model anew',
+        )
     move = np.array(
         [Inertia.from_ten(e).moved(frame.rotation, frame.position).ten for e in np.eye(10)]
     ).T

@@ -97,11 +97,6 @@ class Runs:
         runs = tuple(information.grouped([group]) for group in groups.values())
         return cls(information, runs, tuple(columns.index(name) for name in per_run))
 
-    @property
-    def local_names(self) -> tuple[str, ...]:
-        """Names of the columns that every run has for itself."""
-        return tuple(self.whole.layout.columns[k] for k in self.local)
-
     def normal(self, weights: Array) -> tuple[Array, Array, tuple[Eliminated, ...], Array]:
         """Normal equations of the shared columns, and what was eliminated.
 

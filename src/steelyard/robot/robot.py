@@ -211,6 +211,9 @@ class Robot:
                 raise ValueError(f"body '{body.name}' comes before its parent")
             if not 0 <= body.coordinate < self.n_joints:
                 raise ValueError(f"body '{body.name}' follows a coordinate that does not exist")
+        carriers = [*(f.body for f in self.frames), *(b for x in self.loops for b in x.bodies)]
+        if not all(-1 <= body < len(self.bodies) for body in carriers):
+            raise ValueError("a frame or a loop is on a body that does not exist")
         if transmission is not None and len(transmission.motors) != self.n:
             raise ValueError(f"{len(transmission.motors)} motors for {self.n} joints")
 

@@ -107,11 +107,15 @@ def build_signals(
     check_sides(section, gears, locate)
     position = _columns(section.position, coordinates, locate("signals", "position"))
     effort = _columns(section.effort.columns, coordinates, locate("signals", "effort", "columns"))
+    turned = gears is not None and section.coordinates == "motor"
     velocity, velocity_scale = None, None
     if section.velocity is not None:
         velocity = _columns(section.velocity, coordinates, locate("signals", "velocity"))
         velocity_scale = _scales(
-            section.velocity_unit, VELOCITY_UNITS, coordinates, locate("signals", "velocity_unit")
+            section.velocity_unit,
+            _of_motors(VELOCITY_UNITS) if turned else VELOCITY_UNITS,
+            coordinates,
+            locate("signals", "velocity_unit"),
         )
     elif section.velocity_unit is not None:
         raise ModelError(
@@ -130,13 +134,15 @@ def build_signals(
             gains = frozen(np.ones(len(coordinates)))
         else:
             gains = frozen(gains * np.diag(gears.matrix))
-    turned = gears is not None and section.coordinates == "motor"
     return Signals(
         section.time,
         TIME_UNITS[section.time_unit],
         position,
         _scales(
-            section.position_unit, POSITION_UNITS, coordinates, locate("signals", "position_unit")
+            section.position_unit,
+            _of_motors(POSITION_UNITS) if turned else POSITION_UNITS,
+            coordinates,
+            locate("signals", "position_unit"),
         ),
         velocity,
         velocity_scale,
@@ -198,6 +204,12 @@ def _check_distinct(columns: Sequence[str], where: str) -> None:
                 where=where,
                 mend="give every signal a column of its own",
             )
+
+
+def _of_motors(units: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, float]]:
+    """Units in which motors are logged: one that turns may drive a prismatic joint."""
+    every = {unit: scale for of_kind in units.values() for unit, scale in of_kind.items()}
+    return {kind: every for kind in units}
 
 
 def _scales(

@@ -15,7 +15,6 @@ from steelyard.kernel.dynamics import Scalar
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import JointKind, Robot
 from steelyard.terms.find import Find
-from steelyard.terms.term import Columns
 
 Along = tuple[tuple[str, tuple[tuple[str, float], ...]], ...]
 """Named coordinates, each the joints it is made of with their coefficients."""
@@ -238,8 +237,3 @@ def _combined(robot: Robot, name: str, parts: tuple[tuple[str, float], ...]) -> 
             mend="combine joints of one kind: {wrist = {joint_5 = 1.0, joint_6 = 1.0}}",
         )
     return Axis(name, tuple(total), kinds.pop())
-
-
-def combined_columns(*parts: Columns) -> Columns:
-    """Columns of several groups of parameters as one mapping; places do not overlap."""
-    return {place: value for part in parts for place, value in part.items()}

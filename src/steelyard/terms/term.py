@@ -1,6 +1,6 @@
 """What a cause of torque is: linear in named parameters, written over the state of the joints."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
@@ -83,13 +83,3 @@ class Remembering(Protocol):
 def channels_of(term: Term, robot: Robot) -> int:
     """Number of channels of any term."""
     return term.n_channels(robot) if isinstance(term, Remembering) else 0
-
-
-def one_each(
-    names: Sequence[str], law: str, units: Sequence[str], lower: float = float("-inf")
-) -> tuple[Parameter, ...]:
-    """One parameter named `law.name` for every name."""
-    return tuple(
-        Parameter(f"{law}.{name}", unit, lower=lower)
-        for name, unit in zip(names, units, strict=True)
-    )
