@@ -178,8 +178,8 @@ def of_file(name: str, place: Workshop) -> Claim:
     return Claim(name, figure, "message, exit code 2, nothing left", not wrong)
 
 
-def of_dropped(place: Workshop) -> Claim:
-    """The same loop with `open_loops = "drop"`: the fit goes on and says what it left out."""
+def of_dropped(place: Workshop) -> list[Claim]:
+    """The same loop with `open_loops = "drop"`: fit and score go on and say what they left out."""
     text = FILES["loop that opens in the log"][0].replace("[[robot.l", "X\n[[robot.l", 1)
     text = text.replace("X\n", 'open_loops = "drop"\n')
     (place.given / "drop.toml").write_text(text)
@@ -193,7 +193,19 @@ def of_dropped(place: Workshop) -> Claim:
     notes = json.loads(done.stdout)["notes"] if done.returncode == 0 else [done.stderr[-200:]]
     said = next((note for note in notes if "does not close" in note), notes[0])
     told = "samples left out" in said
-    return Claim("open loop, dropped", said[:90], "time, gap and samples left out", told)
+    scored = subprocess.run(
+        [sys.executable, "-m", "steelyard", "validate", "dropped", LOG],
+        cwd=place.work,
+        capture_output=True,
+        text=True,
+    )
+    shown = " ".join(scored.stdout.split())
+    again = "does not close from" in shown and "samples left out" in shown
+    bound = "time, gap and samples left out"
+    return [
+        Claim("open loop, dropped in the fit", said[:90], bound, told),
+        Claim("open loop, dropped in the score", f"exit {scored.returncode}", bound, again),
+    ]
 
 
 def of_information() -> list[Claim]:
@@ -242,7 +254,7 @@ def main() -> list[Claim]:
     with tempfile.TemporaryDirectory() as folder:
         place = workshop(Path(folder))
         claims = [of_file(name, place) for name in FILES]
-        return [*claims, of_dropped(place), *of_information()]
+        return [*claims, *of_dropped(place), *of_information()]
 
 
 if __name__ == "__main__":

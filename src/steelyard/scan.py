@@ -21,6 +21,7 @@ class Scan:
     Attributes:
         robot: The robot.
         closed: Whether the robot's loops closed at each sample of the last call, shape `(N,)`.
+        warm: Whether the start was forgotten, per independent joint, shape `(n, N)`.
     """
 
     def __init__(
@@ -32,17 +33,17 @@ class Scan:
             robot: The robot.
             terms: All terms of the model.
             rigid_torque: Torques of the bodies as a tree, for terms with a reference.
-            drop: Whether a loop that cannot close is passed over.
+            drop: Whether a loop that cannot close is passed over; what is remembered ends there.
         """
         self.robot = robot
         self.closed: NDArray[np.bool_] = np.ones(0, dtype=bool)
-        self._drop, self._terms, self._rigid_torque = drop, tuple(terms), rigid_torque
+        self.warm: NDArray[np.bool_] = np.ones((robot.n, 0), dtype=bool)
+        self._drop, self._rigid_torque = drop, rigid_torque
+        self._terms = [term for term in terms if isinstance(term, Remembering)]
         self._follower = Follower(robot) if robot.passive else None
-        self._memories: list[Any] = [None] * len(terms)
-        self._travel: Array | None = None
-        self._last: Array | None = None
-        warm = [t.warm_up(robot) for t in terms if isinstance(t, Remembering)]
-        self._warm_up = np.max([np.zeros(robot.n_joints), *warm], axis=0)
+        warm = [term.warm_up(robot) for term in self._terms]
+        self._warm_up = np.max([np.zeros(robot.n_joints), *warm], axis=0)[:, None]
+        self._forget()
 
     def __call__(self, q: Array, dq: Array, ddq: Array, t: Array | None = None) -> Array:
         """Channels of consecutive samples.
@@ -55,38 +56,47 @@ class Scan:
 
         Returns:
             Shape `(n_channels, N)`; of a sample that is not closed, those of passive joints are
-            those of the sample before.
+            those of the sample before, and others are zero.
 
         Raises:
             DataError: A loop cannot close at a sample, and is not to be passed over.
         """
         passive = self._passive(q, t)
-        if not any(isinstance(term, Remembering) for term in self._terms):
+        self.warm = np.ones(q.shape, dtype=bool)
+        if not self._terms:
             return passive
         q, dq, ddq = all_joints(self.robot, q, dq, ddq, passive)
+        if self.closed.all():
+            return np.concatenate((passive, self._channels(q, dq, ddq, slice(None))))
+        count = sum(term.n_channels(self.robot) for term in self._terms)
+        found = np.zeros((count, q.shape[1]))
+        for stretch in _stretches(self.closed):
+            if stretch.start > 0 or not self.closed[0]:
+                self._forget()
+            part = q[:, stretch], dq[:, stretch], ddq[:, stretch]
+            found[:, stretch] = self._channels(*part, stretch)
+        if not self.closed[-1]:
+            self._forget()
+        return np.concatenate((passive, found))
+
+    def _forget(self) -> None:
+        self._memories: list[Any] = [None] * len(self._terms)
+        self._travelled = np.zeros((self.robot.n_joints, 1))
+        self._last: Array | None = None
+
+    def _channels(self, q: Array, dq: Array, ddq: Array, place: slice) -> Array:
+        """Channels of a stretch of all joints, and whether they are warm there."""
         samples = Samples(q, dq, ddq, lambda tens: self._rigid_torque(q, dq, ddq, tens))
-        found = [passive]
+        found = []
         for k, term in enumerate(self._terms):
-            if isinstance(term, Remembering):
-                part, self._memories[k] = term.remember(self.robot, samples, self._memories[k])
-                found.append(part)
+            part, self._memories[k] = term.remember(self.robot, samples, self._memories[k])
+            found.append(part)
+        steps = np.abs(np.diff(q, axis=1, prepend=q[:, :1] if self._last is None else self._last))
+        travelled = self._travelled + np.cumsum(steps, axis=1)
+        self._last, self._travelled = q[:, -1:].copy(), travelled[:, -1:]
+        warm, n = travelled >= self._warm_up, self.robot.n
+        self.warm[:, place] = warm[:n] & warm[n:].all(axis=0)
         return np.ascontiguousarray(np.concatenate(found))
-
-    def warm(self, q: Array) -> NDArray[np.bool_]:
-        """Whether the start is forgotten, per independent joint, shape `(n, N)`.
-
-        Args:
-            q: Independent joints, shape `(n, N)`, every sample once and in order.
-        """
-        n = self.robot.n
-        if not self._warm_up.any():
-            return np.ones(q.shape, dtype=bool)
-        if self._last is None:
-            self._last, self._travel = q[:, :1], np.zeros((n, 1))
-        steps = np.abs(np.diff(q, axis=1, prepend=self._last))
-        travelled = self._travel + np.cumsum(steps, axis=1)
-        self._last, self._travel = q[:, -1:], travelled[:, -1:]
-        return np.asarray(travelled >= self._warm_up[:n, None])
 
     def _passive(self, q: Array, t: Array | None) -> Array:
         """Positions of the passive joints, shape `(n_passive, N)`."""
@@ -97,3 +107,9 @@ class Scan:
         if not self._drop and not self.closed.all():
             raise open_loop(self._follower, q, self.closed, t)
         return passive
+
+
+def _stretches(closed: NDArray[np.bool_]) -> list[slice]:
+    """Where it is true without a gap."""
+    edges = np.flatnonzero(np.diff(closed.astype(np.int8), prepend=0, append=0))
+    return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]

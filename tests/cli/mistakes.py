@@ -148,7 +148,7 @@ def workshop(folder: Path) -> Path:
     _robots(given)
     _logs(given)
     (given / "damaged.json").write_text(
-        '{"schema": "steelyard.model", "schema_version": 1, "model": {"robot": 3}}'
+        '{"schema": "steelyard.model", "schema_version": 2, "model": {"robot": 3}}'
     )
     work = folder / "work"
     work.mkdir()

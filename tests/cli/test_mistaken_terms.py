@@ -76,6 +76,10 @@ def test_two_motors_have_two_names(robot: Robot, given: Path, command: Command) 
     done = command("identify", path, given / "identification.parquet", "-o", path.parent / "out")
     assert done.exit_code == 2 and "two motors are called 'a'" in done.stderr, done.output
     assert "name of its own" in done.stderr and "[robot.transmission] motors" in done.stderr
+    gears = GEARS.replace("ratios", 'motors = ["a", "elbow", "b", "c", "d", "e"]\nratios')
+    path = robot(TERMS, ("[model]", gears))
+    done = command("identify", path, given / "identification.parquet", "-o", path.parent / "out")
+    assert done.exit_code == 2 and "motor 'elbow' has the name of a joint" in done.stderr
 
 
 def test_behind_the_gears_no_motor_couples(robot: Robot, given: Path, command: Command) -> None:

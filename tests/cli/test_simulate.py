@@ -42,6 +42,8 @@ def test_payloads_that_cannot_be_are_refused(command: Command, tmp_path: Path) -
     assert "'tol', which is no moving frame" in done.stderr and "tool" in done.stderr
     done = command(*RUN, "--payload-mass", "3", "--attach", "2", "--release", "1", *out)
     assert done.exit_code == 2 and "taken at 2 s and let go at 1 s" in done.stderr
+    done = command(*RUN, "--payload-mass", "3", "--attach", "300", *out)
+    assert done.exit_code == 2 and "taken at 300 s, but the log ends at" in done.stderr
     assert command(*RUN, "--payload-mass", "0", *out).exit_code == 2
     assert not (tmp_path / "o").exists()
 

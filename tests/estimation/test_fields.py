@@ -246,8 +246,10 @@ def test_dictionary_columns_are_the_terms_columns(law: type[Any], field: str) ->
         start = ROBOT.n + c * width
         assert np.allclose(dense[:, :, start : start + width], wanted, rtol=1e-12, atol=1e-14)
         assert wide.names[start : start + width] == tuple(f"{name}@{c}" for name in alone.names)
-    warm = Model(ROBOT, (candidates[-1],)).scan().warm(samples[0])
-    assert np.array_equal(wide.scan().warm(samples[0]), warm)
+    scans = [model.scan() for model in (Model(ROBOT, (candidates[-1],)), wide)]
+    for scan in scans:
+        scan(*samples)
+    assert np.array_equal(scans[0].warm, scans[1].warm)
 
 
 def test_too_many_columns_are_searched_one_after_another(monkeypatch: pytest.MonkeyPatch) -> None:

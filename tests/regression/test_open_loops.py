@@ -16,6 +16,7 @@ from steelyard.regression.gather import gather
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot.robot import Loop, Robot
 from steelyard.robot.signals import Signals
+from steelyard.terms.presliding import Dahl
 from steelyard.terms.rigid_body import RigidBody
 
 RATE = 200.0
@@ -127,3 +128,25 @@ def test_whole_runs_keep_what_is_closed() -> None:
     )
     with pytest.raises(DataError, match="close at no sample"):
         closed_only(away, robot())
+
+
+def test_what_is_remembered_ends_at_an_open_loop() -> None:
+    dahl = Dahl(joints=("left_joint", "left_fore_joint"), length=0.01)
+    model = Model(robot(), (RigidBody(), dahl))
+    t = np.linspace(0.0, 1.0, 400)
+    q = np.stack([2.0 - 0.2 * t, 1.1 + 0.1 * t])
+    q[:, 200:210] = [[3.1], [0.0]]
+    dq, ddq = np.gradient(q, t, axis=1), np.zeros_like(q)
+    whole, fresh, parts = (model.scan(drop=True) for _ in range(3))
+    channels = whole(q, dq, ddq)
+    assert not whole.closed[200:210].any() and whole.closed.sum() == 390
+    wanted = fresh(q[:, 210:], dq[:, 210:], ddq[:, 210:])
+    assert np.allclose(channels[2:, 210:], wanted[2:], rtol=0.0, atol=1e-9)
+    assert np.array_equal(whole.warm[:, 210:], fresh.warm)
+    assert not whole.warm[0, 0] and not whole.warm[0, 210] and whole.warm[:, -1].all()
+    edges = (0, 205, 300, 400)
+    split = [
+        parts(q[:, a:b], dq[:, a:b], ddq[:, a:b])
+        for a, b in zip(edges[:-1], edges[1:], strict=True)
+    ]
+    assert np.allclose(np.concatenate(split, axis=1), channels, rtol=0.0, atol=1e-9)

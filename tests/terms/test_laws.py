@@ -250,7 +250,7 @@ def test_a_warm_start_is_forgotten(term: Term) -> None:
     model = Model(ROBOT, (term,))
     late = state[:, :, 900:]
     scan = model.scan()
-    known, warm = scan(*late), scan.warm(late[0])
+    known, warm = scan(*late), scan.warm
     other = channels(term, ROBOT, state)[:, 900:]
     sample = int(np.argmax(np.all(warm, axis=0)))
     assert np.all(warm[:, sample]) and sample < 3000

@@ -8,6 +8,8 @@ from pathlib import Path
 from steelyard.cli.river import LogArgument
 from steelyard.estimation.identified import IdentifiedModel, Provenance
 from steelyard.measurement import Run
+from steelyard.measurement.open_loops import open_stretches
+from steelyard.model import Model
 from steelyard.robot.robot_file import LoadedRobot
 
 
@@ -39,7 +41,9 @@ def sha256(path: Path) -> str:
 def settings(identified: IdentifiedModel) -> tuple[tuple[str, str], ...]:
     """Settings as label and value."""
     signals, cutoffs = identified.signals, identified.cutoffs
-    gains = ", ".join(f"{g:g}" for g in signals.gains)
+    gains = f"gains {', '.join(f'{g:g}' for g in signals.gains)}"
+    if signals.effort_map is not None:
+        gains = "of the motors, behind coupled gears"
     velocity = "logged" if signals.velocity else "differentiated positions"
     return (
         ("estimator", identified.estimate.estimator),
@@ -47,7 +51,7 @@ def settings(identified: IdentifiedModel) -> tuple[tuple[str, str], ...]:
         ("matched cut-off (regressor and effort)", f"{cutoffs.matched:g} Hz"),
         ("score cut-off (measured and predicted effort)", f"{cutoffs.score:g} Hz"),
         ("velocities", velocity),
-        ("effort", f"{signals.effort_kind.replace('_', ' ')}, gains {gains}"),
+        ("effort", f"{signals.effort_kind.replace('_', ' ')}, {gains}"),
     )
 
 
@@ -56,3 +60,10 @@ def notes_of(runs: Sequence[Run]) -> tuple[str, ...]:
     first = runs[0]
     cut = f"cut-offs: motion {first.motion_cutoff:g} Hz, matched {first.matched_cutoff:g} Hz"
     return (cut, *(f"{run.name}: {loss}" for run in runs for loss in run.quality.losses))
+
+
+def dropped(model: Model, runs: Sequence[Run]) -> tuple[str, ...]:
+    """The stretches at which a loop does not close, where those are left out."""
+    if model.robot.open_loops != "drop":
+        return ()
+    return tuple(str(one) for run in runs for one in open_stretches(run, model.robot))

@@ -5,14 +5,13 @@ from dataclasses import dataclass, replace
 
 from steelyard.cli.river import with_friction
 from steelyard.errors import DataError, ModelError
-from steelyard.estimation.estimate import Estimate
+from steelyard.estimation.estimate import Estimate, Estimator
 from steelyard.estimation.fields import Finding, find_fields, said_by
 from steelyard.estimation.gains import GainEstimate, identified_gains
 from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimation.least_squares import OrdinaryLeastSquares, WeightedLeastSquares
 from steelyard.estimation.reference import needs_reference, settled_reference
 from steelyard.measurement import Run
-from steelyard.measurement.open_loops import open_stretches
 from steelyard.model import Model
 from steelyard.progress import Progress
 from steelyard.regression.base import base_map, refuse_twins
@@ -88,7 +87,7 @@ def fit(
     gains = _gains(model, loaded_robot, runs, carrying, payload, threads, progress)
     if gains is not None:
         runs = [_with_gains(run, gains) for run in runs]
-    estimator, other = estimators(loaded_robot)
+    estimator, other = (_of_runs(e, model) for e in estimators(loaded_robot))
     choice = None
     if loaded_robot.friction:
         choice = choose_friction(model, runs, estimator, threads=threads, progress=progress)
@@ -100,13 +99,13 @@ def fit(
     model, settled = found.model, True
     if needs_reference(model):
         model, settled = settled_reference(model, said, estimator)
-    estimate, reference = _estimates(model, said(base_regressor(model)), estimator, other)
+    information = said(base_regressor(model))
+    estimate, reference = estimator(information), other(information)
     notes = (
         *([_gain_note(gains)] if gains is not None else []),
         *([choice.note] if choice is not None else []),
         *found.notes,
         *([] if settled else [_UNSETTLED]),
-        *_dropped(model, runs),
         *_beyond(model, estimate),
     )
     identified = IdentifiedModel(
@@ -141,22 +140,20 @@ def estimators(loaded: LoadedRobot) -> tuple[LeastSquares, LeastSquares]:
     return (noise, equal) if loaded.estimation.weights == "noise" else (equal, noise)
 
 
-def _estimates(
-    model: Model,
-    information: Information,
-    estimator: LeastSquares,
-    other: LeastSquares,
-) -> tuple[Estimate, Estimate]:
-    """Both estimates, with the parameters that every run has for itself."""
+def _of_runs(estimator: LeastSquares, model: Model) -> Estimator:
+    """The estimator with the parameters that every run of this model has for itself."""
     own = {
         p.name
         for term in model.terms
         if getattr(term, "per_run", False)
         for p in term.parameters(model.robot)
     }
-    names = tuple(name for name in information.layout.columns if name in own)
-    first, second = (replace(e, per_run=names)(information) for e in (estimator, other))
-    return first, second
+
+    def estimate(information: Information) -> Estimate:
+        names = tuple(name for name in information.layout.columns if name in own)
+        return replace(estimator, per_run=names)(information)
+
+    return estimate
 
 
 def _refuse_finds(model: Model) -> None:
@@ -168,13 +165,6 @@ def _refuse_finds(model: Model) -> None:
             where="[model] friction",
             mend='give the field a number, or list the friction laws in place of "auto"',
         )
-
-
-def _dropped(model: Model, runs: Sequence[Run]) -> tuple[str, ...]:
-    """The stretches at which a loop does not close, where those are left out."""
-    if model.robot.open_loops != "drop":
-        return ()
-    return tuple(str(one) for run in runs for one in open_stretches(run, model.robot))
 
 
 def _beyond(model: Model, estimate: Estimate) -> tuple[str, ...]:

@@ -111,7 +111,8 @@ def run_identify(
         origin = describe.provenance(file, known, carrying, unknown, fitted, notes)
         payload = Payload(payload_mass, payload_frame)
         found = fit(model, file, fitted, loaded_runs, payload, origin, threads, progress)
-        content = report_of(found, unseen, (*clean, *unseen), (*notes, *found.notes), progress)
+        notes += (*found.notes, *describe.dropped(model, (*clean, *unseen)))
+        content = report_of(found, unseen, (*clean, *unseen), notes, progress)
         write_results(found.identified, content, part)
         if last:
             interrupt.too_late()

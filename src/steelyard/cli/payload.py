@@ -2,6 +2,7 @@
 
 import json
 import os
+from dataclasses import replace
 from math import floor, isfinite, log10
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -97,10 +98,11 @@ def _estimated(
 ) -> "PayloadEstimate":
     """Gather what the logs say, with the model's cut-offs, and weigh."""
     from steelyard.application.payload import identify_payload
-    from steelyard.cli import river
+    from steelyard.cli import describe, river
     from steelyard.measurement import Processing
     from steelyard.regression.gather import gather
     from steelyard.regression.regressor import base_regressor
+    from steelyard.validation.mixes import remembers
 
     wanted = Processing(
         motion_cutoff=identified.cutoffs.motion,
@@ -109,12 +111,11 @@ def _estimated(
     )
     recordings = [river.recording_of(log, identified.signals) for log in (*loaded, *unloaded)]
     regressor, threads = base_regressor(identified.model), os.cpu_count() or 1
-    said = [
-        gather(regressor, run, threads=threads, progress=progress)
-        for run in river.prepared(recordings, wanted, progress)
-    ]
+    runs, rests = river.prepared(recordings, wanted, progress), remembers(identified.model.terms)
+    said = [gather(regressor, run, rests=rests, threads=threads, progress=progress) for run in runs]
     count = len(loaded)
-    return identify_payload(identified, said[:count], frame, unloaded=said[count:])
+    found = identify_payload(identified, said[:count], frame, unloaded=said[count:])
+    return replace(found, notes=(*found.notes, *describe.dropped(identified.model, runs)))
 
 
 def _fitted_before(

@@ -48,7 +48,8 @@ def simulate(
 
     Its causes of torque are those of the robot file, with Coulomb and viscous
     friction where that is to be chosen. Writes log.parquet, trajectory.json and,
-    in a file of its own, truth.json.
+    in a file of its own, truth.json. The seed makes both the robot and its random
+    motion: give --motion for another motion of the same robot.
 
     Example: steelyard simulate panda.urdf --seed 1 -o panda-run1
     """

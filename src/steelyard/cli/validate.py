@@ -55,7 +55,7 @@ def validate(
         scores=scores,
         fitted=(),
         qualities=tuple((run.name, run.quality.rows_of_text) for run in runs),
-        notes=describe.notes_of(runs),
+        notes=(*describe.notes_of(runs), *describe.dropped(identified.model, runs)),
         settings=describe.settings(identified),
     )
     if folder is not None:

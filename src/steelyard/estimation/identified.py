@@ -16,7 +16,7 @@ from steelyard.regression.base import BaseMap
 from steelyard.robot.signals import Signals, signals_from_dict, signals_to_dict
 
 SCHEMA = "steelyard.model"
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 
 
 @dataclass(frozen=True)

@@ -119,7 +119,7 @@ def remembered(blocks: Iterable[Block], model: Model, rests: bool) -> Iterator[B
         if block.segment != segment:
             segment, scan, number = block.segment, model.scan(drop), number + 1
         channels = scan(block.q, block.dq, block.ddq, block.t)
-        counted = scan.warm(block.q) if rests else block.moving & scan.warm(block.q)
+        counted = scan.warm if rests else block.moving & scan.warm
         whole = replace(block, segment=number, channels=channels, moving=counted)
         yield from closed_parts(whole, scan.closed)
         number += int(np.sum(~scan.closed))

@@ -46,6 +46,12 @@ def build_transmission(
                 where=locate("robot", "transmission", "motors"),
                 mend="give every motor a name of its own",
             )
+        if motor in joints:
+            raise ModelError(
+                f"motor '{motor}' has the name of a joint",
+                where=locate("robot", "transmission", "motors"),
+                mend="give it another one, so that terms can say which of the two they mean",
+            )
     matrix = _matrix(section, motors, joints, locate)
     lengths = np.linalg.norm(matrix, axis=1)
     scaled = matrix / np.where(lengths > 0.0, lengths, 1.0)[:, None]

@@ -57,7 +57,8 @@ class LoadDependent(Acting):
             raise ModelError(
                 "the reference of load-dependent friction names no number of a body",
                 where="list of terms",
-                mend='give standard parameters by name: {"m.forearm": 3.2, ...}',
+                mend='list "rigid_body" among the terms, or give standard parameters by name: '
+                '{"m.forearm": 3.2, ...}',
             )
         return replace(self, reference=tuple(bodies.items()))
 

@@ -78,8 +78,7 @@ def left_out_errors(
     count = len(fitted.windows)
     errors = np.empty((count, len(tested.layout.rows)))
     for fold in range(count):
-        others = fitted.grouped([[k for k in range(count) if k != fold]])
-        estimate = estimator(others)
+        estimate = estimator(fitted.of([k for k in range(count) if k != fold]))
         known = estimate.parameters.as_dict()
         values = np.array([known.get(name, 0.0) for name in tested.layout.columns])
         held = tested.of([fold])

@@ -101,6 +101,13 @@ class VirtualRobot:
         moving = ((t >= self.rest) & (t <= self.rest + trajectory.duration))[:, None]
         goal, speed = wanted.q, np.where(moving, wanted.dq, 0.0)
         loaded = np.zeros(ticks, bool) if self.payload is None else self.payload.carried(t)
+        if self.payload is not None and not loaded.any():
+            raise DataError(
+                f"the payload is taken at {self.payload.attach:g} s, "
+                f"but the log ends at {t[-1]:g} s",
+                where=f"payload on '{self.payload.frame}'",
+                mend="take it earlier, or make the motion longer",
+            )
         self._plant.load(bool(loaded[0]))
         self.place(goal[0])
         tau = self._settle(goal[0])
