@@ -9,6 +9,7 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -160,7 +161,8 @@ def main(laws: Sequence[str] = ()) -> list[Claim]:
     """Coverage of each law over all parameters of its model, and of all together."""
     numbers = [k for k, (term, _) in enumerate(cases()) if not laws or term.law in laws]
     claims, inside, total = [], 0, 0
-    with ProcessPoolExecutor() as pool:
+    # a fork of a process with threads, which other proofs leave behind, may hang
+    with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
         for law, good, count, own, owned in pool.map(held, numbers):
             inside, total = inside + good, total + count
             share = 100.0 * good / count

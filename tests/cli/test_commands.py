@@ -129,6 +129,20 @@ def test_validate_json_has_its_schema(identified: Path, command: Command) -> Non
             assert joint["relative_percent"] == pytest.approx(percent)
 
 
+def test_a_log_that_was_fitted_is_no_test(
+    identified: Path, command: Command, tmp_path: Path
+) -> None:
+    runs = strict(command("validate", identified, OTHER, f"{LOG}@1.5:4", "--json").stdout)
+    assert [run["fitted"] for run in runs] == [False, True]
+    shown = " ".join(command("validate", identified, f"{LOG}@1.5:4").stdout.split())
+    assert "Not tested on unseen motion" in shown and "(fitted, below" in shown
+    assert "identification@1.5:4 was fitted: its score is no test of the model" in shown
+    out = tmp_path / "part"
+    assert command("identify", ROBOT, f"{LOG}@0:3.5", "-o", out).exit_code == 0
+    runs = strict(command("validate", out, f"{LOG}@3.5:6", f"{LOG}@3:6", "--json").stdout)
+    assert [run["fitted"] for run in runs] == [False, True]
+
+
 def test_validate_says_what_identify_said(
     identified: Path, command: Command, tmp_path: Path
 ) -> None:

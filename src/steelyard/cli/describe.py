@@ -1,11 +1,9 @@
 """What a run, a fit and its settings look like in words, for the terminal and the report."""
 
-import hashlib
 from collections.abc import Sequence
 from importlib.metadata import version
-from pathlib import Path
 
-from steelyard.cli.river import LogArgument
+from steelyard.cli.river import LogArgument, sha256
 from steelyard.estimation.identified import IdentifiedModel, Provenance
 from steelyard.measurement import Run
 from steelyard.measurement.open_loops import open_stretches
@@ -30,12 +28,6 @@ def provenance(
             more = sum(key == name or key.startswith(f"{name} (") for key in inputs)
             inputs[f"{name} ({more + 1})" if more else name] = sha256(path)
     return Provenance(version("steelyard"), inputs, tuple(r.name for r in runs), tuple(notes))
-
-
-def sha256(path: Path) -> str:
-    """Hash of a file, read in parts."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def settings(identified: IdentifiedModel) -> tuple[tuple[str, str], ...]:

@@ -122,15 +122,12 @@ def _fitted_before(
     identified: "IdentifiedModel", loaded: "list[LogArgument]", jointly: bool
 ) -> tuple[str, ...]:
     """A log that the model was identified from weighs nothing against it."""
-    from steelyard.cli.describe import sha256
+    from steelyard.cli import river
 
-    if jointly:
-        return ()
-    hashes = {h for role, h in identified.provenance.inputs.items() if role.startswith("identif")}
     return tuple(
         f"the model was identified from {log.path.name}: against itself it carries nothing"
         for log in loaded
-        if sha256(log.path) in hashes
+        if not jointly and river.fitted_before(identified, log)
     )
 
 

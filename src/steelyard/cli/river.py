@@ -1,5 +1,6 @@
 """The way of the data that commands share: logs named on the command line to runs and scores."""
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -77,6 +78,23 @@ def _overlap(one: LogArgument, other: LogArgument) -> bool:
     apart = a.seconds[1] <= b.seconds[0] or b.seconds[1] <= a.seconds[0]
     first, second = sorted((a.rows, b.rows), key=lambda rows: rows[0])
     return not apart and (first[1] is None or second[0] < first[1])
+
+
+def fitted_before(identified: IdentifiedModel, log: LogArgument) -> bool:
+    """Whether the model was identified from samples of this log, whatever it is called now."""
+    origin = identified.provenance
+    inputs = {h for role, h in origin.inputs.items() if role.startswith("identification ")}
+    if sha256(log.path) not in inputs:
+        return False
+    names = [run.rpartition("/")[2] for run in origin.runs]
+    cuts = [name.removeprefix(log.path.stem) for name in names if name.startswith(log.path.stem)]
+    return not cuts or any(_overlap(log, LogArgument(f"{log.path}{cut}", log.path)) for cut in cuts)
+
+
+def sha256(path: Path) -> str:
+    """Hash of a file, read in parts."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def recording_of(argument: LogArgument, signals: Signals) -> Recording:

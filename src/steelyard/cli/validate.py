@@ -48,14 +48,20 @@ def validate(
         recordings = [river.recording_of(log, identified.signals) for log in files]
         runs = river.prepared(recordings, wanted, progress)
         scores = river.scored(identified, runs, progress)
+    known = [river.fitted_before(identified, log) for log in files]
+    again = tuple(score for score, old in zip(scores, known, strict=True) if old)
     content = ReportContent(
         title=f"{identified.model.robot.name}: validation",
         robot=identified.model.robot.name,
         identified=identified,
-        scores=scores,
-        fitted=(),
+        scores=tuple(score for score, old in zip(scores, known, strict=True) if not old),
+        fitted=again,
         qualities=tuple((run.name, run.quality.rows_of_text) for run in runs),
-        notes=(*describe.notes_of(runs), *describe.dropped(identified.model, runs)),
+        notes=(
+            *describe.notes_of(runs),
+            *describe.dropped(identified.model, runs),
+            *(f"{score.run} was fitted: its score is no test of the model" for score in again),
+        ),
         settings=describe.settings(identified),
     )
     if folder is not None:
@@ -63,7 +69,10 @@ def validate(
             (part / "report.html").write_text(render(content), encoding="utf-8")
             interrupt.too_late()
     if as_json:
-        typer.echo(json.dumps([score.to_dict() for score in scores], allow_nan=False))
+        told = [
+            {**score.to_dict(), "fitted": old} for score, old in zip(scores, known, strict=True)
+        ]
+        typer.echo(json.dumps(told, allow_nan=False))
         return
     summary(content, Console())
     if folder is not None:

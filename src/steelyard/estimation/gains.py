@@ -162,7 +162,8 @@ def _refuse_unanswerable(
         raise DataError(
             "nothing fixes the scale: gains are known relative to each other only",
             where=where,
-            mend="give a loaded run with the payload's mass, or the gain of one joint",
+            mend="give a loaded run with the payload's mass (--loaded LOG --payload-mass KG), or "
+            "the gain of one joint",
         )
     if mass is None:
         return
@@ -173,7 +174,8 @@ def _refuse_unanswerable(
             raise DataError(
                 f"a known mass needs runs with and without it; there is none {lacking}",
                 where=where,
-                mend=f"give a run {lacking} the payload, best of the same motion",
+                mend=f"give a run {lacking} the payload, best of the same motion (--loaded LOG for "
+                "those with it)",
             )
 
 

@@ -50,7 +50,8 @@ def summary(content: ReportContent, console: Console) -> None:
     from rich.text import Text
 
     judged = verdict(content)
-    console.print(Text(judged.headline, style=f"bold {COLOURS[judged.level]}"))
+    poor = "POOR: " if judged.level == "poor" else ""
+    console.print(Text(poor + judged.headline, style=f"bold {COLOURS[judged.level]}"))
     console.print(Text(judged.detail))
     for score in content.scores or content.fitted:
         console.print()

@@ -65,6 +65,7 @@ def reduced(
     free = _moving(mechanism, None, locked, base, tip)
     masters = {name: drive.master for name, drive in drives.items()}
     passive = passive_joints(mechanism, masters, free, joints, closing)
+    _refuse_both(joints, passive, closing.where)
     active = [n for n in free if n not in passive] if joints is None else joints
     moving = _moving(mechanism, [*active, *passive], locked, base, tip)
     _check_joints(mechanism, [*locked], "locked")
@@ -88,6 +89,17 @@ def reduced(
     )
     robot, closed = closed_robot(robot, mechanism, closing)
     return robot, (*_notes(mechanism, robot, base, assumed, positions), *closed)
+
+
+def _refuse_both(joints: Sequence[str] | None, passive: Sequence[str], where: str) -> None:
+    """A joint is identified or passive."""
+    both = [name for name in joints or () if name in passive]
+    if both:
+        raise ModelError(
+            f"joint '{both[0]}' is to be identified, and passive at once",
+            where=where,
+            mend="list each joint of a loop under joints if it is logged, else under passive",
+        )
 
 
 def _check_links(mechanism: Mechanism, base: str, tip: str | Sequence[str] | None) -> None:

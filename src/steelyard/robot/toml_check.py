@@ -93,7 +93,7 @@ def _explained(
             mend=f"add {missing} = ... to {shown(path)}" if path else f"add a [{missing}] table",
         )
     words = dict.fromkeys(
-        flaw["msg"].replace("Input should be", "").strip()
+        flaw["msg"].replace("Input should be", "").replace("tuple", "list in [ ]").strip()
         for flaw in flaws
         if _path(data, flaw["loc"]) == path
     )
