@@ -94,10 +94,13 @@ def _table(score: RunScore, unseen: bool) -> Table:
 
     kind = "not fitted" if unseen else "fitted"
     table = Table(
-        title=Text(f"{score.run} ({kind}, below {score.cutoff:g} Hz)"), title_justify="left"
+        title=Text(f"{score.run} ({kind}, below {score.cutoff:g} Hz)"),
+        title_justify="left",
+        caption="zero, nominal: RMSE of predicting nothing, and of the nominal model",
+        caption_justify="left",
     )
     table.add_column("joint", overflow="fold")
-    for heading in ("moving", "all", "RMSE", "predict zero", "nominal model"):
+    for heading in ("moving", "all", "RMSE", "zero", "nominal"):
         table.add_column(heading, justify="right")
     table.add_column("unit")
     for joint in score.joints:
