@@ -99,6 +99,11 @@ def test_later_stages_build_on_what_was_chosen() -> None:
     assert found.table[-1].chosen and found.table[-1].gain == pytest.approx(10.0)
 
 
+def test_scatter_does_not_speak_for_a_mix() -> None:
+    found = chosen({BASE: [10.0] * 3, SMOOTHED: [6.0, 8.0, 60.0], DAHL: [8.0] * 3})
+    assert found.name == DAHL
+
+
 def test_one_fold_has_no_spread() -> None:
     found = chosen({BASE: [10.0], SMOOTHED: [9.8], DAHL: [20.0],
                     f"{SMOOTHED} + root": [9.9], f"{SMOOTHED} + cubic": [11.0]})  # fmt: skip

@@ -204,8 +204,7 @@ def _staged(
         mixes = [(*kept, *laws, *extra) for laws in stage]
         found = [(mix, errors(mix)) for mix in mixes]
         table += [pair for pair in found if pair[0] not in [mix for mix, _ in table]]
-        best = min(found, key=lambda pair: float(pair[1].mean()))
-        chosen = next(mix for mix, error in found if not _worse(error, best[1]))
+        chosen = _simplest(found)
         kept = chosen[: len(chosen) - len(extra)] if number == 0 else chosen
     first = table[0][1]
     rows = (
@@ -220,6 +219,16 @@ def _staged(
         for mix, error in table
     )
     return FrictionChoice(kept, tuple(rows), left_out)
+
+
+def _simplest(found: Sequence[tuple[tuple[Term, ...], Array]]) -> tuple[Term, ...]:
+    """The first mix of a stage that is not worse than the best, nor than the simplest of all.
+
+    A mix whose errors scatter is not told from the best; that alone does not speak for it.
+    """
+    best = min((error for _, error in found), key=lambda error: float(error.mean()))
+    most = float(found[0][1].mean())
+    return next(mix for mix, e in found if not _worse(e, best) and e.mean() <= most)
 
 
 def _ratio(logarithms: Array) -> float:
