@@ -15,15 +15,14 @@ from steelyard.parameters import Parameter
 from steelyard.robot.inertia import INERTIAL_NAMES
 from steelyard.robot.nearest import advice
 from steelyard.robot.robot import Robot
-from steelyard.terms.axes import Acting, Axis, each, per_axis, spread
-from steelyard.terms.direction import Field, refuse_not_positive
-from steelyard.terms.presliding import dahl_states, forgotten
+from steelyard.terms.axes import Axis, each, per_axis
+from steelyard.terms.presliding import OneState, dahl_states
 from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.term import Columns, Samples
+from steelyard.terms.term import Samples
 
 
 @dataclass(frozen=True)
-class LoadDependent(Acting):
+class LoadDependent(OneState):
     r"""Load-dependent friction, $f = \mu\,|\tau_\mathrm{rigid}|\,s$, without a unit.
 
     $\tau_\mathrm{rigid}$ is what the rigid bodies of a reference model load the coordinate with,
@@ -38,12 +37,10 @@ class LoadDependent(Acting):
 
     law: ClassVar[str] = "load_dependent"
     aside: ClassVar[tuple[str, ...]] = ("length", "reference")
-    bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"length": (1e-5, 3e-2)}
-    length: Field = 3e-4
     reference: tuple[tuple[str, float], ...] = ()
 
     def __post_init__(self) -> None:
-        refuse_not_positive(self.law, length=self.length)
+        super().__post_init__()
         object.__setattr__(self, "reference", _numbers(self.reference))
 
     def with_reference(self, values: Mapping[str, float]) -> "LoadDependent":
@@ -65,19 +62,6 @@ class LoadDependent(Acting):
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """One per coordinate, not negative."""
         return each(self.axes(robot), self.law, lambda _: "1", lower=0.0)
-
-    def columns(self, robot: Robot, state: JointState) -> Columns:
-        """Load times direction."""
-        return spread(self.axes(robot), lambda k, _: state.channels[k])
-
-    def n_channels(self, robot: Robot) -> int:
-        """One per coordinate."""
-        return len(self.axes(robot))
-
-    def warm_up(self, robot: Robot) -> Array:
-        """Three lengths."""
-        axes = self.axes(robot)
-        return forgotten(axes, per_axis(self.length, axes, self.law), robot)
 
     def remember(self, robot: Robot, samples: Samples, memory: Any) -> tuple[Array, Any]:
         """Load times direction along the motion."""

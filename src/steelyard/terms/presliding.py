@@ -43,7 +43,37 @@ class Memory:
 
 
 @dataclass(frozen=True)
-class Dahl(Acting):
+class OneState(Acting):
+    """A law whose torque is one channel per coordinate, which a presliding state makes.
+
+    Attributes:
+        length: Presliding length, one for all or one per coordinate [rad; m].
+    """
+
+    law: ClassVar[str]
+    aside: ClassVar[tuple[str, ...]] = ("length",)
+    bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"length": (1e-5, 3e-2)}
+    length: Field = 3e-4
+
+    def __post_init__(self) -> None:
+        refuse_not_positive(self.law, length=self.length)
+
+    def columns(self, robot: Robot, state: JointState) -> Columns:
+        """The channel."""
+        return spread(self.axes(robot), lambda k, _: state.channels[k])
+
+    def n_channels(self, robot: Robot) -> int:
+        """One per coordinate."""
+        return len(self.axes(robot))
+
+    def warm_up(self, robot: Robot) -> Array:
+        """Three lengths."""
+        axes = self.axes(robot)
+        return forgotten(axes, per_axis(self.length, axes, self.law), robot)
+
+
+@dataclass(frozen=True)
+class Dahl(OneState):
     r"""Dahl friction, $f = f_c\,s$ with $ds/dq = (1 - s\,\mathrm{sign}\,\dot q)/\delta$ [Dahl1968].
 
     A reversal turns the friction round within some lengths $\delta$; a resting joint keeps what it
@@ -54,29 +84,10 @@ class Dahl(Acting):
     """
 
     law: ClassVar[str] = "dahl"
-    aside: ClassVar[tuple[str, ...]] = ("length",)
-    bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"length": (1e-5, 3e-2)}
-    length: Field = 3e-4
-
-    def __post_init__(self) -> None:
-        refuse_not_positive(self.law, length=self.length)
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """One per coordinate, not negative."""
         return each(self.axes(robot), self.law, lambda axis: axis.effort_unit, lower=0.0)
-
-    def columns(self, robot: Robot, state: JointState) -> Columns:
-        """The state."""
-        return spread(self.axes(robot), lambda k, _: state.channels[k])
-
-    def n_channels(self, robot: Robot) -> int:
-        """One state per coordinate."""
-        return len(self.axes(robot))
-
-    def warm_up(self, robot: Robot) -> Array:
-        """Three lengths."""
-        axes = self.axes(robot)
-        return forgotten(axes, per_axis(self.length, axes, self.law), robot)
 
     def remember(self, robot: Robot, samples: Samples, memory: Any) -> tuple[Array, Any]:
         """The states along the motion."""
