@@ -107,16 +107,9 @@ def build_signals(
     check_sides(section, gears, locate)
     position = _columns(section.position, coordinates, locate("signals", "position"))
     effort = _columns(section.effort.columns, coordinates, locate("signals", "effort", "columns"))
-    turned = gears is not None and section.coordinates == "motor"
-    velocity, velocity_scale = None, None
+    velocity = None
     if section.velocity is not None:
         velocity = _columns(section.velocity, coordinates, locate("signals", "velocity"))
-        velocity_scale = _scales(
-            section.velocity_unit,
-            _of_motors(VELOCITY_UNITS) if turned else VELOCITY_UNITS,
-            coordinates,
-            locate("signals", "velocity_unit"),
-        )
     elif section.velocity_unit is not None:
         raise ModelError(
             "velocity_unit is given, but no velocity columns",
@@ -124,6 +117,7 @@ def build_signals(
             mend="add velocity = ..., or remove velocity_unit",
         )
     _check_distinct((section.time, *position, *(velocity or ()), *effort), locate("signals"))
+    position_scale, velocity_scale = _motion_scales(section, coordinates, locate)
     units, effort_scale = effort_units_of(section.effort, coordinates, locate)
     gains, unknown = gains_of(section.effort, effort, units, coordinates, locate)
     effort_map = None
@@ -134,27 +128,37 @@ def build_signals(
             gains = frozen(np.ones(len(coordinates)))
         else:
             gains = frozen(gains * np.diag(gears.matrix))
+    turned = gears is not None and section.coordinates == "motor"
     return Signals(
-        section.time,
-        TIME_UNITS[section.time_unit],
-        position,
-        _scales(
-            section.position_unit,
-            _of_motors(POSITION_UNITS) if turned else POSITION_UNITS,
-            coordinates,
-            locate("signals", "position_unit"),
-        ),
-        velocity,
-        velocity_scale,
-        effort,
-        effort_scale,
-        section.effort.kind,
-        units,
-        gains,
-        unknown,
-        frozen(np.linalg.inv(gears.matrix)) if gears is not None and turned else None,
-        _position_offset(section, coordinates, locate),
-        effort_map,
+        time=section.time,
+        time_scale=TIME_UNITS[section.time_unit],
+        position=position,
+        position_scale=position_scale,
+        velocity=velocity,
+        velocity_scale=None if velocity is None else velocity_scale,
+        effort=effort,
+        effort_scale=effort_scale,
+        effort_kind=section.effort.kind,
+        effort_units=units,
+        gains=gains,
+        unknown_gains=unknown,
+        position_map=frozen(np.linalg.inv(gears.matrix)) if gears is not None and turned else None,
+        position_offset=_position_offset(section, coordinates, locate),
+        effort_map=effort_map,
+    )
+
+
+def _motion_scales(
+    section: SignalsSection, coordinates: Sequence[Coordinate], locate: Locate
+) -> tuple[Array, Array]:
+    """SI per logged unit of positions and velocities, of joints or of motors."""
+    position_units, velocity_units = POSITION_UNITS, VELOCITY_UNITS
+    if section.coordinates == "motor":
+        position_units, velocity_units = _of_motors(POSITION_UNITS), _of_motors(VELOCITY_UNITS)
+    where = locate("signals", "position_unit"), locate("signals", "velocity_unit")
+    return (
+        _scales(section.position_unit, position_units, coordinates, where[0]),
+        _scales(section.velocity_unit, velocity_units, coordinates, where[1]),
     )
 
 
