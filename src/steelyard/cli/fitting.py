@@ -24,6 +24,11 @@ from steelyard.terms.rigid_body import RigidBody
 from steelyard.validation.friction import FrictionChoice, choose_friction, refuse_listed
 from steelyard.validation.mixes import remembers
 
+_UNSETTLED = (
+    "the reference of load-dependent friction still moved after three passes: "
+    "its coefficients are rough"
+)
+
 
 @dataclass(frozen=True)
 class Payload:
@@ -93,10 +98,9 @@ def fit(
         choice = choose_friction(model, runs, estimator, threads=threads, progress=progress)
         model = replace(model, terms=(*model.terms, *choice.terms))
     said = said_by(runs, rests=remembers(model.terms), threads=threads, progress=progress)
-    if not any(finds_of(term) for term in model.terms):
-        refuse_twins(model, base_map(model))
     found = find_fields(model, said, progress=progress)
     model, settled = found.model, True
+    refuse_twins(model, base_map(model))
     if needs_reference(model):
         model, settled = settled_reference(model, said, estimator)
     information = said(base_regressor(model))
@@ -123,12 +127,6 @@ def fit(
         provenance=replace(origin, notes=(*origin.notes, *notes)),
     )
     return Fit(identified, tuple(runs), choice, found.findings, gains, notes)
-
-
-_UNSETTLED = (
-    "the reference of load-dependent friction still moved after three passes: "
-    "its coefficients are rough"
-)
 
 
 LeastSquares = OrdinaryLeastSquares | WeightedLeastSquares

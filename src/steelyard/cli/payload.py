@@ -99,19 +99,14 @@ def _estimated(
     """Gather what the logs say, with the model's cut-offs, and weigh."""
     from steelyard.application.payload import identify_payload
     from steelyard.cli import describe, river
-    from steelyard.measurement import Processing
     from steelyard.regression.gather import gather
     from steelyard.regression.regressor import base_regressor
     from steelyard.validation.mixes import remembers
 
-    wanted = Processing(
-        motion_cutoff=identified.cutoffs.motion,
-        matched_cutoff=identified.cutoffs.matched,
-        rest_speed=identified.rest_speed,
-    )
     recordings = [river.recording_of(log, identified.signals) for log in (*loaded, *unloaded)]
     regressor, threads = base_regressor(identified.model), os.cpu_count() or 1
-    runs, rests = river.prepared(recordings, wanted, progress), remembers(identified.model.terms)
+    runs = river.prepared(recordings, river.processing_of(identified), progress)
+    rests = remembers(identified.model.terms)
     said = [gather(regressor, run, rests=rests, threads=threads, progress=progress) for run in runs]
     count = len(loaded)
     found = identify_payload(identified, said[:count], frame, unloaded=said[count:])

@@ -162,6 +162,15 @@ def _is_of_motors(term: Term, robot: Robot) -> bool:
     )
 
 
+def processing_of(identified: IdentifiedModel) -> Processing:
+    """How logs are read for a model: as those were that it was identified from."""
+    return Processing(
+        motion_cutoff=identified.cutoffs.motion,
+        matched_cutoff=identified.cutoffs.matched,
+        rest_speed=identified.rest_speed,
+    )
+
+
 def prepared(
     recordings: Sequence[Recording], wanted: Processing, progress: Progress
 ) -> tuple[Run, ...]:

@@ -1,13 +1,20 @@
 """`steelyard validate`: how well an identified model predicts other logs."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from steelyard.cli.guard import guarded
 from steelyard.cli.options import LOG_HELP, Json
+
+if TYPE_CHECKING:
+    from steelyard.estimation.identified import IdentifiedModel
+    from steelyard.measurement import Run
+    from steelyard.report import ReportContent
+    from steelyard.validation.score import RunScore
 
 
 @guarded
@@ -28,42 +35,22 @@ def validate(
     """
     from rich.console import Console
 
-    from steelyard.cli import describe, interrupt, river
+    from steelyard.cli import interrupt, river
     from steelyard.cli.show import progress_bar
     from steelyard.estimation.identified import load_model
     from steelyard.files import whole_folder
-    from steelyard.measurement import Processing
-    from steelyard.report import ReportContent, render
+    from steelyard.report import render
     from steelyard.report.terminal import summary
 
     identified = load_model(model)
     folder = None if output is None else river.new_folder(output, "")
     files = river.log_files(logs)
-    wanted = Processing(
-        motion_cutoff=identified.cutoffs.motion,
-        matched_cutoff=identified.cutoffs.matched,
-        rest_speed=identified.rest_speed,
-    )
     with progress_bar() as progress:
         recordings = [river.recording_of(log, identified.signals) for log in files]
-        runs = river.prepared(recordings, wanted, progress)
+        runs = river.prepared(recordings, river.processing_of(identified), progress)
         scores = river.scored(identified, runs, progress)
     known = [river.fitted_before(identified, log) for log in files]
-    again = tuple(score for score, old in zip(scores, known, strict=True) if old)
-    content = ReportContent(
-        title=f"{identified.model.robot.name}: validation",
-        robot=identified.model.robot.name,
-        identified=identified,
-        scores=tuple(score for score, old in zip(scores, known, strict=True) if not old),
-        fitted=again,
-        qualities=tuple((run.name, run.quality.rows_of_text) for run in runs),
-        notes=(
-            *describe.notes_of(runs),
-            *describe.dropped(identified.model, runs),
-            *(f"{score.run} was fitted: its score is no test of the model" for score in again),
-        ),
-        settings=describe.settings(identified),
-    )
+    content = _content(identified, runs, scores, known)
     if folder is not None:
         with whole_folder(folder) as part:
             (part / "report.html").write_text(render(content), encoding="utf-8")
@@ -77,3 +64,30 @@ def validate(
     summary(content, Console())
     if folder is not None:
         typer.echo(f"\nreport  {folder / 'report.html'}")
+
+
+def _content(
+    identified: "IdentifiedModel",
+    runs: "Sequence[Run]",
+    scores: "Sequence[RunScore]",
+    known: Sequence[bool],
+) -> "ReportContent":
+    """What the report shows; `known` says which runs the model was fitted to."""
+    from steelyard.cli import describe
+    from steelyard.report import ReportContent
+
+    again = tuple(score for score, old in zip(scores, known, strict=True) if old)
+    return ReportContent(
+        title=f"{identified.model.robot.name}: validation",
+        robot=identified.model.robot.name,
+        identified=identified,
+        scores=tuple(score for score, old in zip(scores, known, strict=True) if not old),
+        fitted=again,
+        qualities=tuple((run.name, run.quality.rows_of_text) for run in runs),
+        notes=(
+            *describe.notes_of(runs),
+            *describe.dropped(identified.model, runs),
+            *(f"{score.run} was fitted: its score is no test of the model" for score in again),
+        ),
+        settings=describe.settings(identified),
+    )

@@ -1,0 +1,99 @@
+"""What a robot file leaves to the data or chooses otherwise, through whole identifications."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import steelyard
+from cli.conftest import Command
+from cli.river_files import edited
+
+TERMS = 'terms = ["rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"]'
+Told = Callable[..., tuple[dict[str, Any], Path]]
+
+
+@pytest.fixture
+def told(given: Path, tmp_path: Path, command: Command) -> Told:
+    """`identify --json` with the demo arm's robot file changed, and the folder it wrote."""
+
+    def run(*changes: tuple[str, str]) -> tuple[dict[str, Any], Path]:
+        robot, out = edited(given, tmp_path, *changes), tmp_path / "out"
+        logs = given / "identification.parquet", "--validate", given / "validation.parquet"
+        done = command("identify", robot, *logs, "-o", out, "--json")
+        assert done.exit_code == 0, done.output
+        return json.loads(done.stdout), out
+
+    return run
+
+
+def test_friction_is_chosen_and_told(given: Path, tmp_path: Path, command: Command) -> None:
+    terms = TERMS.replace('"coulomb", "viscous", ', "") + '\nfriction = "auto"'
+    robot, out = edited(given, tmp_path, (TERMS, terms)), tmp_path / "out"
+    logs = (given / f"{name}.parquet" for name in ("identification", "validation"))
+    done = command("identify", robot, *logs, "-o", out, "--json")
+    assert done.exit_code == 0, done.output
+    chosen = json.loads(done.stdout)
+    table = chosen["friction"]["table"]
+    assert [mix["chosen"] for mix in table].count(True) == 1
+    assert chosen["friction"]["left_out"] == "run"
+    best = next(mix for mix in table if mix["chosen"])
+    assert best["mix"] == chosen["friction"]["chosen"]
+    assert best["error_percent"] <= table[0]["error_percent"]
+    laws = {term["law"] for term in chosen["terms"]}
+    assert {"rigid_body", "rotor_inertia", "offset", "viscous"} < laws
+    assert "load_dependent" not in laws  # joint torques: the gears' losses are not in them
+    assert any("friction chosen by leaving one run out" in note for note in chosen["notes"])
+    assert '<section id="friction"' in (out / "report.html").read_text(encoding="utf-8")
+    assert {term.law for term in steelyard.load_model(out).model.terms} == laws
+
+
+def test_a_field_is_found_and_told(told: Told) -> None:
+    dahl = '{law = "coulomb", smoothing = {find = [0.002, 0.2]}}'
+    found, out = told((TERMS, TERMS.replace('"coulomb"', dahl)))
+    (field,) = found["fields"]
+    assert (field["term"], field["field"], field["joint"]) == ("coulomb", "smoothing", None)
+    assert field["bounds"] == [0.002, 0.2]
+    low, high = field["interval"]
+    assert 0.002 <= low <= field["value"] <= high <= 0.2
+    terms = {term["law"]: term for term in found["terms"]}
+    assert terms["coulomb"]["smoothing"] == field["value"]
+    assert "Fields found" in (out / "report.html").read_text(encoding="utf-8")
+
+
+def test_joints_weigh_by_noise_or_alike(told: Told, tmp_path: Path) -> None:
+    equal = ("[signals]\n", '[estimation]\nweights = "equal"\n\n[signals]\n')
+    _, out = told(equal)
+    model = steelyard.load_model(out)
+    assert model.estimate.estimator == "ordinary least squares"
+    assert [e.estimator for e in model.reference] == ["weighted least squares"]
+
+
+def test_friction_that_drives_is_named(told: Told) -> None:
+    driven, _ = told(('unit = "Nm"', 'unit = "Nm"\ngain = -1.0'))
+    (note,) = (note for note in driven["notes"] if note.startswith("below what is physical"))
+    assert "viscous.elbow" in note and "coulomb.elbow" in note
+
+
+def test_twins_are_refused_where_fields_are_found_too(
+    given: Path, tmp_path: Path, command: Command
+) -> None:
+    twins = '{law = "stribeck", speed = "find"}, {law = "spring", free = "unknown"}'
+    robot = edited(given, tmp_path, (TERMS, TERMS.replace('"viscous"', twins)))
+    done = command("identify", robot, given / "identification.parquet", "-o", tmp_path / "out")
+    assert done.exit_code == 2 and "cannot be told from" in done.stderr, done.output
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_poor_prediction_is_called_poor(given: Path, tmp_path: Path, command: Command) -> None:
+    columns = ", ".join(f'"q{k}_rad"' for k in (6, 5, 4, 3, 2, 1))
+    velocities = columns.replace("q", "dq").replace("_rad", "_rad_s")
+    changes = (
+        ('position = "q{}_rad"', f"position = [{columns}]"),
+        ('velocity = "dq{}_rad_s"', f"velocity = [{velocities}]"),
+    )
+    logs = given / "identification.parquet", "--validate", given / "validation.parquet"
+    done = command("identify", edited(given, tmp_path, *changes), *logs, "-o", tmp_path / "out")
+    assert done.exit_code == 0 and done.stdout.startswith("POOR: "), done.output
