@@ -21,6 +21,7 @@ ORDER = (
     ("excitation",),
     ("estimation",),
     ("validation",),
+    ("diagnosis",),
     ("application",),
     ("virtual",),
     ("report",),
@@ -34,6 +35,12 @@ ONE_FILE = {
     "jinja2": {"report/html.py"},
     "pydantic": {"robot/schema.py", "robot/toml_check.py"},
     "mujoco": {"robot/mjcf.py", "virtual/mujoco_model.py"},
+    "h5py": {"formats/hdf5_child.py", "formats/writers.py"},
+    "tomlkit": {"robot/edits.py"},
+    "mcap": {"formats/mcap.py"},
+    "rosbags": {"formats/message_types.py"},
+    "zstandard": {"formats/byte_streams.py"},
+    "lz4": {"formats/byte_streams.py"},
 }
 
 

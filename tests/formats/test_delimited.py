@@ -6,6 +6,8 @@ import pytest
 from steelyard.errors import LogError
 from steelyard.formats import delimited as delimited_module
 from steelyard.formats import open_log
+from steelyard.robot.guess import guess_columns
+from steelyard.robot.robot import Coordinate
 
 NAN = np.nan
 
@@ -80,10 +82,87 @@ def test_chunks_do_not_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     np.testing.assert_array_equal(np.concatenate(list(parts)), table[13:57])
 
 
-def test_a_table_without_header_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(LogError, match="names no columns") as caught:
-        read(tmp_path / "run.csv", "0.01,1.5,2\n0.02,1.5,2\n")
-    assert "line 1" in caught.value.where and "header" in caught.value.mend
+@pytest.mark.parametrize(
+    ("content", "columns"),
+    [
+        ("0,1.5,-0.2\n1,2.5,3\n", "column_1 column_2 column_3"),
+        ("0 1.5 -0.2\n1 2.5 3\n", "column_1 column_2 column_3"),
+        ("0;1,5;-0,2\n1;2,5;3\n", "column_1 column_2 column_3"),
+        ("0,5 1,5 -0,2\n1,5 2,5 3\n", "column_1 column_2 column_3"),
+        ("t|a|b\n0|1.5|-0.2\n1|2.5|3\n", "t a b"),
+        ("# robot: UR\n# day: 5, 2\nt,a,b\n0,1.5,-0.2\n1,2.5,3\n", "t a b"),
+        ("% made by hand\n% t a b\n0 1.5 -0.2\n1 2.5 3\n", "t a b"),
+        ("Log of a robot\nDay;5\nt;a;b\n0;1,5;-0,2\n1;2,5;3\n", "t a b"),
+        ("time,0,1\n0,1.5,-0.2\n1,2.5,3\n", "time 0 1"),
+        ("t [s], q a [rad], b [Nm]\n0, 1.5, -0.2\n1, 2.5, 3\n", "t_[s] q_a_[rad] b_[Nm]"),
+        ("t,q_deg,b\n[s],[deg],\n0,1.5,-0.2\n1,2.5,3\n", "t_[s] q_deg b"),
+        ("t,a,b\ns,rad,Nm\n0,1.5,-0.2\n1,2.5,3\n", "t_[s] a_[rad] b_[Nm]"),
+        ("\ufeff# x\n\nt\ta\tb\n0\t1.5\t-0.2\n1\t2.5\t3\n", "t a b"),
+    ],
+)
+def test_first_lines(tmp_path: Path, content: str, columns: str) -> None:
+    (tmp_path / "run.csv").write_text(content, encoding="utf-8")
+    log = open_log(tmp_path / "run.csv")
+    assert [name.replace(" ", "_") for name in log.columns] == columns.split()
+    (part,) = log.parts(log.columns)
+    wanted = [[0.0, 1.5, -0.2], [1.0, 2.5, 3.0]]
+    np.testing.assert_array_equal(part, wanted if "0,5 " not in content else
+                                  [[0.5, 1.5, -0.2], [1.5, 2.5, 3.0]])  # fmt: skip
+
+
+def test_broken_first_rows_are_rows(tmp_path: Path) -> None:
+    table = read(tmp_path / "run.csv", "t,a,b\n,,\nxyz\n0,1,2\n")
+    np.testing.assert_array_equal(table, [[NAN] * 3, [NAN] * 3, [0, 1, 2]])
+
+
+def test_the_recorder_of_ur_is_read_and_guessed(tmp_path: Path) -> None:
+    fields = {"timestamp": 0, "target_q": 6, "target_qd": 6, "target_current": 6,
+              "target_moment": 6, "actual_q": 6, "actual_qd": 6, "actual_current": 6,
+              "actual_current_window": 6, "joint_control_output": 6, "actual_TCP_pose": 6,
+              "actual_TCP_speed": 6, "actual_TCP_force": 6, "joint_temperatures": 6,
+              "actual_execution_time": 0, "robot_mode": 0, "joint_mode": 6, "actual_momentum": 0,
+              "actual_tool_accelerometer": 3, "actual_robot_current": 0,
+              "actual_joint_voltage": 6}  # fmt: skip
+    names = [f"{n}_{k}" for n, c in fields.items() for k in range(c)] + [
+        n for n, c in fields.items() if c == 0
+    ]
+    names.sort(key=lambda name: name != "timestamp")
+    rows = [[0.002 * k, *(0.1 * k + 0.01 * c for c in range(1, len(names)))] for k in range(9)]
+    path = tmp_path / "robot_data.csv"
+    path.write_text("\n".join(" ".join(map(str, row)) for row in [names, *rows]) + "\n")
+    log = open_log(path)
+    assert log.columns == tuple(names)
+    (part,) = log.parts(log.columns)
+    np.testing.assert_array_equal(part, rows)
+    arm = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+    joints = [Coordinate(f"{name}_joint", "revolute") for name in arm]
+    section = guess_columns(joints, log.columns, dict(zip(names, part.T, strict=True))).section
+    assert section.time == "timestamp"
+    assert section.position == tuple(f"actual_q_{k}" for k in range(6))
+    assert section.effort.columns == tuple(f"actual_current_{k}" for k in range(6))
+
+
+@pytest.mark.parametrize("line", [b"0," * 20_000 + b"0\n", b"t," * 300_000])
+def test_lines_without_end_are_refused(tmp_path: Path, line: bytes) -> None:
+    path = tmp_path / "run.csv"
+    path.write_bytes(line)
+    with pytest.raises(LogError, match="that is no table of a robot"):
+        open_log(path)
+
+
+def test_an_endless_row_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_bytes(b"t,a\n0,1\n" + b"1" * (1 << 25))
+    with pytest.raises(LogError, match="hold no ended row"):
+        list(open_log(path).parts(("t",)))
+
+
+def test_short_lines_of_many_columns_are_parsed_by_pieces(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(delimited_module, "CELLS", 21)
+    table = read(tmp_path / "run.csv", "t,a,b\n" + "0,1,2\n" * 100)
+    np.testing.assert_array_equal(table, [[0.0, 1.0, 2.0]] * 100)
 
 
 @pytest.mark.parametrize("content", [b"\n\n", b" \n"])

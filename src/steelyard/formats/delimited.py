@@ -1,6 +1,5 @@
-"""Logs as text tables: columns divided by comma, semicolon, tab or space; a header with names."""
+"""Logs as text tables: columns divided by comma, semicolon, tab, bar or space."""
 
-import csv
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -10,16 +9,25 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import LogError
+from steelyard.formats.header import read_header
 from steelyard.formats.log import PART, Rows, require_columns, require_file
 
-SEPARATORS = ",;\t "
 CHUNK = 1 << 22
 """Bytes read at a time."""
+LONGEST = 1 << 24
+"""Bytes of a line, or of blank lines in a row."""
+HEAD = 1 << 20
+"""Bytes in which the first row starts."""
+LINES = 500
+"""Lines that are looked at for the header."""
+WIDEST = 10_000
+CELLS = 1 << 20
+"""Cells parsed at a time."""
 
 
 @dataclass(frozen=True)
 class DelimitedLog:
-    """A text table whose first line names the columns.
+    """A text table with a line of names above its rows, or without; see `read_header`.
 
     A cell that is not a number is NaN, as are the cells that a short row lacks; what a long row
     has too many is left out. Quotes around cells and blanks beside them are taken off.
@@ -43,25 +51,30 @@ class DelimitedLog:
         """Read the header and guess the separator.
 
         Raises:
-            LogError: Not there, not text, or without a header.
+            LogError: Not there, not text, or without a table.
         """
         require_file(path)
         try:
             with path.open("rb") as file:
-                skipped, line = 0, file.readline(CHUNK)
-                while line and not line.strip():
-                    skipped, line = skipped + len(line), file.readline(CHUNK)
-                first = file.readline(CHUNK)
+                head = file.read(HEAD)
         except OSError as error:
             raise _unreadable(path, error) from error
-        _require_text(path, line)
-        header = line.decode("utf-8-sig", errors="replace").strip().lstrip("#%").strip()
-        separator = max(SEPARATORS, key=lambda s: (len(_cells(header, s)), -SEPARATORS.index(s)))
-        columns = tuple(cell.strip() for cell in _cells(header, separator))
-        _require_header(path, columns)
-        return cls(
-            path, columns, separator, separator == ";" and b"," in first, skipped + len(line)
-        )
+        lines = head.split(b"\n", LINES)[:LINES]
+        if len(lines) > 1 and len(head) == HEAD:
+            lines.pop()
+        text = [line.decode("utf-8", errors="replace").strip("\ufeff \r") for line in lines]
+        _require_text(path, next((line for line in lines if line.strip()), b""))
+        header = read_header(text)
+        if header is None or not any(header.columns):
+            raise LogError(
+                "the file holds no table",
+                where=str(path),
+                mend="give a header and one row per sample",
+            )
+        _require_text(path, b"".join(lines[: header.body]))
+        _require_width(path, header.columns)
+        body = sum(len(line) + 1 for line in lines[: header.body])
+        return cls(path, header.columns, header.separator, header.decimal_comma, body)
 
     def parts(
         self, columns: Sequence[str], rows: Rows = (0, None), size: int = PART
@@ -71,7 +84,7 @@ class DelimitedLog:
         wanted = [self.columns.index(column) for column in columns]
         start, stop = rows
         row = 0
-        for chunk in self._chunks():
+        for chunk in self._pieces():
             length = chunk.count(b"\n")
             first = max(start - row, 0)
             last = length if stop is None else min(stop - row, length)
@@ -83,6 +96,26 @@ class DelimitedLog:
             row += length
             if stop is not None and row >= stop:
                 return
+
+    def _pieces(self) -> Iterator[bytes]:
+        """The chunks, divided where very short lines would make too many cells."""
+        limit = max(1, CELLS // len(self.columns))
+        for chunk in self._chunks():
+            if chunk.count(b"\n") <= limit:
+                yield chunk
+                continue
+            ends = np.flatnonzero(np.frombuffer(chunk, np.uint8) == ord("\n")) + 1
+            start = 0
+            for end in [*ends[limit - 1 : -1 : limit].tolist(), len(chunk)]:
+                yield chunk[start:end]
+                start = end
+
+    def _endless(self) -> LogError:
+        return LogError(
+            f"more than {LONGEST >> 20} MiB of the log hold no ended row",
+            where=str(self.path),
+            mend="check that the file is a text table with one line per sample",
+        )
 
     def _chunks(self) -> Iterator[bytes]:
         """Whole lines, about `CHUNK` bytes at a time; the last is ended, blank ones after it go."""
@@ -96,6 +129,8 @@ class DelimitedLog:
                     if rest[:end].strip():
                         yield rest[:end]
                         rest = rest[end:]
+                    elif len(rest) > LONGEST:
+                        raise self._endless()
                 if rest.strip():
                     yield rest + b"\n"
         except OSError as error:
@@ -139,12 +174,6 @@ def tidied(chunk: bytes, separator: str) -> bytes:
     return chunk
 
 
-def _cells(line: str, separator: str) -> list[str]:
-    if separator == " ":
-        line = re.sub(r"\s+", " ", line.replace("\t", " "))
-    return next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
-
-
 def _require_text(path: Path, line: bytes) -> None:
     if line.startswith((b"\xff\xfe", b"\xfe\xff")) or b"\x00" in line:
         raise LogError(
@@ -154,26 +183,13 @@ def _require_text(path: Path, line: bytes) -> None:
         )
 
 
-def _require_header(path: Path, columns: Sequence[str]) -> None:
-    if not any(columns):
+def _require_width(path: Path, columns: Sequence[str]) -> None:
+    if len(columns) > WIDEST:
         raise LogError(
-            "the file holds no table", where=str(path), mend="give a header and one row per sample"
+            f"the file's first lines name {len(columns)} columns; that is no table of a robot",
+            where=str(path),
+            mend="check that the file is the log, and that its lines are ended",
         )
-    numbers = [cell for cell in columns if _is_number(cell)]
-    if 2 * len(numbers) > len(columns):
-        raise LogError(
-            f"the first line names no columns: it starts with the number {numbers[0]}",
-            where=f"{path}, line 1",
-            mend="put a header above the rows, such as time_s,q1_rad,...",
-        )
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
 
 
 def _unreadable(path: Path, error: OSError) -> LogError:

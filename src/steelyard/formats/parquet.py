@@ -1,6 +1,7 @@
 """Logs in Apache Parquet, through Polars."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -32,17 +33,17 @@ class ParquetLog:
         Raises:
             LogError: Not there, or not Parquet.
         """
-        from polars.exceptions import PolarsError
-
         require_file(path)
-        try:
+        with _explained(path, "the file cannot be read as Parquet"):
             return cls(path, tuple(_scan(path).collect_schema().names()))
-        except (PolarsError, OSError) as error:
-            raise LogError(
-                f"the file cannot be read as Parquet ({_first_line(error)})",
-                where=str(path),
-                mend="copy or convert it again; a log in text form needs the suffix .csv",
-            ) from error
+
+    @property
+    def n_rows(self) -> int:
+        """Number of rows, as the file's end says it."""
+        import polars as pl
+
+        with _explained(self.path, "the file cannot be read as Parquet"):
+            return int(_scan(self.path).select(pl.len()).collect().item())
 
     def parts(
         self, columns: Sequence[str], rows: Rows = (0, None), size: int = PART
@@ -63,17 +64,26 @@ class ParquetLog:
 
     def _read(self, columns: Sequence[str], start: int, length: int) -> Array:
         import polars as pl
-        from polars.exceptions import PolarsError
 
         numbers = [pl.col(c).cast(pl.Float64, strict=False) for c in columns]
-        try:
+        with _explained(self.path, f"rows {start} to {start + length} cannot be read"):
             return _scan(self.path).select(numbers).slice(start, length).collect().to_numpy()
-        except (PolarsError, OSError) as error:
-            raise LogError(
-                f"rows {start} to {start + length} cannot be read ({_first_line(error)})",
-                where=str(self.path),
-                mend="copy or convert the file again; columns must hold one number a row",
-            ) from error
+
+
+@contextmanager
+def _explained(path: Path, wrong: str) -> Iterator[None]:
+    """Turn what Polars raises into our errors, its panics at broken files too."""
+    from polars.exceptions import PanicException, PolarsError
+
+    try:
+        yield
+    except (PolarsError, OSError, PanicException, MemoryError, OverflowError) as error:
+        raise LogError(
+            f"{wrong} ({_first_line(error)})",
+            where=str(path),
+            mend="copy or convert it again; columns must hold one number a row, and a log in text "
+            "form needs the suffix .csv",
+        ) from error
 
 
 def _scan(path: Path) -> "polars.LazyFrame":
@@ -82,5 +92,5 @@ def _scan(path: Path) -> "polars.LazyFrame":
     return pl.scan_parquet(path, glob=False, cache=False)
 
 
-def _first_line(error: Exception) -> str:
+def _first_line(error: BaseException) -> str:
     return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__

@@ -4,8 +4,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 from steelyard.errors import LogError
+from steelyard.formats.bag2 import METADATA
 from steelyard.formats.delimited import DelimitedLog
+from steelyard.formats.hdf5 import open_hdf5
 from steelyard.formats.log import Log, require_file
+from steelyard.formats.mat import open_mat
+from steelyard.formats.message_log import MessageLog
+from steelyard.formats.npz import open_npy, open_npz
 from steelyard.formats.parquet import ParquetLog
 
 FORMATS: dict[str, Callable[[Path], Log]] = {
@@ -13,17 +18,30 @@ FORMATS: dict[str, Callable[[Path], Log]] = {
     ".csv": DelimitedLog.open,
     ".tsv": DelimitedLog.open,
     ".txt": DelimitedLog.open,
+    ".npz": open_npz,
+    ".npy": open_npy,
+    ".mat": open_mat,
+    ".h5": open_hdf5,
+    ".hdf5": open_hdf5,
+    ".mcap": MessageLog.open,
+    ".bag": MessageLog.open,
+    ".active": MessageLog.open,
+    ".db3": MessageLog.open,
 }
 """Suffix to opener."""
 
 
 def open_log(path: str | Path) -> Log:
-    """The log in a file.
+    """The log in a file, a ROS 2 bag's folder, or a folder of Parquet files.
 
     Raises:
         LogError: Not there, of an unknown kind, or not what its suffix says.
     """
     path = Path(path)
+    if path.is_dir():
+        from steelyard.formats.parquet_folder import PartitionedParquet
+
+        return (MessageLog if (path / METADATA).is_file() else PartitionedParquet).open(path)
     require_file(path)
     opener = FORMATS.get(path.suffix.lower())
     if opener is None:

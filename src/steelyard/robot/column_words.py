@@ -24,6 +24,10 @@ _AVOIDED = frozenset(
     "des desired d target ref reference cmd command commanded setpoint goal error err ext external "
     "tcp temp temperature temperatures voltage".split()
 )
+_MOTION_UNITS = frozenset("rad rads deg degs m mm s rpm".split())
+_OF_MESSAGES = re.compile(
+    r"/.*/(stamp|log_time|(?P<quantity>position|velocity|effort)/(?P<joint>.+))"
+)
 FINGERS = frozenset("finger fingers gripper knuckle fingertip hand".split())
 
 
@@ -48,6 +52,9 @@ class Column:
         """What the column seems to hold; `None` for targets, errors and the unknown."""
         if _AVOIDED & set(self.words):
             return None
+        if found := _OF_MESSAGES.fullmatch(self.name):
+            named: Quantity = found["quantity"] or "time"  # type: ignore[assignment]
+            return named
         for number, word in enumerate(self.words):
             for quantity, names in _QUANTITIES.items():
                 lone = word in ("t", "i")  # too short to mean much inside a name
@@ -57,8 +64,20 @@ class Column:
 
     @property
     def numbers(self) -> tuple[str, ...]:
-        """The numbers in the name, without leading zeros."""
-        return tuple(w.lstrip("0") or "0" for w in self.words if w.isdigit())
+        """The numbers in the joint's name, without leading zeros."""
+        return tuple(w.lstrip("0") or "0" for w in self.joint_words if w.isdigit())
+
+    @property
+    def joint_words(self) -> tuple[str, ...]:
+        """The words that may name a joint; all but the topic's if the log is of messages."""
+        found = _OF_MESSAGES.fullmatch(self.name)
+        return words_of(found["joint"]) if found and found["joint"] else self.words
+
+    @property
+    def stem(self) -> tuple[str, ...]:
+        """The name's words without those of a position or velocity and their units."""
+        passed = _QUANTITIES["position"] | _QUANTITIES["velocity"] | _MOTION_UNITS
+        return tuple(word for word in self.words if word not in passed)
 
     def has(self, *words: str) -> bool:
         """Whether any of the words is in the name."""
@@ -76,7 +95,7 @@ def by_name(coordinates: Sequence[Coordinate], columns: Iterable[Column]) -> dic
     pairs = []
     for column in columns:
         scores = {
-            joint: len(words & set(column.words))
+            joint: len(words & set(column.joint_words))
             for joint, (words, numbers) in own.items()
             if not numbers or numbers == column.numbers
         }

@@ -81,8 +81,8 @@ def guess_columns(
     for column in map(Column, columns):
         if column.quantity is not None:
             kinds.setdefault(column.quantity, []).append(column)
-    time = _time(kinds.get("time", []), columns, values)
     joints, position, effort, how = _matched(coordinates, kinds, columns)
+    time = _time(_beside(position, kinds.get("time", [])), columns, values)
     if motors := [c.name for c in position if c.has("motor", "motors")]:
         _give_up(f"positions are of motors, not of joints: {', '.join(motors)}", columns)
     effort_words, units = _effort(effort, joints, values)
@@ -110,6 +110,32 @@ def guess_columns(
     if velocity:
         reasons.append(f"velocities ({', '.join(velocity)}) are left out, as they are often late")
     return Guess(section, tuple(c.name for c in joints), velocity, tuple(reasons))
+
+
+def guess_time(columns: Sequence[str], sample: Sample) -> tuple[str, str] | None:
+    """The column of time and its unit; `None` if none looks like time."""
+    values = {name: _finite(values) for name, values in sample.items()}
+    candidates = [c for c in map(Column, columns) if c.quantity == "time"]
+    try:
+        time = _time(candidates, columns, values)
+    except LogError:
+        return None
+    return time.name, _time_unit(time, values)[0]
+
+
+def velocities_beside(position: Sequence[str], columns: Sequence[str]) -> tuple[str, ...]:
+    """Velocity columns that are called as the position columns are; none if one lacks its own.
+
+    Args:
+        position: The position columns, in the joints' order.
+        columns: All columns of the log.
+    """
+    found: dict[tuple[str, ...], list[str]] = {}
+    for column in map(Column, columns):
+        if column.quantity == "velocity":
+            found.setdefault(column.stem, []).append(column.name)
+    beside = [found.get(Column(name).stem, []) for name in position]
+    return tuple(names[0] for names in beside) if all(len(n) == 1 for n in beside) else ()
 
 
 def _give_up(wrong: str, columns: Sequence[str]) -> NoReturn:
@@ -149,7 +175,17 @@ def _time(
     rising = [c for c in candidates if rises(c)]
     if not rising:
         _give_up("none looks like time", columns)
-    return min(rising, key=lambda c: len(c.words))
+    return min(rising, key=lambda c: (_topic(c) != _topic(rising[0]), len(c.words)))
+
+
+def _beside(position: Sequence[Column], candidates: Sequence[Column]) -> Sequence[Column]:
+    """Times of the topic that positions are of, if the log is of messages."""
+    topic = position[0].name.rpartition("/position/")[0]
+    return [c for c in candidates if topic and _topic(c) == topic] or candidates
+
+
+def _topic(time: Column) -> str:
+    return time.name.rpartition("/")[0]
 
 
 def _matched(
