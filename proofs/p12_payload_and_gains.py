@@ -19,7 +19,6 @@ from steelyard.cli import river
 from steelyard.estimation.bilinear import Bilinear
 from steelyard.estimation.gains import GainEstimate, identified_gains
 from steelyard.estimation.load_case import carrier, load_case
-from steelyard.measurement import Processing
 from steelyard.model import Model
 from steelyard.progress import silent
 from steelyard.regression.base import base_map
@@ -91,7 +90,7 @@ def said(pair: tuple[str, str]) -> tuple[Model, Information, Information]:
     regressor = base_regressor(river.model_of(loaded))
     files = river.log_files([log(name) for name in pair])
     recordings = [river.recording_of(file, loaded.signals) for file in files]
-    runs = river.prepared(recordings, Processing(**loaded.processing.model_dump()), silent)
+    runs = river.prepared(recordings, river.wanted_by(loaded), silent)
     unloaded, with_it = (gather(regressor, run) for run in runs)
     return regressor.model, unloaded, with_it
 

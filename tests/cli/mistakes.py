@@ -117,6 +117,16 @@ USER = (
     Mistake(
         "init, log missing", ("init", f"{GIVEN}/demo_arm.urdf", "no.csv"), ("no such log", "no.csv")
     ),
+    Mistake("check, log missing", ("check", ROBOT, "no.csv"), ("no such log", "no.csv")),
+    Mistake("check, no robot", ("check", "no.toml", LOG), ("no such file", "no.toml")),
+    Mistake("check, no model", ("check", ROBOT, LOG, "--model", "no"), ("cannot be read", "no")),
+    Mistake("check, file exists", ("check", ROBOT, LOG, "--fix", ROBOT), ("exists already",)),
+    Mistake("check, folder exists", ("check", ROBOT, LOG, "-o", GIVEN), ("exists already",)),
+    Mistake(
+        "check, no such folder",
+        ("check", f"{GIVEN}/clock.toml", LOG, "--fix", "deep/arm.toml"),
+        ("cannot be written", "deep/arm.toml"),
+    ),
     Mistake(
         "init, no such folder",
         ("init", f"{GIVEN}/demo_arm.urdf", "-o", "deep/arm.toml"),
@@ -148,7 +158,7 @@ def workshop(folder: Path) -> Path:
     _robots(given)
     _logs(given)
     (given / "damaged.json").write_text(
-        '{"schema": "steelyard.model", "schema_version": 2, "model": {"robot": 3}}'
+        '{"schema": "steelyard.model", "schema_version": 3, "model": {"robot": 3}}'
     )
     work = folder / "work"
     work.mkdir()
@@ -176,6 +186,7 @@ def _robots(given: Path) -> None:
         ("key.toml", "velocity =", "veloctiy ="),
         ("negative.toml", "[signals]\n", "[processing]\nmatched_cutoff = -3.0\n\n[signals]\n"),
         ("law.toml", '"viscous"', '"viscuos"'),
+        ("clock.toml", '"time_s"', '"time_s"\ntime_unit = "ms"'),
     ):
         assert old in good
         (given / name).write_text(good.replace(old, new))

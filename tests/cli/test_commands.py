@@ -198,7 +198,8 @@ def test_init_alone_and_with_a_log(command: Command, tmp_path: Path) -> None:
     alone, guessed = tmp_path / "alone.toml", tmp_path / "guessed.toml"
     shown = command("init", URDF, "-o", alone)
     assert f"wrote {alone}: 6 joints identified" in shown.stdout
-    assert shown.stdout.splitlines()[-1].startswith("next")
+    assert "next  read it, mend it, then: steelyard check" in shown.stdout
+    assert shown.stdout.splitlines()[-1].endswith(f"steelyard identify {alone} LOG...")
     facts = strict(command("init", URDF, LOG, "-o", guessed, "--json").stdout)
     assert (facts["robot_file"], facts["joints"]) == (str(guessed), JOINTS)
     done = command("identify", guessed, LOG, "-o", tmp_path / "o")

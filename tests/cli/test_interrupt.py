@@ -11,6 +11,7 @@ import pytest
 from cli.mistakes import LOG, ROBOT, leftovers
 
 DRIVER = Path(__file__).parent / "interrupted_at.py"
+CHECK = ("check", "../given/clock.toml", LOG, "--fix", "fixed.toml", "-o", "out")
 IDENTIFY = ("identify", ROBOT, LOG, "--validate", "../given/validation.parquet")
 
 
@@ -39,6 +40,11 @@ def pressed(function: str, arguments: tuple[str, ...], work: Path) -> tuple[int,
         ("page.render", IDENTIFY),
         ("files.write_table", ("simulate", ROBOT, "--period", "1")),
         ("files.write_json", ("simulate", ROBOT, "--period", "1")),
+        ("examine.examine", IDENTIFY),
+        ("check_page.render_check", CHECK),
+        ("files.whole_folder", CHECK),
+        ("files.whole_file", CHECK),
+        ("edits.edited", CHECK),
         ("files._remove", ("simulate", ROBOT, "--period", "1")),
         ("init_file.robot_file_text", ("init", "../given/demo_arm.urdf")),
         ("files.whole_file", ("init", "../given/demo_arm.urdf")),

@@ -2,11 +2,15 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pytest
 
 from browser import Seen, chromium, look
+from steelyard.diagnosis import Diagnosis, Edit, Judgement, Mend
+from steelyard.diagnosis import Finding as SaidFinding
+from steelyard.diagnosis.finding import Hypothesis, Picture, Trace
 from steelyard.estimation.estimate import Blind, Estimate, OfRun
 from steelyard.estimation.fields import Finding
 from steelyard.estimation.gains import GainEstimate
@@ -22,6 +26,7 @@ from steelyard.terms.coulomb import Coulomb
 from steelyard.terms.viscous import Viscous
 from steelyard.validation.friction import FrictionChoice, MixScore
 from steelyard.validation.score import JointScore, RunScore, Traces
+from steelyard.validation.sensitivity import Sensitivity, Variation
 
 EVIL = "<script>document.body.dataset.errors='ran'</script></script><b>\"'&{{7*7}}"
 
@@ -141,6 +146,34 @@ def run_score(
     )
 
 
+def diagnosis(name: str = "arm", most: float = 1.0) -> Diagnosis:
+    """A finding that is wrong, one that is doubtful, and two that are ok; each with a picture."""
+    t = 1.7e9 + np.arange(5000.0)
+    kinds: tuple[Literal["line", "points", "bars"], ...] = ("line", "points", "bars")
+    traces = [Trace(f"{kind} {name}", t, most * np.sin(t), kind) for kind in kinds]
+    picture = Picture(f"time {name} [s]", f"effort {name} [A]", tuple(traces))
+    mend = Mend(f"say so {name}", (Edit(("signals", "effort", "unit"), f"mA{name}"),))
+    rivals = (Hypothesis(f"in mA {name}", 4.3, 0.0), Hypothesis(name, float("inf"), -most))
+    return Diagnosis(
+        (
+            SaidFinding(f"clock {name}", name, Judgement.OK, name, name, (), mend, picture),
+            SaidFinding(
+                f"unit {name}",
+                name,
+                Judgement.WRONG,
+                f"a thousand times too much {name}",
+                f"9000 A {name}",
+                (name,),
+                mend,
+                picture,
+                rivals,
+            ),
+            SaidFinding(f"rests {name}", "", Judgement.DOUBTFUL, name, "", (name,) * 7),
+            SaidFinding("clock", "other", Judgement.OK, name, name, (), None, picture),
+        )
+    )
+
+
 def friction(name: str = "coulomb") -> FrictionChoice:
     """Two mixes, of which the second was chosen."""
     plain, better = (Coulomb(), Viscous()), (Coulomb(smoothing=0.02), Viscous())
@@ -168,6 +201,15 @@ def gains(joints: tuple[str, str] = ("shoulder", "elbow")) -> GainEstimate:
     )
 
 
+def sensitivity(name: str = "mass", most: float = 3.0) -> Sensitivity:
+    """Two fits beside the result, one of which failed."""
+    parameters = Parameters((name, f"first moment {name}"), ("kg", "kg m"), [1.0, 2.0])
+    result = Variation(1.0, 18.0, 6.0, parameters.values, 4.2, 5.1)
+    slower = Variation(0.5, 9.0, 3.0, np.array([most, 2.1]), most, None)
+    failed = Variation(2.0, 36.0, 12.0, None, failed=f"too short {name}")
+    return Sensitivity(parameters, np.array([0.1, 0.0]), result, (slower, failed))
+
+
 @pytest.fixture(scope="session")
 def usual() -> ReportContent:
     quality = (("rows", "4 012"), ("dropped", "12 (not a number)"), ("rate", "100.0 Hz"))
@@ -183,6 +225,8 @@ def usual() -> ReportContent:
         friction=friction(),
         findings=findings(),
         gains=gains(),
+        diagnosis=diagnosis(),
+        sensitivity=sensitivity(),
     )
 
 
@@ -224,7 +268,9 @@ def nasty(usual: ReportContent) -> ReportContent:
         settings=((EVIL, EVIL),),
         friction=friction(EVIL),
         findings=findings(EVIL, EVIL),
+        diagnosis=diagnosis(EVIL, float("nan")),
         gains=replace(gains((EVIL, EVIL)), gains=np.array([np.nan, np.inf])),
+        sensitivity=sensitivity(EVIL, float("nan")),
     )
 
 

@@ -195,3 +195,55 @@ def test_an_effort_section_knows_its_words() -> None:
     with pytest.raises(ValueError, match="'joint' or 'motor'"):
         EffortSection.model_validate({"columns": "e", "kind": "motor_torque", "unit": "Nm",
                                       "side": "rotor"})  # fmt: skip
+
+
+def test_signs_turn_what_is_logged_before_the_gears_and_the_zero() -> None:
+    turned = signals(
+        gears(matrix=WRIST.tolist()),
+        coordinates="motor",
+        position_unit="deg",
+        position_sign=[1, -1],
+        position_offset=[0.0, 1.0],
+        velocity="v{}",
+        velocity_sign=[-1, 1],
+    )
+    np.testing.assert_allclose(turned.position_scale, np.deg2rad([1.0, -1.0]))
+    assert turned.velocity_scale is not None
+    np.testing.assert_array_equal(turned.velocity_scale, [-1.0, 1.0])
+    text = json.dumps(signals_to_dict(turned))
+    assert json.dumps(signals_to_dict(signals_from_dict(json.loads(text)))) == text
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"position_sign": [1]}, "1 signs are given for 2 identified joints"),
+        ({"velocity_sign": [1, -1]}, "velocity_sign is given, but no velocity columns"),
+    ],
+)
+def test_signs_that_do_not_fit(given: dict[str, object], words: str) -> None:
+    with pytest.raises(ModelError, match=words):
+        signals(gears(ratios=[50, -40]), **given)
+
+
+@pytest.mark.parametrize("sign", [2, 0, 0.5, "-"])
+def test_a_sign_is_one_or_minus_one(sign: object) -> None:
+    with pytest.raises(ValueError, match="position_sign"):
+        signals(None, position_sign=[1, sign])
+
+
+@pytest.mark.parametrize("kind", ["motor_current", "motor_torque"])
+def test_percents_need_a_gain(kind: str) -> None:
+    effort = {"kind": kind, "unit": "%", "side": "joint"}
+    found = signals(None, {**effort, "gain": [0.5, -2.0]})
+    assert found.effort_units == ("%", "%") and found.gains.tolist() == [0.5, -2.0]
+    assert found.effort_scale.tolist() == [1.0, 1.0]
+    with pytest.raises(ModelError) as caught:
+        signals(None, effort)
+    for words in ("'e1' holds percent of some effort", "'elbow' has no drive gain", "Nm/% per"):
+        assert words in str(caught.value)
+
+
+def test_a_joint_torque_is_in_no_percent() -> None:
+    with pytest.raises(ModelError, match="unit '%' does not fit the joint torque of 'elbow'"):
+        signals(None, {"kind": "joint_torque", "unit": "%", "side": "joint", "gain": 1.0})

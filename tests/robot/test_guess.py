@@ -3,7 +3,7 @@ import pytest
 
 from steelyard.errors import LogError, ModelError
 from steelyard.robot.column_words import Column, words_of
-from steelyard.robot.guess import guess_columns, guess_signals
+from steelyard.robot.guess import guess_columns, guess_signals, velocities_beside
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.robot import Body, Coordinate, Limits, Robot
 
@@ -204,3 +204,20 @@ def test_what_cannot_be_told_is_an_error(columns: list[str], words: str) -> None
     assert words in caught.value.wrong
     assert ", ".join(columns) in caught.value.where
     assert "[signals.effort] columns" in caught.value.mend
+
+
+@pytest.mark.parametrize(
+    ("position", "columns", "found"),
+    [
+        (("q1_rad", "q2_rad"), "q1_rad q2_rad dq2_rad_s dq1_rad_s", ("dq1_rad_s", "dq2_rad_s")),
+        (("q_lift_m", "q_a1"), "dq_a1_rad_s dq_lift_m_s dq_a2", ("dq_lift_m_s", "dq_a1_rad_s")),
+        (("actual_q_0",), "actual_qd_0 target_qd_0 actual_qd_1", ("actual_qd_0",)),
+        (("elbow_position",), "elbow_velocity wrist_velocity", ("elbow_velocity",)),
+        (("q1", "q2"), "dq1 tau1 tau2", ()),
+        (("q1",), "dq1 qd1", ()),
+    ],
+)  # fmt: skip
+def test_velocities_that_stand_beside_positions(
+    position: tuple[str, ...], columns: str, found: tuple[str, ...]
+) -> None:
+    assert velocities_beside(position, columns.split()) == found

@@ -170,15 +170,17 @@ def test_every_key_that_is_commented_out_is_right(tmp_path: Path) -> None:
     model = urdf(tmp_path / "r.urdf", ("a", "revolute", "base", LIMIT.format(0, 1)))
     output = tmp_path / "r.toml"
     _, text = round_trip(model, output, ["t", "q1", "dq1", "tau1"])
-    keys = ("source", "velocity", "velocity_unit", "gain", "motion_cutoff", "matched_cutoff",
-            "rest_speed", "cutoff")  # fmt: skip
+    keys = ("source", "velocity", "velocity_unit", "velocity_delay", "gain", "delay", "outliers",
+            "repeats", "saturation", "rate", "resampling", "motion", "motion_cutoff", "effort",
+            "matched_cutoff", "rest_speed", "cutoff")  # fmt: skip
     for key in keys:
         assert f"\n# {key} = " in text
         text = text.replace(f"\n# {key} = ", f"\n{key} = ")
     output.write_text(text)
     loaded = load_robot(output)
     assert loaded.processing.rest_speed == 0.01 and loaded.signals is not None
-    assert loaded.signals.velocity == ("dq1",)
+    assert loaded.signals.velocity == ("dq1",) and loaded.signals.velocity_delay == 0.005
+    assert loaded.processing.motion == "butterworth" and loaded.processing.rate == 100.0
 
 
 def test_mjcf_is_named_as_such(tmp_path: Path) -> None:

@@ -21,6 +21,7 @@ from steelyard.estimation.joined import covariance_of, inverse
 from steelyard.estimation.load import PayloadEstimate, payload_of
 from steelyard.estimation.load_case import LoadCase, carrier, load_case, refuse_foreign
 from steelyard.regression.information import Information
+from steelyard.robot.efforts import WITHOUT_TORQUE
 
 DRIFT = 0.5
 """Drift of friction and offset from run to run, relative to the effort they make in each joint."""
@@ -75,7 +76,11 @@ def identify_payload(
         covariance_of(fit.matrix, case.payload),
         np.sqrt(fit.variances),
         case.information.n_samples,
-        _notes(bool(unloaded), drift, "A" in identified.signals.effort_units),
+        _notes(
+            bool(unloaded),
+            drift,
+            not WITHOUT_TORQUE.keys().isdisjoint(identified.signals.effort_units),
+        ),
     )
 
 

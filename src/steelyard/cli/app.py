@@ -4,9 +4,11 @@ from typing import Annotated
 
 import typer
 
+from steelyard.cli.check import check
 from steelyard.cli.demo import demo
 from steelyard.cli.identify import identify
 from steelyard.cli.init import init
+from steelyard.cli.log import log
 from steelyard.cli.payload import payload
 from steelyard.cli.simulate import simulate
 from steelyard.cli.validate import validate
@@ -20,10 +22,12 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for command in (init, identify, validate, payload, simulate, demo):
+for command in (init, check, identify, validate, payload, simulate, demo):
     app.command()(command)
 
-MANY = ("--validate", "--loaded", "--unloaded")
+app.add_typer(log)
+
+MANY = ("--validate", "--loaded", "--unloaded", "--columns")
 """Options that take all that follows up to the next option."""
 
 
@@ -47,15 +51,19 @@ def callback(
 def expanded(arguments: list[str]) -> list[str]:
     """Repeat an option that is followed by several values: `--validate A B` for each of them.
 
-    One without a value goes to the end, where the parser misses it.
+    One without a value goes to the end, where the parser misses it. `--fix` has a value if a robot
+    file follows it that is not the command's first argument.
     """
     result: list[str] = []
     bare: list[str] = []
     current: str | None = None
+    named = False
     for argument, following in zip(arguments, [*arguments[1:], "-"], strict=True):
         if argument.startswith("-"):
             current = argument if argument in MANY else None
-            if current is None:
+            if argument == "--fix" and not (named and following.endswith(".toml")):
+                result.append("--fix=")
+            elif current is None:
                 result.append(argument)
             elif following.startswith("-"):
                 bare.append(current)
@@ -63,4 +71,5 @@ def expanded(arguments: list[str]) -> list[str]:
             result += [current, argument]
         else:
             result.append(argument)
+            named = named or len(result) > 1
     return result + bare

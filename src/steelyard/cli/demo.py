@@ -43,6 +43,7 @@ def demo(output: Output = None, seed: Seed = 0, as_json: Json = False) -> None:
         return
     summary(content, Console())
     typer.echo(
+        "\nyour own robot: steelyard init URDF LOG, steelyard check ROBOT LOG..., then identify\n"
         f"\nrobot file, logs and the hidden truth  {folder / 'robot'}\n"
         f"model                                  {folder / 'results' / 'model.json'}\n"
         f"report                                 {Path(folder) / 'results' / 'report.html'}"

@@ -43,15 +43,19 @@ def settings(identified: IdentifiedModel) -> tuple[tuple[str, str], ...]:
         ("matched cut-off (regressor and effort)", f"{cutoffs.matched:g} Hz"),
         ("score cut-off (measured and predicted effort)", f"{cutoffs.score:g} Hz"),
         ("velocities", velocity),
+        ("motion", f"by {identified.processing.motion_words}"),
+        ("efforts", identified.processing.effort_words),
         ("effort", f"{signals.effort_kind.replace('_', ' ')}, {gains}"),
     )
 
 
 def notes_of(runs: Sequence[Run]) -> tuple[str, ...]:
-    """The cut-offs, and one line for whatever of each run could not be used."""
+    """The cut-offs, the chain, and one line for whatever of each run could not be used."""
     first = runs[0]
     cut = f"cut-offs: motion {first.motion_cutoff:g} Hz, matched {first.matched_cutoff:g} Hz"
-    return (cut, *(f"{run.name}: {loss}" for run in runs for loss in run.quality.losses))
+    chains = {f"chain: {run.chain.words}": run.name for run in runs}
+    told = (words if len(chains) == 1 else f"{name}: {words}" for words, name in chains.items())
+    return (cut, *told, *(f"{run.name}: {loss}" for run in runs for loss in run.quality.losses))
 
 
 def dropped(model: Model, runs: Sequence[Run]) -> tuple[str, ...]:

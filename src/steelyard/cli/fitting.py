@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from steelyard.cli.river import with_friction
+from steelyard.cli.river import wanted_by, with_friction
 from steelyard.errors import DataError, ModelError
 from steelyard.estimation.estimate import Estimate, Estimator
 from steelyard.estimation.fields import Finding, find_fields, said_by
@@ -123,7 +123,7 @@ def fit(
             matched=runs[0].matched_cutoff,
             score=loaded_robot.validation.cutoff or runs[0].matched_cutoff,
         ),
-        rest_speed=loaded_robot.processing.rest_speed,
+        processing=wanted_by(loaded_robot),
         provenance=replace(origin, notes=(*origin.notes, *notes)),
     )
     return Fit(identified, tuple(runs), choice, found.findings, gains, notes)
@@ -136,6 +136,11 @@ def estimators(loaded: LoadedRobot) -> tuple[LeastSquares, LeastSquares]:
     """The estimator that the robot file asks for, and the one beside it."""
     noise, equal = WeightedLeastSquares(), OrdinaryLeastSquares()
     return (noise, equal) if loaded.estimation.weights == "noise" else (equal, noise)
+
+
+def estimator_of(loaded: LoadedRobot, model: Model) -> Estimator:
+    """The estimator that the robot file asks for, with what every run has for itself."""
+    return _of_runs(estimators(loaded)[0], model)
 
 
 def _of_runs(estimator: LeastSquares, model: Model) -> Estimator:

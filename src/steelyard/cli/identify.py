@@ -3,6 +3,7 @@
 import json
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -45,6 +46,14 @@ def identify(
         typer.Option(help="Frame that carries it; the last link's if unset.", metavar="NAME"),
     ] = None,
     output: Output = None,
+    no_check: Annotated[
+        bool,
+        typer.Option("--no-check", help="Do not check the logs before; see `steelyard check`."),
+    ] = False,
+    sensitivity: Annotated[
+        bool,
+        typer.Option("--sensitivity", help="Fit again with cut-offs x 0.5 to x 2, and compare."),
+    ] = False,
     threads: Threads = None,
     as_json: Json = False,
 ) -> None:
@@ -55,6 +64,7 @@ def identify(
     from rich.console import Console
 
     from steelyard.cli.show import progress_bar
+    from steelyard.report.sensitivity_terminal import sensitivity_lines
     from steelyard.report.terminal import summary
 
     with progress_bar() as progress:
@@ -68,11 +78,15 @@ def identify(
             loaded=loaded or [],
             payload_mass=payload_mass,
             payload_frame=payload_frame,
+            check=not no_check,
+            sensitivity=sensitivity,
         )
     if as_json:
         typer.echo(json.dumps(results(content, folder), allow_nan=False))
         return
     summary(content, Console())
+    if content.sensitivity is not None:
+        sensitivity_lines(content.sensitivity, Console())
     typer.echo(f"\nmodel   {folder / 'model.json'}\nreport  {folder / 'report.html'}")
 
 
@@ -87,14 +101,19 @@ def run_identify(
     loaded: Sequence[str] = (),
     payload_mass: float | None = None,
     payload_frame: str | None = None,
+    check: bool = True,
+    sensitivity: bool = False,
     last: bool = True,
 ) -> "tuple[ReportContent, Path]":
     """The whole river; writes the output folder, whole or not at all.
 
-    With `last`, nothing can stop the command once the folder is written.
+    With `check`, a log that is not what the robot file says stops it. With `last`, nothing can
+    stop the command once the folder is written.
     """
     from steelyard.cli import describe, interrupt, river
+    from steelyard.cli.before import checked, passed
     from steelyard.cli.fitting import Payload, fit
+    from steelyard.cli.sensitivity import varied
     from steelyard.files import whole_folder
     from steelyard.robot.robot_file import load_robot
 
@@ -105,14 +124,22 @@ def run_identify(
     signals, reasons = river.signals_of(file, known[0])
     model = river.model_of(file)
     with whole_folder(folder) as part:
+        found_out = None
+        if check:
+            given = replace(file, signals=signals)
+            found_out = checked(robot, given, (*known, *unknown), progress)
         clean, unseen = river.runs_of(file, signals, [*known, *carrying], unknown, progress)
-        notes = (*file.notes, *reasons, *describe.notes_of((*clean, *unseen)))
+        doubts = () if found_out is None else passed(found_out, robot)
+        notes = (*file.notes, *reasons, *describe.notes_of((*clean, *unseen)), *doubts)
         fitted, loaded_runs = clean[: len(known)], clean[len(known) :]
         origin = describe.provenance(file, known, carrying, unknown, fitted, notes)
         payload = Payload(payload_mass, payload_frame)
         found = fit(model, file, fitted, loaded_runs, payload, origin, threads, progress)
         notes += (*found.notes, *describe.dropped(model, (*clean, *unseen)))
         content = report_of(found, unseen, (*clean, *unseen), notes, progress)
+        content = replace(content, diagnosis=found_out)
+        if sensitivity:
+            content = varied(content, found, file, (known, unknown), threads, progress)
         write_results(found.identified, content, part)
         if last:
             interrupt.too_late()
@@ -162,6 +189,7 @@ def results(content: "ReportContent", folder: Path) -> dict[str, object]:
     """What `--json` prints."""
     if content.identified is None:
         raise ValueError("there are results of an identified model only")
+    from steelyard.report.findings import diagnosis_dict
     from steelyard.terms.register import description_of
 
     estimate = content.identified.estimate
@@ -188,5 +216,7 @@ def results(content: "ReportContent", folder: Path) -> dict[str, object]:
         "condition_normalised": estimate.condition_normalised,
         "validation": [score.to_dict() for score in content.scores],
         "identification": [score.to_dict() for score in content.fitted],
+        "check": None if content.diagnosis is None else diagnosis_dict(content.diagnosis),
+        "sensitivity": None if content.sensitivity is None else content.sensitivity.to_dict(),
         "notes": list(content.notes),
     }

@@ -56,4 +56,7 @@ def init(
     typer.echo(f"wrote {target}: {written.robot.n} joints identified")
     for note in dict.fromkeys((*loaded.notes, *written.notes)):
         typer.echo(f"note  {note}")
-    typer.echo(f"next  read it, mend it, then: steelyard identify {target} LOG...")
+    typer.echo(
+        f"next  read it, mend it, then: steelyard check {target} LOG...\n"
+        f"      and if all is well:     steelyard identify {target} LOG..."
+    )

@@ -18,6 +18,7 @@ RobotArgument = Annotated[
     str, typer.Argument(help="Robot file (TOML), URDF or MJCF.", metavar="ROBOT")
 ]
 LOG_HELP = (
-    "Logs (Parquet or CSV). Cut by time: run.parquet@0.6:9.5 (seconds from its start), "
+    "Logs: CSV, Parquet (a file, or a folder of parts), MCAP, ROS 1 and 2 bags, NumPy, MATLAB, "
+    "HDF5. Cut by time: run.parquet@0.6:9.5 (seconds from its start), "
     "or by rows: run.parquet#921:4442."
 )

@@ -12,6 +12,7 @@ from steelyard.errors import LogError, ModelError, OutputError
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.formats import Cut, open_log, parse_log_argument
 from steelyard.measurement import Processing, Recording, Run, prepare
+from steelyard.measurement.processing import asked
 from steelyard.model import Model
 from steelyard.progress import Progress, tell
 from steelyard.robot.guess import guess_signals
@@ -92,7 +93,11 @@ def fitted_before(identified: IdentifiedModel, log: LogArgument) -> bool:
 
 
 def sha256(path: Path) -> str:
-    """Hash of a file, read in parts."""
+    """Hash of a file, read in parts; of a folder, that of its files' names and hashes."""
+    if path.is_dir():
+        files = sorted(file for file in path.rglob("*") if file.is_file())
+        listed = (f"{file.relative_to(path).as_posix()} {sha256(file)}\n" for file in files)
+        return hashlib.sha256("".join(listed).encode()).hexdigest()
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -162,12 +167,18 @@ def _is_of_motors(term: Term, robot: Robot) -> bool:
     )
 
 
+def wanted_by(loaded: LoadedRobot) -> Processing:
+    """How logs are made runs, as the robot file says it."""
+    return asked(loaded.processing, loaded.where)
+
+
 def processing_of(identified: IdentifiedModel) -> Processing:
-    """How logs are read for a model: as those were that it was identified from."""
-    return Processing(
+    """How logs are read for a model: as those were that it was identified from, without a mean."""
+    return replace(
+        identified.processing,
         motion_cutoff=identified.cutoffs.motion,
         matched_cutoff=identified.cutoffs.matched,
-        rest_speed=identified.rest_speed,
+        repetitions=None,
     )
 
 
@@ -201,10 +212,11 @@ def runs_of(
     progress: Progress,
 ) -> tuple[tuple[Run, ...], tuple[Run, ...]]:
     """Clean runs, to be fitted and to be predicted, with the cut-offs that the former come to."""
-    wanted = Processing(**loaded.processing.model_dump())
+    wanted = wanted_by(loaded)
     clean = prepared([recording_of(log, signals) for log in fitted], wanted, progress)
     fresh = [recording_of(log, signals) for log in unseen]
-    runs = distinct([*clean, *prepared(fresh, settled(wanted, clean), progress)])
+    once = replace(settled(wanted, clean), repetitions=None)
+    runs = distinct([*clean, *prepared(fresh, once, progress)])
     return runs[: len(clean)], runs[len(clean) :]
 
 
@@ -214,15 +226,21 @@ def distinct(runs: Sequence[Run]) -> tuple[Run, ...]:
     Logs are often called alike, each in a folder of its own; what is left out in turn, and
     parameters of single runs, go by the runs' names.
     """
-    names = [run.name for run in runs]
-    folders = [run.recording.log.path.resolve().parts[-2::-1] for run in runs]
+    names = distinct_names([(run.name, run.recording.log.path) for run in runs])
+    return tuple(replace(run, name=name) for run, name in zip(runs, names, strict=True))
+
+
+def distinct_names(logs: Sequence[tuple[str, Path]]) -> list[str]:
+    """Names of logs at these paths, with as many folders before them as tells them apart."""
+    names = [name for name, _ in logs]
+    folders = [path.resolve().parts[-2::-1] for _, path in logs]
     for depth in range(max((len(parts) for parts in folders), default=0)):
         alike = [names.count(name) > 1 for name in names]
         names = [
             f"{parts[depth]}/{name}" if twice and depth < len(parts) else name
             for name, parts, twice in zip(names, folders, alike, strict=True)
         ]
-    return tuple(replace(run, name=name) for run, name in zip(runs, names, strict=True))
+    return names
 
 
 def settled(wanted: Processing, runs: Sequence[Run]) -> Processing:

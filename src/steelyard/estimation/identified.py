@@ -10,13 +10,14 @@ from typing import Any
 from steelyard.arrays import Array
 from steelyard.errors import ModelError
 from steelyard.estimation.estimate import Estimate
+from steelyard.measurement.processing import Processing
 from steelyard.model import Model, Stepper, ValuedModel
 from steelyard.motion import Motion
 from steelyard.regression.base import BaseMap
 from steelyard.robot.signals import Signals, signals_from_dict, signals_to_dict
 
 SCHEMA = "steelyard.model"
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ class IdentifiedModel:
         signals: Columns of the robot's logs, effort units and gains.
         cutoffs: Filter frequencies.
         provenance: Inputs and settings.
-        rest_speed: Speed up to which a joint rests, where the robot file says it [rad/s; m/s].
+        processing: The chain from rows to motion that logs of the robot go through.
     """
 
     model: Model
@@ -67,7 +68,7 @@ class IdentifiedModel:
     signals: Signals
     cutoffs: Cutoffs
     provenance: Provenance
-    rest_speed: float | None = None
+    processing: Processing = Processing()
 
     @cached_property
     def valued(self) -> ValuedModel:
@@ -93,7 +94,7 @@ class IdentifiedModel:
             "reference": [estimate.to_dict() for estimate in self.reference],
             "signals": signals_to_dict(self.signals),
             "cutoffs_hz": vars(self.cutoffs),
-            "rest_speed": self.rest_speed,
+            "processing": self.processing.to_dict(),
             "provenance": {
                 "version": self.provenance.version,
                 "inputs": dict(self.provenance.inputs),
@@ -113,7 +114,7 @@ class IdentifiedModel:
             reference=tuple(Estimate.from_dict(e) for e in data["reference"]),
             signals=signals_from_dict(data["signals"]),
             cutoffs=Cutoffs(**data["cutoffs_hz"]),
-            rest_speed=data["rest_speed"],
+            processing=Processing.from_dict(data["processing"]),
             provenance=Provenance(
                 origin["version"],
                 dict(origin["inputs"]),

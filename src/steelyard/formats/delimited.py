@@ -21,7 +21,7 @@ HEAD = 1 << 20
 LINES = 500
 """Lines that are looked at for the header."""
 WIDEST = 10_000
-CELLS = 1 << 20
+CELLS = 1 << 19
 """Cells parsed at a time."""
 
 
@@ -84,7 +84,7 @@ class DelimitedLog:
         wanted = [self.columns.index(column) for column in columns]
         start, stop = rows
         row = 0
-        for chunk in self._pieces():
+        for chunk in self._pieces(max(wanted, default=0) + 1):
             length = chunk.count(b"\n")
             first = max(start - row, 0)
             last = length if stop is None else min(stop - row, length)
@@ -97,9 +97,9 @@ class DelimitedLog:
             if stop is not None and row >= stop:
                 return
 
-    def _pieces(self) -> Iterator[bytes]:
+    def _pieces(self, width: int) -> Iterator[bytes]:
         """The chunks, divided where very short lines would make too many cells."""
-        limit = max(1, CELLS // len(self.columns))
+        limit = max(1, CELLS // width)
         for chunk in self._chunks():
             if chunk.count(b"\n") <= limit:
                 yield chunk
@@ -139,7 +139,7 @@ class DelimitedLog:
     def _numbers(self, chunk: bytes, wanted: Sequence[int]) -> Array:
         import polars as pl
 
-        width = len(self.columns)
+        width = max(wanted, default=0) + 1
         names = [f"column_{i}" for i in range(width)]
         # A full first row keeps Polars from judging the table's width by a broken one.
         full = self.separator.join(["0"] * width).encode() + b"\n"

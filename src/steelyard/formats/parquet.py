@@ -6,12 +6,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from steelyard.arrays import Array
 from steelyard.errors import LogError
 from steelyard.formats.log import PART, Rows, require_columns, require_file
+from steelyard.formats.parquet_pages import ORDINARY, longest_page
 
 if TYPE_CHECKING:
     import polars
+
+DECODED = 1 << 21
+"""Values in pages that are decoded side by side."""
+LONGEST_PAGE = DECODED
+"""Values of a page."""
+WIDEST = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -35,6 +44,7 @@ class ParquetLog:
         """
         require_file(path)
         with _explained(path, "the file cannot be read as Parquet"):
+            _together(path)
             return cls(path, tuple(_scan(path).collect_schema().names()))
 
     @property
@@ -67,7 +77,27 @@ class ParquetLog:
 
         numbers = [pl.col(c).cast(pl.Float64, strict=False) for c in columns]
         with _explained(self.path, f"rows {start} to {start + length} cannot be read"):
-            return _scan(self.path).select(numbers).slice(start, length).collect().to_numpy()
+            width = _together(self.path)
+            tables = [
+                _scan(self.path).select(numbers[at : at + width]).slice(start, length).collect()
+                for at in range(0, len(numbers), width)
+            ]
+            return tables[0].to_numpy() if len(tables) == 1 else np.hstack(tables)
+
+
+def _together(path: Path) -> int:
+    """How many columns can be read side by side: their pages are decoded whole.
+
+    Raises:
+        ValueError: One is too many, or the file is broken.
+    """
+    stat = path.stat()
+    values = longest_page(path.resolve(), stat.st_mtime_ns, stat.st_size)
+    if values > LONGEST_PAGE:
+        raise ValueError(
+            f"one of its pages holds {values} values, where {LONGEST_PAGE} are as many as are read"
+        )
+    return DECODED // max(1, values) if values > ORDINARY else WIDEST
 
 
 @contextmanager
@@ -77,7 +107,7 @@ def _explained(path: Path, wrong: str) -> Iterator[None]:
 
     try:
         yield
-    except (PolarsError, OSError, PanicException, MemoryError, OverflowError) as error:
+    except (PolarsError, OSError, PanicException, MemoryError, OverflowError, ValueError) as error:
         raise LogError(
             f"{wrong} ({_first_line(error)})",
             where=str(path),

@@ -27,6 +27,13 @@ class Bank:
         middle = np.roll(np.array(rows), halo, axis=-1)[:, : 2 * halo + 1]
         object.__setattr__(self, "taps", frozen(middle))
 
+    @classmethod
+    def of(cls, taps: Array) -> "Bank":
+        """The filters with these taps, shape `(k, 2 halo + 1)`."""
+        bank = object.__new__(cls)
+        object.__setattr__(bank, "taps", frozen(taps))
+        return bank
+
     @property
     def halo(self) -> int:
         """Samples of context on each side."""
@@ -43,6 +50,27 @@ class Bank:
             full = np.fft.irfft(spectrum * response, length)
             result[...] = full[..., 2 * self.halo : width]
         return results
+
+
+@dataclass(frozen=True, eq=False)
+class Single:
+    """One convolution of channels; an operation with a halo.
+
+    Attributes:
+        bank: A bank of one filter.
+    """
+
+    bank: Bank
+
+    @property
+    def halo(self) -> int:
+        """Samples of context on each side."""
+        return self.bank.halo
+
+    def __call__(self, extended: Array) -> Array:
+        """Channels `(C, N + 2 halo)` to channels `(C, N)`."""
+        result: Array = self.bank(extended)[0]
+        return result
 
 
 def fast_length(least: int) -> int:

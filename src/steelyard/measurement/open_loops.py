@@ -98,6 +98,7 @@ def closed_only(data: RunData, robot: Robot) -> RunData:
         data.effort[closed],
         data.moving[closed],
         np.cumsum(changed),
+        None if data.weights is None else data.weights[closed],
     )
 
 

@@ -7,25 +7,34 @@ import numpy as np
 from steelyard.arrays import Array, frozen
 from steelyard.errors import LogError
 from steelyard.formats.cut import Cut
+from steelyard.measurement.chain import Chain
 from steelyard.measurement.clean import Verdict
-from steelyard.measurement.convolve import Bank
 from steelyard.measurement.defaults import (
     DEPARTED,
     SHORTEST,
     Cutoffs,
-    Processing,
     cutoffs,
     default_rest_speed,
     given_rest_speed,
-    noise_gain,
 )
-from steelyard.measurement.derivative import smooth_derivatives
+from steelyard.measurement.marking import Marked, Marking
+from steelyard.measurement.method import Choosing, Method
+from steelyard.measurement.processing import Processing
 from steelyard.measurement.quality import Quality, Segment
 from steelyard.measurement.recording import Recording
+from steelyard.measurement.repetitions import MeanMotion, mean_of_periods
 from steelyard.measurement.resample import sample_count
+from steelyard.measurement.response import noise_gain, responses
 from steelyard.measurement.rest import SpeedHistogram
-from steelyard.measurement.run import Run, filtered
+from steelyard.measurement.run import Run, lost_ends
 from steelyard.measurement.survey import Survey, survey
+
+SAME_RATE = 1e-6
+"""Relative difference up to which two rates are one."""
+WHOLE = 300_000
+"""Rows up to which a log may be worked on as a whole where a method chooses to."""
+SAME_TIME = 1e-6
+"""Difference up to which two times are one, in samples."""
 
 
 def prepare(recording: Recording, processing: Processing | None = None) -> Run:
@@ -38,30 +47,71 @@ def prepare(recording: Recording, processing: Processing | None = None) -> Run:
     Raises:
         LogError: The log holds no motion that can be used; the message says why.
     """
-    processing = Processing() if processing is None else processing
+    asked = processing = Processing() if processing is None else processing
+    if processing.repetitions is not None:
+        mean = mean_of_periods(recording, processing.repetitions)
+        return prepare_mean(mean, recording.name, processing)
     held = recording.held()
-    found = survey(held)
+    found = survey(held, processing)
     if found.band.frequency == 0.0:
         raise _static(recording)
-    cut = cutoffs(processing, found.band.frequency, found.rate, recording.where)
+    band = found.band
+    cut = cutoffs(processing, band.frequency, found.rate, recording.where, band.floor)
     _long_enough(recording, found, cut)
-    held, wide = _with_context(held, found, cut)
+    processing = replace(processing, motion=_chosen(processing.motion, recording, found))
+    chain = _chain(processing, found, cut)
+    held, wide = _with_context(held, found, chain)
     segments = _long_enough(recording, wide, cut)
     given = given_rest_speed(processing, recording.channels.joints)
-    speeds = _speeds(held, found, cut, segments, given)
+    marking = Marking(found.suspicion, (found.segments[0].start, found.segments[-1].stop))
+    speeds = _speeds(held, found, chain, segments, given, marking)
     if given is None:
-        given = speeds.edge_above(_rest_speed(recording, found, cut, speeds.quantile(0.99)))
+        given = speeds.edge_above(_rest_speed(recording, found, chain, speeds.quantile(0.99)))
     return Run(
         recording=replace(held, log=recording.log),
         name=recording.name,
-        clock=found.clock,
-        rate=found.rate,
+        chain=replace(chain, flagged=marking.found.efforts > 0),
         segments=segments,
-        motion_cutoff=cut.motion,
-        matched_cutoff=cut.matched,
         rest_speed=frozen(given),
         span=_span(recording, cut, speeds, given),
-        quality=_quality(recording, found, cut, given, speeds.highest),
+        quality=_quality(recording, found, chain, asked, given, speeds.highest, marking.found),
+    )
+
+
+def prepare_mean(mean: MeanMotion, name: str, processing: Processing | None = None) -> Run:
+    """The run of a mean over repetitions.
+
+    Args:
+        mean: See `mean_of_periods` and `mean_of_logs`.
+        name: Name of the run.
+        processing: What is not left to the data.
+    """
+    wanted = Processing() if processing is None else processing
+    run = prepare(mean.recording, replace(wanted, repetitions=None))
+    quality = replace(run.quality, notes=(mean.words, *run.quality.notes))
+    return replace(run, name=name, importance=mean.importance, quality=quality)
+
+
+def _chosen(method: Method, recording: Recording, found: Survey) -> Method:
+    """The method with what it leaves to the log found there."""
+    if not isinstance(method, Choosing):
+        return method
+    c, even = recording.channels, found.even
+    velocity = even[c.dq] if c.velocities else None
+    whole = found.counts[Verdict.KEPT] <= WHOLE
+    return method.chosen(even[c.q], velocity, found.logged_rate, found.band.frequency, whole=whole)
+
+
+def _chain(processing: Processing, found: Survey, cut: Cutoffs) -> Chain:
+    """The chain with every choice made; nothing is flagged yet."""
+    slower = found.rate < (1.0 - SAME_RATE) * found.logged_rate
+    return Chain(
+        processing=replace(processing, motion_cutoff=cut.motion, matched_cutoff=cut.matched),
+        clock=found.clock,
+        rate=found.rate,
+        thinning=int(np.ceil(found.logged_rate / found.rate)) if slower else 1,
+        suspicion=found.suspicion,
+        flagged=False,
     )
 
 
@@ -76,24 +126,25 @@ def _static(recording: Recording) -> LogError:
 def _speeds(
     recording: Recording,
     found: Survey,
-    cut: Cutoffs,
+    chain: Chain,
     segments: tuple[Segment, ...],
     given: Array | None,
+    marking: Marking,
 ) -> SpeedHistogram:
     """Speeds in the window, without the ends of segments, which the filter has to guess beyond."""
     n = recording.channels.joints
     speeds = SpeedHistogram(np.ones(n) if given is None else given)
-    window = found.segments[0].start, found.segments[-1].stop
+    slip = SAME_TIME / chain.rate
+    window = found.segments[0].start - slip, found.segments[-1].stop + slip
     by_number = {s.number: s for s in segments}
-    bent = 1.0 / cut.motion
-    for number, first, signals in filtered(
-        recording, found.clock, found.rate, cut.motion, tuple(by_number)
-    ):
-        segment = by_number[number]
-        at = segment.start + np.arange(first, first + signals.shape[1]) / found.rate
-        inside = at >= max(window[0], segment.start + bent)
-        inside &= at <= min(window[1], segment.stop - bent)
-        speeds.add(at[inside], signals[n : 2 * n, inside])
+    bent = 1.0 / chain.motion_cutoff
+    early, late = lost_ends(recording.signals)
+    for part in chain.parts(recording, tuple(by_number), marking):
+        segment, first = by_number[part.segment], part.start
+        at = segment.start + np.arange(first, first + part.signals.shape[1]) / chain.rate
+        inside = at >= max(window[0], segment.start + bent + early)
+        inside &= at <= min(window[1], segment.stop - bent - late)
+        speeds.add(at[inside], part.signals[n : 2 * n, inside])
     return speeds
 
 
@@ -116,7 +167,7 @@ def _span(
     return span
 
 
-def _with_context(recording: Recording, found: Survey, cut: Cutoffs) -> tuple[Recording, Survey]:
+def _with_context(recording: Recording, found: Survey, chain: Chain) -> tuple[Recording, Survey]:
     """The recording with its window widened by what the motion's filter looks at, if it is cut.
 
     Where the log goes on beyond the window, the filter of the motion sees it: at a cut in the
@@ -124,16 +175,15 @@ def _with_context(recording: Recording, found: Survey, cut: Cutoffs) -> tuple[Re
     """
     if recording.cut == Cut():
         return recording, found
-    samples = smooth_derivatives(cut.motion, found.rate, 2).halo
+    more = chain.context(recording)
     seconds, rows = recording.cut.seconds, recording.cut.rows
-    more = samples / found.rate
     spare = int(np.ceil(1.2 * more / found.clock.step)) + 1
     wider = Cut(
         seconds=(seconds[0] - more, seconds[1] + more),
         rows=(max(0, rows[0] - spare), None if rows[1] is None else rows[1] + spare),
     )
     wide = replace(recording, cut=wider)
-    return wide, replace(survey(wide), rate=found.rate)
+    return wide, replace(survey(wide, chain.processing), rate=found.rate)
 
 
 def _long_enough(recording: Recording, found: Survey, cut: Cutoffs) -> tuple[Segment, ...]:
@@ -155,15 +205,17 @@ def _long_enough(recording: Recording, found: Survey, cut: Cutoffs) -> tuple[Seg
     return segments
 
 
-def _rest_speed(recording: Recording, found: Survey, cut: Cutoffs, fast: Array) -> Array:
+def _rest_speed(recording: Recording, found: Survey, chain: Chain, fast: Array) -> Array:
     """The default rest speed of each joint, shape `(n,)`."""
-    c = recording.channels
-    bank: Bank = smooth_derivatives(cut.motion, found.rate, 1)
+    c, rate = recording.channels, chain.rate
+    of_position, of_velocity = responses(
+        chain.processing.motion, chain.motion_cutoff, rate, c.joints
+    )
     if found.velocity_noise is None:
-        noise = np.sqrt(found.band.noise) * noise_gain(bank, 1, found.rate)
-        step_speed = found.resolution[c.q] * found.rate * bank.taps[0].max()
+        noise = np.sqrt(found.band.noise) * noise_gain(of_position[1], rate)
+        step_speed = found.resolution[c.q] * rate * of_position[0].max(axis=-1)
     else:
-        noise = np.sqrt(found.velocity_noise) * noise_gain(bank, 0, found.rate)
+        noise = np.sqrt(found.velocity_noise) * noise_gain(of_velocity, rate)
         step_speed = found.resolution[c.dq]
     return default_rest_speed(fast, noise, step_speed)
 
@@ -171,11 +223,14 @@ def _rest_speed(recording: Recording, found: Survey, cut: Cutoffs, fast: Array) 
 def _quality(
     recording: Recording,
     found: Survey,
-    cut: Cutoffs,
+    chain: Chain,
+    asked: Processing,
     rest_speed: Array,
     highest: Array,
+    marked: Marked,
 ) -> Quality:
     c = recording.channels
+    cut = Cutoffs(chain.motion_cutoff, chain.matched_cutoff)
     segments = _long_enough(recording, found, cut)
     counts = {v: found.counts[v] for v in Verdict if v != Verdict.KEPT and found.counts[v]}
     mean, spread, least, most = found.steps
@@ -196,12 +251,13 @@ def _quality(
         resolution=frozen(found.resolution[c.q]),
         effort_resolution=frozen(found.resolution[c.effort]),
         max_speed=frozen(highest),
-        losses=_losses(found, segments),
-        notes=_choices(found, cut, rest_speed),
+        losses=_losses(found, segments, marked),
+        notes=_choices(found, chain, asked, rest_speed, marked),
+        marked=marked,
     )
 
 
-def _losses(found: Survey, segments: tuple[Segment, ...]) -> tuple[str, ...]:
+def _losses(found: Survey, segments: tuple[Segment, ...], marked: Marked) -> tuple[str, ...]:
     """What of the log could not be used."""
     losses = []
     lost = [(v, found.counts[v]) for v in Verdict if v != Verdict.KEPT and found.counts[v]]
@@ -215,16 +271,27 @@ def _losses(found: Survey, segments: tuple[Segment, ...]) -> tuple[str, ...]:
         losses.append(f"{len(found.segments) - 1} gaps split the run, the first after {at}")
     if short := len(found.segments) - len(segments):
         losses.append(f"{short} stretches between gaps are shorter than the filter and left out")
+    if marked.words:
+        losses.append(marked.words)
     return tuple(losses)
 
 
-def _choices(found: Survey, cut: Cutoffs, rest_speed: Array) -> tuple[str, ...]:
+def _choices(
+    found: Survey, chain: Chain, asked: Processing, rest_speed: Array, marked: Marked
+) -> tuple[str, ...]:
     """What was decided from the data."""
     mean, _, least, most = found.steps
     return (
         f"resampled to {found.rate:g} Hz (steps {1e3 * mean:.4g} ms mean, {1e3 * least:.4g} to "
         f"{1e3 * most:.4g} ms)",
-        f"motion below {found.band.frequency:.2g} Hz: motion cut-off {cut.motion:g} Hz, "
-        f"matched cut-off {cut.matched:g} Hz",
+        f"motion below {found.band.frequency:.2g} Hz, above its noise up to "
+        f"{found.band.floor:.2g} Hz: motion cut-off {chain.motion_cutoff:g} Hz"
+        f"{_given(asked.motion_cutoff)}, matched cut-off {chain.matched_cutoff:g} Hz"
+        f"{_given(asked.matched_cutoff)}",
+        f"chain: {chain.words}; {marked.words or 'nothing marked'}",
         "rest below " + " ".join(f"{s:.2g}" for s in rest_speed) + " rad/s or m/s",
     )
+
+
+def _given(cutoff: float | None) -> str:
+    return "" if cutoff is None else " (given)"

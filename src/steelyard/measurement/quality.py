@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from steelyard.arrays import Array
+from steelyard.measurement.marking import Marked
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,7 @@ class Quality:
         max_speed: Fastest motion of each joint, shape `(n,)` [rad/s; m/s].
         losses: What could not be used, in sentences.
         notes: What was decided from the data, in sentences.
+        marked: What was bridged, or does not count.
     """
 
     rows: int
@@ -65,6 +67,7 @@ class Quality:
     max_speed: Array
     losses: tuple[str, ...]
     notes: tuple[str, ...]
+    marked: Marked = Marked()
 
     @property
     def rows_of_text(self) -> tuple[tuple[str, str], ...]:
@@ -73,6 +76,7 @@ class Quality:
         return (
             ("rows", f"{self.kept} of {self.rows} used"),
             ("dropped", lost or "none"),
+            ("marked", self.marked.words or "none"),
             ("duration", f"{self.duration:.2f} s"),
             ("clock", self.clock_text),
             ("gaps", ", ".join(f"{t:.2f} s" for t in self.gaps[:10]) or "none"),

@@ -1,16 +1,43 @@
-"""From rows at uneven times to a uniform clock, by local cubic interpolation.
+"""From rows at uneven times to a uniform clock, by parts, within the clock's band.
 
-Between two rows runs the cubic that has their values and, as slopes there, those of the parabola
-through each row and its neighbours. It is exact for parabolas, has a continuous slope, and needs
-one row beyond each end of an interval, so it works by parts.
+Channels that were logged late are read later in the log: what was logged at `t + lag` belongs to
+time `t`. A clock slower than the log's gets no more than it can carry: rows are first brought to a
+multiple of its rate that is not below theirs, then low-passed, then thinned out.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from math import ceil, floor
 
 import numpy as np
 
 from steelyard.arrays import Array
+from steelyard.measurement.convolve import Bank
+from steelyard.measurement.interpolation import CUBIC, Interpolation
+from steelyard.measurement.parts import apply
+
+SUPPRESSION = 80.0
+"""How far a low-pass before thinning out is down from half the clock's rate on [dB]."""
+PASSED = 0.4
+"""Highest frequency that passes it, per rate of the clock."""
+
+
+@dataclass(frozen=True)
+class Lane:
+    """Channels that are read alike.
+
+    Attributes:
+        channels: Which ones.
+        kind: The interpolation.
+        lag: How late they were logged [s].
+    """
+
+    channels: slice
+    kind: Interpolation
+    lag: float = 0.0
+
+
+EVERY = (Lane(slice(None), CUBIC),)
 
 
 def sample_count(start: float, stop: float, rate: float) -> int:
@@ -18,60 +45,99 @@ def sample_count(start: float, stop: float, rate: float) -> int:
     return floor((stop - start) * rate + 1e-6) + 1
 
 
-def uniform(rows: Iterable[tuple[Array, Array]], rate: float) -> Iterator[Array]:
+def uniform(
+    rows: Iterable[tuple[Array, Array]], rate: float, lanes: Sequence[Lane] = EVERY
+) -> Iterator[Array]:
     """One segment's channels at times `t[0] + k / rate`.
+
+    Beyond the segment's ends, where lags make it end early, its last values stay.
 
     Args:
         rows: Time, shape `(N,)` [s], increasing, and channels, shape `(N, C)`; any parts.
         rate: [Hz].
+        lanes: All channels, in their order.
 
     Yields:
         Channels, shape `(C, any)`; `sample_count` samples in all.
     """
+    lags = [lane.lag for lane in lanes]
+    margin = max(lane.kind.margin for lane in lanes)
     t, x = np.zeros(0), np.zeros((0, 0))
-    start, done, first = 0.0, 0, True
+    start, done, begun = 0.0, 0, False
     for new_t, new_x in rows:
-        if len(t) == 0 and first:
-            start = float(new_t[0]) if len(new_t) else start
+        if not begun:
+            if len(new_t) == 0:
+                continue
+            start, begun = float(new_t[0]), True
             t, x = new_t, np.ascontiguousarray(new_x.T)
         else:
             t, x = np.concatenate((t, new_t)), np.concatenate((x, new_x.T), axis=1)
-        low, high = (0 if first else 1), len(t) - 2
-        if high - low < 2:
+        high = len(t) - 1 - margin
+        if high < margin + 2:
             continue
-        upto = max(done, ceil((float(t[high]) - start) * rate))
-        yield _interpolated(t, x, start + np.arange(done, upto) / rate)
-        done, first = upto, False
-        t, x = t[high - 1 :], x[:, high - 1 :]
+        upto = max(done, ceil((float(t[high]) - max(lags) - start) * rate))
+        if upto > done:
+            yield _at(t, x, start + np.arange(done, upto) / rate, lanes)
+            done = upto
+        low = int(np.searchsorted(t, start + done / rate + min(lags), side="right")) - 1
+        first = max(0, low - margin - 1)
+        t, x = t[first:], x[:, first:]
     if len(t):
         upto = sample_count(start, float(t[-1]), rate)
-        yield _interpolated(t, x, np.minimum(start + np.arange(done, upto) / rate, t[-1]))
+        yield _at(t, x, start + np.arange(done, upto) / rate, lanes)
 
 
-def _interpolated(t: Array, x: Array, at: Array) -> Array:
-    """Channels `x`, shape `(C, N)`, known at `t`, at other times inside: shape `(C, len(at))`."""
-    if len(t) == 1:
-        return np.repeat(x, len(at), axis=1)
-    step = np.diff(t)
-    secant = np.diff(x, axis=1) / step
-    slope = _slopes(step, secant)
-    i = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(step) - 1)
-    h = step[i]
-    u = (at - t[i]) / h
-    a = slope[:, i] - secant[:, i]
-    b = secant[:, i] - slope[:, i + 1]
-    blend: Array = x[:, i] + u * h * (secant[:, i] + (1.0 - u) * ((1.0 - u) * a + u * b))
-    return blend
+def _at(t: Array, x: Array, at: Array, lanes: Sequence[Lane]) -> Array:
+    values = [lane.kind(t, x[lane.channels], np.clip(at + lane.lag, t[0], t[-1])) for lane in lanes]
+    return values[0] if len(values) == 1 else np.concatenate(values)
 
 
-def _slopes(step: Array, secant: Array) -> Array:
-    """Slope at every row of the parabola through it and its neighbours, shape `(C, N)`."""
-    slope = np.empty((len(secant), len(step) + 1))
-    if len(step) == 1:
-        slope[:] = secant
-        return slope
-    before, after = step[:-1], step[1:]
-    slope[:, 1:-1] = (after * secant[:, :-1] + before * secant[:, 1:]) / (before + after)
-    slope[:, 0] = 2.0 * secant[:, 0] - slope[:, 1]
-    slope[:, -1] = 2.0 * secant[:, -1] - slope[:, -2]
-    return slope
+@dataclass(frozen=True, eq=False)
+class Thinning:
+    """A low-pass after which every `factor`-th sample says it all; an operation with a halo.
+
+    Attributes:
+        factor: Samples before over samples after.
+        bank: The low-pass.
+        flags: Number of last channels that are flags: of those near a sample the largest stays.
+    """
+
+    factor: int
+    bank: Bank
+    flags: int = 0
+
+    @classmethod
+    def design(cls, factor: int, flags: int = 0) -> "Thinning":
+        """Kaiser-windowed low-pass for a clock `factor` times slower."""
+        from scipy.signal import firwin, kaiserord
+
+        middle = 0.5 * (PASSED + 0.5)
+        length, beta = kaiserord(SUPPRESSION, 2.0 * (0.5 - PASSED) / factor)
+        length += 1 - length % 2
+        taps = firwin(length, 2.0 * middle / factor, window=("kaiser", beta))
+        return cls(factor, Bank.of(taps[None]), flags)
+
+    @property
+    def halo(self) -> int:
+        """Samples of context on each side."""
+        return self.bank.halo
+
+    def __call__(self, extended: Array) -> Array:
+        """Channels `(C, N + 2 halo)` to channels `(C, N)`."""
+        signals = len(extended) - self.flags
+        low: Array = self.bank(extended[:signals])[0]
+        if not self.flags:
+            return low
+        flags = np.abs(extended[signals:])
+        near = [
+            flags[:, self.halo + shift : extended.shape[1] - self.halo + shift]
+            for shift in range(-self.factor, self.factor + 1)
+        ]
+        return np.concatenate((low, np.max(near, axis=0)))
+
+    def thinned(self, parts: Iterable[Array]) -> Iterator[Array]:
+        """Every `factor`-th sample of a segment after the low-pass."""
+        at = 0
+        for part in apply(self, parts):
+            yield part[:, -at % self.factor :: self.factor]
+            at += part.shape[1]

@@ -2,20 +2,17 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
-from steelyard.measurement.clock import Clock, Scan
-from steelyard.measurement.derivative import smooth_derivatives
-from steelyard.measurement.lowpass import low_pass
-from steelyard.measurement.parts import apply
+from steelyard.measurement.chain import Chain
 from steelyard.measurement.quality import Quality, Segment
-from steelyard.measurement.recording import Channels, Recording
-from steelyard.measurement.resample import uniform
+from steelyard.measurement.recording import Recording
+from steelyard.measurement.repetitions import Importance
 from steelyard.motion import Motion
+from steelyard.robot.signals import Signals
 
 BLOCK = 4096
 """Samples of a block."""
@@ -34,6 +31,8 @@ class Block:
         effort: As logged, not low-passed, shape `(n, B)` [A, Nm or N].
         moving: Whether each joint moves, shape `(n, B)`.
         channels: What a model computed along the motion, shape `(n_channels, B)`; or `None`.
+        weights: How much each sample of each effort counts, beside `moving`, shape `(n, B)`: 0
+            where the log is not to be trusted; `None` if all count alike.
     """
 
     segment: int
@@ -44,6 +43,7 @@ class Block:
     effort: Array
     moving: NDArray[np.bool_]
     channels: Array | None = None
+    weights: Array | None = None
 
     def part(self, start: int, stop: int) -> "Block":
         """The samples from `start` to `stop`."""
@@ -51,15 +51,21 @@ class Block:
             np.ascontiguousarray(x[:, start:stop]) for x in (self.q, self.dq, self.ddq, self.effort)
         )
         moving = np.ascontiguousarray(self.moving[:, start:stop])
-        channels = self.channels
-        if channels is not None:
-            channels = np.ascontiguousarray(channels[:, start:stop])
-        return Block(self.segment, self.t[start:stop], q, dq, ddq, effort, moving, channels)
+        channels, weights = (
+            None if x is None else np.ascontiguousarray(x[:, start:stop])
+            for x in (self.channels, self.weights)
+        )
+        return Block(
+            self.segment, self.t[start:stop], q, dq, ddq, effort, moving, channels, weights
+        )
 
     @classmethod
     def joined(cls, blocks: Sequence["Block"]) -> "Block":
         """Consecutive blocks of one segment as one."""
         channels = [b.channels for b in blocks if b.channels is not None]
+        weights = None
+        if any(b.weights is not None for b in blocks):
+            weights = np.concatenate([b.counted for b in blocks], axis=1)
         return cls(
             blocks[0].segment,
             np.concatenate([b.t for b in blocks]),
@@ -69,7 +75,13 @@ class Block:
             np.concatenate([b.effort for b in blocks], axis=1),
             np.concatenate([b.moving for b in blocks], axis=1),
             np.concatenate(channels, axis=1) if channels else None,
+            weights,
         )
+
+    @property
+    def counted(self) -> Array:
+        """The weights, ones where there are none, shape `(n, B)`."""
+        return np.ones(self.moving.shape) if self.weights is None else self.weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,12 +93,15 @@ class RunData:
         effort: As logged, shape `(N, n)` [A, Nm or N].
         moving: Whether each joint moves, shape `(N, n)`.
         segment: Number of the segment of each sample, shape `(N,)`.
+        weights: How much each sample of each effort counts, see `Block`, shape `(N, n)`; `None` if
+            all count alike.
     """
 
     motion: Motion
     effort: Array
     moving: NDArray[np.bool_]
     segment: NDArray[np.intp]
+    weights: Array | None = None
 
     @property
     def t(self) -> Array:
@@ -101,26 +116,37 @@ class Run:
     Attributes:
         recording: Where it comes from, with context around a cut for the motion's filter.
         name: The recording's name, with its cut as written.
-        clock: The log's clock.
-        rate: Of the uniform clock [Hz].
+        chain: What is done with its rows.
         segments: Stretches without gaps that are long enough for the filters.
-        motion_cutoff: Low-pass of positions and velocities [Hz].
-        matched_cutoff: Low-pass meant for regressor and effort alike; not applied here [Hz].
         rest_speed: Speed up to which each joint rests, shape `(n,)` [rad/s; m/s].
         span: Times of the first and last motion of any joint, from the log's start [s].
         quality: What was found in the log.
+        importance: Weights of efforts over time, of a mean over repetitions.
     """
 
     recording: Recording
     name: str
-    clock: Clock
-    rate: float
+    chain: Chain
     segments: tuple[Segment, ...]
-    motion_cutoff: float
-    matched_cutoff: float
     rest_speed: Array
     span: tuple[float, float]
     quality: Quality
+    importance: Importance | None = None
+
+    @property
+    def rate(self) -> float:
+        """Rate of the uniform clock [Hz]."""
+        return self.chain.rate
+
+    @property
+    def motion_cutoff(self) -> float:
+        """Low-pass of positions and velocities [Hz]."""
+        return self.chain.motion_cutoff
+
+    @property
+    def matched_cutoff(self) -> float:
+        """Low-pass meant for regressor and effort alike; not applied here [Hz]."""
+        return self.chain.matched_cutoff
 
     @property
     def effort_units(self) -> tuple[str, ...]:
@@ -141,19 +167,22 @@ class Run:
         """Samples from first to last motion, in blocks of at most `size`; can be begun anew."""
         segments = {s.number: s for s in self.segments}
         n = self.recording.channels.joints
-        for number, start, signals in filtered(
-            self.recording, self.clock, self.rate, self.motion_cutoff, tuple(segments)
-        ):
-            segment = segments[number]
+        for part in self.chain.parts(self.recording, tuple(segments)):
+            segment, start, signals = segments[part.segment], part.start, part.signals
             first, last = self._range(segment)
             for at in range(max(start, first), min(start + signals.shape[1], last), size):
                 stop = min(at + size, start + signals.shape[1], last)
-                q, dq, ddq, effort = np.ascontiguousarray(
-                    signals[:, at - start : stop - start]
-                ).reshape(4, n, -1)
+                inside = slice(at - start, stop - start)
+                q, dq, ddq, effort = np.ascontiguousarray(signals[:, inside]).reshape(4, n, -1)
                 t = segment.start + np.arange(at, stop) / self.rate
                 moving = np.abs(dq) > self.rest_speed[:, None]
-                yield Block(number, t, q, dq, ddq, effort, moving)
+                weights = None if part.weights is None else part.weights[:, inside].copy()
+                if weights is not None and (weights == 1.0).all():
+                    weights = None
+                if self.importance is not None:
+                    own = self.importance.at(t)
+                    weights = own if weights is None else own * weights
+                yield Block(part.segment, t, q, dq, ddq, effort, moving, weights=weights)
 
     def whole(self) -> RunData:
         """All samples from first to last motion, in memory."""
@@ -167,65 +196,22 @@ class Run:
             np.ascontiguousarray(effort),
             np.concatenate([b.moving for b in blocks], axis=1).T.copy(),
             np.concatenate([np.full(len(b.t), b.segment) for b in blocks]),
+            None
+            if all(b.weights is None for b in blocks)
+            else np.concatenate([b.counted for b in blocks], axis=1).T.copy(),
         )
 
     def _range(self, segment: Segment) -> tuple[int, int]:
         """First sample of a segment that is used, and the one after the last."""
-        first, last = ((time - segment.start) * self.rate for time in self.span)
-        return max(0, int(np.ceil(first - 1e-6))), min(
-            segment.samples, int(np.floor(last + 1e-6)) + 1
+        early, late = lost_ends(self.recording.signals)
+        start = max(self.span[0], segment.start + early) - segment.start
+        stop = min(self.span[1], segment.stop - late) - segment.start
+        return max(0, int(np.ceil(start * self.rate - 1e-6))), min(
+            segment.samples, int(np.floor(stop * self.rate + 1e-6)) + 1
         )
 
 
-def filtered(
-    recording: Recording, clock: Clock, rate: float, cutoff: float, segments: Sequence[int]
-) -> Iterator[tuple[int, int, Array]]:
-    """Positions, velocities, accelerations and efforts of segments on the uniform clock.
-
-    Args:
-        recording: Raw rows.
-        clock: The log's clock.
-        rate: [Hz].
-        cutoff: Low-pass of positions and velocities [Hz].
-        segments: Numbers of the segments wanted.
-
-    Yields:
-        Segment, number of the first sample in it, and signals, shape `(4 n, any)`.
-    """
-    operation = ToMotion(recording.channels, cutoff, rate)
-    pieces = Scan(clock, recording).pieces()
-    for number, of_segment in groupby(pieces, key=lambda piece: piece.segment):
-        if number not in segments:
-            continue
-        start = 0
-        for part in apply(operation, uniform(((p.t, p.x) for p in of_segment), rate)):
-            yield number, start, part
-            start += part.shape[1]
-
-
-class ToMotion:
-    """Low-pass and derivatives: logged channels to `q, dq, ddq, effort`; an operation with a halo.
-
-    Logged velocities are low-passed and differentiated once; without them positions are
-    differentiated twice. Efforts pass unchanged.
-    """
-
-    def __init__(self, channels: Channels, cutoff: float, rate: float) -> None:
-        self._channels = channels
-        self._twice = smooth_derivatives(cutoff, rate, 2)
-        self._once = smooth_derivatives(cutoff, rate, 1)
-        self._smooth = low_pass(cutoff, rate)
-
-    @property
-    def halo(self) -> int:
-        """Samples of context on each side."""
-        return self._twice.halo
-
-    def __call__(self, extended: Array) -> Array:
-        """Channels `(C, N + 2 halo)` to signals `(4 n, N)`."""
-        c = self._channels
-        effort = extended[c.effort, self.halo : extended.shape[1] - self.halo]
-        if not c.velocities:
-            return np.concatenate((*self._twice(extended[c.q]), effort))
-        smooth = self._smooth(extended[c.q])
-        return np.concatenate((*smooth, *self._once(extended[c.dq]), effort))
+def lost_ends(signals: Signals) -> tuple[float, float]:
+    """How much of a segment's start and end has no value of every signal, for their delays [s]."""
+    lags = signals.velocity_delay, signals.effort_delay
+    return max(0.0, -min(lags)), max(0.0, *lags)

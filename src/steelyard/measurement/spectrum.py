@@ -8,6 +8,8 @@ from steelyard.arrays import Array
 
 WINDOW = 20.0
 """Length of the spectrum's windows [s]: two lines below a 0.1 Hz motion."""
+SHORTEST = 16
+"""The same in samples, at least, however slow the clock seems to be."""
 SHARE = 0.99
 """Share of a joint's velocity power that its band holds. The last percent is spread over corners
 of point-to-point moves and over noise."""
@@ -24,10 +26,12 @@ class Band:
     Attributes:
         frequency: Frequency below which the motion lives, the median over moving joints [Hz].
         noise: Noise density of each position, shape `(n,)` [rad²/Hz; m²/Hz].
+        floor: Frequency at which the positions' spectrum meets its noise, the median likewise [Hz].
     """
 
     frequency: float
     noise: Array
+    floor: float = 0.0
 
 
 def welch(x: Array, rate: float, window: float = WINDOW) -> tuple[Array, Array]:
@@ -41,7 +45,7 @@ def welch(x: Array, rate: float, window: float = WINDOW) -> tuple[Array, Array]:
     Returns:
         Frequencies `(F,)` [Hz] and one-sided densities `(C, F)`.
     """
-    length = min(x.shape[1], round(window * rate))
+    length = min(x.shape[1], max(round(window * rate), SHORTEST))
     hann: Array = np.sin(np.pi * np.arange(length) / length) ** 2
     ramp: Array = np.linspace(-1.0, 1.0, length)
     density = np.zeros((len(x), length // 2 + 1))
@@ -70,15 +74,18 @@ def motion_band(q: Array, rate: float) -> Band:
     frequency, position = welch(q, rate)
     noise = np.median(position[:, position.shape[1] // 2 :], axis=1)
     velocity = position * (2.0 * np.pi * frequency) ** 2
-    bands, powers = [], []
+    bands, powers, floors = [], [], []
     for joint in range(len(q)):
         smooth = np.convolve(position[joint], np.full(5, 0.2), mode="same")
         audible = smooth > AUDIBLE * noise[joint]
         peak = int(np.argmax(np.where(audible, velocity[joint], 0.0)))
         quiet = np.flatnonzero(~audible[peak:])
-        power = np.cumsum(velocity[joint, : peak + int(quiet[0]) if len(quiet) else None])
+        end = peak + int(quiet[0]) if len(quiet) else len(frequency)
+        power = np.cumsum(velocity[joint, :end])
+        floors.append(frequency[min(end, len(frequency) - 1)])
         total = float(power[-1]) if len(power) else 0.0
         powers.append(total)
         bands.append(frequency[np.searchsorted(power, SHARE * total)] if total else 0.0)
     fast = np.sqrt(powers) >= STILL * np.sqrt(max(powers))
-    return Band(float(np.median(np.array(bands)[fast])), noise)
+    band, floor = (float(np.median(np.array(f)[fast])) for f in (bands, floors))
+    return Band(band, noise, max(band, floor))

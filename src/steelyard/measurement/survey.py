@@ -1,5 +1,6 @@
 """The first pass over a recording: what is in it, before anything is filtered."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,13 +18,18 @@ from steelyard.measurement.clock import (
     not_increasing,
     nothing_left,
 )
+from steelyard.measurement.marking import Marking, Suspicion, suspicion
+from steelyard.measurement.processing import Processing
 from steelyard.measurement.quality import Segment
-from steelyard.measurement.recording import Recording
+from steelyard.measurement.recording import Channels, Recording
 from steelyard.measurement.resample import sample_count, uniform
+from steelyard.measurement.saturation import Extremes
 from steelyard.measurement.spectrum import Band, motion_band
 
 EXCERPT = 100_000
 """Rows from which the motion's band is learnt."""
+FASTER = 4.0
+"""Highest rate that can be asked for, over the log's: more adds samples, but nothing to them."""
 DEPARTURE = 0.01
 """How far a joint must be from where it started for the excerpt to begin [rad; m]."""
 
@@ -34,6 +40,7 @@ class Survey:
 
     Attributes:
         clock: The log's clock.
+        logged_rate: Rate of the log, rounded [Hz].
         rate: Of the uniform clock [Hz].
         segments: In order of time.
         counts: Rows per `Verdict`.
@@ -41,9 +48,12 @@ class Survey:
         resolution: Smallest step of each channel that is not zero, shape `(C,)`.
         band: Band of the motion and noise of the positions.
         velocity_noise: Noise density of logged velocities, shape `(n,)`; `None` without them.
+        suspicion: What is known of rows that are not to be believed.
+        even: Positions, and velocities if logged, of a stretch at the log's rate, `(n or 2n, N)`.
     """
 
     clock: Clock
+    logged_rate: float
     rate: float
     segments: tuple[Segment, ...]
     counts: tuple[int, ...]
@@ -51,6 +61,8 @@ class Survey:
     resolution: Array
     band: Band
     velocity_noise: Array | None
+    suspicion: Suspicion
+    even: Array
 
     @property
     def duration(self) -> float:
@@ -58,15 +70,20 @@ class Survey:
         return self.segments[-1].stop - self.segments[0].start
 
 
-def survey(recording: Recording) -> Survey:
+def survey(recording: Recording, processing: Processing | None = None) -> Survey:
     """Read a recording once.
+
+    Args:
+        recording: Raw rows.
+        processing: How rows are judged, and the rate of the uniform clock.
 
     Raises:
         LogError: Nothing in it can be used, or time does not increase.
     """
+    wanted = Processing() if processing is None else processing
     clock = learn_clock(recording)
     scan = Scan(clock, recording)
-    tally = _Tally(recording.channels.count)
+    tally = _Tally(recording.channels.count, recording.channels.effort)
     excerpt = _Excerpt(recording)
     for piece in scan.pieces():
         tally.add(piece)
@@ -82,10 +99,21 @@ def survey(recording: Recording) -> Survey:
             where=recording.where,
             mend="record for longer, or widen the window",
         )
-    rate = nice_rate(tally.total / tally.count)
-    band, velocity_noise = excerpt.spectra(rate)
+    logged = nice_rate(tally.total / tally.count)
+    rate = logged if wanted.rate is None else wanted.rate
+    _refuse_faster(rate, logged, recording)
+    resolution = np.where(np.isfinite(tally.resolution), tally.resolution, 0.0)
+    limits = tally.limits(resolution[recording.channels.effort])
+    if not wanted.leave_out_saturated:
+        limits = np.full_like(limits, np.nan)
+    doubt = suspicion(
+        recording.channels, excerpt.rows, limits, wanted.outliers, wanted.bridge_repeats
+    )
+    even = excerpt.even(logged, doubt)
+    band, velocity_noise = _spectra(even, logged, recording.channels)
     return Survey(
         clock=clock,
+        logged_rate=logged,
         rate=rate,
         segments=tuple(
             Segment(number, start, stop, sample_count(start, stop, rate))
@@ -93,16 +121,37 @@ def survey(recording: Recording) -> Survey:
         ),
         counts=tuple(counts.tolist()),
         steps=tally.steps,
-        resolution=frozen(np.where(np.isfinite(tally.resolution), tally.resolution, 0.0)),
+        resolution=frozen(resolution),
         band=band,
         velocity_noise=velocity_noise,
+        suspicion=doubt,
+        even=even,
     )
+
+
+def _spectra(even: Array, rate: float, channels: Channels) -> tuple[Band, Array | None]:
+    """Band of the motion, and the noise density of logged velocities."""
+    n = channels.joints
+    if even.shape[1] < SHORTEST_CHAIN:
+        return Band(0.0, np.zeros(n)), np.zeros(n) if channels.velocities else None
+    band = motion_band(even[channels.q], rate)
+    return band, motion_band(even[channels.dq], rate).noise if channels.velocities else None
+
+
+def _refuse_faster(rate: float, logged: float, recording: Recording) -> None:
+    if rate > FASTER * logged:
+        raise LogError(
+            f"a clock of {rate:g} Hz is far above the log's {logged:g} Hz",
+            where=recording.where,
+            mend=f"choose a rate up to {FASTER * logged:g} Hz in [processing], or leave it out",
+        )
 
 
 class _Tally:
     """Steps of the clock and of the channels, and where segments start and stop."""
 
-    def __init__(self, channels: int) -> None:
+    def __init__(self, channels: int, effort: slice) -> None:
+        self._effort, self._extremes = effort, Extremes(effort.stop - effort.start)
         self.resolution = np.full(channels, np.inf)
         self.spans: dict[int, tuple[float, float]] = {}
         self.count, self.total = 0, 0.0
@@ -111,6 +160,9 @@ class _Tally:
 
     def add(self, piece: Piece) -> None:
         t, x = piece.t, piece.x
+        if self._last is not None and self._last.segment != piece.segment:
+            self._extremes.end_segment()
+        self._extremes.add(np.ascontiguousarray(x[:, self._effort].T))
         if self._last is not None and self._last.segment == piece.segment:
             t = np.concatenate((self._last.t, t))
             x = np.concatenate((self._last.x, x))
@@ -128,6 +180,10 @@ class _Tally:
         change = np.abs(np.diff(x, axis=0))
         change[change == 0.0] = np.inf
         self.resolution = np.minimum(self.resolution, change.min(axis=0))
+
+    def limits(self, resolution: Array) -> Array:
+        """Values at which efforts are cut off, see `Extremes`."""
+        return self._extremes.limits(resolution)
 
     @property
     def steps(self) -> tuple[float, float, float, float]:
@@ -154,7 +210,7 @@ class _Excerpt:
             return
         if self._current and self._current[0].segment != piece.segment:
             self._current = []
-        x = piece.x[:, : self._channels.effort.start]
+        x = piece.x
         if self._origin is None:
             self._origin = x[0, self._channels.q].copy()
         start = 0
@@ -178,17 +234,21 @@ class _Excerpt:
             if room > 0:
                 self._still.append(Piece(piece.segment, piece.t[:room].copy(), x[:room].copy()))
 
-    def spectra(self, rate: float) -> tuple[Band, Array | None]:
-        """Band of the motion, and the noise density of logged velocities."""
-        n = self._channels.joints
-        excerpt = self._longest or self._still
-        if _length(excerpt) < SHORTEST_CHAIN:
-            return Band(0.0, np.zeros(n)), np.zeros(n) if self._channels.velocities else None
-        even = np.concatenate(list(uniform(((p.t, p.x) for p in excerpt), rate)), axis=1)
-        band = motion_band(even[self._channels.q], rate)
-        if not self._channels.velocities:
-            return band, None
-        return band, motion_band(even[self._channels.dq], rate).noise
+    @property
+    def rows(self) -> Array:
+        """All its rows, shape `(C, N)`."""
+        pieces = [piece.x for piece in self._longest or self._still]
+        return np.concatenate(pieces).T if pieces else np.zeros((self._channels.count, 0))
+
+    def even(self, rate: float, doubt: Suspicion) -> Array:
+        """Positions, and velocities if logged, on the uniform clock, shape `(n or 2n, N)`."""
+        pieces, moved = self._longest or self._still, self._channels.effort.start
+        if _length(pieces) < SHORTEST_CHAIN:
+            return np.zeros((moved, 0))
+        rows: Iterable[tuple[Array, Array]] = ((p.t, p.x) for p in pieces)
+        if not doubt.idle:
+            rows = Marking(doubt).rows(rows)
+        return np.concatenate(list(uniform(((t, x[:, :moved]) for t, x in rows), rate)), axis=1)
 
 
 def _length(pieces: list[Piece]) -> int:

@@ -32,8 +32,9 @@ class Stretch:
     Attributes:
         q: Shape `(n, N)`; likewise `dq`, `ddq` and `effort`.
         channels: Shape `(n_channels, N)`, see `model.Scan`; without channels if `None`.
-        weights: Weight of each sample in each effort row, `(n, N)`; all ones if `None`. With a
-            matched filter it is averaged over the filter; above `MOVING` it counts as 1, else as 0.
+        weights: Weight of each sample in each effort row, `(n, N)`; all ones if `None`. A filtered
+            sample counts if samples of weight 0 leave more than `MOVING` of its filter; then its
+            weight is the inverse of the variances $1 / w$ behind the filter.
     """
 
     q: Array
@@ -180,10 +181,21 @@ class Accumulator:
             return None
         if self.matched is None:
             return stretch.weights
-        length = len(self.matched.taps)
-        windows = np.lib.stride_tricks.sliding_window_view(stretch.weights, length, axis=1)
-        mean = windows[:, :: self.decimation][:, :n_outputs] @ self.matched.taps
-        return np.asarray(mean > MOVING, dtype=np.float64)
+        counted = stretch.weights > 0.0
+        kept = self._over_taps(counted.astype(np.float64), self.matched.taps) > MOVING
+        if np.isin(stretch.weights, (0.0, 1.0)).all():
+            return kept.astype(np.float64)
+        shares = np.square(self.matched.taps)
+        variance = np.divide(1.0, stretch.weights, where=counted, out=np.zeros(counted.shape))
+        mean = self._over_taps(variance, shares)
+        known = self._over_taps(counted.astype(np.float64), shares)
+        return np.divide(known, mean, where=kept & (mean > 0.0), out=np.zeros(mean.shape))
+
+    def _over_taps(self, values: Array, taps: Array) -> Array:
+        """Values `(n, N)` summed over the taps at every filtered sample, shape `(n, outputs)`."""
+        windows = np.lib.stride_tricks.sliding_window_view(values, len(taps), axis=1)
+        kept = windows[:, :: self.decimation][:, : self.outputs(values.shape[1])]
+        return np.asarray(kept @ taps)
 
 
 class _Workspace:
@@ -258,7 +270,7 @@ class _Workspace:
             self.accumulator.width,
             self.absolute.ctypes.data,
         )
-        self.counts += count if weights is None else weights.sum(axis=1)
+        self.counts += count if weights is None else np.count_nonzero(weights, axis=1)
 
     def result(self) -> Sums:
         """The sums, lanes added up."""

@@ -159,6 +159,8 @@ def _pieces(
 
 def _piece(block: Block, name: str, length: int) -> Piece:
     weights = None if block.moving.all() else block.moving.astype(np.float64)
+    if block.weights is not None:
+        weights = block.weights if weights is None else block.weights * weights
     window = Window(name, float(block.t[0]), float(block.t[min(length, len(block.t)) - 1]))
     stretch = Stretch(block.q, block.dq, block.ddq, block.effort, weights, block.channels)
     return Piece(window, stretch)

@@ -7,11 +7,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from steelyard.diagnosis import Diagnosis
     from steelyard.estimation.fields import Finding
     from steelyard.estimation.gains import GainEstimate
     from steelyard.estimation.identified import IdentifiedModel
     from steelyard.validation.friction import FrictionChoice
     from steelyard.validation.score import RunScore
+    from steelyard.validation.sensitivity import Sensitivity
 
 Rows = Sequence[tuple[str, str]]
 """Labels and values, ready to be read."""
@@ -33,6 +35,8 @@ class ReportContent:
         friction: How the friction laws were chosen, if they were.
         findings: Fields of terms that were found.
         gains: Drive gains that were found, if any.
+        diagnosis: What the logs were checked for before.
+        sensitivity: Fits with other cut-offs, if they were asked for.
     """
 
     title: str
@@ -46,3 +50,5 @@ class ReportContent:
     friction: FrictionChoice | None = None
     findings: tuple[Finding, ...] = ()
     gains: GainEstimate | None = None
+    diagnosis: Diagnosis | None = None
+    sensitivity: Sensitivity | None = None

@@ -5,7 +5,7 @@ import json
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -75,9 +75,10 @@ def script_json(value: object) -> str:
     return Markup(text)
 
 
-def packed(values: Array) -> dict[str, str]:
-    """Plotly's form of an array in single precision; NaN breaks a line."""
-    return {"dtype": "f4", "bdata": base64.b64encode(values.astype("<f4").tobytes()).decode()}
+def packed(values: Array, dtype: Literal["f4", "f8"] = "f4") -> dict[str, str]:
+    """Plotly's form of an array in single or double precision; NaN breaks a line."""
+    raw = values.astype(f"<{dtype}").tobytes()
+    return {"dtype": dtype, "bdata": base64.b64encode(raw).decode()}
 
 
 def rounded(value: float, digits: int = 6) -> float | None:

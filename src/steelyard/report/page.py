@@ -1,7 +1,11 @@
 """The report as one page that needs nothing else: no network, no other file."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill, plotly_script, verbatim
+from steelyard.report.sections.check import PICTURE
 from steelyard.report.sections.register import SECTIONS
 
 
@@ -11,15 +15,33 @@ def render(content: ReportContent) -> str:
     for section in SECTIONS:
         numbers = section.numbers(content)
         if numbers is not None:
-            shown.append((section, section.show(numbers)))
+            shown.append(Shown(section.name, section.title, section.show(numbers)))
+    version = None if not content.identified else content.identified.provenance.version
+    return page_of(content.title, content.robot, "identified", version, shown)
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A section of a page: its identifier, its heading, and safe HTML."""
+
+    name: str
+    title: str
+    body: str
+
+
+def page_of(
+    title: str, robot: str, made: str, version: str | None, sections: Sequence[Shown]
+) -> str:
+    """A page of sections as HTML text; `made` by which version of steelyard, if any."""
     page = fill(
         "page.html",
         {
-            "title": content.title,
-            "robot": content.robot,
-            "version": None if not content.identified else content.identified.provenance.version,
-            "sections": shown,
-            "plots": any(section.name == "effort" for section, _ in shown),
+            "title": title,
+            "robot": robot,
+            "made": made,
+            "version": version,
+            "sections": sections,
+            "plots": any('class="plot"' in one.body or PICTURE in one.body for one in sections),
             "style": verbatim("style.css"),
             "script": verbatim("page.js"),
             "plotly": plotly_script,

@@ -18,7 +18,15 @@ Locate = Callable[..., str]
 """Key path in the robot file to the words of a message's `where`."""
 
 MOTOR_KINDS = ("motor_current", "motor_torque")
-EFFORT_UNITS = {"A": ("A", 1.0), "mA": ("A", 1e-3), "Nm": ("Nm", 1.0), "N": ("N", 1.0)}
+EFFORT_UNITS = {
+    "A": ("A", 1.0),
+    "mA": ("A", 1e-3),
+    "Nm": ("Nm", 1.0),
+    "N": ("N", 1.0),
+    "%": ("%", 1.0),
+}
+WITHOUT_TORQUE = {"A": "motor current", "%": "percent of some effort"}
+"""Base units that are no torque or force, and what columns in them hold."""
 
 
 def check_sides(section: SignalsSection, gears: Transmission | None, locate: Locate) -> None:
@@ -91,12 +99,12 @@ def gains_of(
     n = len(coordinates)
     if effort.gain is None:
         for unit, column, coordinate in zip(units, columns, coordinates, strict=True):
-            if unit == "A":
+            if unit in WITHOUT_TORQUE:
                 raise ModelError(
-                    f"column '{column}' holds motor current, but joint '{coordinate.name}' "
-                    "has no drive gain",
+                    f"column '{column}' holds {WITHOUT_TORQUE[unit]}, but joint "
+                    f"'{coordinate.name}' has no drive gain",
                     where=where,
-                    mend=f"give gain = [...] in {coordinate.effort_unit}/A per joint, or "
+                    mend=f"give gain = [...] in {coordinate.effort_unit}/{unit} per joint, or "
                     'gain = "identify" with a known payload',
                 )
         return frozen(np.ones(n)), (False,) * n

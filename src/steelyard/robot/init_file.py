@@ -193,7 +193,9 @@ def _signals_part(guess: Guess, moving: Sequence[Coordinate]) -> str:
         velocity = f"""
 # Measured velocities are often filtered and late; without them positions are differentiated.
 # velocity = {listed}
-# velocity_unit = "rad/s"  # or "deg/s", "rpm", "m/s", "mm/s"; or one per joint"""
+# velocity_unit = "rad/s"  # or "deg/s", "rpm", "m/s", "mm/s"; or one per joint
+# How late they are, against the positions [s].
+# velocity_delay = 0.005"""
     return f"""\
 # CHECK: which columns of the log are what. Guessed so:
 {reasons}
@@ -202,15 +204,19 @@ time = {_text(section.time)}
 time_unit = {_text(section.time_unit)}  # "s", "ms", "us" or "ns"
 # One column per joint, or a pattern: "q{{}}" for q1, q2, ..., "{{joint}}_q" for the joints' names.
 position = {_text(section.position)}
-position_unit = {_text(position_unit)}  # "rad", "deg", "m" or "mm"; or one per joint{velocity}
+position_unit = {_text(position_unit)}  # "rad", "deg", "m" or "mm"; or one per joint
+# Columns that count against their joint have -1.
+# position_sign = [{", ".join("1" * len(moving))}]{velocity}
 
 [signals.effort]
 columns = {_text(effort.columns)}
 # "joint_torque": sensors behind the gears; "motor_torque": from the motors, before the gears'
 # losses; "motor_current".
 kind = {_text(effort.kind)}
-unit = {_text(effort.unit)}  # "A", "mA", "Nm" or "N"; or one per joint
-{gain_lines}"""
+unit = {_text(effort.unit)}  # "A", "mA", "Nm", "N" or "%"; or one per joint
+{gain_lines}
+# How late efforts are logged, against the positions [s].
+# delay = 0.0"""
 
 
 def _signals_template(
@@ -239,8 +245,23 @@ def _signals_template(
 def _settings_part() -> str:
     return """\
 [processing]
-# Filters [Hz] and the speed below which a joint rests [rad/s; m/s]; left out, the data decides.
+# The chain from rows to motion; what is left out, the data decides. What was done is printed.
+# Distance from the rows around, in usual ones, from which a value is bridged; or "keep".
+# outliers = 15.0
+# Rows that repeat the positions of the one before while the robot moves; or "keep".
+# repeats = "bridge"
+# Efforts that stay at a limit, and their surroundings; or "keep".
+# saturation = "leave_out"
+# Clock [Hz] that rows are brought to, and how: "cubic", "linear", "pchip" or "spline".
+# rate = 100.0
+# resampling = "cubic"
+# From positions to motion, and the low-pass before: "butterworth", "fir", "savitzky_golay", ...;
+# a table gives settings: {method = "savitzky_golay", degree = 3}.
+# motion = "butterworth"
 # motion_cutoff = 25.0
+# Efforts stay as logged otherwise.
+# effort = {method = "moving_average", span = 9}
+# Low-pass of regressor and effort alike [Hz], and the speed up to which a joint rests [rad/s; m/s].
 # matched_cutoff = 8.0
 # rest_speed = 0.01
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from steelyard.arrays import Array, frozen
 from steelyard.errors import ModelError
+from steelyard.robot.efforts import WITHOUT_TORQUE, Locate
 from steelyard.robot.gears import build_transmission
 from steelyard.robot.geometry import clean_rotation, rpy_rotation
 from steelyard.robot.mechanism import Mechanism
@@ -64,6 +65,7 @@ class LoadedRobot:
         estimation: How parameters are estimated.
         validation: Score settings.
         sources: The file given, then the model file it names, if any.
+        where: Places in the file, for messages about what later rooms make of it.
     """
 
     robot: Robot
@@ -75,17 +77,25 @@ class LoadedRobot:
     estimation: EstimationSection
     validation: ValidationSection
     sources: tuple[Source, ...]
+    where: Locate
 
 
-def load_robot(path: str | Path) -> LoadedRobot:
+def load_robot(path: str | Path, text: str | None = None) -> LoadedRobot:
     """The robot of a URDF, an MJCF or a robot file (TOML); the format is told by the content.
+
+    Args:
+        path: The file.
+        text: What a robot file at `path` would hold; that file is then not read, and need not be
+            there.
 
     Raises:
         ModelError: The file cannot be used.
     """
     path = Path(path)
+    if text is not None:
+        return _from_toml(path, text, _sha256(text.encode()))
     if path.suffix.lower() == ".toml":
-        return _from_toml(path)
+        return _from_toml(path, robot_text(path), _source(path).sha256)
     robot, notes = reduced(read_mechanism(path))
     return LoadedRobot(
         robot,
@@ -97,19 +107,29 @@ def load_robot(path: str | Path) -> LoadedRobot:
         EstimationSection(),
         ValidationSection(),
         (_source(path),),
+        lambda *key: str(path),
     )
 
 
 def load_robot_file(path: str | Path) -> RobotFile:
     """The checked sections of a robot file (TOML), as written there."""
-    return _sections(Path(path))[0]
+    return checked(Path(path), robot_text(Path(path)), RobotFile)[0]
 
 
 def _source(path: Path) -> Source:
-    return Source(path, hashlib.sha256(read_bytes(path, "a robot model")).hexdigest())
+    return Source(path, _sha256(read_bytes(path, "a robot model")))
 
 
-def _sections(path: Path) -> tuple[RobotFile, Places]:
+def _sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+def robot_text(path: Path) -> str:
+    """The text of a robot file, its lines ended by newlines.
+
+    Raises:
+        ModelError: It cannot be read, or is no text.
+    """
     try:
         text = read_bytes(path, "a robot file (.toml), a URDF or an MJCF").decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -118,12 +138,12 @@ def _sections(path: Path) -> tuple[RobotFile, Places]:
             where=str(path),
             mend="save it as UTF-8",
         ) from None
-    return checked(path, text.replace("\r\n", "\n"), RobotFile)
+    return text.replace("\r\n", "\n")
 
 
-def _from_toml(path: Path) -> LoadedRobot:
-    file, places = _sections(path)
-    sources = [_source(path)]
+def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
+    file, places = checked(path, text, RobotFile)
+    sources = [Source(path, sha256)]
     if model_path := model_path_of(file.robot, path, places):
         mechanism = read_mechanism(model_path)
         sources.append(_source(model_path))
@@ -141,12 +161,13 @@ def _from_toml(path: Path) -> LoadedRobot:
         notes += ("efforts are without gravity: the model has none either",)
     if (
         signals is not None
-        and signals.effort_kind == "motor_current"
+        and any(unit in WITHOUT_TORQUE for unit in signals.effort_units)
         and np.all(signals.gains == 1.0)
         and signals.effort_map is None
         and not any(signals.unknown_gains)
     ):
-        notes += ("every drive gain is 1: parameters are right only if 1 A makes 1 Nm",)
+        unit = next(unit for unit in signals.effort_units if unit in WITHOUT_TORQUE)
+        notes += (f"every drive gain is 1: parameters are right only if 1 {unit} makes 1 Nm",)
     return LoadedRobot(
         robot,
         notes,
@@ -157,6 +178,7 @@ def _from_toml(path: Path) -> LoadedRobot:
         file.estimation,
         file.validation,
         tuple(sources),
+        places.where,
     )
 
 

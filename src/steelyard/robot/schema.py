@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 EffortKind = Literal[
     "motor_current", "motor_torque", "joint_torque", "link_torque", "gravity_compensated_torque"
@@ -10,11 +10,13 @@ EffortKind = Literal[
 Side = Literal["joint", "motor"]
 PositionUnit = Literal["rad", "deg", "m", "mm"]
 VelocityUnit = Literal["rad/s", "deg/s", "rpm", "m/s", "mm/s"]
-EffortUnit = Literal["A", "mA", "Nm", "N"]
+EffortUnit = Literal["A", "mA", "Nm", "N", "%"]
+Sign = Literal[1, -1]
 TimeUnit = Literal["s", "ms", "us", "ns"]
 
 Gain = float | Literal["identify"]
 Positive = Annotated[float, Field(gt=0.0)]
+Delay = Annotated[float, Field(ge=-2.0, le=2.0)]
 Name = Annotated[str, Field(min_length=1)]
 Vector = Annotated[tuple[float, float, float], Field(strict=False)]
 Six = Annotated[tuple[float, float, float, float, float, float], Field(strict=False)]
@@ -134,6 +136,7 @@ class EffortSection(Section):
     unit: EffortUnit | Annotated[tuple[EffortUnit, ...], Field(strict=False)]
     side: Side = "joint"
     gain: Gain | Annotated[tuple[Gain, ...], Field(strict=False)] | None = None
+    delay: Delay = 0.0
 
 
 class SignalsSection(Section):
@@ -146,20 +149,43 @@ class SignalsSection(Section):
     position_unit: (
         PositionUnit | Annotated[tuple[PositionUnit, ...], Field(strict=False)] | None
     ) = None
+    position_sign: Annotated[tuple[Sign, ...], Field(strict=False)] | None = None
     position_offset: Numbers | None = None
     velocity: Name | Names | None = None
     velocity_unit: (
         VelocityUnit | Annotated[tuple[VelocityUnit, ...], Field(strict=False)] | None
     ) = None
+    velocity_sign: Annotated[tuple[Sign, ...], Field(strict=False)] | None = None
+    velocity_delay: Delay = 0.0
     effort: EffortSection
 
 
-class ProcessingSection(Section):
-    """How logs are filtered; what is left out is chosen from the data."""
+class RepetitionsTable(Section):
+    """That a log repeats one motion; a period that is left out is found."""
 
+    period: Positive | None = None
+    drop_first: Annotated[int, Field(ge=0)] = 1
+    drop_last: Annotated[int, Field(ge=0)] = 1
+
+
+class ProcessingSection(Section):
+    """The chain from rows to motion; what is left out is chosen from the data.
+
+    `motion` and `effort` are a method's name, or a table with the name under `method` and its
+    settings; what they may be, the measurement room knows.
+    """
+
+    outliers: Positive | Literal["keep"] = 15.0
+    repeats: Literal["bridge", "keep"] = "bridge"
+    saturation: Literal["leave_out", "keep"] = "leave_out"
+    rate: Positive | None = None
+    resampling: Literal["cubic", "linear", "pchip", "spline"] = "cubic"
+    motion: Name | dict[str, Any] | None = None
     motion_cutoff: Positive | None = None
+    effort: Name | dict[str, Any] | None = None
     matched_cutoff: Positive | None = None
     rest_speed: Positive | None = None
+    repetitions: Literal["find"] | RepetitionsTable | None = None
 
 
 class EstimationSection(Section):
@@ -186,3 +212,17 @@ class RobotFile(Section):
     processing: ProcessingSection = ProcessingSection()
     estimation: EstimationSection = EstimationSection()
     validation: ValidationSection = ValidationSection()
+
+
+def as_declared(declared: Any, value: Any) -> Any:
+    """A value from a file as a type says it, strictly; lists are tuples.
+
+    Raises:
+        ValueError: It is of another type; the message says which is wanted.
+    """
+    strict = ConfigDict(strict=True, allow_inf_nan=False)
+    value = tuple(value) if isinstance(value, list) else value
+    try:
+        return TypeAdapter(declared, config=strict).validate_python(value)
+    except ValidationError as error:
+        raise ValueError(error.errors()[0]["msg"].lower()) from None

@@ -43,13 +43,15 @@ class Signals:
         time: Time column.
         time_scale: Seconds per logged unit.
         position: Position columns.
-        position_scale: rad or m per logged unit, shape `(n,)`.
+        position_scale: rad or m per logged unit, negative where a column counts the other way,
+            shape `(n,)`.
         velocity: Velocity columns; `None` if positions are to be differentiated.
-        velocity_scale: rad/s or m/s per logged unit, shape `(n,)`; `None` without velocities.
+        velocity_scale: rad/s or m/s per logged unit, of either sign too, shape `(n,)`; `None`
+            without velocities.
         effort: Effort columns.
         effort_scale: Base unit per logged unit, shape `(n,)`.
         effort_kind: One of `schema.EffortKind`.
-        effort_units: Base unit per joint: `A`, `Nm` or `N`.
+        effort_units: Base unit per joint: `A`, `Nm`, `N` or `%`.
         gains: Joint torque [Nm; N on a prismatic joint] per base unit, shape `(n,)`; 1 where it is
             unknown.
         unknown_gains: Whether each gain is to be identified.
@@ -58,6 +60,8 @@ class Signals:
         position_offset: Joint positions where the log says zero, shape `(n,)` [rad; m].
         effort_map: Logged efforts to joint efforts, shape `(n, n)`, behind which `effort_units`
             and `gains` count; `None` if efforts stay as logged.
+        velocity_delay: How late velocities are logged, against positions [s].
+        effort_delay: How late efforts are logged, against positions [s].
     """
 
     time: str
@@ -75,6 +79,8 @@ class Signals:
     position_map: Array | None = None
     position_offset: Array | None = None
     effort_map: Array | None = None
+    velocity_delay: float = 0.0
+    effort_delay: float = 0.0
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -110,12 +116,8 @@ def build_signals(
     velocity = None
     if section.velocity is not None:
         velocity = _columns(section.velocity, coordinates, locate("signals", "velocity"))
-    elif section.velocity_unit is not None:
-        raise ModelError(
-            "velocity_unit is given, but no velocity columns",
-            where=locate("signals", "velocity_unit"),
-            mend="add velocity = ..., or remove velocity_unit",
-        )
+    else:
+        _refuse_without_velocity(section, locate)
     _check_distinct((section.time, *position, *(velocity or ()), *effort), locate("signals"))
     position_scale, velocity_scale = _motion_scales(section, coordinates, locate)
     units, effort_scale = effort_units_of(section.effort, coordinates, locate)
@@ -145,6 +147,8 @@ def build_signals(
         position_map=frozen(np.linalg.inv(gears.matrix)) if gears is not None and turned else None,
         position_offset=_position_offset(section, coordinates, locate),
         effort_map=effort_map,
+        velocity_delay=section.velocity_delay,
+        effort_delay=section.effort.delay,
     )
 
 
@@ -156,10 +160,33 @@ def _motion_scales(
     if section.coordinates == "motor":
         position_units, velocity_units = _of_motors(POSITION_UNITS), _of_motors(VELOCITY_UNITS)
     where = locate("signals", "position_unit"), locate("signals", "velocity_unit")
+    position_scale = _scales(section.position_unit, position_units, coordinates, where[0])
+    velocity_scale = _scales(section.velocity_unit, velocity_units, coordinates, where[1])
     return (
-        _scales(section.position_unit, position_units, coordinates, where[0]),
-        _scales(section.velocity_unit, velocity_units, coordinates, where[1]),
+        position_scale * _signs(section, "position_sign", coordinates, locate),
+        velocity_scale * _signs(section, "velocity_sign", coordinates, locate),
     )
+
+
+def _signs(
+    section: SignalsSection, key: str, coordinates: Sequence[Coordinate], locate: Locate
+) -> Array:
+    """1 or -1 per column: -1 where it counts the other way."""
+    given = getattr(section, key)
+    if given is None:
+        return np.ones(len(coordinates))
+    check_count(len(given), "signs", coordinates, locate("signals", key))
+    return np.array(given, dtype=np.float64)
+
+
+def _refuse_without_velocity(section: SignalsSection, locate: Locate) -> None:
+    for key in ("velocity_unit", "velocity_sign", "velocity_delay"):
+        if getattr(section, key):
+            raise ModelError(
+                f"{key} is given, but no velocity columns",
+                where=locate("signals", key),
+                mend=f"add velocity = ..., or remove {key}",
+            )
 
 
 def _position_offset(

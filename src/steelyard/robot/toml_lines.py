@@ -1,6 +1,7 @@
 """Where each key of a TOML text is: the line numbers that `tomllib` does not give."""
 
 import re
+from dataclasses import dataclass
 
 KeyPath = tuple[str | int, ...]
 
@@ -13,6 +14,23 @@ _BARE = re.compile(r"[A-Za-z0-9_-]+")
 _SCALAR = re.compile(r"[^,\]}#\n]+")
 
 
+@dataclass(frozen=True)
+class Written:
+    """A key of a table, or a table's header.
+
+    Attributes:
+        header: Whether it is a header; `path` is then the table's.
+        table: The table under whose header it stands.
+        path: The key from the root.
+        end: Offset in the text behind its value, or behind the header.
+    """
+
+    header: bool
+    table: KeyPath
+    path: KeyPath
+    end: int
+
+
 class _Scanner:
     """One walk over a text that `tomllib` has already accepted."""
 
@@ -21,17 +39,19 @@ class _Scanner:
         self.at = 0
         self.lines: dict[KeyPath, int] = {}
         self.counts: dict[KeyPath, int] = {}
+        self.written: list[Written] = []
 
-    def run(self) -> dict[KeyPath, int]:
+    def run(self) -> "_Scanner":
         table: KeyPath = ()
         self.skip(_BLANK)
         while self.at < len(self.text):
-            if self.text[self.at] == "[":
+            header = self.text[self.at] == "["
+            if header:
                 table = self.header()
-            else:
-                self.pair(table)
+            path = table if header else self.pair(table)
+            self.written.append(Written(header, table, path, self.at))
             self.skip(_BLANK)
-        return self.lines
+        return self
 
     def skip(self, pattern: re.Pattern[str]) -> str:
         match = pattern.match(self.text, self.at)
@@ -75,7 +95,7 @@ class _Scanner:
                 return parts
             self.at += 1
 
-    def pair(self, table: KeyPath) -> None:
+    def pair(self, table: KeyPath) -> KeyPath:
         start = self.at
         path = (*table, *self.key())
         end, self.at = self.at, start
@@ -83,6 +103,7 @@ class _Scanner:
         self.at = end + 1  # the equals sign
         self.skip(_SPACE)
         self.value(path)
+        return path
 
     def value(self, path: KeyPath) -> None:
         opening = self.text[self.at]
@@ -118,4 +139,9 @@ def toml_lines(text: str) -> dict[KeyPath, int]:
 
     Paths are keys and indices from the root: `("robot", "dh", "links", 0, "alpha")`.
     """
-    return _Scanner(text).run()
+    return _Scanner(text).run().lines
+
+
+def toml_written(text: str) -> list[Written]:
+    """Headers and keys of a valid TOML text in their order, without those in inline tables."""
+    return _Scanner(text).run().written

@@ -1,5 +1,6 @@
 """All sections, in the order of the page."""
 
+from steelyard.report.sections.check import CheckSection
 from steelyard.report.sections.conditioning import ConditioningSection
 from steelyard.report.sections.drives import DrivesSection
 from steelyard.report.sections.effort import EffortSection
@@ -8,6 +9,7 @@ from steelyard.report.sections.parameters import ParametersSection
 from steelyard.report.sections.per_run import PerRunSection
 from steelyard.report.sections.quality import QualitySection
 from steelyard.report.sections.section import Section
+from steelyard.report.sections.sensitivity import SensitivitySection
 from steelyard.report.sections.settings import SettingsSection
 from steelyard.report.sections.unseen import UnseenSection
 from steelyard.report.sections.verdict import VerdictSection
@@ -21,6 +23,8 @@ SECTIONS: tuple[Section, ...] = (
     PerRunSection(),
     UnseenSection(),
     ConditioningSection(),
+    SensitivitySection(),
+    CheckSection(),
     QualitySection(),
     SettingsSection(),
 )

@@ -14,6 +14,7 @@ function drawPlots() {
   });
   const plots = [...document.querySelectorAll(".plot")];
   const menu = document.getElementById("effort-run");
+  if (!menu) return;
   const touch = window.matchMedia("(pointer: coarse)").matches;
   const style = getComputedStyle(document.documentElement);
   const colour = (name) => style.getPropertyValue("--" + name).trim();
@@ -82,5 +83,51 @@ function drawPlots() {
   window.addEventListener("afterprint", () => {
     plots.forEach((plot) => Plotly.relayout(plot, { width: null, height: null, autosize: true }));
   });
+  drawAll();
+}
+
+// Pictures of findings; one in a closed part of the page is drawn when that is opened.
+function drawPictures() {
+  const style = getComputedStyle(document.documentElement);
+  const colour = (name) => style.getPropertyValue("--" + name).trim();
+  const touch = window.matchMedia("(pointer: coarse)").matches;
+  const colours = ["predicted", "residual", "good", "measured", "poor", "fair"].map(colour);
+  const grid = { gridcolor: "#eceff2", zerolinecolor: "#cfd5dc", automargin: true };
+
+  function trace(one, k) {
+    const tint = colours[k % colours.length];
+    const common = { name: one.name, x: one.x, y: one.y };
+    if (one.kind === "bars") return { ...common, type: "bar", marker: { color: tint } };
+    const points = one.kind === "points";
+    return {
+      ...common, type: "scatter", mode: points ? "markers" : "lines", connectgaps: false,
+      marker: { color: tint, size: 5 }, line: { color: tint, width: 1.6 },
+    };
+  }
+
+  function layout(figure) {
+    return {
+      showlegend: figure.traces.length > 1, legend: { orientation: "h", y: 1.02, yanchor: "bottom" },
+      dragmode: touch ? false : "zoom", margin: { l: 58, r: 8, t: 8, b: 40 }, autosize: true,
+      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", bargap: 0.06,
+      font: {
+        family: getComputedStyle(document.body).fontFamily, size: 12, color: colour("soft"),
+      },
+      xaxis: { ...grid, zeroline: false, title: { text: figure.x, standoff: 6 } },
+      yaxis: { ...grid, title: { text: figure.y, standoff: 4 } },
+    };
+  }
+
+  function draw(picture) {
+    if (picture.dataset.drawn || picture.closest("details:not([open])")) return;
+    picture.dataset.drawn = "yes";
+    const figure = JSON.parse(picture.nextElementSibling.textContent);
+    const config = { responsive: true, displayModeBar: false };
+    Plotly.react(picture, figure.traces.map(trace), layout(figure), config);
+  }
+
+  const drawAll = () => document.querySelectorAll(".picture").forEach(draw);
+  document.querySelectorAll("details").forEach((one) => one.addEventListener("toggle", drawAll));
+  window.addEventListener("beforeprint", drawAll);
   drawAll();
 }

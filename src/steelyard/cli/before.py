@@ -1,0 +1,68 @@
+"""The quick check before an identification: what is wrong stops it, what is doubtful is noted."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from steelyard.cli.evidence import Subject, diagnosed
+from steelyard.cli.river import LogArgument
+from steelyard.diagnosis.examine import Diagnosis
+from steelyard.diagnosis.finding import Finding, Judgement
+from steelyard.errors import DataError
+from steelyard.progress import Progress
+from steelyard.report.findings import lines, place
+from steelyard.report.findings_terminal import notes
+from steelyard.robot.robot_file import LoadedRobot, robot_text
+
+
+def checked(
+    robot: str, loaded: LoadedRobot, files: Sequence[LogArgument], progress: Progress
+) -> Diagnosis:
+    """What the quick suspicions find.
+
+    Raises:
+        DataError: Something is wrong that lines of the robot file mend.
+    """
+    path = Path(robot)
+    text = robot_text(path) if path.suffix.lower() == ".toml" else ""
+    diagnosis = diagnosed(Subject(path, text, loaded), files, None, progress, quick=True)
+    _refuse([f for f in _wrong(diagnosis) if f.mend is not None and f.mend.edits], robot)
+    return diagnosis
+
+
+def passed(diagnosis: Diagnosis, robot: str) -> tuple[str, ...]:
+    """Notes on what is doubtful; asked for once runs are clean, whose own errors say more.
+
+    Raises:
+        DataError: Something is wrong.
+    """
+    _refuse(_wrong(diagnosis), robot)
+    return notes(diagnosis)
+
+
+def _wrong(diagnosis: Diagnosis) -> list[Finding]:
+    return [f for f in diagnosis.findings if f.judgement == Judgement.WRONG]
+
+
+def _refuse(wrong: Sequence[Finding], robot: str) -> None:
+    if not wrong:
+        return
+    places = [f"{place(f)} ({f.figure})" if place(f) else f.figure for f in wrong]
+    mends = [f.mend for f in wrong if f.mend is not None]
+    edits = Diagnosis(tuple(wrong)).edits
+    advice = "; ".join(dict.fromkeys(mend.says for mend in mends)) or "look at the log"
+    if edits:
+        advice += f":\n\n{_indented(lines(edits))}\n\n  " + (
+            f"`steelyard check {robot} LOG... --fix` writes a robot file with these lines; "
+        )
+    else:
+        advice += f"; `steelyard check {robot} LOG...` shows the evidence; "
+    raise DataError(
+        f"the log is wrong, {', '.join(dict.fromkeys(f.suspicion for f in wrong))}: "
+        + "; ".join(dict.fromkeys(f.says for f in wrong)),
+        where="; ".join(dict.fromkeys(places)),
+        mend=f"{advice}--no-check goes on all the same",
+    )
+
+
+def _indented(text: str) -> str:
+    return "\n".join(f"    {line}" if line else "" for line in text.split("\n"))

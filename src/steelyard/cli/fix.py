@@ -1,0 +1,165 @@
+"""`steelyard check --fix`: a new robot file with what was found, checked again."""
+
+import os
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from steelyard.cli.evidence import Subject, diagnosed
+from steelyard.cli.river import LogArgument
+from steelyard.diagnosis.examine import Diagnosis
+from steelyard.diagnosis.finding import Edit, Finding
+from steelyard.errors import ModelError, OutputError
+from steelyard.estimation.identified import IdentifiedModel
+from steelyard.progress import Progress
+from steelyard.report.findings import edit_dict, place
+from steelyard.robot.edits import edited, lines_of
+
+ROUNDS = 4
+"""Checks at most: one thing that is wrong can hide another."""
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """An edit that was made, and the finding that asked for it."""
+
+    edit: Edit
+    finding: Finding
+
+    @property
+    def line(self) -> str:
+        """Table and key, and the new value."""
+        return " ".join(lines_of([self.edit]).split("\n"))
+
+    @property
+    def cause(self) -> str:
+        """What was found."""
+        where = f", {place(self.finding)}" if place(self.finding) else ""
+        return f"{self.finding.suspicion}{where}: {self.finding.says}"
+
+
+@dataclass(frozen=True, eq=False)
+class Fixed:
+    """A mended robot file.
+
+    Attributes:
+        subject: The file; written only if there are changes.
+        changes: What was changed, in this order.
+        diagnosis: What is found with it.
+    """
+
+    subject: Subject
+    changes: tuple[Change, ...]
+    diagnosis: Diagnosis
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values."""
+        from steelyard.report.findings import diagnosis_dict
+
+        return {
+            "robot_file": str(self.subject.path) if self.changes else None,
+            "changes": [
+                {
+                    **edit_dict(change.edit),
+                    "suspicion": change.finding.suspicion,
+                    "says": change.finding.says,
+                }
+                for change in self.changes
+            ],
+            **diagnosis_dict(self.diagnosis),
+        }
+
+
+def target_of(robot: str, named: str) -> Path:
+    """The robot file to write; without a name one beside the robot's.
+
+    Raises:
+        OutputError: It is there already, or its folder is not.
+    """
+    path = Path(robot)
+    folder = path.parent if path.suffix.lower() == ".toml" else Path()
+    target = Path(named) if named else folder / f"{path.stem}-fixed.toml"
+    if target.exists():
+        raise OutputError(
+            "the robot file to write exists already",
+            where=str(target),
+            mend="name another one behind --fix, or remove it",
+        )
+    if not target.parent.is_dir():
+        raise OutputError(
+            "the new robot file cannot be written: there is no such folder",
+            where=str(target),
+            mend="make the folder, or name another file behind --fix",
+        )
+    return target
+
+
+def fixed(
+    subject: Subject,
+    target: Path,
+    diagnosis: Diagnosis,
+    files: Sequence[LogArgument],
+    reference: IdentifiedModel | None,
+    progress: Progress,
+    *,
+    quick: bool,
+) -> Fixed:
+    """Change what findings ask for, and look again, as long as they ask for more."""
+    changes: list[Change] = []
+    new = subject
+    for _ in range(ROUNDS):
+        text = new.text if changes else _moved(subject, target)
+        asked = [c for c in _asked(diagnosis, changes) if edited(text, [c.edit]) != text]
+        if not asked:
+            break
+        changes += asked
+        new = _loaded(new, edited(text, [change.edit for change in asked]), target)
+        diagnosis = diagnosed(new, files, reference, progress, quick=quick)
+    return Fixed(new, tuple(changes), diagnosis)
+
+
+def _loaded(subject: Subject, text: str, target: Path) -> Subject:
+    try:
+        return subject.changed(text, target)
+    except ModelError as error:
+        raise ModelError(
+            f"what was found makes no robot file: {error.wrong}",
+            where=error.where,
+            mend=f"change the file by hand, as the check without --fix says; {error.mend}",
+        ) from None
+
+
+def _asked(diagnosis: Diagnosis, changes: Sequence[Change]) -> list[Change]:
+    """The edits that are asked for and of keys not changed before."""
+    before = {change.edit.path for change in changes}
+    return [
+        Change(edit, _asking(diagnosis, edit))
+        for edit in diagnosis.edits
+        if edit.path not in before
+    ]
+
+
+def _asking(diagnosis: Diagnosis, edit: Edit) -> Finding:
+    """The worst finding that asks for an edit."""
+    asking = [
+        finding
+        for finding in diagnosis.findings
+        if finding.mend is not None and edit.path in [other.path for other in finding.mend.edits]
+    ]
+    return max(asking, key=lambda finding: finding.judgement)
+
+
+def _moved(subject: Subject, target: Path) -> str:
+    """The text with the path of its model as seen from the new file's folder."""
+    here, there = subject.path.absolute().parent, target.absolute().parent
+    if here == there:
+        return subject.text
+    robot = tomllib.loads(subject.text)["robot"]
+    for key in ("urdf", "mjcf"):
+        model = robot.get(key)
+        if model is not None and not model.startswith("${") and not Path(model).is_absolute():
+            path = Path(os.path.relpath(here / model, there)).as_posix()
+            return edited(subject.text, [Edit(("robot", key), path)])
+    return subject.text

@@ -1,0 +1,106 @@
+"""`steelyard identify --sensitivity`: the same model fitted with other cut-offs."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from steelyard.cli.fitting import Fit, estimator_of
+from steelyard.cli.river import LogArgument, processing_of, recording_of, scored
+from steelyard.errors import LogError
+from steelyard.estimation.fields import said_by
+from steelyard.measurement import Processing, Run, prepare
+from steelyard.measurement.defaults import MATCHED_HIGHEST, NYQUIST_SHARE, rounded
+from steelyard.progress import Progress
+from steelyard.regression.regressor import base_regressor
+from steelyard.report import ReportContent
+from steelyard.robot.robot_file import LoadedRobot
+from steelyard.validation.mixes import remembers
+from steelyard.validation.score import RunScore
+from steelyard.validation.sensitivity import FACTORS, Sensitivity, Variation
+
+
+def varied(
+    content: ReportContent,
+    fit: Fit,
+    loaded: LoadedRobot,
+    logs: tuple[Sequence[LogArgument], Sequence[LogArgument]],
+    threads: int,
+    progress: Progress,
+) -> ReportContent:
+    """What the report shows, with the fits beside it; `logs` are those fitted and those not."""
+    scores = content.fitted, content.scores
+    return replace(content, sensitivity=sensitivity(fit, loaded, *logs, scores, threads, progress))
+
+
+def sensitivity(
+    fit: Fit,
+    loaded: LoadedRobot,
+    fitted: Sequence[LogArgument],
+    unseen: Sequence[LogArgument],
+    scores: tuple[Sequence[RunScore], Sequence[RunScore]],
+    threads: int,
+    progress: Progress,
+) -> Sensitivity:
+    """Fit again with cut-offs lower and higher than those of the result.
+
+    Laws, their fields, gains and the cut-off of scores stay what they are.
+
+    Args:
+        fit: The result.
+        loaded: What the robot file says.
+        fitted: Logs that were fitted.
+        unseen: Logs that were not.
+        scores: The result's, on both.
+        threads: Native threads.
+        progress: Told about every pass.
+    """
+    known, new = (_mean(some) for some in scores)
+    identified = fit.identified
+    now = identified.cutoffs
+    estimate = identified.estimate
+    result = Variation(1.0, now.motion, now.matched, estimate.parameters.values, known, new)
+    rate = min(run.rate for run in fit.runs)
+    variations = []
+    for factor in FACTORS:
+        motion = rounded(min(factor * now.motion, NYQUIST_SHARE * rate))
+        matched = rounded(min(factor * now.matched, MATCHED_HIGHEST * rate, motion))
+        other = replace(processing_of(identified), motion_cutoff=motion, matched_cutoff=matched)
+        try:
+            same = replace(other, repetitions=identified.processing.repetitions)
+            again = _refitted(fit, loaded, fitted, same, threads, progress)
+            runs = [
+                *again.runs,
+                *(prepare(recording_of(log, identified.signals), other) for log in unseen),
+            ]
+            of_runs = scored(again.identified, runs, progress)
+        except LogError as error:
+            variations.append(Variation(factor, motion, matched, None, failed=error.wrong))
+            continue
+        values = again.identified.estimate.parameters.values
+        known, new = _mean(of_runs[: len(fitted)]), _mean(of_runs[len(fitted) :])
+        variations.append(Variation(factor, motion, matched, values, known, new))
+    return Sensitivity(estimate.parameters, estimate.std, result, tuple(variations))
+
+
+def _refitted(
+    fit: Fit,
+    loaded: LoadedRobot,
+    logs: Sequence[LogArgument],
+    processing: Processing,
+    threads: int,
+    progress: Progress,
+) -> Fit:
+    """The fit with the same model and other cut-offs."""
+    identified = fit.identified
+    model, signals = identified.model, identified.signals
+    runs: list[Run] = []
+    for log, before in zip(logs, fit.runs, strict=True):
+        runs.append(replace(prepare(recording_of(log, signals), processing), name=before.name))
+    said = said_by(runs, rests=remembers(model.terms), threads=threads, progress=progress)
+    estimate = estimator_of(loaded, model)(said(base_regressor(model)))
+    return replace(fit, identified=replace(identified, estimate=estimate), runs=tuple(runs))
+
+
+def _mean(scores: Sequence[RunScore]) -> float | None:
+    return float(np.mean([score.mean_percent for score in scores])) if scores else None

@@ -1,0 +1,101 @@
+"""Whether friction is the same in all logs."""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.diagnosis.case import Case, Evidence
+from steelyard.diagnosis.finding import Finding, Judgement, Mend, Picture, Trace
+from steelyard.diagnosis.trial import LEAST, Trial
+from steelyard.diagnosis.verdict import verdict
+
+MUCH = 0.75
+"""Range of friction over its mean from which on logs are not alike: more than from day to day."""
+SHARE = 0.1
+"""Least share of a joint's effort that friction must have to matter."""
+TOLD = 0.2
+"""Misfit of a joint above which its friction cannot be told."""
+
+
+class Drift:
+    """Friction and offsets that differ from log to log."""
+
+    name: ClassVar[str] = "drift"
+    asks: ClassVar[str] = "Is friction the same in all logs?"
+    quick: ClassVar[bool] = False
+
+    def __call__(self, case: Case) -> tuple[Finding, ...]:
+        """One finding for all logs together; none for a single log."""
+        found = [(e, level) for e in case.logs if (level := _level(case, e)) is not None]
+        if len(found) < 2:
+            return ()
+        levels = np.array([level.friction for _, level in found])
+        told = np.all([level.told for _, level in found], axis=0)
+        if not told.any():
+            return ()
+        spread = np.where(told, np.ptp(levels, axis=0) / np.maximum(levels.mean(axis=0), 1e-12), 0)
+        worst = int(np.argmax(spread))
+        much = tuple(case.joints[j] for j in np.flatnonzero(spread > MUCH))
+        names = [e.name for e, _ in found]
+        says = (
+            f"friction differs from log to log by up to {100.0 * spread[worst]:.0f} % of its mean "
+            f"('{case.joints[worst]}': least in {names[int(np.argmin(levels[:, worst]))]}, most in "
+            f"{names[int(np.argmax(levels[:, worst]))]})"
+        )
+        mend = Mend(
+            'let every log have its own: {law = "offset", per_run = true} and likewise friction '
+            "under [model] terms, or identify from logs of one day"
+        )
+        return (
+            Finding(
+                self.name,
+                "",
+                Judgement.DOUBTFUL if much else Judgement.OK,
+                says,
+                f"{100.0 * spread[worst]:.0f} %, bound {100.0 * MUCH:.0f} %",
+                much,
+                mend if much else None,
+                _picture(case, levels),
+            ),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Level:
+    """Friction of every joint at half of its speed, and where it can be told, each `(n,)`."""
+
+    friction: Array
+    told: Array
+
+
+def _level(case: Case, evidence: Evidence) -> _Level | None:
+    """Friction in one log, in base units of the effort; `None` where something else is wrong."""
+    held = verdict(case, evidence)
+    if held is None or held.winners:
+        return None
+    trial = held.ranking.trial
+    score = _free(trial).score(trial.declared)
+    c, v, _, _ = score.nuisances[0].T
+    speed = np.quantile(np.abs(trial.driven(trial.motion(trial.declared)[1])), 0.98, axis=1)
+    friction = c + 0.5 * v * speed
+    told = (score.counts[0] >= LEAST) & (score.misfits[0] < TOLD)
+    return _Level(friction, told & (friction > SHARE * trial.size))
+
+
+def _free(trial: Trial) -> Trial:
+    """The trial with friction unbounded."""
+    lower, upper = (x.copy() for x in trial.bounds)
+    lower[:, :3], upper[:, :3] = -np.inf, np.inf
+    return replace(trial, bounds=(lower, upper))
+
+
+def _picture(case: Case, levels: Array) -> Picture:
+    logs = np.arange(1.0, len(levels) + 1.0)
+    mean = np.maximum(levels.mean(axis=0), 1e-12)
+    traces = [
+        Trace(name, logs, 100.0 * levels[:, j] / mean[j], "points")
+        for j, name in enumerate(case.joints)
+    ]
+    return Picture("log", "friction over its mean [%]", tuple(traces))

@@ -1,0 +1,113 @@
+"""What a suspicion found: a judgement, the evidence for it, and how to mend the robot file."""
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any, Literal
+
+from steelyard.arrays import Array
+
+
+class Judgement(IntEnum):
+    """How bad it is; the worst one is the exit code of `steelyard check`."""
+
+    OK = 0
+    DOUBTFUL = 1
+    WRONG = 2
+
+    @property
+    def word(self) -> str:
+        """As it is printed."""
+        return self.name.lower()
+
+
+@dataclass(frozen=True)
+class Edit:
+    """One key of the robot file and its new value.
+
+    Attributes:
+        path: Tables and key, such as `("signals", "effort", "unit")`.
+        value: A TOML value; `None` takes the key out.
+    """
+
+    path: tuple[str, ...]
+    value: Any
+
+
+@dataclass(frozen=True)
+class Mend:
+    """What to do about a finding.
+
+    Attributes:
+        says: In one sentence.
+        edits: What to change in the robot file; none where the file cannot mend it.
+    """
+
+    says: str
+    edits: tuple[Edit, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """One line, or one set of points or bars, of a picture: `x` and `y` of equal length."""
+
+    name: str
+    x: Array
+    y: Array
+    kind: Literal["line", "points", "bars"] = "line"
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """The plot that shows the evidence.
+
+    Attributes:
+        x: Title of the horizontal axis, with its unit.
+        y: Title of the vertical axis, with its unit.
+        traces: What is drawn; at most a few thousand points each.
+    """
+
+    x: str
+    y: str
+    traces: tuple[Trace, ...]
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One explanation of the data beside others.
+
+    Attributes:
+        says: What it supposes, in a few words: "as declared", "joint 2 has the other sign".
+        misfit: Relative error of the prediction under it [%].
+        log_likelihood: Against the best of its rivals, which is at 0 [natural units].
+    """
+
+    says: str
+    misfit: float
+    log_likelihood: float
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """One judgement of one suspicion.
+
+    Attributes:
+        suspicion: Name of the suspicion.
+        log: Name of the log; empty if it is about all logs together.
+        judgement: How bad it is.
+        says: What was found, in one sentence.
+        figure: The evidence as a number with its unit, and what it is held against.
+        joints: The joints concerned; empty if it is about all or none in particular.
+        mend: What to do; `None` if nothing need be done.
+        picture: The evidence as a plot, if there is one to show.
+        hypotheses: Explanations that were compared, the likeliest first.
+    """
+
+    suspicion: str
+    log: str
+    judgement: Judgement
+    says: str
+    figure: str
+    joints: tuple[str, ...] = ()
+    mend: Mend | None = None
+    picture: Picture | None = None
+    hypotheses: tuple[Hypothesis, ...] = ()

@@ -1,0 +1,29 @@
+"""Whether the gain and the gear ratio of every joint are right."""
+
+from typing import ClassVar
+
+from steelyard.diagnosis.case import Case
+from steelyard.diagnosis.finding import Finding
+from steelyard.diagnosis.rival import Rival
+from steelyard.diagnosis.telling import agrees, findings
+from steelyard.diagnosis.verdict import Verdict
+
+
+class Gain:
+    """An effort that is off by a factor."""
+
+    name: ClassVar[str] = "gain"
+    asks: ClassVar[str] = "Are gains and gear ratios right?"
+    quick: ClassVar[bool] = True
+
+    def __call__(self, case: Case) -> tuple[Finding, ...]:
+        """One finding per log that moves."""
+        return findings(case, self.name, _fine, _advice)
+
+
+def _fine(held: Verdict) -> str:
+    return agrees(held, "gains and gear ratios are right")
+
+
+def _advice(rival: Rival) -> str:
+    return f"{rival.says}: use this gain; is it the gear ratio that is wrong?"

@@ -1,0 +1,115 @@
+"""What the logs together can identify, what they cannot, and which motion would help."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import reduce
+from operator import add
+from typing import ClassVar
+
+from steelyard.diagnosis.case import Case
+from steelyard.diagnosis.finding import Finding, Judgement, Mend
+from steelyard.errors import SteelyardError
+from steelyard.estimation.estimate import Blind, Estimate
+from steelyard.estimation.least_squares import WeightedLeastSquares
+from steelyard.measurement import Run, prepare
+from steelyard.model import Model
+from steelyard.regression.gather import gather
+from steelyard.regression.regressor import base_regressor
+from steelyard.terms.coulomb import Coulomb
+from steelyard.terms.find import finds_of
+from steelyard.terms.register import DEFAULT_TERMS, term_of
+from steelyard.terms.rotor_inertia import RotorInertia
+from steelyard.terms.viscous import Viscous
+
+SHOWN = 6
+HELPS = {
+    "coulomb": "motion both ways of",
+    "viscous": "motion at several speeds of",
+    "rotor_inertia": "stronger acceleration of",
+    "offset": "motion both ways of",
+    "m": "other postures of the joints before",
+    "mx": "other postures of the joints up to",
+    "my": "other postures of the joints up to",
+    "mz": "other postures of the joints up to",
+}
+"""What shows a parameter, by the first part of its name; inertias otherwise."""
+TURN = "acceleration, in turn and together, of the joints up to"
+
+
+class Identifiability:
+    """Parameters that no log shows."""
+
+    name: ClassVar[str] = "identifiability"
+    asks: ClassVar[str] = "What can be identified from these logs?"
+    quick: ClassVar[bool] = False
+
+    def __call__(self, case: Case) -> tuple[Finding, ...]:
+        """One finding for all logs together; none where no run can be made of them."""
+        runs = _runs(case)
+        if not runs:
+            return ()
+        try:
+            model = _model(case)
+            regressor = base_regressor(model)
+            estimate = WeightedLeastSquares()(reduce(add, [gather(regressor, r) for r in runs]))
+        except SteelyardError as error:
+            says = f"cannot be told: {error.wrong}"
+            mend = Mend(error.mend)
+            return (Finding(self.name, "", Judgement.DOUBTFUL, says, "none", mend=mend),)
+        return (_told(self.name, estimate),)
+
+
+def _told(name: str, estimate: Estimate) -> Finding:
+    seen, blind = len(estimate.parameters.names), estimate.blind
+    whole = seen + len(blind)
+    says = f"the logs show {seen} of {whole} base parameters"
+    if blind:
+        listed = ", ".join(b.name for b in blind[:SHOWN])
+        says += f"; not {listed}" + (" and more" if len(blind) > SHOWN else "")
+    figure = f"{seen} of {whole}, condition number {estimate.condition_normalised:.3g} (normalised)"
+    if not blind:
+        return Finding(name, "", Judgement.OK, says, figure)
+    return Finding(name, "", Judgement.DOUBTFUL, says, figure, mend=Mend(_advice(blind)))
+
+
+def _advice(blind: Sequence[Blind]) -> str:
+    wanted: dict[str, list[str]] = {}
+    for parameter in blind:
+        law, _, of = parameter.name.partition(".")
+        wanted.setdefault(HELPS.get(law, TURN), []).append(of)
+    parts = [f"{help_} {', '.join(dict.fromkeys(names))}" for help_, names in wanted.items()]
+    return f"a motion that would help: {'; '.join(parts)}"
+
+
+def _runs(case: Case) -> list[Run]:
+    """Clean runs with common cut-offs."""
+    found = [(e, e.run) for e in case.logs]
+    runs = [(e, run) for e, run in found if isinstance(run, Run)]
+    if not runs:
+        return []
+    motion = max(run.motion_cutoff for _, run in runs)
+    matched = max(run.matched_cutoff for _, run in runs)
+    common = []
+    for number, (evidence, run) in enumerate(runs):
+        processing = replace(evidence.processing, motion_cutoff=motion, matched_cutoff=matched)
+        if (run.motion_cutoff, run.matched_cutoff) != (motion, matched):
+            try:
+                run = prepare(evidence.recording, processing)
+            except SteelyardError:
+                continue
+        common.append(replace(run, name=f"{number} {run.name}"))
+    return common
+
+
+def _model(case: Case) -> Model:
+    """The model that is to be identified; Coulomb and viscous friction where that is left open."""
+    if case.reference is not None and case.reference.model.robot.joint_names == case.joints:
+        return case.reference.model
+    loaded = case.loaded
+    if loaded.terms is None:
+        behind = loaded.signals is not None and loaded.signals.effort_kind == "link_torque"
+        terms = [t for t in DEFAULT_TERMS if not (behind and isinstance(t, RotorInertia))]
+        return Model(loaded.robot, tuple(terms))
+    terms = [term_of(t.description, t.where) for t in loaded.terms]
+    known = tuple(t for t in terms if not finds_of(t))
+    return Model(loaded.robot, (*known, *((Coulomb(), Viscous()) if loaded.friction else ())))

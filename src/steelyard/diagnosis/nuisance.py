@@ -1,0 +1,58 @@
+"""What differs from day to day: friction and offsets within bounds, fitted from products alone."""
+
+import numpy as np
+
+from steelyard.arrays import Array
+
+DRIFT = (0.5, 1.8)
+"""Range of a log's friction relative to the reference's."""
+REST = 0.03
+"""Speed up to which a joint rests, relative to its fastest."""
+NUISANCES = 4
+"""tanh, speed, one, acceleration."""
+SWEEPS = 40
+
+
+def unknown_friction(n: int, kind: str) -> tuple[Array, Array]:
+    """Bounds without a reference, shapes `(n, 4)`.
+
+    Friction dissipates; rotors are felt unless sensors sit behind the gears.
+    """
+    lower, upper = np.zeros((n, NUISANCES)), np.full((n, NUISANCES), np.inf)
+    lower[:, 2] = -np.inf
+    if kind == "link_torque":
+        upper[:, 3] = 0.0
+    return lower, upper
+
+
+def least_squares(
+    yy: Array, ye: Array, ee: Array, scale: Array, lower: Array, upper: Array, sweeps: int
+) -> tuple[Array, Array]:
+    r"""Least $\|s\,e - y_5 - Y\theta\|^2$ within bounds, by coordinates.
+
+    Args:
+        yy: Products of the four nuisances and the prediction, shape `(..., 5, 5)`.
+        ye: Of these with the effort, shape `(..., 5)`.
+        ee: Square of the effort, shape `(...)`.
+        scale: $s$, shape `(...)`.
+        lower: Shape `(..., 4)`.
+        upper: Shape `(..., 4)`.
+        sweeps: How often the coordinates are gone through.
+
+    Returns:
+        Squares that are left, shape `(...)`, and $\theta$, shape `(..., 4)`.
+    """
+    h = yy[..., :4, :4]
+    b = scale[..., None] * ye[..., :4] - yy[..., :4, 4]
+    b = np.ascontiguousarray(np.broadcast_to(b, np.broadcast_shapes(b.shape, lower.shape)))
+    h = np.ascontiguousarray(np.broadcast_to(h, (*b.shape, 4)))
+    diagonal = np.maximum(np.diagonal(h, axis1=-2, axis2=-1), 1e-300)
+    off = h - np.eye(4) * h
+    theta = np.clip(np.zeros_like(b), lower, upper)
+    for _ in range(sweeps):
+        for k in range(NUISANCES):
+            wanted = (b[..., k] - np.sum(off[..., k, :] * theta, axis=-1)) / diagonal[..., k]
+            theta[..., k] = np.clip(wanted, lower[..., k], upper[..., k])
+    constant = scale**2 * ee - 2.0 * scale * ye[..., 4] + yy[..., 4, 4]
+    bent = np.sum((h @ theta[..., None])[..., 0] * theta, axis=-1)
+    return np.maximum(constant - 2.0 * np.sum(b * theta, axis=-1) + bent, 0.0), theta

@@ -1,0 +1,159 @@
+"""Findings of the suspicions that share the ranking: one fault, one alarm."""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from steelyard.diagnosis.case import Case, Evidence
+from steelyard.diagnosis.confirm import confirmed
+from steelyard.diagnosis.finding import Edit, Finding, Hypothesis, Judgement, Mend, Picture, Trace
+from steelyard.diagnosis.mends import edits_of
+from steelyard.diagnosis.rival import Rival
+from steelyard.diagnosis.sight import once
+from steelyard.diagnosis.velocities import velocity_edits
+from steelyard.diagnosis.verdict import Verdict, verdict
+
+SHOWN = 6
+"""Rivals that are shown."""
+POINTS = 1500
+
+
+@once
+def edits(case: Case, evidence: Evidence) -> tuple[Edit, ...]:
+    """All edits that mend the robot file for one log; none if they do not do what they should."""
+    held = verdict(case, evidence)
+    if held is None or not held.winners:
+        return ()
+    last = held.winners[-1][0].reading
+    causes = dict.fromkeys(rival.cause for rival, _ in held.winners)
+    found = [e for c in causes for e in edits_of(c, held.ranking.trial, last, case.loaded)]
+    found += velocity_edits(evidence, held.ranking.trial, last)
+    whole = tuple({edit.path: edit for edit in found}.values())
+    return whole if confirmed(case, evidence, whole, held) else ()
+
+
+def findings(
+    case: Case, cause: str, fine: Callable[[Verdict], str], advice: Callable[[Rival], str]
+) -> tuple[Finding, ...]:
+    """One finding per log that can be tried.
+
+    Args:
+        case: What there is.
+        cause: The suspicion's name, and that of the rivals that are its own.
+        fine: What to say where nothing is wrong.
+        advice: What to do about a winner.
+    """
+    found: list[Finding] = []
+    for evidence in case.logs:
+        held = verdict(case, evidence)
+        if held is not None and not held.alien:
+            found += _of_log(case, evidence, held, cause, fine, advice)
+    return tuple(found)
+
+
+def _of_log(
+    case: Case,
+    evidence: Evidence,
+    held: Verdict,
+    cause: str,
+    fine: Callable[[Verdict], str],
+    advice: Callable[[Rival], str],
+) -> Iterator[Finding]:
+    shown = hypotheses(held, cause)
+    mine = [(number, w) for number, w in enumerate(held.winners) if w[0].cause == cause]
+    if not mine:
+        yield Finding(
+            cause, evidence.name, Judgement.OK, fine(held), figure(held, cause), hypotheses=shown
+        )
+        return
+    number, (rival, judgement) = mine[-1]
+    before = held.winners[number - 1][0] if number else held.ranking.declared
+    mend, judgement = _mend(case, evidence, held, rival, judgement, advice)
+    yield Finding(
+        cause,
+        evidence.name,
+        judgement,
+        f"{rival.says}: agrees with {_known(held)} to {rival.percent:.1f} %, "
+        f"{'as declared' if number == 0 else 'without'} {before.percent:.1f} %",
+        f"misfit {before.percent:.1f} % falls to {rival.percent:.1f} %, "
+        f"log-likelihood rises by {rival.log_likelihood - before.log_likelihood:.0f}",
+        tuple(case.joints[j] for j in rival.joints),
+        mend,
+        picture(held, before, rival),
+        shown,
+    )
+
+
+def _mend(
+    case: Case,
+    evidence: Evidence,
+    held: Verdict,
+    rival: Rival,
+    judgement: Judgement,
+    advice: Callable[[Rival], str],
+) -> tuple[Mend, Judgement]:
+    """The advice with its edits, which the first finding of a log carries for the velocities."""
+    last, trial = held.winners[-1][0].reading, held.ranking.trial
+    wanted = edits_of(rival.cause, trial, last, case.loaded)
+    whole = edits(case, evidence)
+    if wanted and not whole:
+        says = f"{rival.says}; no line of the robot file mends it: look at the log"
+        return Mend(says), Judgement.DOUBTFUL
+    paths = {edit.path for edit in wanted}
+    if rival.cause in ("joint order", "position sign"):
+        paths |= {("signals", "velocity"), ("signals", "velocity_sign")}
+    return Mend(advice(rival), tuple(e for e in whole if e.path in paths)), judgement
+
+
+def hypotheses(held: Verdict, cause: str) -> tuple[Hypothesis, ...]:
+    """The likeliest rivals, with the declared reading and this cause's own best one."""
+    ranked = held.ranking
+    rivals = ranked.rounds[0]
+    mine = [r for r in rivals if r.cause == cause][:2]
+    shown = {id(r): r for r in (*rivals[: SHOWN - 2], ranked.declared, *mine)}
+    ordered = sorted(shown.values(), key=lambda r: -r.log_likelihood)
+    top = ordered[0].log_likelihood
+    return tuple(Hypothesis(r.says, r.percent, r.log_likelihood - top) for r in ordered)
+
+
+def figure(held: Verdict, cause: str) -> str:
+    """The misfit, and that of the next best explanation of this kind."""
+    ranked = held.ranking
+    mine = [r for r in ranked.rounds[0] if r.cause == cause]
+    text = f"misfit {ranked.declared.percent:.1f} %"
+    return f"{text}, {mine[0].says}: {mine[0].percent:.1f} %" if mine else text
+
+
+def picture(held: Verdict, before: Rival, after: Rival) -> Picture:
+    """Effort of the joint that gains most: measured, and as it should be."""
+    trial = held.ranking.trial
+    joint = int(np.argmax(before.misfits / np.maximum(after.misfits, 1e-3)))
+    t, e, wrong = trial.compared(before.reading, joint)
+    _, mended, right = trial.compared(after.reading, joint)
+    step = max(1, len(t) // POINTS)
+    name = trial.knowledge.robot.joint_names[joint]
+    traces = [Trace("measured", t[::step], e[::step]), Trace(before.says, t[::step], wrong[::step])]
+    if not np.allclose(mended, e):
+        traces.append(Trace("measured, mended", t[::step], mended[::step]))
+    traces.append(Trace(after.says, t[::step], right[::step]))
+    return Picture("time [s]", f"effort of '{name}'", tuple(traces))
+
+
+def _known(held: Verdict) -> str:
+    identified = held.ranking.trial.knowledge.identified
+    return "the reference" if identified else "the nominal model"
+
+
+def agrees(held: Verdict, what: str) -> str:
+    """What to say where nothing is wrong, or where nothing can be said."""
+    ranked = held.ranking
+    if not held.winners and not held.explained:
+        return (
+            f"cannot be told: {_known(held)} disagrees by {ranked.declared.percent:.0f} % and no "
+            "explanation is clear" + ("" if ranked.trial.knowledge.identified else "; give --model")
+        )
+    return f"{what} ({_known(held)} agrees to {(_last(held)).percent:.1f} %)"
+
+
+def _last(held: Verdict) -> Rival:
+    return held.winners[-1][0] if held.winners else held.ranking.declared

@@ -1,0 +1,145 @@
+"""What a ranking says: which explanations are beyond doubt, and the findings that tell them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from steelyard.diagnosis.case import Case, Evidence
+from steelyard.diagnosis.finding import Judgement
+from steelyard.diagnosis.ranking import ALIEN, Ranking, bad, ranking
+from steelyard.diagnosis.rival import Rival
+from steelyard.diagnosis.rivals_world import SHARP, delay_rivals
+from steelyard.diagnosis.sight import once
+
+MARGIN = {True: 20.0, False: 60.0}
+"""Log-likelihood by which an explanation must beat the declared reading, with and without a
+reference."""
+FALL = {True: 2.0, False: 2.5}
+"""Factor by which some joint's misfit must fall with a reference; without, the typical one."""
+CLOSE = 3.0
+"""Log-likelihood within which two explanations cannot be told apart."""
+ROUGH = 25.0
+"""Typical misfit [%] that an explanation by a nominal model may leave."""
+LEAST_MASS, LEAST_SHARE, SURE_MASS = 0.3, 0.02, 6.0
+"""Least payload [kg], relative to the arm's mass, and over its standard deviation."""
+LEAST_DELAY = {True: 0.004, False: 0.04}
+"""Least delay [s], with and without a reference."""
+DELAY_ROWS, DELAY_MARGIN = 1.5, 12.0
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """What holds of one log.
+
+    Attributes:
+        ranking: All explanations.
+        winners: What is wrong, in the order in which it was found, with how sure that is.
+        explained: Whether the last winner agrees with what is known.
+    """
+
+    ranking: Ranking
+    winners: tuple[tuple[Rival, Judgement], ...]
+    explained: bool
+
+    @property
+    def alien(self) -> bool:
+        """Whether another suspicion's cause is the first to be mended."""
+        return any(rival.cause in ALIEN for rival, _ in self.winners)
+
+
+@once
+def verdict(case: Case, evidence: Evidence) -> Verdict | None:
+    """What holds of a log; `None` if it cannot be tried."""
+    found = ranking(case, evidence)
+    if found is None:
+        return None
+    winners: list[tuple[Rival, Judgement]] = []
+    before = found.declared
+    for rivals, winner in zip(found.rounds, found.chain, strict=False):
+        judgement = _judged(found, before, winner, rivals)
+        if judgement is Judgement.OK:
+            break
+        winners.append((winner, judgement))
+        before = winner
+    if all(w.cause != "effort delay" for w, _ in winners):
+        late = _delay(found, len(winners), before)
+        if late is not None and _late(found, before, late):
+            winners.append((late, Judgement.WRONG))
+    return Verdict(found, tuple(winners), not bad(found.trial, before))
+
+
+def positions_at_fault(case: Case, evidence: Evidence) -> bool:
+    """Whether it is sure that positions, not velocities, have another order or sign."""
+    held = verdict(case, evidence)
+    return held is not None and any(
+        rival.cause in ("joint order", "position sign")
+        and judgement is Judgement.WRONG
+        and _moves_positions(held.ranking, rival)
+        for rival, judgement in held.winners
+    )
+
+
+def _moves_positions(found: Ranking, rival: Rival) -> bool:
+    before, after = found.trial.declared, rival.reading
+    turned = np.sign(before.position_scale) != np.sign(after.position_scale)
+    return before.position != after.position or bool(np.any(turned))
+
+
+def _delay(found: Ranking, judged: int, before: Rival) -> Rival | None:
+    """The delay beside what was found so far."""
+    if judged < len(found.rounds):
+        return next((r for r in found.rounds[judged] if r.cause == "effort delay"), None)
+    return next(delay_rivals(found.trial, before.reading), None)
+
+
+def _judged(found: Ranking, before: Rival, winner: Rival, rivals: tuple[Rival, ...]) -> Judgement:
+    """How sure a winner is."""
+    trial, sure = found.trial, found.trial.knowledge.identified
+    gain = winner.log_likelihood - before.log_likelihood
+    if gain < MARGIN[sure]:
+        return Judgement.OK
+    if winner.cause == "payload":
+        heavy = _heavy(found, winner)
+        rough = not sure and not bad(trial, before)
+        return Judgement.OK if rough or not heavy else _when(sure)
+    if winner.cause == "effort delay":
+        return Judgement.WRONG if _late(found, before, winner) else Judgement.OK
+    if sure:
+        fall = float(np.max(before.misfits / np.maximum(winner.misfits, 1e-3)))
+    elif not bad(trial, before):
+        return Judgement.OK
+    else:
+        fall = before.percent / max(winner.percent, 1e-3)
+        if winner.percent > ROUGH:
+            return Judgement.OK
+    if fall < FALL[sure]:
+        return Judgement.OK
+    near = [r for r in rivals[1:] if r.log_likelihood > winner.log_likelihood - CLOSE]
+    apart = [r for r in near if r.cause != winner.cause or r.joints != winner.joints]
+    return _when(not apart)
+
+
+def _when(sure: bool) -> Judgement:
+    return Judgement.WRONG if sure else Judgement.DOUBTFUL
+
+
+def _heavy(found: Ranking, rival: Rival) -> bool:
+    """Whether a payload is heavy enough to be one."""
+    mass, std = payload_mass(rival)
+    arm = sum(body.inertia.mass for body in found.trial.knowledge.robot.bodies)
+    return mass > max(LEAST_MASS, LEAST_SHARE * arm, SURE_MASS * std)
+
+
+def payload_mass(rival: Rival) -> tuple[float, float]:
+    """Mass and its standard deviation [kg]."""
+    ten = rival.reading.payload
+    return (0.0, 0.0) if ten is None else (float(ten[0]), rival.spread)
+
+
+def _late(found: Ranking, before: Rival, rival: Rival) -> bool:
+    """Whether a delay is long enough, and certain enough, to matter."""
+    sure, x = found.trial.knowledge.identified, found.trial.excerpt
+    delay = abs(rival.reading.delay - before.reading.delay)
+    least = max(LEAST_DELAY[sure], DELAY_ROWS / x.log_rate)
+    gain = float(rival.score.likelihood(SHARP, np.inf) - before.score.likelihood(SHARP, np.inf))
+    return delay >= least and gain > DELAY_MARGIN and not bad(found.trial, rival)

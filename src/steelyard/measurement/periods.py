@@ -1,0 +1,174 @@
+r"""The period of a motion, and its mean over periods.
+
+The distance of a motion from itself a time $\tau$ later,
+$D(\tau) = \overline{\sum_j (q_j(t + \tau) - q_j(t))^2} / (2 \sum_j \sigma_j^2)$, is about 1 for
+unrelated stretches and near 0 at the period. Only what the log holds twice is compared, so half a
+period more than one is enough.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.errors import ModelError
+
+COARSE = 4000
+"""Samples on which the period is looked for first."""
+APART = 0.2
+"""Distance that the motion must reach before it can come back."""
+ALIKE = 2e-3
+"""Distance at the period, at most: 6 % of the motion's size."""
+SEEN_TWICE = 0.25
+"""Share of the period that the log must hold twice."""
+AT_REST = 0.01
+"""A joint has departed when it is this share of its range from where it started or ends."""
+WRAPPED = 20
+"""Points beyond a period by which it is closed before it is interpolated."""
+
+
+@dataclass(frozen=True)
+class Repetitions:
+    """That a log repeats one motion: `repetitions = ...` under `[processing]`.
+
+    Attributes:
+        period: Time between repetitions [s]; found if not given.
+        drop_first: Repetitions at the start that are left out.
+        drop_last: Repetitions at the end that are left out.
+    """
+
+    period: float | None = None
+    drop_first: int = 1
+    drop_last: int = 1
+
+    def __post_init__(self) -> None:
+        if (self.period is not None and self.period <= 0.0) or min(self.dropped) < 0:
+            raise ModelError(
+                f"repetitions of {self.period} s, {self.drop_first} and {self.drop_last} of them "
+                "dropped, cannot be",
+                where="repetitions",
+                mend="give period = ... above 0 s, drop_first and drop_last from 0 on",
+            )
+
+    @property
+    def dropped(self) -> tuple[int, int]:
+        """Repetitions left out at the start and at the end."""
+        return self.drop_first, self.drop_last
+
+
+def moving_span(q: Array) -> tuple[int, int]:
+    """First sample and the one after the last of what lies between the rests at the ends.
+
+    Args:
+        q: Positions, shape `(n, N)`.
+    """
+    far = AT_REST * np.maximum(np.ptp(q, axis=1, keepdims=True), 1e-12)
+    left = (np.abs(q - q[:, :1]) > far).any(axis=0)
+    right = (np.abs(q - q[:, -1:]) > far).any(axis=0)
+    if not left.any():
+        return 0, 0
+    return max(int(np.argmax(left)) - 1, 0), min(
+        q.shape[1] - int(np.argmax(right[::-1])) + 1, q.shape[1]
+    )
+
+
+def find_period(q: Array, rate: float) -> float | None:
+    """The period of a motion [s], or `None` if it does not come back.
+
+    Args:
+        q: Positions, shape `(n, N)`, uniformly sampled; rests at the ends do not matter.
+        rate: [Hz].
+    """
+    start, stop = moving_span(q)
+    q = q[:, start:stop] - q[:, start:stop].mean(axis=1, keepdims=True)
+    every = max(1, q.shape[1] // COARSE)
+    if q.shape[1] < 20:
+        return None
+    coarse = distance(q[:, ::every])
+    longest = int(coarse.shape[0] / (1.0 + SEEN_TWICE))
+    away = np.flatnonzero(coarse[:longest] > APART)
+    if not len(away):
+        return None
+    near = np.flatnonzero(coarse[away[0] : longest] < 4.0 * ALIKE) + away[0]
+    while len(near):
+        stretch = near[: int(np.argmax(np.diff(near, append=near[-1] + 2) > 1)) + 1]
+        lag, depth = _refined(q, every * int(stretch[np.argmin(coarse[stretch])]), every)
+        if depth < ALIKE:
+            return _over_many(q, lag) / rate
+        near = near[len(stretch) :]
+    return None
+
+
+def distance(q: Array) -> Array:
+    """Distance of a motion from itself at every lag, shape `(N,)`; see the module.
+
+    Args:
+        q: Positions without mean, shape `(n, N)`.
+    """
+    count = q.shape[1]
+    spectrum = np.fft.rfft(q, 2 * count)
+    product = np.fft.irfft(np.abs(spectrum) ** 2, 2 * count)[:, :count].sum(axis=0)
+    energy = np.concatenate(([0.0], np.cumsum(np.square(q).sum(axis=0))))
+    both = energy[count:0:-1] + energy[count] - energy[:count]
+    overlap = count - np.arange(count)
+    size = max(2.0 * float(energy[count]) / count, 1e-300)
+    return np.asarray(np.maximum(both - 2.0 * product, 0.0) / (overlap * size))
+
+
+def _refined(q: Array, near: int, around: int) -> tuple[float, float]:
+    """The lag between samples at which the distance is least, and the distance there."""
+    size = 2.0 * np.square(q).sum() / q.shape[1]
+    lags = np.arange(max(1, near - around - 1), near + around + 2)
+    found = np.array([np.square(q[:, x:] - q[:, :-x]).sum() / (q.shape[1] - x) for x in lags])
+    k = int(np.clip(np.argmin(found), 1, len(lags) - 2))
+    left, middle, right = found[k - 1 : k + 2]
+    bend = left - 2.0 * middle + right
+    shift = float(np.clip(0.5 * (left - right) / bend, -1.0, 1.0)) if bend > 0.0 else 0.0
+    depth = middle - 0.125 * (left - right) ** 2 / bend if bend > 0.0 else middle
+    return float(lags[k]) + shift, float(max(depth, 0.0) / size)
+
+
+def _over_many(q: Array, lag: float) -> float:
+    """A period, in samples, seen over as many of its like as half the motion holds."""
+    many = int(0.6 * q.shape[1] / lag)
+    for times in (2**k for k in range(1, max(many, 1).bit_length())):
+        lag = _refined(q, round(times * lag), 2)[0] / times
+    return lag
+
+
+def mean_period(x: Array, length: float, bent: int = 0) -> Array:
+    """The mean over periods, read at whole shares of the period.
+
+    Args:
+        x: Channels of periodic motion, shape `(..., N)`.
+        length: The period in samples.
+        bent: Samples at each end that are left out where others are there.
+
+    Returns:
+        Shape `(..., P)`, with `P` the rounded length.
+    """
+    from scipy.interpolate import make_interp_spline
+
+    last, points = x.shape[-1] - 1, round(length)
+    curve = make_interp_spline(np.arange(last + 1.0), x, k=5, axis=-1)
+    total, count = np.zeros((*x.shape[:-1], points)), np.zeros(points)
+    for margin in (bent, 0):
+        missing = count == 0.0
+        for start in np.arange(0.0, last + 1.0, length):
+            at = start + np.arange(points) * (length / points)
+            good = missing & (at >= margin) & (at <= last - margin)
+            if good.any():
+                total[..., good] += curve(at[good])
+                count += good
+    return np.asarray(total / np.maximum(count, 1.0))
+
+
+def folded(x: Array, length: float, bent: int = 0) -> Array:
+    """Channels of periodic motion `(..., N)`, each sample replaced by its mean over periods."""
+    from scipy.interpolate import make_interp_spline
+
+    table = mean_period(x, length, bent)
+    points = table.shape[-1]
+    around = np.arange(-WRAPPED, points + WRAPPED + 1)
+    curve = make_interp_spline(around, table[..., around % points], k=5, axis=-1)
+    return np.asarray(curve(np.mod(np.arange(x.shape[-1]) / length, 1.0) * points))

@@ -1,0 +1,150 @@
+"""The choices of the processing chain: what a robot file asks for, and how files keep it."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any, Literal
+
+from steelyard.errors import ModelError
+from steelyard.measurement.auto import Auto
+from steelyard.measurement.butterworth import Butterworth
+from steelyard.measurement.interpolation import INTERPOLATIONS
+from steelyard.measurement.method import Method, Smoother
+from steelyard.measurement.methods import description_of, in_words, method_of, smoother_of
+from steelyard.measurement.periods import Repetitions
+from steelyard.robot.schema import ProcessingSection, RepetitionsTable
+
+OUTLIERS = 15.0
+"""Default distance from the rows around, in usual ones, from which on a row is an outlier: on clean
+logs of five robots it marks 3 values in 100 000, currents of drives that start or stop."""
+
+BY_CUTOFF: Method = Auto()
+"""Stands for a method that is not given."""
+
+
+@dataclass(frozen=True, eq=False)
+class Processing:
+    """How a recording is made a run; what is `None` comes from the data.
+
+    Attributes:
+        motion_cutoff: Low-pass of positions and velocities [Hz].
+        matched_cutoff: Low-pass that the pass applies to regressor and effort alike [Hz].
+        rest_speed: Speed up to which a joint rests, one for all or one per joint [rad/s; m/s].
+        rate: Of the uniform clock [Hz].
+        resampling: Name of the interpolation, see `INTERPOLATIONS`.
+        motion: From positions to motion; if not given, `Auto`, or `Butterworth` where the cut-off
+            of the motion is given.
+        effort: Smooths efforts; `None`: they stay as logged.
+        effort_cutoff: Cut-off of that [Hz]; the motion's if `None`.
+        outliers: Distance from which on a row is an outlier, see `outliers`; `None`: none is.
+        bridge_repeats: Whether rows that repeat the one before in motion are interpolated.
+        leave_out_saturated: Whether efforts that stay at a limit count for nothing.
+        repetitions: That the motion is repeated, and only its mean is wanted.
+    """
+
+    motion_cutoff: float | None = None
+    matched_cutoff: float | None = None
+    rest_speed: float | tuple[float, ...] | None = None
+    rate: float | None = None
+    resampling: str = "cubic"
+    motion: Method = BY_CUTOFF
+    effort: Smoother | None = None
+    effort_cutoff: float | None = None
+    outliers: float | None = OUTLIERS
+    bridge_repeats: bool = True
+    leave_out_saturated: bool = True
+    repetitions: Repetitions | None = None
+
+    def __post_init__(self) -> None:
+        if self.motion is BY_CUTOFF:
+            usual = Auto() if self.motion_cutoff is None else Butterworth()
+            object.__setattr__(self, "motion", usual)
+        if self.resampling not in INTERPOLATIONS:
+            raise ModelError(
+                f"'{self.resampling}' is no way to resample",
+                where="processing",
+                mend=f"use one of {', '.join(INTERPOLATIONS)}",
+            )
+
+    @property
+    def motion_words(self) -> str:
+        """The way from positions to motion in words."""
+        return in_words(self.motion)
+
+    @property
+    def effort_words(self) -> str:
+        """What is done with efforts, in words."""
+        if self.effort is None:
+            return "efforts as logged"
+        at = "" if self.effort_cutoff is None else f" {self.effort_cutoff:g} Hz"
+        return f"efforts by {in_words(self.effort)}{at}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values; exact."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        values["motion"] = description_of(self.motion)
+        values["effort"] = None if self.effort is None else description_of(self.effort)
+        if self.repetitions is not None:
+            values["repetitions"] = asdict(self.repetitions)
+        return values
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> "Processing":
+        """The processing that `to_dict` wrote."""
+        values = dict(data)
+        where = "processing of the model"
+        values["motion"] = method_of(values["motion"], where)
+        if values["effort"] is not None:
+            values["effort"] = smoother_of(values["effort"], where)
+        if isinstance(values["rest_speed"], list):
+            values["rest_speed"] = tuple(values["rest_speed"])
+        if values.get("repetitions") is not None:
+            values["repetitions"] = Repetitions(**values["repetitions"])
+        return cls(**values)
+
+
+def asked(section: ProcessingSection, where: Callable[..., str]) -> Processing:
+    """The processing that a robot file asks for.
+
+    Args:
+        section: What it says.
+        where: Places in the file, for messages.
+
+    Raises:
+        ModelError: There is no such method, or it has no such setting or value.
+    """
+    wanted = Processing(
+        motion_cutoff=section.motion_cutoff,
+        matched_cutoff=section.matched_cutoff,
+        rest_speed=section.rest_speed,
+        rate=section.rate,
+        resampling=section.resampling,
+        outliers=None if section.outliers == "keep" else section.outliers,
+        bridge_repeats=section.repeats == "bridge",
+        leave_out_saturated=section.saturation == "leave_out",
+        repetitions=_repetitions(section.repetitions),
+    )
+    if section.motion is not None:
+        method = method_of(section.motion, where("processing", "motion"))
+        wanted = replace(wanted, motion=method)
+    if section.effort is not None:
+        given, place = section.effort, where("processing", "effort")
+        table = {"method": given} if isinstance(given, str) else dict(given)
+        cutoff = _positive(table.pop("cutoff", None), place)
+        wanted = replace(wanted, effort=smoother_of(table, place), effort_cutoff=cutoff)
+    return wanted
+
+
+def _repetitions(asked: RepetitionsTable | Literal["find"] | None) -> Repetitions | None:
+    if asked is None or isinstance(asked, str):
+        return None if asked is None else Repetitions()
+    return Repetitions(asked.period, asked.drop_first, asked.drop_last)
+
+
+def _positive(cutoff: Any, where: str) -> float | None:
+    if cutoff is None:
+        return None
+    if isinstance(cutoff, bool) or not isinstance(cutoff, int | float) or not cutoff > 0.0:
+        raise ModelError(
+            f"the effort's cutoff is {cutoff!r}", where=where, mend="give a frequency above 0 Hz"
+        )
+    return float(cutoff)

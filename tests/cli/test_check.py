@@ -1,0 +1,338 @@
+"""`steelyard check`: verdicts, exit codes, new robot files, the page; with stubs of suspicions."""
+
+import json
+import shutil
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import polars as pl
+import pytest
+
+from browser import chromium, look
+from cli.conftest import Command
+from cli.mistakes import LOG, ROBOT
+from cli.river_files import edited
+from steelyard.cli.app import expanded
+from steelyard.diagnosis import Case, Edit, Finding, Judgement, Mend
+from steelyard.diagnosis import register as diagnosis_register
+from steelyard.diagnosis.finding import Picture, Trace
+from steelyard.robot.robot_file import load_robot
+
+OTHER = "../given/validation.parquet"
+
+
+@dataclass(frozen=True)
+class Unit:
+    """Positions of more than 1 rad are degrees."""
+
+    name: ClassVar[str] = "position unit"
+    asks: ClassVar[str] = "Are positions in radians?"
+    quick: ClassVar[bool] = True
+    judgement: Judgement = Judgement.WRONG
+
+    def __call__(self, case: Case) -> tuple[Finding, ...]:
+        return tuple(self.one(case, number) for number in range(len(case.logs)))
+
+    def one(self, case: Case, number: int) -> Finding:
+        log = case.logs[number]
+        t, q = log.samples.t, log.samples.q
+        reach = float(np.nanmax(np.abs(q)))
+        picture = Picture("time [s]", "position [rad]", (Trace("joint", t, q[:, 0]),))
+        if reach < 1.0:
+            return Finding(self.name, log.name, Judgement.OK, "within a turn", f"{reach:.2f} rad")
+        away = Edit(("signals", "position_offset"), None)
+        mend = Mend("they are in degrees", (Edit(("signals", "position_unit"), "deg"), away))
+        says, figure = "positions go around", f"{reach:.0f} rad, bound 1 rad"
+        return Finding(
+            self.name, log.name, self.judgement, says, figure, case.joints[:1], mend, picture
+        )
+
+
+@dataclass(frozen=True)
+class Slow:
+    """Keeps the cases that it saw, and has nothing to say."""
+
+    name: ClassVar[str] = "slow"
+    asks: ClassVar[str] = "What is there?"
+    quick: ClassVar[bool] = False
+    seen: list[Case] = field(default_factory=list)
+
+    def __call__(self, case: Case) -> tuple[Finding, ...]:
+        self.seen.append(case)
+        return ()
+
+
+@pytest.fixture
+def slow(monkeypatch: pytest.MonkeyPatch) -> Slow:
+    """Stubs instead of the register's suspicions."""
+    return asking(monkeypatch, Judgement.WRONG)
+
+
+def asking(monkeypatch: pytest.MonkeyPatch, judgement: Judgement) -> Slow:
+    slow = Slow()
+    for module in (sys.modules["steelyard.diagnosis.examine"], diagnosis_register):
+        monkeypatch.setattr(module, "SUSPICIONS", (Unit(judgement), slow))
+    return slow
+
+
+@pytest.fixture
+def degrees(given: Path, tmp_path: Path) -> Path:
+    """A log whose positions are in degrees, which its robot file does not say."""
+    table = pl.read_parquet(given / "identification.parquet")
+    turned = [pl.col(c).degrees() for c in table.columns if c.startswith("q")]
+    table.with_columns(turned).write_parquet(tmp_path / "degrees.parquet")
+    return tmp_path / "degrees.parquet"
+
+
+@pytest.fixture
+def robot(given: Path, tmp_path: Path) -> Path:
+    return edited(given, tmp_path, ('"q{}_rad"', '"q{}_rad"  # by the encoders'))
+
+
+def words(text: str) -> str:
+    return " ".join(text.split())
+
+
+@pytest.mark.parametrize(("judgement", "code"), [(Judgement.DOUBTFUL, 1), (Judgement.WRONG, 2)])
+def test_the_worst_judgement_is_the_exit_code(
+    judgement: Judgement,
+    code: int,
+    degrees: Path,
+    command: Command,
+    monkeypatch: pytest.MonkeyPatch,
+    shared_work: Path,
+) -> None:
+    asking(monkeypatch, judgement)
+    good = command("check", ROBOT, LOG, OTHER)
+    assert good.exit_code == 0 and good.stderr == ""
+    assert "ok position unit 2 times ok, identification: within a turn" in words(good.stdout)
+    assert good.stdout.rstrip().endswith("Ok: nothing suspicious was found  (2 findings: 2 ok)")
+    bad = command("check", ROBOT, degrees, LOG)
+    assert bad.exit_code == code
+    shown = words(bad.stdout)
+    assert f"{judgement.word} position unit degrees: shoulder_turn: positions go around" in shown
+    assert 'they are in degrees [signals] position_unit = "deg"' in shown
+    assert f"(2 findings: 1 {judgement.word}, 1 ok)" in shown
+    assert "--fix writes a new robot file" in shown and "-o FOLDER" in shown
+    assert not any(shared_work.iterdir())
+
+
+def test_fix_writes_a_new_robot_file_and_checks_again(
+    slow: Slow, robot: Path, degrees: Path, command: Command
+) -> None:
+    before = robot.read_text()
+    done = command("check", robot, degrees, "--fix")
+    fixed = robot.parent / "arm-fixed.toml"
+    assert done.exit_code == 0, done.output
+    assert robot.read_text() == before
+    assert fixed.read_text() == before.replace(
+        "# by the encoders\n", "# by the encoders\n", 1
+    ).replace('velocity = "dq{}_rad_s"\n', 'velocity = "dq{}_rad_s"\nposition_unit = "deg"\n')
+    shown = words(done.stdout)
+    change = '[signals] position_unit = "deg" position unit, degrees: shoulder_turn: positions go'
+    assert f"says otherwise: {change}" in shown and "Checked again with" in shown
+    assert shown.index("Wrong: position unit") < shown.index("Ok: nothing suspicious")
+    assert shown.endswith(f"robot file {fixed} -o FOLDER writes a page with the plots")
+    assert command("check", fixed, degrees).exit_code == 0
+    again = command("check", robot, degrees, "--fix")
+    assert again.exit_code == 2 and "the robot file to write exists already" in again.stderr
+    assert [
+        case.loaded.signals.position_scale[0] for case in slow.seen[:2] if case.loaded.signals
+    ] == [
+        1.0,
+        pytest.approx(np.pi / 180.0),
+    ]
+
+
+def test_fix_elsewhere_still_finds_the_model(
+    slow: Slow, robot: Path, degrees: Path, command: Command, tmp_path: Path
+) -> None:
+    (tmp_path / "there").mkdir()
+    target = tmp_path / "there" / "mine.toml"
+    done = command("check", robot, degrees, "--fix", target, "--json")
+    told = json.loads(done.stdout)
+    assert told["judgement"] == "wrong" and done.exit_code == 0
+    assert told["fixed"]["robot_file"] == str(target) and told["fixed"]["judgement"] == "ok"
+    assert told["fixed"]["changes"] == [
+        {
+            "path": ["signals", "position_unit"],
+            "value": "deg",
+            "suspicion": "position unit",
+            "says": "positions go around",
+        }
+    ]
+    assert 'urdf = "../demo_arm.urdf"' in target.read_text()
+    assert load_robot(target).robot.n == 6
+
+
+def test_fix_of_a_bare_model_writes_a_whole_robot_file(
+    slow: Slow, robot: Path, given: Path, command: Command, tmp_path: Path
+) -> None:
+    target = tmp_path / "new.toml"
+    table = pl.read_parquet(given / "identification.parquet")
+    turned = [(pl.col(c) * 100.0).alias(c) for c in table.columns if c.startswith("q")]
+    table.with_columns(turned).write_csv(tmp_path / "far.csv")
+    done = command("check", robot.parent / "demo_arm.urdf", tmp_path / "far.csv", "--fix", target)
+    assert "note: time is 'time_s' in s, by its name" in words(done.stdout)
+    signals = load_robot(target).signals
+    assert signals is not None
+    np.testing.assert_allclose(signals.position_scale, np.pi / 180.0)
+    assert "CHECK: which columns of the log are what" in target.read_text()
+
+
+def test_a_robot_file_without_signals_gets_them(
+    slow: Slow, robot: Path, degrees: Path, command: Command
+) -> None:
+    text = robot.read_text()
+    robot.write_text(text[: text.index("[signals]")])
+    done = command("check", robot, degrees, "--fix")
+    assert done.exit_code == 0, done.output
+    signals = load_robot(robot.parent / "arm-fixed.toml").signals
+    assert signals is not None and signals.effort[5] == "tau6_Nm"
+
+
+def test_nothing_to_mend_writes_no_file(
+    slow: Slow, robot: Path, command: Command, given: Path
+) -> None:
+    done = command("check", robot, given / "identification.parquet", "--fix")
+    assert done.exit_code == 0 and "No robot file is written" in done.stdout
+    assert not (robot.parent / "arm-fixed.toml").exists()
+
+
+@pytest.mark.parametrize(
+    ("line", "result"),
+    [
+        ("check r.toml a.csv --fix", "check r.toml a.csv --fix="),
+        ("check r.toml a.csv --fix b.toml", "check r.toml a.csv --fix b.toml"),
+        ("check r.toml --fix a.csv", "check r.toml --fix= a.csv"),
+        ("check --fix r.toml a.csv", "check --fix= r.toml a.csv"),
+        ("check r.toml a.csv --fix=b.toml", "check r.toml a.csv --fix=b.toml"),
+    ],
+)
+def test_fix_takes_a_robot_file_behind_it(line: str, result: str) -> None:
+    assert expanded(line.split()) == result.split()
+
+
+def test_json_has_its_schema(slow: Slow, degrees: Path, command: Command) -> None:
+    done = command("check", ROBOT, f"{degrees}@1:3", "--json")
+    told = json.loads(done.stdout)
+    assert done.exit_code == 2
+    assert list(told) == [
+        *("robot", "logs", "model", "judgement", "findings", "edits", "notes", "fixed", "output"),
+    ]
+    assert told["robot"] == ROBOT and told["logs"] == [f"{degrees}@1:3"]
+    assert (told["model"], told["fixed"], told["output"]) == (None, None, None)
+    finding = told["findings"][0]
+    assert finding["log"] == "degrees@1:3" and finding["joints"] == ["shoulder_turn"]
+    assert finding["mend"]["lines"] == '[signals]\nposition_unit = "deg"'
+    assert told["edits"] == finding["mend"]["edits"]
+
+
+def test_the_output_is_a_page_and_json(
+    slow: Slow, degrees: Path, command: Command, tmp_path: Path
+) -> None:
+    done = command("check", ROBOT, degrees, OTHER, "-o", tmp_path / "out", "--json")
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["check.html", "check.json"]
+    told = json.loads((tmp_path / "out" / "check.json").read_text())
+    assert told == json.loads(done.stdout) and told["output"] == str(tmp_path / "out")
+    again = command("check", ROBOT, degrees, "-o", tmp_path / "out")
+    assert again.exit_code == 2 and "the output folder exists already" in again.stderr
+    program = chromium()
+    if program is None:
+        pytest.skip("no Chromium (chromium, chromium-browser or google-chrome) on the path")
+    seen = look(program, tmp_path / "out" / "check.html", tmp_path)
+    assert seen.console == () and seen.errors == []
+    assert seen.dom.count('class="picture js-plotly-plot"') == 1
+    assert 'title="Are positions in radians?"' in seen.dom
+
+
+def test_logs_that_cannot_be_read_are_findings(
+    slow: Slow, given: Path, command: Command, tmp_path: Path
+) -> None:
+    pl.read_parquet(given / "identification.parquet").drop("q2_rad").write_csv(tmp_path / "few.csv")
+    (tmp_path / "torn.parquet").write_bytes((given / "validation.parquet").read_bytes()[:20_000])
+    header = given / "header.csv"
+    done = command("check", ROBOT, tmp_path / "few.csv", header, OTHER, "--json")
+    told = {(f["suspicion"], f["log"]): f for f in json.loads(done.stdout)["findings"]}
+    assert done.exit_code == 2 and list(told) == [
+        *(("log", "few"), ("log", "header"), ("position unit", "validation")),
+    ]
+    assert "no column 'q2_rad'" in told["log", "few"]["says"]
+    assert "rows" in told["log", "header"]["says"]
+    torn = command("check", ROBOT, tmp_path / "torn.parquet", OTHER)
+    assert torn.exit_code == 2 and isinstance(torn.exception, SystemExit)
+
+
+@pytest.mark.parametrize("log", ["static.csv", "broken.csv", "soiled.csv"])
+def test_logs_that_no_run_can_be_made_of(log: str, command: Command, given: Path) -> None:
+    done = command("check", ROBOT, given / log)
+    assert done.exit_code in (0, 1, 2) and done.stderr == ""
+    assert done.exception is None or isinstance(done.exception, SystemExit)
+
+
+def test_names_of_one_file_in_two_folders_stay_apart(
+    slow: Slow, given: Path, command: Command, tmp_path: Path
+) -> None:
+    paths = [tmp_path / name / "run.parquet" for name in ("monday", "tuesday")]
+    for path in paths:
+        path.parent.mkdir()
+        shutil.copy(given / "validation.parquet", path)
+    told = json.loads(command("check", ROBOT, *paths, "--json").stdout)
+    assert [finding["log"] for finding in told["findings"]] == ["monday/run", "tuesday/run"]
+
+
+def test_what_the_suspicions_get_to_see(
+    slow: Slow, identified: Path, given: Path, command: Command, tmp_path: Path
+) -> None:
+    robot = edited(given, tmp_path, ('velocity = "dq{}_rad_s"\n', ""))
+    command("check", robot, OTHER, "--model", identified)
+    command("check", ROBOT, OTHER, "--quick")
+    (case,) = slow.seen
+    assert case.reference is not None and case.reference.model.robot.n == 6
+    assert case.guesses == {"velocity": tuple(f"dq{k}_rad_s" for k in range(1, 7))}
+    command("check", ROBOT, OTHER)
+    assert slow.seen[1].guesses == {} and slow.seen[1].reference is None
+
+
+def test_a_model_of_another_robot_is_refused(
+    identified: Path, given: Path, command: Command, tmp_path: Path
+) -> None:
+    five = [f'"{name}"' for name in load_robot(given / "demo_arm.toml").robot.joint_names[:5]]
+    said = ('urdf = "demo_arm.urdf"\n', f'urdf = "demo_arm.urdf"\njoints = [{", ".join(five)}]\n')
+    done = command("check", edited(given, tmp_path, said), OTHER, "--model", identified)
+    assert done.exit_code == 2 and "flange_roll, the robot file of" in done.stderr
+
+
+def test_help_has_an_example(command: Command) -> None:
+    assert "Example: steelyard check" in command("check", "--help").stdout
+
+
+def test_identify_stops_at_what_is_wrong(
+    slow: Slow, degrees: Path, command: Command, tmp_path: Path
+) -> None:
+    done = command("identify", ROBOT, degrees, "-o", tmp_path / "o")
+    assert done.exit_code == 2 and not (tmp_path / "o").exists()
+    said = words(done.stderr)
+    assert "error: the log is wrong, position unit: positions go around where degrees: " in said
+    assert 'mend they are in degrees: [signals] position_unit = "deg"' in said
+    assert f"`steelyard check {ROBOT} LOG... --fix` writes" in said and "--no-check" in said
+    assert slow.seen == []
+    done = command("identify", ROBOT, degrees, "-o", tmp_path / "o", "--no-check", "--json")
+    assert done.exit_code == 0 and json.loads(done.stdout)["check"] is None
+    assert "Check of the logs" not in (tmp_path / "o" / "report.html").read_text()
+
+
+def test_identify_notes_what_is_doubtful_and_reports_it(
+    degrees: Path, command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asking(monkeypatch, Judgement.DOUBTFUL)
+    done = command("identify", ROBOT, degrees, "-o", tmp_path / "o", "--json")
+    told = json.loads(done.stdout)
+    assert done.exit_code == 0 and told["check"]["judgement"] == "doubtful"
+    note = "check, position unit: degrees: shoulder_turn: positions go around"
+    assert any(one.startswith(note) for one in told["notes"])
+    page = (tmp_path / "o" / "report.html").read_text()
+    assert "Doubtful: position unit" in page and 'class="picture"' in page

@@ -1,0 +1,100 @@
+"""`steelyard check` with its own suspicions: faults of a simulated arm are found and mended."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from cli.conftest import Command
+from cli.river_files import edited
+from steelyard.diagnosis.register import SUSPICIONS
+from steelyard.robot.robot_file import load_robot
+
+CURRENTS = (
+    ('"tau{}_Nm"', '"i{}"'),
+    ('"joint_torque"', '"motor_current"'),
+    ('unit = "Nm"', 'unit = "A"  # says the manual\ngain = [12.0, -12.0, 10.0, 5.0, 5.0, 5.0]'),
+)
+
+
+@pytest.fixture(scope="module")
+def simulated(given: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A robot file for currents in ampere, and a log that it describes."""
+    from typer.testing import CliRunner
+
+    from steelyard.cli.app import app
+
+    folder = tmp_path_factory.mktemp("simulated")
+    robot = edited(given, folder, *CURRENTS)
+    arguments = ["simulate", str(robot), "--period", "5", "--seed", "3", "-o", str(folder / "sim")]
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 0, done.output
+    return robot, folder / "sim" / "log.parquet"
+
+
+def test_a_good_log_is_ok(simulated: tuple[Path, Path], command: Command) -> None:
+    done = command("check", *simulated, "--json")
+    told = json.loads(done.stdout)
+    assert done.exit_code == 0, [f for f in told["findings"] if f["judgement"] != "ok"]
+    assert len({finding["suspicion"] for finding in told["findings"]}) >= 12
+
+
+@pytest.mark.parametrize(
+    ("fault", "path", "value"),
+    [
+        ("mA", ["signals", "effort", "unit"], "mA"),
+        ("ms", ["signals", "time_unit"], "ms"),
+        ("degrees", ["signals", "position_unit"], "deg"),
+    ],
+)
+def test_a_fault_is_found_and_the_fixed_file_is_ok(
+    fault: str,
+    path: list[str],
+    value: str,
+    simulated: tuple[Path, Path],
+    command: Command,
+    tmp_path: Path,
+) -> None:
+    robot, good = simulated
+    table = pl.read_parquet(good)
+    scaled = {
+        "mA": [pl.col(c) * 1e3 for c in table.columns if c.startswith("i")],
+        "ms": [pl.col("time_s") * 1e3],
+        "degrees": [pl.col(c) * np.rad2deg(1.0) for c in table.columns if c.startswith("q")],
+    }
+    log, target = tmp_path / "log.csv", tmp_path / "fixed.toml"
+    table.with_columns(scaled[fault]).write_csv(log)
+    stopped = command("identify", robot, log, "-o", tmp_path / "o")
+    assert stopped.exit_code == 2 and f'{path[-1]} = "{value}"' in stopped.stderr
+    done = command("check", robot, log, "--fix", target, "--json")
+    told = json.loads(done.stdout)
+    assert told["judgement"] == "wrong"
+    assert {"path": path, "value": value} in told["edits"]
+    assert told["fixed"]["judgement"] == "ok" and done.exit_code == 0, told["fixed"]
+    assert load_robot(target).signals is not None
+    assert command("check", target, log).exit_code == 0
+    assert "# says the manual" in target.read_text()
+
+
+def test_a_robot_mounted_sideways_is_found(
+    simulated: tuple[Path, Path], given: Path, command: Command, tmp_path: Path
+) -> None:
+    model = 'urdf = "demo_arm.urdf"\n'
+    robot = edited(given, tmp_path, (model, f"{model}gravity = [9.81, 0.0, 0.0]\n"), *CURRENTS)
+    done = command("check", robot, simulated[1], "--fix", "--json")
+    told = json.loads(done.stdout)
+    assert told["judgement"] == "wrong" and done.exit_code == 0
+    assert load_robot(tmp_path / "arm-fixed.toml").robot.gravity[2] == pytest.approx(
+        -9.81, abs=0.01
+    )
+
+
+def test_the_document_lists_every_suspicion() -> None:
+    document = Path(__file__).parents[2] / "docs" / "check.md"
+    listed = re.findall(r"^\| (\w[\w ]*?)(?: ²)? \|", document.read_text("utf-8"), re.M)
+    assert [s.name for s in SUSPICIONS] == [
+        name for name in listed if name not in ("suspicion", "option")
+    ]

@@ -1,0 +1,63 @@
+"""`identify --sensitivity`: in the terminal, in the report and as JSON."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture(scope="module")
+def swept(given: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
+    from typer.testing import CliRunner
+
+    from steelyard.cli.app import app
+
+    folder = tmp_path_factory.mktemp("swept") / "out"
+    arguments = ["identify", str(given / "demo_arm.toml"), str(given / "identification.parquet")]
+    arguments += ["--validate", str(given / "validation.parquet"), "--sensitivity", "--json"]
+    done = CliRunner().invoke(app, [*arguments, "-o", str(folder)])
+    assert done.exit_code == 0, done.output
+    return done.stdout, folder
+
+
+def test_fits_with_other_cutoffs_are_compared(swept: tuple[str, Path]) -> None:
+    found = json.loads(swept[0])
+    fits = found["sensitivity"]["fits"]
+    assert [fit["factor"] for fit in fits] == [0.5, 0.71, 1.0, 1.41, 2.0]
+    (result,) = [fit for fit in fits if fit["factor"] == 1.0]
+    assert result["median_shift_in_std"] == 0.0
+    mean = found["validation"][0]["mean_percent"]
+    assert result["validation_percent"] == pytest.approx(mean, rel=1e-12)
+    for fit in fits:
+        if fit is result or fit["failed"]:
+            continue
+        assert fit["median_shift_in_std"] > 0.0
+        ratio = fit["matched_cutoff"] / result["matched_cutoff"]
+        assert ratio == pytest.approx(fit["factor"], rel=0.06) or ratio < fit["factor"]
+        assert fit["validation_percent"] < 10.0 * mean
+    names = [row["name"] for row in found["sensitivity"]["parameters"]]
+    assert names == [row["name"] for row in found["parameters"]]
+    assert max(row["largest_shift_in_std"] for row in found["sensitivity"]["parameters"]) > 0.0
+
+
+def test_the_report_has_a_section_for_it(swept: tuple[str, Path], identified: Path) -> None:
+    page = (swept[1] / "report.html").read_text()
+    assert "Fits with other cut-offs" in page and "Parameters that move most" in page
+    assert "Fits with other cut-offs" not in (identified / "report.html").read_text()
+
+
+def test_the_terminal_shows_it(command, given: Path, tmp_path: Path) -> None:
+    log = given / "identification.parquet"
+    done = command(
+        "identify", given / "demo_arm.toml", log, "--sensitivity", "-o", tmp_path / "out"
+    )
+    assert done.exit_code == 0, done.output
+    assert "Fits with other cut-offs" in done.output and "x 1.41" in done.output
+    assert "parameters that move most, in standard deviations" in done.output
+
+
+def test_the_chain_is_noted_and_kept_by_the_model(identified: Path) -> None:
+    terminal = (identified.parent / "terminal.txt").read_text()
+    assert "chain: outliers beyond 15 usual" in " ".join(terminal.split())
+    model = json.loads((identified / "model.json").read_text())
+    assert model["processing"]["outliers"] == 15.0 and model["processing"]["motion"]["method"]

@@ -1,0 +1,141 @@
+"""A simulated arm with a reference, and logs of it with faults."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from steelyard.arrays import Array
+from steelyard.diagnosis import Case, Diagnosis, examine
+from steelyard.diagnosis.case import Evidence
+from steelyard.diagnosis.effort_delay import EffortDelay
+from steelyard.diagnosis.effort_kind import EffortKind
+from steelyard.diagnosis.effort_sign import EffortSign
+from steelyard.diagnosis.effort_unit import EffortUnit
+from steelyard.diagnosis.gain import Gain
+from steelyard.diagnosis.joint_order import JointOrder
+from steelyard.diagnosis.mounting import Mounting
+from steelyard.diagnosis.payload_left import PayloadLeft
+from steelyard.diagnosis.position_sign import PositionSign
+from steelyard.diagnosis.suspicion import Suspicion
+from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
+from steelyard.estimation.least_squares import WeightedLeastSquares
+from steelyard.excitation.random_fourier import random_fourier
+from steelyard.measurement import Processing, Recording, prepare
+from steelyard.measurement.recording import HeldLog
+from steelyard.model import Model
+from steelyard.motion import Motion
+from steelyard.regression.gather import gather
+from steelyard.regression.regressor import base_regressor
+from steelyard.robot.robot import Robot
+from steelyard.robot.robot_file import load_robot
+from steelyard.virtual.demo import write_demo_arm
+from steelyard.virtual.invent import random_truth
+from steelyard.virtual.truth import Truth
+
+MODEL_BASED: tuple[Suspicion, ...] = (
+    JointOrder(),
+    PositionSign(),
+    EffortSign(),
+    EffortUnit(),
+    EffortKind(),
+    Gain(),
+    EffortDelay(),
+    Mounting(),
+    PayloadLeft(),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Arm:
+    """A simulated arm.
+
+    Attributes:
+        path: Its robot file.
+        text: What that says.
+        truth: What the arm really is.
+        columns: Of its logs.
+        table: A log that the reference does not know.
+        motion: The motion of that log.
+        reference: Identified from another log.
+    """
+
+    path: Path
+    text: str
+    truth: Truth
+    columns: tuple[str, ...]
+    table: Array
+    motion: Motion
+    reference: IdentifiedModel
+
+    def case(self, table: Array, text: str | None = None, known: bool = True) -> Case:
+        """A log before the detective, as a robot file of that text reads it."""
+        text = self.text if text is None else text
+        self.path.write_text(text)
+        loaded = load_robot(self.path)
+        assert loaded.signals is not None
+        recording = Recording(HeldLog(Path("log"), self.columns, table), loaded.signals)
+        evidence = Evidence(recording, Processing(), "log")
+        return Case(loaded, (evidence,), self.reference if known else None)
+
+    def examined(self, table: Array, text: str | None = None) -> Diagnosis:
+        """What the model-based suspicions say."""
+        return examine(self.case(table, text), suspicions=MODEL_BASED)
+
+    def at(self, pattern: str) -> list[int]:
+        """Places of the columns of all joints, such as those of `q{}_rad`."""
+        return [self.columns.index(pattern.format(j + 1)) for j in range(self.motion.n_joints)]
+
+    @property
+    def robot(self) -> Robot:
+        """As the robot file has it."""
+        return self.reference.model.robot
+
+
+@pytest.fixture(scope="session")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Arm:
+    """The demo arm with a log and a reference from another one."""
+    folder = tmp_path_factory.mktemp("demo")
+    loaded = write_demo_arm(folder)
+    path = folder / "demo_arm.toml"
+    truth = random_truth(loaded.robot, 3)
+    assert loaded.signals is not None
+    columns = loaded.signals.columns
+    logs = [_log(loaded.robot, truth, seed) for seed in range(2)]
+    recording = Recording(HeldLog(Path("clean"), columns, logs[0][0]), loaded.signals)
+    run = prepare(recording, Processing())
+    regressor = base_regressor(Model(loaded.robot))
+    estimate = WeightedLeastSquares()(gather(regressor, run))
+    cutoffs = Cutoffs(run.motion_cutoff, run.matched_cutoff, run.matched_cutoff)
+    reference = IdentifiedModel(
+        regressor.model,
+        regressor.base,
+        estimate,
+        (),
+        loaded.signals,
+        cutoffs,
+        Provenance("", {}, (), ()),
+    )
+    return Arm(path, path.read_text(), truth, columns, *logs[1], reference)
+
+
+@pytest.fixture
+def arm(made: Arm, tmp_path: Path) -> Arm:
+    """The same with a robot file of the test's own."""
+    folder = made.path.parent
+    (tmp_path / "demo_arm.urdf").write_text((folder / "demo_arm.urdf").read_text())
+    path = tmp_path / "demo_arm.toml"
+    path.write_text(made.text)
+    return replace(made, path=path)
+
+
+def _log(robot: Robot, truth: Truth, seed: int) -> tuple[Array, Motion]:
+    """Time, positions, velocities and torques along a random motion."""
+    rng = np.random.default_rng(seed)
+    trajectory = random_fourier(robot, seed=seed, period=10.0, periods=2)
+    t = np.arange(0.0, trajectory.duration, 0.005)
+    motion = trajectory.sample(t)
+    torque = truth.model.at(truth.values).torque(motion)
+    torque = torque + 0.01 * torque.std(axis=0) * rng.standard_normal(torque.shape)
+    return np.column_stack([t, motion.q, motion.dq, torque]), motion

@@ -1,0 +1,314 @@
+"""Faults that only a model can tell: the verdict, and a mend that is exact."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+
+from steelyard.diagnosis import Diagnosis, Edit, Judgement, examine
+from steelyard.diagnosis.drift import Drift
+from steelyard.diagnosis.identifiability import Identifiability
+from steelyard.diagnosis.nuisance import least_squares
+from steelyard.diagnosis.shared_fit import shared_fit
+from steelyard.diagnosis.verdict import verdict
+from steelyard.robot.edits import edited
+from steelyard.robot.inertia import Inertia
+
+Q, DQ, TAU = "q{}_rad", "dq{}_rad_s", "tau{}_Nm"
+GAINS = np.array([9.0, 12.0, 7.5, 11.0, 6.0, 8.0])
+
+
+def wrong(found: Diagnosis) -> list[str]:
+    """Names of the suspicions that are sure."""
+    return [f.suspicion for f in found.findings if f.judgement == Judgement.WRONG]
+
+
+def edits(found: Diagnosis) -> dict[str, Any]:
+    """Keys of the robot file and what they should be."""
+    return {".".join(e.path): e.value for e in found.edits}
+
+
+def names(pattern: str, order: Sequence[int]) -> list[str]:
+    """Columns in an order of joints that counts from 0."""
+    return [pattern.format(k + 1) for k in order]
+
+
+def test_a_clean_log_is_clean(arm):
+    found = arm.examined(arm.table)
+    assert found.judgement == Judgement.OK
+    assert len(found.findings) == 9
+    assert found.edits == ()
+    assert all("misfit" in f.figure and f.hypotheses for f in found.findings)
+
+
+@pytest.mark.parametrize("order", [[1, 0, 2, 3, 4, 5], [0, 1, 4, 2, 3, 5], [5, 4, 3, 2, 1, 0]])
+def test_joints_in_another_order(arm, order):
+    table = arm.table.copy()
+    for pattern in (Q, DQ, TAU):
+        table[:, arm.at(pattern)] = arm.table[:, np.array(arm.at(pattern))[order]]
+    found = arm.examined(table)
+    back = np.argsort(order)
+    assert wrong(found) == ["joint order"]
+    assert edits(found) == {
+        "signals.position": names(Q, back),
+        "signals.velocity": names(DQ, back),
+        "signals.effort.columns": names(TAU, back),
+    }
+
+
+def test_positions_alone_in_another_order_leave_velocities(arm):
+    table = arm.table.copy()
+    table[:, arm.at(Q)] = arm.table[:, np.array(arm.at(Q))[[0, 2, 1, 3, 4, 5]]]
+    found = arm.examined(table)
+    assert wrong(found) == ["joint order"]
+    assert edits(found) == {"signals.position": names(Q, [0, 2, 1, 3, 4, 5])}
+
+
+@pytest.mark.parametrize("swap", [True, False])
+def test_velocities_are_not_blamed_for_positions(arm, swap):
+    table = arm.table.copy()
+    if swap:
+        table[:, arm.at(Q)] = arm.table[:, np.array(arm.at(Q))[[0, 2, 1, 3, 4, 5]]]
+    else:
+        table[:, arm.at(Q)[1]] *= -1.0
+    found = examine(arm.case(table), quick=True)
+    assert wrong(found) == ["joint order" if swap else "position sign"]
+    assert len(found.edits) == 1
+
+
+def test_velocities_alone_are_blamed_for_themselves(arm):
+    table = arm.table.copy()
+    table[:, arm.at(DQ)] = arm.table[:, np.array(arm.at(DQ))[[0, 2, 1, 3, 4, 5]]]
+    found = examine(arm.case(table), quick=True)
+    assert wrong(found) == ["velocity"]
+
+
+def test_efforts_in_another_order(arm):
+    order = [2, 0, 1, 3, 5, 4]
+    table = arm.table.copy()
+    table[:, arm.at(TAU)] = arm.table[:, np.array(arm.at(TAU))[order]]
+    found = arm.examined(table)
+    assert wrong(found) == ["joint order"]
+    assert edits(found) == {"signals.effort.columns": names(TAU, np.argsort(order))}
+
+
+@pytest.mark.parametrize("joints", [[1], [0, 3], [1, 2, 4]])
+def test_positions_that_count_the_other_way(arm, joints):
+    table = arm.table.copy()
+    signs = [-1 if j in joints else 1 for j in range(6)]
+    table[:, arm.at(Q)] *= signs
+    table[:, arm.at(DQ)] *= signs
+    found = arm.examined(table)
+    assert wrong(found) == ["position sign"]
+    assert edits(found) == {"signals.position_sign": signs, "signals.velocity_sign": signs}
+
+
+def test_a_declared_sign_is_turned_back(arm):
+    text = edited(arm.text, [Edit(("signals", "position_sign"), [1, -1, 1, 1, 1, 1])])
+    found = arm.examined(arm.table, text)
+    assert edits(found) == {"signals.position_sign": [1] * 6}
+
+
+@pytest.mark.parametrize("joints", [[2], [0, 1, 2, 3, 4, 5]])
+def test_efforts_of_the_other_sign(arm, joints):
+    table = arm.table.copy()
+    signs = [-1.0 if j in joints else 1.0 for j in range(6)]
+    table[:, arm.at(TAU)] *= signs
+    found = arm.examined(table)
+    assert wrong(found) == ["effort sign"]
+    assert edits(found) == {"signals.effort.gain": signs}
+
+
+def in_amperes(arm) -> str:
+    """The robot file of an arm that logs currents."""
+    keys = {"kind": "motor_current", "unit": "A", "gain": GAINS.tolist()}
+    return edited(arm.text, [Edit(("signals", "effort", k), v) for k, v in keys.items()])
+
+
+def test_milliamperes(arm):
+    table = arm.table.copy()
+    table[:, arm.at(TAU)] *= 1e3 / GAINS
+    found = arm.examined(table, in_amperes(arm))
+    assert wrong(found) == ["effort unit"]
+    assert edits(found) == {"signals.effort.unit": "mA"}
+
+
+def test_torques_declared_as_currents(arm):
+    found = arm.examined(arm.table, in_amperes(arm))
+    assert wrong(found) == ["effort kind"]
+    assert edits(found) == {
+        "signals.effort.kind": "joint_torque",
+        "signals.effort.unit": "Nm",
+        "signals.effort.gain": None,
+    }
+
+
+def test_currents_declared_as_torques(arm):
+    table = arm.table.copy()
+    table[:, arm.at(TAU)] /= GAINS
+    found = arm.examined(table)
+    assert wrong(found) == ["effort kind"]
+    told = edits(found)
+    assert told.pop("signals.effort.kind") == "motor_current"
+    assert told.pop("signals.effort.unit") == "A"
+    np.testing.assert_allclose(told.pop("signals.effort.gain"), GAINS, rtol=0.05)
+    assert not told
+
+
+def without_gravity(arm) -> np.ndarray:
+    """The log less the torque that holds the true arm."""
+    from steelyard.model import Model
+    from steelyard.terms.rigid_body import RigidBody
+
+    robot = arm.robot
+    torques = []
+    for gravity in (robot.gravity, np.zeros(3)):
+        model = Model(robot.changed(gravity=gravity), (RigidBody(),))
+        values = arm.truth.values.as_dict()
+        known = type(arm.truth.values)(model.names, model.units, [values[x] for x in model.names])
+        torques.append(model.at(known).torque(arm.motion))
+    table = arm.table.copy()
+    table[:, arm.at(TAU)] -= torques[0] - torques[1]
+    return table
+
+
+def test_efforts_without_gravity(arm):
+    found = arm.examined(without_gravity(arm))
+    assert wrong(found) == ["effort kind"]
+    assert edits(found) == {"signals.effort.kind": "gravity_compensated_torque"}
+
+
+@pytest.mark.parametrize("ratio", [1.4, 0.5])
+def test_a_gain_that_is_off(arm, ratio):
+    table = arm.table.copy()
+    table[:, arm.at(TAU)[1]] *= ratio
+    found = arm.examined(table)
+    assert wrong(found) == ["gain"]
+    wanted = [1.0, 1.0 / ratio, 1.0, 1.0, 1.0, 1.0]
+    np.testing.assert_allclose(edits(found)["signals.effort.gain"], wanted, rtol=0.03)
+
+
+def test_efforts_that_are_late(arm):
+    table = arm.table.copy()
+    for k in arm.at(TAU):
+        table[:, k] = np.interp(table[:, 0] - 0.02, table[:, 0], arm.table[:, k])
+    found = arm.examined(table)
+    assert wrong(found) == ["effort delay"]
+    assert edits(found)["signals.effort.delay"] == pytest.approx(0.02, abs=0.001)
+
+
+@pytest.mark.parametrize("gravity", [[9.81, 0.0, 0.0], [0.0, 0.0, 9.81]])
+def test_gravity_declared_elsewhere(arm, gravity):
+    text = edited(arm.text, [Edit(("robot", "gravity"), gravity)])
+    found = arm.examined(arm.table, text)
+    assert wrong(found) == ["mounting"]
+    assert edits(found) == {"robot.gravity": [0.0, 0.0, -9.81], "robot.mounting": None}
+
+
+def test_a_payload_left_on(arm):
+    ten = Inertia.about_com(2.5, [0.02, 0.0, 0.08], np.eye(3) * 0.005).ten
+    from steelyard.diagnosis.knowledge import knowledge_of
+
+    known = knowledge_of(arm.reference, arm.robot)
+    m = arm.motion
+    columns = known.payload(m.q.T, m.dq.T, m.ddq.T, arm.robot.gravity)
+    table = arm.table.copy()
+    table[:, arm.at(TAU)] += np.einsum("k,knb->bn", ten, columns)
+    found = arm.examined(table)
+    assert wrong(found) == ["payload"]
+    assert not found.edits
+    finding = next(f for f in found.findings if f.suspicion == "payload")
+    assert "2.5 kg" in finding.says
+    assert finding.mend is not None and "--loaded" in finding.mend.says
+    assert finding.picture is not None
+
+
+def test_two_faults_at_once(arm):
+    table = arm.table.copy()
+    table[:, arm.at(TAU)] = -arm.table[:, np.array(arm.at(TAU))[[1, 0, 2, 3, 4, 5]]]
+    found = arm.examined(table)
+    assert sorted(wrong(found)) == ["effort sign", "joint order"]
+    assert edits(found) == {
+        "signals.effort.columns": names(TAU, [1, 0, 2, 3, 4, 5]),
+        "signals.effort.gain": [-1.0] * 6,
+    }
+
+
+def test_degrees_are_left_to_the_suspicion_of_positions(arm):
+    table = arm.table.copy()
+    table[:, arm.at(Q)] *= 180.0 / np.pi
+    assert not wrong(arm.examined(table))
+
+
+def test_a_resting_robot_tells_nothing(arm):
+    table = np.repeat(arm.table[:1], 2000, axis=0)
+    table[:, 0] = 0.005 * np.arange(2000)
+    assert arm.examined(table).findings == ()
+
+
+def test_a_rough_nominal_model_raises_no_alarm(arm):
+    case = arm.case(arm.table, known=False)
+    held = verdict(case, case.logs[0])
+    assert held is not None and not held.winners
+
+
+def test_friction_of_another_day(arm):
+    tables = []
+    for factor in (1.0, 3.5):
+        values = arm.truth.values.as_dict()
+        changed = {
+            name: factor * x if name.startswith(("coulomb", "viscous")) else x
+            for name, x in values.items()
+        }
+        known = type(arm.truth.values)(
+            arm.truth.values.names, arm.truth.values.units, list(changed.values())
+        )
+        table = arm.table.copy()
+        table[:, arm.at(TAU)] = arm.truth.model.at(known).torque(arm.motion)
+        tables.append(arm.case(table).logs[0])
+    case = arm.case(arm.table)
+    alike = type(case)(case.loaded, (case.logs[0], tables[0]), case.reference)
+    apart = type(case)(case.loaded, (case.logs[0], tables[1]), None)
+    assert Drift()(case) == ()
+    assert [f.judgement for f in Drift()(alike)] == [Judgement.OK]
+    assert [f.judgement for f in Drift()(apart)] == [Judgement.DOUBTFUL]
+
+
+def test_what_a_log_shows(arm):
+    found = Identifiability()(arm.case(arm.table))
+    assert [f.judgement for f in found] == [Judgement.OK]
+    table = arm.table.copy()
+    table[:, arm.at(Q)[0]] = table[0, arm.at(Q)[0]]
+    table[:, arm.at(DQ)[0]] = 0.0
+    (found,) = Identifiability()(arm.case(table))
+    assert found.judgement == Judgement.DOUBTFUL
+    assert "shoulder_turn" in found.mend.says
+
+
+def test_bounded_friction_against_scipy():
+    rng = np.random.default_rng(0)
+    y, e = rng.normal(size=(5, 300)), rng.normal(size=300)
+    lower, upper = np.array([0.0, -0.01, -np.inf, 0.0]), np.array([0.02, 0.05, np.inf, np.inf])
+    squares, theta = least_squares(
+        y @ y.T, y @ e, np.array(e @ e), np.array(1.7), lower, upper, 200
+    )
+    wanted = lsq_linear(y[:4].T, 1.7 * e - y[4], (lower, upper), tol=1e-14)
+    np.testing.assert_allclose(theta, wanted.x, atol=1e-6)
+    assert float(squares) == pytest.approx(2.0 * wanted.cost, rel=1e-9)
+
+
+def test_shared_numbers_are_least_squares():
+    rng = np.random.default_rng(1)
+    columns, y = rng.normal(size=(3, 2, 200)), rng.normal(size=(2, 4, 200))
+    y[:, 2] = 1.0
+    truth = np.array([1.0, -2.0, 0.5])
+    residual = np.einsum("k,knb->nb", truth, columns) + 0.3 * y[:, 0] - 0.1 * y[:, 2]
+    free = np.full((2, 4), -np.inf), np.full((2, 4), np.inf)
+    fit = shared_fit(residual, columns, y, free, np.full(2, 0.1), 1.0, np.full(3, 100.0))
+    np.testing.assert_allclose(fit.values, truth, atol=1e-5)
+    noisy = residual + 0.1 * rng.normal(size=residual.shape)
+    fit = shared_fit(noisy, columns, y, free, np.full(2, 1e-3), 1.0, np.full(3, 100.0))
+    assert np.all(np.abs(fit.values - truth) < 4.0 * np.sqrt(np.diag(fit.covariance)))
+    np.testing.assert_allclose(np.sqrt(np.diag(fit.covariance)), 0.1 / 20.0, rtol=0.3)

@@ -1,0 +1,430 @@
+"""Suspicions that need no model, on an invented log with one fault at a time."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from steelyard.arrays import Array
+from steelyard.diagnosis.case import Case, Evidence
+from steelyard.diagnosis.clock import Clock
+from steelyard.diagnosis.examine import Diagnosis, examine
+from steelyard.diagnosis.excitation import Excitation
+from steelyard.diagnosis.finding import Finding, Judgement
+from steelyard.diagnosis.noise import Noise
+from steelyard.diagnosis.position import Position
+from steelyard.diagnosis.register import SUSPICIONS
+from steelyard.diagnosis.repeats import Repeats
+from steelyard.diagnosis.rests import Rests
+from steelyard.diagnosis.rows import Rows
+from steelyard.diagnosis.saturation import Saturation
+from steelyard.diagnosis.units import reading
+from steelyard.diagnosis.velocity import Velocity
+from steelyard.measurement import Processing, Recording
+from steelyard.measurement.recording import HeldLog
+from steelyard.robot.edits import edited
+from steelyard.robot.robot_file import load_robot
+
+OWN = (
+    Clock(),
+    Rows(),
+    Repeats(),
+    Noise(),
+    Saturation(),
+    Rests(),
+    Excitation(),
+    Position(),
+    Velocity(),
+)
+ROBOT = """[robot]
+name = "invented"
+
+[robot.dh]
+convention = "modified"
+links = [{d = 0.3, mass = 4.0}, {a = 0.2, mass = 2.0}, {a = 0.3, alpha = 1.0, mass = 1.0}]
+
+[robot.limits]
+joint_1 = {lower = -2.9, upper = 2.9, velocity = 2.5}
+joint_2 = {lower = -2.0, upper = 2.0, velocity = 2.5}
+joint_3 = {lower = -2.9, upper = 2.9, velocity = 3.0}
+
+[signals]
+time = "time"
+position = "q{}"
+velocity = "dq{}"
+
+[signals.effort]
+columns = "tau{}"
+kind = "joint_torque"
+unit = "Nm"
+"""
+COLUMNS = ("time", *(f"{what}{k}" for what in ("q", "dq", "tau") for k in (1, 2, 3)))
+Q, DQ, TAU = slice(1, 4), slice(4, 7), slice(7, 10)
+Change = Callable[[Array], Array]
+
+
+def sound(rate: float = 100.0, duration: float = 20.0, seed: int = 0) -> Array:
+    """A log of three joints on sines, with a little jitter, noise, rounding; rests at its ends."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(duration * rate)) / rate
+    t = t + 0.03 / rate * rng.normal(size=len(t))
+    inside = np.clip(t - 2.0, 0.0, duration - 4.0)
+    ramp = ((t > 2.0) & (t < duration - 2.0)).astype(np.float64)[:, None]
+    turn = np.array([[0.25, 0.5], [0.3125, 0.625], [0.1875, 0.75]]) * 2.0 * np.pi
+    size = np.array([[0.9, 0.2], [0.7, 0.15], [1.0, -0.2]])
+    phase = turn * inside[:, None, None]
+    q = (size * np.sin(phase)).sum(axis=2)
+    dq = ramp * (size * turn * np.cos(phase)).sum(axis=2)
+    tau = 20.0 * np.cos(q) + 3.0 * dq + 0.2 * rng.normal(size=q.shape)
+    table = np.column_stack((t, q, dq, tau))
+    table[:, 1:] += 1e-5 * rng.normal(size=(len(t), 9))
+    return np.round(table, 6)
+
+
+def case_of(folder: Path, table: Array, text: str = ROBOT, guesses: bool = False) -> Case:
+    """The robot file and one log of `COLUMNS`."""
+    path = folder / "robot.toml"
+    path.write_text(text)
+    loaded = load_robot(path)
+    assert loaded.signals is not None
+    log = HeldLog(folder / "run.csv", COLUMNS, table)
+    known = {"velocity": COLUMNS[DQ]} if guesses else {}
+    evidence = Evidence(Recording(log, loaded.signals), Processing(), "run")
+    return Case(loaded, (evidence,), None, known)
+
+
+def diagnosis(folder: Path, table: Array, text: str = ROBOT) -> Diagnosis:
+    return examine(case_of(folder, table, text), suspicions=OWN)
+
+
+def of(found: Diagnosis, suspicion: str) -> Finding:
+    return next(f for f in found.findings if f.suspicion == suspicion)
+
+
+def scaled(columns: slice | int, factor: float) -> Change:
+    def change(table: Array) -> Array:
+        table[:, columns] *= factor
+        return table
+
+    return change
+
+
+def swapped(table: Array) -> Array:
+    table[:, [4, 6]] = table[:, [6, 4]]
+    return table
+
+
+def late(table: Array) -> Array:
+    table[5:, DQ] = table[:-5, DQ].copy()
+    return table[5:]
+
+
+def jittery(table: Array) -> Array:
+    table[:, 0] += 0.0025 * np.random.default_rng(1).normal(size=len(table))
+    return table
+
+
+def gappy(table: Array) -> Array:
+    keep = np.ones(len(table), dtype=bool)
+    for start in (500, 900, 1300):
+        keep[start : start + 12] = False
+    return table[keep]
+
+
+def backward(table: Array) -> Array:
+    table[[700, 1000], 0] -= 0.05
+    return table
+
+
+def stamped_twice(table: Array) -> Array:
+    table[::20, 0] = table[1::20, 0]
+    return table
+
+
+def corrupt(table: Array) -> Array:
+    rows = np.random.default_rng(2).choice(len(table), len(table) // 10, replace=False)
+    table[rows, 1:] = 1e200
+    table[rows[::2], 3] = np.nan
+    return table
+
+
+def read_too_often(table: Array) -> Array:
+    table[1::2, 1:] = table[::2, 1:]
+    return table
+
+
+def coarse(table: Array) -> Array:
+    table[:, 8] = np.round(table[:, 8] / 2.0) * 2.0
+    return table
+
+
+def noisy(table: Array) -> Array:
+    table[:, 7] = 10.0 * np.random.default_rng(3).normal(size=len(table))
+    return table
+
+
+def clipped(table: Array) -> Array:
+    table[:, 9] = np.minimum(table[:, 9], np.quantile(table[:, 9], 0.95))
+    return table
+
+
+def resting(table: Array) -> Array:
+    start = table[:1].repeat(16000, axis=0)
+    start[:, 0] = table[0, 0] - 0.01 * np.arange(16000, 0, -1)
+    start[:, 1:] += 1e-5 * np.random.default_rng(4).normal(size=(16000, 9))
+    return np.concatenate((start, table))
+
+
+def still(table: Array) -> Array:
+    table[:, [2, 5]] = 1e-5 * np.random.default_rng(5).normal(size=(len(table), 2))
+    return table
+
+
+SIGNALS = "signals"
+DEGREES = 180.0 / np.pi
+WITHOUT = {"velocity": None, "velocity_unit": None, "velocity_sign": None}
+WRONG, DOUBTFUL = Judgement.WRONG, Judgement.DOUBTFUL
+FAULTS: dict[str, tuple[Change, str, Judgement, dict[str, Any], tuple[int, ...]]] = {
+    "milliseconds": (scaled(0, 1e3), "clock", WRONG, {"time_unit": "ms"}, ()),
+    "microseconds": (scaled(0, 1e6), "clock", WRONG, {"time_unit": "us"}, ()),
+    "jitter": (jittery, "clock", DOUBTFUL, {}, ()),
+    "gaps": (gappy, "clock", DOUBTFUL, {}, ()),
+    "backward": (backward, "clock", DOUBTFUL, {}, ()),
+    "repeated stamps": (stamped_twice, "clock", DOUBTFUL, {}, ()),
+    "corrupt rows": (corrupt, "rows", DOUBTFUL, {}, ()),
+    "repeated rows": (read_too_often, "repeats", DOUBTFUL, {}, ()),
+    "few levels": (coarse, "noise", DOUBTFUL, {}, (2,)),
+    "noise": (noisy, "noise", DOUBTFUL, {}, (1,)),
+    "cut off": (clipped, "saturation", DOUBTFUL, {}, (3,)),
+    "mostly rest": (resting, "rests", DOUBTFUL, {}, ()),
+    "one joint still": (still, "excitation", DOUBTFUL, {}, (2,)),
+    "degrees": (scaled(Q, DEGREES), "position", WRONG, {"position_unit": "deg"}, (1, 2, 3)),
+    "one in degrees": (
+        scaled(2, DEGREES),
+        "position",
+        WRONG,
+        {"position_unit": ["rad", "deg", "rad"]},
+        (2,),
+    ),
+    "deg/s": (scaled(DQ, DEGREES), "velocity", WRONG, {"velocity_unit": "deg/s"}, (1, 2, 3)),
+    "rpm": (scaled(DQ, 30.0 / np.pi), "velocity", WRONG, {"velocity_unit": "rpm"}, (1, 2, 3)),
+    "turned": (scaled(5, -1.0), "velocity", WRONG, {"velocity_sign": [1, -1, 1]}, (2,)),
+    "swapped": (swapped, "velocity", WRONG, {"velocity": ["dq3", "dq2", "dq1"]}, (1, 3)),
+    "too large": (scaled(4, 1.5), "velocity", WRONG, WITHOUT, (1,)),
+    "late": (late, "velocity", DOUBTFUL, WITHOUT, (1, 2, 3)),
+}
+
+
+def test_they_are_registered_and_quick() -> None:
+    registered = {type(s) for s in SUSPICIONS}
+    assert {type(s) for s in OWN} <= registered
+    assert all(s.quick for s in OWN)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_sound_log_is_ok(tmp_path: Path, seed: int) -> None:
+    found = diagnosis(tmp_path, sound(seed=seed))
+    assert [f.says for f in found.findings if f.judgement] == []
+    assert [f.suspicion for f in found.findings] == [s.name for s in OWN]
+    ends = re.findall(r"([\d.]+) s at", of(found, "rests").says)
+    assert [float(end) for end in ends] == pytest.approx([2.0, 2.0], abs=0.11)
+    assert found.edits == ()
+
+
+@pytest.mark.parametrize("fault", list(FAULTS))
+def test_a_fault_is_found_alone_with_its_mend(tmp_path: Path, fault: str) -> None:
+    change, suspicion, judgement, edits, joints = FAULTS[fault]
+    table = change(sound())
+    found = diagnosis(tmp_path, table)
+    about = of(found, suspicion)
+    assert about.judgement == judgement
+    assert about.joints == tuple(f"joint_{k}" for k in joints)
+    assert about.mend is not None
+    assert {e.path: e.value for e in about.mend.edits} == {
+        (SIGNALS, key): value for key, value in edits.items()
+    }
+    assert [f.suspicion for f in found.findings if f.judgement] == [suspicion]
+    if edits:
+        mended = diagnosis(tmp_path, table, edited(ROBOT, about.mend.edits))
+        assert mended.judgement == Judgement.OK
+
+
+@pytest.mark.parametrize("fault", list(FAULTS))
+def test_every_picture_is_small_and_whole(tmp_path: Path, fault: str) -> None:
+    found = diagnosis(tmp_path, FAULTS[fault][0](sound()))
+    about = of(found, FAULTS[fault][1])
+    assert about.picture is not None
+    for finding in found.findings:
+        for trace in finding.picture.traces if finding.picture else ():
+            assert len(trace.x) == len(trace.y) <= 2000
+            assert len(trace.x) > 0
+
+
+@pytest.mark.parametrize("fault", ["milliseconds", "microseconds", "degrees", "one in degrees"])
+def test_units_are_told_without_velocities(tmp_path: Path, fault: str) -> None:
+    change, suspicion, judgement, edits, _ = FAULTS[fault]
+    text = ROBOT.replace('velocity = "dq{}"\n', "")
+    found = diagnosis(tmp_path, change(sound()), text)
+    about = of(found, suspicion)
+    assert about.judgement == judgement
+    assert about.mend is not None
+    assert {e.path[-1]: e.value for e in about.mend.edits} == edits
+    assert not any(f.suspicion == "velocity" for f in found.findings)
+
+
+@pytest.mark.parametrize(
+    ("line", "change", "edit"),
+    [
+        ('time_unit = "ms"', scaled(0, 1.0), ("time_unit", "s")),
+        ('position_unit = "deg"', scaled(0, 1.0), ("position_unit", "rad")),
+        ('velocity_unit = "rpm"', scaled(0, 1.0), ("velocity_unit", "rad/s")),
+        ('velocity_unit = "deg/s"', scaled(DQ, 30.0 / np.pi), ("velocity_unit", "rpm")),
+        ("velocity_sign = [1, 1, -1]", scaled(0, 1.0), ("velocity_sign", [1, 1, 1])),
+    ],
+)
+def test_units_that_are_declared_wrongly(
+    tmp_path: Path, line: str, change: Change, edit: tuple[str, Any]
+) -> None:
+    text = ROBOT.replace('position = "q{}"', f'position = "q{{}}"\n{line}')
+    found = diagnosis(tmp_path, change(sound()), text)
+    assert found.judgement == Judgement.WRONG
+    assert {e.path: e.value for e in found.edits} == {(SIGNALS, edit[0]): edit[1]}
+
+
+def test_the_lag_of_velocities_that_are_left_out_is_a_fact(tmp_path: Path) -> None:
+    text = ROBOT.replace('velocity = "dq{}"\n', "")
+    case = case_of(tmp_path, late(sound()), text, guesses=True)
+    (found,) = Velocity()(case)
+    assert found.judgement == Judgement.OK
+    assert "left out" in found.says
+    assert "late" in found.says
+    agreed = reading(case, case.logs[0]).agreement
+    assert agreed is not None
+    assert np.all(np.abs(agreed.lag - 0.05) < 3.0 * agreed.lag_std + 1e-3)
+    assert np.all(agreed.lag_std < 2e-3)
+
+
+def test_the_standard_error_of_the_lag_is_honest(tmp_path: Path) -> None:
+    off = []
+    for seed in range(20):
+        table = sound(seed=seed)
+        table[:, DQ] += 0.2 * np.random.default_rng(100 + seed).normal(size=(len(table), 3))
+        case = case_of(tmp_path, table)
+        agreed = reading(case, case.logs[0]).agreement
+        assert agreed is not None
+        off += list(agreed.lag / agreed.lag_std)
+    assert 0.5 < float(np.std(off)) < 1.5
+
+
+def test_every_order_of_the_velocities_is_found(tmp_path: Path) -> None:
+    rng = np.random.default_rng(6)
+    for seed in range(6):
+        order = rng.permutation(3)
+        table = sound(seed=seed)
+        table[:, DQ] = table[:, DQ][:, order]
+        (found,) = Velocity()(case_of(tmp_path, table))
+        edits = () if found.mend is None else found.mend.edits
+        wanted = [f"dq{k + 1}" for k in np.argsort(order)]
+        said = edits[0].value if edits else ["dq1", "dq2", "dq3"]
+        assert said == wanted
+
+
+def test_slow_stamps_are_told_from_a_slow_log(tmp_path: Path) -> None:
+    fast = sound(rate=5000.0, duration=6.0)
+    fast[:, 0] *= 1e3
+    found = diagnosis(tmp_path, fast)
+    clock = of(found, "clock")
+    assert clock.mend is not None
+    assert [e.value for e in clock.mend.edits] == ["ms"]
+    assert of(diagnosis(tmp_path, sound(rate=5.0, duration=200.0)), "clock").judgement == 0
+
+
+def test_motor_side_positions_are_told(tmp_path: Path) -> None:
+    table = sound()
+    table[:, Q] *= 100.0
+    table[:, DQ] *= 100.0
+    named = ROBOT.replace('velocity = "dq{}"\n', "").replace('"q{}"', '"q_motor{}"')
+    columns = tuple(c.replace("q", "q_motor") if c[0] == "q" else c for c in COLUMNS)
+    case = case_of(tmp_path, table)
+    path = tmp_path / "robot.toml"
+    path.write_text(named)
+    loaded = load_robot(path)
+    assert loaded.signals is not None
+    log = HeldLog(tmp_path / "run.csv", columns, table)
+    evidence = Evidence(Recording(log, loaded.signals), Processing(), "run")
+    (found,) = Position()(Case(loaded, (evidence,)))
+    assert found.judgement == Judgement.WRONG
+    assert "look like motors'" in found.says
+    assert found.mend is not None
+    assert 'coordinates = "motor"' in found.mend.says
+    assert case.loaded.signals is not None
+    geared = named.replace(
+        "[signals]", "[robot.transmission]\nratios = [100, 100, 100]\n\n[signals]"
+    )
+    geared = geared.replace("[signals]", '[signals]\ncoordinates = "motor"')
+    path.write_text(geared)
+    loaded = load_robot(path)
+    assert loaded.signals is not None
+    evidence = Evidence(Recording(log, loaded.signals), Processing(), "run")
+    (found,) = Position()(Case(loaded, (evidence,)))
+    assert found.judgement == Judgement.OK
+    assert "motor-side signals, ratios 100 100 100" in found.says
+
+
+def test_positions_outside_their_limits_are_doubtful(tmp_path: Path) -> None:
+    table = sound()
+    table[:, 2] += 2.5
+    (found,) = Position()(case_of(tmp_path, table))
+    assert found.judgement == Judgement.DOUBTFUL
+    assert found.joints == ("joint_2",)
+    assert found.mend is not None
+    assert "position_offset" in found.mend.says
+
+
+def test_a_corrupt_head_is_told_and_harmless(tmp_path: Path) -> None:
+    table = sound()
+    table[1:15, 1:] = 1e250
+    found = diagnosis(tmp_path, table)
+    assert found.judgement == Judgement.OK
+    assert of(found, "rows").says == "14 broken rows in the head (rows 1 to 14), dropped"
+
+
+def test_nothing_moves(tmp_path: Path) -> None:
+    table = sound()
+    table[:, 1:7] = 1e-5 * np.random.default_rng(7).normal(size=(len(table), 6))
+    found = diagnosis(tmp_path, table)
+    assert of(found, "excitation").judgement == Judgement.WRONG
+    assert "no joint moves" in of(found, "rows").says
+    assert [f.suspicion for f in found.findings if f.judgement] == ["excitation"]
+
+
+def test_joints_may_move_in_different_logs(tmp_path: Path) -> None:
+    first, second = sound(), sound()
+    first[:, [1, 4]], second[:, [2, 3, 5, 6]] = 0.5, 0.5
+    a, b = case_of(tmp_path, first), case_of(tmp_path, second)
+    found = Excitation()(Case(a.loaded, (*a.logs, *b.logs)))
+    assert [f.judgement for f in found] == [Judgement.OK] * 3
+    assert found[-1].says == "every joint moves"
+    found = Excitation()(Case(a.loaded, (*a.logs, *a.logs)))
+    assert found[-1].judgement == Judgement.DOUBTFUL
+    assert found[-1].joints == ("joint_1",)
+
+
+@pytest.mark.parametrize("rows", [0, 1, 5, 40])
+def test_short_logs_do_no_harm(tmp_path: Path, rows: int) -> None:
+    if rows == 0:
+        table = np.zeros((0, 10))
+        assert Velocity()(case_of(tmp_path, table)) == ()
+        return
+    found = diagnosis(tmp_path, sound()[:rows])
+    assert found.judgement == Judgement.WRONG
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e300])
+def test_garbage_alone_does_no_harm(tmp_path: Path, value: float) -> None:
+    found = diagnosis(tmp_path, np.full((2000, 10), value))
+    assert of(found, "rows").judgement == Judgement.WRONG
+    assert of(found, "clock").judgement == Judgement.WRONG

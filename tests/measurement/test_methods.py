@@ -1,0 +1,203 @@
+"""Methods from positions to motion, against scipy and formulas."""
+
+import numpy as np
+import pytest
+from scipy.signal import butter, savgol_filter, sosfiltfilt
+
+from steelyard.errors import LogError, ModelError
+from steelyard.measurement.butterworth import Butterworth
+from steelyard.measurement.fir import FIR
+from steelyard.measurement.method import Method, Smoother
+from steelyard.measurement.methods import (
+    METHODS,
+    SMOOTHERS,
+    description_of,
+    in_words,
+    method_of,
+    smoother_of,
+)
+from steelyard.measurement.moving_average import (
+    MovingAverage,
+    central_differences,
+    moving_average,
+)
+from steelyard.measurement.savitzky_golay import SavitzkyGolay
+
+RATE, CUTOFF = 200.0, 10.0
+
+
+def walk(seed: int = 0, samples: int = 2000) -> np.ndarray:
+    return np.cumsum(np.random.default_rng(seed).normal(size=(2, samples)), axis=1)
+
+
+@pytest.mark.parametrize("method", METHODS.values(), ids=METHODS.keys())
+def test_every_method_follows_a_smooth_motion(method: type) -> None:
+    t = np.arange(4000) / RATE
+    w = 2.0 * np.pi * np.array([[0.5], [1.0]])
+    q, dq = np.sin(w * t), w * np.cos(w * t)
+    made = method()
+    designed = made.designed(CUTOFF, RATE)
+    halo = designed.halo or 0
+    inner = slice(halo, len(t) - halo)
+    for velocity in (None, dq):
+        found = designed(q, velocity)
+        assert found.shape == (3, 2, len(t) - 2 * halo)
+        middle = slice(400, -400)
+        for order, truth in enumerate((q, dq, -(w**2) * q)):
+            error = np.abs(found[order] - truth[:, inner])[:, middle].max()
+            assert error < 0.01 * np.abs(truth).max()
+
+
+@pytest.mark.parametrize("name", [n for n in METHODS if n not in ("fourier",)])
+def test_parts_of_a_local_method_are_the_whole(name: str) -> None:
+    designed = METHODS[name]().designed(CUTOFF, RATE)
+    if designed.halo is None:
+        pytest.skip("takes whole segments")
+    x, h = walk(), designed.halo
+    whole = designed(x, None)
+    part = designed(x[:, 300 : 700 + 2 * h], None)
+    np.testing.assert_allclose(part, whole[:, :, 300:700], rtol=1e-9, atol=1e-8 * np.abs(x).max())
+
+
+def test_savitzky_golay_is_scipys() -> None:
+    x = walk()
+    for window, degree in ((21, 4), (31, 2), (11, 7)):
+        found = SavitzkyGolay(window, degree).designed(CUTOFF, RATE)(x, None)
+        for order in range(3):
+            expected = savgol_filter(x, window, degree, deriv=order, delta=1.0 / RATE)
+            inner = expected[:, window // 2 : -(window // 2)]
+            scale = np.abs(inner).max()
+            np.testing.assert_allclose(found[order], inner, rtol=0.0, atol=1e-8 * scale)
+
+
+def test_savitzky_golay_finds_its_window() -> None:
+    for degree in (2, 4, 6):
+        method = SavitzkyGolay(degree=degree)
+        window = method.window_for(5.0, 1000.0)
+        bank = method.smooth(5.0, 1000.0)
+        at = np.arange(window) - window // 2
+        gain = abs((bank.bank.taps[0] * np.exp(-2j * np.pi * 5.0 / 1000.0 * at)).sum())
+        assert gain == pytest.approx(0.5, abs=0.02)
+
+
+def test_butterworth_orders_are_scipys() -> None:
+    x = walk()
+    for order in (2, 3, 6):
+        bank = Butterworth(order).smooth(CUTOFF, RATE)
+        expected = sosfiltfilt(butter(order, CUTOFF, fs=RATE, output="sos"), x)
+        h = bank.halo
+        assert len(x[0]) > 2 * h + 800
+        middle = slice(400, -400)
+        np.testing.assert_allclose(bank(x)[:, middle], expected[:, h:-h][:, middle], atol=1e-6)
+
+
+def test_fir_passes_and_stops() -> None:
+    taps = FIR(suppression=60.0).taps(CUTOFF, RATE)
+    at = np.arange(len(taps)) - len(taps) // 2
+
+    def gain(f: float) -> float:
+        return float((taps * np.cos(2.0 * np.pi * f / RATE * at)).sum())
+
+    assert taps.sum() == pytest.approx(1.0)
+    np.testing.assert_allclose(taps, taps[::-1], atol=1e-15)
+    assert gain(CUTOFF) == pytest.approx(0.5, abs=2e-3)
+    assert abs(gain(0.5 * CUTOFF) - 1.0) < 2e-3 and abs(gain(1.55 * CUTOFF)) < 2e-3
+    t = np.arange(3000) / RATE
+    w = 2.0 * np.pi * 3.0
+    designed = FIR().designed(CUTOFF, RATE)
+    q, dq, ddq = designed(np.sin(w * t)[None], None)[:, 0]
+    inner = slice(designed.halo, -designed.halo)
+    np.testing.assert_allclose(q, np.sin(w * t)[inner], atol=3e-4)
+    np.testing.assert_allclose(dq, w * np.cos(w * t)[inner], atol=3e-4 * w)
+    np.testing.assert_allclose(ddq, -(w**2) * np.sin(w * t)[inner], atol=3e-4 * w**2)
+
+
+def test_a_fir_that_does_not_fit_says_so() -> None:
+    with pytest.raises(LogError, match="does not fit samples at 200 Hz") as caught:
+        FIR(transition=2.0).designed(80.0, 200.0)
+    assert "transition below" in caught.value.mend
+
+
+def test_central_differences_are_those_of_the_paper() -> None:
+    rng = np.random.default_rng(0)
+    theta, step = rng.normal(size=(30, 2)), 0.03
+    first = central_differences(theta, 1.0 / step)
+    for k in range(1, 29):
+        np.testing.assert_allclose(first[k - 1], (theta[k + 1] - theta[k - 1]) / (2.0 * step))
+    second = central_differences(first, 1.0 / step)
+    found = MovingAverage(5).designed(CUTOFF, 1.0 / step)(theta.T, None)
+    assert found.shape == (3, 2, 30 - 8)
+    np.testing.assert_array_equal(found[0], theta[4:-4].T)
+    np.testing.assert_allclose(found[1], first[3:-3].T)
+    for k in range(22):
+        np.testing.assert_allclose(found[2][:, k], second[k : k + 5].mean(axis=0))
+
+
+def test_moving_average_ends_as_matlabs_smooth() -> None:
+    """The rule of MATLAB's documentation, written down for a span of 5."""
+    y = np.array([3.0, 1.0, 4.0, 1.0, 5.0, 9.0, 2.0, 6.0])
+    expected = [
+        y[0],
+        y[:3].mean(),
+        *(y[k - 2 : k + 3].mean() for k in range(2, 6)),
+        y[-3:].mean(),
+        y[-1],
+    ]
+    np.testing.assert_allclose(moving_average(y, 5), expected)
+    np.testing.assert_allclose(moving_average(y, 6), expected)
+    np.testing.assert_allclose(
+        moving_average(np.stack((y, 2 * y), axis=1), 5)[:, 1], 2 * np.array(expected)
+    )
+    np.testing.assert_allclose(moving_average(y, 99), moving_average(y, 7))
+
+
+@pytest.mark.parametrize("name", SMOOTHERS)
+def test_smoothers_keep_a_constant(name: str) -> None:
+    smoother: Smoother = smoother_of(name, "here")
+    smooth = smoother.smooth(CUTOFF, RATE)
+    halo = smooth.halo or 0
+    np.testing.assert_allclose(
+        smooth(np.full((2, 100 + 2 * halo), 3.0)),
+        3.0 * np.ones_like(smooth(np.full((2, 100 + 2 * halo), 3.0))),
+        rtol=1e-6,
+    )
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_descriptions_come_back(name: str) -> None:
+    method: Method = method_of(name, "here")
+    assert method_of(description_of(method), "here") == method
+    assert in_words(method).startswith(name.replace("_", " "))
+
+
+def test_settings_are_kept() -> None:
+    method = method_of({"method": "savitzky_golay", "window": 21, "degree": 3}, "here")
+    assert method == SavitzkyGolay(21, 3)
+    assert method_of(description_of(method), "here") == method
+    assert in_words(method) == "savitzky golay, window 21, degree 3"
+
+
+@pytest.mark.parametrize(
+    ("given", "wrong", "mend"),
+    [
+        ("butterwort", "'butterwort' is no method for motion", "did you mean 'butterworth'"),
+        ({"order": 3}, "does not name its method", "use one of"),
+        ({"method": "fir", "supression": 3}, "does not understand 'supression'", "'suppression'"),
+        ({"method": "moving_average", "sp": 3}, "does not understand 'sp'", "span"),
+        ({"method": "butterworth", "order": 2.5}, "has order = 2.5", "[processing]"),
+        ({"method": "butterworth", "order": True}, "has order = True", "[processing]"),
+        ({"method": "butterworth", "order": 1}, "cannot be differentiated twice", "2 to 12"),
+        ({"method": "butterworth", "order": 40}, "rings", "2 to 12"),
+        ({"method": "savitzky_golay", "window": 20}, "a window of 20 samples", "odd number"),
+        ({"method": "savitzky_golay", "degree": 1}, "degree 1", "from 2"),
+        ({"method": "moving_average", "span": 4}, "has no middle", "odd number"),
+        ({"method": "moving_average", "span": -1}, "is none", "odd number"),
+        ({"method": "fir", "suppression": 500.0}, "500 dB", "20 to 120 dB"),
+        ({"method": "fir", "transition": 0.0}, "a transition of 0", "up to 2"),
+    ],
+)
+def test_mistakes_are_told(given: object, wrong: str, mend: str) -> None:
+    with pytest.raises(ModelError) as caught:
+        method_of(given, "robot.toml, line 7")  # type: ignore[arg-type]
+    assert wrong in caught.value.wrong and mend in caught.value.mend
+    assert caught.value.where == "robot.toml, line 7"

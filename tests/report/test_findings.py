@@ -1,0 +1,160 @@
+"""What the detective found, in the terminal, in JSON, and as a page in a real browser."""
+
+import io
+import json
+
+import pytest
+from rich.console import Console
+
+from report.conftest import EVIL, diagnosis
+from steelyard.diagnosis import Diagnosis, Finding, Judgement
+from steelyard.report.check_page import CheckContent, render_check
+from steelyard.report.findings import diagnosis_dict, groups, headline, tally
+from steelyard.report.findings_terminal import notes, show
+from steelyard.report.sections.check import CheckSection, findings_of
+
+
+def content(name: str = "arm", most: float = 1.0) -> CheckContent:
+    said = diagnosis(name, most)
+    return CheckContent(name, f"{name}.toml", (name, "b.csv"), name, said, {name: name}, (name,))
+
+
+def printed(said: Diagnosis, width: int = 80) -> str:
+    console = Console(file=io.StringIO(), width=width)
+    show(said, console)
+    return console.file.getvalue()
+
+
+def many(judgement: Judgement, count: int) -> Diagnosis:
+    says = "steps scatter"
+    findings = [Finding("clock", f"run{k}", judgement, says, f"{k} ms") for k in range(count)]
+    return Diagnosis(tuple(findings))
+
+
+def test_the_worst_is_last_and_the_verdict_at_the_end() -> None:
+    lines = printed(diagnosis("arm")).splitlines()
+    starts = [line.split()[0] for line in lines if line[:1].isalpha()]
+    assert starts == ["ok", "ok", "doubtful", "wrong", "mend", "Wrong:"]
+    assert lines[-1] == "Wrong: unit arm  (4 findings: 1 wrong, 1 doubtful, 2 ok)"
+    at = next(k for k, line in enumerate(lines) if line.startswith("mend unit arm: say so arm"))
+    assert [line.rstrip() for line in lines[at + 1 : at + 3]] == [
+        "    [signals.effort]",
+        '    unit = "mAarm"',
+    ]
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_rows_fit_the_terminal(width: int) -> None:
+    long = " ".join(["much"] * 60)
+    said = Diagnosis((Finding("velocity lag", "run", Judgement.WRONG, long, long, ("elbow",)),))
+    text = printed(said, width)
+    assert max(map(len, text.splitlines())) <= width
+    assert text.count("much") == 120
+
+
+def test_what_is_ok_may_be_left_out() -> None:
+    console = Console(file=io.StringIO(), width=80)
+    show(many(Judgement.OK, 2), console, fine=False)
+    assert console.file.getvalue() == "Ok: nothing suspicious was found  (2 findings: 2 ok)\n"
+
+
+def test_many_logs_that_are_ok_are_one_row() -> None:
+    text = printed(many(Judgement.OK, 18))
+    assert "clock  18 times ok, run0: steps scatter" in text and "run3" not in text
+    assert "clock  steps scatter" in printed(many(Judgement.OK, 1))
+
+
+def test_of_many_that_are_not_some_are_told_and_the_others_named() -> None:
+    text = printed(many(Judgement.DOUBTFUL, 9))
+    assert text.count("steps scatter") == 3 and "run2: steps scatter" in text
+    assert "and 6 more: run3, run4, run5, run6 and 2 others" in text
+    assert notes(many(Judgement.DOUBTFUL, 2)) == (
+        "check, clock: run0: steps scatter (0 ms); and 1 more: run1",
+    )
+    assert notes(many(Judgement.OK, 2)) == ()
+
+
+def test_words_of_the_verdict() -> None:
+    assert headline(many(Judgement.OK, 2)) == "Ok: nothing suspicious was found"
+    assert headline(many(Judgement.DOUBTFUL, 2)) == "Doubtful: clock"
+    assert (headline(Diagnosis(())), tally(Diagnosis(()))) == (
+        "No suspicion applies",
+        "no findings",
+    )
+    assert [group.judgement for group in groups(diagnosis())] == [0, 0, 1, 2]
+
+
+def test_json_has_stable_keys_and_no_infinity() -> None:
+    told = json.loads(json.dumps(diagnosis_dict(diagnosis()), allow_nan=False))
+    assert list(told) == ["judgement", "findings", "edits"]
+    assert told["judgement"] == "wrong"
+    assert told["edits"] == [{"path": ["signals", "effort", "unit"], "value": "mAarm"}]
+    wrong = told["findings"][1]
+    assert wrong == {
+        "suspicion": "unit arm",
+        "log": "arm",
+        "judgement": "wrong",
+        "says": "a thousand times too much arm",
+        "figure": "9000 A arm",
+        "joints": ["arm"],
+        "mend": {
+            "says": "say so arm",
+            "edits": told["edits"],
+            "lines": '[signals.effort]\nunit = "mAarm"',
+        },
+        "hypotheses": [
+            {"says": "in mA arm", "misfit_percent": 4.3, "log_likelihood": 0.0},
+            {"says": "arm", "misfit_percent": None, "log_likelihood": -1.0},
+        ],
+    }
+
+
+def drawn(dom: str) -> int:
+    """Pictures with something in them."""
+    pieces = dom.split('class="picture js-plotly-plot"')[1:]
+    return sum("main-svg" in piece and "trace" in piece for piece in pieces)
+
+
+@pytest.mark.parametrize("name", ["arm", EVIL])
+def test_the_browser_draws_the_page_without_an_error(name: str, browse) -> None:
+    seen = browse(render_check(content(name)))
+    assert seen.console == () and seen.errors == []
+    for section in ("verdict", "mends", "evidence"):
+        assert f'<section id="{section}"' in seen.dom
+    assert drawn(seen.dom) == 1
+    assert seen.dom.index("1 doubtful") < seen.dom.index("a thousand times")
+
+
+def test_what_is_ok_is_drawn_once_it_is_opened(browse) -> None:
+    opened = "<script>document.querySelector('details').open = true;</script></body>"
+    seen = browse(render_check(content()).replace("</body>", opened))
+    assert seen.console == () and drawn(seen.dom) == 3
+
+
+def test_the_page_asks_no_network_and_keeps_strangers_names_as_text() -> None:
+    page = render_check(content(EVIL))
+    start = page.index("<script>", page.index("</main>"))
+    own = page[:start]
+    assert "http:" not in own and "https:" not in own and "default-src 'none'" in own
+    assert "<script>document.body" not in own and "{{7*7}}" in own
+    assert "checked with steelyard" in page
+
+
+def test_numbers_that_are_none_break_no_page(browse) -> None:
+    seen = browse(render_check(content("arm", float("nan"))))
+    assert seen.console == () and seen.errors == []
+
+
+def test_pictures_stay_within_a_budget() -> None:
+    numbers = findings_of(diagnosis())
+    assert [one["picture"] is not None for one in numbers["bad"]] == [True, False]
+    assert all(one["picture"] is not None for one in numbers["fine"])
+    few = findings_of(diagnosis(), 7000)
+    assert few["bad"][0]["picture"] is not None
+    assert all(one["picture"] is None for one in few["fine"])
+
+
+def test_the_report_shows_the_check_if_there_was_one(usual) -> None:
+    numbers = CheckSection().numbers(usual)
+    assert numbers is not None and all(one["picture"] is None for one in numbers["fine"])
+    assert "Wrong: unit arm" in CheckSection().show(numbers)
