@@ -178,9 +178,7 @@ def _motion(clean: Clean) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarra
     t = clean.table[:, clean.columns.index(clean.signals.time)] * clean.signals.time_scale
     t = t - t[0]
     m = data.motion
-    return t, *(
-        np.array([np.interp(t, m.t, column) for column in x.T]) for x in (m.q, m.dq, m.ddq)
-    )
+    return t, *(np.array([np.interp(t, m.t, column) for column in x.T]) for x in (m.q, m.dq, m.ddq))
 
 
 def gravity_compensated(clean: Clean, rng: Random) -> Faulty:
@@ -236,7 +234,9 @@ def jitter(clean: Clean, rng: Random) -> Faulty:
     table = clean.table.copy()
     k = clean.columns.index(clean.signals.time)
     step = float(np.median(np.diff(table[:, k])))
-    table[:, k] = np.sort(table[:, k] + rng.uniform(0.7, 1.5) * step * rng.standard_normal(len(table)))
+    table[:, k] = np.sort(
+        table[:, k] + rng.uniform(0.7, 1.5) * step * rng.standard_normal(len(table))
+    )
     return Faulty(clean.text, table, ("clock", "repeats"), least=1, mended=lambda *_: True)
 
 

@@ -176,6 +176,20 @@ def _scan() -> list[Claim]:
     ]
 
 
+def _sideways() -> Claim:
+    """The mounting of the AR5, against its URDF alone."""
+    case = case_of("rokae_ar5", LOGS["rokae_ar5"], ("robot", "gravity"))
+    diagnosis = examine(case, quick=True)
+    wrong = [f.suspicion for f in diagnosis.findings if f.judgement == Judgement.WRONG]
+    gravity = {e.path: e.value for e in diagnosis.edits}.get(("robot", "gravity"))
+    return Claim(
+        "AR5 without its mounting line, against the URDF",
+        f"wrong: {', '.join(wrong) or 'nothing'}; gravity = {gravity}",
+        "mounting alone, gravity along +x",
+        wrong == ["mounting"] and gravity == [9.81, 0.0, 0.0],
+    )
+
+
 def main() -> list[Claim]:
     """Good robot files, true quirks, false alarms."""
     return [
@@ -185,6 +199,7 @@ def main() -> list[Claim]:
         _lag("panda", 3.0, 7.0, "5 ± 2 ms"),
         _lag("tiago", 135.0, 195.0, "0.14 to 0.19 s, two digits"),
         *_motors(),
+        _sideways(),
         _head(),
         *_scan(),
     ]

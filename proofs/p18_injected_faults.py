@@ -37,16 +37,32 @@ DRAWS = 20
 SEED = 20_260_726
 EXAMPLES = Path(__file__).parent.parent / "examples"
 FITTED = {
-    "ur10e": [f"ur10e/identification/ur-20_02_{n}.parquet" for n in ("05-20sec_8harm", "05-20sec_12harm", "10-30sec_12harm")],
+    "ur10e": [
+        f"ur10e/identification/ur-20_02_{n}.parquet"
+        for n in ("05-20sec_8harm", "05-20sec_12harm", "10-30sec_12harm")
+    ],
     "panda": ["panda/panda_gaz2019_trajectory1.parquet@0.6:9.5"],
     "rokae_ar5": ["rokae_ar5/ar5_run1_rows0_2300.parquet@0:30"],
 }
 FRESH = {
-    "ur10e": [f"ur10e/identification/ur-20_{n}.parquet" for n in ("02_06-20sec_5harm", "02_10-20sec_7harm", "02_12-40sec_12harm", "02_19_14harm50sec", "01_31-unload")] + ["ur10e/identification/ur-19_12_23_free.parquet"],
+    "ur10e": [
+        f"ur10e/identification/ur-20_{n}.parquet"
+        for n in (
+            "02_06-20sec_5harm",
+            "02_10-20sec_7harm",
+            "02_12-40sec_12harm",
+            "02_19_14harm50sec",
+            "01_31-unload",
+        )
+    ]
+    + ["ur10e/identification/ur-19_12_23_free.parquet"],
     "panda": ["panda/panda_gaz2019_trajectory1.parquet@9.5:20.5"],
     "rokae_ar5": ["rokae_ar5/ar5_run1_rows0_2300.parquet@30:46"],
 }
-LOADED = {"14harm50secLoad": ("02_19_14harm50secLoad", 2.805), "load_2600": ("01_13-load_2600", 2.6)}
+LOADED = {
+    "14harm50secLoad": ("02_19_14harm50secLoad", 2.805),
+    "load_2600": ("01_13-load_2600", 2.6),
+}
 
 
 def held(argument: str, loaded: LoadedRobot) -> tuple[tuple[str, ...], np.ndarray]:
@@ -169,20 +185,23 @@ def _one(tally: Tally, clean: Clean, faulty: Faulty) -> None:
     tally.verdicts += verdict
     tally.mends += mend
     if not mend:
-        said = [f"{f.suspicion} {f.judgement.word}: {f.says}" for f in found.findings if f.judgement]
+        said = [
+            f"{f.suspicion} {f.judgement.word}: {f.says}" for f in found.findings if f.judgement
+        ]
         edits = [(".".join(e.path), e.value) for e in found.edits]
         tally.missed.append(f"{clean.robot} {clean.name}: {said or 'nothing'} {edits}")
 
 
-def false_alarms(logs: dict[str, list[Clean]]) -> tuple[int, int, Counter[str]]:
-    """"Wrong" on clean logs: how often, of how many findings, and by whom."""
-    wrong, total, by = 0, 0, Counter[str]()
+def false_alarms(logs: dict[str, list[Clean]]) -> tuple[Counter[str], int]:
+    """How many of the clean logs each suspicion calls wrong, and how many logs there are."""
+    wrong, count = Counter[str](), 0
     for clean in (c for own in logs.values() for c in own):
+        count += 1
         for finding in diagnosis(clean, clean.text, clean.table).findings:
-            total += 1
-            wrong += finding.judgement == 2
-            by[f"{finding.suspicion} {finding.judgement.word}"] += finding.judgement > 0
-    return wrong, total, +by
+            wrong[finding.suspicion] += finding.judgement == 2
+            if finding.judgement == 1:
+                print(f"clean {clean.name}: {finding.suspicion} doubtful", file=sys.stderr)
+    return wrong, count
 
 
 def main() -> list[Claim]:
@@ -192,9 +211,10 @@ def main() -> list[Claim]:
         logs = {robot: real(robot, data) for robot in FITTED}
         carried = loaded_logs(logs["ur10e"][0], data)
         logs["demo arm"] = simulated(Path(folder) / "demo")
-        wrong, total, by = false_alarms(logs)
-        print("alarms on clean logs:", dict(by), file=sys.stderr)
-        tallies = {name: trials(kind, logs, SEED + k) for k, (name, kind) in enumerate(KINDS.items())}
+        wrong, count = false_alarms(logs)
+        tallies = {
+            name: trials(kind, logs, SEED + k) for k, (name, kind) in enumerate(KINDS.items())
+        }
         tallies["payload of real logs"] = Tally()
         rng = np.random.default_rng(SEED)
         for k in range(DRAWS):
@@ -203,7 +223,7 @@ def main() -> list[Claim]:
             faulty = real_payload(LOADED[name][1])(clean, rng)
             if faulty is not None:
                 _one(tallies["payload of real logs"], clean, faulty)
-    return [*_claims(tallies), _alarms(wrong, total)]
+    return [*_claims(tallies), _alarms(wrong, count)]
 
 
 def _claims(tallies: dict[str, Tally]) -> list[Claim]:
@@ -217,13 +237,18 @@ def _claims(tallies: dict[str, Tally]) -> list[Claim]:
     count = sum(t.count for t in tallies.values())
     share = 100.0 * sum(t.mends for t in tallies.values()) / count
     figure = f"{share:.1f} % of {count}"
-    return [*claims, Claim("injected faults found and mended", figure, "at least 95 %", share >= 95.0)]
+    return [
+        *claims,
+        Claim("injected faults found and mended", figure, "at least 95 %", share >= 95.0),
+    ]
 
 
-def _alarms(wrong: int, total: int) -> Claim:
-    share = 100.0 * wrong / total
-    figure = f"{wrong} of {total} findings ({share:.1f} %)"
-    return Claim("false alarms on clean logs", figure, "at most 2 %", share <= 2.0)
+def _alarms(wrong: Counter[str], count: int) -> Claim:
+    worst, times = wrong.most_common(1)[0]
+    share = 100.0 * times / count
+    figure = f"at most {share:.1f} % ({worst}), {wrong.total()} in all of {count} logs"
+    bound = "<= 2 % per suspicion and log"
+    return Claim("false alarms on clean logs", figure, bound, share <= 2.0)
 
 
 if __name__ == "__main__":

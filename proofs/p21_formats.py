@@ -22,7 +22,7 @@ from steelyard.virtual.demo import demo_runs
 
 
 def main() -> list[Claim]:
-    """Every format against the arrays as they were, which only the CSV file's reader touched."""
+    """Every format against the CSV file."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         demo_runs(folder / "robot")

@@ -79,9 +79,9 @@ class Arm:
         evidence = Evidence(recording, Processing(), "log")
         return Case(loaded, (evidence,), self.reference if known else None)
 
-    def examined(self, table: Array, text: str | None = None) -> Diagnosis:
+    def examined(self, table: Array, text: str | None = None, known: bool = True) -> Diagnosis:
         """What the model-based suspicions say."""
-        return examine(self.case(table, text), suspicions=MODEL_BASED)
+        return examine(self.case(table, text, known), suspicions=MODEL_BASED)
 
     def at(self, pattern: str) -> list[int]:
         """Places of the columns of all joints, such as those of `q{}_rad`."""

@@ -1,5 +1,6 @@
 """Faults that only a model can tell: the verdict, and a mend that is exact."""
 
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -12,6 +13,7 @@ from steelyard.diagnosis.drift import Drift
 from steelyard.diagnosis.identifiability import Identifiability
 from steelyard.diagnosis.nuisance import least_squares
 from steelyard.diagnosis.shared_fit import shared_fit
+from steelyard.diagnosis.telling import UNKNOWN
 from steelyard.diagnosis.verdict import verdict
 from steelyard.robot.edits import edited
 from steelyard.robot.inertia import Inertia
@@ -254,6 +256,15 @@ def test_a_rough_nominal_model_raises_no_alarm(arm):
     assert held is not None and not held.winners
 
 
+def test_without_masses_nothing_is_told(arm):
+    urdf = arm.path.parent / "demo_arm.urdf"
+    urdf.write_text(re.sub(r"<inertial>.*?</inertial>", "", urdf.read_text(), flags=re.DOTALL))
+    found = arm.examined(arm.table, known=False)
+    assert found.judgement == Judgement.OK
+    assert {f.says for f in found.findings} == {UNKNOWN}
+    assert len(found.findings) == 9
+
+
 def test_friction_of_another_day(arm):
     tables = []
     for factor in (1.0, 3.5):
@@ -312,3 +323,37 @@ def test_shared_numbers_are_least_squares():
     fit = shared_fit(noisy, columns, y, free, np.full(2, 1e-3), 1.0, np.full(3, 100.0))
     assert np.all(np.abs(fit.values - truth) < 4.0 * np.sqrt(np.diag(fit.covariance)))
     np.testing.assert_allclose(np.sqrt(np.diag(fit.covariance)), 0.1 / 20.0, rtol=0.3)
+
+
+def at_motors(arm, ratios) -> tuple[np.ndarray, str]:
+    """The log as motors of these ratios would give it, and the robot file that says so."""
+    table = arm.table.copy()
+    for pattern in (Q, DQ):
+        table[:, arm.at(pattern)] *= ratios
+    table[:, arm.at(TAU)] /= ratios
+    changes = {
+        ("signals", "coordinates"): "motor",
+        ("signals", "effort", "side"): "motor",
+        ("signals", "effort", "kind"): "motor_torque",
+        ("robot", "transmission", "ratios"): ratios.tolist(),
+    }
+    return table, edited(arm.text, [Edit(path, value) for path, value in changes.items()])
+
+
+def test_a_gear_ratio_that_is_off(arm):
+    ratios = np.array([50.0, 80.0, 50.0, -30.0, 30.0, 30.0])
+    table, text = at_motors(arm, ratios)
+    assert arm.examined(table, text).judgement == Judgement.OK
+    off = ratios.copy()
+    off[1] = 50.0
+    found = arm.examined(table, edited(text, [Edit(("robot", "transmission", "ratios"), off)]))
+    assert wrong(found) == ["gain"]
+    assert edits(found) == {"robot.transmission.ratios": ratios.tolist()}
+
+
+def test_the_gain_behind_a_motor_is_the_motors(arm):
+    table, text = at_motors(arm, np.array([50.0, 80.0, 50.0, -30.0, 30.0, 30.0]))
+    table[:, arm.at(TAU)[3]] *= -1.0
+    found = arm.examined(table, text)
+    assert wrong(found) == ["effort sign"]
+    assert edits(found) == {"signals.effort.gain": [1.0, 1.0, 1.0, -1.0, 1.0, 1.0]}

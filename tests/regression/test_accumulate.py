@@ -156,3 +156,42 @@ def test_inflation_is_that_of_filtered_white_noise(cutoff: float, rate: float) -
     variance_of_mean = kept.mean(axis=1).var() * kept.shape[1]
     ratio = variance_of_mean / kept.var()
     assert abs(ratio / matched.inflation - 1.0) < 0.15
+
+
+def test_weights_of_noise_are_filtered_as_its_variance() -> None:
+    """A sample behind the filter has the mean variance of its taps; rests leave samples out."""
+    found, matched = regressor("single"), MatchedFilter.design(5.0, 100.0)
+    data = stretch(1, 900, weighted=False)
+    rng = np.random.default_rng(5)
+    variance = rng.uniform(0.2, 3.0, (1, 900))
+    weights = 1.0 / variance
+    weights[:, 300:420] = 0.0
+    got = Accumulator(found, matched)(Stretch(data.q, data.dq, data.ddq, data.effort, weights))
+    dense = found.dense(data.q, data.dq, data.ddq)[0]
+    rows = np.column_stack([dense, data.effort[0]])
+    gram, count = np.zeros((rows.shape[1],) * 2), 0
+    for start in range(0, 900 - len(matched.taps) + 1, matched.decimation):
+        inside = slice(start, start + len(matched.taps))
+        counted = weights[0, inside] > 0.0
+        if matched.taps @ counted <= MOVING:
+            continue
+        squares = matched.taps**2 * counted
+        weight = squares.sum() / (squares @ variance[0, inside])
+        filtered = matched.taps @ rows[inside]
+        gram += weight * np.outer(filtered, filtered)
+        count += 1
+    np.testing.assert_allclose(got.grams, gram[np.tril_indices(len(gram))], rtol=1e-10)
+    assert got.counts.tolist() == [count]
+
+
+def test_weights_of_noise_set_the_spread() -> None:
+    """With noise of known course the weighted sums give what weighted least squares does."""
+    found = regressor("single")
+    data = stretch(1, 2000, weighted=False)
+    weights = np.random.default_rng(0).uniform(0.1, 3.0, (1, 2000))
+    got = Accumulator(found)(Stretch(data.q, data.dq, data.ddq, data.effort, weights))
+    dense = found.dense(data.q, data.dq, data.ddq)[0]
+    rows = np.column_stack([dense, data.effort[0]]) * np.sqrt(weights[0])[:, None]
+    gram = rows.T @ rows
+    np.testing.assert_allclose(got.grams, gram[np.tril_indices(len(gram))], rtol=1e-10)
+    assert got.counts.tolist() == [2000]

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,17 +8,19 @@ from closed_chains import five_bar
 from steelyard.arrays import Array
 from steelyard.errors import DataError
 from steelyard.measurement import Processing, Recording, prepare
-from steelyard.measurement.open_loops import closed_only, open_stretches
+from steelyard.measurement.open_loops import open_stretches
 from steelyard.measurement.recording import HeldLog
 from steelyard.measurement.run import Run
 from steelyard.model import Model
 from steelyard.motion import Motion
+from steelyard.parameters import Parameters
 from steelyard.regression.gather import gather
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot.robot import Loop, Robot
 from steelyard.robot.signals import Signals
 from steelyard.terms.presliding import Dahl
 from steelyard.terms.rigid_body import RigidBody
+from steelyard.validation.score import score
 
 RATE = 200.0
 
@@ -111,23 +114,19 @@ def test_open_loops_stop_by_default() -> None:
     assert f"{first.gap:.3g} m apart" in caught.value.wrong
 
 
-def test_whole_runs_keep_what_is_closed() -> None:
+def test_scores_keep_what_is_closed() -> None:
     run = run_of(1000.0)
-    data = run.whole()
-    kept = closed_only(data, robot())
+    model = Model(robot(), (RigidBody(),))
+    zero = model.at(Parameters((), (), []))
+    found = score(zero, run, np.ones(2), 20.0)
     lost = sum(s.samples for s in open_stretches(run, robot()))
-    assert len(kept.t) == len(data.t) - lost
-    assert np.unique(kept.segment).tolist() == list(range(len(openings()) + 1))
-    assert np.sum(np.abs(kept.effort).max(axis=1) > 100.0) <= 2 * len(openings())
-    assert closed_only(data, robot("stop")) is data
-    away = type(data)(
-        Motion(data.t, data.motion.q + [1.2, -1.2], data.motion.dq, data.motion.ddq),
-        data.effort,
-        data.moving,
-        data.segment,
-    )
+    assert len(found.traces.t) == run.n_samples - lost
+    assert found.joints[0].predict_zero < 100.0
+    assert np.sum(np.abs(found.traces.measured).max(axis=1) > 100.0) <= 20 * len(openings())
+    signals = replace(run.recording.signals, position_offset=np.array([1.2, -1.2]))
+    away = replace(run, recording=replace(run.recording, signals=signals))
     with pytest.raises(DataError, match="close at no sample"):
-        closed_only(away, robot())
+        score(zero, away, np.ones(2), 20.0)
 
 
 def test_what_is_remembered_ends_at_an_open_loop() -> None:

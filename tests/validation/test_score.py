@@ -104,3 +104,20 @@ def test_a_joint_without_effort_has_no_finite_relative_error() -> None:
     assert found.joints[0].predict_zero == 0.0
     told = found.to_dict()["joints"][0]
     assert told["relative_percent"] is None
+
+
+def test_traces_of_long_runs_are_evenly_spaced(monkeypatch: pytest.MonkeyPatch) -> None:
+    run = run_of(lambda motion: valued().torque(motion) / GAIN + 0.3)
+    full = score(valued(), run, np.array([GAIN]), 5.0)
+    monkeypatch.setattr("steelyard.validation.score.MOST_DRAWN", 300)
+    monkeypatch.setattr(Run, "blocks", lambda self, size=4096: blocks(self, 217))
+    few = score(valued(), run, np.array([GAIN]), 5.0)
+    assert 150 <= len(few.traces.t) <= 300
+    step = round(len(full.traces.t) / len(few.traces.t))
+    for name in ("t", "measured", "predicted", "moving"):
+        assert np.allclose(getattr(few.traces, name), getattr(full.traces, name)[::step])
+    assert few.joints[0].rmse == pytest.approx(full.joints[0].rmse, rel=1e-9)
+    assert few.pooled_percent_moving == pytest.approx(full.pooled_percent_moving, rel=1e-9)
+
+
+blocks = Run.blocks

@@ -1,7 +1,7 @@
 """What the detective has before it: a robot, logs of it, and perhaps a model from clean runs."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -65,9 +65,9 @@ class Evidence:
 
     @cached_property
     def run(self) -> Run | LogError:
-        """The clean run, or why there is none."""
+        """The clean run of all that was logged, no mean over repetitions; or why there is none."""
         try:
-            return prepare(self.recording, self.processing)
+            return prepare(self.recording, replace(self.processing, repetitions=None))
         except LogError as error:
             return error
 

@@ -6,14 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from steelyard.arrays import Array
 from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.excerpt import excerpt_of
 from steelyard.diagnosis.finding import Edit
 from steelyard.diagnosis.trial import trial_of
 from steelyard.diagnosis.verdict import Verdict
 from steelyard.errors import SteelyardError
-from steelyard.robot.signals import Signals
+from steelyard.robot.robot_file import LoadedRobot
 
 CLOSE = 1.05
 """Typical misfit over that of the winner up to which the edits do what they should."""
@@ -39,13 +38,12 @@ def confirmed(case: Case, evidence: Evidence, edits: Sequence[Edit], held: Verdi
         mended = load_robot(source.path, edited(text, edits))
     except SteelyardError:
         return False
-    return _reads_alike(evidence, held, mended.signals, mended.robot.gravity)
+    return _reads_alike(evidence, held, mended)
 
 
-def _reads_alike(
-    evidence: Evidence, held: Verdict, signals: Signals | None, gravity: Array
-) -> bool:
+def _reads_alike(evidence: Evidence, held: Verdict, mended: LoadedRobot) -> bool:
     """Whether signals and gravity give the misfit of the last winner."""
+    signals = mended.signals
     if signals is None:
         return False
     trial, last = held.ranking.trial, held.winners[-1][0]
@@ -55,6 +53,6 @@ def _reads_alike(
         return False
     unknown = np.array(signals.unknown_gains or [False] * signals.n)
     gains = np.where(unknown, trial.gains, signals.gains)
-    again = trial_of(excerpt, signals, trial.knowledge, gravity, gains)
+    again = trial_of(excerpt, signals, trial.knowledge, mended.robot, gains)
     score = again.score(again.declared.changed(payload=last.reading.payload))
     return float(score.percent[0]) <= CLOSE * last.percent + SLACK

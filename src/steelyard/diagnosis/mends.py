@@ -15,6 +15,8 @@ from steelyard.robot.robot_file import LoadedRobot, load_robot_file
 
 DIGITS = 4
 """Significant digits of fitted numbers."""
+WHOLE = 0.01
+"""Relative distance up to which a gear ratio is taken for a whole number."""
 EFFORT = ("signals", "effort")
 
 
@@ -52,6 +54,8 @@ def _orders(
 def _effort(trial: Trial, after: Reading, loaded: LoadedRobot) -> tuple[Edit, ...]:
     """Kind, unit and gain of the efforts."""
     before, s = trial.declared, trial.signals
+    if np.any(after.ratios != 1.0):
+        return _ratios(after, loaded)
     factors = after.effort_scale / before.effort_scale
     kinds = () if after.kind in (before.kind, PERCENT) else (Edit((*EFFORT, "kind"), after.kind),)
     if after.kind == "gravity_compensated_torque" != before.kind:
@@ -77,6 +81,19 @@ def _effort(trial: Trial, after: Reading, loaded: LoadedRobot) -> tuple[Edit, ..
             signed = Edit((*EFFORT, "gain"), rounded(gains / np.abs(factors)))
             return edits if np.all(factors > 0.0) else (*edits, signed)
     return gain
+
+
+def _ratios(after: Reading, loaded: LoadedRobot) -> tuple[Edit, ...]:
+    """Gear ratios: whole numbers where one is near."""
+    gears = loaded.robot.transmission
+    if gears is None:
+        return ()
+    found = []
+    for ratio, factor in zip(np.diag(gears.matrix), after.ratios, strict=True):
+        value = float(f"{ratio * factor:.{DIGITS}g}") if factor != 1.0 else float(ratio)
+        whole = float(round(value))
+        found.append(whole if abs(value - whole) <= WHOLE * abs(value) else value)
+    return (Edit(("robot", "transmission", "ratios"), found),)
 
 
 def file_gains(trial: Trial, loaded: LoadedRobot) -> Array:

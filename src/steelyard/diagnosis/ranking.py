@@ -12,6 +12,7 @@ from steelyard.diagnosis.knowledge import Knowledge, knowledge_of
 from steelyard.diagnosis.rival import AS_DECLARED, Rival, one_of
 from steelyard.diagnosis.rivals_effort import PERCENT, Other, effort_rivals
 from steelyard.diagnosis.rivals_position import deep_rivals, position_rivals
+from steelyard.diagnosis.rivals_ratio import ratio_rivals
 from steelyard.diagnosis.rivals_world import world_rivals
 from steelyard.diagnosis.sight import once
 from steelyard.diagnosis.trial import Trial, trial_of
@@ -24,6 +25,8 @@ EXPECTED = 3.0
 HOPELESS = 0.9
 DECISIVE = 20.0
 """Log-likelihood that a winner must gain for what it leaves to be looked at."""
+SUSPECT = 10.0
+"""What a rival must gain for the others to be looked at, though the reading is not bad."""
 ALIEN = ("position unit", "clock")
 """Causes that other suspicions report; what they leave is looked at once they are mended."""
 ROUNDS = 3
@@ -56,7 +59,7 @@ class Ranking:
 def ranking(case: Case, evidence: Evidence) -> Ranking | None:
     """The ranking of one log; `None` without motion, or if nothing is known of the robot."""
     signals = evidence.recording.signals
-    knowledge = _knowledge(case)
+    knowledge = known_of(case)
     gains = _gains(case, evidence)
     if knowledge is None or gains is None:
         return None
@@ -64,7 +67,7 @@ def ranking(case: Case, evidence: Evidence) -> Ranking | None:
     excerpt = excerpt_of(evidence.recording, evidence.processing, cutoff)
     if excerpt is None:
         return None
-    trial = trial_of(excerpt, signals, knowledge, case.loaded.robot.gravity, gains)
+    trial = trial_of(excerpt, signals, knowledge, case.loaded.robot, gains)
     found = ranked(trial, _others(trial, case.reference))
     return found if np.any(found.declared.score.counts > 0.0) else None
 
@@ -72,7 +75,7 @@ def ranking(case: Case, evidence: Evidence) -> Ranking | None:
 _KNOWN: WeakKeyDictionary[Case, Knowledge | None] = WeakKeyDictionary()
 
 
-def _knowledge(case: Case) -> Knowledge | None:
+def known_of(case: Case) -> Knowledge | None:
     """What is known of the robot; a reference of other joints tells nothing."""
     if case not in _KNOWN:
         _KNOWN[case] = _known(case)
@@ -132,14 +135,17 @@ def ranked(trial: Trial, others: tuple[Other, ...]) -> Ranking:
 
 def _rivals(trial: Trial, now: Rival, others: tuple[Other, ...]) -> tuple[Rival, ...]:
     """Everything that one change of a reading can explain, the likeliest first."""
-    found = [now]
-    if bad(trial, now) or trial.knowledge.identified:
+    found, identified = [now], trial.knowledge.identified
+    if bad(trial, now) or identified:
         found += effort_rivals(trial, now.reading, trial.sums([now.reading]), others)
-    if bad(trial, now):
-        found += position_rivals(trial, now.reading)
     found += world_rivals(trial, now.reading)
     found.sort(key=_unlikely)
-    if bad(trial, found[0]) and found[0].cause not in ALIEN:
+    gain = found[0].log_likelihood - now.log_likelihood
+    if bad(trial, now) or (identified and gain > SUSPECT):
+        found += position_rivals(trial, now.reading)
+        found += ratio_rivals(trial, now.reading)
+        found.sort(key=_unlikely)
+    if bad(trial, found[0]):
         found += deep_rivals(trial, now.reading)
         found.sort(key=_unlikely)
     return tuple(found)
@@ -155,7 +161,7 @@ def limits(trial: Trial) -> Array:
     sigma = trial.knowledge.sigma
     if sigma is None:
         return least
-    logged = np.abs(trial.into_logged) @ sigma
+    logged = np.abs(trial.into_logged(trial.declared)) @ sigma
     size = np.maximum(trial.size, 1e-300)
     return np.asarray(np.maximum(least, np.minimum(EXPECTED * logged / size, HOPELESS)))
 
@@ -166,8 +172,15 @@ def bad(trial: Trial, rival: Rival) -> bool:
     An effort that is smaller than it should be, such as one without gravity, may disagree by as
     many newton metres.
     """
+    if not disagrees(trial, rival):
+        return False
     reading = rival.reading
     e = trial.excerpt.e[list(reading.effort)] * reading.effort_scale[:, None]
     rms = np.maximum(np.sqrt(np.mean(np.square(e), axis=1)), 1e-300)
     allowed = limits(trial) * np.maximum(trial.size / rms, 1.0)
     return bool(np.any((rival.misfits > allowed) & (rival.score.counts > 0.0)))
+
+
+def disagrees(trial: Trial, rival: Rival) -> bool:
+    """Whether a joint disagrees, relative to its effort, however small that is."""
+    return bool(np.any((rival.misfits > limits(trial)) & (rival.score.counts > 0.0)))

@@ -25,6 +25,7 @@ class Reading:
         delay: By how much efforts are logged late [s].
         time: Seconds per declared second.
         kind: Of the efforts.
+        ratios: Gear ratio of every motor to its own joint over the declared one, shape `(n,)`.
         payload: Ten numbers of what the last body carries, in its frame; `None` if nothing.
     """
 
@@ -35,6 +36,7 @@ class Reading:
     gravity: Array
     delay: float
     kind: str
+    ratios: Array
     time: float = 1.0
     payload: Array | None = None
 
@@ -56,6 +58,7 @@ def declared_reading(signals: Signals, gravity: Array) -> Reading:
         effort=joints,
         effort_scale=np.asarray(signals.effort_scale),
         gravity=np.asarray(gravity),
-        delay=float(getattr(signals, "effort_delay", 0.0) or 0.0),
+        delay=signals.effort_delay,
         kind=signals.effort_kind,
+        ratios=np.ones(signals.n),
     )

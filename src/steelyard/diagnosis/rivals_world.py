@@ -67,7 +67,7 @@ def gravity_rivals(trial: Trial, reading: Reading) -> Iterator[Rival]:
 def gravity_fit(trial: Trial, reading: Reading) -> SharedFit | None:
     """Gravity in the base frame, beside friction."""
     q, dq, ddq = trial.motion(reading)
-    pulls = np.array([trial.into_logged @ x for x in trial.knowledge.pulls(q)])
+    pulls = np.array([trial.into_logged(reading) @ x for x in trial.knowledge.pulls(q)])
     free = reading.changed(gravity=np.zeros(3))
     return _fit(trial, free, q, dq, ddq, pulls, np.full(3, 30.0))
 
@@ -88,7 +88,7 @@ def payload_fit(trial: Trial, reading: Reading) -> SharedFit | None:
     bare = reading.changed(payload=None)
     q, dq, ddq = trial.motion(bare)
     columns = trial.knowledge.payload(q, dq, ddq, bare.gravity)
-    columns = np.array([trial.into_logged @ x for x in columns])
+    columns = np.array([trial.into_logged(reading) @ x for x in columns])
     return _fit(trial, bare, q, dq, ddq, columns, HEAVY)
 
 

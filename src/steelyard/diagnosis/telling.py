@@ -8,6 +8,7 @@ from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.confirm import confirmed
 from steelyard.diagnosis.finding import Edit, Finding, Hypothesis, Judgement, Mend, Picture, Trace
 from steelyard.diagnosis.mends import edits_of
+from steelyard.diagnosis.ranking import known_of
 from steelyard.diagnosis.rival import Rival
 from steelyard.diagnosis.sight import once
 from steelyard.diagnosis.velocities import velocity_edits
@@ -16,6 +17,7 @@ from steelyard.diagnosis.verdict import Verdict, verdict
 SHOWN = 6
 """Rivals that are shown."""
 POINTS = 1500
+UNKNOWN = "cannot be told: the robot's model gives no masses; give --model"
 
 
 @once
@@ -35,7 +37,7 @@ def edits(case: Case, evidence: Evidence) -> tuple[Edit, ...]:
 def findings(
     case: Case, cause: str, fine: Callable[[Verdict], str], advice: Callable[[Rival], str]
 ) -> tuple[Finding, ...]:
-    """One finding per log that can be tried.
+    """One finding per log that can be tried; one for all if nothing is known of the robot.
 
     Args:
         case: What there is.
@@ -43,6 +45,8 @@ def findings(
         fine: What to say where nothing is wrong.
         advice: What to do about a winner.
     """
+    if known_of(case) is None:
+        return (Finding(cause, "", Judgement.OK, UNKNOWN, "no masses, no reference"),)
     found: list[Finding] = []
     for evidence in case.logs:
         held = verdict(case, evidence)

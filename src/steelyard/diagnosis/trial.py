@@ -12,7 +12,6 @@ joint, $m_j$; with $N_j$ independent samples its likelihood is $-\frac{N_j}{2} \
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +28,8 @@ from steelyard.diagnosis.nuisance import (
     unknown_friction,
 )
 from steelyard.diagnosis.reading import Reading, declared_reading
+from steelyard.robot.efforts import MOTOR_KINDS
+from steelyard.robot.robot import Robot, Transmission
 from steelyard.robot.signals import Signals
 
 FLOOR = 0.03
@@ -40,7 +41,7 @@ LEAST = 8.0
 DRAGGED = 0.01
 """Speed up to which a joint rests, relative to the fastest joint."""
 LEAST_SPAN = 0.02
-"""Range of positions from which on a joint counts as moving [rad; m / 4]."""
+"""Range of positions from which on a joint counts as moving [rad; m]."""
 WORST = 1e3
 """Largest misfit that is told from larger ones."""
 
@@ -105,6 +106,7 @@ class Trial:
         knowledge: What is known of the robot.
         declared: The robot file's reading.
         gains: Joint effort per base unit of the declared efforts, shape `(n,)`.
+        gears: Gears between motors and joints, as the robot file has them.
         bounds: Least and largest nuisance of every joint, each `(n, 4)`, in base units.
         size: Typical effort of every joint as it should be, in base units, shape `(n,)`.
         sweeps: How carefully friction is fitted.
@@ -115,34 +117,45 @@ class Trial:
     knowledge: Knowledge
     declared: Reading
     gains: Array
+    gears: Transmission | None
     bounds: tuple[Array, Array]
     size: Array
     sweeps: int = SWEEPS
 
-    @cached_property
-    def into_logged(self) -> Array:
+    def into_logged(self, reading: Reading) -> Array:
         """$A^{-1}$: joint efforts to logged base units, shape `(n, n)`."""
         if self.signals.effort_map is not None:
-            return np.asarray(np.linalg.inv(self.signals.effort_map))
-        return np.diag(1.0 / self.gains)
+            gears = self.geared(reading)
+            own = self.signals.effort_map
+            if gears is not None and self.gears is not None:
+                own = gears.T @ np.linalg.solve(self.gears.matrix.T, own)
+            return np.asarray(np.linalg.inv(own))
+        of_motors = self.declared.kind in MOTOR_KINDS
+        return np.diag(1.0 / (self.gains * (reading.ratios if of_motors else 1.0)))
+
+    def geared(self, reading: Reading) -> Array | None:
+        """Motor positions per joint position; `None` where nothing is logged at motors."""
+        if self.gears is None:
+            return None
+        return self.gears.matrix + np.diag(np.diag(self.gears.matrix) * (reading.ratios - 1.0))
 
     def motion(self, reading: Reading) -> tuple[Array, Array, Array]:
         """Joint positions, velocities and accelerations, each `(n, B)`."""
         x, s = self.excerpt, self.signals
         order, scale = list(reading.position), reading.position_scale[:, None]
         q, dq, ddq = scale * x.z[order], scale * x.dz[order], scale * x.ddz[order]
-        if s.position_map is not None:
-            q, dq, ddq = s.position_map @ q, s.position_map @ dq, s.position_map @ ddq
+        gears = self.geared(reading)
+        if s.position_map is not None and gears is not None:
+            q, dq, ddq = (np.asarray(np.linalg.solve(gears, y)) for y in (q, dq, ddq))
         if s.position_offset is not None:
             q = q + s.position_offset[:, None]
         return q, dq / reading.time, ddq / reading.time**2
 
     def driven(self, rates: Array) -> Array:
         """What friction turns with: motors where efforts are theirs behind coupled gears."""
-        gears = self.knowledge.robot.transmission
-        if self.signals.effort_map is None or gears is None:
+        if self.signals.effort_map is None or self.gears is None:
             return rates
-        return np.asarray(gears.matrix @ rates)
+        return np.asarray(self.gears.matrix @ rates)
 
     def predicted(self, reading: Reading, q: Array, dq: Array, ddq: Array) -> Array:
         """What the efforts should be without friction, in base units, shape `(n, N)`."""
@@ -150,7 +163,7 @@ class Trial:
         if reading.payload is not None:
             columns = self.knowledge.payload(q, dq, ddq, reading.gravity)
             torque = torque + np.einsum("k,knb->nb", reading.payload, columns)
-        return np.asarray(self.into_logged @ torque)
+        return np.asarray(self.into_logged(reading) @ torque)
 
     def sums(self, readings: Sequence[Reading]) -> Sums:
         """Products for readings that differ in positions and time alone."""
@@ -245,7 +258,7 @@ def _around(friction: Array, size: Array, u: Array) -> tuple[Array, Array]:
 
 
 def trial_of(
-    excerpt: Excerpt, signals: Signals, knowledge: Knowledge, gravity: Array, gains: Array
+    excerpt: Excerpt, signals: Signals, knowledge: Knowledge, robot: Robot, gains: Array
 ) -> Trial:
     """A log to be tried, with what is known of its friction.
 
@@ -253,16 +266,17 @@ def trial_of(
         excerpt: Its samples.
         signals: How the robot file reads it.
         knowledge: What is known of the robot.
-        gravity: What the robot file says of it, in the base frame [m/s²].
+        robot: As the robot file has it.
         gains: Joint effort per base unit of the declared efforts, shape `(n,)`.
     """
-    declared = declared_reading(signals, gravity)
+    declared, gears = declared_reading(signals, robot.gravity), robot.transmission
+    ones = np.ones(signals.n)
     free = unknown_friction(signals.n, declared.kind)
-    bare = Trial(excerpt, signals, knowledge, declared, gains, free, np.ones(signals.n))
-    motion = bare.motion(declared)
+    bare = Trial(excerpt, signals, knowledge, declared, gains, gears, free, ones)
+    motion, into = bare.motion(declared), bare.into_logged(declared)
     torque = np.nan_to_num(knowledge.torque(*motion, knowledge.robot.gravity))
-    friction = bare.into_logged @ np.nan_to_num(knowledge.friction(*motion))
-    size = np.sqrt(np.mean(np.square(bare.into_logged @ torque + friction), axis=1))
+    friction = into @ np.nan_to_num(knowledge.friction(*motion))
+    size = np.sqrt(np.mean(np.square(into @ torque + friction), axis=1))
     if not knowledge.identified:
         return replace(bare, size=size)
     return replace(bare, size=size, bounds=_around(friction, size, bare.driven(motion[1])))

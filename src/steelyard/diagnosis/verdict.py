@@ -6,7 +6,7 @@ import numpy as np
 
 from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.finding import Judgement
-from steelyard.diagnosis.ranking import ALIEN, Ranking, bad, ranking
+from steelyard.diagnosis.ranking import ALIEN, Ranking, bad, disagrees, ranking
 from steelyard.diagnosis.rival import Rival
 from steelyard.diagnosis.rivals_world import SHARP, delay_rivals
 from steelyard.diagnosis.sight import once
@@ -142,4 +142,4 @@ def _late(found: Ranking, before: Rival, rival: Rival) -> bool:
     delay = abs(rival.reading.delay - before.reading.delay)
     least = max(LEAST_DELAY[sure], DELAY_ROWS / x.log_rate)
     gain = float(rival.score.likelihood(SHARP, np.inf) - before.score.likelihood(SHARP, np.inf))
-    return delay >= least and gain > DELAY_MARGIN and not bad(found.trial, rival)
+    return delay >= least and gain > DELAY_MARGIN and not disagrees(found.trial, rival)

@@ -117,7 +117,7 @@ def hdf5(path: Path, columns: Sequence[str]) -> Iterator[Write]:
     import h5py  # type: ignore[import-untyped]
 
     _require_distinct(path, columns)
-    with h5py.File(path, "w", track_order=True) as file:
+    with h5py.File(path, "w", track_order=True, rdcc_nbytes=1 << 18) as file:
         try:
             data = [
                 file.create_dataset(name, (0,), "<f8", maxshape=(None,), chunks=(1 << 14,))

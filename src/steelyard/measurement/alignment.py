@@ -55,7 +55,7 @@ def averaged(
     Raises:
         LogError: There are fewer than two repetitions, or one is another motion.
     """
-    which = np.repeat(np.arange(len(logs)), [len(x) for x in starts])
+    which = [log for log, places in enumerate(starts) for _ in places]
     if len(which) < 2:
         raise LogError(
             "there are fewer than two whole repetitions of the motion",
@@ -68,13 +68,15 @@ def averaged(
         drawn = np.array([x[positions] for x in reader.read(which, at, 0, length)])
         at = at + _shifts(drawn, FAR * length)
     _alike(drawn)
-    mean = sum(reader.read(which, at, -context, length + context)) / len(at)
+    mean = np.zeros((len(logs[0]), length + 2 * context))
+    for x in reader.read(which, at, -context, length + context):
+        mean += x / len(at)
     inside = slice(context, context + length)
     squares, apart = np.zeros_like(mean), []
     for x in reader.read(which, at, -context, length + context):
         squares += np.square(x - mean)
         apart.append(np.sqrt(np.square((x - mean)[positions, inside]).sum(axis=0).mean()))
-    return Averaged(np.asarray(mean), squares / (len(at) - 1), at, np.array(apart))
+    return Averaged(mean, squares / (len(at) - 1), at, np.array(apart))
 
 
 class _Reader:
@@ -86,7 +88,7 @@ class _Reader:
         self._ends = [x.shape[1] - 1 for x in logs]
         self._curves = [make_interp_spline(np.arange(x.shape[1]), x, k=3, axis=1) for x in logs]
 
-    def read(self, which: Array, at: Array, first: int, stop: int) -> Iterator[Array]:
+    def read(self, which: Sequence[int], at: Array, first: int, stop: int) -> Iterator[Array]:
         """Channels `(C, stop - first)` of every repetition, from its start plus `first` on."""
         for log, start in zip(which, at, strict=True):
             places = np.clip(start + np.arange(first, stop), 0.0, self._ends[log])

@@ -53,6 +53,7 @@ class Chain:
         thinning: Samples of the clock that rows are brought to over samples that are left.
         suspicion: What is known of rows that are not to be believed.
         flagged: Whether any effort is marked, so that flags are worth carrying.
+        before: What the rows are already, in words.
     """
 
     processing: Processing
@@ -61,6 +62,7 @@ class Chain:
     thinning: int
     suspicion: Suspicion
     flagged: bool = True
+    before: str = ""
 
     @property
     def motion_cutoff(self) -> float:
@@ -76,7 +78,8 @@ class Chain:
     def words(self) -> str:
         """The stages, for reports."""
         p, s = self.processing, self.suspicion
-        stages = [
+        stages = [self.before] if self.before else []
+        stages += [
             "outliers kept" if s.threshold is None else f"outliers beyond {s.threshold:g} usual"
         ]
         if s.bridge_stale:

@@ -50,6 +50,20 @@ def low_pass(cutoff: float, rate: float, order: int = ORDER) -> Bank:
     return Bank([butterworth(cutoff, rate, order)], settling(cutoff, rate, order))
 
 
+def require_fitting(cutoff: float, rate: float) -> None:
+    """Check that a low-pass can be made.
+
+    Raises:
+        LogError: The cut-off does not fit the rate.
+    """
+    if not 0.0 < cutoff < 0.5 * rate:
+        raise LogError(
+            f"a low-pass of {cutoff:g} Hz does not fit samples at {rate:g} Hz",
+            where="zero-phase low-pass",
+            mend=f"choose a cut-off above 0 and below {0.5 * rate:g} Hz",
+        )
+
+
 def zero_phase(values: Array, cutoff: float, rate: float, order: int = ORDER) -> Array:
     """A whole segment through the zero-phase low-pass.
 
@@ -65,12 +79,7 @@ def zero_phase(values: Array, cutoff: float, rate: float, order: int = ORDER) ->
     Raises:
         LogError: The cut-off does not fit the rate.
     """
-    if not 0.0 < cutoff < 0.5 * rate:
-        raise LogError(
-            f"a low-pass of {cutoff:g} Hz does not fit samples at {rate:g} Hz",
-            where="zero-phase low-pass",
-            mend=f"choose a cut-off above 0 and below {0.5 * rate:g} Hz",
-        )
+    require_fitting(cutoff, rate)
     if len(values) == 0:
         return values.copy()
     channels = values.reshape(len(values), -1).T

@@ -5,10 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.errors import DataError
 from steelyard.kernel.loops import Follower
-from steelyard.measurement.run import Block, Run, RunData
-from steelyard.motion import Motion
+from steelyard.measurement.run import Block, Run
 from steelyard.robot.robot import Robot
 
 
@@ -65,41 +63,6 @@ def _named(
 ) -> tuple[str, float, float, float, int]:
     name, gap = follower.gap(sample)
     return name, t, t, gap, 1
-
-
-def closed_only(data: RunData, robot: Robot) -> RunData:
-    """The samples of a run at which the loops close; every gap begins a new segment.
-
-    Args:
-        data: A whole run.
-        robot: The robot; if it does not drop open loops, nothing is left out.
-
-    Raises:
-        DataError: The loops close at no sample.
-    """
-    if not robot.passive or robot.open_loops == "stop":
-        return data
-    closed = np.zeros(len(data.t), dtype=bool)
-    for segment in np.unique(data.segment):
-        inside = data.segment == segment
-        closed[inside] = Follower(robot)(data.motion.q[inside].T)[1]
-    if closed.all():
-        return data
-    if not closed.any():
-        raise DataError(
-            f"the loops of '{robot.name}' close at no sample of the run",
-            where="measured positions",
-            mend="check the loops' points and links, and the zeros and signs of the positions",
-        )
-    m, labels = data.motion, data.segment + np.cumsum(~closed)
-    changed = np.diff(labels[closed], prepend=labels[closed][:1]) != 0
-    return RunData(
-        Motion(m.t[closed], m.q[closed], m.dq[closed], m.ddq[closed]),
-        data.effort[closed],
-        data.moving[closed],
-        np.cumsum(changed),
-        None if data.weights is None else data.weights[closed],
-    )
 
 
 def closed_parts(block: Block, closed: NDArray[np.bool_]) -> list[Block]:

@@ -80,10 +80,10 @@ def find_period(q: Array, rate: float) -> float | None:
         rate: [Hz].
     """
     start, stop = moving_span(q)
+    if stop - start < 20:
+        return None
     q = q[:, start:stop] - q[:, start:stop].mean(axis=1, keepdims=True)
     every = max(1, q.shape[1] // COARSE)
-    if q.shape[1] < 20:
-        return None
     coarse = distance(q[:, ::every])
     longest = int(coarse.shape[0] / (1.0 + SEEN_TWICE))
     away = np.flatnonzero(coarse[:longest] > APART)

@@ -89,7 +89,8 @@ def prepare_mean(mean: MeanMotion, name: str, processing: Processing | None = No
     wanted = Processing() if processing is None else processing
     run = prepare(mean.recording, replace(wanted, repetitions=None))
     quality = replace(run.quality, notes=(mean.words, *run.quality.notes))
-    return replace(run, name=name, importance=mean.importance, quality=quality)
+    chain = replace(run.chain, before=mean.words)
+    return replace(run, name=name, chain=chain, importance=mean.importance, quality=quality)
 
 
 def _chosen(method: Method, recording: Recording, found: Survey) -> Method:

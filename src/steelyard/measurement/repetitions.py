@@ -96,7 +96,7 @@ def mean_of_periods(recording: Recording, wanted: Repetitions) -> MeanMotion:
             mend="record more of them, or set drop_first and drop_last under [processing]",
         )
     begin = min(start, max(0.5 * (start + stop - count * length), 0.0))
-    starts = begin + length * np.arange(first, last)
+    starts = begin + length * np.arange(first, last, dtype=np.float64)
     return _mean(held, [x], [starts], int(length), rate)
 
 

@@ -1,10 +1,11 @@
 """The pass over runs: stretches of samples to information, on several threads."""
 
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.errors import LogError
@@ -108,10 +109,30 @@ def stamp_of(
 
 
 def remembered(blocks: Iterable[Block], model: Model, rests: bool) -> Iterator[Block]:
+    """The blocks as `along` gives them; only samples that count are marked as moving.
+
+    Samples before the start is forgotten do not count; nor do rests, unless they are wanted.
+    """
+    return along(blocks, model, lambda block, warm: warm if rests else block.moving & warm)
+
+
+Mask = NDArray[np.bool_]
+
+
+def along(
+    blocks: Iterable[Block],
+    model: Model,
+    marked: Callable[[Block, Mask], Mask] = lambda block, warm: block.moving,
+) -> Iterator[Block]:
     """The blocks with the model's channels; every segment begins without memory.
 
-    Samples before the start is forgotten do not count; nor do rests, unless they are wanted. Where
-    open loops are dropped, segments end at them.
+    Where open loops are dropped, segments end at them.
+
+    Args:
+        blocks: Samples of a run.
+        model: The model.
+        marked: What takes the place of `Block.moving`, given a block and which of its samples
+            the scan has forgotten the start at, shape `(n, B)`.
     """
     drop, number = model.robot.open_loops == "drop", 0
     segment, scan = None, model.scan(drop)
@@ -119,8 +140,8 @@ def remembered(blocks: Iterable[Block], model: Model, rests: bool) -> Iterator[B
         if block.segment != segment:
             segment, scan, number = block.segment, model.scan(drop), number + 1
         channels = scan(block.q, block.dq, block.ddq, block.t)
-        counted = scan.warm if rests else block.moving & scan.warm
-        whole = replace(block, segment=number, channels=channels, moving=counted)
+        mask = marked(block, scan.warm)
+        whole = replace(block, segment=number, channels=channels, moving=mask)
         yield from closed_parts(whole, scan.closed)
         number += int(np.sum(~scan.closed))
 

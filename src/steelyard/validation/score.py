@@ -5,20 +5,24 @@ one zero-phase fourth-order Butterworth low-pass; once over all samples, once ov
 joint moves.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite
+from itertools import groupby
+from math import isfinite, sqrt
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from steelyard.arrays import Array
-from steelyard.measurement.lowpass import zero_phase
-from steelyard.measurement.open_loops import closed_only
-from steelyard.measurement.run import Run, RunData
+from steelyard.errors import DataError
+from steelyard.measurement.lowpass import low_pass, require_fitting
+from steelyard.measurement.parts import apply
+from steelyard.measurement.run import Block, Run
 from steelyard.model import ValuedModel
-from steelyard.motion import Motion
+from steelyard.regression.gather import Mask, along
+
+MOST_DRAWN = 100_000
+"""Samples of a run that its traces keep at most."""
 
 
 @dataclass(frozen=True)
@@ -46,12 +50,15 @@ class JointScore:
 
 @dataclass(frozen=True, eq=False)
 class Traces:
-    """Filtered effort along a run, in its logged unit: `t` is `(N,)`, the others `(N, n)`."""
+    """Filtered effort along a run, in its logged unit: `t` is `(N,)`, the others `(N, n)`.
+
+    Of a run longer than `MOST_DRAWN` samples, evenly spaced ones.
+    """
 
     t: Array
     measured: Array
     predicted: Array
-    moving: NDArray[np.bool_]
+    moving: Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,70 +113,144 @@ def score(
     cutoff: float,
     prior: ValuedModel | None = None,
 ) -> RunScore:
-    """Compare a model with a run.
+    """Compare a model with a run, block by block, in constant memory.
 
     Args:
         valued: The model.
         run: A run that was not fitted.
         gains: Joint effort per logged unit, shape `(n,)`.
         cutoff: Cut-off of the low-pass on both sides [Hz].
-        prior: Nominal model, to be scored beside it.
+        prior: The same model with nominal values, to be scored beside it.
 
     Raises:
         LogError: The cut-off is too high for the run's rate.
+        DataError: The robot's loops close at no sample.
     """
-    data = closed_only(run.whole(), valued.model.robot)
-    moving = data.moving
-
-    def filtered(effort: Array) -> Array:
-        result = np.empty_like(effort)
-        for segment in np.unique(data.segment):
-            inside = data.segment == segment
-            result[inside] = zero_phase(effort[inside], cutoff, run.rate)
-        return result
-
-    measured = filtered(data.effort)
-    predicted = filtered(_torque(valued, data) / gains)
-    nominal = None if prior is None else filtered(_torque(prior, data) / gains)
-    error = measured - predicted
-    joints = []
-    for j, coordinate in enumerate(valued.model.robot.coordinates):
-        mask = moving[:, j]
-        joints.append(
-            JointScore(
-                joint=coordinate.name,
-                unit=run.effort_units[j],
-                relative_percent=_percent(error[:, j], measured[:, j]),
-                relative_percent_moving=(
-                    _percent(error[mask, j], measured[mask, j]) if mask.any() else None
-                ),
-                rmse=_rms(error[:, j]),
-                predict_zero=_rms(measured[:, j]),
-                prior_rmse=None if nominal is None else _rms(measured[:, j] - nominal[:, j]),
-            )
+    require_fitting(cutoff, run.rate)
+    models = (valued,) if prior is None else (valued, prior)
+    squares, thinned = _Squares(), _Thinned()
+    blocks = along(run.blocks(), valued.model)
+    for _, of_segment in groupby(blocks, key=lambda block: block.segment):
+        for t, moving, efforts in _filtered(of_segment, models, gains, cutoff, run.rate):
+            squares.add(efforts, moving)
+            thinned.add(t, moving, efforts)
+    if not squares.samples:
+        raise DataError(
+            f"the loops of '{valued.model.robot.name}' close at no sample of the run",
+            where=run.name,
+            mend="check the loops' points and links, and the zeros and signs of the positions",
         )
+    joints = tuple(
+        squares.joint(j, coordinate.name, run.effort_units[j])
+        for j, coordinate in enumerate(valued.model.robot.coordinates)
+    )
     comparable = len(set(run.effort_units)) == 1
+    error, size = squares.all[:2].sum(axis=1)
+    error_moving, size_moving = squares.moving[:2].sum(axis=1)
     return RunScore(
         run=run.name,
         cutoff=cutoff,
-        joints=tuple(joints),
-        pooled_percent=_percent(error, measured) if comparable else None,
+        joints=joints,
+        pooled_percent=_percent(error, size) if comparable else None,
         pooled_percent_moving=(
-            _percent(error[moving], measured[moving]) if comparable and moving.any() else None
+            _percent(error_moving, size_moving)
+            if comparable and squares.samples_moving.any()
+            else None
         ),
-        traces=Traces(data.t, measured, predicted, moving),
+        traces=thinned.traces,
     )
 
 
-def _torque(valued: ValuedModel, data: RunData) -> Array:
-    """Predicted efforts, shape `(N, n)`; what a model remembers ends with a segment."""
-    result = np.empty_like(data.effort)
-    for segment in np.unique(data.segment):
-        inside = data.segment == segment
-        m = data.motion
-        part = Motion(m.t[inside], m.q[inside], m.dq[inside], m.ddq[inside])
-        result[inside] = valued.torque(part)
-    return result
+def _filtered(
+    blocks: Iterable[Block], models: Sequence[ValuedModel], gains: Array, cutoff: float, rate: float
+) -> Iterator[tuple[Array, Mask, Array]]:
+    """Time, where each joint moves, and low-passed efforts of one segment, in parts.
+
+    Yields:
+        `(B,)`, `(n, B)`, and `(1 + models, n, B)`: measured, then predicted by each model.
+    """
+    known: list[tuple[Array, Mask]] = []
+
+    def efforts() -> Iterator[Array]:
+        for block in blocks:
+            known.append((block.t, block.moving))
+            predicted = (m.block(block.q, block.dq, block.ddq, block.channels) for m in models)
+            yield np.concatenate((block.effort, *(tau / gains[:, None] for tau in predicted)))
+
+    for part in apply(low_pass(cutoff, rate), efforts()):
+        t = np.concatenate([t for t, _ in known])
+        moving = np.concatenate([moving for _, moving in known], axis=1)
+        count = part.shape[-1]
+        known[:] = [(t[count:], moving[:, count:])]
+        yield t[:count], moving[:, :count], part.reshape(1 + len(models), len(gains), -1)
+
+
+class _Squares:
+    """Sums of squares per joint: of the error, of the measured effort, of the nominal error.
+
+    Attributes:
+        all: Over all samples, shape `(3, n)`; two rows without a nominal model.
+        moving: Where the joint moves.
+        samples: Number of samples.
+        samples_moving: The same where each joint moves, shape `(n,)`.
+    """
+
+    def __init__(self) -> None:
+        self.all, self.moving = np.zeros((2, 1)), np.zeros((2, 1))
+        self.samples, self.samples_moving = 0, np.zeros(1)
+
+    def add(self, efforts: Array, moving: Mask) -> None:
+        measured, predicted = efforts[0], efforts[1]
+        parts = np.square([measured - predicted, measured, *(measured - efforts[2:])])
+        if not self.samples:
+            self.all = self.moving = np.zeros(parts.shape[:2])
+        self.all = self.all + parts.sum(axis=2)
+        self.moving = self.moving + np.where(moving, parts, 0.0).sum(axis=2)
+        self.samples += moving.shape[1]
+        self.samples_moving = self.samples_moving + moving.sum(axis=1)
+
+    def joint(self, j: int, name: str, unit: str) -> JointScore:
+        """Errors of one joint."""
+        root = np.sqrt(self.all[:, j] / self.samples)
+        return JointScore(
+            joint=name,
+            unit=unit,
+            relative_percent=_percent(*self.all[:2, j]),
+            relative_percent_moving=(
+                _percent(*self.moving[:2, j]) if self.samples_moving[j] else None
+            ),
+            rmse=float(root[0]),
+            predict_zero=float(root[1]),
+            prior_rmse=float(root[2]) if len(root) > 2 else None,
+        )
+
+
+class _Thinned:
+    """Traces of a run of any length: every sample of a short one, every 2nd, 4th, ... of others."""
+
+    def __init__(self) -> None:
+        self._parts: list[tuple[Array, Mask, Array]] = []
+        self._step, self._seen = 1, 0
+
+    def add(self, t: Array, moving: Mask, efforts: Array) -> None:
+        """Take in the next samples; kept are those whose number is a multiple of the step."""
+        at = slice(-self._seen % self._step, None, self._step)
+        self._seen += len(t)
+        self._parts.append((t[at].copy(), moving[:, at].copy(), efforts[:2, :, at].copy()))
+        while self._seen > self._step * MOST_DRAWN:
+            t, moving, efforts = self._joined()
+            self._parts = [(t[::2].copy(), moving[:, ::2].copy(), efforts[:, :, ::2].copy())]
+            self._step *= 2
+
+    def _joined(self) -> tuple[Array, Mask, Array]:
+        t, moving, efforts = zip(*self._parts, strict=True)
+        return np.concatenate(t), np.concatenate(moving, axis=1), np.concatenate(efforts, axis=2)
+
+    @property
+    def traces(self) -> Traces:
+        """What was kept."""
+        t, moving, efforts = self._joined()
+        return Traces(t, efforts[0].T, efforts[1].T, moving.T)
 
 
 def _finite(figures: Mapping[str, Any]) -> dict[str, Any]:
@@ -180,14 +261,11 @@ def _finite(figures: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _rms(x: Array) -> float:
-    return float(np.sqrt(np.mean(x * x)))
+def _percent(error: float, reference: float) -> float:
+    """Root of a sum of squared errors relative to another [%].
 
-
-def _percent(error: Array, reference: Array) -> float:
-    """A joint that draws no effort at all has no relative error: any error is then infinite."""
-    size = float(np.linalg.norm(reference))
-    wrong = float(np.linalg.norm(error))
-    if size == 0.0:
-        return 0.0 if wrong == 0.0 else float("inf")
-    return 100.0 * wrong / size
+    A joint that draws no effort at all has no relative error: any error is then infinite.
+    """
+    if reference == 0.0:
+        return 0.0 if error == 0.0 else float("inf")
+    return 100.0 * sqrt(error / reference)
