@@ -65,7 +65,7 @@ USER = (
     with_log("Parquet that is not one", "letter.parquet", "letter.parquet", "Parquet"),
     with_log("Parquet of words", "words.parquet", "words.parquet"),
     with_log("unknown suffix", "log.xyz", "log.xyz", ".parquet"),
-    with_log("folder as log", ".", "folder"),
+    with_log("folder without a log", "nothing", "the folder holds no log", "nothing"),
     with_log("cut backwards", "identification.parquet@9:3", "ends (3)", "starts (9)"),
     with_log("cut of words", "identification.parquet#a:b", "'a' is not a row"),
     with_log("cut beyond the log", "identification.parquet@900:990", "identification.parquet"),
@@ -157,6 +157,7 @@ def workshop(folder: Path) -> Path:
     demo_runs(given, period=2.0)
     _robots(given)
     _logs(given)
+    (given / "nothing").mkdir()
     (given / "damaged.json").write_text(
         '{"schema": "steelyard.model", "schema_version": 3, "model": {"robot": 3}}'
     )

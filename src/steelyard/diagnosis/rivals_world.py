@@ -148,7 +148,7 @@ def _fit(
         * reading.effort_scale[:, None]
     )
     size = FLOOR * np.sqrt(np.mean(np.square(e), axis=1))
-    size = np.maximum(size, 1e-9 * max(float(size.max()), 1e-300))
+    size = np.maximum(size, 1e-9 * max(float(size.max()), 1e-3))
     residual = (e - predicted) * moving
     return shared_fit(residual, columns, y[:, :4], trial.bounds, size, trial.excerpt.worth, prior)
 

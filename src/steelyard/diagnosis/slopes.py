@@ -106,6 +106,7 @@ def moving(sight: Sight, v: Array) -> NDArray[np.bool_]:
         return np.zeros(n, dtype=np.bool_)
     speed = np.sqrt(np.square(v).mean(axis=1))
     steps = RANGE_STEPS * sight.resolution[sight.channels.q]
-    far = np.ptp(sight.q, axis=0) >= np.maximum(steps, RANGE_NOISE * noise_of(sight.q))
-    enough: NDArray[np.bool_] = far & (speed > 0.0) & (speed >= STILL * speed.max())
+    spread = np.ptp(sight.q, axis=0)
+    far = (spread > 0.0) & (spread >= np.maximum(steps, RANGE_NOISE * noise_of(sight.q)))
+    enough: NDArray[np.bool_] = far & (speed >= STILL * speed.max())
     return enough

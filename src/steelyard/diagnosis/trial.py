@@ -237,7 +237,7 @@ def regressors(q: Array, u: Array, du: Array, predicted: Array) -> tuple[Array, 
 def score_of(squares: Array, whole: Array, counts: Array, nuisances: Array) -> Score:
     """Misfits from squares of what is left and of the whole."""
     seen = counts >= LEAST
-    misfits = np.sqrt(squares / np.maximum(whole, 1e-300))
+    misfits = np.sqrt(squares / np.maximum(whole, 1e-30))
     misfits = np.where(seen, np.minimum(misfits, WORST), 1.0)
     return Score(misfits, np.where(seen, counts, 0.0), nuisances)
 

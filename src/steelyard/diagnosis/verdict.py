@@ -20,6 +20,9 @@ CLOSE = 3.0
 """Log-likelihood within which two explanations cannot be told apart."""
 ROUGH = 25.0
 """Typical misfit [%] that an explanation by a nominal model may leave."""
+STRIKING, CLEAN = 200.0, 12.0
+"""Log-likelihood gained, and misfit left [%], of an explanation by a nominal model that counts
+although the declared reading is not bad in itself."""
 LEAST_MASS, LEAST_SHARE, SURE_MASS = 0.3, 0.02, 6.0
 """Least payload [kg], relative to the arm's mass, and over its standard deviation."""
 LEAST_DELAY = {True: 0.004, False: 0.04}
@@ -106,7 +109,7 @@ def _judged(found: Ranking, before: Rival, winner: Rival, rivals: tuple[Rival, .
         return Judgement.WRONG if _late(found, before, winner) else Judgement.OK
     if sure:
         fall = float(np.max(before.misfits / np.maximum(winner.misfits, 1e-3)))
-    elif not bad(trial, before):
+    elif not bad(trial, before) and (gain < STRIKING or winner.percent > CLEAN):
         return Judgement.OK
     else:
         fall = before.percent / max(winner.percent, 1e-3)
