@@ -8,6 +8,7 @@ from math import ceil
 import numpy as np
 
 from steelyard.arrays import Array
+from steelyard.measurement.auto import Auto
 from steelyard.measurement.clock import Clock, Piece, Scan
 from steelyard.measurement.interpolation import INTERPOLATIONS, Worst
 from steelyard.measurement.marking import CUT_OFF, Marking, Suspicion
@@ -80,7 +81,7 @@ class Chain:
         p, s = self.processing, self.suspicion
         stages = [self.before] if self.before else []
         stages += [
-            "outliers kept" if s.threshold is None else f"outliers beyond {s.threshold:g} usual"
+            "outliers kept" if s.threshold is None else f"outliers beyond {s.threshold:g} usual distances"
         ]
         if s.bridge_stale:
             stages.append("repeated rows bridged")
@@ -89,8 +90,16 @@ class Chain:
         stages.append(f"{p.resampling} to {self.rate:g} Hz")
         if self.thinning > 1:
             stages[-1] += f" behind a low-pass of {PASSED * self.rate:g} Hz"
-        stages += [f"motion by {p.motion_words} ({self.motion_cutoff:g} Hz)", p.effort_words]
+        stages += [f"motion {self._motion_words}", p.effort_words]
         return ", ".join(stages)
+
+    @property
+    def _motion_words(self) -> str:
+        """How positions become motion; `auto` where it found nothing is a Butterworth low-pass."""
+        motion, at = self.processing.motion, f"{self.motion_cutoff:g} Hz"
+        if motion == Auto():
+            return f"by butterworth ({at}; auto found the noise not white)"
+        return f"by {self.processing.motion_words} ({at})"
 
     def operation(self, channels: Channels) -> "ToMotion":
         """The local part of the chain, on the uniform clock."""

@@ -46,11 +46,13 @@ class Marked:
     def words(self) -> str:
         """What was marked; empty if nothing was."""
         said = (
-            (self.outliers, "outliers bridged"),
-            (self.stale, "repeated rows bridged"),
-            (self.cut_off, "efforts at their limit left out"),
+            (self.outliers, "outlier", "bridged"),
+            (self.stale, "repeated row", "bridged"),
+            (self.cut_off, "effort", "at its limit left out"),
         )
-        return ", ".join(f"{count} {words}" for count, words in said if count)
+        return ", ".join(
+            f"{count} {one}{'s' * (count > 1)} {done}" for count, one, done in said if count
+        )
 
 
 @dataclass(frozen=True, eq=False)
