@@ -67,12 +67,14 @@ def in_words(method: Method | Smoother) -> str:
     """Name and settings that are not the default: `savitzky_golay, degree 4`."""
     usual = {field.name: field.default for field in dataclasses.fields(method)}  # type: ignore[arg-type]
     told = [(x, getattr(method, x)) for x in usual]
-    words = [
-        f"{x.replace('_', ' ')} {value:g}" if isinstance(value, float) else f"{x} {value}"
-        for x, value in told
-        if value != usual[x]
-    ]
+    words = [f"{x.replace('_', ' ')} {_shown(value)}" for x, value in told if value != usual[x]]
     return ", ".join((method.name.replace("_", " "), *words))
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, tuple):
+        return " ".join(map(_shown, value))
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _built(
