@@ -10,7 +10,7 @@ from steelyard.arrays import Array
 from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.finding import Finding, Judgement, Mend, Picture
 from steelyard.diagnosis.pictures import trace
-from steelyard.diagnosis.sight import Sight, look
+from steelyard.diagnosis.sight import Sight, look, with_rows
 from steelyard.diagnosis.slopes import noise_of
 from steelyard.diagnosis.units import driven, reading
 
@@ -34,8 +34,7 @@ class Noise:
 
     def __call__(self, case: Case) -> tuple[Finding, ...]:
         """One finding per log that has rows."""
-        logs = [e for e in case.logs if len(look(case, e).t) >= 10]
-        return tuple(self._look(case, evidence) for evidence in logs)
+        return tuple(self._look(case, evidence) for evidence in with_rows(case))
 
     def _look(self, case: Case, evidence: Evidence) -> Finding:
         sight = look(case, evidence)

@@ -10,7 +10,7 @@ from steelyard.arrays import Array
 from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.finding import Edit, Finding, Judgement, Mend, Picture
 from steelyard.diagnosis.pictures import of_joints
-from steelyard.diagnosis.sight import look
+from steelyard.diagnosis.sight import look, with_rows
 from steelyard.diagnosis.unit_costs import beyond
 from steelyard.diagnosis.units import Reading, declared_units, motion, reading, unit_value
 from steelyard.robot.column_words import Column
@@ -35,8 +35,7 @@ class Position:
 
     def __call__(self, case: Case) -> tuple[Finding, ...]:
         """One finding per log that has rows."""
-        logs = [e for e in case.logs if len(look(case, e).t) >= 10]
-        return tuple(self._look(case, evidence) for evidence in logs)
+        return tuple(self._look(case, evidence) for evidence in with_rows(case))
 
     def _look(self, case: Case, evidence: Evidence) -> Finding:
         low, high = np.quantile(look(case, evidence).q, [0.005, 0.995], axis=0)

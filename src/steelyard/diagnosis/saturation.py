@@ -11,7 +11,7 @@ from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.finding import Finding, Judgement, Mend, Picture
 from steelyard.diagnosis.noise import LEVELS
 from steelyard.diagnosis.pictures import trace
-from steelyard.diagnosis.sight import Sight, look
+from steelyard.diagnosis.sight import Sight, look, with_rows
 
 STAYS = 5
 """Rows in succession at exactly the highest or lowest value from which on it is cut off."""
@@ -29,8 +29,7 @@ class Saturation:
 
     def __call__(self, case: Case) -> tuple[Finding, ...]:
         """One finding per log that has rows."""
-        logs = [e for e in case.logs if len(look(case, e).t) >= 10]
-        return tuple(self._look(case, evidence) for evidence in logs)
+        return tuple(self._look(case, evidence) for evidence in with_rows(case))
 
     def _look(self, case: Case, evidence: Evidence) -> Finding:
         sight = look(case, evidence)

@@ -37,6 +37,8 @@ FASTEST_RATE = 500.0
 """Highest rate at which motion is looked at [Hz], once the clock's unit is known."""
 MOVED, MOVED_STEPS = 0.01, 30.0
 """Range of a joint that moves [rad; m], and in steps of its sensor."""
+LEAST_ROWS = 10
+"""Good rows from which on single signals are looked at."""
 SHORTEST = 50
 """Rows of the shortest stretch that is looked at."""
 
@@ -232,3 +234,8 @@ def _rough(t: Array, q: Array) -> float:
     speed = np.diff(q, axis=0) / np.diff(t)[:, None]
     size = float(np.abs(speed).mean())
     return float(np.abs(np.diff(speed, axis=0)).mean()) / size if size > 0.0 else 0.0
+
+
+def with_rows(case: Case) -> tuple[Evidence, ...]:
+    """The logs that have enough good rows to say anything of single signals."""
+    return tuple(e for e in case.logs if len(look(case, e).t) >= LEAST_ROWS)
