@@ -81,7 +81,9 @@ class Chain:
         p, s = self.processing, self.suspicion
         stages = [self.before] if self.before else []
         stages += [
-            "outliers kept" if s.threshold is None else f"outliers beyond {s.threshold:g} usual distances"
+            "outliers kept"
+            if s.threshold is None
+            else f"outliers beyond {s.threshold:g} usual distances"
         ]
         if s.bridge_stale:
             stages.append("repeated rows bridged")
