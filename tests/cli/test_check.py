@@ -108,7 +108,7 @@ def test_the_worst_judgement_is_the_exit_code(
     asking(monkeypatch, judgement)
     good = command("check", ROBOT, LOG, OTHER)
     assert good.exit_code == 0 and good.stderr == ""
-    assert "ok position unit 2 times ok, identification: within a turn" in words(good.stdout)
+    assert "ok position unit 2 findings alike, identification: within a turn" in words(good.stdout)
     assert good.stdout.rstrip().endswith("Ok: nothing suspicious was found  (2 findings: 2 ok)")
     bad = command("check", ROBOT, degrees, LOG)
     assert bad.exit_code == code

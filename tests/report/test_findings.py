@@ -60,7 +60,7 @@ def test_what_is_ok_may_be_left_out() -> None:
 
 def test_many_logs_that_are_ok_are_one_row() -> None:
     text = printed(many(Judgement.OK, 18))
-    assert "clock  18 times ok, run0: steps scatter" in text and "run3" not in text
+    assert "clock  18 findings alike, run0: steps scatter" in text and "run3" not in text
     assert "clock  steps scatter" in printed(many(Judgement.OK, 1))
 
 
@@ -96,6 +96,7 @@ def test_json_has_stable_keys_and_no_infinity() -> None:
         "judgement": "wrong",
         "says": "a thousand times too much arm",
         "figure": "9000 A arm",
+        "answered": True,
         "joints": ["arm"],
         "mend": {
             "says": "say so arm",

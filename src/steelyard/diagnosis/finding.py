@@ -100,6 +100,7 @@ class Finding:
         mend: What to do; `None` if nothing need be done.
         picture: The evidence as a plot, if there is one to show.
         hypotheses: Explanations that were compared, the likeliest first.
+        answered: Whether the question could be answered; what is open is not suspicious.
     """
 
     suspicion: str
@@ -111,3 +112,4 @@ class Finding:
     mend: Mend | None = None
     picture: Picture | None = None
     hypotheses: tuple[Hypothesis, ...] = ()
+    answered: bool = True

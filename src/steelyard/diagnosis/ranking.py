@@ -23,6 +23,8 @@ BAD = {True: 0.12, False: 0.5}
 EXPECTED = 3.0
 """The same over what the reference's own residuals come to."""
 HOPELESS = 0.9
+LOOSE = 15.0
+"""Typical misfit [%] from which on efforts are read in other ways, though no joint is bad."""
 DECISIVE = 20.0
 """Log-likelihood that a winner must gain for what it leaves to be looked at."""
 SUSPECT = 10.0
@@ -136,7 +138,7 @@ def ranked(trial: Trial, others: tuple[Other, ...]) -> Ranking:
 def _rivals(trial: Trial, now: Rival, others: tuple[Other, ...]) -> tuple[Rival, ...]:
     """Everything that one change of a reading can explain, the likeliest first."""
     found, identified = [now], trial.knowledge.identified
-    if bad(trial, now) or identified:
+    if bad(trial, now) or identified or now.percent > LOOSE:
         found += effort_rivals(trial, now.reading, trial.sums([now.reading]), others)
     found += world_rivals(trial, now.reading)
     found.sort(key=_unlikely)

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.diagnosis.reading import Reading
@@ -11,12 +12,16 @@ from steelyard.diagnosis.rival import FREE, Rival, choice, one_of
 from steelyard.diagnosis.trial import Sums, Trial
 
 THOUSAND = {"1000 times larger": 1e3, "1000 times smaller": 1e-3}
+OWN = 3.0 * FREE
+"""What a gain of a joint's own costs: among many, some fit what friction and the model lack."""
 PERCENT = "percent"
 """Efforts in percent of the joints' limits."""
-LEAST_GAIN = 0.02
+LEAST_GAIN = 5e-4
 """Least factor by which a gain may be wrong."""
 LARGEST_GAIN = 2000.0
-GRID = 121
+GRID = 151
+OTHER, WORSE = 1.4, 1.3
+"""A gain is told if those by this factor off have a misfit that is larger by that factor."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,10 +66,19 @@ def effort_rivals(
         factors[j] = best[j]
         says = {f"effort of '{name}' times {best[j]:.3g}": factors}
         yield from _factors(trial, reading, sums, says, "gain", choice(n) + FREE, (j,))
-    every = {"every joint has a gain of its own": best}
+    seen = sums.count[0] > 0.0
+    common = float(np.exp(np.median(np.log(best[seen])))) if seen.any() else 1.0
+    units_off = min(abs(np.log(common / unit)) for unit in (*THOUSAND.values(), 1.0))
+    if units_off > np.log(OTHER):
+        says = {f"all efforts times {common:.3g}": np.full(n, common)}
+        yield from _factors(trial, reading, sums, says, "gain", FREE, tuple(range(n)))
+    told = _told(trial, sums, effort, reading.effort_scale, best)
+    blind = ", ".join(f"'{name}'" for name, known in zip(names, told[0], strict=True) if not known)
+    own = "every joint has a gain of its own" + (f", those of {blind} hardly told" * bool(blind))
+    every = {own: np.where(told[1], best, 1.0)}
     kind = "gain" if "A" in trial.signals.effort_units else "effort kind"
     changed = reading if kind == "gain" else reading.changed(kind="motor_current")
-    yield from _factors(trial, changed, sums, every, kind, n * FREE, tuple(range(n)))
+    yield from _factors(trial, changed, sums, every, kind, n * OWN, tuple(range(n)))
     yield from _orders(trial, reading, sums)
 
 
@@ -105,6 +119,21 @@ def best_factors(trial: Trial, sums: Sums, effort: list[int], scale: Array) -> A
         step = (grid[1] / grid[0]) ** 1.5
         factors = best * np.geomspace(1.0 / step, step, GRID)
     return np.where(sums.count[0] > 0.0, best, 1.0)
+
+
+def _told(
+    trial: Trial, sums: Sums, effort: list[int], scale: Array, factors: Array
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Joints whose effort tells its gain, and those at which 1 at least is a worse one.
+
+    Others agree as well with quite another gain.
+    """
+    around = np.stack((factors / OTHER, factors, factors * OTHER, np.ones_like(factors)))
+    many = Sums(*(np.broadcast_to(x, (4, *x.shape[1:])) for x in vars(sums).values()))
+    less, best, more, one = trial.scored(many, np.tile(effort, (4, 1)), around * scale).misfits
+    bound = WORSE * best + 0.01
+    inside = (factors > 2.0 * LEAST_GAIN) & (factors < 0.5 * LARGEST_GAIN)
+    return (np.minimum(less, more) > bound) & inside, (one > bound) & inside
 
 
 def _orders(trial: Trial, reading: Reading, sums: Sums) -> Iterator[Rival]:

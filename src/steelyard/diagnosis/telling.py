@@ -8,15 +8,23 @@ from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.confirm import confirmed
 from steelyard.diagnosis.finding import Edit, Finding, Hypothesis, Judgement, Mend, Picture, Trace
 from steelyard.diagnosis.mends import edits_of
-from steelyard.diagnosis.ranking import known_of
+from steelyard.diagnosis.ranking import HOPELESS, known_of
 from steelyard.diagnosis.rival import Rival
 from steelyard.diagnosis.sight import once
 from steelyard.diagnosis.velocities import velocity_edits
-from steelyard.diagnosis.verdict import Verdict, verdict
+from steelyard.diagnosis.verdict import CLEAN, ROUGH, Verdict, verdict
 
+HALF = 0.5
+"""Typical misfit of a reading that predicts next to nothing."""
 SHOWN = 6
 """Rivals that are shown."""
 POINTS = 1500
+UNEXPLAINED = "effort kind"
+"""The suspicion that says so where nothing explains the efforts."""
+LOST = (
+    "nothing that was tried explains these efforts: check columns, kind, unit and gains, and which "
+    "joints are locked where; a model from clean runs (--model) tells more"
+)
 UNKNOWN = "cannot be told: the robot's model gives no masses; give --model"
 
 
@@ -46,7 +54,8 @@ def findings(
         advice: What to do about a winner.
     """
     if known_of(case) is None:
-        return (Finding(cause, "", Judgement.OK, UNKNOWN, "no masses, no reference"),)
+        figure_of = "no masses, no reference"
+        return (Finding(cause, "", Judgement.OK, UNKNOWN, figure_of, answered=False),)
     found: list[Finding] = []
     for evidence in case.logs:
         held = verdict(case, evidence)
@@ -66,8 +75,16 @@ def _of_log(
     shown = hypotheses(held, cause)
     mine = [(number, w) for number, w in enumerate(held.winners) if w[0].cause == cause]
     if not mine:
+        lost = cause == UNEXPLAINED and hopeless(held)
         yield Finding(
-            cause, evidence.name, Judgement.OK, fine(held), figure(held, cause), hypotheses=shown
+            cause,
+            evidence.name,
+            Judgement.DOUBTFUL if lost else Judgement.OK,
+            fine(held),
+            _worst(case, held) if lost else figure(held, cause),
+            mend=Mend(LOST) if lost else None,
+            hypotheses=shown,
+            answered=told(held),
         )
         return
     number, (rival, judgement) = mine[-1]
@@ -120,6 +137,13 @@ def hypotheses(held: Verdict, cause: str) -> tuple[Hypothesis, ...]:
     return tuple(Hypothesis(r.says, r.percent, r.log_likelihood - top) for r in ordered)
 
 
+def _worst(case: Case, held: Verdict) -> str:
+    """The joint that disagrees most."""
+    misfits = held.ranking.declared.misfits
+    joint = int(np.argmax(misfits))
+    return f"misfit of {case.joints[joint]} {100.0 * misfits[joint]:.0f} %, bound 90 %"
+
+
 def figure(held: Verdict, cause: str) -> str:
     """The misfit, and that of the next best explanation of this kind."""
     ranked = held.ranking
@@ -148,15 +172,32 @@ def _known(held: Verdict) -> str:
     return "the reference" if identified else "the nominal model"
 
 
+def told(held: Verdict) -> bool:
+    """Whether anything can be said of a log."""
+    close = held.ranking.trial.knowledge.identified or held.ranking.declared.percent <= ROUGH
+    return bool(held.winners) or (held.explained and close)
+
+
+def hopeless(held: Verdict) -> bool:
+    """Whether nothing that was tried explains the efforts, not even roughly."""
+    declared = held.ranking.declared
+    seen = declared.score.counts > 0.0
+    worst = float(np.max(declared.misfits[seen], initial=0.0))
+    return not told(held) and (worst > HOPELESS or declared.percent > 100.0 * HALF)
+
+
 def agrees(held: Verdict, what: str) -> str:
     """What to say where nothing is wrong, or where nothing can be said."""
     ranked = held.ranking
-    if not held.winners and not held.explained:
+    if not told(held):
         return (
             f"cannot be told: {_known(held)} disagrees by {ranked.declared.percent:.0f} % and no "
             "explanation is clear" + ("" if ranked.trial.knowledge.identified else "; give --model")
         )
-    return f"{what} ({_known(held)} agrees to {(_last(held)).percent:.1f} %)"
+    percent = _last(held).percent
+    once = ", once the rest is mended" if held.winners else ""
+    close = "agrees to" if percent <= CLEAN else "comes only within"
+    return f"{what} ({_known(held)} {close} {percent:.1f} %{once})"
 
 
 def _last(held: Verdict) -> Rival:

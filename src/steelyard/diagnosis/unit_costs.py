@@ -12,6 +12,8 @@ IMPLAUSIBLE_STEP, CHANGED, OUTSIDE, TOO_FAST, TOO_SLOW, DISAGREE = 4.0, 1.0, 3.0
 """What a reading costs: a step that no log has; a unit that is not the declared one; positions far
 beyond their limits; speeds beyond theirs, and per decade below a tenth of theirs; velocities that
 are not the derivative."""
+NAMED = 0.3
+"""What a unit costs that is not the one in the column's name."""
 FAST, SLOW = 1.5, 0.1
 """Speeds over the joint's limit above and below which they cost."""
 BEYOND, FAR_BEYOND = 1.2, 4.0
@@ -65,6 +67,7 @@ class JointFacts:
         positions: Units of the positions, the declared one first, and their scales over its.
         velocities: The same of the velocities; empty if none are logged.
         changed: What another unit of the velocities costs.
+        named: Units of position and velocity that the columns' names say; empty if they do not.
     """
 
     coordinate: Coordinate
@@ -76,6 +79,7 @@ class JointFacts:
     positions: dict[str, float]
     velocities: dict[str, float]
     changed: float
+    named: tuple[str, str] = ("", "")
 
     def cheapest(self, second: float) -> JointReading:
         """The cheapest units if a second has so many of those in which the log was looked at."""
@@ -97,6 +101,8 @@ class JointFacts:
         cost = self._outside(scale) + self._speed(self.speed * scale / second)
         cost += CHANGED * (position != next(iter(self.positions)))
         cost += self.changed * (velocity != next(iter(self.velocities), ""))
+        for name, unit in zip(self.named, (position, velocity), strict=True):
+            cost += NAMED * (name not in ("", unit) and unit != "")
         ratio = abs(self.scale) * second * relative / scale
         if isfinite(ratio) and ratio > 0.0 and abs(log(ratio)) > log(SAME):
             cost += DISAGREE

@@ -20,6 +20,7 @@ from steelyard.diagnosis.case import EXCERPT, Case, Evidence
 from steelyard.diagnosis.sight import Sight, look, once
 from steelyard.diagnosis.slopes import Slopes, slopes
 from steelyard.diagnosis.unit_costs import CHANGED, JointFacts, JointReading, step_cost
+from steelyard.robot.column_words import Column
 from steelyard.robot.signals import POSITION_UNITS, TIME_UNITS, VELOCITY_UNITS
 
 FASTEST_SHARE = 0.995
@@ -155,6 +156,8 @@ def _facts(
     low, high = np.quantile(sight.q, [0.005, 0.995], axis=0) if len(sight.q) else np.zeros((2, n))
     told = np.zeros(n, dtype=np.bool_) if agreed is None else agreed.told
     positions = declared_units(evidence, case)
+    logged = velocities(case, evidence)
+    rated = ("",) * n if logged is None else logged[0]
     facts = []
     for joint, c in enumerate(case.loaded.robot.coordinates):
         own = 1.0
@@ -172,9 +175,22 @@ def _facts(
                 _relative(positions[joint], POSITION_UNITS[c.kind]),
                 {} if agreed is None else rates,
                 CHANGED if signals.velocity is not None else 0.5 * CHANGED,
+                (
+                    _named(signals.position[joint], POSITION_UNITS[c.kind]),
+                    _named(rated[joint], VELOCITY_UNITS[c.kind]),
+                ),
             )
         )
     return tuple(facts)
+
+
+def _named(column: str, units: Mapping[str, float]) -> str:
+    """The unit in a column's name, such as that of `q1_rad`; empty if there is none."""
+    words = Column(column).words
+    for unit in sorted(units, key=lambda unit: (unit in ("m", "m/s"), unit)):
+        if unit.split("/")[0] in words:
+            return unit
+    return ""
 
 
 def _relative(declared: str, units: Mapping[str, float]) -> dict[str, float]:

@@ -86,7 +86,7 @@ def _found(
 ) -> Finding:
     declared = evidence.recording.signals.velocity is not None
     faults = _faults(case, evidence, units, agreed)
-    said = _said(case, columns, units, agreed, faults)
+    said = _said(case, columns, units, agreed, faults, declared)
     judgement, mend = Judgement.OK, None
     if declared and faults.misplaced and positions_at_fault(case, evidence):
         said.append("it is the positions that are wrong")
@@ -117,7 +117,10 @@ def _faults(case: Case, evidence: Evidence, units: Reading, agreed: Agreement) -
     declared = [joint.velocity_unit for joint in units.as_declared]
     with np.errstate(invalid="ignore"):
         off = told & (np.abs(np.log(np.where(relative > 0.0, relative, np.nan))) > log(SAME))
-        late = np.abs(agreed.lag) > np.maximum(LATE_STEPS * step, LATE_ERRORS * agreed.lag_std)
+        signals = evidence.recording.signals
+        taken_out = 0.0 if signals.velocity is None else signals.velocity_delay
+        lag = np.abs(agreed.lag - taken_out)
+        late = lag > np.maximum(LATE_STEPS * step, LATE_ERRORS * agreed.lag_std)
         turned = told & (agreed.scale < 0.0)
     changed = np.array([u.velocity_unit for u in units.joints]) != np.array(declared)
     return _Faults(
@@ -131,7 +134,12 @@ def _faults(case: Case, evidence: Evidence, units: Reading, agreed: Agreement) -
 
 
 def _said(
-    case: Case, columns: tuple[str, ...], units: Reading, agreed: Agreement, faults: _Faults
+    case: Case,
+    columns: tuple[str, ...],
+    units: Reading,
+    agreed: Agreement,
+    faults: _Faults,
+    declared: bool,
 ) -> list[str]:
     """What is wrong, one clause each."""
     said = []
@@ -155,7 +163,8 @@ def _said(
     if faults.strange.any():
         said.append(f"velocities of {_names(case, faults.strange)} are not their derivatives")
     if faults.late.any():
-        said.append(f"velocities of {_names(case, faults.late)} are late")
+        used = "" if declared else ", but are not used"
+        said.append(f"velocities of {_names(case, faults.late)} are late{used}")
     return said
 
 
@@ -188,6 +197,8 @@ def _at(mask: NDArray[np.bool_]) -> list[int]:
 
 
 def _names(case: Case, mask: NDArray[np.bool_]) -> str:
+    if len(mask) > 2 and mask.all():
+        return f"all {len(mask)} joints"
     return ", ".join(case.joints[j] for j in _at(mask))
 
 

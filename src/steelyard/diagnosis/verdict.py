@@ -20,6 +20,8 @@ CLOSE = 3.0
 """Log-likelihood within which two explanations cannot be told apart."""
 ROUGH = 25.0
 """Typical misfit [%] that an explanation by a nominal model may leave."""
+OF_JOINTS = ("effort sign", "position sign", "gain")
+"""Causes that show in the joints they are about, however well the others agree."""
 STRIKING, CLEAN = 200.0, 12.0
 """Log-likelihood gained, and misfit left [%], of an explanation by a nominal model that counts
 although the declared reading is not bad in itself."""
@@ -113,6 +115,8 @@ def _judged(found: Ranking, before: Rival, winner: Rival, rivals: tuple[Rival, .
         return Judgement.OK
     else:
         fall = before.percent / max(winner.percent, 1e-3)
+        if winner.cause in OF_JOINTS:
+            fall = max(fall, _fall_of_joints(before, winner))
         if winner.percent > ROUGH:
             return Judgement.OK
     if fall < FALL[sure]:
@@ -120,6 +124,15 @@ def _judged(found: Ranking, before: Rival, winner: Rival, rivals: tuple[Rival, .
     near = [r for r in rivals[1:] if r.log_likelihood > winner.log_likelihood - CLOSE]
     apart = [r for r in near if r.cause != winner.cause or r.joints != winner.joints]
     return _when(not apart)
+
+
+def _fall_of_joints(before: Rival, winner: Rival) -> float:
+    """Factor by which the misfit of the joints that an explanation is about falls."""
+    joints = list(winner.joints)
+    worst = float(np.max(winner.misfits[joints], initial=0.0))
+    if not joints or worst > 0.01 * ROUGH:
+        return 1.0
+    return float(np.min(before.misfits[joints])) / max(worst, 1e-3)
 
 
 def _when(sure: bool) -> Judgement:

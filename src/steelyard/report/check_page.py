@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from typing import TYPE_CHECKING
 
-from steelyard.report.findings import Group, groups, place
+from steelyard.report.findings import OPEN, Group, groups, place
 from steelyard.report.html import fill
 from steelyard.report.page import Shown, page_of
 from steelyard.report.sections.check import findings_of
@@ -66,10 +66,12 @@ def _rows(group: Group) -> list[dict[str, str]]:
     alike = count > 1 and not group.judgement
     return [
         {
-            "word": group.judgement.word,
-            "level": group.level,
+            "word": group.word,
+            "level": group.level if group.word != OPEN else OPEN,
             "suspicion": group.suspicion,
-            "place": f"{count} times ok, {finding.log or 'all logs'}" if alike else place(finding),
+            "place": f"{count} findings alike, {finding.log or 'all logs'}"
+            if alike
+            else place(finding),
             "says": finding.says,
             "figure": finding.figure,
         }

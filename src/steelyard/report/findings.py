@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 NAMED = 3
 """Most joints that a place names."""
 
+OPEN = "open"
+"""The word for a question that could not be answered."""
+
 LEVELS: dict[str, Level] = {"ok": "good", "doubtful": "fair", "wrong": "poor"}
 
 
@@ -33,6 +36,11 @@ class Group:
     findings: tuple[Finding, ...]
 
     @property
+    def word(self) -> str:
+        """The judgement, or that the question is open."""
+        return word_of(self.findings[0])
+
+    @property
     def level(self) -> Level:
         """The judgement as a colour."""
         return LEVELS[self.judgement.word]
@@ -40,10 +48,16 @@ class Group:
 
 def groups(diagnosis: Diagnosis) -> tuple[Group, ...]:
     """The findings by judgement, ok ones first, and in these by suspicion."""
-    found: dict[tuple[Judgement, str], list[Finding]] = {}
+    found: dict[tuple[Judgement, str, bool], list[Finding]] = {}
     for finding in sorted(diagnosis.findings, key=lambda f: f.judgement):
-        found.setdefault((finding.judgement, finding.suspicion), []).append(finding)
-    return tuple(Group(name, word, tuple(some)) for (word, name), some in found.items())
+        key = finding.judgement, finding.suspicion, finding.answered
+        found.setdefault(key, []).append(finding)
+    return tuple(Group(name, word, tuple(some)) for (word, name, _), some in found.items())
+
+
+def word_of(finding: Finding) -> str:
+    """The judgement, or that the question is open."""
+    return OPEN if not finding.judgement and not finding.answered else finding.judgement.word
 
 
 def headline(diagnosis: Diagnosis) -> str:
@@ -52,6 +66,10 @@ def headline(diagnosis: Diagnosis) -> str:
     if not diagnosis.findings:
         return "No suspicion applies"
     if worst == 0:
+        open_ones = sum(not finding.answered for finding in diagnosis.findings)
+        if open_ones:
+            asked = count(open_ones, "question")
+            return f"Ok as far as can be told: {asked} could not be answered"
         return "Ok: nothing suspicious was found"
     names = [f.suspicion for f in diagnosis.findings if f.judgement == worst]
     return f"{worst.word.capitalize()}: {', '.join(dict.fromkeys(names))}"
@@ -59,9 +77,9 @@ def headline(diagnosis: Diagnosis) -> str:
 
 def tally(diagnosis: Diagnosis) -> str:
     """How many findings there are of each judgement, the worst first."""
-    words = [finding.judgement.word for finding in diagnosis.findings]
+    words = [word_of(finding) for finding in diagnosis.findings]
     counts = [
-        f"{words.count(word)} {word}" for word in ("wrong", "doubtful", "ok") if word in words
+        f"{words.count(word)} {word}" for word in ("wrong", "doubtful", "ok", OPEN) if word in words
     ]
     return f"{count(len(words), 'finding')}: {', '.join(counts)}" if words else "no findings"
 
@@ -98,6 +116,7 @@ def finding_dict(finding: Finding) -> dict[str, Any]:
         "judgement": finding.judgement.word,
         "says": finding.says,
         "figure": finding.figure,
+        "answered": finding.answered,
         "joints": list(finding.joints),
         "mend": None
         if mend is None

@@ -5,7 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from steelyard.report.findings import LEVELS, Group, groups, headline, lines, mends, place, tally
+from steelyard.report.findings import (
+    LEVELS,
+    OPEN,
+    Group,
+    groups,
+    headline,
+    lines,
+    mends,
+    place,
+    tally,
+)
 from steelyard.report.terminal import COLOURS
 
 if TYPE_CHECKING:
@@ -73,12 +83,28 @@ def _table(shown: Sequence[Group]) -> Table:
     table.add_column(ratio=1)
     before = None
     for group in shown:
+        alike = _open_alike(shown, group)
+        if alike and alike[0] is not group:
+            continue
         if before not in (None, group.judgement):
             table.add_row()
         before = group.judgement
-        word = Text(group.judgement.word, style=f"bold {COLOURS[group.level]}")
-        table.add_row(word, Text(group.suspicion), _found(group))
+        style = f"bold {COLOURS[group.level]}" if group.word != OPEN else "dim"
+        word = Text(group.word, style=style)
+        name, found = Text(group.suspicion), _found(group)
+        if len(alike) > 1:
+            name = Text(f"{len(alike)} questions")
+            found = Text(", ".join(g.suspicion for g in alike) + ": ").append_text(found)
+        table.add_row(word, name, found)
     return table
+
+
+def _open_alike(shown: Sequence[Group], group: Group) -> list[Group]:
+    """The open questions that are open for the same reason."""
+    says = group.findings[0].says
+    if group.word != OPEN:
+        return []
+    return [g for g in shown if g.word == OPEN and g.findings[0].says == says]
 
 
 def _found(group: Group) -> Text:
@@ -87,7 +113,7 @@ def _found(group: Group) -> Text:
 
     first, count = group.findings[0], len(group.findings)
     if not group.judgement:
-        alike = f"{count} times ok, {first.log or 'all logs'}: " if count > 1 else ""
+        alike = f"{count} findings alike, {first.log or 'all logs'}: " if count > 1 else ""
         return Text.assemble((alike, "dim"), first.says)
     shown = [_one(finding) for finding in group.findings[:SHOWN]]
     rest = _others(group, SHOWN)

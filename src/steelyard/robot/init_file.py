@@ -210,8 +210,9 @@ position_unit = {_text(position_unit)}  # "rad", "deg", "m" or "mm"; or one per 
 
 [signals.effort]
 columns = {_text(effort.columns)}
-# "joint_torque": sensors behind the gears; "motor_torque": from the motors, before the gears'
-# losses; "motor_current".
+# CHECK: "joint_torque": at the joints, with what rotors and gears take; "link_torque": sensors
+# behind the gears; "motor_torque": from the motors; "motor_current"; or
+# "gravity_compensated_torque".
 kind = {_text(effort.kind)}
 unit = {_text(effort.unit)}  # "A", "mA", "Nm", "N" or "%"; or one per joint
 {gain_lines}

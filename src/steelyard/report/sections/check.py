@@ -9,12 +9,14 @@ import numpy as np
 from steelyard.report.content import ReportContent
 from steelyard.report.findings import (
     LEVELS,
+    OPEN,
     groups,
     headline,
     lines,
     mends,
     place,
     tally,
+    word_of,
 )
 from steelyard.report.html import fill, packed, script_json
 from steelyard.report.sections.section import Numbers
@@ -92,8 +94,8 @@ def _shown(finding: Finding, *, drawn: bool) -> dict[str, Any]:
     return {
         "suspicion": finding.suspicion,
         "place": place(finding),
-        "level": LEVELS[finding.judgement.word],
-        "word": finding.judgement.word,
+        "level": LEVELS.get(word_of(finding), OPEN),
+        "word": word_of(finding),
         "says": finding.says,
         "figure": finding.figure,
         "hypotheses": finding.hypotheses,
