@@ -110,12 +110,14 @@ def test_the_worst_judgement_is_the_exit_code(
     assert good.exit_code == 0 and good.stderr == ""
     assert "ok position unit 2 findings alike, identification: within a turn" in words(good.stdout)
     assert good.stdout.rstrip().endswith("Ok: nothing suspicious was found  (2 findings: 2 ok)")
-    bad = command("check", ROBOT, degrees, LOG)
+    both = words(command("check", ROBOT, degrees, LOG).stdout)
+    assert (judgement.word == "wrong") == ("give this one a robot file of its own" in both)
+    assert f"(2 findings: 1 {judgement.word}, 1 ok)" in both
+    bad = command("check", ROBOT, degrees)
     assert bad.exit_code == code
     shown = words(bad.stdout)
     assert f"{judgement.word} position unit degrees: shoulder_turn: positions go around" in shown
     assert 'they are in degrees [signals] position_unit = "deg"' in shown
-    assert f"(2 findings: 1 {judgement.word}, 1 ok)" in shown
     assert "--fix writes a new robot file" in shown and "-o FOLDER" in shown
     assert not any(shared_work.iterdir())
 

@@ -10,10 +10,12 @@ from scipy.optimize import lsq_linear
 
 from steelyard.diagnosis import Diagnosis, Edit, Judgement, examine
 from steelyard.diagnosis.drift import Drift
+from steelyard.diagnosis.finding import Finding, Mend
 from steelyard.diagnosis.identifiability import Identifiability
 from steelyard.diagnosis.nuisance import least_squares
 from steelyard.diagnosis.shared_fit import shared_fit
 from steelyard.diagnosis.telling import UNKNOWN
+from steelyard.diagnosis.together import together
 from steelyard.diagnosis.verdict import verdict
 from steelyard.robot.edits import edited
 from steelyard.robot.inertia import Inertia
@@ -357,3 +359,57 @@ def test_the_gain_behind_a_motor_is_the_motors(arm):
     found = arm.examined(table, text)
     assert wrong(found) == ["effort sign"]
     assert edits(found) == {"signals.effort.gain": [1.0, 1.0, 1.0, -1.0, 1.0, 1.0]}
+
+
+def test_a_sign_of_one_joint_is_told_without_a_reference(arm):
+    table = arm.table.copy()
+    table[:, arm.at(TAU)[1]] *= -1.0
+    found = arm.examined(table, known=False)
+    assert wrong(found) == ["effort sign"]
+    assert edits(found) == {"signals.effort.gain": [1.0, -1.0, 1.0, 1.0, 1.0, 1.0]}
+
+
+def test_one_factor_on_all_efforts_is_one_factor(arm):
+    table = arm.table.copy()
+    table[:, arm.at(TAU)] *= 2.0
+    found = arm.examined(table)
+    assert wrong(found) == ["gain"]
+    (gain,) = edits(found).values()
+    assert np.allclose(gain, 0.5, rtol=0.05) and len(set(gain)) == 1
+
+
+def test_one_joint_a_thousand_times_too_large(arm):
+    table = arm.table.copy()
+    table[:, arm.at(TAU)[1]] *= 1000.0
+    found = arm.examined(table)
+    assert wrong(found) == ["gain"]
+    gain = edits(found)["signals.effort.gain"]
+    assert gain[1] == pytest.approx(1e-3, rel=0.1) and set(np.delete(gain, 1)) == {1.0}
+
+
+def test_what_nothing_explains_is_doubtful_once(arm):
+    table = arm.table.copy()
+    t = table[:, arm.columns.index("time_s")]
+    table[:, arm.at(TAU)] = 20.0 * np.sin(np.outer(t, np.arange(1.1, 4.0, 0.5)))
+    found = arm.examined(table, known=False)
+    assert [f.suspicion for f in found.findings if f.judgement] == ["effort kind"]
+    assert found.judgement == Judgement.DOUBTFUL
+    assert not any(f.answered for f in found.findings)
+
+
+def finding(log: str, judgement: Judgement, value: Any = None, answered: bool = True) -> Finding:
+    mend = None if value is None else Mend("say so", (Edit(("signals", "effort", "gain"), value),))
+    return Finding("gain", log, judgement, "", "", mend=mend, answered=answered)
+
+
+def test_one_robot_file_must_serve_all_logs():
+    bad, good = finding("a", Judgement.WRONG, [1.0, 2.0]), finding("b", Judgement.OK)
+    apart = together([bad, good])[0].mend
+    assert apart is not None and not apart.edits and "of its own" in apart.says
+    open_one = finding("b", Judgement.OK, answered=False)
+    assert Diagnosis(together([bad, open_one])).edits[0].value == [1.0, 2.0]
+    others = [finding("b", Judgement.WRONG, [3.0, 2.0]), finding("c", Judgement.WRONG, [1.5, 2.5])]
+    merged = {tuple(f.mend.edits[0].value) for f in together([bad, *others]) if f.mend}
+    assert merged == {(1.5, 2.0)}
+    signs = [finding("a", Judgement.WRONG, [1, -1]), finding("b", Judgement.WRONG, [-1, 1])]
+    assert {tuple(f.mend.edits[0].value) for f in together(signs) if f.mend} == {(1, -1)}

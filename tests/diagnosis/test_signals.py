@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +22,13 @@ from steelyard.diagnosis.repeats import Repeats
 from steelyard.diagnosis.rests import Rests
 from steelyard.diagnosis.rows import Rows
 from steelyard.diagnosis.saturation import Saturation
-from steelyard.diagnosis.units import reading
+from steelyard.diagnosis.unit_costs import JointFacts
+from steelyard.diagnosis.units import _named, reading
 from steelyard.diagnosis.velocity import Velocity
 from steelyard.measurement import Processing, Recording
 from steelyard.measurement.recording import HeldLog
 from steelyard.robot.edits import edited
+from steelyard.robot.robot import Coordinate, Limits
 from steelyard.robot.robot_file import load_robot
 
 OWN = (
@@ -428,3 +431,23 @@ def test_garbage_alone_does_no_harm(tmp_path: Path, value: float) -> None:
     found = diagnosis(tmp_path, np.full((2000, 10), value))
     assert of(found, "rows").judgement == Judgement.WRONG
     assert of(found, "clock").judgement == Judgement.WRONG
+
+
+def test_names_of_columns_speak_for_their_units() -> None:
+    assert _named("q1_rad", {"rad": 1.0, "deg": 2.0}) == "rad"
+    assert _named("dq1_rad_s", {"rad/s": 1.0, "rpm": 2.0}) == "rad/s"
+    assert _named("joint_m", {"m": 1.0, "mm": 2.0}) == "m"
+    assert _named("q1", {"rad": 1.0, "deg": 2.0}) == ""
+    joint = Coordinate("arm", "revolute", Limits(-3.0, 3.0, 2.0, 10.0))
+    units = {"deg": 1.0, "rad": 180.0 / np.pi}
+    rates = {"rad/s": 1.0, "deg/s": np.pi / 180.0}
+    facts = JointFacts(joint, -0.03, 0.03, 0.03, True, 57.3, units, rates, 0.5)
+    assert facts.cheapest(1.0).position_unit == "deg"
+    assert replace(facts, named=("rad", "rad/s")).cheapest(1.0).position_unit == "rad"
+
+
+def test_a_declared_delay_of_velocities_is_held_against_the_log(tmp_path: Path) -> None:
+    declared = ROBOT.replace('velocity = "dq{}"', 'velocity = "dq{}"\nvelocity_delay = 0.05')
+    assert of(diagnosis(tmp_path, late(sound()), declared), "velocity").judgement == Judgement.OK
+    found = of(diagnosis(tmp_path, sound(), declared), "velocity")
+    assert found.judgement == Judgement.DOUBTFUL and "late" in found.says

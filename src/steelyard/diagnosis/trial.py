@@ -242,6 +242,13 @@ def score_of(squares: Array, whole: Array, counts: Array, nuisances: Array) -> S
     return Score(misfits, np.where(seen, counts, 0.0), nuisances)
 
 
+def _turned(bounds: tuple[Array, Array], gain: Array) -> tuple[Array, Array]:
+    """Bounds of friction in logged units: where an effort counts the other way, so does it."""
+    lower, upper = bounds
+    turned = (gain < 0.0)[:, None]
+    return np.where(turned, -upper, lower), np.where(turned, -lower, upper)
+
+
 def _around(friction: Array, size: Array, u: Array) -> tuple[Array, Array]:
     """Bounds around the reference's friction, from its efforts `(n, B)` at speeds `u`."""
     n = len(u)
@@ -278,5 +285,5 @@ def trial_of(
     friction = into @ np.nan_to_num(knowledge.friction(*motion))
     size = np.sqrt(np.mean(np.square(into @ torque + friction), axis=1))
     if not knowledge.identified:
-        return replace(bare, size=size)
+        return replace(bare, size=size, bounds=_turned(free, np.diag(into)))
     return replace(bare, size=size, bounds=_around(friction, size, bare.driven(motion[1])))
