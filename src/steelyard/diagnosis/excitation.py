@@ -52,11 +52,14 @@ class Excitation:
 
     def __call__(self, case: Case) -> tuple[Finding, ...]:
         """One finding per log, and one for all together if there are several."""
-        motions = [_motion(case, evidence) for evidence in case.logs]
+        logs = [evidence for evidence in case.logs if look(case, evidence).step > 0.0]
+        if not logs:
+            return ()
+        motions = [_motion(case, evidence) for evidence in logs]
         alone = len(motions) == 1
         found = [
             self._look(case, evidence, done, alone)
-            for evidence, done in zip(case.logs, motions, strict=True)
+            for evidence, done in zip(logs, motions, strict=True)
         ]
         return tuple(found) if alone else (*found, self._together(case, motions))
 

@@ -54,7 +54,7 @@ def require_columns(path: Path, known: Sequence[str], wanted: Sequence[str]) -> 
             raise LogError(
                 f"the log has no column '{column}'",
                 where=str(path),
-                mend=f"{advice(column, known, 'columns')} {mend}",
+                mend=f"{advice(column, known, 'columns')}; {mend}",
             )
         if count > 1:
             raise LogError(
