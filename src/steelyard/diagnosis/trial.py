@@ -285,5 +285,6 @@ def trial_of(
     friction = into @ np.nan_to_num(knowledge.friction(*motion))
     size = np.sqrt(np.mean(np.square(into @ torque + friction), axis=1))
     if not knowledge.identified:
-        return replace(bare, size=size, bounds=_turned(free, np.diag(into)))
+        turned = free if signals.effort_map is not None else _turned(free, np.diag(into))
+        return replace(bare, size=size, bounds=turned)
     return replace(bare, size=size, bounds=_around(friction, size, bare.driven(motion[1])))

@@ -8,6 +8,7 @@ from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.finding import Judgement
 from steelyard.diagnosis.ranking import ALIEN, Ranking, bad, disagrees, ranking
 from steelyard.diagnosis.rival import Rival
+from steelyard.diagnosis.rivals_effort import OWN
 from steelyard.diagnosis.rivals_world import SHARP, delay_rivals
 from steelyard.diagnosis.sight import once
 
@@ -20,8 +21,10 @@ CLOSE = 3.0
 """Log-likelihood within which two explanations cannot be told apart."""
 ROUGH = 25.0
 """Typical misfit [%] that an explanation by a nominal model may leave."""
-OF_JOINTS = ("effort sign", "position sign", "gain")
+OF_JOINTS = ("effort sign", "position sign")
 """Causes that show in the joints they are about, however well the others agree."""
+HUGE = 20.0
+"""Factor on one joint's effort beyond which a rough model is no excuse either."""
 STRIKING, CLEAN = 200.0, 12.0
 """Log-likelihood gained, and misfit left [%], of an explanation by a nominal model that counts
 although the declared reading is not bad in itself."""
@@ -111,11 +114,11 @@ def _judged(found: Ranking, before: Rival, winner: Rival, rivals: tuple[Rival, .
         return Judgement.WRONG if _late(found, before, winner) else Judgement.OK
     if sure:
         fall = float(np.max(before.misfits / np.maximum(winner.misfits, 1e-3)))
-    elif not bad(trial, before) and (gain < STRIKING or winner.percent > CLEAN):
+    elif not bad(trial, before) and not _striking(winner, gain):
         return Judgement.OK
     else:
         fall = before.percent / max(winner.percent, 1e-3)
-        if winner.cause in OF_JOINTS:
+        if winner.cause in OF_JOINTS or _huge(before, winner):
             fall = max(fall, _fall_of_joints(before, winner))
         if winner.percent > ROUGH:
             return Judgement.OK
@@ -124,6 +127,18 @@ def _judged(found: Ranking, before: Rival, winner: Rival, rivals: tuple[Rival, .
     near = [r for r in rivals[1:] if r.log_likelihood > winner.log_likelihood - CLOSE]
     apart = [r for r in near if r.cause != winner.cause or r.joints != winner.joints]
     return _when(not apart)
+
+
+def _striking(winner: Rival, gain: float) -> bool:
+    """Whether a few numbers explain very much, and leave next to nothing."""
+    return gain >= STRIKING and winner.percent <= CLEAN and winner.cost <= OWN
+
+
+def _huge(before: Rival, winner: Rival) -> bool:
+    """Whether the gain of a joint is off by orders of magnitude."""
+    factor = np.abs(winner.reading.effort_scale / before.reading.effort_scale)
+    far = np.max(np.abs(np.log(factor)))
+    return winner.cause == "gain" and bool(far > np.log(HUGE))
 
 
 def _fall_of_joints(before: Rival, winner: Rival) -> float:
