@@ -42,7 +42,8 @@ def main() -> list[Claim]:
         return [Claim("a browser to look with", "none found", "Chromium", False)]
     with tempfile.TemporaryDirectory() as name:
         out = Path(name) / "out"
-        command = [sys.executable, "-m", "steelyard", "identify", str(_robot_file(Path(name)))]
+        command = [sys.executable, "-m", "steelyard", "identify", "--sensitivity"]
+        command.append(str(_robot_file(Path(name))))
         command += [*ur10e_logs(), "--loaded", loaded_log(), "--payload-mass", "2.805"]
         command += ["--validate", ur10e_validation(), "-o", str(out)]
         subprocess.run(command, check=True, capture_output=True)
