@@ -30,6 +30,9 @@ ORDER = (
 RANK = {room: rank for rank, rooms in enumerate(ORDER) for room in rooms}
 ONE_FILE = {
     "casadi": {"kernel/trace.py"},
+    "clarabel": {"estimation/conic.py"},
+    "pymoo": {"estimation/genetic.py"},
+    "cma": {"estimation/cma_es.py"},
     "llvmlite": {"kernel/machine.py"},
     "plotly": {"report/html.py"},
     "jinja2": {"report/html.py"},

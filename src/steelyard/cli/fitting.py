@@ -138,12 +138,12 @@ def estimators(loaded: LoadedRobot) -> tuple[LeastSquares, LeastSquares]:
     return (noise, equal) if loaded.estimation.weights == "noise" else (equal, noise)
 
 
-def estimator_of(loaded: LoadedRobot, model: Model) -> Estimator:
+def estimator_of(loaded: LoadedRobot, model: Model) -> Estimator[Information]:
     """The estimator that the robot file asks for, with what every run has for itself."""
     return _of_runs(estimators(loaded)[0], model)
 
 
-def _of_runs(estimator: LeastSquares, model: Model) -> Estimator:
+def _of_runs(estimator: LeastSquares, model: Model) -> Estimator[Information]:
     """The estimator with the parameters that every run of this model has for itself."""
     own = {
         p.name

@@ -1,17 +1,33 @@
 """What an estimator returns: named numbers, their uncertainty, and what the data did not see."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
 from steelyard.arrays import Array, frozen
 from steelyard.parameters import Parameters
-from steelyard.regression.information import Information
 
-Estimator = Callable[[Information], "Estimate"]
-"""From information to parameters."""
+Data = TypeVar("Data", contravariant=True)
+
+
+class Estimator(Protocol[Data]):
+    """From data to parameters.
+
+    What an estimator has to look at is in its type: `Estimator[Information]` needs sums of
+    products alone, `Estimator[Samples]` filtered samples, `Estimator[Experiment]` raw signals and,
+    if it simulates, the controller.
+    """
+
+    def __call__(self, data: Data, /) -> "Estimate":
+        """Estimate the parameters.
+
+        Raises:
+            DataError: The data cannot give an estimate; the message says why.
+        """
+        ...
+
 
 Z95 = 1.959963984540054
 """Half-width of a 95 % interval in standard deviations."""
@@ -46,6 +62,28 @@ class OfRun:
 
 
 @dataclass(frozen=True, eq=False)
+class Standard:
+    """Values of all standard parameters, as data and prior together have them.
+
+    Attributes:
+        parameters: All standard parameters of the model, `p` of them.
+        covariance: Shape `(p, p)`.
+        learned: Share of each parameter's knowledge that comes from the data, 0 to 1, shape
+            `(p,)`: one minus the ratio of its variance after the data to that before; 1 where
+            nothing was known before, 0 of what was given or no data show.
+    """
+
+    parameters: Parameters
+    covariance: Array
+    learned: Array
+
+    @property
+    def std(self) -> Array:
+        """Standard deviation of each parameter, shape `(p,)`."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+@dataclass(frozen=True, eq=False)
 class Estimate:
     """Estimated base parameters.
 
@@ -60,6 +98,11 @@ class Estimate:
         condition_normalised: The same with columns scaled to unit length.
         per_run: Parameters of single runs; `parameters` then holds what a new run is to be
             expected to have, their mean, with the variance between runs.
+        standard: Values of all standard parameters, of estimators that know a prior; what the
+            data do not see is then as the prior says.
+        learned: Share of each of `parameters` that comes from the data, 0 to 1, shape `(p,)`; all
+            ones without a prior.
+        notes: What was decided on the way, for people to read.
     """
 
     estimator: str
@@ -71,6 +114,14 @@ class Estimate:
     condition: float
     condition_normalised: float
     per_run: tuple[OfRun, ...] = ()
+    standard: Standard | None = None
+    learned: Array | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def values(self) -> Parameters:
+        """What a model is to be given: all standard parameters where they are known."""
+        return self.parameters if self.standard is None else self.standard.parameters
 
     @property
     def std(self) -> Array:
@@ -105,6 +156,9 @@ class Estimate:
                 }
                 for own in self.per_run
             ],
+            "standard": None if self.standard is None else _standard_to_dict(self.standard),
+            "learned": None if self.learned is None else self.learned.tolist(),
+            "notes": list(self.notes),
         }
 
     @classmethod
@@ -132,4 +186,29 @@ class Estimate:
                 )
                 for own in data["per_run"]
             ),
+            standard=None if data["standard"] is None else _standard_from_dict(data["standard"]),
+            learned=None if data["learned"] is None else frozen(data["learned"], (size,)),
+            notes=tuple(data["notes"]),
         )
+
+
+def _standard_to_dict(standard: Standard) -> dict[str, Any]:
+    return {
+        "names": list(standard.parameters.names),
+        "units": list(standard.parameters.units),
+        "values": standard.parameters.values.tolist(),
+        "covariance": standard.covariance.tolist(),
+        "learned": standard.learned.tolist(),
+    }
+
+
+def _standard_from_dict(data: Mapping[str, Any]) -> Standard:
+    size = len(data["names"])
+    standard = Standard(
+        Parameters(data["names"], data["units"], data["values"]),
+        frozen(np.reshape(data["covariance"], (size, size))),
+        frozen(data["learned"], (size,)),
+    )
+    if not all(np.isfinite(x).all() for x in (standard.parameters.values, standard.covariance)):
+        raise ValueError("a standard parameter or its covariance is not finite")
+    return standard

@@ -17,7 +17,7 @@ from steelyard.regression.base import BaseMap
 from steelyard.robot.signals import Signals, signals_from_dict, signals_to_dict
 
 SCHEMA = "steelyard.model"
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class IdentifiedModel:
     @cached_property
     def valued(self) -> ValuedModel:
         """The model with the estimated values."""
-        return self.model.at(self.estimate.parameters)
+        return self.model.at(self.estimate.values)
 
     def torque(self, motion: Motion) -> Array:
         """Joint efforts along a motion, shape `(N, n)` [Nm; N]."""

@@ -8,6 +8,7 @@ import numpy as np
 from steelyard.estimation.estimate import Estimate, Estimator
 from steelyard.estimation.field_passes import Said
 from steelyard.model import Model
+from steelyard.regression.information import Information
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot.inertia import INERTIAL_NAMES
 from steelyard.terms.load_dependent import LoadDependent
@@ -25,7 +26,7 @@ def bodies_of(estimate: Estimate) -> dict[str, float]:
     return {name: x for name, x in found.items() if name.split(".")[0] in INERTIAL_NAMES}
 
 
-def reference_of(model: Model, said: Said, estimator: Estimator) -> dict[str, float]:
+def reference_of(model: Model, said: Said, estimator: Estimator[Information]) -> dict[str, float]:
     """Bodies fitted without load-dependent friction."""
     terms = tuple(t for t in model.terms if not isinstance(t, LoadDependent))
     return bodies_of(estimator(said(base_regressor(replace(model, terms=terms)))))
@@ -45,7 +46,9 @@ def needs_reference(model: Model) -> bool:
     return any(isinstance(term, LoadDependent) for term in model.terms)
 
 
-def settled_reference(model: Model, said: Said, estimator: Estimator) -> tuple[Model, bool]:
+def settled_reference(
+    model: Model, said: Said, estimator: Estimator[Information]
+) -> tuple[Model, bool]:
     """Fit, take the bodies as reference, and fit again until they stand still.
 
     Args:

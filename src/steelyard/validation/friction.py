@@ -107,7 +107,7 @@ class FrictionChoice:
 def choose_friction(
     model: Model,
     runs: Sequence[Run],
-    estimator: Estimator,
+    estimator: Estimator[Information],
     *,
     threads: int = 1,
     progress: Progress = silent,
