@@ -35,9 +35,8 @@ class OrdinaryLeastSquares:
         data = Runs.of(information, self.per_run)
         ones = np.ones(len(information.layout.rows))
         solution = _solve(data, ones)
-        variances = _variances(data, solution, ones)
-        spread = _spread(data, solution, variances)
-        return _estimate("ordinary least squares", data, solution, variances, spread)
+        fit = Fit(data, solution, variances=_variances(data, solution, ones))
+        return described("ordinary least squares", fit, _spread(fit))
 
 
 @dataclass(frozen=True)
@@ -56,6 +55,15 @@ class WeightedLeastSquares:
 
     def __call__(self, information: Information) -> Estimate:
         """Estimate all columns that the data see."""
+        fit = self.fit(information)
+        own = [
+            part.covariance(fit.solution.kept, fit.solution.inverse) for part in fit.solution.locals
+        ]
+        spread = Spread(fit.solution.inverse, tuple(own))
+        return described("weighted least squares", fit, spread)
+
+    def fit(self, information: Information) -> "Fit":
+        """Values and settled weights, without covariances."""
         data = Runs.of(information, self.per_run)
         energy = information.effort_squares() / np.maximum(information.n_samples, 1.0)
         variances = np.where(energy > 0.0, energy, 1.0)
@@ -67,13 +75,11 @@ class WeightedLeastSquares:
             variances = settled
             if change < self.tolerance:
                 break
-        own = [part.covariance(solution.kept, solution.inverse) for part in solution.locals]
-        spread = _Spread(solution.inverse, tuple(own))
-        return _estimate("weighted least squares", data, solution, variances, spread)
+        return Fit(data, solution, variances)
 
 
 @dataclass(frozen=True, eq=False)
-class _Solution:
+class Solution:
     """Values of all columns (unseen ones zero), those kept, and the inverse Gram of these.
 
     Attributes:
@@ -95,7 +101,22 @@ class _Solution:
     singular_normalised: Array
 
 
-def _solve(data: Runs, weights: Array) -> _Solution:
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A fit and what it was made from.
+
+    Attributes:
+        data: Information, with what is a run's own.
+        solution: Values.
+        variances: Residual variance per effort row, shape `(rows,)`.
+    """
+
+    data: Runs
+    solution: Solution
+    variances: Array
+
+
+def _solve(data: Runs, weights: Array) -> Solution:
     information = data.whole
     matrix, vector, eliminated, squares = data.normal(weights)
     lengths = np.sqrt(np.maximum(squares, 0.0))
@@ -117,7 +138,7 @@ def _solve(data: Runs, weights: Array) -> _Solution:
     first = inverse @ (vector[kept] / scale)
     first += inverse @ (vector[kept] / scale - reduced @ first)
     values[kept] = first / scale
-    return _Solution(
+    return Solution(
         values,
         kept,
         inverse / scale[:, None] / scale,
@@ -163,7 +184,7 @@ def _all_new(unit: Array) -> bool:
         return False
 
 
-def _variances(data: Runs, solution: _Solution, weights: Array) -> Array:
+def _variances(data: Runs, solution: Solution, weights: Array) -> Array:
     """Residual variance per row; a fit takes from each row the degrees of freedom it used there."""
     layout, counts = data.whole.layout, data.whole.n_samples
     squares, used = np.zeros(len(layout.rows)), np.zeros(len(layout.rows))
@@ -184,15 +205,16 @@ def _variances(data: Runs, solution: _Solution, weights: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class _Spread:
+class Spread:
     """Covariance of the shared parameters, and per run that of its own."""
 
     shared: Array
     own: tuple[Array, ...]
 
 
-def _spread(data: Runs, solution: _Solution, variances: Array) -> _Spread:
+def _spread(fit: "Fit") -> Spread:
     """What noise of these variances does to a fit in which all rows weigh the same."""
+    data, solution, variances = fit.data, fit.solution, fit.variances
     kept, inverse = solution.kept, solution.inverse
     total, parts = np.zeros((len(kept), len(kept))), []
     for run, own in zip(data.runs, solution.locals, strict=True):
@@ -208,12 +230,12 @@ def _spread(data: Runs, solution: _Solution, variances: Array) -> _Spread:
     for slopes, noise, across in parts:
         cross = across @ inverse @ slopes.T
         each.append(noise + slopes @ covariance @ slopes.T + cross + cross.T)
-    return _Spread(covariance, tuple(each))
+    return Spread(covariance, tuple(each))
 
 
-def _estimate(
-    name: str, data: Runs, solution: _Solution, variances: Array, spread: _Spread
-) -> Estimate:
+def described(name: str, fit: "Fit", spread: Spread) -> Estimate:
+    """The estimate of a fit, under the estimator's name."""
+    data, solution, variances = fit.data, fit.solution, fit.variances
     layout = data.whole.layout
     values, covariance, own = _with_locals(solution, spread)
     columns = [*solution.kept, *own]
@@ -248,7 +270,7 @@ def _estimate(
     )
 
 
-def _with_locals(solution: _Solution, spread: _Spread) -> tuple[Array, Array, list[int]]:
+def _with_locals(solution: Solution, spread: Spread) -> tuple[Array, Array, list[int]]:
     """Shared values and covariance, joined by what a new run is to be expected to have.
 
     Of a column that every run has for itself that is the mean over runs, with the variance
