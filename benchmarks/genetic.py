@@ -15,6 +15,7 @@ import numpy as np
 
 from steelyard.estimation.estimate import Estimate
 from steelyard.estimation.fields import FoundFields, find_fields
+from steelyard.estimation.genetic import evolved
 from steelyard.estimation.least_squares import WeightedLeastSquares
 from steelyard.kernel.dynamics import JointState
 from steelyard.model import Model
@@ -33,8 +34,6 @@ RATE, REACHES, REACH_TIME, NOISE = 50.0, 16, 1.2, 0.02
 RANGES = np.deg2rad([[-20.0, 80.0], [80.0, 190.0]])
 SLOWEST, FASTEST = 1e-3, 1.0
 CHROMOSOMES, GENERATIONS = 30, 100
-CROSSED, MUTATED = 0.8, 0.1
-"""Probabilities of crossover per pair and of mutation per gene."""
 
 UPPER = np.array([0.5, 0.5, 0.5, *np.full(6, 1.0)])
 """Range of the linear parameters, from zero: inertial ones, then Coulomb, viscous, excess."""
@@ -146,37 +145,15 @@ def root_mean_square(log: Log, linear: np.ndarray, speeds: np.ndarray) -> np.nda
 
 
 def genetic(log: Log, seed: int) -> tuple[np.ndarray, float]:
-    """The best chromosome, 9 linear parameters and 2 speeds, and its error [Nm].
-
-    Real genes; tournaments of two choose parents, pairs blend, genes mutate anew within their
-    range; after both, the best 30 of parents and offspring stay.
-    """
-    rng = np.random.default_rng(seed)
-    low = np.concatenate([np.zeros(9), np.full(2, np.log(SLOWEST))])
-    high = np.concatenate([UPPER, np.full(2, np.log(FASTEST))])
+    """The best chromosome, 9 linear parameters and 2 speeds, and its error [Nm]."""
 
     def errors(genes: np.ndarray) -> np.ndarray:
         return root_mean_square(log, genes[:, :9], np.exp(genes[:, 9:]))
 
-    def best_of(genes: np.ndarray, new: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, ...]:
-        both, costs = np.concatenate([genes, new]), np.concatenate([known, errors(new)])
-        kept = np.argsort(costs, kind="stable")[:CHROMOSOMES]
-        return both[kept], costs[kept]
-
-    genes = rng.uniform(low, high, (CHROMOSOMES, 11))
-    costs = errors(genes)
-    for _ in range(GENERATIONS):
-        rivals = rng.integers(0, CHROMOSOMES, (2, CHROMOSOMES))
-        parents = genes[np.where(costs[rivals[0]] <= costs[rivals[1]], *rivals)]
-        mates = rng.permutation(parents)
-        blend = rng.uniform(-0.25, 1.25, parents.shape)
-        crossed = rng.random((CHROMOSOMES, 1)) < CROSSED
-        children = np.where(crossed, blend * parents + (1.0 - blend) * mates, parents)
-        genes, costs = best_of(genes, np.clip(children, low, high), costs)
-        anew = rng.uniform(low, high, genes.shape)
-        mutants = np.where(rng.random(genes.shape) < MUTATED, anew, genes)
-        genes, costs = best_of(genes, mutants, costs)
-    return np.concatenate([genes[0, :9], np.exp(genes[0, 9:])]), float(costs[0])
+    low = np.concatenate([np.zeros(9), np.full(2, np.log(SLOWEST))])
+    high = np.concatenate([UPPER, np.full(2, np.log(FASTEST))])
+    best = evolved(errors, low, high, population=CHROMOSOMES, generations=GENERATIONS, seed=seed)
+    return np.concatenate([best.values[:9], np.exp(best.values[9:])]), best.cost
 
 
 def ours(log: Log, seed: int) -> tuple[FoundFields, Estimate]:

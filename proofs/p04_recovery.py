@@ -4,11 +4,13 @@ White torque noise and encoder noise with quantisation, default filters, weighte
 draws over four robots, each draw with a motion and noise of its own.
 """
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from claims import Claim, main_of
 
+from steelyard.arrays import Array
 from steelyard.estimation.least_squares import WeightedLeastSquares
 from steelyard.excitation.random_fourier import random_fourier
 from steelyard.measurement import Recording, prepare
@@ -28,6 +30,7 @@ from steelyard.virtual.simulate import typical_torque
 from steelyard.virtual.truth import Truth
 
 RATE, DRAWS = 250.0, 50
+Noise = Callable[[np.random.Generator, tuple[int, ...]], Array]
 ENCODER = 2.0 * np.pi / 2**20
 TORQUE_NOISE = 0.02
 """White torque noise over the typical torque of each joint."""
@@ -55,7 +58,12 @@ def robots() -> list[Robot]:
     return [demo, *made]
 
 
-def log_of(robot: Robot, truth: Truth, seed: int) -> Recording:
+def white(rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
+    """Noise of unit size."""
+    return rng.standard_normal(shape)
+
+
+def log_of(robot: Robot, truth: Truth, seed: int, noise: Noise = white) -> Recording:
     """A log in memory: true torque along a random motion, with noise on both sides."""
     rng = np.random.default_rng(seed)
     trajectory = random_fourier(robot, seed=seed, period=10.0, periods=2)
@@ -63,7 +71,7 @@ def log_of(robot: Robot, truth: Truth, seed: int) -> Recording:
     motion = trajectory.sample(t)
     torque = truth.model.at(truth.values).torque(motion)
     scale = typical_torque(robot, build(robot, truth.inertial, truth.rotors))
-    torque = torque + TORQUE_NOISE * scale * rng.standard_normal(torque.shape)
+    torque = torque + TORQUE_NOISE * scale * noise(rng, torque.shape)
     noisy = motion.q + ENCODER * rng.standard_normal(motion.q.shape)
     q = ENCODER * np.round(noisy / ENCODER)
     names = [f"{kind}{j}" for kind in "qe" for j in range(robot.n)]

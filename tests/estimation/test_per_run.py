@@ -78,6 +78,7 @@ class Dense:
     values: np.ndarray
     covariance: np.ndarray
     sigma: np.ndarray
+    factors: np.ndarray | None
 
 
 def expanded(runs: list[OneRun]) -> tuple[np.ndarray, np.ndarray]:
@@ -104,11 +105,33 @@ def dense_fit(runs: list[OneRun], weighted: bool) -> Dense:
         used = np.sum((matrix @ inverse) * matrix, axis=(1, 2)) / variances
         squares = ((effort - matrix @ values) ** 2).sum(axis=1)
         variances = squares / (effort.shape[1] - used)
-    if weighted:
-        return Dense(values, inverse, np.sqrt(variances))
-    noise = np.repeat(variances, effort.shape[1])
-    meat = (stacked.T * noise) @ stacked
-    return Dense(values, inverse @ meat @ inverse, np.sqrt(variances))
+    sigma = np.sqrt(variances)
+    factors = dense_factors(matrix, effort, values, inverse, sigma) if weighted else None
+    noise = factors if weighted else variances * dense_fit(runs, True).factors
+    meat = (stacked.T * np.repeat(noise, effort.shape[1])) @ stacked
+    return Dense(values, inverse @ meat @ inverse, sigma, factors)
+
+
+def dense_factors(
+    matrix: np.ndarray,
+    effort: np.ndarray,
+    values: np.ndarray,
+    inverse: np.ndarray,
+    sigma: np.ndarray,
+    window: int = 150,
+) -> np.ndarray:
+    """How much more the scores of windows scatter than white noise would have them, per row."""
+    factors = []
+    for row in range(4):
+        found = expected = 0.0
+        for start in range(0, effort.shape[1], window):
+            part = matrix[row, start : start + window] / sigma[row]
+            residual = effort[row, start : start + window] / sigma[row] - part @ values
+            hat = part @ inverse @ part.T
+            found += residual @ hat @ residual
+            expected += np.trace(hat @ (np.eye(len(hat)) - hat))
+        factors.append(max(found / expected, 1.0))
+    return np.array(factors)
 
 
 def shared_of(estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:

@@ -11,7 +11,7 @@ from browser import Seen, chromium, look
 from steelyard.diagnosis import Diagnosis, Edit, Judgement, Mend
 from steelyard.diagnosis import Finding as SaidFinding
 from steelyard.diagnosis.finding import Hypothesis, Picture, Trace
-from steelyard.estimation.estimate import Blind, Estimate, OfRun
+from steelyard.estimation.estimate import Blind, Estimate, OfRun, Standard
 from steelyard.estimation.fields import Finding
 from steelyard.estimation.gains import GainEstimate
 from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
@@ -27,6 +27,7 @@ from steelyard.terms.viscous import Viscous
 from steelyard.validation.friction import FrictionChoice, MixScore
 from steelyard.validation.score import JointScore, RunScore, Traces
 from steelyard.validation.sensitivity import Sensitivity, Variation
+from steelyard.validation.trial import Comparison, Failure, Trial
 
 EVIL = "<script>document.body.dataset.errors='ran'</script></script><b>\"'&{{7*7}}"
 
@@ -74,6 +75,15 @@ def estimate(base: BaseMap, name: str = "weighted least squares", step: float = 
     )
 
 
+def standard(model: Model) -> Standard:
+    """The nominal values, of which the data tell the second body's mass least."""
+    values = np.array([p.prior if p.prior is not None else 0.5 for p in model.parameters])
+    std = 0.02 * np.abs(values) + 1e-4
+    learned = np.full(len(values), 0.9)
+    learned[10] = 0.05
+    return Standard(Parameters(model.names, model.units, values), np.diag(std**2), learned)
+
+
 def identified(arm: Robot) -> IdentifiedModel:
     model = Model(arm)
     base = base_map(model)
@@ -99,7 +109,12 @@ def identified(arm: Robot) -> IdentifiedModel:
     return IdentifiedModel(
         model,
         base,
-        replace(estimate(base), per_run=drift),
+        replace(
+            estimate(base),
+            per_run=drift,
+            learned=np.append(np.full(len(base) - 2, 0.93), 0.125),
+            standard=standard(model),
+        ),
         (estimate(base, "ordinary least squares", 1.5),),
         signals,
         Cutoffs(25.0, 8.0, 8.0),
@@ -142,7 +157,14 @@ def run_score(
         scores,
         100.0 * error * 1.8,
         100.0 * error,
-        Traces(t, measured, predicted, moving),
+        Traces(
+            t,
+            measured,
+            predicted,
+            moving,
+            0.1 + 0.1 * np.abs(measured) / 5.0,
+            0.2 * np.ones(len(joints)),
+        ),
     )
 
 
@@ -210,6 +232,42 @@ def sensitivity(name: str = "mass", most: float = 3.0) -> Sensitivity:
     return Sensitivity(parameters, np.array([0.1, 0.0]), result, (slower, failed))
 
 
+def comparison(name: str = "", most: float = 9.0) -> Comparison:
+    """One estimator that is taken, one that is as good, one that failed once, one for good."""
+    joints = (f"shoulder{name}", f"elbow{name}")
+    near = np.array([[3.0, 4.0], [5.0, 6.0], [2.0, 5.0]])
+
+    def trial(words: str, errors: np.ndarray, **more) -> Trial:
+        given = Trial(
+            f"{words}{name}",
+            f"an estimator {name}",
+            "information",
+            False,
+            errors,
+            errors.max(axis=1),
+            0.012,
+            36,
+            41.5,
+            1.0,
+            None,
+        )
+        return replace(given, **more)
+
+    lost = near.copy()
+    lost[1] = np.nan
+    sad = Failure(None, f"too few [data] {name}", f"log longer {name}")
+    bodies = (f"link 1 {name}", f"link 2 {name}")
+    trials = (
+        trial("WLS", near),
+        trial("consistent", near + 0.05, impossible=(), seconds=0.12, chi_square=1.004),
+        trial("plain", near * most, impossible=bodies, condition=most, notes=(f"rough {name}",)),
+        trial("once", lost, failures=(Failure(f"run2{name}", f"not convex {name}", "try again"),)),
+        trial("never", near * np.nan, failures=(sad,) * 4, seconds=None, parameters=None),
+    )
+    runs = tuple(f"run{k}{name}" for k in (1, 2, 3))
+    return Comparison(trials, runs, "run", joints, (f"genetic{name}",))
+
+
 @pytest.fixture(scope="session")
 def usual() -> ReportContent:
     quality = (("rows", "4 012"), ("dropped", "12 (not a number)"), ("rate", "100.0 Hz"))
@@ -227,6 +285,7 @@ def usual() -> ReportContent:
         gains=gains(),
         diagnosis=diagnosis(),
         sensitivity=sensitivity(),
+        comparison=comparison(),
     )
 
 
@@ -271,6 +330,7 @@ def nasty(usual: ReportContent) -> ReportContent:
         diagnosis=diagnosis(EVIL, float("nan")),
         gains=replace(gains((EVIL, EVIL)), gains=np.array([np.nan, np.inf])),
         sensitivity=sensitivity(EVIL, float("nan")),
+        comparison=comparison(EVIL, float("inf")),
     )
 
 

@@ -9,7 +9,7 @@ from steelyard.errors import ModelError
 from steelyard.excitation.random_fourier import random_fourier
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.robot import Robot
-from steelyard.virtual.controller import JointPD
+from steelyard.estimation.controller import JointPD
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.payload import Payload
 from steelyard.virtual.plant import MujocoPlant

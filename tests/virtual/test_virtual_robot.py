@@ -11,7 +11,7 @@ from steelyard.excitation.random_fourier import random_fourier
 from steelyard.motion import Plant, Rig
 from steelyard.progress import Event, Stopped
 from steelyard.robot.robot import Robot
-from steelyard.virtual.controller import tuned_pd
+from steelyard.estimation.controller import tuned_pd
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.mujoco_model import build, inverse_dynamics
 from steelyard.virtual.robot import VirtualRobot

@@ -3,44 +3,25 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from steelyard.cli.river import wanted_by, with_friction
-from steelyard.errors import DataError, ModelError
+from steelyard.cli.ground import Payload as Payload
+from steelyard.cli.ground import grounded, own_columns
+from steelyard.cli.river import wanted_by
+from steelyard.estimation.consistent import Consistent
 from steelyard.estimation.estimate import Estimate, Estimator
-from steelyard.estimation.fields import Finding, find_fields, said_by
-from steelyard.estimation.gains import GainEstimate, identified_gains
+from steelyard.estimation.fields import Finding
+from steelyard.estimation.gains import GainEstimate
 from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimation.least_squares import OrdinaryLeastSquares, WeightedLeastSquares
-from steelyard.estimation.reference import needs_reference, settled_reference
+from steelyard.estimation.wishes import knowledge_of
 from steelyard.measurement import Run
 from steelyard.model import Model
 from steelyard.progress import Progress
-from steelyard.regression.base import base_map, refuse_twins
-from steelyard.regression.gather import gather
+from steelyard.regression.base import base_map
 from steelyard.regression.information import Information
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot.robot_file import LoadedRobot
-from steelyard.terms.find import finds_of
 from steelyard.terms.rigid_body import RigidBody
-from steelyard.validation.friction import FrictionChoice, choose_friction, refuse_listed
-from steelyard.validation.mixes import remembers
-
-_UNSETTLED = (
-    "the reference of load-dependent friction still moved after three passes: "
-    "its coefficients are rough"
-)
-
-
-@dataclass(frozen=True)
-class Payload:
-    """What the loaded runs carry, as far as it is known.
-
-    Attributes:
-        mass: [kg]; `None` if it is unknown.
-        frame: Frame to give its numbers in; that of the last link if `None`.
-    """
-
-    mass: float | None = None
-    frame: str | None = None
+from steelyard.validation.friction import FrictionChoice
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,32 +67,16 @@ def fit(
         threads: Native threads.
         progress: Told about every pass.
     """
-    if loaded_robot.friction:
-        refuse_listed(model)
-        _refuse_finds(model)
-    gains = _gains(model, loaded_robot, runs, carrying, payload, threads, progress)
-    if gains is not None:
-        runs = [_with_gains(run, gains) for run in runs]
     estimator, other = (_of_runs(e, model) for e in estimators(loaded_robot))
-    choice = None
-    if loaded_robot.friction:
-        choice = choose_friction(model, runs, estimator, threads=threads, progress=progress)
-        model = replace(model, terms=(*model.terms, *choice.terms))
-    said = said_by(runs, rests=remembers(model.terms), threads=threads, progress=progress)
-    found = find_fields(model, said, progress=progress)
-    model, settled = found.model, True
-    refuse_twins(model, base_map(model))
-    if needs_reference(model):
-        model, settled = settled_reference(model, said, estimator)
-    information = said(base_regressor(model))
-    estimate, reference = estimator(information), other(information)
-    notes = (
-        *([_gain_note(gains)] if gains is not None else []),
-        *([choice.note] if choice is not None else []),
-        *found.notes,
-        *([] if settled else [_UNSETTLED]),
-        *_beyond(model, estimate),
-    )
+    ground = grounded(model, loaded_robot, runs, carrying, payload, estimator, threads, progress)
+    model, runs = ground.model, ground.runs
+    information = ground.said(base_regressor(model))
+    plain = estimator(information)
+    estimate, reference = plain, other(information)
+    more = _least_squares_because(loaded_robot, ground.gains)
+    if not more:
+        estimate, reference = consistent_of(loaded_robot, model)(information), plain
+    notes = (*ground.notes, *more, *estimate.notes, *_beyond(model, estimate))
     identified = IdentifiedModel(
         model=model,
         base=base_map(model),
@@ -126,7 +91,7 @@ def fit(
         processing=wanted_by(loaded_robot),
         provenance=replace(origin, notes=(*origin.notes, *notes)),
     )
-    return Fit(identified, tuple(runs), choice, found.findings, gains, notes)
+    return Fit(identified, ground.runs, ground.choice, ground.findings, ground.gains, notes)
 
 
 LeastSquares = OrdinaryLeastSquares | WeightedLeastSquares
@@ -143,31 +108,30 @@ def estimator_of(loaded: LoadedRobot, model: Model) -> Estimator[Information]:
     return _of_runs(estimators(loaded)[0], model)
 
 
-def _of_runs(estimator: LeastSquares, model: Model) -> Estimator[Information]:
+def consistent_of(loaded: LoadedRobot, model: Model) -> Estimator[Information]:
+    """The consistent estimator with what the robot file knows of the robot."""
+    equal = loaded.estimation.weights == "equal"
+    return _of_runs(Consistent(base_map(model), knowledge_of(model, loaded), equal=equal), model)
+
+
+def _least_squares_because(loaded: LoadedRobot, gains: GainEstimate | None) -> tuple[str, ...]:
+    """Notes on why the estimate is plain least squares; none where it is not."""
+    if loaded.estimation.method == "least_squares":
+        return ("plain least squares, as the robot file asks for: bodies may be impossible",)
+    if gains is not None and gains.relative:
+        return ("plain least squares: without a scale no prior of the bodies can be compared",)
+    return ()
+
+
+def _of_runs(estimator: LeastSquares | Consistent, model: Model) -> Estimator[Information]:
     """The estimator with the parameters that every run of this model has for itself."""
-    own = {
-        p.name
-        for term in model.terms
-        if getattr(term, "per_run", False)
-        for p in term.parameters(model.robot)
-    }
+    own = own_columns(model)
 
     def estimate(information: Information) -> Estimate:
         names = tuple(name for name in information.layout.columns if name in own)
         return replace(estimator, per_run=names)(information)
 
     return estimate
-
-
-def _refuse_finds(model: Model) -> None:
-    """Fields are found for friction that is there; which is there is still to be chosen."""
-    asking = [term.law for term in model.terms if finds_of(term)]
-    if asking:
-        raise ModelError(
-            f"a field of term '{asking[0]}' is to be found, and friction is to be chosen at once",
-            where="[model] friction",
-            mend='give the field a number, or list the friction laws in place of "auto"',
-        )
 
 
 def _beyond(model: Model, estimate: Estimate) -> tuple[str, ...]:
@@ -190,67 +154,3 @@ def _beyond(model: Model, estimate: Estimate) -> tuple[str, ...]:
         f"below what is physical: {', '.join(found)}; these terms fit the data, but stand for "
         "something else",
     )
-
-
-def _with_gains(run: Run, gains: GainEstimate) -> Run:
-    signals = replace(
-        run.recording.signals, gains=gains.gains, unknown_gains=(False,) * len(gains.gains)
-    )
-    return replace(run, recording=replace(run.recording, signals=signals))
-
-
-def _gains(
-    model: Model,
-    loaded_robot: LoadedRobot,
-    runs: Sequence[Run],
-    carrying: Sequence[Run],
-    payload: Payload,
-    threads: int,
-    progress: Progress,
-) -> GainEstimate | None:
-    """The drive gains that the robot file asks for."""
-    signals = runs[0].recording.signals
-    if not any(signals.unknown_gains):
-        if carrying or payload != Payload():
-            given = "loaded logs are" if carrying else "a payload is"
-            raise ModelError(
-                f"{given} given, but no drive gain is to be identified",
-                where="--loaded" if carrying else "--payload-mass, --payload-frame",
-                mend='give gain = "identify" in [signals.effort], or weigh the payload with '
-                "`steelyard payload MODEL LOG`",
-            )
-        return None
-    model = with_friction(model, loaded_robot)
-    if any(finds_of(term) for term in model.terms):
-        raise DataError(
-            "drive gains and fields of terms cannot be found at once",
-            where="[signals.effort] gain",
-            mend="identify the gains with fields that are given, and write them into the file",
-        )
-    regressor = base_regressor(model)
-    rests = remembers(model.terms)
-    unloaded, loaded = (
-        [gather(regressor, run, rests=rests, threads=threads, progress=progress) for run in some]
-        for some in (runs, carrying)
-    )
-    known = {
-        joint: float(gain)
-        for joint, gain, unknown in zip(
-            model.robot.joint_names, signals.gains, signals.unknown_gains, strict=True
-        )
-        if not unknown
-    }
-    return identified_gains(
-        model, unloaded, loaded, mass=payload.mass, frame=payload.frame, known=known
-    )
-
-
-def _gain_note(gains: GainEstimate) -> str:
-    found = ", ".join(
-        f"{joint} {gain:.4g} ± {half:.2g} {unit}"
-        for joint, gain, half, unit, known in zip(
-            gains.joints, gains.gains, gains.half_width, gains.units, gains.known, strict=True
-        )
-        if not known
-    )
-    return f"drive gains identified: {found}"

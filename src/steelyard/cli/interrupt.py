@@ -51,6 +51,11 @@ def check() -> None:
         raise Interrupted
 
 
+def answered() -> None:
+    """What is done is kept: the request has its answer, and only a new one stops what follows."""
+    _state.asked = False
+
+
 def too_late() -> None:
     """The last chance to stop: after this, the results take their place and Ctrl-C does nothing.
 

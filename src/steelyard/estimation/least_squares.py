@@ -2,22 +2,35 @@ r"""Ordinary and weighted least squares on base parameters, from information alo
 
 Weights are one per effort row, $1/\sigma_j^2$, found by iteration: fit, take each row's residuals,
 fit again [Gautier1997]. Information counts filtered samples for what they are worth, as many as
-there are independent ones, so the covariance is right for residuals behind a low-pass.
+there are independent ones, so the covariance is right for white residuals behind a low-pass; where
+windows of time show that they are alike for longer, it is widened (see `sandwich`).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from steelyard.arrays import Array, frozen
-from steelyard.errors import DataError
-from steelyard.estimation.estimate import Blind, Estimate, OfRun
-from steelyard.estimation.per_run import TIED, Eliminated, Runs, explained
-from steelyard.parameters import Parameters
+from steelyard.estimation.estimate import Estimate
+from steelyard.estimation.normal_equations import (
+    Fit as Fit,
+)
+from steelyard.estimation.normal_equations import (
+    Solution as Solution,
+)
+from steelyard.estimation.normal_equations import (
+    Spread as Spread,
+)
+from steelyard.estimation.normal_equations import (
+    described as described,
+)
+from steelyard.estimation.normal_equations import (
+    solve,
+    spread_of,
+    variances_of,
+)
+from steelyard.estimation.per_run import Runs
+from steelyard.estimation.sandwich import inflations, note_of
 from steelyard.regression.information import Information
-
-SEEN = 1e-10
-"""Squared sine of the angle to earlier columns below which the data do not see a column."""
 
 
 @dataclass(frozen=True)
@@ -34,9 +47,11 @@ class OrdinaryLeastSquares:
         """Estimate all columns that the data see."""
         data = Runs.of(information, self.per_run)
         ones = np.ones(len(information.layout.rows))
-        solution = _solve(data, ones)
-        fit = Fit(data, solution, variances=_variances(data, solution, ones))
-        return described("ordinary least squares", fit, _spread(fit))
+        solution = solve(data, ones)
+        fit = Fit(data, solution, variances=variances_of(data, solution, ones))
+        factors = inflations(WeightedLeastSquares(per_run=self.per_run).fit(information))
+        estimate = described("ordinary least squares", fit, spread_of(fit, factors * fit.variances))
+        return replace(estimate, notes=note_of(information.layout.rows, factors))
 
 
 @dataclass(frozen=True)
@@ -56,246 +71,21 @@ class WeightedLeastSquares:
     def __call__(self, information: Information) -> Estimate:
         """Estimate all columns that the data see."""
         fit = self.fit(information)
-        own = [
-            part.covariance(fit.solution.kept, fit.solution.inverse) for part in fit.solution.locals
-        ]
-        spread = Spread(fit.solution.inverse, tuple(own))
-        return described("weighted least squares", fit, spread)
+        factors = inflations(fit)
+        estimate = described("weighted least squares", fit, spread_of(fit, factors / fit.variances))
+        return replace(estimate, notes=note_of(information.layout.rows, factors))
 
-    def fit(self, information: Information) -> "Fit":
+    def fit(self, information: Information) -> Fit:
         """Values and settled weights, without covariances."""
         data = Runs.of(information, self.per_run)
         energy = information.effort_squares() / np.maximum(information.n_samples, 1.0)
         variances = np.where(energy > 0.0, energy, 1.0)
         for _ in range(self.rounds):
             weights = 1.0 / variances
-            solution = _solve(data, weights)
-            settled = _variances(data, solution, weights)
+            solution = solve(data, weights)
+            settled = variances_of(data, solution, weights)
             change = np.abs(settled / variances - 1.0).max()
             variances = settled
             if change < self.tolerance:
                 break
         return Fit(data, solution, variances)
-
-
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """Values of all columns (unseen ones zero), those kept, and the inverse Gram of these.
-
-    Attributes:
-        values: Shared columns, shape `(p,)`; columns of single runs are zero here.
-        kept: Shared columns that the data see.
-        inverse: Inverse of the normal matrix of `kept`.
-        locals: Per run the values of its own columns, their inverse normal matrix and the map
-            from shared columns to them; see `Runs`.
-        blind: What is not seen.
-        singular: Eigenvalues of the normal matrix, as it is and with columns of unit length.
-    """
-
-    values: Array
-    kept: list[int]
-    inverse: Array
-    locals: tuple[Eliminated, ...]
-    blind: tuple[Blind, ...]
-    singular: Array
-    singular_normalised: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Fit:
-    """A fit and what it was made from.
-
-    Attributes:
-        data: Information, with what is a run's own.
-        solution: Values.
-        variances: Residual variance per effort row, shape `(rows,)`.
-    """
-
-    data: Runs
-    solution: Solution
-    variances: Array
-
-
-def _solve(data: Runs, weights: Array) -> Solution:
-    information = data.whole
-    matrix, vector, eliminated, squares = data.normal(weights)
-    lengths = np.sqrt(np.maximum(squares, 0.0))
-    scale = np.where(lengths > 1e-12 * lengths.max(initial=1e-300), lengths, np.inf)
-    scale[list(data.local)] = np.inf
-    unit = matrix / scale[:, None] / scale
-    kept, blind = _visible(unit, np.isfinite(scale), information.layout.columns)
-    blind = explained(blind, eliminated, lengths, information.layout.columns)
-    if not kept:
-        raise DataError(
-            "the data show none of the model's parameters",
-            where=", ".join(dict.fromkeys(w.run for w in information.windows)) or "no window",
-            mend="log a motion in which the joints move",
-        )
-    scale = np.sqrt(np.diag(matrix)[kept])
-    reduced = matrix[np.ix_(kept, kept)] / scale[:, None] / scale
-    inverse = np.linalg.inv(reduced)
-    values = np.zeros(len(vector))
-    first = inverse @ (vector[kept] / scale)
-    first += inverse @ (vector[kept] / scale - reduced @ first)
-    values[kept] = first / scale
-    return Solution(
-        values,
-        kept,
-        inverse / scale[:, None] / scale,
-        tuple(part.solved(values) for part in eliminated),
-        blind,
-        frozen(np.linalg.eigvalsh(matrix[np.ix_(kept, kept)])),
-        frozen(np.linalg.eigvalsh(reduced)),
-    )
-
-
-def _visible(
-    unit: Array, nonzero: Array, names: tuple[str, ...]
-) -> tuple[list[int], tuple[Blind, ...]]:
-    """Columns that are new to those before them: Cholesky in natural order, the others left out."""
-    size = len(unit)
-    if nonzero.all() and _all_new(unit):
-        return list(range(size)), ()
-    factor = np.zeros((size, size))
-    kept: list[int] = []
-    blind: list[Blind] = []
-    for k in range(size):
-        if not nonzero[k]:
-            blind.append(Blind(names[k]))
-            continue
-        part = np.linalg.solve(factor[np.ix_(kept, kept)], unit[kept, k])
-        rest = unit[k, k] - part @ part
-        if rest < SEEN:
-            weights = np.linalg.solve(unit[np.ix_(kept, kept)], unit[kept, k])
-            tied = [names[j] for j, w in zip(kept, weights, strict=True) if abs(w) > TIED]
-            blind.append(Blind(names[k], tuple(tied)))
-            continue
-        factor[k, kept] = part
-        factor[k, k] = np.sqrt(rest)
-        kept.append(k)
-    return kept, tuple(blind)
-
-
-def _all_new(unit: Array) -> bool:
-    """Whether every column is new; LAPACK answers that at once."""
-    try:
-        return bool(np.square(np.diag(np.linalg.cholesky(unit))).min() >= SEEN)
-    except np.linalg.LinAlgError:
-        return False
-
-
-def _variances(data: Runs, solution: Solution, weights: Array) -> Array:
-    """Residual variance per row; a fit takes from each row the degrees of freedom it used there."""
-    layout, counts = data.whole.layout, data.whole.n_samples
-    squares, used = np.zeros(len(layout.rows)), np.zeros(len(layout.rows))
-    for run, own in zip(data.runs, solution.locals, strict=True):
-        values = solution.values.copy()
-        values[list(own.columns)] = own.values
-        columns, covariance = own.joined(solution.kept, solution.inverse)
-        position = {column: k for k, column in enumerate(columns)}
-        squares += run.residual_squares(values)
-        for row, seen in enumerate(layout.sees):
-            mine = [k for k, column in enumerate(seen) if column in position]
-            place = [position[seen[k]] for k in mine]
-            gram = run.row_gram(row)[np.ix_(mine, mine)]
-            used[row] += weights[row] * np.sum(gram * covariance[np.ix_(place, place)])
-    variances = squares / np.maximum(counts - used, 1.0)
-    floor = 1e-24 * max(float(data.whole.effort_squares().max()), 1e-300)
-    return np.maximum(variances, floor)
-
-
-@dataclass(frozen=True, eq=False)
-class Spread:
-    """Covariance of the shared parameters, and per run that of its own."""
-
-    shared: Array
-    own: tuple[Array, ...]
-
-
-def _spread(fit: "Fit") -> Spread:
-    """What noise of these variances does to a fit in which all rows weigh the same."""
-    data, solution, variances = fit.data, fit.solution, fit.variances
-    kept, inverse = solution.kept, solution.inverse
-    total, parts = np.zeros((len(kept), len(kept))), []
-    for run, own in zip(data.runs, solution.locals, strict=True):
-        matrix, _, _ = run.normal(variances)
-        shared = np.zeros((len(matrix), len(kept)))
-        shared[kept, range(len(kept))] = 1.0
-        shared[list(own.columns)] = own.slopes[:, kept]
-        total += shared.T @ matrix @ shared
-        mine = own.inverse @ matrix[list(own.columns)]
-        parts.append((own.slopes[:, kept], mine[:, list(own.columns)] @ own.inverse, mine @ shared))
-    covariance = inverse @ total @ inverse
-    each = []
-    for slopes, noise, across in parts:
-        cross = across @ inverse @ slopes.T
-        each.append(noise + slopes @ covariance @ slopes.T + cross + cross.T)
-    return Spread(covariance, tuple(each))
-
-
-def described(name: str, fit: "Fit", spread: Spread) -> Estimate:
-    """The estimate of a fit, under the estimator's name."""
-    data, solution, variances = fit.data, fit.solution, fit.variances
-    layout = data.whole.layout
-    values, covariance, own = _with_locals(solution, spread)
-    columns = [*solution.kept, *own]
-    order = np.argsort(columns)
-    chosen = [columns[k] for k in order]
-    return Estimate(
-        estimator=name,
-        parameters=Parameters(
-            [layout.columns[k] for k in chosen],
-            [layout.units[k] for k in chosen],
-            values[order],
-        ),
-        covariance=frozen(covariance[np.ix_(order, order)]),
-        blind=solution.blind,
-        sigma=frozen(np.sqrt(variances)),
-        n_samples=frozen(data.whole.n_samples),
-        condition=_condition(solution.singular),
-        condition_normalised=_condition(solution.singular_normalised),
-        per_run=tuple(
-            OfRun(
-                part.run,
-                Parameters(
-                    [layout.columns[k] for k in part.columns],
-                    [layout.units[k] for k in part.columns],
-                    part.values,
-                ),
-                frozen(np.sqrt(np.diag(covariance))),
-            )
-            for part, covariance in zip(solution.locals, spread.own, strict=True)
-            if part.columns
-        ),
-    )
-
-
-def _with_locals(solution: Solution, spread: Spread) -> tuple[Array, Array, list[int]]:
-    """Shared values and covariance, joined by what a new run is to be expected to have.
-
-    Of a column that every run has for itself that is the mean over runs, with the variance
-    between runs (of one run alone: its own).
-    """
-    own = sorted({column for part in solution.locals for column in part.columns})
-    means, variances = [], []
-    for column in own:
-        parts = [
-            (part.values[k], covariance[k, k])
-            for part, covariance in zip(solution.locals, spread.own, strict=True)
-            for k, mine in enumerate(part.columns)
-            if mine == column
-        ]
-        found = np.array([value for value, _ in parts])
-        means.append(found.mean())
-        variances.append(found.var(ddof=1) if len(found) > 1 else parts[0][1])
-    size = len(spread.shared)
-    total = np.zeros((size + len(own), size + len(own)))
-    total[:size, :size] = (spread.shared + spread.shared.T) / 2.0
-    total[range(size, len(total)), range(size, len(total))] = variances
-    return np.concatenate([solution.values[solution.kept], means]), total, own
-
-
-def _condition(eigenvalues: Array) -> float:
-    """Root of the ratio of a Gram matrix's extreme eigenvalues, as far as rounding shows it."""
-    rounding = np.finfo(np.float64).eps * eigenvalues[-1]
-    return float(np.sqrt(eigenvalues[-1] / max(eigenvalues[0], rounding)))

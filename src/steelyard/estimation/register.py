@@ -1,12 +1,15 @@
 """All estimators, under the names that commands and tables know them by."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+from steelyard.estimation.consistent import Consistent
 from steelyard.estimation.estimate import Estimator
 from steelyard.estimation.knowledge import Knowledge
 from steelyard.estimation.least_squares import OrdinaryLeastSquares, WeightedLeastSquares
+from steelyard.estimation.physics import Free, Pullback
+from steelyard.progress import Progress, silent
 from steelyard.regression.regressor import Regressor
 
 Needs = Literal["information", "samples", "experiment"]
@@ -21,11 +24,13 @@ class Context:
         regressor: Model and columns.
         knowledge: What is known before the data.
         per_run: Columns whose parameters every run has for itself.
+        progress: Told by estimators that search or simulate how far they are.
     """
 
     regressor: Regressor
     knowledge: Knowledge
     per_run: tuple[str, ...] = ()
+    progress: Progress = silent
 
 
 @dataclass(frozen=True)
@@ -37,12 +42,84 @@ class Offer:
         about: What it is, in a few words.
         needs: What it looks at.
         make: The estimator for a model and what is known of it.
+        slow: Whether it searches or simulates, and so is compared only where it is named.
     """
 
     name: str
     about: str
     needs: Needs
     make: Callable[[Context], Estimator[Any]]
+    slow: bool = False
+
+
+def _consistent(context: Context) -> Consistent:
+    return Consistent(context.regressor.base, context.knowledge, per_run=context.per_run)
+
+
+def _bounded(context: Context) -> Estimator[Any]:
+    from steelyard.estimation.bounded import BoundedLeastSquares
+    from steelyard.estimation.box import base_bounds
+
+    bounds = base_bounds(context.regressor.base, context.knowledge)
+    return BoundedLeastSquares(bounds, per_run=context.per_run)
+
+
+def _log_cholesky(context: Context) -> Estimator[Any]:
+    from steelyard.estimation.log_cholesky import LogCholesky
+
+    return LogCholesky(context.regressor.base, context.knowledge, per_run=context.per_run)
+
+
+def _genetic(context: Context) -> Estimator[Any]:
+    from steelyard.estimation.box import base_bounds
+    from steelyard.estimation.genetic import Genetic
+
+    bounds = base_bounds(context.regressor.base, context.knowledge)
+    return Genetic(bounds, per_run=context.per_run, progress=context.progress)
+
+
+def _cma_es(context: Context) -> Estimator[Any]:
+    from steelyard.estimation.box import base_bounds
+    from steelyard.estimation.cma_es import CmaEs
+
+    bounds = base_bounds(context.regressor.base, context.knowledge)
+    return CmaEs(bounds, per_run=context.per_run, progress=context.progress)
+
+
+def _huber(context: Context) -> Estimator[Any]:
+    from steelyard.estimation.robust import Huber, Reweighted
+
+    return Reweighted(Huber(), WeightedLeastSquares(per_run=context.per_run))
+
+
+def _tukey(context: Context) -> Estimator[Any]:
+    from steelyard.estimation.robust import Reweighted, Tukey
+
+    return Reweighted(Tukey(), WeightedLeastSquares(per_run=context.per_run))
+
+
+def _total(context: Context) -> Estimator[Any]:
+    from steelyard.estimation.total_least_squares import TotalLeastSquares
+
+    return TotalLeastSquares(per_run=context.per_run)
+
+
+def _ridge(context: Context) -> Estimator[Any]:
+    from steelyard.estimation.ridge import Ridge
+
+    return Ridge.nominal(context.regressor.base, context.knowledge, context.per_run)
+
+
+def _recursive(context: Context) -> Estimator[Any]:
+    from steelyard.estimation.recursive import Recursive
+
+    return Recursive(forgetting=0.99)
+
+
+def _motion_noise(context: Context) -> Estimator[Any]:
+    from steelyard.estimation.motion_noise import MotionNoise
+
+    return MotionNoise(context.regressor, per_run=context.per_run)
 
 
 ESTIMATORS: tuple[Offer, ...] = (
@@ -58,4 +135,42 @@ ESTIMATORS: tuple[Offer, ...] = (
         "information",
         lambda c: WeightedLeastSquares(per_run=c.per_run),
     ),
+    Offer("consistent", "bodies that can exist, near their priors", "information", _consistent),
+    Offer(
+        "pullback",
+        "the same with a quadratic distance from the priors",
+        "information",
+        lambda c: replace(_consistent(c), form=Pullback()),
+    ),
+    Offer(
+        "SDP",
+        "bodies that can exist, without prior: what physics alone costs",
+        "information",
+        lambda c: replace(_consistent(c), form=Free()),
+    ),
+    Offer("TLS", "total least squares: noise in the columns too", "information", _total),
+    Offer(
+        "ridge",
+        "weighted least squares drawn towards the nominal bodies",
+        "information",
+        _ridge,
+    ),
+    Offer("RLS", "recursive least squares that forgets 1 % a second", "information", _recursive),
+    Offer("Huber", "least squares that trusts large residuals less", "samples", _huber),
+    Offer("Tukey", "least squares that leaves large residuals out", "samples", _tukey),
+    Offer(
+        "ML",
+        "maximum likelihood with noise of the measured motion",
+        "samples",
+        _motion_noise,
+    ),
+    Offer("bounded LS", "weighted least squares within bounds", "information", _bounded),
+    Offer(
+        "log-Cholesky",
+        "the consistent estimate by Gauss-Newton in coordinates without cones",
+        "information",
+        _log_cholesky,
+    ),
+    Offer("GA", "genetic algorithm over base parameters", "information", _genetic, slow=True),
+    Offer("CMA-ES", "evolution of a normal distribution", "information", _cma_es, slow=True),
 )

@@ -50,6 +50,19 @@ def rigid_columns(robot: Robot, state: JointState) -> Entries:
     return entries
 
 
+def affine(
+    build: Callable[[Sequence[Scalar]], Sequence[Scalar]], n: int
+) -> tuple[list[list[Scalar]], list[Scalar]]:
+    """Slopes, rows of `n`, and values at zero of expressions that are linear in `n` variables."""
+    casadi = _casadi()
+    x = casadi.SX.sym("x", n)
+    values = casadi.vertcat(*build([x[k] for k in range(n)]))
+    slopes = casadi.jacobian(values, x)
+    rest = casadi.substitute(values, x, casadi.SX.zeros(n))
+    rows = range(values.numel())
+    return [[slopes[row, k] for k in range(n)] for row in rows], [rest[row] for row in rows]
+
+
 def is_zero(scalar: Scalar) -> bool:
     """Whether an expression is zero by structure."""
     return bool(_casadi().SX(scalar).is_zero())

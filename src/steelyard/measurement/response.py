@@ -20,15 +20,21 @@ def responses(method: Method, cutoff: float, rate: float, joints: int) -> tuple[
         Position, velocity and acceleration after one position, shape `(3, n, 2 halo + 1)`, and
         velocity after one logged velocity, shape `(n, 2 halo + 1)`.
     """
+    of_position, of_velocity = motion_responses(method, cutoff, rate, joints)
+    return of_position, of_velocity[1]
+
+
+def motion_responses(
+    method: Method, cutoff: float, rate: float, joints: int
+) -> tuple[Array, Array]:
+    """The same; after one logged velocity too all three, shape `(3, n, 2 halo + 1)`."""
     designed = method.designed(cutoff, rate)
     if designed.halo is None:
         designed = Butterworth().designed(cutoff, rate)
     halo = designed.halo or 0
     impulse = np.zeros((joints, 4 * halo + 1))
     impulse[:, 2 * halo] = 1.0
-    of_position = designed(impulse, None)
-    of_velocity = designed(np.zeros_like(impulse), impulse)[1]
-    return of_position, of_velocity
+    return designed(impulse, None), designed(np.zeros_like(impulse), impulse)
 
 
 def noise_gain(response: Array, rate: float) -> Array:

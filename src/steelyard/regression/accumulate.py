@@ -1,5 +1,6 @@
 """Gram matrices of one stretch of samples: kernel, matched filter, Gram, block by block."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache, cached_property
 from math import lcm
@@ -154,25 +155,50 @@ class Accumulator:
 
     def _filtered(self, stretch: Stretch) -> Sums:
         """Kernel, filter, weights and Gram, one native call each per block."""
-        lanes, decimation = self.regressor.code.lanes, self.decimation
-        step = lcm(decimation, lanes)
-        step *= max(1, BLOCK // step)
-        history = -(-self.halo // lanes) * lanes
-        work = _Workspace(self, history + step)
+        work = self._workspace()
         weights = self._weights(stretch)
-        n_outputs, per_step = self.outputs(stretch.q.shape[1]), step // decimation
-        known = 0
-        for first in range(0, n_outputs, per_step):
-            count = min(per_step, n_outputs - first)
-            work.evaluate(stretch, first * decimation + known, history + step - known, known)
-            block = work.filtered(count)
+        for first, count, block in self._blocks(stretch, work):
             if weights is None:
                 work.add(block, count)
             else:
                 work.add(block, count, weights[:, first : first + count])
+        return work.result()
+
+    def rows(self, stretch: Stretch) -> tuple[Array, Array]:
+        """The filtered samples themselves.
+
+        Returns:
+            Columns and efforts as `Layout.starts` says, shape `(width, outputs)`, and the weight of
+            each in each effort row, shape `(n, outputs)`; 0 where it does not count.
+        """
+        n_outputs, weights = self.outputs(stretch.q.shape[1]), self._weights(stretch)
+        result = np.empty((self.width, n_outputs))
+        for first, count, block in self._blocks(stretch, self._workspace()):
+            result[:, first : first + count] = block[: self.width, :count]
+        return result, np.ones((len(stretch.q), n_outputs)) if weights is None else weights
+
+    @property
+    def _steps(self) -> tuple[int, int]:
+        """Samples kept of the block before, and samples a block goes on by."""
+        lanes, decimation = self.regressor.code.lanes, self.decimation
+        step = lcm(decimation, lanes)
+        return -(-self.halo // lanes) * lanes, step * max(1, BLOCK // step)
+
+    def _workspace(self) -> "_Workspace":
+        return _Workspace(self, sum(self._steps))
+
+    def _blocks(self, stretch: Stretch, work: "_Workspace") -> Iterator[tuple[int, int, Array]]:
+        """First filtered sample, how many there are, and their rows, which may be written to."""
+        history, step = self._steps
+        n_outputs, per_step = self.outputs(stretch.q.shape[1]), step // self.decimation
+        known = 0
+        for first in range(0, n_outputs, per_step):
+            count = min(per_step, n_outputs - first)
+            start = first * self.decimation + known
+            work.evaluate(stretch, start, history + step - known, known)
+            yield first, count, work.filtered(count)
             work.y[:, :history] = work.y[:, step : step + history]
             known = history
-        return work.result()
 
     def _weights(self, stretch: Stretch) -> Array | None:
         """Weights of the filtered samples, shape `(n, outputs)`."""

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,12 @@ HALOS = 8
 
 AHEAD = 2
 """Pieces read ahead per thread."""
+
+LEAST_WINDOWS = 8
+"""Windows that even a short run is cut into, for they tell how long residuals are alike."""
+
+SHORTEST = 2
+"""Least length of such a window in halos of the filter."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,21 +72,58 @@ def gather(
         Stopped: `progress` asked to stop.
         LogError: No stretch of the run is as long as the filter, or an effort never changes.
     """
+    river = begun(regressor, run, matched, rests, longest)
+    found = accumulate(
+        river.accumulator, river.pieces, river.stamp, threads, run.duration, progress
+    )
+    if not found.windows:
+        raise river.too_short()
+    chosen = river.accumulator.matched
+    return found if chosen is None else found.diluted(chosen.inflation)
+
+
+@dataclass(frozen=True, eq=False)
+class River:
+    """A run on its way into sums.
+
+    Attributes:
+        run: The run.
+        accumulator: What its pieces go through.
+        pieces: Stretches with their halo; to be read once.
+        stamp: What the sums will mean.
+    """
+
+    run: Run
+    accumulator: Accumulator
+    pieces: Iterator[Piece]
+    stamp: Stamp
+
+    def too_short(self) -> LogError:
+        """What to say if nothing came out."""
+        matched = self.accumulator.matched
+        need = len(matched.taps) / self.run.rate if matched else 0.0
+        return LogError(
+            f"no stretch of the log is as long as its filter ({need:.2f} s)",
+            where=self.run.name,
+            mend="log for longer, or raise matched_cutoff in [processing] of the robot file",
+        )
+
+
+def begun(
+    regressor: Regressor, run: Run, matched: bool, rests: bool, longest: float = np.inf
+) -> River:
+    """A pass over a run, about to begin; see `gather`.
+
+    Raises:
+        LogError: An effort never changes.
+    """
     _refuse_dead_efforts(run)
     chosen = MatchedFilter.design(run.matched_cutoff, run.rate) if matched else None
     accumulator = Accumulator(regressor, chosen)
     blocks = remembered(run.blocks(), regressor.model, rests)
-    pieces = cut(blocks, run.name, accumulator, int(min(longest, 1e6) * run.rate))
-    stamp = stamp_of(regressor, run.effort_units, run, chosen)
-    found = accumulate(accumulator, pieces, stamp, threads, run.duration, progress)
-    if not found.windows:
-        need = len(chosen.taps) / run.rate if chosen else 0.0
-        raise LogError(
-            f"no stretch of the log is as long as its filter ({need:.2f} s)",
-            where=run.name,
-            mend="log for longer, or raise matched_cutoff in [processing] of the robot file",
-        )
-    return found if chosen is None else found.diluted(chosen.inflation)
+    apart = max(run.duration * run.rate / LEAST_WINDOWS, SHORTEST * accumulator.halo)
+    pieces = cut(blocks, run.name, accumulator, int(min(longest * run.rate, apart)))
+    return River(run, accumulator, pieces, stamp_of(regressor, run.effort_units, run, chosen))
 
 
 def _refuse_dead_efforts(run: Run) -> None:
@@ -197,24 +241,31 @@ def accumulate(
 ) -> Information:
     """Sum up pieces, in order, on some threads; the result does not depend on their number."""
     collected = _Windows(accumulator)
-
-    def keep(piece: Piece, result: Sums) -> None:
+    for piece, result in in_order(accumulator, pieces, threads):
         if result.counts.any():
             collected.add(piece.window, result)
         tell(progress, f"gathering {piece.window.run}", piece.window.stop, duration)
-
-    with ThreadPoolExecutor(threads) as pool:
-        waiting: list[tuple[Piece, Future[Sums]]] = []
-        for piece in pieces:
-            waiting.append((piece, pool.submit(accumulator, piece.stretch)))
-            if len(waiting) > AHEAD * threads:
-                first, future = waiting.pop(0)
-                keep(first, future.result())
-        for first, future in waiting:
-            keep(first, future.result())
     return Information(
         accumulator.regressor.layout, stamp, tuple(collected.windows), *collected.sums
     )
+
+
+Result = TypeVar("Result")
+
+
+def in_order(
+    work: Callable[[Stretch], Result], pieces: Iterable[Piece], threads: int
+) -> Iterator[tuple[Piece, Result]]:
+    """Pieces with what was made of them on some threads, in order, a few read ahead."""
+    with ThreadPoolExecutor(threads) as pool:
+        waiting: list[tuple[Piece, Future[Result]]] = []
+        for piece in pieces:
+            waiting.append((piece, pool.submit(work, piece.stretch)))
+            if len(waiting) > AHEAD * threads:
+                first, future = waiting.pop(0)
+                yield first, future.result()
+        for first, future in waiting:
+            yield first, future.result()
 
 
 class _Windows:

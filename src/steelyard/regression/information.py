@@ -30,6 +30,21 @@ class Stamp:
     effort: tuple[str, ...]
     filters: str
 
+    def refuse_unlike(self, other: "Stamp", where: str) -> None:
+        """What means something else cannot be added.
+
+        Raises:
+            DataError: They differ.
+        """
+        for field in ("model", "columns", "effort", "filters"):
+            mine, theirs = getattr(self, field), getattr(other, field)
+            if mine != theirs:
+                raise DataError(
+                    f"information of unequal {field} cannot be added ({mine} and {theirs})",
+                    where=where,
+                    mend="gather both with the same robot file and the same cut-offs",
+                )
+
 
 @dataclass(frozen=True)
 class Window:
@@ -67,14 +82,7 @@ class Information:
         Raises:
             DataError: They differ in model, columns, effort unit or filters.
         """
-        for field in ("model", "columns", "effort", "filters"):
-            mine, theirs = getattr(self.stamp, field), getattr(other.stamp, field)
-            if mine != theirs:
-                raise DataError(
-                    f"information of unequal {field} cannot be added ({mine} and {theirs})",
-                    where=f"runs {_runs(self)} and {_runs(other)}",
-                    mend="gather both with the same robot file and the same cut-offs",
-                )
+        self.stamp.refuse_unlike(other.stamp, f"runs {_runs(self)} and {_runs(other)}")
         return Information(
             self.layout,
             self.stamp,
@@ -126,6 +134,10 @@ class Information:
         """Gram matrix of one row's own columns and effort, shape `(k + 1, k + 1)`."""
         sums = self.grams if windows is None else self.grams[list(windows)]
         return _unpacked(sums.sum(axis=0)[self._packed(row)], self.layout.widths[row])
+
+    def row_grams(self, row: int) -> Array:
+        """The same of every window, shape `(w, k + 1, k + 1)`."""
+        return _unpacked(self.grams[:, self._packed(row)], self.layout.widths[row])
 
     def normal(self, weights: Array | None = None) -> tuple[Array, Array, float]:
         r"""Normal equations of weighted least squares over all rows.

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from steelyard.validation.friction import FrictionChoice
     from steelyard.validation.score import RunScore
     from steelyard.validation.sensitivity import Sensitivity
+    from steelyard.validation.trial import Comparison
 
 Rows = Sequence[tuple[str, str]]
 """Labels and values, ready to be read."""
@@ -37,6 +38,7 @@ class ReportContent:
         gains: Drive gains that were found, if any.
         diagnosis: What the logs were checked for before.
         sensitivity: Fits with other cut-offs, if they were asked for.
+        comparison: Estimators beside each other, if they were compared.
     """
 
     title: str
@@ -52,3 +54,4 @@ class ReportContent:
     gains: GainEstimate | None = None
     diagnosis: Diagnosis | None = None
     sensitivity: Sensitivity | None = None
+    comparison: Comparison | None = None

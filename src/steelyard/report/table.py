@@ -16,7 +16,10 @@ if TYPE_CHECKING:
 WEAK = 20.0
 """Relative standard deviation [%] above which a parameter is called weak."""
 
-Grade = Literal["sure", "weak", "zero", "unseen"]
+LEARNED = 20.0
+"""Share from data [%] below which a parameter is called known from the prior."""
+
+Grade = Literal["sure", "weak", "zero", "prior", "unseen"]
 
 
 @dataclass(frozen=True)
@@ -34,8 +37,9 @@ class Row:
         relative_percent: Standard deviation relative to the value [%].
         nominal: Value in the robot's file; `None` if unknown.
         grade: `sure`, `weak` (relative standard deviation above 20 %), `zero` (the interval holds
-            zero) or `unseen`.
+            zero), `prior` (less than 20 % of it are from the data) or `unseen`.
         status: The same in words.
+        learned_percent: Share that comes from the data [%]; `None` without a prior.
     """
 
     name: str
@@ -49,6 +53,7 @@ class Row:
     nominal: float | None
     grade: Grade
     status: str
+    learned_percent: float | None = None
 
 
 def rows(identified: IdentifiedModel) -> tuple[Row, ...]:
@@ -57,13 +62,17 @@ def rows(identified: IdentifiedModel) -> tuple[Row, ...]:
     nominal = nominal_values(identified)
     groups = {name: base.grouping(k) for k, name in enumerate(base.base_names)}
     units = dict(zip(base.base_names, base.base_units, strict=True))
+    learned = [None] * len(estimate.parameters)
+    if estimate.learned is not None:
+        learned = (100.0 * estimate.learned).tolist()
     seen = {
-        name: _seen(name, groups.get(name, name), unit, value, std, nominal.get(name))
-        for name, unit, value, std in zip(
+        name: _seen(name, groups.get(name, name), unit, value, std, nominal.get(name), share)
+        for name, unit, value, std, share in zip(
             estimate.parameters.names,
             estimate.parameters.units,
             estimate.parameters.values.tolist(),
             estimate.std.tolist(),
+            learned,
             strict=True,
         )
     }
@@ -88,11 +97,21 @@ def nominal_values(identified: IdentifiedModel) -> dict[str, float]:
     }
 
 
-def _seen(name: str, group: str, unit: str, value: float, std: float, nominal: float | None) -> Row:
+def _seen(
+    name: str,
+    group: str,
+    unit: str,
+    value: float,
+    std: float,
+    nominal: float | None,
+    learned: float | None,
+) -> Row:
     relative = 100.0 * std / abs(value) if value else float("inf")
     grade: Grade = "sure"
     status = "seen"
-    if not Z95 * std < abs(value):
+    if learned is not None and learned < LEARNED:
+        grade, status = "prior", "from the prior"
+    elif not Z95 * std < abs(value):
         grade, status = "zero", "seen (not told from zero)"
     elif not relative <= WEAK:
         grade, status = "weak", "seen (weakly)"
@@ -108,6 +127,7 @@ def _seen(name: str, group: str, unit: str, value: float, std: float, nominal: f
         nominal,
         grade,
         status,
+        learned,
     )
 
 

@@ -34,6 +34,7 @@ CSV_COLUMNS = (
     "relative_std_percent",
     "status",
     "symbol",
+    "from_data_percent",
 )
 
 NAMED = 8
@@ -79,7 +80,7 @@ def parameters_csv(identified: IdentifiedModel) -> str:
         value, std, lower, upper, relative = (_exact(number) for number in numbers)
         writer.writerow(
             [row.name, row.group, value, row.unit, std, lower, upper, relative, row.status]
-            + [symbol.get(row.name, row.name)]
+            + [symbol.get(row.name, row.name), _exact(row.learned_percent)]
         )
     return text.getvalue()
 
@@ -127,6 +128,9 @@ def _parameters(identified: IdentifiedModel) -> list[str]:
     weak = [row for row in table if row.grade in ("weak", "zero")]
     if weak:
         lines.append(f"{len(weak)} poorly determined: {_some(weak)}")
+    prior = [row for row in table if row.grade == "prior"]
+    if prior:
+        lines.append(f"{len(prior)} known mostly from the prior: {_some(prior)}")
     unseen = [row for row in table if row.grade == "unseen"]
     if unseen:
         lines.append(f"{len(unseen)} not seen by these data: {_some(unseen)}")

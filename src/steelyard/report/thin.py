@@ -59,3 +59,26 @@ def drawn(t: Array, signal: Array, most: int) -> tuple[Array, Array]:
     places = np.flatnonzero(np.diff(after)) + 1
     values = np.where(np.isfinite(signal[chosen]), signal[chosen], np.nan)
     return np.insert(t[chosen], places, t[chosen[places - 1]]), np.insert(values, places, np.nan)
+
+
+def outline(t: Array, lower: Array, upper: Array, most: int) -> tuple[Array, Array]:
+    """Outline of an area between two lines, one closed piece between jumps of time.
+
+    Args:
+        t: Shape `(N,)` [s].
+        lower: Shape `(N,)`.
+        upper: Shape `(N,)`.
+        most: Largest number of points.
+
+    Returns:
+        Time and value, equally long; NaN in both between pieces.
+    """
+    breaks = gaps(t)[: max(most // 8, 1)]
+    chosen = thin(upper, max((most - len(breaks)) // 2, 4))
+    pieces_t: list[Array] = []
+    pieces: list[Array] = []
+    pause = np.array([np.nan])
+    for part in np.split(chosen, np.searchsorted(chosen, breaks, side="right")):
+        pieces_t += [t[part], t[part[::-1]], pause]
+        pieces += [upper[part], lower[part[::-1]], pause]
+    return np.concatenate(pieces_t)[:-1], np.concatenate(pieces)[:-1]

@@ -266,6 +266,20 @@ def _settings_part() -> str:
 # matched_cutoff = 8.0
 # rest_speed = 0.01
 
+[prior]
+# Masses, centres and inertias before the data: those of the "model", or "none".
+# source = "model"
+# How far they may be off, relatively; found from the data if left out.
+# uncertainty = 0.3
+# Links whose mass is known better, or not at all.
+# [prior.links.NAME]
+# mass = 3.9
+# box = {size = [0.1, 0.1, 0.3], centre = [0.0, 0.0, 0.15]}
+# What holds in any case: kinds are "mass", "total_mass", "centre_in_box", "parameter", ...
+# [[knowledge]]
+# kind = "total_mass"
+# upper = 31.0
+
 [validation]
 # Low-pass through which measured and predicted effort are compared [Hz].
 # cutoff = 8.0"""

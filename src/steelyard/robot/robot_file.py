@@ -23,6 +23,7 @@ from steelyard.robot.reduction import reduced
 from steelyard.robot.robot import Limits, Robot
 from steelyard.robot.schema import (
     EstimationSection,
+    PriorSection,
     ProcessingSection,
     RobotFile,
     RobotSection,
@@ -66,6 +67,8 @@ class LoadedRobot:
         validation: Score settings.
         sources: The file given, then the model file it names, if any.
         where: Places in the file, for messages about what later rooms make of it.
+        prior: What is known of links before the data, beside the model file.
+        knowledge: Further wishes, a table with its `kind` each.
     """
 
     robot: Robot
@@ -78,6 +81,8 @@ class LoadedRobot:
     validation: ValidationSection
     sources: tuple[Source, ...]
     where: Locate
+    prior: PriorSection = PriorSection()
+    knowledge: tuple[Mapping[str, Any], ...] = ()
 
 
 def load_robot(path: str | Path, text: str | None = None) -> LoadedRobot:
@@ -179,6 +184,8 @@ def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
         file.validation,
         tuple(sources),
         places.where,
+        file.prior,
+        file.knowledge,
     )
 
 

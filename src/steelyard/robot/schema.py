@@ -191,10 +191,53 @@ class ProcessingSection(Section):
 class EstimationSection(Section):
     """How parameters are estimated.
 
+    `method`: `consistent` with physics and what is known beforehand, or plain `least_squares`.
     `weights`: joints weigh by the `noise` of their own residuals, or are `equal`.
     """
 
+    method: Literal["consistent", "least_squares"] = "consistent"
     weights: Literal["noise", "equal"] = "noise"
+
+
+class BoxSection(Section):
+    """A solid box: its edges [m] along the axes of the link's frame, and its centre there."""
+
+    size: Annotated[tuple[Positive, Positive, Positive], Field(strict=False)]
+    centre: Vector = (0.0, 0.0, 0.0)
+
+
+class CapsuleSection(Section):
+    """A solid rod with round ends: centres of the end balls in the link's frame, radius [m]."""
+
+    start: Vector = (0.0, 0.0, 0.0)
+    end: Vector
+    radius: Positive
+
+
+class LinkPriorSection(Section):
+    """What is known of one link before the data, in its own frame.
+
+    `source`: what is left out says the `model` file; or `none`: nothing is known of the link.
+    """
+
+    source: Literal["model", "none"] = "model"
+    mass: Positive | None = None
+    com: Vector | None = None
+    inertia_com: Six | None = None
+    box: BoxSection | None = None
+    capsule: CapsuleSection | None = None
+
+
+class PriorSection(Section):
+    """Mass properties before the data.
+
+    `source`: those of the `model` file, or `none` but for the links listed. `uncertainty`: how
+    far they are off, relatively; found from the data if left out.
+    """
+
+    source: Literal["model", "none"] = "model"
+    uncertainty: Positive | None = None
+    links: dict[str, LinkPriorSection] = {}
 
 
 class ValidationSection(Section):
@@ -211,6 +254,8 @@ class RobotFile(Section):
     signals: SignalsSection | None = None
     processing: ProcessingSection = ProcessingSection()
     estimation: EstimationSection = EstimationSection()
+    prior: PriorSection = PriorSection()
+    knowledge: Annotated[tuple[dict[str, Any], ...], Field(strict=False)] = ()
     validation: ValidationSection = ValidationSection()
 
 

@@ -1,5 +1,6 @@
 """A TOML text checked against its schema; messages name the line and the nearest key."""
 
+import re
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -93,15 +94,19 @@ def _explained(
             mend=f"add {missing} = ... to {shown(path)}" if path else f"add a [{missing}] table",
         )
     words = dict.fromkeys(
-        flaw["msg"].replace("Input should be", "").replace("tuple", "list in [ ]").strip()
-        for flaw in flaws
-        if _path(data, flaw["loc"]) == path
+        _wanted(flaw["msg"]) for flaw in flaws if _path(data, flaw["loc"]) == path
     )
     return ModelError(
         f"{first['input']!r} cannot be used for '{path[-1] if path else 'the file'}'",
         where=places.where(*path),
         mend="it should be " + ", or ".join(words),
     )
+
+
+def _wanted(message: str) -> str:
+    """What pydantic asks for, in the words of TOML."""
+    message = re.sub("valid dictionary( or instance of .+)?", "table", message)
+    return message.replace("Input should be", "").replace("tuple", "list in [ ]").strip()
 
 
 def _path(data: Any, loc: tuple[str | int, ...]) -> KeyPath:

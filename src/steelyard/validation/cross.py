@@ -32,10 +32,14 @@ def folds_of(runs: Sequence[Run]) -> tuple[Fold, ...]:
         )
     if len(runs) > 1:
         return tuple(_of_run(name) for name in names)
-    start, stop = runs[0].span
-    edges = np.linspace(start, stop, FOLDS + 1)
+    return tuple(_between(part.start, part.stop) for part in stretches_of(runs[0]))
+
+
+def stretches_of(run: Run) -> tuple[Window, ...]:
+    """Stretches of equal length; the first and the last have no outer end."""
+    edges = np.linspace(*run.span, FOLDS + 1).tolist()
     edges[0], edges[-1] = -np.inf, np.inf
-    return tuple(_between(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True))
+    return tuple(Window(run.name, a, b) for a, b in zip(edges[:-1], edges[1:], strict=True))
 
 
 def longest_window(runs: Sequence[Run]) -> float:

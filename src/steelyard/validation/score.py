@@ -20,9 +20,9 @@ from steelyard.measurement.parts import apply
 from steelyard.measurement.run import Block, Run
 from steelyard.model import ValuedModel
 from steelyard.regression.gather import Mask, along
-
-MOST_DRAWN = 100_000
-"""Samples of a run that its traces keep at most."""
+from steelyard.validation.bands import Bands
+from steelyard.validation.traces import Sure, Thinned
+from steelyard.validation.traces import Traces as Traces
 
 
 @dataclass(frozen=True)
@@ -46,19 +46,6 @@ class JointScore:
     rmse: float
     predict_zero: float
     prior_rmse: float | None
-
-
-@dataclass(frozen=True, eq=False)
-class Traces:
-    """Filtered effort along a run, in its logged unit: `t` is `(N,)`, the others `(N, n)`.
-
-    Of a run longer than `MOST_DRAWN` samples, evenly spaced ones.
-    """
-
-    t: Array
-    measured: Array
-    predicted: Array
-    moving: Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +99,7 @@ def score(
     gains: Array,
     cutoff: float,
     prior: ValuedModel | None = None,
+    bands: Bands | None = None,
 ) -> RunScore:
     """Compare a model with a run, block by block, in constant memory.
 
@@ -121,6 +109,7 @@ def score(
         gains: Joint effort per logged unit, shape `(n,)`.
         cutoff: Cut-off of the low-pass on both sides [Hz].
         prior: The same model with nominal values, to be scored beside it.
+        bands: How sure the model is, for the traces.
 
     Raises:
         LogError: The cut-off is too high for the run's rate.
@@ -128,12 +117,14 @@ def score(
     """
     require_fitting(cutoff, run.rate)
     models = (valued,) if prior is None else (valued, prior)
-    squares, thinned = _Squares(), _Thinned()
+    squares, thinned = _Squares(), Thinned()
+    thin = max(1, int(run.rate / (4.0 * cutoff)))
     blocks = along(run.blocks(), valued.model)
     for _, of_segment in groupby(blocks, key=lambda block: block.segment):
-        for t, moving, efforts in _filtered(of_segment, models, gains, cutoff, run.rate):
+        sure = Sure(of_segment, bands, gains, thin)
+        for t, moving, efforts in _filtered(sure, models, gains, cutoff, run.rate):
             squares.add(efforts, moving)
-            thinned.add(t, moving, efforts)
+            thinned.add(t, moving, efforts, sure.next(len(t)))
     if not squares.samples:
         raise DataError(
             f"the loops of '{valued.model.robot.name}' close at no sample of the run",
@@ -157,7 +148,7 @@ def score(
             if comparable and squares.samples_moving.any()
             else None
         ),
-        traces=thinned.traces,
+        traces=thinned.traces(None if bands is None else bands.sigma / np.abs(gains)),
     )
 
 
@@ -223,34 +214,6 @@ class _Squares:
             predict_zero=float(root[1]),
             prior_rmse=float(root[2]) if len(root) > 2 else None,
         )
-
-
-class _Thinned:
-    """Traces of a run of any length: every sample of a short one, every 2nd, 4th, ... of others."""
-
-    def __init__(self) -> None:
-        self._parts: list[tuple[Array, Mask, Array]] = []
-        self._step, self._seen = 1, 0
-
-    def add(self, t: Array, moving: Mask, efforts: Array) -> None:
-        """Take in the next samples; kept are those whose number is a multiple of the step."""
-        at = slice(-self._seen % self._step, None, self._step)
-        self._seen += len(t)
-        self._parts.append((t[at].copy(), moving[:, at].copy(), efforts[:2, :, at].copy()))
-        while self._seen > self._step * MOST_DRAWN:
-            t, moving, efforts = self._joined()
-            self._parts = [(t[::2].copy(), moving[:, ::2].copy(), efforts[:, :, ::2].copy())]
-            self._step *= 2
-
-    def _joined(self) -> tuple[Array, Mask, Array]:
-        t, moving, efforts = zip(*self._parts, strict=True)
-        return np.concatenate(t), np.concatenate(moving, axis=1), np.concatenate(efforts, axis=2)
-
-    @property
-    def traces(self) -> Traces:
-        """What was kept."""
-        t, moving, efforts = self._joined()
-        return Traces(t, efforts[0].T, efforts[1].T, moving.T)
 
 
 def _finite(figures: Mapping[str, Any]) -> dict[str, Any]:

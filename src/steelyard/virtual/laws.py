@@ -2,7 +2,7 @@
 
 One call per integration step takes the positions, velocities and last accelerations of MuJoCo's
 joints and the held torques, steps the memory of friction, and gives the applied forces. Laws that
-jump at zero speed are softened, see `soften`.
+jump at zero speed are softened, see `kernel.soften`.
 """
 
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ from steelyard.robot.robot import Robot
 from steelyard.terms.term import Remembering, Samples, Term, channels_of
 from steelyard.virtual.memory import Stepping, stepping
 from steelyard.virtual.mujoco_model import MujocoModel
-from steelyard.virtual.soften import softened
+from steelyard.kernel.soften import softened
 
 VELOCITY, WIDTHS = 1, 7
 

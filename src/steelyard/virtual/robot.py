@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from steelyard.arrays import Array, frozen
 from steelyard.errors import DataError
+from steelyard.estimation.controller import Controller, tuned_pd
 from steelyard.files import write_table
 from steelyard.model import Model
 from steelyard.motion import Motion, Trajectory
@@ -15,7 +16,6 @@ from steelyard.progress import Progress, silent, tell
 from steelyard.robot.robot import Robot
 from steelyard.robot.signals import Signals
 from steelyard.terms.rigid_body import RigidBody
-from steelyard.virtual.controller import tuned_pd
 from steelyard.virtual.naming import as_declared
 from steelyard.virtual.payload import Payload
 from steelyard.virtual.plant import MujocoPlant
@@ -44,6 +44,7 @@ class VirtualRobot:
         signals: Names, units, sides, kinds and gains of the log's columns; customary ones if
             `None`.
         payload: What it carries for a while, if anything.
+        control: Its joint controller.
     """
 
     def __init__(
@@ -62,7 +63,7 @@ class VirtualRobot:
         self.sensors = Sensors() if sensors is None else sensors
         self.payload = payload
         self._plant = MujocoPlant(robot, truth, payload)
-        self._control = tuned_pd(typical_masses(robot, self._plant.model))
+        self.control: Controller = tuned_pd(typical_masses(robot, self._plant.model))
         self._noise = np.random.default_rng(seed)
         self._progress = progress
 
@@ -96,10 +97,8 @@ class VirtualRobot:
         """Follow `trajectory`; what happened at every tick, without sensors."""
         ticks = round((trajectory.duration + 2.0 * self.rest) * CONTROL_RATE) + 1
         t = frozen(np.arange(ticks) * _TICK)
-        wanted = trajectory.sample(np.clip(t - self.rest, 0.0, trajectory.duration))
-        self._check_loops(t, wanted.q)
-        moving = ((t >= self.rest) & (t <= self.rest + trajectory.duration))[:, None]
-        goal, speed = wanted.q, np.where(moving, wanted.dq, 0.0)
+        goal, speed = self.wanted(trajectory, t)
+        self._check_loops(t, goal)
         loaded = np.zeros(ticks, bool) if self.payload is None else self.payload.carried(t)
         if self.payload is not None and not loaded.any():
             raise DataError(
@@ -117,7 +116,7 @@ class VirtualRobot:
             if k % _TICKS_PER_EVENT == 0:
                 tell(self._progress, "simulation", t[k], float(t[-1]))
             before = tau
-            tau = self._control.torque(goal[k] - q[k], speed[k] - dq[k])
+            tau = self.control.torque(goal[k] - q[k], speed[k] - dq[k])
             effort[k] = 0.5 * (before + tau)
             friction[k] = self._plant.motor_friction()
             if k + 1 < ticks:
@@ -125,6 +124,12 @@ class VirtualRobot:
                 q[k + 1], dq[k + 1] = self._plant.step(tau, _TICK)
         tell(self._progress, "simulation", t[-1], t[-1])
         return TrueRun(t, q, dq, effort, friction + self._rotors(dq), self._gravity(t, q))
+
+    def wanted(self, trajectory: Trajectory, t: Array) -> tuple[Array, Array]:
+        """What the controller is asked for at times `t` of the log [s], each `(N, n)`."""
+        goal = trajectory.sample(np.clip(t - self.rest, 0.0, trajectory.duration))
+        moving = ((t >= self.rest) & (t <= self.rest + trajectory.duration))[:, None]
+        return goal.q, np.where(moving, goal.dq, 0.0)
 
     def _rotors(self, dq: Array) -> Array:
         """Torque of the rotors that turn with the independent joints, shape `(N, n)`.
@@ -160,6 +165,6 @@ class VirtualRobot:
         q, dq = self._plant.state()
         tau = np.zeros(self.robot.n)
         for _ in range(round(_SETTLING * CONTROL_RATE)):
-            tau = self._control.torque(goal - q, -dq)
+            tau = self.control.torque(goal - q, -dq)
             q, dq = self._plant.step(tau, _TICK)
         return tau

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from steelyard.arrays import Array
+from steelyard.estimation.estimate import Z95
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill, packed, rounded, script_json
 from steelyard.report.judgement import told
 from steelyard.report.sections.section import Numbers
-from steelyard.report.thin import drawn
+from steelyard.report.thin import drawn, outline
 from steelyard.report.words import percent, significant
 
 if TYPE_CHECKING:
@@ -25,6 +26,9 @@ FEWEST = 200
 
 BUDGET = 200_000
 """Points of all lines together: about 2.2 MB of the page."""
+
+DRAWN = 6
+"""Lines and outlines of a plot: measured, predicted, their difference, three bands."""
 
 RESTS = 80
 """Most rests that are shaded in one plot."""
@@ -43,15 +47,16 @@ class EffortSection:
         if not everything:
             return None
         n_joints = max(len(everything[0][0].joints), 1)
-        most_runs = max(BUDGET // (3 * n_joints * FEWEST), 1)
+        most_runs = max(BUDGET // (DRAWN * n_joints * FEWEST), 1)
         chosen = everything[:most_runs]
-        points = min(POINTS, BUDGET // (3 * n_joints * len(chosen)))
+        points = min(POINTS, BUDGET // (DRAWN * n_joints * len(chosen)))
         return {
             "joints": [joint.joint for joint in chosen[0][0].joints],
             "runs": [f"{score.run} ({kind})" for score, kind in chosen],
             "left_out": [score.run for score, _ in everything[most_runs:]],
             "points": points,
             "rests": RESTS,
+            "bands": any(score.traces.band is not None for score, _ in chosen),
             "cutoffs": sorted({score.cutoff for score, _ in chosen}),
             "figures": [
                 _figure(score, joint, points)
@@ -77,15 +82,37 @@ def _figure(score: RunScore, joint: int, points: int) -> dict[str, Any]:
     t = traces.t - origin
     measured, predicted = traces.measured[:, joint], traces.predicted[:, joint]
     rmse, size = significant(numbers.rmse), significant(numbers.predict_zero)
+    caption = f"error {percent(told(numbers))} · RMSE {rmse} of {size} {numbers.unit}"
     return {
-        "caption": f"error {percent(told(numbers))} · RMSE {rmse} of {size} {numbers.unit}",
+        "caption": caption + _held(traces, joint),
         "unit": numbers.unit,
         "time": f"time from {origin:.3f} s [s]" if origin else "time [s]",
         "lines": [
             _line(t, signal, points) for signal in (measured, predicted, measured - predicted)
         ],
+        "bands": _bands(t, traces, joint, points),
         "rests": _rests(t, traces, joint),
     }
+
+
+def _held(traces: Traces, joint: int) -> str:
+    """The share of the measured effort that lies in the band, where the joint moves."""
+    moving = traces.moving[:, joint]
+    if traces.band is None or not moving.any():
+        return ""
+    away = np.abs(traces.measured - traces.predicted)[moving, joint]
+    return f" · {percent(100.0 * np.mean(away <= traces.band[moving, joint]))} in the band"
+
+
+def _bands(t: Array, traces: Traces, joint: int, points: int) -> list[dict[str, dict[str, str]]]:
+    """Outlines of bands, none without: of a new measurement, of the model, of the residual."""
+    if traces.band is None or traces.model_std is None:
+        return []
+    predicted, half = traces.predicted[:, joint], traces.band[:, joint]
+    sure = Z95 * traces.model_std[:, joint]
+    sides = ((predicted, half), (predicted, sure), (np.zeros_like(half), half))
+    outlines = [outline(t, middle - away, middle + away, points) for middle, away in sides]
+    return [{"x": packed(x), "y": packed(y)} for x, y in outlines]
 
 
 def _line(t: Array, signal: Array, points: int) -> dict[str, dict[str, str]]:

@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill
 from steelyard.report.sections.section import Numbers
-from steelyard.report.table import WEAK, Row, rows
+from steelyard.report.table import LEARNED, WEAK, Row, rows
 
 
 class ParametersSection:
@@ -23,8 +23,11 @@ class ParametersSection:
             "rows": [_shown(row) for row in table],
             "nominal": any(row.nominal is not None for row in table),
             "estimator": content.identified.estimate.estimator,
-            "poor": sum(row.grade != "sure" for row in table),
+            "poor": sum(row.grade in ("weak", "zero") for row in table),
+            "learned": any(row.learned_percent is not None for row in table),
+            "prior": sum(row.grade == "prior" for row in table),
             "weak": WEAK,
+            "little": LEARNED,
         }
 
     def show(self, numbers: Numbers) -> str:

@@ -1,6 +1,8 @@
 """All sections, in the order of the page."""
 
+from steelyard.report.sections.bodies import BodiesSection
 from steelyard.report.sections.check import CheckSection
+from steelyard.report.sections.compare import CompareSection
 from steelyard.report.sections.conditioning import ConditioningSection
 from steelyard.report.sections.drives import DrivesSection
 from steelyard.report.sections.effort import EffortSection
@@ -20,10 +22,12 @@ SECTIONS: tuple[Section, ...] = (
     FrictionSection(),
     DrivesSection(),
     ParametersSection(),
+    BodiesSection(),
     PerRunSection(),
     UnseenSection(),
     ConditioningSection(),
     SensitivitySection(),
+    CompareSection(),
     CheckSection(),
     QualitySection(),
     SettingsSection(),

@@ -22,6 +22,17 @@ function drawPlots() {
   const font = getComputedStyle(document.body).fontFamily;
   const grid = { gridcolor: "#eceff2", zerolinecolor: "#cfd5dc", automargin: true };
 
+  const bands = document.getElementById("effort-bands");
+  const shades = ["band", "surely", "band"];
+
+  function areas(figure) {
+    if (bands && !bands.checked) return [];
+    return figure.bands.map((area, k) => ({
+      type: "scatter", mode: "none", x: area.x, y: area.y, yaxis: k === 2 ? "y2" : "y", fill: "toself",
+      fillcolor: colour(shades[k]), hoverinfo: "skip", connectgaps: false,
+    }));
+  }
+
   function lines(figure) {
     return figure.lines.map((line, k) => ({
       type: "scatter", mode: "lines", name: names[k], x: line.x, y: line.y,
@@ -56,7 +67,7 @@ function drawPlots() {
     plot.dataset.run = menu.value;
     const figure = JSON.parse(source.textContent);
     plot.parentElement.querySelector(".caption").textContent = figure.caption;
-    Plotly.react(plot, lines(figure), layout(figure), config);
+    Plotly.react(plot, [...areas(figure), ...lines(figure)], layout(figure), config);
   }
 
   // Those in sight first, the others one by one while the page stays responsive.
@@ -77,6 +88,12 @@ function drawPlots() {
   }
 
   menu.addEventListener("change", drawAll);
+  if (bands) {
+    bands.addEventListener("change", () => {
+      plots.forEach((plot) => { delete plot.dataset.run; });
+      drawAll();
+    });
+  }
   window.addEventListener("beforeprint", () => {
     plots.forEach((plot) => { draw(plot); Plotly.relayout(plot, { width: 660, height: 250 }); });
   });
@@ -101,11 +118,13 @@ function drawPictures() {
     const points = one.kind === "points";
     return {
       ...common, type: "scatter", mode: points ? "markers" : "lines", connectgaps: false,
-      marker: { color: tint, size: 5 }, line: { color: tint, width: 1.6 },
+      marker: { color: tint, size: 5 }, line: { color: tint, width: 1.6 }, ...one.more,
     };
   }
 
   function layout(figure) {
+    const own = figure.layout || {};
+    const more = own.xaxis2 ? { xaxis2: { ...grid, zeroline: false, ...own.xaxis2 } } : {};
     return {
       showlegend: figure.traces.length > 1, legend: { orientation: "h", y: 1.02, yanchor: "bottom" },
       dragmode: touch ? false : "zoom", margin: { l: 58, r: 8, t: 8, b: 40 }, autosize: true,
@@ -113,8 +132,9 @@ function drawPictures() {
       font: {
         family: getComputedStyle(document.body).fontFamily, size: 12, color: colour("soft"),
       },
-      xaxis: { ...grid, zeroline: false, title: { text: figure.x, standoff: 6 } },
-      yaxis: { ...grid, title: { text: figure.y, standoff: 4 } },
+      xaxis: { ...grid, zeroline: false, title: { text: figure.x, standoff: 6 }, ...own.xaxis },
+      yaxis: { ...grid, title: { text: figure.y, standoff: 4 }, ...own.yaxis },
+      ...more,
     };
   }
 

@@ -1,11 +1,22 @@
-r"""A joint controller as a robot has it: position and velocity feedback at 1 kHz."""
+r"""Joint controllers: what closes the loop in a simulation."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from steelyard.arrays import Array, frozen
-from steelyard.virtual.sensors import CONTROL_RATE
+
+
+class Controller(Protocol):
+    """Feedback of a robot's joint controller, without memory."""
+
+    def torque(self, error: Array, rate: Array) -> Array:
+        """Joint torques from the errors of position and velocity, wanted minus true.
+
+        All are of shape `(..., n)`: many robots may be controlled side by side.
+        """
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,11 +36,11 @@ class JointPD:
         object.__setattr__(self, "damping", frozen(self.damping, self.stiffness.shape))
 
     def torque(self, error: Array, rate: Array) -> Array:
-        """Joint torques from the errors of position and velocity, each `(n,)`."""
+        """Joint torques from the errors of position and velocity, each `(..., n)`."""
         return np.asarray(self.stiffness * error + self.damping * rate)
 
 
-def tuned_pd(masses: Array, bandwidth: float = 20.0) -> JointPD:
+def tuned_pd(masses: Array, bandwidth: float = 20.0, rate: float = 1000.0) -> JointPD:
     r"""Critically damped gains.
 
     $k_p = \omega^2 m_j$ and $k_d = 2 \omega m_j$ with $m_j$ the mean of $M_{jj}$. The bandwidth is
@@ -39,8 +50,9 @@ def tuned_pd(masses: Array, bandwidth: float = 20.0) -> JointPD:
     Args:
         masses: Mass matrices at some postures, shape `(K, n, n)`.
         bandwidth: Natural frequency of a joint's error [Hz].
+        rate: Ticks of the controller per second, `f` [1/s].
     """
     own = np.diagonal(masses, axis1=1, axis2=2).mean(axis=0)
     coupling = float(np.abs(np.linalg.eigvals(np.linalg.solve(masses, np.diag(own)[None]))).max())
-    omega = min(2.0 * np.pi * bandwidth, CONTROL_RATE / (4.0 * coupling))
+    omega = min(2.0 * np.pi * bandwidth, rate / (4.0 * coupling))
     return JointPD(omega**2 * own, 2.0 * omega * own)

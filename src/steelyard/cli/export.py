@@ -1,0 +1,128 @@
+"""`steelyard export`: an identified model as URDF or MJCF."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from steelyard.cli.guard import guarded
+from steelyard.cli.options import Json
+
+if TYPE_CHECKING:
+    from steelyard.application.export import Exported
+    from steelyard.application.export_content import Format
+
+ENDINGS: "dict[str, Format]" = {".urdf": "urdf", ".mjcf": "mjcf", ".xml": "mjcf"}
+USUAL: "dict[Format, str]" = {"urdf": ".urdf", "mjcf": ".xml"}
+
+
+@guarded
+def export(
+    model: Annotated[
+        str, typer.Argument(help="model.json, or the folder that holds it.", metavar="MODEL")
+    ],
+    to: Annotated[
+        Literal["urdf", "mjcf"] | None,
+        typer.Option(help="Format; by the ending of --output if unset."),
+    ] = None,
+    original: Annotated[
+        Path | None,
+        typer.Option(
+            "--model",
+            help="The robot's own URDF, or its robot file: numbers are put into a copy of it, "
+            "meshes and comments stay.",
+            metavar="URDF",
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", help="File to make; must not exist. The robot's name if unset."
+        ),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Write the masses, inertias and friction of an identified model as URDF or MJCF.
+
+    What the format has no place for is listed, here and in the file's head.
+
+    Example: steelyard export steelyard-ur10e --to mjcf -o ur10e.xml
+    """
+    from steelyard.application.export import exported, refuse_changed
+    from steelyard.cli import interrupt
+    from steelyard.estimation.identified import load_model
+    from steelyard.files import whole_file
+
+    form = _format(to, output)
+    identified = load_model(model)
+    path = _new_file(output, f"{identified.model.robot.name}{USUAL[form]}")
+    made = exported(identified, form, original)
+    with whole_file(path) as part:
+        part.write_text(made.text, encoding="utf-8", newline="")
+        refuse_changed(part, made)
+        interrupt.too_late()
+    if as_json:
+        told = {"file": str(path), "format": form, "unheld": list(made.unheld)}
+        typer.echo(json.dumps(told))
+        return
+    _tell(path, made)
+
+
+def _format(to: "Format | None", output: Path | None) -> "Format":
+    """The format that is asked for, by name or by the file's ending.
+
+    Raises:
+        OutputError: Neither says it, or they say two things.
+    """
+    from steelyard.errors import OutputError
+
+    ending = "" if output is None else output.suffix.lower()
+    form = to or ENDINGS.get(ending)
+    if form is None:
+        raise OutputError(
+            "no format is named",
+            where="--to" if output is None else str(output),
+            mend="give --to urdf or --to mjcf, or end the name of --output in .urdf or .xml",
+        )
+    if ending in (".urdf", ".mjcf") and ENDINGS[ending] != form:
+        raise OutputError(
+            f"the file would be {form.upper()}, but its name ends in '{ending}'",
+            where=str(output),
+            mend=f"end its name in '{USUAL[form]}', or give --to {ENDINGS[ending]}",
+        )
+    return form
+
+
+def _new_file(output: Path | None, default: str) -> Path:
+    """The file to make.
+
+    Raises:
+        OutputError: It is there already.
+    """
+    from steelyard.errors import OutputError
+
+    path = Path(default.replace("/", "_")) if output is None else output
+    if path.exists():
+        raise OutputError(
+            "the file exists already",
+            where=str(path),
+            mend="name another one with --output, or remove it",
+        )
+    return path
+
+
+def _tell(path: Path, made: "Exported") -> None:
+    """What was written, and what was not."""
+    from rich.console import Console
+    from rich.text import Text
+
+    bodies = made.content.inertias
+    mass = sum(inertia.mass for inertia in bodies)
+    console = Console()
+    links = "1 moving link" if len(bodies) == 1 else f"{len(bodies)} moving links"
+    console.print(Text(f"{path}: {links}, {mass:.4g} kg"), soft_wrap=True)
+    if made.unheld:
+        console.print(f"{made.form.upper()} has no place for:")
+    for sentence in made.unheld:
+        console.print(Text(f"  - {sentence}"))

@@ -1,0 +1,196 @@
+"""What a fit stands on: what a robot file leaves open is found, all but the parameters."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from steelyard.cli.river import with_friction
+from steelyard.errors import DataError, ModelError
+from steelyard.estimation.estimate import Estimator
+from steelyard.estimation.field_passes import Said
+from steelyard.estimation.fields import Finding, find_fields, said_by
+from steelyard.estimation.gains import GainEstimate, identified_gains
+from steelyard.estimation.reference import needs_reference, settled_reference
+from steelyard.measurement import Run
+from steelyard.model import Model
+from steelyard.progress import Progress
+from steelyard.regression.base import base_map, refuse_twins
+from steelyard.regression.gather import gather
+from steelyard.regression.information import Information
+from steelyard.regression.regressor import base_regressor
+from steelyard.robot.robot_file import LoadedRobot
+from steelyard.terms.find import finds_of
+from steelyard.validation.friction import FrictionChoice, choose_friction, refuse_listed
+from steelyard.validation.mixes import remembers
+
+_UNSETTLED = (
+    "the reference of load-dependent friction still moved after three passes: "
+    "its coefficients are rough"
+)
+
+
+@dataclass(frozen=True)
+class Payload:
+    """What the loaded runs carry, as far as it is known.
+
+    Attributes:
+        mass: [kg]; `None` if it is unknown.
+        frame: Frame to give its numbers in; that of the last link if `None`.
+    """
+
+    mass: float | None = None
+    frame: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """A model of which only the parameters are open, and its runs.
+
+    Attributes:
+        model: The model.
+        runs: The runs to be fitted, with the gains that were found.
+        said: What they say about a regressor; every call is a pass.
+        choice: How the friction laws were chosen, if they were.
+        findings: Fields that were found.
+        gains: Drive gains that were found, if any.
+        notes: What was decided, for people to read.
+    """
+
+    model: Model
+    runs: tuple[Run, ...]
+    said: Said
+    choice: FrictionChoice | None
+    findings: tuple[Finding, ...]
+    gains: GainEstimate | None
+    notes: tuple[str, ...]
+
+
+def grounded(
+    model: Model,
+    loaded_robot: LoadedRobot,
+    runs: Sequence[Run],
+    carrying: Sequence[Run],
+    payload: Payload,
+    estimator: Estimator[Information],
+    threads: int,
+    progress: Progress,
+) -> Ground:
+    """Gains, friction laws and their fields.
+
+    Args:
+        model: The model; without friction where that is to be chosen.
+        loaded_robot: What the robot file says.
+        runs: Runs without payload.
+        carrying: Runs with it, for the gains.
+        payload: What they carry.
+        estimator: How laws and references are fitted.
+        threads: Native threads.
+        progress: Told about every pass.
+    """
+    if loaded_robot.friction:
+        refuse_listed(model)
+        _refuse_finds(model)
+    gains = _gains(model, loaded_robot, runs, carrying, payload, threads, progress)
+    if gains is not None:
+        runs = [_with_gains(run, gains) for run in runs]
+    choice = None
+    if loaded_robot.friction:
+        choice = choose_friction(model, runs, estimator, threads=threads, progress=progress)
+        model = replace(model, terms=(*model.terms, *choice.terms))
+    said = said_by(runs, rests=remembers(model.terms), threads=threads, progress=progress)
+    found = find_fields(model, said, progress=progress)
+    model, settled = found.model, True
+    refuse_twins(model, base_map(model))
+    if needs_reference(model):
+        model, settled = settled_reference(model, said, estimator)
+    notes = (
+        *([_gain_note(gains)] if gains is not None else []),
+        *([choice.note] if choice is not None else []),
+        *found.notes,
+        *([] if settled else [_UNSETTLED]),
+    )
+    return Ground(model, tuple(runs), said, choice, found.findings, gains, notes)
+
+
+def own_columns(model: Model) -> tuple[str, ...]:
+    """Parameters that every run of a model has for itself."""
+    return tuple(
+        p.name
+        for term in model.terms
+        if getattr(term, "per_run", False)
+        for p in term.parameters(model.robot)
+    )
+
+
+def _refuse_finds(model: Model) -> None:
+    """Fields are found for friction that is there; which is there is still to be chosen."""
+    asking = [term.law for term in model.terms if finds_of(term)]
+    if asking:
+        raise ModelError(
+            f"a field of term '{asking[0]}' is to be found, and friction is to be chosen at once",
+            where="[model] friction",
+            mend='give the field a number, or list the friction laws in place of "auto"',
+        )
+
+
+def _with_gains(run: Run, gains: GainEstimate) -> Run:
+    signals = replace(
+        run.recording.signals, gains=gains.gains, unknown_gains=(False,) * len(gains.gains)
+    )
+    return replace(run, recording=replace(run.recording, signals=signals))
+
+
+def _gains(
+    model: Model,
+    loaded_robot: LoadedRobot,
+    runs: Sequence[Run],
+    carrying: Sequence[Run],
+    payload: Payload,
+    threads: int,
+    progress: Progress,
+) -> GainEstimate | None:
+    """The drive gains that the robot file asks for."""
+    signals = runs[0].recording.signals
+    if not any(signals.unknown_gains):
+        if carrying or payload != Payload():
+            given = "loaded logs are" if carrying else "a payload is"
+            raise ModelError(
+                f"{given} given, but no drive gain is to be identified",
+                where="--loaded" if carrying else "--payload-mass, --payload-frame",
+                mend='give gain = "identify" in [signals.effort], or weigh the payload with '
+                "`steelyard payload MODEL LOG`",
+            )
+        return None
+    model = with_friction(model, loaded_robot)
+    if any(finds_of(term) for term in model.terms):
+        raise DataError(
+            "drive gains and fields of terms cannot be found at once",
+            where="[signals.effort] gain",
+            mend="identify the gains with fields that are given, and write them into the file",
+        )
+    regressor = base_regressor(model)
+    rests = remembers(model.terms)
+    unloaded, loaded = (
+        [gather(regressor, run, rests=rests, threads=threads, progress=progress) for run in some]
+        for some in (runs, carrying)
+    )
+    known = {
+        joint: float(gain)
+        for joint, gain, unknown in zip(
+            model.robot.joint_names, signals.gains, signals.unknown_gains, strict=True
+        )
+        if not unknown
+    }
+    return identified_gains(
+        model, unloaded, loaded, mass=payload.mass, frame=payload.frame, known=known
+    )
+
+
+def _gain_note(gains: GainEstimate) -> str:
+    found = ", ".join(
+        f"{joint} {gain:.4g} ± {half:.2g} {unit}"
+        for joint, gain, half, unit, known in zip(
+            gains.joints, gains.gains, gains.half_width, gains.units, gains.known, strict=True
+        )
+        if not known
+    )
+    return f"drive gains identified: {found}"

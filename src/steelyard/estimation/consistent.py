@@ -1,0 +1,199 @@
+r"""Physically consistent parameters: bodies that can exist, near their priors [Wensing2018].
+
+The data come whitened and compressed, bodies in the scale of their prior, friction, rotor inertia
+and stiffness within their bounds; the program is convex and Clarabel solves it. Its curvature at
+the optimum is the posterior's precision (Laplace), so intervals count data and prior alike, and
+each parameter tells how much of it is data.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from steelyard.arrays import Array, frozen
+from steelyard.estimation.conic import MOST_ITERATIONS, Infeasible, Unsolved, solved
+from steelyard.estimation.contradictions import refuse_contradictions
+from steelyard.estimation.estimate import Estimate, Standard
+from steelyard.estimation.knowledge import Knowledge
+from steelyard.estimation.least_squares import Solution, Spread, described
+from steelyard.estimation.physics import Entropic, Form
+from steelyard.estimation.program import Program, wishes
+from steelyard.estimation.unknowns import unknowns
+from steelyard.estimation.weight import Tried, Weighed, weighed
+from steelyard.estimation.whitened import Whitened, whitened
+from steelyard.parameters import Parameters
+from steelyard.regression.base import BaseMap
+from steelyard.regression.information import Information
+
+
+@dataclass(frozen=True, eq=False)
+class Consistent:
+    """The convex estimate with a prior; the default.
+
+    Attributes:
+        base: Lifts base parameters to standard ones.
+        knowledge: Priors, bounds and wishes.
+        form: How bodies are held to their priors, and that they can exist.
+        gamma: Weight of the prior; of its stated uncertainty, or found from the data, if `None`.
+        per_run: Columns whose parameters every run has for itself.
+        equal: Whether all rows weigh the same, whatever their noise.
+        iterations: After which the solver gives up.
+    """
+
+    base: BaseMap
+    knowledge: Knowledge
+    form: Form = Entropic()
+    gamma: float | None = None
+    per_run: tuple[str, ...] = ()
+    equal: bool = False
+    iterations: int = MOST_ITERATIONS
+
+    def __call__(self, information: Information) -> Estimate:
+        """Estimate all standard parameters.
+
+        Raises:
+            DataError: The data are too few, the wishes contradict each other, or the solver stopped
+                before the optimum.
+        """
+        data = whitened(information, self.per_run, equal=self.equal)
+        program = self.program(data)
+        found = self.weighed(program)
+        return self._described(data, program, found)
+
+    def program(self, data: Whitened) -> Program:
+        """The convex program of whitened data."""
+        known = unknowns(data, self.base, self.knowledge)
+        return Program(known, wishes(known, self.knowledge), self.form)
+
+    def solve(self, program: Program, gamma: float) -> Array:
+        """The unknowns at the optimum with a weight of the prior.
+
+        Raises:
+            DataError: As of a call.
+        """
+        try:
+            conic = program.conic(gamma)
+            return solved(conic, self._where, self.iterations)[: len(program.unknowns.weak)]
+        except (Infeasible, Unsolved):
+            refuse_contradictions(self.knowledge)
+            raise
+
+    @property
+    def _where(self) -> str:
+        return f"the consistent estimate ({self.form.name} prior)"
+
+    def weighed(self, program: Program) -> Weighed:
+        """The solution with the weight of the prior that is given, stated or found."""
+        known = program.unknowns
+
+        def at(gamma: float) -> Tried:
+            u = self.solve(program, gamma)
+            return Tried(gamma, u, known.chi_squared(u), program.evidence(u, gamma))
+
+        stated = self.gamma
+        if stated is None and self.knowledge.uncertainty is not None:
+            stated = self.knowledge.uncertainty**-2
+        if stated is None and self.form.penalises and any(known.priors):
+            return weighed(at, len(known.vector))
+        return Weighed(at(0.0 if stated is None else stated))
+
+    def _described(self, data: Whitened, program: Program, found: Weighed) -> Estimate:
+        """The estimate: base parameters as the data see them, and all standard ones."""
+        known = program.unknowns
+        covariance, before = _covariances(program, found)
+        standard = known.standard(found.tried.u)
+        spread = known.scale @ covariance @ known.scale.T
+        lift = self.base.lift
+        solution = _solution(data, lift @ standard, lift @ spread @ lift.T, self.base)
+        own = [part.covariance(solution.kept, solution.inverse) for part in solution.locals]
+        fit = replace(data.fit, solution=solution)
+        name = f"consistent ({self.form.name} prior)"
+        estimate = described(name, fit, Spread(solution.inverse, tuple(own)))
+        place = {n: k for k, n in enumerate(self.base.base_names)}
+        rows = [place[n] for n in estimate.parameters.names]
+        prior = known.scale @ before @ known.scale.T
+        learned = _share(np.diag(lift @ spread @ lift.T), np.diag(lift @ prior @ lift.T))
+        return replace(
+            estimate,
+            standard=self._standard(estimate, standard, spread, prior),
+            learned=frozen(learned[rows]),
+            notes=(*self.knowledge.notes, *_notes(found, self)),
+        )
+
+    def _standard(self, estimate: Estimate, values: Array, spread: Array, prior: Array) -> Standard:
+        """All standard parameters; what every run has for itself is as a new run is expected."""
+        learned = _share(np.diag(spread), np.diag(prior))
+        full, covariance = values.copy(), spread.copy()
+        place = {name: k for k, name in enumerate(self.base.names)}
+        for name in self.per_run:
+            if name in estimate.parameters.names:
+                k, own = place[name], estimate.parameters.names.index(name)
+                full[k], learned[k] = estimate.parameters.values[own], 1.0
+                covariance[k, k] = estimate.covariance[own, own]
+        return Standard(
+            Parameters(self.base.names, self.base.units, full),
+            frozen(0.5 * (covariance + covariance.T)),
+            frozen(learned),
+        )
+
+
+def _covariances(program: Program, found: Weighed) -> tuple[Array, Array]:
+    """Covariance of the unknowns with the data and without, within the wishes' equations."""
+    known, free = program.unknowns, program.wishes.free
+    prior = program.precision(found.tried.u, found.tried.gamma)
+    after, before = (
+        free @ _inverse(free.T @ precision @ free) @ free.T
+        for precision in (prior + known.matrix.T @ known.matrix, prior)
+    )
+    return after, before
+
+
+def _inverse(precision: Array) -> Array:
+    """Inverse of a precision; of what nothing is known, a large variance."""
+    values, vectors = np.linalg.eigh(precision)
+    floor = 1e-14 * max(float(values.max(initial=0.0)), 1.0)
+    return np.asarray((vectors / np.maximum(values, floor)) @ vectors.T)
+
+
+def _share(after: Array, before: Array) -> Array:
+    """Share of what is known that the data taught."""
+    given = before <= 1e-300
+    ratio = after / np.where(given, 1.0, before)
+    return np.where(given, 0.0, np.clip(1.0 - ratio, 0.0, 1.0))
+
+
+def _solution(data: Whitened, values: Array, covariance: Array, base: BaseMap) -> Solution:
+    """The values as a solution in base parameters, with the parameters of single runs."""
+    old, columns = data.fit.solution, data.fit.data.whole.layout.columns
+    place = {name: k for k, name in enumerate(base.base_names)}
+    rows = [place[name] for name in columns]
+    local = list(data.fit.data.local)
+    full = values[rows]
+    full[local] = 0.0
+    kept = [rows[k] for k in old.kept]
+    return replace(
+        old,
+        values=full,
+        inverse=covariance[np.ix_(kept, kept)],
+        locals=tuple(part.solved(full) for part in data.eliminated),
+    )
+
+
+def _notes(found: Weighed, estimator: Consistent) -> tuple[str, ...]:
+    """How the weight came about."""
+    gamma = found.tried.gamma
+    if not gamma:
+        return ()
+    how = "as stated"
+    if estimator.gamma is None and estimator.knowledge.uncertainty is None:
+        how = f"found from the data in {found.solves} solutions"
+    notes = [
+        f"prior uncertainty {100.0 * gamma**-0.5:.3g} % ({how}); "
+        f"it costs {found.tried.rise:.4g} in chi²"
+    ]
+    if found.physics:
+        notes.append(
+            f"bodies that can exist cost {found.physics:.4g} in chi² even without a prior, more "
+            "than noise explains: the model lacks something"
+        )
+    return tuple(notes)

@@ -1,0 +1,202 @@
+"""Filtered samples themselves, bounded in number: for estimators to which sums are not enough."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.arrays import Array, frozen
+from steelyard.measurement.motion_error import MotionError
+from steelyard.regression.information import Information, Stamp, Window
+from steelyard.regression.regressor import Layout
+
+Index = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+
+
+WINDOWS = 24
+"""Windows that a run's samples are summed up in."""
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """A run that samples come from.
+
+    Attributes:
+        run: Its name.
+        share: Independent samples that one stored sample is worth.
+        error: Noise of its motion behind the filters, if it is known.
+    """
+
+    run: str
+    share: float
+    error: MotionError | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Instants of some runs, and per effort row what it saw at those of them that count for it.
+
+    Attributes:
+        layout: Names, and what each row sees.
+        stamp: What the samples mean.
+        sources: The runs, in any order.
+        source: Number of the run of each instant, shape `(N,)`.
+        t: Time of each instant from its log's start, shape `(N,)` [s].
+        q: Positions at the instants, not behind the matched filter, shape `(N, n)` [rad; m].
+        dq: Velocities, the same shape [rad/s; m/s].
+        ddq: Accelerations, the same shape [rad/s²; m/s²].
+        channels: What the model computed along the motion, shape `(N, n_channels)`.
+        rows: Per effort row `[columns that row sees | effort]` behind the matched filter, shape
+            `(N_j, k_j + 1)`.
+        weights: Per effort row the weight of each of its samples, shape `(N_j,)`.
+        at: Per effort row the number of the instant of each of its samples, shape `(N_j,)`.
+    """
+
+    layout: Layout
+    stamp: Stamp
+    sources: tuple[Source, ...]
+    source: Index
+    t: Array
+    q: Array
+    dq: Array
+    ddq: Array
+    channels: Array
+    rows: tuple[Array, ...]
+    weights: tuple[Array, ...]
+    at: tuple[Index, ...]
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def __add__(self, other: "Samples") -> "Samples":
+        """The samples of both.
+
+        Raises:
+            DataError: They differ in model, columns, effort unit or filters.
+        """
+        mine, theirs = ", ".join(self.runs), ", ".join(other.runs)
+        self.stamp.refuse_unlike(other.stamp, f"runs {mine} and {theirs}")
+        return replace(
+            self,
+            sources=self.sources + other.sources,
+            source=np.concatenate([self.source, other.source + len(self.sources)]),
+            t=np.concatenate([self.t, other.t]),
+            q=np.concatenate([self.q, other.q]),
+            dq=np.concatenate([self.dq, other.dq]),
+            ddq=np.concatenate([self.ddq, other.ddq]),
+            channels=np.concatenate([self.channels, other.channels]),
+            rows=_joined(self.rows, other.rows),
+            weights=_joined(self.weights, other.weights),
+            at=tuple(
+                np.concatenate([a, b + len(self)]) for a, b in zip(self.at, other.at, strict=True)
+            ),
+        )
+
+    @property
+    def runs(self) -> tuple[str, ...]:
+        """Names of the runs."""
+        return tuple(dict.fromkeys(source.run for source in self.sources))
+
+    @cached_property
+    def shares(self) -> tuple[Array, ...]:
+        """Per effort row what each sample is worth in independent ones, shape `(N_j,)`."""
+        shares = np.array([source.share for source in self.sources])
+        return tuple(shares[self.source[at]] for at in self.at)
+
+    def of(self, kept: Mask) -> "Samples":
+        """Some of the instants, marked by `kept`, shape `(N,)`."""
+        number = np.cumsum(kept) - 1
+        mine = [kept[at] for at in self.at]
+        return replace(
+            self,
+            source=self.source[kept],
+            t=self.t[kept],
+            q=self.q[kept],
+            dq=self.dq[kept],
+            ddq=self.ddq[kept],
+            channels=self.channels[kept],
+            rows=tuple(x[k] for x, k in zip(self.rows, mine, strict=True)),
+            weights=tuple(x[k] for x, k in zip(self.weights, mine, strict=True)),
+            at=tuple(number[at[k]] for at, k in zip(self.at, mine, strict=True)),
+        )
+
+    def during(self, windows: Sequence[Window]) -> "Samples":
+        """The samples in some windows of their runs."""
+        kept = np.zeros(len(self), dtype=np.bool_)
+        for window in windows:
+            mine = [k for k, source in enumerate(self.sources) if source.run == window.run]
+            inside = (self.t >= window.start) & (self.t <= window.stop)
+            kept |= inside & np.isin(self.source, mine)
+        return self.of(kept)
+
+    def scaled(self, gains: Array, units: Sequence[str]) -> "Samples":
+        """The same samples with each row's effort multiplied by a gain, in its new unit."""
+        rows = []
+        for row, gain in zip(self.rows, gains, strict=True):
+            changed = row.copy()
+            changed[:, -1] *= gain
+            rows.append(frozen(changed))
+        return replace(self, rows=tuple(rows), stamp=replace(self.stamp, effort=tuple(units)))
+
+    def residuals(self, values: Array) -> tuple[Array, ...]:
+        """Effort not explained by parameters `(p,)`, per row, shape `(N_j,)`."""
+        return tuple(
+            row[:, -1] - row[:, :-1] @ values[list(seen)]
+            for row, seen in zip(self.rows, self.layout.sees, strict=True)
+        )
+
+    def information(self, weights: Sequence[Array] | None = None) -> Information:
+        """Sums over the samples, counted as what they are worth, in some windows per run.
+
+        Args:
+            weights: Further weights of each row's samples, each `(N_j,)`; a sample of weight 0 does
+                not count.
+        """
+        given = [np.ones(len(w)) for w in self.weights] if weights is None else weights
+        total = [w * g for w, g in zip(self.weights, given, strict=True)]
+        parts = list(self._windows())
+        sums = [self._sums(source, mine, total) for source, _, mine in parts]
+        size = sum(w * (w + 1) // 2 for w in self.layout.widths)
+        return Information(
+            self.layout,
+            self.stamp,
+            tuple(window for _, window, _ in parts),
+            np.reshape([grams for grams, _, _ in sums], (len(sums), size)),
+            np.reshape([absolute for _, absolute, _ in sums], (-1, sum(self.layout.widths))),
+            np.reshape([counts for _, _, counts in sums], (len(sums), len(self.rows))),
+        )
+
+    def _windows(self) -> Iterator[tuple[Source, Window, Mask]]:
+        """Stretches of each run of equal numbers of instants, and the instants in them."""
+        for number, source in enumerate(self.sources):
+            order = np.flatnonzero(self.source == number)
+            order = order[np.argsort(self.t[order], kind="stable")]
+            for part in np.array_split(order, WINDOWS):
+                if len(part):
+                    mine = np.zeros(len(self), dtype=np.bool_)
+                    mine[part] = True
+                    yield (
+                        source,
+                        Window(source.run, float(self.t[part[0]]), float(self.t[part[-1]])),
+                        mine,
+                    )
+
+    def _sums(
+        self, source: Source, mine: Mask, weights: Sequence[Array]
+    ) -> tuple[Array, Array, Array]:
+        """Packed Gram matrices, sums of |value| and counts of some instants of a run."""
+        grams, absolute, counts = [], [], []
+        for row, weight, at in zip(self.rows, weights, self.at, strict=True):
+            here = mine[at]
+            part = row[here] * np.sqrt(weight[here])[:, None]
+            grams.append(source.share * (part.T @ part)[np.tril_indices(row.shape[1])])
+            absolute.append(source.share * np.abs(part).sum(axis=0))
+            counts.append(source.share * np.count_nonzero(weight[here]))
+        return np.concatenate(grams), np.concatenate(absolute), np.array(counts)
+
+
+def _joined(first: tuple[Array, ...], second: tuple[Array, ...]) -> tuple[Array, ...]:
+    return tuple(np.concatenate([a, b]) for a, b in zip(first, second, strict=True))

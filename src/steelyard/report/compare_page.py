@@ -1,0 +1,34 @@
+"""The page of `steelyard compare`: advice, picture and tables, and what the data were like."""
+
+from importlib.metadata import version
+
+from steelyard.report.content import ReportContent
+from steelyard.report.html import fill
+from steelyard.report.page import Shown, page_of
+from steelyard.report.sections.compare import CompareSection
+from steelyard.report.sections.drives import DrivesSection
+from steelyard.report.sections.friction import FrictionSection
+from steelyard.report.sections.quality import QualitySection
+from steelyard.report.sections.section import Section
+from steelyard.report.sections.settings import SettingsSection
+
+SECTIONS: tuple[Section, ...] = (
+    CompareSection(),
+    FrictionSection(),
+    DrivesSection(),
+    QualitySection(),
+    SettingsSection(),
+)
+"""What of a report says something of a comparison."""
+
+
+def render_comparison(content: ReportContent) -> str:
+    """The page as HTML text, to be written as UTF-8."""
+    shown = []
+    for section in SECTIONS:
+        numbers = section.numbers(content)
+        if numbers is not None:
+            shown.append(Shown(section.name, section.title, section.show(numbers)))
+    if content.notes:
+        shown.append(Shown("notes", "Notes", fill("compare_notes.html", {"notes": content.notes})))
+    return page_of(content.title, content.robot, "compared", version("steelyard"), shown)

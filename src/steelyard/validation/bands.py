@@ -1,0 +1,110 @@
+r"""Prediction bands: how sure a predicted effort is, and how far a measured one may lie from it.
+
+The predicted effort of row $j$ is $y_j^T \hat\phi$ with the row's regressor entries $y_j$; what is
+left open of the parameters makes its standard deviation $\sqrt{y_j^T C y_j}$: the band of the
+model. A new measurement scatters around that by its residual too: $\sqrt{y_j^T C y_j + s_j^2}$.
+
+The residuals behind an estimate have gone through the matched filter, scores go through another
+low-pass. White residuals have variances in the ratio of the filters' noise bandwidths, which $s_j$
+follows where a score looks at more; where it looks at less, it is not credited with that, for what
+a model lacks is slow.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from steelyard.arrays import Array, frozen
+from steelyard.estimation.identified import IdentifiedModel
+from steelyard.measurement.lowpass import butterworth
+from steelyard.measurement.run import Block
+from steelyard.regression.matched import MatchedFilter
+from steelyard.regression.regressor import Regressor, base_regressor
+
+FINE = 40.0
+"""Sampling rate over cut-off at which noise bandwidths are compared."""
+
+FREQUENCIES = 4096
+"""Frequencies of the comparison."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bands:
+    """What bands are made from.
+
+    Attributes:
+        regressor: Base columns of the model.
+        factor: `F`, with `F @ F.T` the covariance of the base parameters, shape `(p, k)`.
+        sigma: Standard deviation of the residuals per row behind the score's low-pass, in the
+            unit of the joint's effort, shape `(n,)`.
+    """
+
+    regressor: Regressor
+    factor: Array
+    sigma: Array
+
+    @classmethod
+    def of(cls, identified: IdentifiedModel) -> "Bands":
+        """The bands of an identified model, for scores with its own cut-off."""
+        cutoffs = identified.cutoffs
+        ratio = max(1.0, _bandwidth_of_score(cutoffs.score) / _bandwidth_matched(cutoffs.matched))
+        return cls(
+            base_regressor(identified.model),
+            frozen(_root(_covariance(identified))),
+            frozen(identified.estimate.sigma * np.sqrt(ratio)),
+        )
+
+    def model_std(self, block: Block, step: int = 1) -> Array:
+        """Standard deviation of the predicted effort, in the unit of the joint's effort.
+
+        Args:
+            block: Samples with the model's channels.
+            step: Samples from one that is computed to the next; between them it is interpolated.
+
+        Returns:
+            Shape `(n, B)`.
+        """
+        count = len(block.t)
+        chosen = np.unique(np.append(np.arange(0, count, step), count - 1))
+        channels = np.empty((0, count)) if block.channels is None else block.channels
+        inputs = (block.q, block.dq, block.ddq, channels, np.zeros_like(block.q))
+        values = self.regressor.code([np.ascontiguousarray(x[:, chosen]) for x in inputs])
+        result, layout = np.empty(block.q.shape), self.regressor.layout
+        for row, (start, seen) in enumerate(zip(layout.starts, layout.sees, strict=True)):
+            spread = self.factor[list(seen)].T @ values[start : start + len(seen)]
+            std = np.sqrt(np.sum(np.square(spread), axis=0))
+            result[row] = np.interp(np.arange(count), chosen, std)
+        return result
+
+
+def _covariance(identified: IdentifiedModel) -> Array:
+    """Covariance of all base parameters; of what neither data nor prior tell, zero."""
+    estimate, base = identified.estimate, identified.base
+    if estimate.standard is not None:
+        return np.asarray(base.lift @ estimate.standard.covariance @ base.lift.T)
+    place = {name: k for k, name in enumerate(base.base_names)}
+    mine = [place[name] for name in estimate.parameters.names]
+    result = np.zeros((len(base), len(base)))
+    result[np.ix_(mine, mine)] = estimate.covariance
+    return result
+
+
+def _root(covariance: Array) -> Array:
+    """A factor of a covariance that rounding may have made slightly indefinite."""
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    scale = np.where(std > 0.0, std, 1.0)
+    values, vectors = np.linalg.eigh(covariance / scale[:, None] / scale)
+    return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+def _bandwidth_matched(cutoff: float) -> float:
+    """Noise bandwidth of the matched filter [Hz]."""
+    filter_ = MatchedFilter.design(cutoff, FINE * cutoff)
+    return float(0.5 * FINE * cutoff * np.sum(np.square(filter_.taps)))
+
+
+def _bandwidth_of_score(cutoff: float) -> float:
+    """Noise bandwidth of the score's zero-phase low-pass [Hz]."""
+    omega = (np.arange(FREQUENCIES) + 0.5) * np.pi / FREQUENCIES
+    gain = butterworth(cutoff, FINE * cutoff)(omega)
+    return float(0.5 * FINE * cutoff * np.mean(np.square(gain)))

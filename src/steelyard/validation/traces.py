@@ -1,0 +1,99 @@
+"""Filtered efforts along a run, for people to look at, with the bands that go with them."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.estimation.estimate import Z95
+from steelyard.measurement.run import Block
+from steelyard.regression.gather import Mask
+from steelyard.validation.bands import Bands
+
+MOST_DRAWN = 100_000
+"""Samples of a run that its traces keep at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class Traces:
+    """Filtered effort along a run, in its logged unit: `t` is `(N,)`, the others `(N, n)`.
+
+    Of a run longer than `MOST_DRAWN` samples, evenly spaced ones.
+
+    Attributes:
+        t: Time [s].
+        measured: As logged.
+        predicted: By the model.
+        moving: Whether each joint moves.
+        model_std: Standard deviation of the prediction, by what is open of the parameters; `None`
+            without bands.
+        sigma: Standard deviation of a measurement around the model, shape `(n,)`.
+    """
+
+    t: Array
+    measured: Array
+    predicted: Array
+    moving: Mask
+    model_std: Array | None = None
+    sigma: Array | None = None
+
+    @property
+    def band(self) -> Array | None:
+        """Half-width of the band that holds 95 % of new measurements, shape `(N, n)`."""
+        if self.model_std is None or self.sigma is None:
+            return None
+        return np.asarray(Z95 * np.sqrt(np.square(self.model_std) + np.square(self.sigma)))
+
+
+class Sure:
+    """Blocks passed on, with the standard deviation of the model's prediction kept for later."""
+
+    def __init__(
+        self, blocks: Iterable[Block], bands: Bands | None, gains: Array, step: int
+    ) -> None:
+        self._blocks, self._bands, self._gains, self._step = blocks, bands, gains, step
+        self._kept = np.empty((len(gains) if bands else 0, 0))
+
+    def __iter__(self) -> Iterator[Block]:
+        for block in self._blocks:
+            std = np.empty((0, len(block.t)))
+            if self._bands is not None:
+                std = self._bands.model_std(block, self._step) / np.abs(self._gains)[:, None]
+            self._kept = np.concatenate((self._kept, std), axis=1)
+            yield block
+
+    def next(self, count: int) -> Array:
+        """Of the next `count` samples, shape `(n, count)`; `(0, count)` without bands."""
+        std, self._kept = self._kept[:, :count], self._kept[:, count:]
+        return std
+
+
+class Thinned:
+    """Traces of a run of any length: every sample of a short one, every 2nd, 4th, ... of others."""
+
+    def __init__(self) -> None:
+        self._parts: list[tuple[Array, ...]] = []
+        self._step, self._seen = 1, 0
+
+    def add(self, t: Array, moving: Mask, efforts: Array, std: Array) -> None:
+        """Take in the next samples; kept are those whose number is a multiple of the step."""
+        at = slice(-self._seen % self._step, None, self._step)
+        self._seen += len(t)
+        self._parts.append(tuple(x[..., at].copy() for x in (t, moving, *efforts[:2], std)))
+        while self._seen > self._step * MOST_DRAWN:
+            self._parts = [tuple(x[..., ::2].copy() for x in self._joined())]
+            self._step *= 2
+
+    def _joined(self) -> tuple[Array, ...]:
+        return tuple(np.concatenate(parts, axis=-1) for parts in zip(*self._parts, strict=True))
+
+    def traces(self, sigma: Array | None) -> Traces:
+        """What was kept.
+
+        Args:
+            sigma: See `Traces`; `None` without bands.
+        """
+        t, moving, measured, predicted, std = self._joined()
+        known = None if sigma is None else std.T
+        return Traces(t, measured.T, predicted.T, moving.T.astype(bool), known, sigma)

@@ -1,0 +1,250 @@
+"""How estimators did where they were not fitted, and which to take."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any, Literal
+
+import numpy as np
+
+from steelyard.arrays import Array
+
+ALIKE = 0.02
+"""Loss against the best, relative to its error, that is not worth a choice."""
+
+MOST = 0.1
+"""The same, from which on a loss counts however much it scatters."""
+
+COST = {"information": 0, "samples": 1, "experiment": 2}
+"""What an estimator looks at, the least first."""
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A fit that failed.
+
+    Attributes:
+        left_out: What was left out of it; `None` if it was of all data.
+        reason: Why it failed.
+        mend: What can be done.
+    """
+
+    left_out: str | None
+    reason: str
+    mend: str
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """How one estimator did.
+
+    Attributes:
+        name: Its short name.
+        about: What it is.
+        needs: What it looks at.
+        slow: Whether it searches or simulates.
+        errors: Relative errors on what was left out, behind the matched filter and where joints
+            move, shape `(parts, joints)` [%]; NaN where the fit failed.
+        pooled: The same with norms over all joints together, shape `(parts,)` [%].
+        seconds: Time of one fit, mean over all of them [s]; `None` if none came to an end.
+        parameters: Number of parameters it gives values to, fitted to all data.
+        condition: Condition number of that fit, columns scaled to unit length.
+        chi_square: Squared residuals of that fit over the noise that weighted least squares
+            finds, per degree of freedom: 1 for weighted least squares itself.
+        impossible: Bodies of that fit that cannot exist; `None` if it says nothing about bodies.
+        failures: Fits that failed, with reasons.
+        notes: What that fit says of itself.
+    """
+
+    name: str
+    about: str
+    needs: str
+    slow: bool
+    errors: Array
+    pooled: Array
+    seconds: float | None
+    parameters: int | None
+    condition: float | None
+    chi_square: float | None
+    impossible: tuple[str, ...] | None
+    failures: tuple[Failure, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def means(self) -> Array:
+        """Mean error over the joints, shape `(parts,)` [%]."""
+        return np.asarray(self.errors.mean(axis=1))
+
+    @property
+    def mean(self) -> float | None:
+        """Mean error over joints and those parts that could be predicted [%]."""
+        known = self.means[np.isfinite(self.means)]
+        return float(known.mean()) if len(known) else None
+
+    @property
+    def spread(self) -> float | None:
+        """Standard error of the mean over the parts [%]."""
+        known = self.means[np.isfinite(self.means)]
+        return standard_error(known) if len(known) > 1 else None
+
+    @property
+    def whole(self) -> bool:
+        """Whether no fit failed and every error is a number."""
+        return not self.failures and bool(np.isfinite(self.means).all())
+
+    @property
+    def valid(self) -> bool:
+        """Whether every body is known to be one that can exist."""
+        return self.impossible == ()
+
+    @property
+    def figure(self) -> str:
+        """The mean error with its standard error, like `3.0 ± 0.4 %`."""
+        if self.mean is None or not isfinite(self.mean):
+            return "no error"
+        if not self.spread:
+            return f"{self.mean:.2f} %"
+        digits = max(0, 1 - int(np.floor(np.log10(self.spread)))) if self.spread < 10.0 else 0
+        digits = min(digits, 3)
+        return f"{self.mean:.{digits}f} ± {self.spread:.{digits}f} %"
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values; an error that is not finite is `None`."""
+        return {
+            "estimator": self.name,
+            "about": self.about,
+            "needs": self.needs,
+            "mean_percent": _json(self.mean),
+            "standard_error_percent": _json(self.spread),
+            "pooled_percent": _json(float(np.mean(self.pooled))),
+            "errors_percent": [[_json(x) for x in row] for row in self.errors.tolist()],
+            "seconds_per_fit": self.seconds,
+            "parameters": self.parameters,
+            "condition_normalised": _json(self.condition),
+            "chi_square": _json(self.chi_square),
+            "bodies_valid": None if self.impossible is None else not self.impossible,
+            "impossible_bodies": None if self.impossible is None else list(self.impossible),
+            "failures": [
+                {"left_out": one.left_out, "reason": one.reason, "mend": one.mend}
+                for one in self.failures
+            ],
+            "notes": list(self.notes),
+        }
+
+
+@dataclass(frozen=True)
+class Advice:
+    """Which estimator to take, and why, in one sentence."""
+
+    name: str
+    why: str
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Estimators beside each other.
+
+    Attributes:
+        trials: One per estimator, in the order they were tried.
+        parts: What was left out in turn.
+        left_out: Whether those are runs or stretches of one.
+        joints: Names of the effort rows.
+        untried: Estimators that were asked for, but the comparison was stopped before.
+    """
+
+    trials: tuple[Trial, ...]
+    parts: tuple[str, ...]
+    left_out: Literal["run", "stretch"]
+    joints: tuple[str, ...]
+    untried: tuple[str, ...] = ()
+
+    @property
+    def advice(self) -> Advice | None:
+        """The estimator to take; `None` if none came through."""
+        return recommended(self.trials)
+
+    @property
+    def words(self) -> str:
+        """What was compared, in one sentence."""
+        which = "run" if self.left_out == "run" else "stretch of the run"
+        return (
+            f"Each estimator is fitted to all but one {which}, and predicts that one: "
+            f"{len(self.parts)} times."
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values."""
+        advice = self.advice
+        return {
+            "left_out": self.left_out,
+            "parts": list(self.parts),
+            "joints": list(self.joints),
+            "estimators": [trial.to_dict() for trial in self.trials],
+            "recommended": None if advice is None else {"name": advice.name, "why": advice.why},
+            "stopped_before": list(self.untried),
+        }
+
+
+def recommended(trials: Sequence[Trial]) -> Advice | None:
+    """The estimator to take, by the one-standard-error rule [Hastie2009].
+
+    Of all whose errors cannot be told from the least one, those are preferred whose bodies can
+    exist, then those that look at less, then the simplest: the one tried first of those within
+    2 % of the least error that is left. Errors of two estimators are compared part by part: that
+    one part is harder than another tells nothing about either.
+    """
+    fit = [trial for trial in trials if trial.whole]
+    if not fit:
+        return None
+    best = min(fit, key=_error)
+    close = [trial for trial in fit if trial is best or alike(trial, best)]
+    rank = min(map(_rank, close))
+    equal = [trial for trial in close if _rank(trial) == rank]
+    most = (1.0 + ALIKE) * min(map(_error, equal))
+    chosen = next(trial for trial in equal if _error(trial) <= most)
+    return Advice(chosen.name, _why(chosen, best, close))
+
+
+def _error(trial: Trial) -> float:
+    return float(trial.means.mean())
+
+
+def _rank(trial: Trial) -> tuple[bool, bool, int]:
+    """What speaks against a trial beside its error."""
+    return not trial.valid, trial.slow, COST[trial.needs]
+
+
+def alike(trial: Trial, best: Trial) -> bool:
+    """Whether an estimator loses to the best no more than one standard error of that loss.
+
+    The loss is the logarithm of the ratio of their errors, part by part.
+    """
+    tiny = 1e-12
+    loss = np.log(np.maximum(trial.means, tiny) / np.maximum(best.means, tiny))
+    return float(loss.mean()) <= min(max(standard_error(loss), ALIKE), MOST)
+
+
+def _why(chosen: Trial, best: Trial, close: Sequence[Trial]) -> str:
+    if chosen is best:
+        told = f"{chosen.name}: {chosen.figure}, the least error"
+        others = [t.name for t in close if t is not best]
+        told += f"; {', '.join(others)} cannot be told from it" if others else ""
+        return told + ("; its bodies can exist" if chosen.valid else "")
+    reasons = []
+    if chosen.valid and not best.valid:
+        reasons.append("its bodies can exist")
+    if _rank(chosen)[1:] < _rank(best)[1:] or not reasons:
+        reasons.append("it is simpler")
+    return (
+        f"{best.name}: {best.figure}; {chosen.name}: {chosen.figure}, within one standard error "
+        f"of the difference, and {' and '.join(reasons)}: take {chosen.name}"
+    )
+
+
+def standard_error(values: Array) -> float:
+    """Standard error of a mean."""
+    return float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else 0.0
+
+
+def _json(value: float | None) -> float | None:
+    return None if value is None or not isfinite(value) else float(value)

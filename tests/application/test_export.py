@@ -1,0 +1,410 @@
+"""Exported models: other programs compute the same torques, and what is left out is said."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from closed_chains import CHAINS, slider_crank
+from invented import ROBOTS, mimic, tree
+from moving import geared
+from steelyard.application.export import exported, refuse_changed, unheld
+from steelyard.application.export_content import Format
+from steelyard.application.export_laws import PLACES
+from steelyard.errors import ModelError
+from steelyard.estimation.identified import IdentifiedModel
+from steelyard.model import Model
+from steelyard.motion import Motion
+from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
+from steelyard.robot.robot import Limits, Robot
+from steelyard.robot.robot_file import load_robot
+from steelyard.terms.coulomb import Coulomb
+from steelyard.terms.coupled import Coupled
+from steelyard.terms.directional import DirectionalCoulomb, DirectionalViscous
+from steelyard.terms.gravity_compensator import GravityCompensator
+from steelyard.terms.load_dependent import LoadDependent
+from steelyard.terms.offset import Offset
+from steelyard.terms.powers import Cubic, Quadratic, Root
+from steelyard.terms.presliding import Dahl, LuGre, MaxwellSlip
+from steelyard.terms.register import DEFAULT_TERMS, TERMS, description_of
+from steelyard.terms.rigid_body import RigidBody
+from steelyard.terms.rotor_inertia import RotorInertia
+from steelyard.terms.spring import Spring
+from steelyard.terms.stribeck import Stribeck
+from steelyard.terms.term import Term
+from steelyard.terms.viscous import Viscous
+from weighed import identified_of
+
+WRIST = (("wrist", (("slider_joint", 1.0),)), ("arm", (("trunk_joint", 1.0), ("tip_joint", -2.0))))
+FORK = (("fork", (("left_joint", 1.0), ("tip_joint", 1.0))),)
+ENDS = ((0.3, -0.4, 1.2), (0.1, 0.2, 0.0))
+PAIR = (("from", "trunk_joint"), ("to", "slider_joint"))
+
+HELD: list[Term] = [
+    RotorInertia(),
+    RotorInertia(along=WRIST),
+    RotorInertia(motors=("motor1", "motor2")),
+    Coulomb(),
+    Coulomb(along=WRIST),
+    Coulomb(motors=("motor3", "motor4")),
+    Viscous(),
+    Viscous(motors=("motor3", "motor4")),
+    Quadratic(),
+    Quadratic(motors=("motor2", "motor4")),
+    Cubic(along=WRIST),
+    Spring(),
+    Spring(free=(0.3, -0.2), along=WRIST),
+    Spring(free=-1.0, along=WRIST),
+    Spring(free="unknown", motors=("motor2", "motor4")),
+    GravityCompensator(links=("base", "tool"), points=ENDS),
+]
+"""Laws that MJCF holds whole."""
+
+OPEN: list[Term] = [
+    RotorInertia(along=FORK),
+    Coulomb(smoothing=0.05),
+    Coulomb(threshold=0.1),
+    Viscous(per_run=True),
+    Offset(),
+    DirectionalCoulomb(),
+    DirectionalViscous(),
+    Root(),
+    Stribeck(),
+    Coupled(pairs=(PAIR,)),
+    LoadDependent(),
+    Dahl(),
+    MaxwellSlip(),
+    LuGre(),
+    GravityCompensator(links=("base", "tool"), points=ENDS, name="pushing"),
+]
+"""Laws of which something is left out."""
+
+SLIDING = {
+    "dahl": lambda v: v["dahl.tip_joint"],
+    "lugre": lambda v: v["lugre.tip_joint"],
+    "maxwell_slip": lambda v: sum(v[f"maxwell_slip{k}.tip_joint"] for k in range(1, 5)),
+    "directional_coulomb": lambda v: np.mean(
+        [v[f"directional_coulomb_{e}.tip_joint"] for e in DIRECTIONS]
+    ),
+}
+DIRECTIONS = ("forward", "backward")
+
+
+def ids(term: Term) -> str:
+    return str(description_of(term))
+
+
+def written(identified: IdentifiedModel, form: Format, folder: Path) -> Path:
+    """The file of a model, read once and compared."""
+    made = exported(identified, form)
+    path = folder / f"exported.{'xml' if form == 'mjcf' else 'urdf'}"
+    path.write_text(made.text, encoding="utf-8")
+    refuse_changed(path, made)
+    return path
+
+
+def motion_of(robot: Robot, count: int = 30, seed: int = 3) -> Motion:
+    """Random states; every joint moves."""
+    rng = np.random.default_rng(seed)
+    q, ddq = rng.uniform(-1.0, 1.0, (2, count, robot.n))
+    dq = rng.uniform(0.5, 2.0, (count, robot.n)) * rng.choice([-1.0, 1.0], (count, robot.n))
+    return Motion(np.arange(count), q, dq, ddq)
+
+
+def sliding(motion: Motion, term: Term) -> Motion:
+    """The states in which all coordinates of a term move: MuJoCo's friction creeps when slow."""
+    if not isinstance(term, Coulomb):
+        return motion
+    rows = np.array([axis.row for axis in term.axes(geared())])
+    keep = (np.abs(motion.dq @ rows.T) > 0.3 * np.linalg.norm(rows, axis=1)).all(axis=1)
+    assert keep.sum() > 10
+    return Motion(np.arange(keep.sum()), motion.q[keep], motion.dq[keep], motion.ddq[keep])
+
+
+def joint_map(robot: Robot, names: list[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Positions of a program's joints from those of the robot: `G q + o`."""
+    bodies = {body.joint: body for body in robot.bodies}
+    matrix = np.zeros((len(names), robot.n_joints))
+    for row, name in enumerate(names):
+        matrix[row, bodies[name].coordinate] = bodies[name].ratio
+    return matrix, np.array([bodies[name].offset for name in names])
+
+
+def mujoco_torque(path: Path, robot: Robot, motion: Motion) -> np.ndarray:
+    """Efforts of an exported MJCF by MuJoCo's inverse dynamics, its mimic ties taken out."""
+    spec = mujoco.MjSpec.from_file(str(path))
+    for tie in list(spec.equalities):
+        spec.delete(tie)
+    model = spec.compile()
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT
+    data = mujoco.MjData(model)
+    names = [model.joint(k).name for k in range(model.njnt)]
+    matrix, offset = joint_map(robot, names)
+    result = np.empty_like(motion.q)
+    for k in range(len(motion)):
+        data.qpos[:] = matrix @ motion.q[k] + offset
+        data.qvel[:], data.qacc[:] = matrix @ motion.dq[k], matrix @ motion.ddq[k]
+        mujoco.mj_inverse(model, data)
+        result[k] = matrix.T @ data.qfrc_inverse
+    return result
+
+
+def close(one: np.ndarray, other: np.ndarray) -> None:
+    assert np.abs(one - other).max() < 1e-9 * max(1.0, np.abs(other).max())
+
+
+@pytest.mark.parametrize("form", ["urdf", "mjcf"])
+@pytest.mark.parametrize("name", [*ROBOTS, "geared"])
+def test_reading_again_gives_the_same_torque(name: str, form: Format, tmp_path: Path) -> None:
+    robot = geared() if name == "geared" else ROBOTS[name](tmp_path)
+    identified = identified_of(robot, [RigidBody()])
+    again = load_robot(written(identified, form, tmp_path)).robot
+    assert sorted(again.joint_names) == sorted(robot.joint_names)
+    order = [robot.joint_names.index(name) for name in again.joint_names]
+    if form == "urdf":
+        again = again.changed(gravity=robot.gravity)
+    motion = motion_of(robot)
+    valued = Model(again, (RigidBody(),)).prior
+    assert valued is not None
+    moved = Motion(motion.t, *(x[:, order] for x in (motion.q, motion.dq, motion.ddq)))
+    close(valued.torque(moved), identified.torque(motion)[:, order])
+    for c, limits in (
+        (c, robot.joints[k].limits) for c, k in zip(again.joints, order, strict=True)
+    ):
+        unlimited = np.inf if form == "mjcf" or c.kind == "revolute" else 1e9
+        assert c.limits.lower == max(limits.lower, -unlimited)
+        assert c.limits.upper == min(limits.upper, unlimited)
+
+
+@pytest.mark.parametrize("name", [*ROBOTS, "geared"])
+def test_pinocchio_reads_bodies_and_friction(name: str, tmp_path: Path) -> None:
+    robot = geared() if name == "geared" else ROBOTS[name](tmp_path)
+    identified = identified_of(robot, [RigidBody(), Viscous()])
+    model = pin.buildModelFromUrdf(str(written(identified, "urdf", tmp_path)))
+    model.gravity.linear = np.array(robot.gravity)
+    names = list(model.names)[1:]
+    matrix, offset = joint_map(robot, names)
+    motion, data = motion_of(robot), model.createData()
+    torque = np.empty_like(motion.q)
+    for k in range(len(motion)):
+        x, dx = matrix @ motion.q[k] + offset, matrix @ motion.dq[k]
+        q = np.concatenate([_turned(model, i + 1, x[i]) for i in range(len(names))])
+        whole = pin.rnea(model, data, q, dx, matrix @ motion.ddq[k]) + model.damping * dx
+        torque[k] = matrix.T @ whole
+    close(torque, identified.torque(motion))
+
+
+def _turned(model: pin.Model, joint: int, x: float) -> list[float]:
+    """Pinocchio's configuration of one joint; continuous ones are a cosine and a sine."""
+    return [np.cos(x), np.sin(x)] if model.nqs[joint] == 2 else [x]
+
+
+@pytest.mark.parametrize("name", ["single", "tree", "dh arm", "mimic", "ur10e", "panda", "geared"])
+def test_mujoco_computes_all_that_is_held(name: str, tmp_path: Path) -> None:
+    robot = geared() if name == "geared" else ROBOTS[name](tmp_path)
+    identified = identified_of(robot, [RigidBody(), RotorInertia(), Coulomb(), Viscous(), Spring()])
+    path, motion = written(identified, "mjcf", tmp_path), motion_of(robot)
+    close(mujoco_torque(path, robot, motion), identified.torque(motion))
+
+
+@pytest.mark.parametrize("term", HELD, ids=ids)
+def test_a_law_is_held_whole(term: Term, tmp_path: Path) -> None:
+    robot = geared()
+    identified = identified_of(robot, [RigidBody(), term])
+    assert all("gears" in sentence for sentence in unheld(identified, "mjcf"))
+    path, motion = written(identified, "mjcf", tmp_path), sliding(motion_of(robot), term)
+    close(mujoco_torque(path, robot, motion), identified.torque(motion))
+
+
+@pytest.mark.parametrize("term", OPEN, ids=ids)
+def test_what_is_left_out_is_said(term: Term) -> None:
+    robot = geared()
+    pushing = (
+        {"gravity_compensator_preload.pushing": -2.0} if term.law == "gravity_compensator" else {}
+    )
+    identified = identified_of(robot, [RigidBody(), term], pushing)
+    words = {
+        "rotor_inertia": "rotor inertia: fork",
+        "gravity_compensator": "spring between 'base' and",
+    }
+    for form in ("urdf", "mjcf"):
+        said = exported(identified, form)
+        wanted = words.get(term.law, f"({term.law})")
+        assert any(wanted in sentence for sentence in said.unheld)
+        head = said.text.partition("-->")[0]
+        assert all(f"- {sentence}" in head for sentence in said.unheld)
+
+
+def test_every_law_has_a_place_or_is_listed() -> None:
+    assert set(PLACES) == set(TERMS)
+    assert {term.law for term in (*HELD, *OPEN)} == set(TERMS) - {"rigid_body"}
+
+
+@pytest.mark.parametrize("term", HELD, ids=ids)
+def test_urdf_holds_a_law_or_lists_it(term: Term) -> None:
+    said = unheld(identified_of(geared(), [RigidBody(), term]), "urdf")
+    plain = isinstance(term, Coulomb | Viscous) and term.motors is None and term.along is None
+    assert any("gears" not in sentence and "gravity" not in sentence for sentence in said) != plain
+
+
+@pytest.mark.parametrize("law", list(SLIDING))
+def test_friction_in_full_sliding_is_held(law: str, tmp_path: Path) -> None:
+    robot = geared()
+    identified = identified_of(robot, [RigidBody(), TERMS[law]()])
+    values = identified.valued.values.as_dict()
+    model = mujoco.MjModel.from_xml_path(str(written(identified, "mjcf", tmp_path)))
+    found = model.dof_frictionloss[model.joint("tip_joint").dofadr[0]]
+    assert found == pytest.approx(SLIDING[law](values), rel=1e-12)
+
+
+def test_gravity_that_points_elsewhere_is_told_of_a_urdf() -> None:
+    said = unheld(identified_of(tree(), [RigidBody()]), "urdf")
+    assert said == ("gravity: set it to (1, -3, -9) m/s² in the base frame",)
+    level = tree().changed(gravity=(0.0, 0.0, -9.81))
+    assert unheld(identified_of(level, [RigidBody()]), "urdf") == ()
+
+
+@pytest.mark.parametrize("name", [name for name in CHAINS if name != "slider-crank"])
+def test_loops_are_closed_again(name: str, tmp_path: Path) -> None:
+    robot = CHAINS[name]()
+    identified = identified_of(robot, [RigidBody()])
+    again = load_robot(written(identified, "mjcf", tmp_path)).robot
+    assert again.joint_names == robot.joint_names
+    assert sorted(c.name for c in again.passive) == sorted(c.name for c in robot.passive)
+    rng = np.random.default_rng(2)
+    q = robot.assembly[: robot.n] + rng.uniform(-0.05, 0.05, (10, robot.n))
+    dq, ddq = rng.uniform(-1.0, 1.0, (2, 10, robot.n))
+    motion = Motion(np.arange(10), q, dq, ddq)
+    valued = Model(again, (RigidBody(),)).prior
+    assert valued is not None
+    close(valued.torque(motion), identified.torque(motion))
+    said = unheld(identified, "urdf")
+    assert any("open tree without" in sentence for sentence in said)
+
+
+def boundless(robot: Robot) -> Robot:
+    """The robot without limits; those of the invented chains are about their assembly."""
+    free = [
+        tuple(replace(c, limits=Limits()) for c in x) for x in (robot.coordinates, robot.passive)
+    ]
+    return robot.changed(coordinates=free[0], passive=free[1])
+
+
+SIMULATED: dict[str, Callable[[Path], Robot]] = {
+    **ROBOTS,
+    "geared": lambda _: geared(),
+    **{
+        n: (lambda _, make=make: boundless(make()))
+        for n, make in CHAINS.items()
+        if n != "slider-crank"
+    },
+}
+
+
+@pytest.mark.parametrize("form", ["urdf", "mjcf"])
+@pytest.mark.parametrize("name", list(SIMULATED))
+def test_mujoco_simulates_without_a_warning(name: str, form: Format, tmp_path: Path) -> None:
+    identified = identified_of(SIMULATED[name](tmp_path))
+    model = mujoco.MjModel.from_xml_path(str(written(identified, form, tmp_path)))
+    data = mujoco.MjData(model)
+    while data.time < 1.0:
+        mujoco.mj_step(model, data)
+    assert sum(warning.number for warning in data.warning) == 0
+    assert np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all()
+    if form == "mjcf" and model.neq:
+        mujoco.mj_fwdPosition(model, data)
+        assert np.abs(data.efc_pos[: data.ne]).max() < 5e-3
+
+
+def test_motors_limits_and_home_are_those_of_the_robot(tmp_path: Path) -> None:
+    robot = mimic(tmp_path)
+    limits = Limits(0.5, np.inf, 3.0, 50.0)
+    robot = robot.changed(coordinates=(replace(robot.coordinates[0], limits=limits),))
+    path = written(identified_of(robot), "mjcf", tmp_path)
+    model = mujoco.MjModel.from_xml_path(str(path))
+    assert model.jnt_range[model.joint("shoulder").id].tolist() == [0.5, 1e9]
+    assert model.actuator("shoulder").ctrlrange.tolist() == [-50.0, 50.0]
+    assert model.key("home").qpos.tolist() == [0.5, -1.5 * 0.5 + 0.2]
+    assert model.site("plate").bodyid == model.body("arm").id
+    assert load_robot(path).robot.coordinates[0].limits.effort == 50.0
+    again = load_robot(written(identified_of(robot), "urdf", tmp_path)).robot
+    assert again.coordinates[0].limits == Limits(0.5, 1e9, 3.0, 50.0)
+
+
+def test_a_link_without_mass_stays_simulable(tmp_path: Path) -> None:
+    robot = tree()
+    bodies = [replace(b, inertia=Inertia.zero()) if b.name == "slider" else b for b in robot.bodies]
+    identified = identified_of(robot.changed(bodies=tuple(bodies)), [RigidBody()])
+    path, motion = written(identified, "mjcf", tmp_path), motion_of(robot)
+    close(mujoco_torque(path, robot, motion), identified.torque(motion))
+
+
+@pytest.mark.parametrize(
+    ("ten", "words"),
+    [
+        ((-1.0, *(0.0,) * 9), "the mass is negative"),
+        ((1.0, 0.0, 0.0, 0.0, 0.1, 0.0, 0.1, 0.0, 0.0, 0.5), "triangle inequality"),
+        ((1.0, 0.0, 0.0, 0.0, 0.1, 0.0, 0.1, 0.0, 0.0, 0.2), "lies in a plane"),
+        ((1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.01), "lies in a plane or a line"),
+    ],
+)
+def test_a_link_that_cannot_exist_is_named(ten: tuple[float, ...], words: str) -> None:
+    values = {f"{n}.slider": x for n, x in zip(INERTIAL_NAMES, ten, strict=True)}
+    with pytest.raises(ModelError, match=f"link 'slider' cannot exist.*{words}"):
+        exported(identified_of(tree(), [RigidBody()], values), "urdf")
+
+
+def test_base_parameters_alone_are_refused() -> None:
+    identified = identified_of(tree())
+    poor = replace(identified, estimate=replace(identified.estimate, standard=None))
+    with pytest.raises(ModelError, match="base parameters only") as error:
+        exported(poor, "mjcf")
+    assert "default estimator" in error.value.mend
+
+
+def test_a_model_without_bodies_is_refused() -> None:
+    with pytest.raises(ModelError, match="no rigid bodies"):
+        exported(identified_of(tree(), [Viscous()]), "mjcf")
+
+
+def test_a_coordinate_without_a_joint_of_its_own_is_refused() -> None:
+    with pytest.raises(ModelError, match="'rod_joint' moves bodies by mimic joints alone"):
+        exported(identified_of(slider_crank()), "mjcf")
+
+
+def test_friction_below_zero_is_left_out(tmp_path: Path) -> None:
+    values = {"coulomb.tip_joint": -0.5, "viscous.tip_joint": -1e-13}
+    identified = identified_of(tree(), DEFAULT_TERMS, values)
+    assert "dry friction: tip_joint -0.5 Nm" in unheld(identified, "mjcf")
+    assert not any("viscous" in sentence for sentence in unheld(identified, "mjcf"))
+    model = mujoco.MjModel.from_xml_path(str(written(identified, "mjcf", tmp_path)))
+    assert model.dof_frictionloss[model.joint("tip_joint").dofadr[0]] == 0.0
+
+
+def test_the_head_says_where_the_numbers_come_from() -> None:
+    for form in ("urdf", "mjcf"):
+        head = exported(identified_of(tree()), form).text.partition("-->")[0]
+        for words in ("steelyard 9.9.9", "robot arm.toml: ab12", "cd34", "a- -b@1:2", "consistent"):
+            assert words in head
+
+
+def test_a_file_that_reads_otherwise_is_refused(tmp_path: Path) -> None:
+    made = exported(identified_of(mimic(tmp_path)), "urdf")
+    path = tmp_path / "broken.urdf"
+    for old, new, words in (
+        ('value="2.5"', 'value="2.6"', "another mass or inertia"),
+        ('multiplier="-1.5"', 'multiplier="1.5"', "stands or turns otherwise"),
+        (
+            '<parent link="arm" />\n    <child link="foll',
+            '<parent link="base" />\n    <child link="foll',
+            "hangs on another",
+        ),
+    ):
+        assert old in made.text
+        path.write_text(made.text.replace(old, new))
+        with pytest.raises(ModelError, match=words):
+            refuse_changed(path, made)

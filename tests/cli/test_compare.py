@@ -1,0 +1,160 @@
+"""`steelyard compare`: by runs and by stretches, what it writes, mistakes, and Ctrl-C."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from cli.mistakes import leftovers
+from cli.river_files import edited
+from steelyard.cli.rivals import offers_of
+from steelyard.estimation.register import ESTIMATORS
+
+LOG = "../given/identification.parquet"
+OTHER = "../given/validation.parquet"
+ROBOT = "../given/demo_arm.toml"
+DRIVER = Path(__file__).parent / "interrupted_at.py"
+SOME = ("OLS", "WLS", "ridge")
+
+
+def words(text: str) -> str:
+    return " ".join(text.replace("\u00a0", " ").split())
+
+
+def test_runs_are_left_out_in_turn(command, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    done = command("compare", ROBOT, LOG, OTHER, "--estimators", "wls", "OLS", "-o", out)
+    assert done.exit_code == 0, done.output
+    text = words(done.output)
+    assert "Each estimator is fitted to all but one run, and predicts that one: 2 times." in text
+    assert "Take WLS" in text and "compare.html" in text
+    assert sorted(p.name for p in out.iterdir()) == ["compare.html", "compare.json"]
+    found = json.loads((out / "compare.json").read_text())
+    assert [one["estimator"] for one in found["estimators"]] == ["WLS", "OLS"]
+    assert found["left_out"] == "run"
+    page = (out / "compare.html").read_text()
+    assert "Estimators compared" in page and "Data quality" in page
+
+
+def test_errors_are_those_of_a_validation(command, tmp_path: Path) -> None:
+    """The model of one log, scored on the other where joints move."""
+    done = command("compare", ROBOT, LOG, OTHER, "--estimators", "WLS", "--json")
+    found = json.loads(done.stdout)
+    assert found["parts"] == ["identification", "validation"]
+    command("identify", ROBOT, LOG, "--validate", OTHER, "-o", tmp_path / "fit")
+    scored = command("validate", tmp_path / "fit", OTHER, "--json")
+    (score,) = json.loads(scored.stdout)
+    compared = sum(found["estimators"][0]["errors_percent"][1]) / len(found["joints"])
+    # one behind the matched filter, the other behind a Butterworth of the same cut-off
+    assert compared == pytest.approx(score["mean_percent_moving"], rel=0.3)
+
+
+def test_a_single_log_is_divided(command) -> None:
+    done = command("compare", ROBOT, LOG, "--json", "--estimators", *SOME)
+    assert done.exit_code == 0, done.output
+    found = json.loads(done.stdout)
+    assert found["left_out"] == "stretch" and len(found["parts"]) == 5
+    assert found["parts"][0].endswith(" s") and found["output"] is None
+    assert {one["estimator"] for one in found["estimators"]} == set(SOME)
+    sound = [one for one in found["estimators"] if not one["failures"]]
+    assert sound, found["estimators"]
+    for one in sound:
+        assert 0.0 < one["mean_percent"] < 100.0 and one["standard_error_percent"] > 0.0
+    assert found["recommended"]["name"] in {one["estimator"] for one in sound}
+
+
+def test_an_estimator_that_fails_does_not_stop_the_others(command, monkeypatch) -> None:
+    import numpy as np
+
+    from steelyard.estimation import register
+    from steelyard.estimation.register import Offer
+
+    def failing(data: object) -> None:
+        raise np.linalg.LinAlgError("Singular [matrix]")
+
+    offers = (Offer("invented", "fails", "information", lambda _: failing), *ESTIMATORS)
+    monkeypatch.setattr(register, "ESTIMATORS", offers)
+    monkeypatch.setattr("steelyard.cli.rivals.ESTIMATORS", offers)
+    done = command("compare", ROBOT, LOG, "--estimators", "invented", "WLS")
+    assert done.exit_code == 0, done.output
+    text = words(done.output)
+    assert "invented failed (every fit): a matrix cannot be solved with (singular [matrix])" in text
+    assert "Traceback" not in text and "Take WLS" in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("--estimators", "WSL"), ("no estimator 'WSL'", "--estimators", "did you mean 'WLS'")),
+        (("--estimators", "xyzzy"), ("no estimator 'xyzzy'", "the estimators are OLS, WLS")),
+        (("-o", "../given"), ("the output folder exists already",)),
+    ],
+)
+def test_mistakes_are_told(command, arguments, expected, shared_work: Path) -> None:
+    done = command("compare", ROBOT, LOG, *arguments)
+    assert done.exit_code == 2 and done.stdout == ""
+    for word in expected:
+        assert word in done.stderr
+    assert leftovers(shared_work) == []
+
+
+def test_a_log_is_not_left_out_of_itself(command) -> None:
+    done = command("compare", ROBOT, LOG, LOG)
+    assert done.exit_code == 2 and "is fitted twice" in done.stderr
+
+
+def test_gains_are_to_be_known(command, given: Path, tmp_path: Path) -> None:
+    amperes = 'kind = "motor_current"\nunit = "A"\ngain = "identify"'
+    robot = edited(given, tmp_path, ('kind = "joint_torque"\nunit = "Nm"', amperes))
+    done = command("compare", robot, LOG)
+    assert done.exit_code == 2 and "every drive gain is to be identified" in done.stderr
+    assert "write them into the robot file" in done.stderr
+
+
+def test_logs_are_checked_before(command, given: Path, tmp_path: Path) -> None:
+    done = command("compare", "../given/clock.toml", LOG)
+    assert done.exit_code == 2 and "the log is wrong" in done.stderr
+    assert "--no-check goes on all the same" in done.stderr
+
+
+def test_names_are_taken_as_they_are_meant() -> None:
+    asked = offers_of(("wls", "Bounded-LS", "WLS", "log_cholesky"), everything=False)
+    assert [offer.name for offer in asked] == ["WLS", "bounded LS", "log-Cholesky"]
+    usual, every = offers_of((), everything=False), offers_of((), everything=True)
+    assert every == ESTIMATORS and set(usual) == {o for o in ESTIMATORS if not o.slow}
+    assert "GA" in {o.name for o in every} - {o.name for o in usual}
+
+
+def pressed(function: str, arguments: tuple[str, ...], work: Path) -> tuple[int, str, str]:
+    done = subprocess.run(
+        [sys.executable, str(DRIVER), function, str(work.parent / "entered.txt"), *arguments],
+        cwd=work,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+COMPARE = ("compare", ROBOT, LOG, "--estimators", "WLS", "OLS", "--no-check")
+SECOND = "least_squares.OrdinaryLeastSquares.__call__"
+
+
+def test_ctrl_c_keeps_what_is_done(shared_work: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    code, text, errors = pressed(SECOND, (*COMPARE, "-o", str(out)), shared_work)
+    assert (code, errors) == (130, "")
+    assert "stopped: 1 of 2 estimators compared; not tried: OLS" in words(text)
+    found = json.loads((out / "compare.json").read_text())
+    assert [one["estimator"] for one in found["estimators"]] == ["WLS"]
+    assert found["stopped_before"] == ["OLS"]
+    assert "stopped: 1 of 2" in (out / "compare.html").read_text()
+
+
+def test_ctrl_c_before_the_first_is_done_leaves_nothing(shared_work: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    code, text, errors = pressed("gather.gather", (*COMPARE, "-o", str(out)), shared_work)
+    assert (code, text, errors) == (130, "", "stopped: nothing was written\n")
+    assert not out.exists() and leftovers(shared_work) == []

@@ -1,0 +1,100 @@
+"""`steelyard export`: what it writes, prints and refuses."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import pytest
+
+from cli.conftest import Command
+from cli.mistakes import leftovers
+from steelyard.robot.robot_file import load_robot
+from weighed import identified_of
+
+
+@pytest.fixture(scope="module")
+def model(given: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a model of the demo arm that has all standard parameters."""
+    folder = tmp_path_factory.mktemp("model")
+    robot = load_robot(given / "demo_arm.toml").robot
+    (folder / "model.json").write_text(identified_of(robot).text(), encoding="utf-8")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("options", "name"), [(["--to", "mjcf"], "arm.xml"), ([], "arm.xml"), ([], "arm.urdf")]
+)
+def test_a_file_is_written(
+    options: list[str], name: str, model: Path, command: Command, tmp_path: Path
+) -> None:
+    done = command("export", model, *options, "-o", tmp_path / name)
+    assert done.exit_code == 0, done.output
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    words = " ".join(done.stdout.split())
+    form = "MJCF" if name == "arm.xml" else "URDF"
+    assert f"{name}: " in words and "moving links" in words and " kg" in words
+    assert f"{form} has no place for:" in words and "constant efforts (offset)" in words
+    assert ("rotor inertia" in words) == (form == "URDF")
+    assert mujoco.MjModel.from_xml_path(str(tmp_path / name)).nu == (0 if form == "URDF" else 6)
+
+
+def test_json_and_the_usual_name(
+    model: Path, command: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = command("export", model / "model.json", "--to", "urdf", "--json")
+    assert done.exit_code == 0, done.output
+    told = json.loads(done.stdout)
+    assert told["format"] == "urdf" and told["file"].endswith(".urdf")
+    assert any("(offset)" in sentence for sentence in told["unheld"])
+    assert load_robot(told["file"]).robot.n == 6
+    Path(told["file"]).unlink()
+
+
+def test_numbers_go_into_the_original(
+    model: Path, given: Path, command: Command, tmp_path: Path
+) -> None:
+    done = command("export", model, "--model", given / "demo_arm.toml", "-o", tmp_path / "a.urdf")
+    assert done.exit_code == 0, done.output
+    text = (tmp_path / "a.urdf").read_text(encoding="utf-8")
+    original = load_robot(given / "demo_arm.toml").sources[-1].path.read_text(encoding="utf-8")
+    assert text.count("<visual") == original.count("<visual")
+    assert text != original and "identified with steelyard 9.9.9" in text
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["-o", "there.urdf"], "the file exists already"),
+        ([], "no format is named"),
+        (["-o", "arm.txt"], "no format is named"),
+        (["--to", "mjcf", "-o", "arm.urdf"], "would be MJCF, but its name ends in '.urdf'"),
+        (["--to", "mjcf", "--model", "demo_arm.toml", "-o", "a.xml"], "not into MJCF"),
+        (["--to", "urdf", "--model", "nowhere.urdf", "-o", "a.urdf"], "no such file"),
+        (["--to", "urdf", "-o", "nowhere/a.urdf"], "cannot be written"),
+    ],
+)
+def test_mistakes_are_explained(
+    options: list[str], words: str, model: Path, command: Command, given: Path
+) -> None:
+    options = [str(given / x) if x == "demo_arm.toml" else x for x in options]
+    there = Path("there.urdf")
+    there.write_text("kept")
+    done = command("export", model, *options)
+    assert there.read_text() == "kept"
+    there.unlink()
+    assert done.exit_code == 2
+    assert words in " ".join(done.output.split())
+    assert "mend" in done.output
+    assert leftovers(Path()) == []
+
+
+def test_base_parameters_alone_are_refused(given: Path, command: Command, tmp_path: Path) -> None:
+    identified = identified_of(load_robot(given / "demo_arm.toml").robot)
+    poor = replace(identified, estimate=replace(identified.estimate, standard=None))
+    (tmp_path / "model.json").write_text(poor.text(), encoding="utf-8")
+    done = command("export", tmp_path, "-o", tmp_path / "arm.urdf")
+    assert done.exit_code == 2
+    assert "base parameters only" in done.output and "default estimator" in done.output
+    assert not (tmp_path / "arm.urdf").exists()

@@ -1,0 +1,230 @@
+"""The consistent estimate: validity, optimality, weights of the prior, wishes, honest endings."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from invented import tree
+from steelyard.errors import DataError
+from steelyard.estimation.consistent import Consistent
+from steelyard.estimation.estimate import Estimate
+from steelyard.estimation.knowledge import Knowledge, Row
+from steelyard.estimation.least_squares import WeightedLeastSquares
+from steelyard.estimation.physics import Entropic, Form, Free, Pullback
+from steelyard.estimation.prior import default_knowledge
+from steelyard.estimation.whitened import whitened
+from steelyard.model import Model
+from steelyard.regression.accumulate import Accumulator, Stretch
+from steelyard.regression.information import Information, Stamp, Window
+from steelyard.regression.regressor import base_regressor
+from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
+
+MODEL = Model(tree())
+REGRESSOR = base_regressor(MODEL)
+FORMS: list[Form] = [Entropic(), Pullback(), Free()]
+TRUTH = {p.name: p.prior if p.prior is not None else 0.4 for p in MODEL.parameters}
+
+
+def said(noise: float, *, seed: int = 0, count: int = 600, still: int | None = None) -> Information:
+    """What a random motion of the invented arm says; its truth is its model file's."""
+    rng = np.random.default_rng(seed)
+    q, dq, ddq = rng.normal(size=(3, 4, count))
+    if still is not None:
+        q[still], dq[still], ddq[still] = 0.3, 0.0, 0.0
+    values = REGRESSOR.base.base_values([TRUTH[name] for name in MODEL.names])
+    effort = REGRESSOR.dense(q, dq, ddq) @ values
+    effort = effort + noise * np.sqrt(np.square(effort).mean(axis=1))[:, None] * rng.normal(
+        size=effort.shape
+    )
+    sums = Accumulator(REGRESSOR)(Stretch(q, dq, ddq, effort))
+    stamp = Stamp(MODEL.fingerprint, REGRESSOR.layout.columns, ("Nm",) * 4, "none")
+    window = (Window("run", 0.0, 1.0),)
+    parts = (sums.grams[None], sums.absolute[None], sums.counts[None])
+    return Information(REGRESSOR.layout, stamp, window, *parts)
+
+
+def known(**changes: object) -> Knowledge:
+    return replace(default_knowledge(MODEL), **changes)
+
+
+def heavier(factor: float) -> Knowledge:
+    """Priors that are all off by a factor."""
+    knowledge = default_knowledge(MODEL)
+    priors = [Inertia.from_ten(factor * p.ten) for p in knowledge.priors if p is not None]
+    return replace(knowledge, priors=tuple(priors))
+
+
+def bodies(estimate: Estimate) -> list[Inertia]:
+    assert estimate.standard is not None
+    values = estimate.standard.parameters
+    return [
+        Inertia.from_ten([values[f"{n}.{b.name}"] for n in INERTIAL_NAMES])
+        for b in MODEL.robot.bodies
+    ]
+
+
+@pytest.mark.parametrize("form", FORMS, ids=lambda f: f.name)
+def test_every_body_can_exist_and_base_parameters_are_its_own(form: Form) -> None:
+    estimate = Consistent(REGRESSOR.base, heavier(1.7), form)(said(0.3, count=60))
+    assert all(np.linalg.eigvalsh(body.pseudo)[0] > 0.0 for body in bodies(estimate))
+    assert estimate.standard is not None
+    base = dict(
+        zip(
+            REGRESSOR.base.base_names,
+            REGRESSOR.base.base_values(estimate.standard.parameters.values),
+            strict=True,
+        )
+    )
+    mine = estimate.parameters.as_dict()
+    assert mine == pytest.approx({name: base[name] for name in mine})
+    friction = [v for n, v in mine.items() if n.startswith(("coulomb", "viscous"))]
+    assert min(friction) > -1e-9
+
+
+def test_a_true_prior_and_clean_data_give_the_truth() -> None:
+    estimate = Consistent(REGRESSOR.base, known())(said(1e-9))
+    assert estimate.standard is not None
+    error = [estimate.standard.parameters[name] - TRUTH[name] for name in MODEL.names]
+    seen = [n.startswith(("coulomb", "viscous", "offset")) for n in MODEL.names]
+    assert np.abs(np.array(error)[seen]).max() < 1e-5
+
+
+@pytest.mark.parametrize("form", [Entropic(), Pullback()], ids=lambda f: f.name)
+def test_the_optimum_is_stationary(form: Form) -> None:
+    consistent = Consistent(REGRESSOR.base, heavier(1.3), form)
+    program = consistent.program(whitened(said(0.05)))
+    u = consistent.solve(program, 5.0)
+    best = program.cost(u, 5.0)
+    rng = np.random.default_rng(0)
+    size = 10 * len(MODEL.robot.bodies)
+    for _ in range(40):
+        step = np.zeros(len(u))
+        step[:size] = 1e-4 * rng.normal(size=size)
+        around = 0.5 * (program.cost(u + step, 5.0) + program.cost(u - step, 5.0))
+        slope = program.cost(u + step, 5.0) - program.cost(u - step, 5.0)
+        assert around > best
+        assert abs(slope) < 1e-5 * max(1.0, best)
+
+
+@pytest.mark.parametrize("form", [Entropic(), Pullback()], ids=lambda f: f.name)
+def test_precision_is_the_second_derivative_of_the_penalty(form: Form) -> None:
+    program = Consistent(REGRESSOR.base, known(), form).program(whitened(said(0.05)))
+    rng = np.random.default_rng(1)
+    u = program.unknowns.start
+    u[:10] += 0.05 * rng.normal(size=10)
+    known_ = program.unknowns
+    bare = replace(known_, matrix=0.0 * known_.matrix, vector=0.0 * known_.vector)
+    free = replace(program, unknowns=bare)
+    step = np.zeros(len(u))
+    step[:10] = rng.normal(size=10)
+    h = 1e-4
+    parts = [free.cost(u + s * h * step, 3.0) for s in (-1.0, 0.0, 1.0)]
+    numeric = (parts[0] - 2.0 * parts[1] + parts[2]) / h**2
+    assert step @ program.precision(u, 3.0) @ step == pytest.approx(numeric, rel=1e-4)
+
+
+def test_a_stated_uncertainty_is_taken_and_said() -> None:
+    estimate = Consistent(REGRESSOR.base, known(uncertainty=0.2))(said(0.05))
+    assert "prior uncertainty 20 % (as stated)" in estimate.notes[-1]
+    found = Consistent(REGRESSOR.base, known())(said(0.05))
+    assert "found from the data in" in found.notes[-1]
+
+
+def test_a_wrong_prior_is_given_less_weight() -> None:
+    def weight(knowledge: Knowledge) -> float:
+        consistent = Consistent(REGRESSOR.base, knowledge)
+        return consistent.weighed(consistent.program(whitened(said(0.05)))).tried.gamma
+
+    assert weight(known()) > 10.0 * weight(heavier(3.0))
+
+
+def test_poor_data_stay_near_the_prior_and_say_so() -> None:
+    estimate = Consistent(REGRESSOR.base, known())(said(0.05, still=3))
+    assert estimate.standard is not None
+    learned = dict(zip(estimate.standard.parameters.names, estimate.standard.learned, strict=True))
+    assert "viscous.tip_joint" in [blind.name for blind in estimate.blind]
+    assert estimate.standard.parameters["viscous.tip_joint"] == 0.0
+    assert learned["viscous.tip_joint"] == 0.0
+    assert learned["viscous.trunk_joint"] > 0.99
+
+
+def test_intervals_are_no_wider_than_those_of_least_squares() -> None:
+    information = said(0.05)
+    plain, ours = (
+        estimator(information)
+        for estimator in (WeightedLeastSquares(), Consistent(REGRESSOR.base, known()))
+    )
+    assert plain.parameters.names == ours.parameters.names
+    assert np.all(ours.std <= plain.std * (1.0 + 1e-6))
+    assert ours.learned is not None
+    assert np.all((ours.learned >= 0.0) & (ours.learned <= 1.0))
+
+
+def test_wishes_hold() -> None:
+    rows = (
+        Row("mass of tip", {"m.tip": 1.0}, lower=2.5, upper=2.5),
+        Row("twins", {"m.left": 1.0, "m.slider": -1.0}, lower=0.0, upper=0.0),
+        Row("at most", {"coulomb.trunk_joint": 1.0}, upper=0.1),
+    )
+    estimate = Consistent(REGRESSOR.base, known(rows=rows))(said(0.05))
+    assert estimate.standard is not None
+    values = estimate.standard.parameters
+    assert values["m.tip"] == pytest.approx(2.5, abs=1e-7)
+    assert values["m.left"] == pytest.approx(values["m.slider"], abs=1e-7)
+    assert values["coulomb.trunk_joint"] <= 0.1 + 1e-7
+    learned = dict(zip(values.names, estimate.standard.learned, strict=True))
+    assert learned["m.tip"] == 0.0
+    assert estimate.standard.std[values.names.index("m.tip")] < 1e-6
+
+
+def test_wishes_that_only_physics_forbids_are_named() -> None:
+    rows = (
+        Row("light tip", {"m.tip": 1.0}, upper=0.1),
+        Row("far centre", {"mx.tip": 1.0}, lower=1.0, upper=1.0),
+        Row("slender tip", {"Izz.tip": 1.0}, upper=0.1),
+        Row("mass of left", {"m.left": 1.0}, lower=1.0),
+    )
+    with pytest.raises(DataError, match="cannot hold together") as caught:
+        Consistent(REGRESSOR.base, known(rows=rows))(said(0.05))
+    assert "far centre" in caught.value.wrong
+    assert "mass of left" not in caught.value.wrong
+
+
+def test_contradictory_wishes_are_named() -> None:
+    rows = (
+        Row("heavy tip", {"m.tip": 1.0}, lower=5.0),
+        Row("light arm", {f"m.{b.name}": 1.0 for b in MODEL.robot.bodies}, upper=3.0),
+        Row("mass of left", {"m.left": 1.0}, lower=0.1),
+    )
+    with pytest.raises(DataError, match="cannot hold together") as caught:
+        Consistent(REGRESSOR.base, known(rows=rows))(said(0.05))
+    assert "heavy tip" in caught.value.wrong
+    assert "light arm" in caught.value.wrong
+    assert "left" not in caught.value.wrong
+
+
+def test_wishes_far_from_the_data_hold() -> None:
+    total = {f"m.{b.name}": 1.0 for b in MODEL.robot.bodies}
+    rows = (Row("total mass", total, upper=2.0),)
+    estimate = Consistent(REGRESSOR.base, known(rows=rows, uncertainty=0.3))(said(1e-3))
+    assert estimate.standard is not None
+    assert sum(estimate.standard.parameters[name] for name in total) <= 2.0 + 1e-6
+
+
+def test_a_solver_that_stops_early_is_never_called_solved() -> None:
+    with pytest.raises(DataError, match="stopped before the optimum") as caught:
+        Consistent(REGRESSOR.base, known(), iterations=4)(said(0.05))
+    assert "MaxIterations" in caught.value.wrong
+
+
+def test_too_few_samples_are_refused() -> None:
+    with pytest.raises(DataError, match="too few samples"):
+        Consistent(REGRESSOR.base, known())(said(0.05, count=8))
+
+
+def test_the_estimate_survives_json() -> None:
+    estimate = Consistent(REGRESSOR.base, known())(said(0.05))
+    again = Estimate.from_dict(estimate.to_dict())
+    assert again.to_dict() == estimate.to_dict()
+    assert again.values.as_dict() == estimate.values.as_dict()

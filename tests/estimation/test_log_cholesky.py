@@ -1,0 +1,250 @@
+"""Gauss–Newton in log-Cholesky coordinates against the convex program and known truths."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from invented import tree
+from steelyard.errors import DataError
+from steelyard.estimation.consistent import Consistent
+from steelyard.estimation.estimate import Estimate, Standard
+from steelyard.estimation.fields import find_fields
+from steelyard.estimation.knowledge import Knowledge, Row
+from steelyard.estimation.log_cholesky import LogCholesky
+from steelyard.estimation.log_cholesky_body import divergence, entries
+from steelyard.estimation.log_cholesky_fields import fit_jointly
+from steelyard.estimation.physics import Pullback
+from steelyard.estimation.prior import default_knowledge
+from steelyard.estimation.unknowns import BASIS
+from steelyard.model import Model
+from steelyard.progress import Stopped
+from steelyard.regression.accumulate import Accumulator, Stretch
+from steelyard.regression.information import Information, Stamp, Window
+from steelyard.regression.regressor import Regressor, base_regressor, standard_regressor
+from steelyard.robot.inertia import Inertia
+from steelyard.terms.coulomb import Coulomb
+from steelyard.terms.find import Find
+from steelyard.terms.rigid_body import RigidBody
+from steelyard.terms.stribeck import Stribeck
+from steelyard.terms.viscous import Viscous
+
+ROBOT = tree()
+FRICTION = ("coulomb", "viscous", "stribeck")
+PLAIN = Model(ROBOT, (RigidBody(), Coulomb(), Viscous()))
+SPEEDS = (0.05, 0.1, 0.2, 0.08)
+Said = Callable[[Regressor], Information]
+
+
+def with_speed(speed: object) -> Model:
+    return Model(ROBOT, (RigidBody(), Coulomb(), Viscous(), Stribeck(speed=speed)))  # type: ignore[arg-type]
+
+
+def logged(
+    model: Model, noise: float, count: int = 300, friction: float = 1.0
+) -> tuple[Said, np.ndarray]:
+    """What a log of the model says, and the true standard parameters: a prior off by a quarter."""
+    rng, known = np.random.default_rng(1), default_knowledge(model)
+    truth = np.zeros(len(model.names))
+    for body, prior in enumerate(known.priors):
+        assert prior is not None
+        factor = np.linalg.cholesky(prior.pseudo)
+        x = np.tensordot(entries(0.25 * rng.normal(size=10))[0], BASIS, 1)
+        truth[known.tens(body)] = Inertia.from_pseudo(factor @ x @ factor.T).ten
+    for k, name in enumerate(model.names):
+        if name.split(".")[0] in FRICTION:
+            truth[k] = friction * rng.uniform(0.5, 1.5)
+    q, dq, ddq = rng.normal(size=(3, 4, count))
+    dq = dq * rng.choice([1.0, 0.1], size=dq.shape)
+    effort = standard_regressor(model).dense(q, dq, ddq) @ truth
+    effort = effort + noise * effort.std(axis=1, keepdims=True) * rng.normal(size=effort.shape)
+
+    def said(regressor: Regressor) -> Information:
+        channels = regressor.model.scan()(q, dq, ddq)
+        sums = Accumulator(regressor)(Stretch(q, dq, ddq, effort, None, channels))
+        columns = regressor.layout.columns
+        return Information(
+            regressor.layout,
+            Stamp(regressor.model.fingerprint, columns, ("Nm",) * 4, "none"),
+            (Window("run", 0.0, 1.0),),
+            sums.grams[None],
+            sums.absolute[None],
+            sums.counts[None],
+        )
+
+    return said, truth
+
+
+def standard_of(estimate: Estimate) -> Standard:
+    assert estimate.standard is not None
+    return estimate.standard
+
+
+def smallest_eigenvalue(estimate: Estimate, known: Knowledge) -> float:
+    """Of all bodies' pseudo-inertias in the scale of their prior."""
+    values, found = estimate.values.values, []
+    for body, prior in enumerate(known.priors):
+        assert prior is not None
+        factor = np.linalg.inv(np.linalg.cholesky(prior.pseudo))
+        pseudo = Inertia.from_ten(values[known.tens(body)]).pseudo
+        found.append(np.linalg.eigvalsh(factor @ pseudo @ factor.T)[0])
+    return float(min(found))
+
+
+def differences(function: Callable[[np.ndarray], np.ndarray], x: np.ndarray) -> np.ndarray:
+    step = 1e-6
+    sides = [(function(x + step * e), function(x - step * e)) for e in np.eye(len(x))]
+    return np.array([(a - b) / (2.0 * step) for a, b in sides]).T
+
+
+@pytest.mark.parametrize("size", [1e-6, 0.5])
+def test_coordinates_and_their_derivatives(size: float) -> None:
+    y = size * np.random.default_rng(0).normal(size=10)
+    numbers, slopes = entries(y)
+    assert np.allclose(slopes, differences(lambda z: entries(z)[0], y), atol=1e-8)
+    x = np.tensordot(numbers, BASIS, 1)
+    residuals, own = divergence(y)
+    exact = np.trace(x) - np.linalg.slogdet(x)[1] - 4.0
+    assert residuals @ residuals == pytest.approx(exact, rel=1e-8, abs=1e-14)
+    assert np.allclose(np.diag(own), differences(lambda z: divergence(z)[0], y), atol=1e-7)
+    assert np.allclose(np.tensordot(entries(np.zeros(10))[0], BASIS, 1), np.eye(4))
+
+
+@pytest.mark.parametrize("gamma", [1.0, 30.0, None])
+def test_it_finds_the_optimum_of_the_convex_program(gamma: float | None) -> None:
+    said, _ = logged(PLAIN, 0.3)
+    regressor, known = base_regressor(PLAIN), default_knowledge(PLAIN)
+    information = said(regressor)
+    wanted = Consistent(regressor.base, known, gamma=gamma)(information)
+    found = LogCholesky(regressor.base, known, gamma=gamma)(information)
+    assert found.estimator == "log-Cholesky Gauss-Newton"
+    scale = np.maximum(np.abs(wanted.values.values), standard_of(wanted).std)
+    assert np.abs((found.values.values - wanted.values.values) / scale).max() < 1e-4
+    assert np.allclose(found.covariance, wanted.covariance, rtol=1e-3, atol=1e-9)
+    assert np.allclose(standard_of(found).learned, standard_of(wanted).learned, atol=1e-4)
+    assert smallest_eigenvalue(found, known) > 1e-3
+
+
+def test_bodies_exist_and_friction_brakes_where_least_squares_says_neither() -> None:
+    said, _ = logged(PLAIN, 1.0, count=60, friction=0.02)
+    regressor, known = base_regressor(PLAIN), default_knowledge(PLAIN)
+    information = said(regressor)
+    found = LogCholesky(regressor.base, known, gamma=1.0)(information)
+    assert smallest_eigenvalue(found, known) > 0.0
+    friction = [found.values[n] for n in PLAIN.names if n.split(".")[0] in FRICTION]
+    wanted = Consistent(regressor.base, known, gamma=1.0)(information)
+    theirs = [wanted.values[n] for n in PLAIN.names if n.split(".")[0] in FRICTION]
+    assert min(friction) >= 0.0
+    assert min(theirs) < 1e-4
+    assert np.abs(np.subtract(friction, theirs)).max() < 1e-4
+
+
+def test_a_given_parameter_keeps_its_value() -> None:
+    said, _ = logged(PLAIN, 0.1)
+    regressor, known = base_regressor(PLAIN), default_knowledge(PLAIN)
+    place = known.names.index("viscous.slider_joint")
+    lower, upper = known.lower.copy(), known.upper.copy()
+    lower[place] = upper[place] = 0.25
+    given = replace(known, lower=lower, upper=upper)
+    found = LogCholesky(regressor.base, given, gamma=10.0)(said(regressor))
+    assert found.values["viscous.slider_joint"] == pytest.approx(0.25, rel=1e-9)
+
+
+def test_wishes_that_it_breaks_are_named() -> None:
+    said, _ = logged(PLAIN, 0.1)
+    regressor, known = base_regressor(PLAIN), default_knowledge(PLAIN)
+    rows = (
+        Row("left is heavier than 50 kg", {"m.left": 1.0}, lower=50.0),
+        Row("trunk and left weigh less than 100 kg", {"m.trunk": 1.0, "m.left": 1.0}, upper=100.0),
+    )
+    found = LogCholesky(regressor.base, replace(known, rows=rows), gamma=10.0)(said(regressor))
+    broken = [note for note in found.notes if "does not keep" in note]
+    assert broken == ["wishes that this estimate does not keep: left is heavier than 50 kg"]
+
+
+def test_it_never_says_solved_when_it_is_not() -> None:
+    said, _ = logged(PLAIN, 0.1)
+    regressor, known = base_regressor(PLAIN), default_knowledge(PLAIN)
+    with pytest.raises(DataError, match="did not reach the optimum in 3 steps") as caught:
+        LogCholesky(regressor.base, known, gamma=10.0, steps=3)(said(regressor))
+    assert "consistent estimate" in caught.value.mend
+    bare = replace(known, priors=(None,) * len(known.priors))
+    with pytest.raises(DataError, match="did not reach the optimum"):
+        LogCholesky(regressor.base, bare, steps=60)(said(regressor))
+
+
+def test_other_forms_of_the_prior_are_refused() -> None:
+    with pytest.raises(ValueError, match="entropic"):
+        LogCholesky(base_regressor(PLAIN).base, default_knowledge(PLAIN), form=Pullback())
+
+
+def test_bodies_friction_and_stribeck_speeds_are_found_together() -> None:
+    said, truth = logged(with_speed(SPEEDS), 0.02, count=3000)
+    model = with_speed(Find(1e-3, 1.0, shared=False))
+    known = default_knowledge(model)
+    fit = fit_jointly(model, said, known)
+    assert [finding.joint for finding in fit.findings] == list(ROBOT.joint_names)
+    for finding, speed in zip(fit.findings, SPEEDS, strict=True):
+        half = np.log(finding.interval[1] / finding.interval[0]) / 2.0
+        assert abs(np.log(finding.value / speed)) < 1.5 * half
+    for mine, theirs in zip(fit.findings, find_fields(model, said, starts=2).findings, strict=True):
+        width = np.log(theirs.interval[1] / theirs.interval[0])
+        assert abs(np.log(mine.value / theirs.value)) < 0.05 * width
+        assert np.log(mine.interval[1] / mine.interval[0]) == pytest.approx(width, rel=0.1)
+    standard = standard_of(fit.estimate)
+    assert fit.estimate.values.names == model.names == fit.model.names
+    assert np.mean(np.abs(standard.parameters.values - truth) <= 1.96 * standard.std) > 0.9
+    assert smallest_eigenvalue(fit.estimate, known) > 0.0
+    assert len(fit.estimate.parameters) == len(base_regressor(fit.model).layout.columns)
+    assert any("found from the data" in note for note in fit.estimate.notes)
+    assert 3 < fit.passes < 20
+
+
+def test_one_speed_for_all_joints() -> None:
+    said, _ = logged(with_speed(0.1), 1e-4, count=1500)
+    model = with_speed(Find(1e-3, 1.0))
+    fit = fit_jointly(model, said, default_knowledge(model), gamma=1.0)
+    assert len(fit.findings) == 1
+    assert fit.findings[0].joint is None
+    assert fit.findings[0].value == pytest.approx(0.1, rel=2e-3)
+    assert fit.model.terms[3] == Stribeck(speed=fit.findings[0].value)
+    assert any("as stated" in note for note in fit.estimate.notes)
+
+
+def test_it_is_at_the_joint_optimum() -> None:
+    said, _ = logged(with_speed(SPEEDS), 0.05, count=1500)
+    model = with_speed(Find(1e-3, 1.0, shared=False))
+    known = default_knowledge(model)
+    fit = fit_jointly(model, said, known, gamma=10.0)
+
+    def cost(speeds: tuple[float, ...]) -> float:
+        regressor = base_regressor(with_speed(speeds))
+        estimate = LogCholesky(regressor.base, known, gamma=10.0)(said(regressor))
+        values = regressor.base.base_values(estimate.values.values)
+        squares = said(regressor).residual_squares(values) / fit.estimate.sigma**2
+        found = estimate.values.values
+        penalty = 0.0
+        for body, prior in enumerate(known.priors):
+            assert prior is not None
+            x = np.linalg.solve(prior.pseudo, Inertia.from_ten(found[known.tens(body)]).pseudo)
+            penalty += float(np.trace(x) - np.linalg.slogdet(x)[1] - 4.0)
+        return 0.5 * float(squares.sum()) + 10.0 * penalty
+
+    speeds = tuple(finding.value for finding in fit.findings)
+    least = cost(speeds)
+    for k, factor in ((0, 0.9), (1, 1.05), (2, 0.95), (3, 1.02)):
+        moved = tuple(s * (factor if j == k else 1.0) for j, s in enumerate(speeds))
+        assert cost(moved) > least
+
+
+def test_fields_that_keep_moving_are_an_error() -> None:
+    said, _ = logged(with_speed(SPEEDS), 0.02)
+    model = with_speed(Find(1e-3, 1.0, shared=False))
+    with pytest.raises(DataError, match="do not stand still after 2 passes") as caught:
+        fit_jointly(model, said, default_knowledge(model), gamma=10.0, passes=2)
+    assert "log stribeck speed." in caught.value.where
+    with pytest.raises(Stopped):
+        fit_jointly(
+            model, said, default_knowledge(model), gamma=10.0, progress=lambda e: e.done < 1
+        )

@@ -1,0 +1,173 @@
+"""Scores of windows: against dense matrices, and against noise of known colour."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from invented import tree
+from steelyard.estimation.least_squares import OrdinaryLeastSquares, WeightedLeastSquares
+from steelyard.estimation.sandwich import honest_covariance, inflations, note_of, sandwich
+from steelyard.model import Model
+from steelyard.regression.accumulate import Accumulator, Stretch
+from steelyard.regression.information import Information, Stamp, Window
+from steelyard.regression.regressor import base_regressor
+
+MODEL = Model(tree())
+REGRESSOR = base_regressor(MODEL)
+SIZES = np.array([0.01, 0.1, 1.0, 0.3])
+
+
+def slow(rng: np.random.Generator, count: int, lag: float) -> np.ndarray:
+    """First-order noise of unit size, shape `(4, count)`; white for a lag of zero samples."""
+    keep = np.exp(-1.0 / lag) if lag else 0.0
+    noise = rng.normal(size=(4, count))
+    for k in range(1, count):
+        noise[:, k] = keep * noise[:, k - 1] + np.sqrt(1.0 - keep**2) * noise[:, k]
+    return noise
+
+
+def data(
+    seed: int, lag: float, windows: int = 8, count: int = 1600
+) -> tuple[Information, np.ndarray, np.ndarray, np.ndarray]:
+    """Information in windows, truth, regressor and effort of a slow motion."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(count) / 40.0
+    phases, rates = rng.uniform(0, 6, (2, 4, 3, 1)), rng.uniform(0.2, 1.5, (4, 3, 1))
+    wave = rates * t + phases[0]
+    q = np.sin(wave).sum(axis=1)
+    dq, ddq = (rates * np.cos(wave)).sum(axis=1), -(rates**2 * np.sin(wave)).sum(axis=1)
+    truth = rng.normal(size=len(REGRESSOR.layout.columns))
+    dense = REGRESSOR.dense(q, dq, ddq)
+    effort = dense @ truth + SIZES[:, None] * slow(rng, count, lag)
+    edges = np.linspace(0, count, windows + 1).astype(int)
+    sums = [
+        Accumulator(REGRESSOR)(Stretch(*(x[:, a:b] for x in (q, dq, ddq, effort))))
+        for a, b in zip(edges[:-1], edges[1:], strict=True)
+    ]
+    information = Information(
+        REGRESSOR.layout,
+        Stamp(MODEL.fingerprint, REGRESSOR.layout.columns, ("Nm",) * 4, "none"),
+        tuple(Window("run", float(k), k + 1.0) for k in range(windows)),
+        *(np.array([getattr(s, f) for s in sums]) for f in ("grams", "absolute", "counts")),
+    )
+    return information, truth, dense, effort
+
+
+def test_the_full_sandwich_is_that_of_dense_matrices() -> None:
+    information, _, dense, effort = data(0, 5.0)
+    fit = WeightedLeastSquares(tolerance=1e-12).fit(information)
+    scale = 1.0 / np.sqrt(fit.variances)
+    rows = (dense * scale[:, None, None]).transpose(1, 0, 2)
+    residuals = ((effort - dense @ fit.solution.values) * scale[:, None]).T
+    scores = np.array(
+        [
+            np.einsum("njp,nj->p", rows[a : a + 200], residuals[a : a + 200])
+            for a in range(0, 1600, 200)
+        ]
+    )
+    inverse = np.linalg.inv(np.einsum("njp,njr->pr", rows, rows))
+    wanted = inverse @ scores.T @ scores @ inverse * 8 / 7
+    found = sandwich(fit)
+    size = np.sqrt(np.diag(wanted))
+    assert np.abs((found - wanted) / size[:, None] / size).max() < 1e-6
+    assert np.linalg.matrix_rank(found / size[:, None] / size, tol=1e-6) <= 7
+
+
+def test_factors_are_those_of_dense_matrices() -> None:
+    information, _, dense, effort = data(1, 5.0)
+    fit = WeightedLeastSquares(tolerance=1e-12).fit(information)
+    inverse, found = fit.solution.inverse, inflations(fit)
+    for row in range(4):
+        squares = expected = 0.0
+        for a in range(0, 1600, 200):
+            part = dense[row, a : a + 200] / np.sqrt(fit.variances[row])
+            left = effort[row, a : a + 200] / np.sqrt(fit.variances[row])
+            left = left - part @ fit.solution.values
+            hat = part @ inverse @ part.T
+            squares += left @ hat @ left
+            expected += np.trace(hat) - np.sum(hat * hat)
+        assert found[row] == pytest.approx(max(squares / expected, 1.0), rel=1e-6)
+
+
+@pytest.mark.parametrize("estimator", [WeightedLeastSquares(), OrdinaryLeastSquares()])
+@pytest.mark.parametrize("lag", [0.0, 8.0])
+def test_intervals_hold_whatever_the_noise(
+    lag: float, estimator: WeightedLeastSquares | OrdinaryLeastSquares
+) -> None:
+    inside: list[bool] = []
+    naive: list[bool] = []
+    for seed in range(25):
+        information, truth, _, _ = data(seed, lag)
+        estimate = estimator(information)
+        error = np.abs(estimate.parameters.values - truth)
+        inside += (error <= estimate.half_width).tolist()
+        # one window tells nothing, so that residuals are taken as white
+        alone = estimator(information.merged(1))
+        naive += (error <= alone.half_width).tolist()
+    assert 0.90 <= np.mean(inside) <= 0.99
+    assert np.mean(naive) < 0.55 if lag else np.mean(naive) > 0.9
+
+
+def test_one_window_tells_nothing() -> None:
+    information, *_ = data(0, 8.0, windows=1)
+    fit = WeightedLeastSquares().fit(information)
+    assert np.array_equal(inflations(fit), np.ones(4))
+
+
+def test_chance_never_narrows_an_interval() -> None:
+    for seed in range(10):
+        fit = WeightedLeastSquares().fit(data(seed, 0.0)[0])
+        assert inflations(fit).min() >= 1.0
+
+
+def test_many_runs_are_merged_so_that_the_cost_stays() -> None:
+    information, *_ = data(2, 8.0, windows=100)
+    few = information.merged(20)
+    found, wanted = (inflations(WeightedLeastSquares().fit(i)) for i in (information, few))
+    assert np.allclose(found, wanted, rtol=1e-4)
+
+
+def test_a_prior_counts_as_much_as_it_says() -> None:
+    information, *_ = data(3, 8.0)
+    fit = WeightedLeastSquares().fit(information)
+    precision = np.linalg.inv(fit.solution.inverse)
+    prior = 3.0 * precision
+    inverse = np.linalg.inv(precision + prior)
+    white = honest_covariance(fit, inverse, prior, np.ones(4))
+    assert np.allclose(white, inverse, rtol=1e-6, atol=1e-12)
+    factors = inflations(fit)
+    assert factors.max() > 2.0
+    wider = np.diag(honest_covariance(fit, inverse, prior))
+    assert np.all(wider >= np.diag(inverse))
+    assert np.all(wider <= factors.max() * np.diag(inverse) * (1.0 + 1e-9))
+
+
+def test_without_a_prior_it_is_the_estimate_s_own_covariance() -> None:
+    information, *_ = data(4, 8.0)
+    fit = WeightedLeastSquares().fit(information)
+    estimate = WeightedLeastSquares()(information)
+    found = honest_covariance(fit, fit.solution.inverse)
+    size = np.sqrt(np.diag(found))
+    assert np.abs((found - estimate.covariance) / size[:, None] / size).max() < 1e-9
+
+
+def test_wide_intervals_are_told() -> None:
+    estimate = WeightedLeastSquares()(data(5, 30.0)[0])
+    assert len(estimate.notes) == 1
+    assert "alike for longer than the filter" in estimate.notes[0]
+    assert note_of(("a", "b"), np.array([1.0, 16.0]))[0].endswith("wider: b x 4.0")
+    assert WeightedLeastSquares()(data(5, 0.0)[0]).notes == ()
+
+
+def test_runs_of_their_own_keep_their_windows() -> None:
+    information, *_ = data(6, 8.0)
+    names = [replace(w, run=f"run{k // 4}") for k, w in enumerate(information.windows)]
+    split = replace(information, windows=tuple(names))
+    own = tuple(n for n in REGRESSOR.layout.columns if n.startswith("coulomb"))
+    assert own
+    fit = WeightedLeastSquares(per_run=own).fit(split)
+    assert inflations(fit).max() > 2.0
+    whole = sandwich(fit)
+    assert whole.shape == (len(fit.solution.kept),) * 2
+    assert np.linalg.eigvalsh(whole).min() > -1e-9 * np.abs(whole).max()

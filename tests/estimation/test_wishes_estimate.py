@@ -1,0 +1,98 @@
+"""Knowledge reaches the estimate: every wish holds in it, whatever the data say."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from invented import tree
+from steelyard.estimation.consistent import Consistent
+from steelyard.estimation.estimate import Standard
+from steelyard.estimation.knowledge import Knowledge
+from steelyard.estimation.prior import default_knowledge
+from steelyard.estimation.wish import Scope
+from steelyard.estimation.wishes import wish_of
+from steelyard.model import Model
+from steelyard.regression.accumulate import Accumulator, Stretch
+from steelyard.regression.base import base_map
+from steelyard.regression.information import Information, Stamp, Window
+from steelyard.regression.regressor import base_regressor
+from steelyard.robot.inertia import Inertia
+
+MODEL = Model(tree())
+NOISE = np.array([0.3, 2.0, 1.0, 0.3])
+CORNERS = [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]]
+
+
+def measured(count: int = 1200) -> Information:
+    """What a motion says of the tree with half a unit of every friction, and noise."""
+    rng, regressor, base = np.random.default_rng(0), base_regressor(MODEL), base_map(MODEL)
+    truth = np.array([0.5 if p.prior is None else p.prior for p in MODEL.parameters])
+    values = dict(zip(base.base_names, base.lift @ truth, strict=True))
+    columns = regressor.layout.columns
+    q, dq, ddq = rng.normal(size=(3, 4, count))
+    effort = regressor.dense(q, dq, ddq) @ [values[name] for name in columns]
+    effort = effort + NOISE[:, None] * rng.normal(size=effort.shape)
+    sums = Accumulator(regressor)(Stretch(q, dq, ddq, effort))
+    return Information(
+        regressor.layout,
+        Stamp(MODEL.fingerprint, columns, ("Nm",) * 4, "none"),
+        (Window("run", 0.0, 1.0),),
+        sums.grams[None],
+        sums.absolute[None],
+        sums.counts[None],
+    )
+
+
+INFORMATION = measured()
+
+
+def knowing(*tables: Mapping[str, Any]) -> Knowledge:
+    rows = [
+        row
+        for k, table in enumerate(tables, start=1)
+        for row in wish_of(table, "").rows(Scope(MODEL, f"arm.toml, line {k}"))
+    ]
+    return replace(default_knowledge(MODEL), rows=tuple(rows), uncertainty=0.3)
+
+
+def estimated(knowledge: Knowledge) -> Standard:
+    standard = Consistent(base_map(MODEL), knowledge)(INFORMATION).standard
+    assert standard is not None
+    return standard
+
+
+PLAIN = estimated(knowing()).parameters.as_dict()
+WISHES: list[dict[str, Any]] = [
+    {"kind": "mass", "link": "tip", "value": 0.35},
+    {"kind": "mass", "link": "slider", "lower": 5.0},
+    {"kind": "total_mass", "lower": 20.0},
+    {"kind": "centre_in_box", "link": "tip", "lower": [-0.01] * 3, "upper": [0.02] * 3},
+    {"kind": "centre_in_hull", "link": "tip", "points": CORNERS},
+    {"kind": "parameter", "parameter": "viscous.*", "upper": 0.45},
+    {"kind": "tied", "parameter": "viscous.tip_joint", "to": "viscous.left_joint", "factor": 0.9},
+    {"kind": "equal", "links": ["left", "tip"]},
+    {"kind": "mirrored", "links": ["left", "tip"], "plane": "xy"},
+    {"kind": "symmetric", "link": "left", "plane": "xz"},
+    {"kind": "symmetric", "link": "tip", "axis": "z"},
+]
+
+
+@pytest.mark.parametrize("wish", WISHES, ids=[wish["kind"] for wish in WISHES])
+def test_the_estimate_obeys_where_the_data_alone_would_not(wish: dict[str, Any]) -> None:
+    knowledge = knowing(wish)
+    standard = estimated(knowledge)
+    values, missed = standard.parameters.as_dict(), []
+    for row in knowledge.rows:
+        found, plain = (
+            sum(a * given[name] for name, a in row.coefficients.items())
+            for given in (values, PLAIN)
+        )
+        assert row.lower - 1e-5 <= found <= row.upper + 1e-5, row.label
+        missed.append(max(row.lower - plain, plain - row.upper))
+    assert max(missed) > 1e-4
+    for k in range(len(knowledge.bodies)):
+        ten = standard.parameters.values[knowledge.tens(k)]
+        assert np.linalg.eigvalsh(Inertia.from_ten(ten).pseudo)[0] > 0.0

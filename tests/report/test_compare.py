@@ -1,0 +1,139 @@
+"""Estimators compared: the section, the page of its own, and the terminal."""
+
+import io
+import json
+import re
+from dataclasses import replace
+
+import pytest
+from rich.console import Console
+
+from steelyard.report import ReportContent
+from steelyard.report.compare_page import render_comparison
+from steelyard.report.compare_terminal import comparison_lines
+from steelyard.report.sections.compare import CompareSection, time_words
+from steelyard.validation.trial import Comparison
+
+
+def cells(page: str) -> list[list[str]]:
+    rows = re.findall(r"<tr[^>]*>(.*?)</tr>", page, re.DOTALL)
+    return [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row, re.DOTALL) for row in rows]
+
+
+def section(content: ReportContent) -> str:
+    numbers = CompareSection().numbers(content)
+    assert numbers is not None
+    return str(CompareSection().show(numbers)).replace("\u00a0", " ")
+
+
+def printed(content: ReportContent, width: int = 100) -> str:
+    stream = io.StringIO()
+    comparison_lines(content, Console(file=stream, width=width, no_color=True))
+    return stream.getvalue().replace("\u00a0", " ")
+
+
+def test_the_table_has_the_best_first_and_the_failed_last(usual: ReportContent) -> None:
+    rows = cells(section(usual))
+    assert rows[0] == [
+        "Estimator",
+        "Bodies",
+        "Error",
+        "Pooled",
+        "Time",
+        "Values",
+        "Condition",
+        "χ²",
+    ]
+    assert [row[0] for row in rows[1:6]] == ["WLS", "consistent", "plain", "once", "never"]
+    wls, consistent, plain, once, never = rows[1:6]
+    assert wls[1:] == ["not told", "4.17 ± 0.67 %", "5.0 %", "12 ms", "36", "42", "1.000"]
+    assert consistent[1] == "all can exist" and consistent[4] == "120 ms"
+    assert plain[1] == "link 1  and 1 more cannot exist" and plain[2] == "37.5 ± 6.0 %"
+    assert once[2] == "3.50 % (failed 1 of 3)"
+    assert never[1:] == ["–", "failed", "–", "–", "–", "42", "1.000"]
+
+
+def test_the_advice_is_marked_and_explained(usual: ReportContent) -> None:
+    page = section(usual)
+    assert "Take consistent" in page
+    assert "within one standard error of the difference, and its bodies can exist" in page
+    (marked,) = re.findall(r'<tr class="marked"><th scope="row">(.*?)</th>', page)
+    assert marked == "consistent"
+    assert "stopped: 5 of 6 estimators compared; not tried: genetic" in page
+
+
+def test_failures_have_a_reason_and_what_to_do(usual: ReportContent) -> None:
+    rows = cells(section(usual))
+    assert ["once", "without run2", "not convex ", "try again"] in rows
+    assert ["never", "every fit", "too few [data] ", "log longer "] in rows
+
+
+def test_joints_and_runs_have_their_errors(usual: ReportContent) -> None:
+    rows = cells(section(usual))
+    assert ["WLS", "3.3 %", "5.0 %"] in rows
+    assert ["run2", "5.5 %", "5.5 %", "49.5 %", "–"] in rows
+
+
+def test_the_picture_has_every_error_its_mean_and_the_time(usual: ReportContent) -> None:
+    numbers = CompareSection().numbers(usual)
+    assert numbers is not None
+    figure = json.loads(numbers["picture"])
+    dots, means, times = figure["traces"]
+    assert dots["x"][:3] == [3.5, 5.5, 3.5] and dots["y"][:3] == ["WLS"] * 3
+    assert means["x"][0] == pytest.approx(25.0 / 6.0, rel=1e-5)
+    assert means["more"]["error_x"]["array"][0] == pytest.approx(2.0 / 3.0, rel=1e-5)
+    assert times["x"] == [0.012, 0.12, 0.012, 0.012] and times["more"]["xaxis"] == "x2"
+    assert figure["layout"]["xaxis"]["type"] == "log"
+    assert figure["layout"]["xaxis2"]["ticktext"] == ["10 ms", "0.1 s", "1 s"]
+    assert figure["layout"]["yaxis"]["categoryarray"][0] == "WLS"
+
+
+def test_errors_that_are_alike_have_a_linear_axis(usual: ReportContent) -> None:
+    assert usual.comparison is not None
+    two = replace(usual.comparison, trials=usual.comparison.trials[:2])
+    numbers = CompareSection().numbers(replace(usual, comparison=two))
+    assert numbers is not None
+    assert json.loads(numbers["picture"])["layout"]["xaxis"]["type"] == "linear"
+
+
+def test_without_a_comparison_there_is_no_section(usual: ReportContent) -> None:
+    assert CompareSection().numbers(replace(usual, comparison=None)) is None
+
+
+def test_nothing_came_through(usual: ReportContent) -> None:
+    assert usual.comparison is not None
+    none = Comparison(
+        usual.comparison.trials[-1:], ("a", "b", "c"), "stretch", ("shoulder", "elbow")
+    )
+    content = replace(usual, comparison=none)
+    page = section(content)
+    assert "No estimator came through" in page and 'class="picture"' not in page
+    assert "No estimator came through" in printed(content)
+    assert "all but one stretch of the run" in printed(content)
+
+
+def test_the_terminal_says_the_same(usual: ReportContent) -> None:
+    text = printed(usual)
+    assert "4.17 ± 0.67 %" in text and "all can exist" in text
+    assert "never failed (every fit): too few [data] ; log longer" in text
+    assert "Take consistent" in text
+    assert "stopped: 5 of 6 estimators compared; not tried: genetic" in text
+    assert "note: joint 'wrist' is locked at 0.3 rad" in text
+    assert all(len(line) <= 80 for line in printed(usual, 80).splitlines())
+
+
+@pytest.mark.parametrize("which", ["usual", "nasty"])
+def test_the_browser_draws_the_page_without_an_error(which, request, browse) -> None:
+    page = render_comparison(request.getfixturevalue(which))
+    seen = browse(page)
+    assert seen.console == () and seen.errors == []
+    assert 'id="compare"' in seen.dom and 'id="notes"' in seen.dom
+    drawn = seen.dom.split('class="picture js-plotly-plot"')
+    assert len(drawn) == 2 and "scatterlayer" in drawn[1]
+    if which == "usual":
+        assert drawn[1].count('class="errorbar"') >= 3 and "time of one fit" in drawn[1]
+
+
+def test_times_in_words() -> None:
+    words = [time_words(x).replace("\u00a0", " ") for x in (None, 0.0123, 0.9, 61.2)]
+    assert words == ["–", "12 ms", "900 ms", "61.2 s"]

@@ -1,0 +1,64 @@
+"""Identified models with all standard parameters, made up instead of identified."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from steelyard.estimation.estimate import Estimate, Standard
+from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
+from steelyard.model import Model
+from steelyard.parameters import Parameters
+from steelyard.regression.base import BaseMap
+from steelyard.robot.robot import Robot
+from steelyard.robot.signals import Signals
+from steelyard.terms.register import DEFAULT_TERMS
+from steelyard.terms.rigid_body import RigidBody
+from steelyard.terms.term import Term
+
+
+def identified_of(
+    robot: Robot,
+    terms: Sequence[Term] = DEFAULT_TERMS,
+    values: dict[str, float] | None = None,
+    seed: int = 0,
+) -> IdentifiedModel:
+    """The robot's nominal bodies, and invented numbers of everything else.
+
+    Args:
+        robot: The robot; its nominal bodies can exist.
+        terms: Causes of torque.
+        values: Parameters that are to have these values.
+        seed: Same seed, same numbers.
+    """
+    model, rng = Model(robot, tuple(terms)), np.random.default_rng(seed)
+    numbers = {
+        name: float(x) for name, x in zip(model.names, rng.uniform(0.1, 1.0, 9999), strict=False)
+    }
+    bodies = [p.name for p in RigidBody().parameters(robot)]
+    numbers |= dict(zip(bodies, robot.nominal.ravel().tolist(), strict=True)) | (values or {})
+    known = Parameters(model.names, model.units, [numbers[name] for name in model.names])
+    size = len(known)
+    estimate = Estimate(
+        "consistent",
+        Parameters((), (), ()),
+        np.zeros((0, 0)),
+        (),
+        np.ones(robot.n),
+        np.full(robot.n, 100.0),
+        10.0,
+        2.0,
+        standard=Standard(known, np.zeros((size, size)), np.ones(size)),
+    )
+    base = BaseMap(model.names, model.units, tuple(range(size)), (), (), np.zeros((size, 0)))
+    inputs = {"robot arm.toml": "ab12", "identification a--b.csv": "cd34"}
+    origin = Provenance("9.9.9", inputs, ("a--b@1:2",), ())
+    return IdentifiedModel(
+        model, base, estimate, (), _signals(robot), Cutoffs(20.0, 8.0, 8.0), origin
+    )
+
+
+def _signals(robot: Robot) -> Signals:
+    names, ones = tuple(f"c{k}" for k in range(2 * robot.n)), np.ones(robot.n)
+    position, effort = names[: robot.n], names[robot.n :]
+    units = robot.effort_units
+    return Signals("t", 1.0, position, ones, None, None, effort, ones, "joint_torque", units, ones)
