@@ -10,6 +10,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 if hasattr(os, "sched_setaffinity"):
@@ -21,10 +22,13 @@ import numpy as np  # noqa: E402
 import pinocchio as pin  # noqa: E402
 from genetic import comparison  # noqa: E402
 
+from steelyard.estimation.consistent import Consistent  # noqa: E402
 from steelyard.estimation.least_squares import (  # noqa: E402
     OrdinaryLeastSquares,
     WeightedLeastSquares,
 )
+from steelyard.estimation.prior import default_knowledge  # noqa: E402
+from steelyard.estimation.whitened import whitened  # noqa: E402
 from steelyard.kernel.micro import TILE_COLUMNS, TILE_ROWS  # noqa: E402
 from steelyard.measurement.run import Block  # noqa: E402
 from steelyard.model import Model  # noqa: E402
@@ -41,6 +45,7 @@ from steelyard.terms.rigid_body import RigidBody  # noqa: E402
 from steelyard.terms.viscous import Viscous  # noqa: E402
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+from cvxpy_oracle import cvxpy_problem, solved  # noqa: E402
 from oracles import pinocchio_model  # noqa: E402
 
 ROOT = Path(__file__).parent.parent
@@ -212,6 +217,34 @@ def in_parts(
     return accumulate(accumulator, cut(blocks, "run", accumulator), stamp, threads)
 
 
+def consistent_rows(found: Regressor) -> list[Row]:
+    """The consistent estimate, from information to solution, against the same through CVXPY."""
+    q, dq, ddq, _ = motion(7, 2000, 5)
+    truth = np.random.default_rng(6).normal(size=len(found.layout.columns))
+    clean = np.einsum("nsp,p->ns", found.dense(q, dq, ddq), truth)
+    noisy = clean + 0.05 * clean.std(axis=1)[:, None] * motion(7, 2000, 7)[0]
+    data = information(found, (q, dq, ddq, noisy), None)
+    consistent = Consistent(found.base, default_knowledge(found.model), gamma=10.0)
+    program = consistent.program(whitened(data))
+    searching = replace(consistent, gamma=None)
+
+    def through_cvxpy() -> None:
+        problem, _ = cvxpy_problem(whitened(data), consistent, 10.0)
+        solved(problem, 1e-9)
+
+    ours = best(lambda: consistent.solve(consistent.program(whitened(data)), 10.0))
+    theirs = best(through_cvxpy, 3)
+    whole = best(lambda: searching(data), 3)
+    solves = searching.weighed(program).solves
+    ratio = theirs / ours
+    return [
+        ("consistent, 7 links, information to solution", f"{1e3 * ours:.0f} ms", "", True),
+        ("the same through CVXPY", f"{1e3 * theirs:.0f} ms", "", True),
+        ("consistent: ratio", f"{ratio:.1f}", ">= 5", ratio >= 5.0),
+        (f"consistent, weight searched in {solves} solves", f"{1e3 * whole:.0f} ms", "", True),
+    ]
+
+
 def memory_rows() -> list[Row]:
     """Peak memory of `prepare` and the pass over a Parquet log, 1e7 rows against 1e5."""
     with tempfile.TemporaryDirectory() as folder:
@@ -293,6 +326,7 @@ def main() -> int:
         *solution_rows(found, 5_000),
         *solution_rows(found, 100_000),
         *accuracy_rows(found),
+        *consistent_rows(found),
         *comparison(best, range(5)),
         *memory_rows(),
     ]

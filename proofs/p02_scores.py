@@ -56,6 +56,18 @@ def identified(
     return result
 
 
+def file_with(method: str, name: str, folder: Path) -> Path:
+    """The shipped robot file with a method of estimation."""
+    text = (EXAMPLES / f"{name}.toml").read_text(encoding="utf-8")
+    lines = [line for line in text.splitlines() if not line.startswith("method = ")]
+    if "[estimation]" not in lines:
+        lines.append("[estimation]")
+    lines.insert(lines.index("[estimation]") + 1, f'method = "{method}"')
+    file = folder / f"{name}_{method}.toml"
+    file.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return file
+
+
 def mix_of(result: dict[str, Any]) -> str:
     """The friction laws that were chosen."""
     return str(result["friction"]["chosen"])

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from claims import Claim, data_folder, main_of
-from p02_scores import EXAMPLES, identified, ur10e_logs, ur10e_validation
+from p02_scores import file_with, identified, ur10e_logs, ur10e_validation
 
 from steelyard.estimation.identified import IdentifiedModel, load_model
 from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
@@ -53,19 +53,6 @@ def cases() -> list[Case]:
     ]
 
 
-def plain_file(name: str, folder: Path) -> Path:
-    """The shipped robot file, asking for least squares."""
-    text = (EXAMPLES / f"{name}.toml").read_text(encoding="utf-8")
-    asked = 'method = "least_squares"\n'
-    if "[estimation]\n" in text:
-        text = text.replace("[estimation]\n", f"[estimation]\n{asked}")
-    else:
-        text += f"\n[estimation]\n{asked}"
-    file = folder / f"{name}.toml"
-    file.write_text(text, encoding="utf-8")
-    return file
-
-
 def error_of(result: dict[str, Any], joints: slice | None) -> float:
     """Mean over joints of the relative error [%]."""
     scores = result["validation"][0]["joints"][joints or slice(None)]
@@ -84,8 +71,16 @@ def bodies_of(model: IdentifiedModel) -> list[Inertia]:
 
 def claims_of(case: Case, folder: Path) -> list[Claim]:
     """Error, validity and weight of one robot."""
-    plain = identified(case.name, case.fitted, case.unseen, file=plain_file(case.name, folder))
-    ours = identified(case.name, case.fitted, case.unseen, output=folder / case.name)
+    plain = identified(
+        case.name, case.fitted, case.unseen, file=file_with("least_squares", case.name, folder)
+    )
+    ours = identified(
+        case.name,
+        case.fitted,
+        case.unseen,
+        file=file_with("consistent", case.name, folder),
+        output=folder / case.name,
+    )
     bodies = bodies_of(load_model(folder / case.name))
     errors = [error_of(result, case.joints) for result in (ours, plain)]
     ratio = errors[0] / errors[1]

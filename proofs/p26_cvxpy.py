@@ -5,53 +5,21 @@ these two are shared. Twenty problems: seven links, noise, motion and priors dra
 CVXPY gets a tolerance of 1e-12: with 1e-10 its own squares are off by up to 7e-5.
 """
 
+import sys
 from collections.abc import Iterator
+from pathlib import Path
 
-import cvxpy as cp
 import numpy as np
 from claims import Claim, main_of
 from consistent_cases import drawn, perturbed
 
 from steelyard.estimation.consistent import Consistent
-from steelyard.estimation.unknowns import WIDEST
-from steelyard.estimation.whitened import Whitened, whitened
-from steelyard.regression.regressor import Regressor
-from steelyard.robot.inertia import INERTIAL_NAMES
+from steelyard.estimation.whitened import whitened
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+from cvxpy_oracle import cvxpy_problem, solved  # noqa: E402
 
 PROBLEMS, GAMMAS = 20, (1.0, 10.0, 100.0)
-
-
-def cvxpy_problem(
-    data: Whitened, regressor: Regressor, consistent: Consistent, gamma: float
-) -> tuple[cp.Problem, cp.Expression]:
-    """The program and its weighted squares."""
-    base, knowledge = regressor.base, consistent.knowledge
-    phi: dict[str, cp.Expression] = {}
-    cost, constraints = 0.0, []
-    for body, prior in zip(knowledge.bodies, knowledge.priors, strict=True):
-        assert prior is not None
-        factor = np.linalg.cholesky(prior.pseudo)
-        x = cp.Variable((4, 4), PSD=True)
-        pseudo = factor @ x @ factor.T
-        inertia = cp.trace(pseudo[:3, :3]) * np.eye(3) - pseudo[:3, :3]
-        places = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
-        ten = [pseudo[3, 3], *(pseudo[k, 3] for k in range(3)), *(inertia[p] for p in places)]
-        phi |= {f"{n}.{body}": v for n, v in zip(INERTIAL_NAMES, ten, strict=True)}
-        cost += gamma * (cp.trace(x) - cp.log_det(x))
-        constraints.append(x >> consistent.form.margin * np.eye(4))
-    place = {name: k for k, name in enumerate(base.base_names)}
-    lift = base.lift[[place[name] for name in data.names]]
-    lengths = np.linalg.norm(data.matrix @ lift, axis=0)
-    for k, name in enumerate(base.names):
-        if name in phi:
-            continue
-        phi[name] = cp.Variable()
-        cost += 0.5 * cp.square(phi[name] * lengths[k] / data.effort / WIDEST)
-        if np.isfinite(knowledge.lower[k]):
-            constraints.append(phi[name] >= knowledge.lower[k])
-    full = cp.hstack([phi[name] for name in base.names])
-    squares = cp.sum_squares(data.matrix @ lift @ full - data.vector)
-    return cp.Problem(cp.Minimize(0.5 * squares + cost), constraints), squares
 
 
 def differences() -> Iterator[tuple[float, float, int]]:
@@ -63,11 +31,8 @@ def differences() -> Iterator[tuple[float, float, int]]:
         data = whitened(case.information)
         program, gamma = consistent.program(data), GAMMAS[seed % len(GAMMAS)]
         u = consistent.solve(program, gamma)
-        problem, squares = cvxpy_problem(data, case.regressor, consistent, gamma)
-        problem.solve(
-            solver=cp.CLARABEL, tol_gap_abs=1e-12, tol_gap_rel=1e-12, tol_feas=1e-12, max_iter=300
-        )
-        assert problem.status in ("optimal", "optimal_inaccurate"), problem.status
+        problem, squares = cvxpy_problem(data, consistent, gamma)
+        solved(problem, 1e-12)
         mine = program.unknowns.chi_squared(u)
         found = consistent.weighed(program)
         yield 0.5 * abs(mine - float(squares.value)), mine, found.solves

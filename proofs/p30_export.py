@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 from claims import Claim, data_folder, main_of
-from p02_scores import EXAMPLES, identified
+from p02_scores import EXAMPLES, file_with, identified
 
 from steelyard.estimation.identified import IdentifiedModel, load_model
 from steelyard.model import Model
@@ -104,7 +104,8 @@ def pinocchio_torque(path: Path, model: IdentifiedModel) -> np.ndarray:
 
 def _robot(robot: str, folder: Path) -> list[Claim]:
     place = folder / robot
-    identified(robot, [str(data_folder() / LOGS[robot])], [], output=place)
+    file = file_with("consistent", robot, place.parent)
+    identified(robot, [str(data_folder() / LOGS[robot])], [], file=file, output=place)
     model = load_model(place)
     torque = bodies_of(model)
     claims, files = [], {form: exported(place, form) for form in FORMATS}

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cvxpy_oracle import cvxpy_problem, solved
 from invented import tree
 from steelyard.errors import DataError
 from steelyard.estimation.consistent import Consistent
@@ -105,6 +106,16 @@ def test_the_optimum_is_stationary(form: Form) -> None:
         slope = program.cost(u + step, 5.0) - program.cost(u - step, 5.0)
         assert around > best
         assert abs(slope) < 1e-5 * max(1.0, best)
+
+
+def test_the_optimum_is_that_of_cvxpy() -> None:
+    consistent = Consistent(REGRESSOR.base, heavier(1.3))
+    data = whitened(said(0.05))
+    program = consistent.program(data)
+    problem, squares = cvxpy_problem(data, consistent, 5.0)
+    solved(problem, 1e-12)
+    mine = program.unknowns.chi_squared(consistent.solve(program, 5.0))
+    assert 0.5 * mine == pytest.approx(0.5 * float(squares.value), abs=1e-6)
 
 
 @pytest.mark.parametrize("form", [Entropic(), Pullback()], ids=lambda f: f.name)

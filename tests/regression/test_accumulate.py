@@ -10,10 +10,11 @@ from invented import ROBOTS, single
 from steelyard.measurement.run import Block
 from steelyard.model import Model
 from steelyard.regression.accumulate import MOVING, Accumulator, Stretch, Sums
-from steelyard.regression.gather import MOST_WINDOWS, accumulate, cut
+from steelyard.regression.gather import accumulate, cut
 from steelyard.regression.information import Information, Stamp
 from steelyard.regression.matched import MatchedFilter
 from steelyard.regression.regressor import Regressor, base_regressor
+from steelyard.regression.windows import MOST_WINDOWS
 
 FILTERS = {"none": None, "8 of 100 Hz": (8.0, 100.0), "5 of 1000 Hz": (5.0, 1000.0)}
 

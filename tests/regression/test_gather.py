@@ -10,9 +10,10 @@ from invented import single
 from steelyard.measurement import Processing, Recording, Run, prepare
 from steelyard.measurement.recording import HeldLog
 from steelyard.model import Model
-from steelyard.regression.gather import MOST_WINDOWS, gather
+from steelyard.regression.gather import gather
 from steelyard.regression.information import Window
 from steelyard.regression.regressor import base_regressor
+from steelyard.regression.windows import MOST_WINDOWS
 from steelyard.robot.signals import Signals
 from steelyard.terms.coulomb import Coulomb
 from steelyard.terms.presliding import Dahl

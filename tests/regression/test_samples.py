@@ -1,5 +1,6 @@
 """Samples of a run: the same sums as the pass that keeps none, thinned where they get many."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -129,8 +130,6 @@ def test_residuals_are_those_of_the_rows(run: Run) -> None:
 
 
 def test_too_short_a_run_says_so(run: Run) -> None:
-    from dataclasses import replace
-
     short = replace(run, span=(1.0, 1.05))
     with pytest.raises(LogError, match="no stretch of the log is as long as its filter"):
         gather_samples(REGRESSOR, short)

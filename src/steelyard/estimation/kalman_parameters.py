@@ -11,7 +11,8 @@ the filter knows little, then cannot leave the values that a mechanism can have.
 until that makes no difference, which makes each one a Gauss-Newton step of maximum likelihood.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -40,6 +41,9 @@ _FAR = 0.5
 _STEADY = 0.1
 """Change between passes over the standard deviations, root mean square, that is none."""
 
+_WONDER = 1.3
+"""Mean square of a joint's errors, over what was expected, that is still believed."""
+
 _TICKS_PER_EVENT = 500
 
 
@@ -50,8 +54,10 @@ class KalmanParameters:
     The filter begins with weighted least squares on the filtered motion (see `Experiment.begun`),
     every parameter uncertain by that value at which it alone makes `uncertainty` of the torque,
     and goes through the runs again and again, each time from the last pass's values, until these
-    settle. White noise of positions and torques is found from the signals, where it is not given;
-    where a joint rests its friction is unknown, and its torque says nothing.
+    settle. White noise of positions and torques is found from the signals, where it is not given.
+    Where positions surprise the filter more than that noise allows, as those of a robot do that the
+    model does not wholly describe, the noise of the joint's torque is raised and the pass repeated.
+    Where a joint rests its friction is unknown, and its torque says nothing.
 
     Attributes:
         uncertainty: Share of the torque.
@@ -62,7 +68,7 @@ class KalmanParameters:
     """
 
     uncertainty: float = 0.1
-    passes: int = 8
+    passes: int = 12
     position_noise: float | None = None
     torque_noise: tuple[float, ...] | None = None
     progress: Progress = silent
@@ -75,22 +81,37 @@ class KalmanParameters:
         """
         noises = [self._noise(run) for run in experiment.runs]
         values, scale = experiment.begun.values, self.uncertainty * _sizes(experiment)
+        raised = np.ones(len(noises[0].torque))
         for number in range(self.passes):
-            last, belief = values, _Belief(values, np.diag(scale**2))
-            made = simulate(experiment, values, self.progress)
-            require_sound(experiment, made)
-            for run, noise, quiet in zip(experiment.runs, noises, made, strict=True):
-                steps = _Steps(experiment, noise, values, scale)
-                belief = _filtered(run, noise, steps, quiet.tau[..., 0], belief, self.progress)
-            values, spread = belief.values, belief.covariance
-            change = (values - last) / scale
-            unit = spread / scale[:, None] / scale
+            belief, wonder = self._passed(experiment, noises, values, scale)
+            if (wonder > _WONDER).any():
+                factor = np.maximum(wonder, 1.0)
+                raised *= factor
+                noises = [replace(noise, torque=noise.torque * factor) for noise in noises]
+                continue
+            change, values = (belief.values - values) / scale, belief.values
+            unit = belief.covariance / scale[:, None] / scale
             if change @ np.linalg.solve(unit, change) <= _STEADY**2 * len(change):
                 sigma = np.sqrt(np.mean([noise.torque**2 for noise in noises], axis=0))
                 counts = np.sum([run.counts.sum(axis=0) for run in experiment.runs], axis=0)
-                notes = (f"{number + 1} passes",)
-                return result(NAME, experiment, values, spread, sigma, counts, notes)
+                notes = (f"{number + 1} passes", *_said(raised))
+                return result(NAME, experiment, values, belief.covariance, sigma, counts, notes)
         raise unsettled(NAME, experiment, self.passes)
+
+    def _passed(
+        self, experiment: Experiment, noises: Sequence["_Noise"], values: Array, scale: Array
+    ) -> tuple["_Belief", Array]:
+        """One pass over all runs, and how surprising each joint's positions were, `(n,)`."""
+        belief, wonders = _Belief(values, np.diag(scale**2)), []
+        made = simulate(experiment, values, self.progress)
+        require_sound(experiment, made)
+        for run, noise, quiet in zip(experiment.runs, noises, made, strict=True):
+            steps = _Steps(experiment, noise, values, scale)
+            belief, wonder = _filtered(
+                run, noise, steps, quiet.tau[..., 0], belief, self.progress
+            )
+            wonders.append(wonder)
+        return belief, np.asarray(np.mean(wonders, axis=0))
 
     def _noise(self, run: Measured) -> "_Noise":
         n, size = run.q.shape[1], np.sqrt(np.mean(run.tau**2, axis=0))
@@ -103,6 +124,16 @@ class KalmanParameters:
             np.maximum(torque, _LEAST_TORQUE_NOISE * size),
             size,
         )
+
+
+def _said(raised: Array) -> tuple[str, ...]:
+    """Whether the torque's noise had to be raised."""
+    if raised.max() == 1.0:
+        return ()
+    return (
+        f"the positions surprised the filter: it took torques for up to {raised.max():.2g} times "
+        "noisier than their sensors",
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,8 +172,11 @@ def _filtered(
     quiet: Array,
     belief: _Belief,
     progress: Progress,
-) -> _Belief:
-    """One pass over one run; `quiet` are torques without noise."""
+) -> tuple[_Belief, Array]:
+    """One pass over one run, and the mean square of its errors over what it expected.
+
+    `quiet` are torques without noise.
+    """
     n, about = len(noise.torque), steps.about
     moving, noisy, fixed = slice(0, 2 * n), slice(2 * n, 3 * n), slice(3 * n, None)
     state = np.concatenate(
@@ -153,7 +187,7 @@ def _filtered(
     spread[moving, moving] = np.diag(np.concatenate((noise.position**2, (0.1 * speeds) ** 2)))
     spread[noisy, noisy] = np.diag(noise.held(run.counts[0]))
     spread[fixed, fixed] = belief.covariance
-    measured = np.diag(noise.position**2)
+    measured, wonder = np.diag(noise.position**2), np.zeros(n)
     for k in range(1, len(run.q)):
         if k % _TICKS_PER_EVENT == 0:
             tell(progress, f"filtering {run.name}", k / run.rate, len(run.q) / run.rate)
@@ -172,11 +206,13 @@ def _filtered(
         missed = run.q[k] - state[:n]
         if steps.least <= 0.0 or not np.abs(missed).max() < _FAR:
             raise _diverged(run, k, steps.least)
-        gain = np.linalg.solve(spread[:n, :n] + measured, spread[:n]).T
+        expected = spread[:n, :n] + measured
+        wonder += missed**2 / np.diag(expected)
+        gain = np.linalg.solve(expected, spread[:n]).T
         state += gain @ missed
         spread -= gain @ spread[:n]
         spread = 0.5 * (spread + spread.T)
-    return _Belief(about + state[fixed], spread[fixed, fixed])
+    return _Belief(about + state[fixed], spread[fixed, fixed]), wonder / (len(run.q) - 1)
 
 
 class _Steps:

@@ -122,6 +122,30 @@ def _motion_noise(context: Context) -> Estimator[Any]:
     return MotionNoise(context.regressor, per_run=context.per_run)
 
 
+def _instrumental(context: Context) -> Estimator[Any]:
+    from steelyard.estimation.instrumental import InstrumentalVariables
+
+    return InstrumentalVariables(progress=context.progress)
+
+
+def _didim(context: Context) -> Estimator[Any]:
+    from steelyard.estimation.didim import Didim
+
+    return Didim(progress=context.progress)
+
+
+def _output_error(context: Context) -> Estimator[Any]:
+    from steelyard.estimation.output_error import ClosedLoopOutputError
+
+    return ClosedLoopOutputError(progress=context.progress)
+
+
+def _kalman(context: Context) -> Estimator[Any]:
+    from steelyard.estimation.kalman_parameters import KalmanParameters
+
+    return KalmanParameters(progress=context.progress)
+
+
 ESTIMATORS: tuple[Offer, ...] = (
     Offer(
         "OLS",
@@ -173,4 +197,8 @@ ESTIMATORS: tuple[Offer, ...] = (
     ),
     Offer("GA", "genetic algorithm over base parameters", "information", _genetic, slow=True),
     Offer("CMA-ES", "evolution of a normal distribution", "information", _cma_es, slow=True),
+    Offer("IV", "instruments from the simulated closed loop", "experiment", _instrumental, slow=True),
+    Offer("DIDIM", "simulated against measured torques", "experiment", _didim, slow=True),
+    Offer("CLOE", "the same with true sensitivities", "experiment", _output_error, slow=True),
+    Offer("EKF", "extended Kalman filter over the parameters", "experiment", _kalman, slow=True),
 )

@@ -2,18 +2,18 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from math import lcm
 
 import numpy as np
-from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.kernel.compiled import Loops, loops
 from steelyard.kernel.micro import FIR_OUTPUTS, TILE_COLUMNS, TILE_ROWS
 from steelyard.model import check_angles
 from steelyard.regression.matched import MatchedFilter
-from steelyard.regression.regressor import Layout, Regressor
+from steelyard.regression.regressor import Regressor
+from steelyard.regression.tiling import Tiling
 
 BLOCK = 256
 """Samples per inner block: its rows stay in the second-level cache."""
@@ -87,9 +87,9 @@ class Accumulator:
     matched: MatchedFilter | None = None
 
     @cached_property
-    def tiling(self) -> "_Tiling":
+    def tiling(self) -> Tiling:
         """Tiles of the Gram matrices."""
-        return _Tiling.of(self.regressor.layout)
+        return Tiling.of(self.regressor.layout)
 
     @cached_property
     def loops(self) -> Loops:
@@ -303,40 +303,6 @@ class _Workspace:
         cells = self.sums.sum(axis=2).ravel()
         grams = cells[self.accumulator.tiling.cells]
         return Sums(grams, self.absolute.sum(axis=1), self.counts)
-
-
-@dataclass(frozen=True, eq=False)
-class _Tiling:
-    """Tiles that cover the lower triangles of all rows' Gram matrices.
-
-    Attributes:
-        firsts: First rows `(a, b)` of each tile, shape `(tiles, 2)`.
-        cells: Where each packed Gram entry lies among the tiles' sums.
-    """
-
-    firsts: NDArray[np.int64]
-    cells: NDArray[np.int64]
-
-    @classmethod
-    @cache
-    def of(cls, layout: Layout) -> "_Tiling":
-        """The last tile of a row of tiles reaches back over its neighbour, not beyond."""
-        firsts: list[tuple[int, int]] = []
-        cells: list[int] = []
-        for start, width in zip(layout.starts, layout.widths, strict=True):
-            cell: dict[tuple[int, int], int] = {}
-            for a in _edges(width, TILE_ROWS):
-                for b in _edges(min(a + TILE_ROWS, width), TILE_COLUMNS):
-                    for k in range(TILE_ROWS * TILE_COLUMNS):
-                        i, j = a + k // TILE_COLUMNS, b + k % TILE_COLUMNS
-                        cell[i, j] = len(firsts) * TILE_ROWS * TILE_COLUMNS + k
-                    firsts.append((start + a, start + b))
-            cells += [cell[i, j] for i in range(width) for j in range(i + 1)]
-        return cls(np.array(firsts, dtype=np.int64), np.array(cells, dtype=np.int64))
-
-
-def _edges(width: int, size: int) -> list[int]:
-    return sorted({max(0, min(start, width - size)) for start in range(0, width, size)})
 
 
 def _addresses(stretch: Stretch, start: int) -> list[int]:

@@ -8,19 +8,16 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.arrays import Array
 from steelyard.errors import LogError
 from steelyard.measurement.open_loops import closed_parts
 from steelyard.measurement.run import Block, Run
 from steelyard.model import Model
 from steelyard.progress import Progress, silent, tell
-from steelyard.regression.accumulate import Accumulator, Stretch, Sums
+from steelyard.regression.accumulate import Accumulator, Stretch
 from steelyard.regression.information import Information, Stamp, Window
 from steelyard.regression.matched import MatchedFilter
 from steelyard.regression.regressor import Regressor
-
-MOST_WINDOWS = 128
-"""Windows kept per run; beyond that neighbours are merged."""
+from steelyard.regression.windows import Windows
 
 PIECE = 1024
 """Least number of samples of a piece."""
@@ -240,7 +237,7 @@ def accumulate(
     progress: Progress = silent,
 ) -> Information:
     """Sum up pieces, in order, on some threads; the result does not depend on their number."""
-    collected = _Windows(accumulator)
+    collected = Windows(accumulator)
     for piece, result in in_order(accumulator, pieces, threads):
         if result.counts.any():
             collected.add(piece.window, result)
@@ -266,53 +263,3 @@ def in_order(
                 yield first, future.result()
         for first, future in waiting:
             yield first, future.result()
-
-
-class _Windows:
-    """Sums of a run that may be of any length: when windows get too many, neighbours merge."""
-
-    def __init__(self, accumulator: Accumulator) -> None:
-        layout = accumulator.regressor.layout
-        size = sum(w * (w + 1) // 2 for w in layout.widths)
-        self.windows: list[Window] = []
-        self._rows = [
-            np.empty((MOST_WINDOWS + 1, k)) for k in (size, accumulator.width, len(layout.rows))
-        ]
-        self._size, self._filled = 1, 1
-
-    def add(self, window: Window, sums: Sums) -> None:
-        """Take one more piece."""
-        pieces = (sums.grams, sums.absolute, sums.counts)
-        if self.windows and self._filled < self._size:
-            self.windows[-1] = _spanning(self.windows[-1], window)
-            for rows, piece in zip(self._rows, pieces, strict=True):
-                rows[len(self.windows) - 1] += piece
-            self._filled += 1
-            return
-        for rows, piece in zip(self._rows, pieces, strict=True):
-            rows[len(self.windows)] = piece
-        self.windows.append(window)
-        self._filled = 1
-        if len(self.windows) > MOST_WINDOWS:
-            self._merge()
-
-    def _merge(self) -> None:
-        """Pair the windows; the last one, new and alone, begins a pair."""
-        half = MOST_WINDOWS // 2
-        pairs = zip(self.windows[:-1:2], self.windows[1::2], strict=True)
-        self.windows = [*(_spanning(a, b) for a, b in pairs), self.windows[-1]]
-        for rows in self._rows:
-            for k in range(half):
-                rows[k] = rows[2 * k] + rows[2 * k + 1]
-            rows[half] = rows[MOST_WINDOWS]
-        self._size *= 2
-
-    @property
-    def sums(self) -> tuple[Array, Array, Array]:
-        """Gram matrices, sums of |value| and samples, one row a window."""
-        grams, absolute, counts = (rows[: len(self.windows)] for rows in self._rows)
-        return grams, absolute, counts
-
-
-def _spanning(first: Window, second: Window) -> Window:
-    return Window(first.run, first.start, second.stop)

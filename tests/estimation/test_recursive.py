@@ -1,0 +1,123 @@
+"""Recursive least squares: the same as all at once, and drift that is followed."""
+
+import numpy as np
+import pytest
+
+from drawn import motion_of, samples_of
+from invented import single, tree
+from steelyard.errors import DataError
+from steelyard.estimation.least_squares import OrdinaryLeastSquares, WeightedLeastSquares
+from steelyard.estimation.recursive import MOST, Recursive
+from steelyard.model import Model
+from steelyard.regression.information import Information
+from steelyard.regression.regressor import base_regressor
+
+TREE, SINGLE = base_regressor(Model(tree())), base_regressor(Model(single()))
+SECONDS, RATE = 60, 100
+
+
+def drifting(
+    amount: float, seed: int = 0, seconds: int = SECONDS
+) -> tuple[Information, np.ndarray]:
+    """One window a second; one parameter grows by `amount` over the run; its values."""
+    rng = np.random.default_rng([seed, 1])
+    truth = np.ones(len(SINGLE.layout.columns))
+    parts, track = [], []
+    for second in range(seconds):
+        motion = motion_of(1, RATE, 1000 * seed + second)
+        value = 1.0 + amount * second / seconds
+        truth[-1] = value
+        effort = SINGLE.dense(*motion) @ truth + 0.1 * rng.normal(size=(1, RATE))
+        samples = samples_of(SINGLE, motion, effort, start=float(second))
+        parts.append(samples.information().merged(1))
+        track.append(value)
+    return sum(parts[1:], parts[0]), np.array(track)
+
+
+@pytest.mark.parametrize("inner", [WeightedLeastSquares(), OrdinaryLeastSquares()])
+def test_without_forgetting_it_is_all_at_once(
+    inner: WeightedLeastSquares | OrdinaryLeastSquares,
+) -> None:
+    motion, rng = motion_of(4, 1200, 0), np.random.default_rng(1)
+    truth = rng.normal(size=len(TREE.layout.columns))
+    noise = np.array([0.01, 0.1, 1.0, 0.3])[:, None] * rng.normal(size=(4, 1200))
+    information = samples_of(TREE, motion, TREE.dense(*motion) @ truth + noise).information()
+    online = Recursive(inner=inner).start()
+    for k in range(len(information.windows)):
+        online.add(information.of([k]))
+    found, wanted = online.estimate(), inner(information)
+    assert np.allclose(found.parameters.values, wanted.parameters.values, rtol=1e-12, atol=1e-12)
+    assert np.allclose(found.covariance, wanted.covariance, rtol=1e-9)
+    assert np.array_equal(found.n_samples, wanted.n_samples)
+    again = Recursive(inner=inner)(information)
+    assert np.array_equal(again.parameters.values, found.parameters.values)
+
+
+def test_forgetting_weighs_windows_by_their_age() -> None:
+    """Against weighted least squares on the samples themselves."""
+    rng = np.random.default_rng(0)
+    rows, weights, parts = [], [], []
+    for second in range(20):
+        motion = motion_of(1, RATE, second)
+        effort = rng.normal(size=(1, RATE))
+        samples = samples_of(SINGLE, motion, effort, start=float(second))
+        parts.append(samples.information().merged(1))
+        rows.append(samples.rows[0])
+        weights.append(np.full(RATE, 0.8 ** (0.99 * (19 - second))))
+    whole, root = np.vstack(rows), np.sqrt(np.concatenate(weights))[:, None]
+    wanted, *_ = np.linalg.lstsq(whole[:, :-1] * root, whole[:, -1] * root[:, 0], rcond=None)
+    found = Recursive(0.8)(sum(parts[1:], parts[0]))
+    assert np.allclose(found.parameters.values, wanted, rtol=1e-9)
+    inverse = np.linalg.inv((whole[:, :-1] * root).T @ (whole[:, :-1] * root))
+    noise = (whole[:, :-1] * root**2).T @ (whole[:, :-1] * root**2)
+    assert np.allclose(found.covariance, found.sigma[0] ** 2 * inverse @ noise @ inverse, rtol=1e-6)
+    assert "what is 4.48 s old counts 1/e" in found.notes
+
+
+def test_it_is_constant_in_size_however_long_it_goes_on() -> None:
+    information, _ = drifting(0.0, seconds=3 * MOST)
+    online = Recursive().start()
+    online.add(information)
+    assert online._faded is not None and len(online._faded.windows) <= MOST
+    wanted = WeightedLeastSquares()(information)
+    assert np.allclose(online.estimate().parameters.values, wanted.parameters.values, rtol=1e-9)
+
+
+def test_drift_is_followed() -> None:
+    information, track = drifting(2.0)
+    fading, stiff = Recursive(0.7), Recursive()
+    for recursive, near in ((fading, True), (stiff, False)):
+        after = list(recursive.track(information))
+        values = np.array([estimate.parameters.values[-1] for _, estimate in after])
+        error = np.abs(values - track[-len(values) :])[20:]
+        assert (error.max() < 0.3) == near
+        assert [window for window, _ in after] == list(information.windows)[-len(after) :]
+
+
+def test_intervals_hold_the_truth_where_nothing_drifts() -> None:
+    inside = total = 0
+    for seed in range(80):
+        information, track = drifting(0.0, seed, 15)
+        found = Recursive(0.8)(information)
+        inside += int(np.sum(np.abs(found.parameters.values - track[0]) <= found.half_width))
+        total += len(found.parameters)
+    assert 0.92 < inside / total < 0.98
+
+
+@pytest.mark.parametrize("forgetting", [0.0, -1.0, 1.01, float("nan")])
+def test_a_forgetting_that_is_none_is_refused(forgetting: float) -> None:
+    with pytest.raises(DataError, match="per second is none"):
+        Recursive(forgetting)
+
+
+def test_before_the_first_window_there_is_no_estimate() -> None:
+    with pytest.raises(DataError, match="no window has come yet"):
+        Recursive().start().estimate()
+
+
+def test_unequal_information_is_not_taken_in() -> None:
+    information, _ = drifting(0.0, seconds=3)
+    online = Recursive().start()
+    online.add(information)
+    with pytest.raises(DataError, match="unequal effort"):
+        online.add(information.scaled(np.array([2.0]), ("A",)))

@@ -1,0 +1,167 @@
+"""What the report says of uncertainty: bands, shares from data, bodies."""
+
+import base64
+import csv
+import io
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from steelyard.report import ReportContent, parameters_csv, render, summary
+from steelyard.report.sections.bodies import BodiesSection, margin, solids
+from steelyard.report.sections.effort import EffortSection
+from steelyard.report.sections.parameters import ParametersSection
+from steelyard.report.table import rows
+from steelyard.report.thin import outline
+from steelyard.robot.inertia import Inertia
+
+
+def decoded(packed: dict[str, str]) -> np.ndarray:
+    return np.frombuffer(base64.b64decode(packed["bdata"]), "<f4")
+
+
+def printed(content: ReportContent) -> str:
+    console = Console(file=io.StringIO(), width=200)
+    summary(content, console)
+    return console.file.getvalue()
+
+
+def with_estimate(content: ReportContent, **changes) -> ReportContent:
+    identified = content.identified
+    return replace(
+        content, identified=replace(identified, estimate=replace(identified.estimate, **changes))
+    )
+
+
+def test_bands_lie_around_the_prediction(usual):
+    traces = usual.scores[0].traces
+    figure = EffortSection().numbers(usual)["figures"][1]
+    assert len(figure["bands"]) == 3
+    measurement, model, residual = (decoded(area["y"]) for area in figure["bands"])
+    assert np.nanmax(measurement) == pytest.approx(
+        (traces.predicted + traces.band)[:, 1].max(), rel=1e-5
+    )
+    sure = traces.predicted + 1.959964 * traces.model_std
+    assert np.nanmax(model) == pytest.approx(sure[:, 1].max(), rel=1e-3)
+    assert np.nanmax(residual) == pytest.approx(-np.nanmin(residual))
+    inside = np.abs(traces.measured - traces.predicted) <= traces.band
+    share = 100.0 * inside[traces.moving[:, 0], 0].mean()
+    assert (
+        EffortSection()
+        .numbers(usual)["figures"][0]["caption"]
+        .endswith(f"{share:.1f}\u00a0% in the band")
+    )
+
+
+def test_a_score_without_bands_is_drawn_without(usual):
+    score = usual.scores[0]
+    bare = replace(score, traces=replace(score.traces, model_std=None, sigma=None))
+    numbers = EffortSection().numbers(replace(usual, scores=(bare,), fitted=()))
+    assert not numbers["bands"] and numbers["figures"][0]["bands"] == []
+    assert "effort-bands" not in EffortSection().show(numbers)
+
+
+def test_the_box_takes_the_bands_away(browse, usual):
+    page = render(replace(usual, diagnosis=None, comparison=None))
+    choose = (
+        "<script>setTimeout(() => { const box = document.getElementById('effort-bands');"
+        "box.checked = false; box.dispatchEvent(new Event('change')); }, 3000);</script></body>"
+    )
+    shown, hidden = browse(page), browse(page.replace("</body>", choose))
+    assert shown.console == () and hidden.console == () and hidden.errors == []
+    areas = '<path class="js-fill"'
+    assert shown.dom.count(areas) == 6 and hidden.dom.count(areas) == 0
+    assert shown.drawn == hidden.drawn == 2
+
+
+def test_an_outline_is_closed_between_jumps_of_time():
+    t = np.concatenate([np.arange(500) * 0.01, 20.0 + np.arange(500) * 0.01])
+    x, y = outline(t, -np.ones(1000), np.ones(1000), 100)
+    assert len(x) == len(y) <= 104
+    pause = np.flatnonzero(np.isnan(x))
+    assert len(pause) == 1 and np.isnan(y[pause[0]])
+    for part in np.split(x, pause):
+        part = part[np.isfinite(part)]
+        assert part[0] == part[-1] and np.ptp(part) < 6.0
+    assert np.array_equal(np.unique(y[np.isfinite(y)]), [-1.0, 1.0])
+
+
+def test_the_table_shows_the_share_from_data(usual):
+    table = [row for row in rows(usual.identified) if row.grade != "unseen"]
+    assert [row.learned_percent for row in table[:2]] == [93.0, 93.0]
+    assert table[-1].learned_percent == 12.5
+    assert table[-1].grade == "prior" and table[-1].status == "from the prior"
+    section = ParametersSection()
+    text = section.show(section.numbers(usual))
+    assert "From data" in text and "12.5\u00a0%" in text and '<tr class="prior">' in text
+    assert "1 parameter is known mostly from the prior" in text
+    assert "1 known mostly from the prior: offset.shoulder" in printed(usual)
+    told = list(csv.DictReader(io.StringIO(parameters_csv(usual.identified))))
+    assert told[-2]["from_data_percent"] == "12.5" and told[-2]["status"] == "from the prior"
+
+
+def test_without_a_prior_there_is_no_share(usual):
+    content = with_estimate(usual, learned=None, standard=None)
+    section = ParametersSection()
+    assert "From data" not in section.show(section.numbers(content))
+    assert all(row.learned_percent is None for row in rows(content.identified))
+    assert "prior" not in printed(content)
+    assert BodiesSection().numbers(content) is None
+
+
+def test_bodies_have_masses_centres_and_intervals(usual):
+    section = BodiesSection()
+    table = section.numbers(usual)["tables"][0]
+    first, second, total = (row.cells for row in table.rows)
+    assert first[:3] == ("link of shoulder", "2.000 ± 0.079", "2.00")
+    assert first[3].startswith("0.200 ± ") and first[4] == "0.0200, 0.0200, 0.0200"
+    assert first[5] == "90.0\u00a0%" and float(first[6]) == pytest.approx(1.0)
+    assert second[5] == "81.5\u00a0%"
+    assert total[:3] == ("all links", "4.00 ± 0.11", "4.00")
+    assert "link of elbow" in section.show(section.numbers(usual))
+
+
+def test_the_centre_s_interval_is_that_of_draws(usual):
+    link = next(solids(usual.identified))
+    drawn = np.random.default_rng(0).multivariate_normal(
+        link.inertia.ten[:4], link.covariance[:4, :4], 100_000
+    )
+    wanted = (drawn[:, 1:] / drawn[:, :1]).std(axis=0)
+    assert np.allclose(link.com_std, wanted, rtol=0.02)
+
+
+def test_the_margin_is_one_at_the_prior_and_below_zero_beyond_what_can_be(usual):
+    prior = Inertia.about_com(2.0, [0.2, 0.0, 0.1], np.diag([0.02, 0.03, 0.025]))
+    assert margin(prior, prior) == pytest.approx(1.0)
+    half = Inertia.from_ten(0.5 * prior.ten)
+    assert margin(half, prior) == pytest.approx(0.5)
+    impossible = Inertia.about_com(2.0, [0.2, 0.0, 0.1], np.diag([0.02, 0.03, 0.06]))
+    assert margin(impossible, prior) < 0.0
+    standard = usual.identified.estimate.standard
+    values = standard.parameters.values.copy()
+    values[6] += 1.0
+    broken = replace(standard, parameters=replace_values(standard.parameters, values))
+    content = with_estimate(usual, standard=broken)
+    assert (
+        BodiesSection().numbers(content)["tables"][0].rows[0].cells[6].endswith("no body can be so")
+    )
+
+
+def replace_values(parameters, values):
+    return type(parameters)(parameters.names, parameters.units, values)
+
+
+def test_a_massless_link_has_no_centre(usual):
+    standard = usual.identified.estimate.standard
+    values = standard.parameters.values.copy()
+    values[:10] = 0.0
+    broken = replace(standard, parameters=replace_values(standard.parameters, values))
+    content = with_estimate(usual, standard=broken)
+    assert BodiesSection().numbers(content)["tables"][0].rows[0].cells[3] == "–"
+
+
+def test_one_run_more_does_not_break_the_budget(usual):
+    scores = usual.scores * 12
+    assert len(render(replace(usual, scores=scores)).encode()) <= 8 * 2**20
