@@ -38,6 +38,7 @@ from steelyard.regression.information import Information, Stamp, Window  # noqa:
 from steelyard.regression.matched import MatchedFilter  # noqa: E402
 from steelyard.regression.regressor import Regressor, base_regressor  # noqa: E402
 from steelyard.robot.dh import DHRow, dh_mechanism  # noqa: E402
+from steelyard.robot.inertia import INERTIAL_NAMES  # noqa: E402
 from steelyard.robot.reduction import reduced  # noqa: E402
 from steelyard.robot.robot_file import load_robot  # noqa: E402
 from steelyard.terms.coulomb import Coulomb  # noqa: E402
@@ -220,11 +221,15 @@ def in_parts(
 def consistent_rows(found: Regressor) -> list[Row]:
     """The consistent estimate, from information to solution, against the same through CVXPY."""
     q, dq, ddq, _ = motion(7, 2000, 5)
-    truth = np.random.default_rng(6).normal(size=len(found.layout.columns))
-    clean = np.einsum("nsp,p->ns", found.dense(q, dq, ddq), truth)
+    known = default_knowledge(found.model)
+    truth = dict.fromkeys(found.base.names, 1.0)
+    for body, prior in zip(known.bodies, known.priors, strict=True):
+        truth |= zip((f"{n}.{body}" for n in INERTIAL_NAMES), 1.2 * prior.ten, strict=True)
+    values = found.base.base_values([truth[name] for name in found.base.names])
+    clean = np.einsum("nsp,p->ns", found.dense(q, dq, ddq), values)
     noisy = clean + 0.05 * clean.std(axis=1)[:, None] * motion(7, 2000, 7)[0]
     data = information(found, (q, dq, ddq, noisy), None)
-    consistent = Consistent(found.base, default_knowledge(found.model), gamma=10.0)
+    consistent = Consistent(found.base, known, gamma=10.0)
     program = consistent.program(whitened(data))
     searching = replace(consistent, gamma=None)
 

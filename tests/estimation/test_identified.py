@@ -67,7 +67,7 @@ def test_round_trip_is_exact(identified: IdentifiedModel, tmp_path: Path) -> Non
         ("not json", "not JSON"),
         ("[]", "not an identified model"),
         ('{"schema": "steelyard.model", "schema_version": 99}', "schema version 99"),
-        ('{"schema": "steelyard.model", "schema_version": 3}', "incomplete or damaged"),
+        ('{"schema": "steelyard.model", "schema_version": 4}', "incomplete or damaged"),
     ],
 )
 def test_other_files_are_refused(text: str | None, words: str, tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 import json
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -19,15 +18,6 @@ if TYPE_CHECKING:
     from steelyard.progress import Progress
     from steelyard.report import ReportContent
     from steelyard.validation.trial import Comparison, Trial
-
-
-@dataclass(frozen=True)
-class Asked:
-    """What is to be compared: names of estimators, or all of them; and whether logs are checked."""
-
-    names: tuple[str, ...]
-    everything: bool
-    check: bool
 
 
 @guarded
@@ -67,10 +57,9 @@ def compare(
     from steelyard.cli.show import progress_bar
 
     folder = None if output is None else river.new_folder(output, "")
-    asked = Asked(tuple(estimators or ()), everything, not no_check)
-    offers = offers_of(asked.names, asked.everything)
+    offers = offers_of(estimators or (), everything)
     with progress_bar() as progress:
-        rivals = rivals_of(robot, logs, asked.check, threads or os.cpu_count() or 1, progress)
+        rivals = rivals_of(robot, logs, not no_check, threads or os.cpu_count() or 1, progress)
         comparison = kept(offers, rivals, progress)
     content = rivals.content(comparison)
     write(content, folder)

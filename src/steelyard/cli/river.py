@@ -24,6 +24,7 @@ from steelyard.terms.register import DEFAULT_TERMS, refuse_unfit, term_of
 from steelyard.terms.rotor_inertia import RotorInertia
 from steelyard.terms.term import Term
 from steelyard.terms.viscous import Viscous
+from steelyard.validation.bands import Bands
 from steelyard.validation.score import RunScore, score
 
 SAMPLE_ROWS = 2000
@@ -256,11 +257,12 @@ def scored(
     identified: IdentifiedModel, runs: Sequence[Run], progress: Progress
 ) -> tuple[RunScore, ...]:
     """Scores of a model on runs, with the nominal model beside it."""
-    gains, cutoff = identified.signals.gains, identified.cutoffs.score
+    gains, cutoff, bands = identified.signals.gains, identified.cutoffs.score, Bands.of(identified)
     scores = []
     for number, run in enumerate(runs):
         tell(progress, "validating", number, len(runs))
-        scores.append(score(identified.valued, run, gains, cutoff, identified.model.prior))
+        prior = identified.model.prior
+        scores.append(score(identified.valued, run, gains, cutoff, prior, bands))
     return tuple(scores)
 
 

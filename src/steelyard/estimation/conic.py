@@ -24,7 +24,7 @@ AIM = 1e-12
 """Relative gap and infeasibility that the solver is asked for. A gap moves the weighted squares by
 its root: they are good to six digits only with a tiny one."""
 
-GOOD, FAIR = 1e-9, 1e-6
+GOOD, FAIR = 1e-8, 1e-6
 """Gap and infeasibility at which no other way is tried, and at which a program counts as solved,
 as they are measured, whatever the solver calls them."""
 

@@ -57,8 +57,8 @@ def affine(
     casadi = _casadi()
     x = casadi.SX.sym("x", n)
     values = casadi.vertcat(*build([x[k] for k in range(n)]))
-    slopes = casadi.jacobian(values, x)
-    rest = casadi.substitute(values, x, casadi.SX.zeros(n))
+    slopes = casadi.densify(casadi.jacobian(values, x))
+    rest = casadi.densify(casadi.substitute(values, x, casadi.SX.zeros(n)))
     rows = range(values.numel())
     return [[slopes[row, k] for k in range(n)] for row in rows], [rest[row] for row in rows]
 

@@ -22,10 +22,7 @@ from steelyard.regression.base import BaseMap
 from steelyard.regression.information import Information
 from steelyard.robot.inertia import Inertia
 from steelyard.validation.cross import folds_of, stretches_of
-from steelyard.validation.trial import Comparison, Failure, Trial
-
-NEEDS: tuple[Needs, ...] = ("information", "samples", "experiment")
-"""What estimators look at, the least first."""
+from steelyard.validation.trial import COST, Comparison, Failure, Trial
 
 LEFT = "leave it out of the comparison"
 """What to do about an estimator that only fails."""
@@ -140,7 +137,7 @@ def compared(
 
 def ordered(offers: Sequence[Offer]) -> tuple[Offer, ...]:
     """The cheap ones first."""
-    return tuple(sorted(offers, key=lambda offer: (offer.slow, NEEDS.index(offer.needs))))
+    return tuple(sorted(offers, key=lambda offer: (offer.slow, COST[offer.needs])))
 
 
 def trials_of(
