@@ -89,7 +89,7 @@ def solved(program: Conic, where: str, most_iterations: int = MOST_ITERATIONS) -
     ends = []
     for scaling in WAYS:
         end = _clarabel(program, scaling, most_iterations)
-        if end.status == "PrimalInfeasible":
+        if "PrimalInfeasible" in end.status:
             raise Infeasible(
                 "no parameters satisfy all that is wished of them",
                 where=where,
@@ -149,10 +149,11 @@ def _clarabel(program: Conic, scaling: bool, most_iterations: int) -> _End:
     )
     solution = solver.solve()
     x, status = np.array(solution.x), str(solution.status)
-    if status not in ("Solved", "AlmostSolved"):
+    if "Infeasible" in status or status.startswith("Max"):
         return _End(status, x, np.inf)
     gap = abs(solution.obj_val - solution.obj_val_dual) / max(1.0, abs(solution.obj_val))
-    return _End(status, x, max(gap, solution.r_prim, solution.r_dual))
+    errors = np.nan_to_num([gap, solution.r_prim, solution.r_dual], nan=np.inf)
+    return _End(status, x, float(errors.max()))
 
 
 def _stacked(blocks: Sequence[Block], n: int) -> Any:

@@ -135,7 +135,7 @@ class _Tape:
                 np.maximum(self.farthest, distance, out=self.farthest)
             moving.effort[:] = held = asked
             moving.advance(step)
-            np.minimum(self.least, moving.least, out=self.least)
+            np.fmin(self.least, moving.least, out=self.least)
             if inside == 0:
                 self.motion[2, sample] = (moving.dq[:, 0] - before) / (step if k == 0 else 2 * step)
             before = now
