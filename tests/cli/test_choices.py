@@ -10,6 +10,7 @@ import pytest
 import steelyard
 from cli.conftest import Command
 from cli.river_files import edited
+from steelyard.virtual.demo import demo_runs
 
 TERMS = 'terms = ["rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"]'
 Told = Callable[..., tuple[dict[str, Any], Path]]
@@ -32,8 +33,8 @@ def told(given: Path, tmp_path: Path, command: Command) -> Told:
 def test_friction_is_chosen_and_told(given: Path, tmp_path: Path, command: Command) -> None:
     terms = TERMS.replace('"coulomb", "viscous", ', "") + '\nfriction = "auto"'
     robot, out = edited(given, tmp_path, (TERMS, terms)), tmp_path / "out"
-    logs = (given / f"{name}.parquet" for name in ("identification", "validation"))
-    done = command("identify", robot, *logs, "-o", out, "--json")
+    longer = demo_runs(tmp_path / "longer", period=6.0)
+    done = command("identify", robot, longer.identification, longer.validation, "-o", out, "--json")
     assert done.exit_code == 0, done.output
     chosen = json.loads(done.stdout)
     table = chosen["friction"]["table"]
@@ -67,13 +68,21 @@ def test_joints_weigh_by_noise_or_alike(told: Told, tmp_path: Path) -> None:
     equal = ("[signals]\n", '[estimation]\nweights = "equal"\n\n[signals]\n')
     _, out = told(equal)
     model = steelyard.load_model(out)
-    assert model.estimate.estimator == "ordinary least squares"
-    assert [e.estimator for e in model.reference] == ["weighted least squares"]
+    assert model.estimate.estimator == "consistent (entropic prior)"
+    assert [e.estimator for e in model.reference] == ["ordinary least squares"]
+
+
+def test_plain_least_squares_can_be_had(told: Told) -> None:
+    plain, out = told(("[signals]\n", '[estimation]\nmethod = "least_squares"\n\n[signals]\n'))
+    model = steelyard.load_model(out)
+    assert model.estimate.estimator == "weighted least squares"
+    assert model.estimate.standard is None
+    assert any("bodies may be impossible" in note for note in plain["notes"])
 
 
 def test_friction_that_drives_is_named(told: Told) -> None:
     driven, _ = told(('unit = "Nm"', 'unit = "Nm"\ngain = -1.0'))
-    (note,) = (note for note in driven["notes"] if note.startswith("below what is physical"))
+    (note,) = (note for note in driven["notes"] if "below what is physical" in note)
     assert "viscous.elbow" in note and "coulomb.elbow" in note
 
 

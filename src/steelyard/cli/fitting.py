@@ -76,7 +76,7 @@ def fit(
     more = _least_squares_because(loaded_robot, ground.gains)
     if not more:
         estimate, reference = consistent_of(loaded_robot, model)(information), plain
-    notes = (*ground.notes, *more, *estimate.notes, *_beyond(model, estimate))
+    notes = (*ground.notes, *more, *estimate.notes, *_beyond(model, plain))
     identified = IdentifiedModel(
         model=model,
         base=base_map(model),
@@ -151,6 +151,6 @@ def _beyond(model: Model, estimate: Estimate) -> tuple[str, ...]:
     if not found:
         return ()
     return (
-        f"below what is physical: {', '.join(found)}; these terms fit the data, but stand for "
-        "something else",
+        f"least squares finds below what is physical: {', '.join(found)}; these terms fit the "
+        "data, but stand for something else",
     )

@@ -111,18 +111,22 @@ class Consistent:
         estimate = described(name, fit, Spread(solution.inverse, tuple(own)))
         place = {n: k for k, n in enumerate(self.base.base_names)}
         rows = [place[n] for n in estimate.parameters.names]
-        prior = known.scale @ before @ known.scale.T
-        learned = _share(np.diag(lift @ spread @ lift.T), np.diag(lift @ prior @ lift.T))
+        learned = _share(lift @ known.scale, program.wishes.free, covariance, before)
         return replace(
             estimate,
-            standard=self._standard(estimate, standard, spread, prior),
+            standard=self._standard(
+                estimate,
+                standard,
+                spread,
+                _share(known.scale, program.wishes.free, covariance, before),
+            ),
             learned=frozen(learned[rows]),
             notes=(*self.knowledge.notes, *_notes(found, self)),
         )
 
-    def _standard(self, estimate: Estimate, values: Array, spread: Array, prior: Array) -> Standard:
+    def _standard(self, estimate: Estimate, values: Array, spread: Array, share: Array) -> Standard:
         """All standard parameters; what every run has for itself is as a new run is expected."""
-        learned = _share(np.diag(spread), np.diag(prior))
+        learned = share.copy()
         full, covariance = values.copy(), spread.copy()
         place = {name: k for k, name in enumerate(self.base.names)}
         for name in self.per_run:
@@ -155,11 +159,23 @@ def _inverse(precision: Array) -> Array:
     return np.asarray((vectors / np.maximum(values, floor)) @ vectors.T)
 
 
-def _share(after: Array, before: Array) -> Array:
-    """Share of what is known that the data taught."""
-    given = before <= 1e-300
-    ratio = after / np.where(given, 1.0, before)
-    return np.where(given, 0.0, np.clip(1.0 - ratio, 0.0, 1.0))
+def _share(parameters: Array, free: Array, after: Array, before: Array) -> Array:
+    """Share of what is known that the data taught; nothing of what the wishes' equations give.
+
+    Args:
+        parameters: As sums of the unknowns, shape `(p, m)`.
+        free: Directions of the unknowns that the equations leave, shape `(m, k)`.
+        after: Covariance of the unknowns with the data.
+        before: The same without.
+    """
+    taught, guessed = (
+        np.einsum("pm,mn,pn->p", parameters, covariance, parameters)
+        for covariance in (after, before)
+    )
+    lengths = np.linalg.norm(parameters, axis=1)
+    given = np.linalg.norm(parameters @ free, axis=1) <= 1e-9 * lengths
+    ratio = taught / np.where(given | (guessed <= 0.0), 1.0, guessed)
+    return np.where(given | (guessed <= 0.0), 0.0, np.clip(1.0 - ratio, 0.0, 1.0))
 
 
 def _solution(data: Whitened, values: Array, covariance: Array, base: BaseMap) -> Solution:

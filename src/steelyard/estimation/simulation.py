@@ -135,7 +135,8 @@ class _Tape:
                 np.maximum(self.farthest, distance, out=self.farthest)
             moving.effort[:] = held = asked
             moving.advance(step)
-            np.fmin(self.least, moving.least, out=self.least)
+            near = self.farthest < _BEYOND
+            np.fmin(self.least, moving.least, out=self.least, where=near)
             if inside == 0:
                 self.motion[2, sample] = (moving.dq[:, 0] - before) / (step if k == 0 else 2 * step)
             before = now

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.errors import DataError
 from steelyard.estimation.least_squares import Fit, WeightedLeastSquares
+from steelyard.estimation.normal_equations import refuse_few
 from steelyard.estimation.per_run import Eliminated
 from steelyard.estimation.sandwich import inflations
 from steelyard.regression.information import Information
@@ -65,7 +65,7 @@ def whitened(
     Raises:
         DataError: There are too few samples to tell noise from motion.
     """
-    _refuse_few(information)
+    refuse_few(information, len(information.layout.columns), FREEDOM)
     fit = WeightedLeastSquares(per_run=tuple(per_run)).fit(information)
     variances = fit.variances * inflations(fit)
     if equal:
@@ -90,16 +90,3 @@ def whitened(
         np.sqrt(np.maximum(squares[columns], 0.0)),
         float(np.sqrt(effort)),
     )
-
-
-def _refuse_few(information: Information) -> None:
-    """Raise where a row has fewer samples than could show its noise."""
-    layout, counts = information.layout, information.n_samples
-    total, wanted = float(counts.sum()), FREEDOM * len(layout.columns)
-    if total < wanted:
-        runs = ", ".join(dict.fromkeys(w.run for w in information.windows)) or "no run"
-        raise DataError(
-            f"too few samples: {total:.0f} independent ones for {len(layout.columns)} parameters",
-            where=runs,
-            mend="log longer, at a higher rate, or with faster motion",
-        )

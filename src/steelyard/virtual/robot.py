@@ -93,9 +93,18 @@ class VirtualRobot:
         columns = as_declared(reading, self.signals, velocity=sensors.velocity, gains=sensors.gains)
         write_table(log, columns)
 
-    def follow(self, trajectory: Trajectory) -> TrueRun:
-        """Follow `trajectory`; what happened at every tick, without sensors."""
-        ticks = round((trajectory.duration + 2.0 * self.rest) * CONTROL_RATE) + 1
+    def ticks(self, trajectory: Trajectory) -> int:
+        """Ticks of the controller along a trajectory, rests included."""
+        return round((trajectory.duration + 2.0 * self.rest) * CONTROL_RATE) + 1
+
+    def follow(self, trajectory: Trajectory, felt: ArrayLike = 0.0) -> TrueRun:
+        """Follow `trajectory`; what happened at every tick, without sensors.
+
+        Args:
+            trajectory: The motion.
+            felt: Errors of the positions that the controller feels, shape `(ticks, n)` [rad; m].
+        """
+        ticks = self.ticks(trajectory)
         t = frozen(np.arange(ticks) * _TICK)
         goal, speed = self.wanted(trajectory, t)
         self._check_loops(t, goal)
@@ -111,12 +120,13 @@ class VirtualRobot:
         self.place(goal[0])
         tau = self._settle(goal[0])
         q, dq, effort, friction = (np.zeros_like(goal) for _ in range(4))
+        aim = goal - np.broadcast_to(felt, goal.shape)
         q[0], dq[0] = self._plant.state()
         for k in range(ticks):
             if k % _TICKS_PER_EVENT == 0:
                 tell(self._progress, "simulation", t[k], float(t[-1]))
             before = tau
-            tau = self.control.torque(goal[k] - q[k], speed[k] - dq[k])
+            tau = self.control.torque(aim[k] - q[k], speed[k] - dq[k])
             effort[k] = 0.5 * (before + tau)
             friction[k] = self._plant.motor_friction()
             if k + 1 < ticks:
