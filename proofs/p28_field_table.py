@@ -1,16 +1,16 @@
 """The estimator table of the field: what noise of positions and filters do to every estimator.
 
-As in the benchmark BIRDy [Leboutet2021]: the demo arm, six joints with Coulomb and viscous friction,
-simulated in closed loop at 1 kHz. Its controller feels the noisy positions that are logged; torques
-have white noise of 1 % of the typical torque. Motion of 10 s, another one and other noise per seed,
-judged on a motion without noise.
+As in the benchmark BIRDy [Leboutet2021]: the demo arm, six joints with Coulomb and viscous
+friction, simulated in closed loop at 1 kHz. Its controller feels the noisy positions that are
+logged; torques have white noise of 1 % of the typical torque. Motion of 10 s, another one and other
+noise per seed, judged on a motion without noise.
 
 Filters are zero-phase Butterworth low-passes before differentiation, at 10 and 50 Hz; `none` are
-central differences of the raw positions. Regressor and torque then go through one parallel low-pass,
-as is the custom, of 20 Hz, or the filter's cut-off if that is lower. Coulomb friction turns smoothly
-over 0.02 rad/s, in the truth and in the model, so that what is measured is noise, not a model error.
-Estimators that simulate know controller and wanted motion. Those that take long are run on the first
-seed, those that simulate on all seeds behind 50 Hz.
+central differences of the raw positions. Regressor and torque then go through one parallel
+low-pass, as is the custom, of 20 Hz, or the filter's cut-off if that is lower. Coulomb friction
+turns smoothly over 0.02 rad/s, in the truth and in the model, so that what is measured is noise,
+not a model error. Estimators that simulate know controller and wanted motion. Those that take long
+are run on the first seed, those that simulate on all seeds behind 50 Hz.
 """
 
 import sys
@@ -25,7 +25,6 @@ from time import perf_counter
 import numpy as np
 from claims import Claim, main_of
 
-from steelyard.arrays import Array
 from steelyard.errors import DataError
 from steelyard.estimation.estimate import Estimate
 from steelyard.estimation.experiment import Experiment
@@ -141,7 +140,8 @@ def prepared(recording: Recording, cutoff: float | None) -> Run:
     if cutoff is None:
         motion = SavitzkyGolay(window=3, degree=2)
         return prepare(
-            recording, Processing(motion=motion, matched_cutoff=PARALLEL, rest_speed=1e-3, outliers=None)
+            recording,
+            Processing(motion=motion, matched_cutoff=PARALLEL, rest_speed=1e-3, outliers=None),
         )
     return prepare(
         recording,
@@ -161,7 +161,9 @@ def wanted(offer: Offer, cutoff: float | None, seed: int) -> bool:
     return offer.needs != "experiment" or seed == 0 or cutoff == 50.0
 
 
-def scores(noise: float, cutoff: float | None, seed: int, recording: Recording) -> Iterator[tuple[str, Score]]:
+def scores(
+    noise: float, cutoff: float | None, seed: int, recording: Recording
+) -> Iterator[tuple[str, Score]]:
     """All estimators on one log."""
     here = bench()
     run, motion = prepared(recording, cutoff), random_fourier(here.robot, seed=seed, period=PERIOD)
@@ -192,12 +194,23 @@ def table_of(found: dict[Cell, list[Score]]) -> str:
             for noise in NOISES:
                 each = found.get((noise, cutoff, offer.name), [])
                 good = [score for score in each if not score.reason]
-                mark = f"{len(each) - len(good)} of {len(each)} failed" if len(good) < len(each) else ""
+                mark = (
+                    f"{len(each) - len(good)} of {len(each)} failed"
+                    if len(good) < len(each)
+                    else ""
+                )
                 if good:
-                    v, p, s = (np.mean([getattr(x, n) for x in good]) for n in ("validation", "parameters", "seconds"))
+                    v, p, s = (
+                        np.mean([getattr(x, n) for x in good])
+                        for n in ("validation", "parameters", "seconds")
+                    )
                     mark = f"{v:8.3f} % {p:8.3f} % {s:5.1f} s" + ("*" if mark else " ")
                 row += f"{mark or '-':>30}"
-                reasons += [f"  {offer.name}, {noise:g} rad, filter {cutoff}: {x.reason}" for x in each if x.reason]
+                reasons += [
+                    f"  {offer.name}, {noise:g} rad, filter {cutoff}: {x.reason}"
+                    for x in each
+                    if x.reason
+                ]
             lines.append(row)
     return "\n".join([*lines, "* and failures:", *dict.fromkeys(reasons)])
 
@@ -239,7 +252,12 @@ def main() -> list[Claim]:
     plain, instrumental = (mean_of(found, 1e-4, 50.0, name) for name in ("WLS", "IV"))
     gain = plain / instrumental
     claims.append(
-        Claim("WLS over IV, 1e-4 rad, 50 Hz", f"{plain:.3f} / {instrumental:.3f} % = {gain:.1f}", ">= 3", gain >= 3.0)
+        Claim(
+            "WLS over IV, 1e-4 rad, 50 Hz",
+            f"{plain:.3f} / {instrumental:.3f} % = {gain:.1f}",
+            ">= 3",
+            gain >= 3.0,
+        )
     )
     for noise, name, bound in ((1e-4, "EKF", 1.15), (1e-4, "DIDIM", 1.15), (5e-4, "EKF", 1.1)):
         best, whose = best_of(found, noise)
@@ -252,7 +270,9 @@ def main() -> list[Claim]:
                 own <= bound * best,
             )
         )
-    failed = [score for each in found.values() for score in each if not np.isfinite(score.validation)]
+    failed = [
+        score for each in found.values() for score in each if not np.isfinite(score.validation)
+    ]
     told = sum(bool(score.reason) for score in failed)
     claims.append(
         Claim("failures with a reason", f"{told} of {len(failed)}", "all", told == len(failed))

@@ -24,9 +24,9 @@ from steelyard.estimation.register import ESTIMATORS, Context, Offer
 from steelyard.estimation.rows import filtered
 from steelyard.estimation.simulation import simulate
 from steelyard.excitation.random_fourier import random_fourier
-from steelyard.measurement.recording import HeldLog, Recording
 from steelyard.measurement.prepare import prepare
 from steelyard.measurement.processing import Processing
+from steelyard.measurement.recording import HeldLog, Recording
 from steelyard.model import Model
 from steelyard.motion import Motion
 from steelyard.progress import Event, Stopped
@@ -60,7 +60,9 @@ def regressor() -> Regressor:
 def truth() -> Array:
     model = regressor().model
     laws = {"rotor_inertia": 0.3, "coulomb": 1.5, "viscous": 0.8}
-    known = [p.prior if p.prior is not None else laws[p.name.split(".")[0]] for p in model.parameters]
+    known = [
+        p.prior if p.prior is not None else laws[p.name.split(".")[0]] for p in model.parameters
+    ]
     return frozen(regressor().base.base_values(known))
 
 
@@ -314,7 +316,12 @@ def test_a_log_without_controller_gets_one_that_stands_in() -> None:
     data = Experiment.of_runs(regressor(), [log])
     assert "stands in" in data.notes[0]
     assert np.allclose(data.runs[0].q, run.q[-len(data.runs[0].q) :], atol=0.5)
-    for estimator in (InstrumentalVariables(), Didim(), ClosedLoopOutputError(), KalmanParameters()):
+    for estimator in (
+        InstrumentalVariables(),
+        Didim(),
+        ClosedLoopOutputError(),
+        KalmanParameters(),
+    ):
         estimate = estimator(data)
         assert torque_error(estimate) < 0.01
         assert any("stands in" in note for note in estimate.notes)

@@ -78,7 +78,9 @@ def test_rotors_are_felt_as_mujoco_feels_them() -> None:
     dynamics, values = based(model, **rotors)
     q, dq = drawn(robot)
     mass, _ = dynamics.mass_and_bias(q, 0.0 * dq, values, np.ones(robot.n))
-    armature = [Rotor(tuple(row), i) for row, i in zip(np.eye(robot.n), rotors.values(), strict=True)]
+    armature = [
+        Rotor(tuple(row), i) for row, i in zip(np.eye(robot.n), rotors.values(), strict=True)
+    ]
     wanted = mass_matrices(build(robot, rotors=armature), q.T)
     assert np.allclose(mass, wanted, rtol=1e-6, atol=1e-9)
 

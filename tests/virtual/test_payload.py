@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from steelyard.errors import ModelError
+from steelyard.estimation.controller import JointPD
 from steelyard.excitation.random_fourier import random_fourier
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.robot import Robot
-from steelyard.estimation.controller import JointPD
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.payload import Payload
 from steelyard.virtual.plant import MujocoPlant

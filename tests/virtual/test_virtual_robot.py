@@ -6,12 +6,12 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from steelyard.errors import OutputError
+from steelyard.estimation.controller import tuned_pd
 from steelyard.excitation.fourier import FourierMotion
 from steelyard.excitation.random_fourier import random_fourier
 from steelyard.motion import Plant, Rig
 from steelyard.progress import Event, Stopped
 from steelyard.robot.robot import Robot
-from steelyard.estimation.controller import tuned_pd
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.mujoco_model import build, inverse_dynamics
 from steelyard.virtual.robot import VirtualRobot

@@ -59,11 +59,11 @@ class Didim:
             sigma = floored(found, torque)
             matrix = normal(columns, columns, sigma)
             side = normal(columns, as_column(residual), sigma)[:, 0]
-            change = np.linalg.solve(matrix, side)
+            change = np.asarray(np.linalg.solve(matrix, side))
             values = values + change
             if settled(change, matrix, torque, sigma):
                 notes = (f"{number + 1} simulations",)
-                covariance = np.linalg.inv(matrix)
+                covariance = np.asarray(np.linalg.inv(matrix))
                 return result(NAME, experiment, values, covariance, found, torque.counts, notes)
         raise unsettled(NAME, experiment, self.rounds)
 

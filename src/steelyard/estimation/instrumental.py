@@ -59,7 +59,7 @@ class InstrumentalVariables:
             found = np.linalg.solve(cross, side)
             inverse = np.linalg.inv(cross)
             covariance = inverse @ normal(instruments, instruments, sigma) @ inverse.T
-            change, values = found - values, found
+            change, values = np.asarray(found - values), np.asarray(found)
             if settled(change, np.linalg.inv(covariance), torque, sigma):
                 sigma = _sigma(torque, seen, values)
                 notes = (f"{number + 1} simulations",)
@@ -77,4 +77,3 @@ def _sigma(torque: Rows, seen: Rows, values: Array) -> Array:
     return deviations(
         Rows(torque.values - seen.values @ values, torque.counts, torque.share), len(values)
     )
-

@@ -52,9 +52,9 @@ class ClosedLoopOutputError:
             sigma = floored(found, torque)
             matrix = normal(columns, columns, sigma)
             side = normal(columns, as_column(residual), sigma)[:, 0]
-            whole = np.linalg.solve(matrix, side)
+            whole = np.asarray(np.linalg.solve(matrix, side))
             if settled(whole, matrix, torque, sigma):
-                covariance, notes = np.linalg.inv(matrix), (f"{number + 1} rounds",)
+                covariance, notes = np.asarray(np.linalg.inv(matrix)), (f"{number + 1} rounds",)
                 return result(NAME, experiment, values, covariance, found, torque.counts, notes)
             cost = _cost(residual, sigma)
             while damping < _MOST_DAMPING:
@@ -97,6 +97,4 @@ def _cost_at(experiment: Experiment, values: Array, sigma: Array, progress: Prog
 
 
 def _cost(residual: Rows, sigma: Array) -> float:
-    return float(
-        np.einsum("rk,k,r->", np.square(residual.values), residual.share, 1.0 / sigma**2)
-    )
+    return float(np.einsum("rk,k,r->", np.square(residual.values), residual.share, 1.0 / sigma**2))

@@ -197,7 +197,9 @@ ESTIMATORS: tuple[Offer, ...] = (
     ),
     Offer("GA", "genetic algorithm over base parameters", "information", _genetic, slow=True),
     Offer("CMA-ES", "evolution of a normal distribution", "information", _cma_es, slow=True),
-    Offer("IV", "instruments from the simulated closed loop", "experiment", _instrumental, slow=True),
+    Offer(
+        "IV", "instruments from the simulated closed loop", "experiment", _instrumental, slow=True
+    ),
     Offer("DIDIM", "simulated against measured torques", "experiment", _didim, slow=True),
     Offer("CLOE", "the same with true sensitivities", "experiment", _output_error, slow=True),
     Offer("EKF", "extended Kalman filter over the parameters", "experiment", _kalman, slow=True),

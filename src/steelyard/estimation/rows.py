@@ -1,4 +1,4 @@
-"""Regressor and torque of whole runs behind the matched filter, in memory: for small experiments."""
+"""Regressor and torque of whole runs behind the matched filter: for small experiments."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -142,4 +142,5 @@ class _Tape:
             before = now
         possible = ~(self.least <= 0.0)
         sound = possible & (self.farthest < _BEYOND) & np.isfinite(self.tau).all(axis=(0, 1))
-        return Simulated(*self.motion, self.tau, possible, sound)
+        q, dq, ddq = self.motion
+        return Simulated(q, dq, ddq, self.tau, possible, sound)

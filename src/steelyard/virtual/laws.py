@@ -17,12 +17,12 @@ from steelyard.kernel.compiled import Code, compiled
 from steelyard.kernel.dynamics import JointState, Scalar, inverse_dynamics
 from steelyard.kernel.program import Array as Input
 from steelyard.kernel.program import Program
+from steelyard.kernel.soften import softened
 from steelyard.model import Model
 from steelyard.robot.robot import Robot
 from steelyard.terms.term import Remembering, Samples, Term, channels_of
 from steelyard.virtual.memory import Stepping, stepping
 from steelyard.virtual.mujoco_model import MujocoModel
-from steelyard.kernel.soften import softened
 
 VELOCITY, WIDTHS = 1, 7
 
