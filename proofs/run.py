@@ -10,9 +10,14 @@ from claims import Claim, data_folder, table
 
 
 def main() -> int:
-    """Run every `p*.py` beside this file, or those named as arguments."""
+    """Run every `p*.py` beside this file, or those whose names begin with an argument."""
     data_folder()
-    names = sys.argv[1:] or sorted(path.stem for path in Path(__file__).parent.glob("p[0-9]*.py"))
+    every = sorted(path.stem for path in Path(__file__).parent.glob("p[0-9]*.py"))
+    wanted = sys.argv[1:] or every
+    names = [name for name in every if name.startswith(tuple(wanted))]
+    if not names:
+        print(f"no proof begins with {' or '.join(wanted)}; there are {', '.join(every)}")
+        return 1
     claims: list[Claim] = []
     for name in names:
         start = time.perf_counter()

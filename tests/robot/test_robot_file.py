@@ -321,7 +321,8 @@ def test_examples_load_and_their_logs_have_the_columns(name: str) -> None:
 @needs_data
 def test_ar5_hangs_sideways_and_tiago_lifts_against_gravity() -> None:
     ar5, tiago = (load_robot(EXAMPLES / f"{n}.toml").robot for n in ("rokae_ar5", "tiago"))
-    assert np.array_equal(ar5.gravity, [9.81, 0.0, 0.0])
+    assert np.linalg.norm(ar5.gravity) == pytest.approx(9.81, abs=2e-3)
+    assert ar5.gravity[0] > 9.8  # it leans by about a degree
     assert tiago.coordinates[0].kind == "prismatic"
     lifted = sum(body.inertia.mass for body in tiago.bodies)
     links = read_mechanism(Path(DATA or "", "tiago/tiago_48_schunk.urdf")).links

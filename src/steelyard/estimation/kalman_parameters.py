@@ -132,6 +132,6 @@ def _said(raised: Array) -> tuple[str, ...]:
 def _sizes(experiment: Experiment) -> Array:
     """Values at which each parameter alone makes all of the torque, shape `(p,)`."""
     efforts = experiment.information.effort_squares()
-    weights = np.maximum(efforts, 1e-6 * efforts.max())
+    weights = 1.0 / np.maximum(efforts, max(1e-6 * float(efforts.max()), 1e-300))
     own = np.diag(experiment.information.normal(weights)[0])[experiment.kept]
     return np.asarray(1.0 / np.sqrt(np.maximum(own, 1e-300)))
