@@ -35,6 +35,8 @@ class Fit:
         findings: Fields that were found.
         gains: Drive gains that were found, if any.
         notes: What was decided, for people to read.
+        information: What the runs say about the model's columns.
+        estimator: What made the estimate of it.
     """
 
     identified: IdentifiedModel
@@ -43,6 +45,8 @@ class Fit:
     findings: tuple[Finding, ...]
     gains: GainEstimate | None
     notes: tuple[str, ...]
+    information: Information
+    estimator: Estimator[Information]
 
 
 def fit(
@@ -67,15 +71,16 @@ def fit(
         threads: Native threads.
         progress: Told about every pass.
     """
-    estimator, other = (_of_runs(e, model) for e in estimators(loaded_robot))
-    ground = grounded(model, loaded_robot, runs, carrying, payload, estimator, threads, progress)
+    least_squares, other = (_of_runs(e, model) for e in estimators(loaded_robot))
+    ground = grounded(
+        model, loaded_robot, runs, carrying, payload, least_squares, threads, progress
+    )
     model, runs = ground.model, ground.runs
     information = ground.said(base_regressor(model))
-    plain = estimator(information)
-    estimate, reference = plain, other(information)
+    plain = least_squares(information)
     more = _least_squares_because(loaded_robot, ground.gains)
-    if not more:
-        estimate, reference = consistent_of(loaded_robot, model)(information), plain
+    estimator = least_squares if more else consistent_of(loaded_robot, model)
+    estimate, reference = (plain, other(information)) if more else (estimator(information), plain)
     notes = (*ground.notes, *more, *estimate.notes, *_beyond(model, plain))
     identified = IdentifiedModel(
         model=model,
@@ -91,7 +96,16 @@ def fit(
         processing=wanted_by(loaded_robot),
         provenance=replace(origin, notes=(*origin.notes, *notes)),
     )
-    return Fit(identified, ground.runs, ground.choice, ground.findings, ground.gains, notes)
+    return Fit(
+        identified,
+        ground.runs,
+        ground.choice,
+        ground.findings,
+        ground.gains,
+        notes,
+        information,
+        estimator,
+    )
 
 
 LeastSquares = OrdinaryLeastSquares | WeightedLeastSquares
@@ -101,11 +115,6 @@ def estimators(loaded: LoadedRobot) -> tuple[LeastSquares, LeastSquares]:
     """The estimator that the robot file asks for, and the one beside it."""
     noise, equal = WeightedLeastSquares(), OrdinaryLeastSquares()
     return (noise, equal) if loaded.estimation.weights == "noise" else (equal, noise)
-
-
-def estimator_of(loaded: LoadedRobot, model: Model) -> Estimator[Information]:
-    """The estimator that the robot file asks for, with what every run has for itself."""
-    return _of_runs(estimators(loaded)[0], model)
 
 
 def consistent_of(loaded: LoadedRobot, model: Model) -> Estimator[Information]:

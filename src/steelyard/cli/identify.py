@@ -54,6 +54,12 @@ def identify(
         bool,
         typer.Option("--sensitivity", help="Fit again with cut-offs x 0.5 to x 2, and compare."),
     ] = False,
+    bootstrap: Annotated[
+        int | None,
+        typer.Option(
+            min=20, help="Estimate again so often from windows of time drawn again.", metavar="N"
+        ),
+    ] = None,
     threads: Threads = None,
     as_json: Json = False,
 ) -> None:
@@ -64,6 +70,7 @@ def identify(
     from rich.console import Console
 
     from steelyard.cli.show import progress_bar
+    from steelyard.report.bootstrap_terminal import bootstrap_lines
     from steelyard.report.sensitivity_terminal import sensitivity_lines
     from steelyard.report.terminal import summary
 
@@ -80,6 +87,7 @@ def identify(
             payload_frame=payload_frame,
             check=not no_check,
             sensitivity=sensitivity,
+            bootstrap=bootstrap,
         )
     if as_json:
         typer.echo(json.dumps(results(content, folder), allow_nan=False))
@@ -87,6 +95,8 @@ def identify(
     summary(content, Console())
     if content.sensitivity is not None:
         sensitivity_lines(content.sensitivity, Console())
+    if content.bootstrap is not None:
+        bootstrap_lines(content, Console())
     typer.echo(f"\nmodel   {folder / 'model.json'}\nreport  {folder / 'report.html'}")
 
 
@@ -103,6 +113,7 @@ def run_identify(
     payload_frame: str | None = None,
     check: bool = True,
     sensitivity: bool = False,
+    bootstrap: int | None = None,
     last: bool = True,
 ) -> "tuple[ReportContent, Path]":
     """The whole river; writes the output folder, whole or not at all.
@@ -112,6 +123,7 @@ def run_identify(
     """
     from steelyard.cli import describe, interrupt, river
     from steelyard.cli.before import checked, passed
+    from steelyard.cli.drawn_again import drawn_again
     from steelyard.cli.fitting import Payload, fit
     from steelyard.cli.sensitivity import varied
     from steelyard.files import whole_folder
@@ -139,7 +151,9 @@ def run_identify(
         content = report_of(found, unseen, (*clean, *unseen), notes, progress)
         content = replace(content, diagnosis=found_out)
         if sensitivity:
-            content = varied(content, found, file, (known, unknown), threads, progress)
+            content = varied(content, found, (known, unknown), threads, progress)
+        if bootstrap is not None:
+            content = drawn_again(content, found, bootstrap, progress)
         write_results(found.identified, content, part)
         if last:
             interrupt.too_late()
@@ -218,5 +232,6 @@ def results(content: "ReportContent", folder: Path) -> dict[str, object]:
         "identification": [score.to_dict() for score in content.fitted],
         "check": None if content.diagnosis is None else diagnosis_dict(content.diagnosis),
         "sensitivity": None if content.sensitivity is None else content.sensitivity.to_dict(),
+        "bootstrap": None if content.bootstrap is None else content.bootstrap.to_dict(),
         "notes": list(content.notes),
     }

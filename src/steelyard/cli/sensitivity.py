@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from steelyard.cli.fitting import Fit, estimator_of
+from steelyard.cli.fitting import Fit
 from steelyard.cli.river import LogArgument, processing_of, recording_of, scored
 from steelyard.errors import LogError
 from steelyard.estimation.fields import said_by
@@ -14,7 +14,6 @@ from steelyard.measurement.defaults import MATCHED_HIGHEST, NYQUIST_SHARE, round
 from steelyard.progress import Progress
 from steelyard.regression.regressor import base_regressor
 from steelyard.report import ReportContent
-from steelyard.robot.robot_file import LoadedRobot
 from steelyard.validation.mixes import remembers
 from steelyard.validation.score import RunScore
 from steelyard.validation.sensitivity import FACTORS, Sensitivity, Variation
@@ -23,19 +22,17 @@ from steelyard.validation.sensitivity import FACTORS, Sensitivity, Variation
 def varied(
     content: ReportContent,
     fit: Fit,
-    loaded: LoadedRobot,
     logs: tuple[Sequence[LogArgument], Sequence[LogArgument]],
     threads: int,
     progress: Progress,
 ) -> ReportContent:
     """What the report shows, with the fits beside it; `logs` are those fitted and those not."""
     scores = content.fitted, content.scores
-    return replace(content, sensitivity=sensitivity(fit, loaded, *logs, scores, threads, progress))
+    return replace(content, sensitivity=sensitivity(fit, *logs, scores, threads, progress))
 
 
 def sensitivity(
     fit: Fit,
-    loaded: LoadedRobot,
     fitted: Sequence[LogArgument],
     unseen: Sequence[LogArgument],
     scores: tuple[Sequence[RunScore], Sequence[RunScore]],
@@ -48,7 +45,6 @@ def sensitivity(
 
     Args:
         fit: The result.
-        loaded: What the robot file says.
         fitted: Logs that were fitted.
         unseen: Logs that were not.
         scores: The result's, on both.
@@ -68,7 +64,7 @@ def sensitivity(
         other = replace(processing_of(identified), motion_cutoff=motion, matched_cutoff=matched)
         try:
             same = replace(other, repetitions=identified.processing.repetitions)
-            again = _refitted(fit, loaded, fitted, same, threads, progress)
+            again = _refitted(fit, fitted, same, threads, progress)
             runs = [
                 *again.runs,
                 *(prepare(recording_of(log, identified.signals), other) for log in unseen),
@@ -85,7 +81,6 @@ def sensitivity(
 
 def _refitted(
     fit: Fit,
-    loaded: LoadedRobot,
     logs: Sequence[LogArgument],
     processing: Processing,
     threads: int,
@@ -98,8 +93,10 @@ def _refitted(
     for log, before in zip(logs, fit.runs, strict=True):
         runs.append(replace(prepare(recording_of(log, signals), processing), name=before.name))
     said = said_by(runs, rests=remembers(model.terms), threads=threads, progress=progress)
-    estimate = estimator_of(loaded, model)(said(base_regressor(model)))
-    return replace(fit, identified=replace(identified, estimate=estimate), runs=tuple(runs))
+    information = said(base_regressor(model))
+    estimate = fit.estimator(information)
+    again = replace(identified, estimate=estimate)
+    return replace(fit, identified=again, runs=tuple(runs), information=information)
 
 
 def _mean(scores: Sequence[RunScore]) -> float | None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from steelyard.diagnosis import Diagnosis
+    from steelyard.estimation.bootstrap import Bootstrap
     from steelyard.estimation.fields import Finding
     from steelyard.estimation.gains import GainEstimate
     from steelyard.estimation.identified import IdentifiedModel
@@ -38,6 +39,7 @@ class ReportContent:
         gains: Drive gains that were found, if any.
         diagnosis: What the logs were checked for before.
         sensitivity: Fits with other cut-offs, if they were asked for.
+        bootstrap: Estimates of windows drawn again, if they were asked for.
         comparison: Estimators beside each other, if they were compared.
     """
 
@@ -54,4 +56,5 @@ class ReportContent:
     gains: GainEstimate | None = None
     diagnosis: Diagnosis | None = None
     sensitivity: Sensitivity | None = None
+    bootstrap: Bootstrap | None = None
     comparison: Comparison | None = None

@@ -1,6 +1,7 @@
 """All sections, in the order of the page."""
 
 from steelyard.report.sections.bodies import BodiesSection
+from steelyard.report.sections.bootstrap import BootstrapSection
 from steelyard.report.sections.check import CheckSection
 from steelyard.report.sections.compare import CompareSection
 from steelyard.report.sections.conditioning import ConditioningSection
@@ -26,6 +27,7 @@ SECTIONS: tuple[Section, ...] = (
     PerRunSection(),
     UnseenSection(),
     ConditioningSection(),
+    BootstrapSection(),
     SensitivitySection(),
     CompareSection(),
     CheckSection(),
