@@ -25,7 +25,7 @@ def words(text: str) -> str:
 
 def test_runs_are_left_out_in_turn(command, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    done = command("compare", ROBOT, LOG, OTHER, "--estimators", "wls", "OLS", "-o", out)
+    done = command("compare", ROBOT, LOG, OTHER, "--estimators", "wls,OLS", "-o", out)
     assert done.exit_code == 0, done.output
     text = words(done.output)
     assert "Each estimator is fitted to all but one run, and predicts that one: 2 times." in text
@@ -88,7 +88,10 @@ def test_an_estimator_that_fails_does_not_stop_the_others(command, monkeypatch) 
     ("arguments", "expected"),
     [
         (("--estimators", "WSL"), ("no estimator 'WSL'", "--estimators", "did you mean 'WLS'")),
-        (("--estimators", "xyzzy"), ("no estimator 'xyzzy'", "the estimators are OLS, WLS")),
+        (
+            ("--estimators", "xyzzy"),
+            ("no estimator 'xyzzy'", "the estimators are OLS, WLS", "CLOE, EKF"),
+        ),
         (("-o", "../given"), ("the output folder exists already",)),
     ],
 )

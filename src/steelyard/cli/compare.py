@@ -28,7 +28,8 @@ def compare(
         list[str] | None,
         typer.Option(
             "--estimators",
-            help="Which to compare; all that neither search nor simulate if unset.",
+            help="Which to compare, as WLS consistent Huber IV; all that neither search nor "
+            "simulate if unset.",
             metavar="NAME...",
         ),
     ] = None,

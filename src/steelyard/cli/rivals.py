@@ -69,20 +69,25 @@ class Rivals:
 def offers_of(names: Sequence[str], everything: bool) -> tuple[Offer, ...]:
     """The estimators that are named; if none is, those that neither search nor simulate.
 
+    Args:
+        names: Their names; several may stand in one, with commas between them.
+        everything: Without names, also those that search or simulate.
+
     Raises:
         ModelError: There is none of that name.
     """
     if not names:
         return tuple(offer for offer in ESTIMATORS if everything or not offer.slow)
     known = {_plain(offer.name): offer for offer in ESTIMATORS}
-    for name in names:
+    each = [name.strip() for some in names for name in some.split(",") if name.strip()]
+    for name in each:
         if _plain(name) not in known:
             raise ModelError(
                 f"there is no estimator '{name}'",
                 where="--estimators",
-                mend=advice(name, [offer.name for offer in ESTIMATORS], "estimators"),
+                mend=advice(name, [o.name for o in ESTIMATORS], "estimators", len(ESTIMATORS)),
             )
-    return tuple(known[name] for name in dict.fromkeys(map(_plain, names)))
+    return tuple(known[name] for name in dict.fromkeys(map(_plain, each)))
 
 
 def _plain(name: str) -> str:

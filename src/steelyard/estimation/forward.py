@@ -202,7 +202,7 @@ def impossible_mass(model: Model) -> DataError:
         "with the values found so far the mass matrix is not positive definite, so that nothing "
         "can be simulated",
         where=f"model of '{model.robot.name}'",
-        mend="filter the motion more, log a richer one, or start from a consistent estimate",
+        mend="log a richer motion, filter it more, or take an estimator that does not simulate",
     )
 
 

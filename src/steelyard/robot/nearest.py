@@ -10,24 +10,26 @@ def nearest(name: str, names: Iterable[str], count: int = 3) -> tuple[str, ...]:
     return tuple(by_lower[n] for n in get_close_matches(name.lower(), by_lower, count, 0.5))
 
 
-def advice(name: str, names: Iterable[str], what: str) -> str:
+def advice(name: str, names: Iterable[str], what: str, most: int = 12) -> str:
     """One line that offers the nearest of `names`, or all of them when none is near.
 
     Args:
         name: The name that was not found.
         names: Those that exist.
         what: What they are, in the plural: `joints`, `keys`.
+        most: How many are listed at most.
     """
     known = list(names)
     if near := nearest(name, known):
         return "did you mean " + " or ".join(f"'{n}'" for n in near) + "?"
-    return listing(known, what)
+    return listing(known, what, most)
 
 
-def listing(names: Iterable[str], what: str) -> str:
-    """One line that lists the names, a dozen at most."""
+def listing(names: Iterable[str], what: str, most: int = 12) -> str:
+    """One line that lists the names, `most` of them at most."""
     known = list(names)
     if not known:
         return f"there are no {what} to choose from"
-    shown = ", ".join(known[:12]) + (f", and {len(known) - 12} more" if len(known) > 12 else "")
+    shown = ", ".join(known[:most])
+    shown += f", and {len(known) - most} more" if len(known) > most else ""
     return f"the {what} are {shown}"
