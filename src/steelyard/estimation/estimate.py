@@ -102,6 +102,8 @@ class Estimate:
             data do not see is then as the prior says.
         learned: Share of each of `parameters` that comes from the data, 0 to 1, shape `(p,)`; all
             ones without a prior.
+        at_bound: Those of `parameters` that a bound of a law or of the user holds: the data would
+            have them beyond it.
         notes: What was decided on the way, for people to read.
     """
 
@@ -116,6 +118,7 @@ class Estimate:
     per_run: tuple[OfRun, ...] = ()
     standard: Standard | None = None
     learned: Array | None = None
+    at_bound: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
     @property
@@ -158,6 +161,7 @@ class Estimate:
             ],
             "standard": None if self.standard is None else _standard_to_dict(self.standard),
             "learned": None if self.learned is None else self.learned.tolist(),
+            "at_bound": list(self.at_bound),
             "notes": list(self.notes),
         }
 
@@ -188,6 +192,7 @@ class Estimate:
             ),
             standard=None if data["standard"] is None else _standard_from_dict(data["standard"]),
             learned=None if data["learned"] is None else frozen(data["learned"], (size,)),
+            at_bound=tuple(data["at_bound"]),
             notes=tuple(data["notes"]),
         )
 
