@@ -182,6 +182,8 @@ def resting_log(given: Path) -> None:
 
 def of_rest(given: Path, work: Path) -> list[Claim]:
     """What only a joint's own motion shows comes from the prior, and is marked so."""
+    from steelyard.estimation.identified import load_model
+
     resting_log(given)
     out = work.parent / "rested"
     log = "../given/resting.parquet"
@@ -192,12 +194,13 @@ def of_rest(given: Path, work: Path) -> list[Claim]:
         rows = {row["name"]: row for row in csv.DictReader(file)}
     own = [name for name in rows if name in (f"viscous.{HELD}", f"coulomb.{HELD}")]
     marks = {name: rows[name]["status"] for name in own}
-    learned = [float(rows[name]["from_data_percent"] or 0.0) for name in own]
-    others = [
-        float(row["from_data_percent"] or 0.0)
-        for name, row in rows.items()
-        if name.startswith("viscous.") and name not in own
-    ]
+    standard = load_model(out).estimate.standard
+    assert standard is not None
+    shares = dict(zip(standard.parameters.names, 100.0 * standard.learned, strict=True))
+    stds = dict(zip(standard.parameters.names, standard.std, strict=True))
+    learned = [shares[name] for name in own]
+    others = [share for name, share in shares.items() if name.startswith("viscous.")]
+    others = [share for share in others if share not in learned]
     seen = "; ".join(f"{name}: {mark}" for name, mark in marks.items())
     page = (out / "report.html").read_text()
     unseen = page[page.index('<section id="unseen"') :]
@@ -215,6 +218,12 @@ def of_rest(given: Path, work: Path) -> list[Claim]:
             f"{max(learned, default=-1.0):.2g} %; other joints at least {min(others):.3g} %",
             "<= 1 %; >= 80 %",
             max(learned, default=100.0) <= 1.0 and min(others) >= 80.0,
+        ),
+        Claim(
+            "a joint that never moved: standard deviations of its friction",
+            f"at least {min((stds[name] for name in own), default=0.0):.3g} Nm, Nm s/rad",
+            ">= 10",
+            min((stds[name] for name in own), default=0.0) >= 10.0,
         ),
         Claim(
             "a joint that never moved: report",

@@ -11,7 +11,7 @@ from steelyard.errors import DataError
 from steelyard.estimation.consistent import Consistent
 from steelyard.estimation.estimate import Estimate
 from steelyard.estimation.knowledge import Knowledge, Row
-from steelyard.estimation.least_squares import WeightedLeastSquares
+from steelyard.estimation.least_squares import OrdinaryLeastSquares, WeightedLeastSquares
 from steelyard.estimation.physics import Entropic, Form, Free, Pullback
 from steelyard.estimation.prior import default_knowledge
 from steelyard.estimation.whitened import whitened
@@ -156,8 +156,74 @@ def test_poor_data_stay_near_the_prior_and_say_so() -> None:
     learned = dict(zip(estimate.standard.parameters.names, estimate.standard.learned, strict=True))
     assert "viscous.tip_joint" in [blind.name for blind in estimate.blind]
     assert estimate.standard.parameters["viscous.tip_joint"] == 0.0
-    assert learned["viscous.tip_joint"] == 0.0
+    assert learned["viscous.tip_joint"] < 1e-9
     assert learned["viscous.trunk_joint"] > 0.99
+    std = dict(zip(estimate.standard.parameters.names, estimate.standard.std, strict=True))
+    assert std["viscous.tip_joint"] > 10.0  # nothing tells it
+    assert std["viscous.trunk_joint"] < 0.1
+
+
+def of(estimate: Estimate) -> dict[str, float]:
+    assert estimate.standard is not None
+    return estimate.standard.parameters.as_dict()
+
+
+def test_wishes_about_what_the_data_do_not_see_hold_and_harm_nothing() -> None:
+    information = said(0.05, still=3)
+    tied = Row("twin", {"viscous.tip_joint": 1.0, "viscous.trunk_joint": -0.5}, 0.0, 0.0)
+    least = Row("least", {"coulomb.tip_joint": 1.0}, lower=0.2)
+    given = Row("given", {"rotor_inertia.tip_joint": 1.0}, lower=3.0, upper=3.0)
+    with_them = Consistent(REGRESSOR.base, known(rows=(tied, least, given)))(information)
+    without = of(Consistent(REGRESSOR.base, known())(information))
+    values = of(with_them)
+    assert values["viscous.trunk_joint"] == pytest.approx(without["viscous.trunk_joint"], rel=1e-4)
+    assert values["viscous.tip_joint"] == pytest.approx(0.5 * values["viscous.trunk_joint"])
+    assert values["coulomb.tip_joint"] == 0.2
+    assert values["rotor_inertia.tip_joint"] == pytest.approx(3.0)
+    assert not any("contradict" in note for note in with_them.notes)
+
+
+def test_what_a_bound_holds_is_at_it_and_said() -> None:
+    rows = (Row("smooth trunk (file, line 7)", {"viscous.trunk_joint": 1.0}, upper=0.1),)
+    estimate = Consistent(REGRESSOR.base, known(rows=rows))(said(0.05))
+    assert estimate.at_bound == ("viscous.trunk_joint",)
+    assert of(estimate)["viscous.trunk_joint"] == 0.1
+    (note,) = (note for note in estimate.notes if "contradict" in note)
+    assert "smooth trunk (file, line 7): 0.3" in note and "without it" in note
+    assert not any("bodies that can exist" in note for note in estimate.notes)
+    free = Consistent(REGRESSOR.base, known())(said(0.05))
+    assert free.at_bound == () and not any("contradict" in note for note in free.notes)
+
+
+def test_a_prior_that_is_stated_too_sure_is_called_that() -> None:
+    knowledge = replace(heavier(2.0), uncertainty=0.01)
+    estimate = Consistent(REGRESSOR.base, knowledge)(said(0.01))
+    assert any("a prior as sure as that" in note for note in estimate.notes)
+
+
+def test_wishes_of_absurd_size_are_named_where_the_solver_gives_up() -> None:
+    rows = (Row("a mountain", {"m.tip": 1.0}, lower=1e9, upper=1e9),)
+    with pytest.raises(DataError) as caught:
+        Consistent(REGRESSOR.base, known(rows=rows))(said(0.05))
+    assert "a mountain" in caught.value.mend or "a mountain" in caught.value.wrong
+
+
+def test_bounds_beyond_all_reach_do_no_harm() -> None:
+    rows = tuple(Row("wide", {name: 1.0}, lower=-1e12, upper=1e12) for name in MODEL.names)
+    wide, plain = (
+        Consistent(REGRESSOR.base, known(rows=some))(said(0.05)).parameters.values
+        for some in (rows, ())
+    )
+    assert np.allclose(wide, plain, rtol=0.0, atol=1e-7 * np.abs(plain).max())
+
+
+def test_equal_weights_do_not_make_rows_equally_noisy() -> None:
+    ours = Consistent(REGRESSOR.base, known(uncertainty=30.0), equal=True)(said(0.05))
+    plain = OrdinaryLeastSquares()(said(0.05))
+    told = [name.startswith(("coulomb", "viscous", "offset")) for name in ours.parameters.names]
+    ratio = ours.std[told] / plain.std[told]
+    assert sum(told) > 10
+    assert np.all((ratio > 0.8) & (ratio < 1.05))
 
 
 def test_intervals_are_no_wider_than_those_of_least_squares() -> None:

@@ -241,7 +241,11 @@ MISTAKES: list[tuple[dict[str, Any], str, str]] = [
     ({"kind": "mass", "link": "tip", "lower": float("nan")}, "nan cannot be used", "finite"),
     ({"kind": "equal", "links": "tip"}, "'tip' cannot be used for 'links'", "list in [ ]"),
     ({"kind": "mirrored", "links": ["tip", "left"], "plane": "zz"}, "'zz' cannot", "'xy', 'xz'"),
-    ({**HALF, "upper": [1, 1]}, "[1, 1] cannot be used for 'upper'", "field required"),
+    (
+        {**HALF, "upper": [1, 1]},
+        "[1, 1] cannot be used for 'upper'",
+        "give three numbers, [x, y, z]",
+    ),
     ({"kind": "mass", "link": "tpi", "lower": 1}, "no moving link 'tpi'", "did you mean 'tip'"),
     (
         {"kind": "mass", "link": "cover", "lower": 1},

@@ -20,6 +20,7 @@ from steelyard.regression.base import base_map
 from steelyard.regression.information import Information
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot.robot_file import LoadedRobot
+from steelyard.robot.schema import PriorSection
 from steelyard.terms.rigid_body import RigidBody
 from steelyard.validation.friction import FrictionChoice
 
@@ -79,7 +80,8 @@ def fit(
     information = ground.said(base_regressor(model))
     plain = least_squares(information)
     more = _least_squares_because(loaded_robot, ground.gains)
-    estimator = least_squares if more else consistent_of(loaded_robot, model)
+    consistent = consistent_of(loaded_robot, model)
+    estimator = least_squares if more else consistent
     estimate, reference = (plain, other(information)) if more else (estimator(information), plain)
     notes = (*ground.notes, *more, *estimate.notes, *_beyond(model, plain))
     identified = IdentifiedModel(
@@ -126,10 +128,15 @@ def consistent_of(loaded: LoadedRobot, model: Model) -> Estimator[Information]:
 def _least_squares_because(loaded: LoadedRobot, gains: GainEstimate | None) -> tuple[str, ...]:
     """Notes on why the estimate is plain least squares; none where it is not."""
     if loaded.estimation.method == "least_squares":
-        return ("plain least squares, as the robot file asks for: bodies may be impossible",)
-    if gains is not None and gains.relative:
-        return ("plain least squares: without a scale no prior of the bodies can be compared",)
-    return ()
+        why = "as the robot file asks for: bodies may be impossible"
+    elif gains is not None and gains.relative:
+        why = "for without a scale no prior of the bodies can be compared"
+    else:
+        return ()
+    given = {"[prior]": loaded.prior != PriorSection(), "[[knowledge]]": bool(loaded.knowledge)}
+    idle = " and ".join(name for name, there in given.items() if there)
+    unheard = (f"in plain least squares nothing comes of {idle}",) if idle else ()
+    return (f"plain least squares, {why}", *unheard)
 
 
 def _of_runs(estimator: LeastSquares | Consistent, model: Model) -> Estimator[Information]:

@@ -9,6 +9,7 @@ from steelyard.estimation.estimate import Estimator
 from steelyard.estimation.field_passes import Said
 from steelyard.estimation.fields import Finding, find_fields, said_by
 from steelyard.estimation.gains import GainEstimate, identified_gains
+from steelyard.estimation.per_run import own_columns as own_columns
 from steelyard.estimation.reference import needs_reference, settled_reference
 from steelyard.measurement import Run
 from steelyard.model import Model
@@ -109,16 +110,6 @@ def grounded(
         *([] if settled else [_UNSETTLED]),
     )
     return Ground(model, tuple(runs), said, choice, found.findings, gains, notes)
-
-
-def own_columns(model: Model) -> tuple[str, ...]:
-    """Parameters that every run of a model has for itself."""
-    return tuple(
-        p.name
-        for term in model.terms
-        if getattr(term, "per_run", False)
-        for p in term.parameters(model.robot)
-    )
 
 
 def _refuse_finds(model: Model) -> None:

@@ -11,19 +11,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from steelyard.arrays import Array, frozen
+from steelyard.errors import DataError
 from steelyard.estimation.conic import MOST_ITERATIONS, Infeasible, Unsolved, solved
 from steelyard.estimation.contradictions import refuse_contradictions
 from steelyard.estimation.estimate import Estimate, Standard
+from steelyard.estimation.held import contradicted, far_wishes, held
 from steelyard.estimation.knowledge import Knowledge
 from steelyard.estimation.least_squares import Solution, Spread, described
 from steelyard.estimation.physics import Entropic, Form
 from steelyard.estimation.program import Program, wishes
 from steelyard.estimation.unknowns import unknowns
-from steelyard.estimation.weight import Tried, Weighed, weighed
+from steelyard.estimation.weight import LEAST, Tried, Weighed, weighed
 from steelyard.estimation.whitened import Whitened, whitened
 from steelyard.parameters import Parameters
 from steelyard.regression.base import BaseMap
 from steelyard.regression.information import Information
+
+TOLD = 6
+"""Wishes that the notes repeat."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,8 +79,14 @@ class Consistent:
         try:
             conic = program.conic(gamma)
             return solved(conic, self._where, self.iterations)[: len(program.unknowns.weak)]
-        except (Infeasible, Unsolved):
+        except (Infeasible, Unsolved) as error:
             refuse_contradictions(self.knowledge)
+            if far := far_wishes(program.wishes):
+                raise type(error)(
+                    error.wrong,
+                    where=self._where,
+                    mend=f"look at the sizes in [[knowledge]]: {'; '.join(far)}",
+                ) from None
             raise
 
     @property
@@ -87,8 +98,7 @@ class Consistent:
         known = program.unknowns
 
         def at(gamma: float) -> Tried:
-            u = self.solve(program, gamma)
-            return Tried(gamma, u, known.chi_squared(u), program.evidence(u, gamma))
+            return self._tried(program, gamma)
 
         stated = self.gamma
         if stated is None and self.knowledge.uncertainty is not None:
@@ -97,11 +107,17 @@ class Consistent:
             return weighed(at, len(known.vector))
         return Weighed(at(0.0 if stated is None else stated))
 
+    def _tried(self, program: Program, gamma: float) -> Tried:
+        """The solution with one weight."""
+        u = self.solve(program, gamma)
+        return Tried(gamma, u, program.unknowns.chi_squared(u), program.evidence(u, gamma))
+
     def _described(self, data: Whitened, program: Program, found: Weighed) -> Estimate:
         """The estimate: base parameters as the data see them, and all standard ones."""
         known = program.unknowns
-        covariance, before = _covariances(program, found)
-        standard = known.standard(found.tried.u)
+        covariance, before = _covariances(data, program, found.tried)
+        at = held(program, found.tried.u, covariance)
+        standard = known.standard(at.u)
         spread = known.scale @ covariance @ known.scale.T
         lift = self.base.lift
         solution = _solution(data, lift @ standard, lift @ spread @ lift.T, self.base)
@@ -111,7 +127,9 @@ class Consistent:
         estimate = described(name, fit, Spread(solution.inverse, tuple(own)))
         place = {n: k for k, n in enumerate(self.base.base_names)}
         rows = [place[n] for n in estimate.parameters.names]
-        learned = _share(lift @ known.scale, program.wishes.free, covariance, before)
+        learned = _share(lift @ known.scale, program.wishes.free, covariance, before)[rows]
+        learned[[n in self.per_run for n in estimate.parameters.names]] = 1.0
+        alone = {n for n, row in zip(self.base.base_names, lift, strict=True) if _alone(row)}
         return replace(
             estimate,
             standard=self._standard(
@@ -120,9 +138,51 @@ class Consistent:
                 spread,
                 _share(known.scale, program.wishes.free, covariance, before),
             ),
-            learned=frozen(learned[rows]),
-            notes=(*self.knowledge.notes, *_notes(found, self)),
+            learned=frozen(learned),
+            at_bound=tuple(n for n in estimate.parameters.names if n in at.names and n in alone),
+            notes=(*self.knowledge.notes, *self._notes(data, program, found)),
         )
+
+    def _notes(self, data: Whitened, program: Program, found: Weighed) -> tuple[str, ...]:
+        """What was known, how its weight came about, and what it costs."""
+        return (
+            *_told(self.knowledge),
+            *_weight_note(found, self, len(program.unknowns.vector), any(program.unknowns.priors)),
+            *self._cost_notes(data, program, found),
+        )
+
+    def _cost_notes(self, data: Whitened, program: Program, found: Weighed) -> tuple[str, ...]:
+        """What contradicts the data: wishes, the prior, or that bodies can exist."""
+        rank, gamma, rise = len(program.unknowns.vector), found.tried.gamma, found.tried.rise
+        physics, notes = found.physics, []
+        if self.knowledge.rows:
+            bare = replace(
+                program, wishes=wishes(program.unknowns, replace(self.knowledge, rows=()))
+            )
+            try:
+                free = self._tried(bare, gamma)
+                physics = self._tried(bare, LEAST).rise if physics else 0.0
+            except DataError:
+                return ()
+            against = contradicted(program, free.u, _covariances(data, bare, free)[0])
+            if against:
+                cost = rise - free.rise
+                notes.append(
+                    f"the data contradict what is known, which costs {cost:.4g} in chi²: "
+                    f"{'; '.join(against)}"
+                )
+            rise = free.rise
+        if physics > rank:
+            notes.append(
+                f"bodies that can exist cost {physics:.4g} in chi² even without a prior, more "
+                "than noise explains: the model lacks something"
+            )
+        elif rise > 2.0 * rank and any(program.unknowns.priors):
+            notes.append(
+                f"a prior as sure as that costs {rise:.4g} in chi², where noise explains {rank}: "
+                "the data contradict it"
+            )
+        return tuple(notes)
 
     def _standard(self, estimate: Estimate, values: Array, spread: Array, share: Array) -> Standard:
         """All standard parameters; what every run has for itself is as a new run is expected."""
@@ -141,15 +201,25 @@ class Consistent:
         )
 
 
-def _covariances(program: Program, found: Weighed) -> tuple[Array, Array]:
-    """Covariance of the unknowns with the data and without, within the wishes' equations."""
+def _covariances(data: Whitened, program: Program, tried: Tried) -> tuple[Array, Array]:
+    """Covariance of the unknowns with the data and without, within the wishes' equations.
+
+    Where rows do not weigh by their noise, that of the data is between the inverses.
+    """
     known, free = program.unknowns, program.wishes.free
-    prior = program.precision(found.tried.u, found.tried.gamma)
+    prior = program.precision(tried.u, tried.gamma)
     after, before = (
         free @ _inverse(free.T @ precision @ free) @ free.T
         for precision in (prior + known.matrix.T @ known.matrix, prior)
     )
+    if not np.array_equal(data.noise, np.eye(len(data.noise))):
+        after = after @ (known.matrix.T @ data.noise @ known.matrix + prior) @ after
     return after, before
+
+
+def _alone(row: Array) -> bool:
+    """Whether a base parameter is one standard parameter."""
+    return int(np.count_nonzero(row)) == 1
 
 
 def _inverse(precision: Array) -> Array:
@@ -195,21 +265,22 @@ def _solution(data: Whitened, values: Array, covariance: Array, base: BaseMap) -
     )
 
 
-def _notes(found: Weighed, estimator: Consistent) -> tuple[str, ...]:
+def _told(knowledge: Knowledge) -> tuple[str, ...]:
+    """The wishes that were followed, for people to read."""
+    labels = tuple(dict.fromkeys(row.label for row in knowledge.rows))
+    more = f"; and {len(labels) - TOLD} more" if len(labels) > TOLD else ""
+    return (f"known before the data: {'; '.join(labels[:TOLD])}{more}",) if labels else ()
+
+
+def _weight_note(found: Weighed, estimator: Consistent, rank: int, priors: bool) -> tuple[str, ...]:
     """How the weight came about."""
     gamma = found.tried.gamma
-    if not gamma:
+    if not gamma or not priors:
         return ()
     how = "as stated"
     if estimator.gamma is None and estimator.knowledge.uncertainty is None:
         how = f"found from the data in {found.solves} solutions"
-    notes = [
-        f"prior uncertainty {100.0 * gamma**-0.5:.3g} % ({how}); "
-        f"it costs {found.tried.rise:.4g} in chi²"
-    ]
-    if found.physics:
-        notes.append(
-            f"bodies that can exist cost {found.physics:.4g} in chi² even without a prior, more "
-            "than noise explains: the model lacks something"
-        )
-    return tuple(notes)
+    return (
+        f"prior uncertainty {100.0 * gamma**-0.5:.3g} % ({how}); all that is known costs "
+        f"{found.tried.rise:.4g} in chi², which noise explains up to {rank}",
+    )

@@ -13,6 +13,7 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.errors import DataError
 from steelyard.estimation.estimate import Blind
+from steelyard.model import Model
 from steelyard.regression.information import Information
 
 SEEN = 1e-10
@@ -20,6 +21,16 @@ SEEN = 1e-10
 
 TIED = 1e-3
 """Share of a column's length that another must have in it to be named as its twin."""
+
+
+def own_columns(model: Model) -> tuple[str, ...]:
+    """Parameters that every run of a model has for itself."""
+    return tuple(
+        p.name
+        for term in model.terms
+        if getattr(term, "per_run", False)
+        for p in term.parameters(model.robot)
+    )
 
 
 @dataclass(frozen=True, eq=False)

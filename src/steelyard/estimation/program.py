@@ -17,6 +17,9 @@ from steelyard.estimation.physics import Form, Free
 from steelyard.estimation.unknowns import Unknowns
 from steelyard.robot.inertia import INERTIAL_NAMES
 
+BEYOND = 1e6
+"""Bound that nothing reaches, in units of a body's prior or of the whole effort."""
+
 
 @dataclass(frozen=True, eq=False)
 class Wishes:
@@ -56,8 +59,13 @@ def wishes(unknowns: Unknowns, knowledge: Knowledge) -> Wishes:
             matrix[number] += coefficient * unknowns.scale[place[name]]
     sizes = np.linalg.norm(matrix, axis=1)
     sizes = np.where(sizes > 0.0, sizes, 1.0)
-    lower, upper = (np.array([getattr(r, side) for r in rows]) for side in ("lower", "upper"))
-    return Wishes(rows, matrix / sizes[:, None], lower / sizes, upper / sizes)
+    lower, upper = (
+        np.array([getattr(row, side) for row in rows]) / sizes for side in ("lower", "upper")
+    )
+    equal = lower == upper
+    lower = np.where((lower < -BEYOND) & ~equal, -np.inf, lower)
+    upper = np.where((upper > BEYOND) & ~equal, np.inf, upper)
+    return Wishes(rows, matrix / sizes[:, None], lower, upper)
 
 
 def _bounds(unknowns: Unknowns, knowledge: Knowledge) -> list[Row]:
@@ -66,8 +74,7 @@ def _bounds(unknowns: Unknowns, knowledge: Knowledge) -> list[Row]:
     for k, name in enumerate(unknowns.names):
         low, high = float(knowledge.lower[k]), float(knowledge.upper[k])
         low = -np.inf if name in bodies and low == 0.0 else low
-        seen = name in bodies or k in unknowns.terms
-        if seen and (np.isfinite(low) or np.isfinite(high)):
+        if np.isfinite(low) or np.isfinite(high):
             label = f"{name} between {low:g} and {high:g}"
             found.append(Row(label, {name: 1.0}, low, high))
     return found

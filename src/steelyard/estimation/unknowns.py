@@ -3,7 +3,8 @@ r"""Standard parameters in the scale of their prior.
 A body's pseudo-inertia is $J = L X L^T$ with $J_0 = L L^T$ that of its prior: the prior is
 $X = 1$, and margins have no unit [Wensing2018]. A body's unknowns are the ten entries of the upper
 triangle of $X$, column by column; every other parameter is counted in the size that would make all
-of the effort.
+of the effort, or, where the data do not see it, in what is
+wide in its SI unit.
 """
 
 from dataclasses import dataclass
@@ -24,6 +25,12 @@ ENTRIES = tuple((i, j) for j in range(ORDER) for i in range(j + 1))
 
 WIDEST = 100.0
 """Standard deviation of a cause of torque that nothing is known of, in that of the whole effort."""
+
+UNSEEN = 1e-9
+"""Effort of a parameter, over that of the strongest, below which the data do not see it."""
+
+UNKNOWN = 100.0
+"""Standard deviation of a parameter that the data do not see, in its SI unit."""
 
 STAND_IN = Inertia.about_com(1.0, np.zeros(3), 0.01 * np.eye(3))
 """Scale of a body without prior."""
@@ -68,7 +75,7 @@ class Unknowns:
         return np.tensordot(u[: 10 * len(self.priors)].reshape(-1, 10), BASIS, axes=1)
 
     def standard(self, u: Array) -> Array:
-        """Standard parameters, shape `(p,)`; unseen ones without prior are zero."""
+        """Standard parameters, shape `(p,)`; unseen ones of terms are zero but for wishes."""
         return np.asarray(self.scale @ u)
 
     def chi_squared(self, u: Array) -> float:
@@ -91,22 +98,29 @@ def unknowns(data: Whitened, base: BaseMap, knowledge: Knowledge) -> Unknowns:
     lift = base.lift[[place[name] for name in data.names]]
     bodies = {k for ten in tens for k in ten}
     strength = np.linalg.norm(data.matrix @ lift, axis=0)
-    terms = tuple(k for k in range(len(base.names)) if k not in bodies and strength[k] > 0.0)
+    terms = tuple(k for k in range(len(base.names)) if k not in bodies)
     scale = np.zeros((len(base.names), 10 * count + len(terms)))
     for body, ten in enumerate(tens):
         prior = knowledge.priors[body] or STAND_IN
         scale[ten, 10 * body : 10 * body + 10] = ten_map(prior)
-    sizes = data.effort / strength[list(terms)]
+    least = UNSEEN * float(strength.max(initial=0.0))
+    strength = strength[list(terms)]
+    sizes = np.divide(
+        data.effort, strength, out=np.full(len(terms), UNKNOWN), where=strength > least
+    )
     scale[list(terms), 10 * count + np.arange(len(terms))] = sizes
+    matrix = data.matrix @ lift @ scale
+    matrix[:, 10 * count + np.flatnonzero(strength <= least)] = 0.0
     weak = np.full(scale.shape[1], WIDEST**-2)
     weak[: 10 * count] = 0.0
+    weak[10 * count + np.flatnonzero(strength <= least)] = 1.0
     return Unknowns(
         base.names,
         tuple(prior is not None for prior in knowledge.priors),
         terms,
         frozen(scale),
         frozen(weak),
-        frozen(data.matrix @ lift @ scale),
+        frozen(matrix),
         data.vector,
     )
 

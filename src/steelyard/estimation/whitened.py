@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.estimation.least_squares import Fit, WeightedLeastSquares
+from steelyard.estimation.estimate import Estimate
+from steelyard.estimation.least_squares import Fit, OrdinaryLeastSquares, WeightedLeastSquares
 from steelyard.estimation.normal_equations import refuse_few
 from steelyard.estimation.per_run import Eliminated
 from steelyard.estimation.sandwich import inflations
@@ -34,6 +35,7 @@ class Whitened:
         names: Base parameters, `c` of them; those of single runs are not among them.
         matrix: `R`, shape `(rank, c)`.
         vector: `z`, shape `(rank,)`.
+        noise: Covariance of `z`, shape `(rank, rank)`; one where rows weigh by their noise.
         lengths: Root of the sum of squares of each whitened column, shape `(c,)`.
         effort: Root of the sum of squares of the whitened efforts.
     """
@@ -43,6 +45,7 @@ class Whitened:
     names: tuple[str, ...]
     matrix: Array
     vector: Array
+    noise: Array
     lengths: Array
     effort: float
 
@@ -81,12 +84,29 @@ def whitened(
     roots, vectors = np.sqrt(values[kept]), vectors[:, kept]
     finite = np.where(np.isfinite(scale), scale, 0.0)
     effort = information.effort_squares() @ (1.0 / variances)
+    names, matrix = (
+        tuple(information.layout.columns[k] for k in columns),
+        (vectors * roots).T * finite,
+    )
+    noise = np.eye(len(roots))
+    if equal:
+        noise = _noise(names, matrix, OrdinaryLeastSquares(tuple(per_run))(information))
     return Whitened(
         fit,
         eliminated,
-        tuple(information.layout.columns[k] for k in columns),
-        (vectors * roots).T * finite,
+        names,
+        matrix,
         (vectors.T @ (right / scale)) / roots,
+        noise,
         np.sqrt(np.maximum(squares[columns], 0.0)),
         float(np.sqrt(effort)),
     )
+
+
+def _noise(names: Sequence[str], matrix: Array, plain: Estimate) -> Array:
+    """Covariance of `z` where rows weigh the same: of what ordinary least squares makes of it."""
+    place = {name: k for k, name in enumerate(plain.parameters.names)}
+    shared = [name for name in names if name in place]
+    mine, theirs = [names.index(name) for name in shared], [place[name] for name in shared]
+    covariance = plain.covariance[np.ix_(theirs, theirs)]
+    return np.asarray(matrix[:, mine] @ covariance @ matrix[:, mine].T)

@@ -1,6 +1,6 @@
 """All wishes by the names they have in robot files; from model and robot file to knowledge."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, fields, replace
 from typing import Any, cast, get_type_hints
 
@@ -10,6 +10,7 @@ from steelyard.arrays import Array
 from steelyard.errors import ModelError
 from steelyard.estimation.contradictions import refuse_contradictions
 from steelyard.estimation.knowledge import Knowledge, Row
+from steelyard.estimation.per_run import own_columns
 from steelyard.estimation.prior_given import given_knowledge
 from steelyard.estimation.wish import Scope, Wish
 from steelyard.estimation.wishes_bodies import (
@@ -68,12 +69,25 @@ def knowledge_of(model: Model, loaded: LoadedRobot) -> Knowledge:
         if loaded.friction and (absent := _of_absent_law(wish, model)):
             notes.append(f"the model has no '{absent}': what is known of it counts for nothing")
             continue
-        rows += wish.rows(Scope(model, where))
+        mine = wish.rows(Scope(model, where))
+        _refuse_own(mine, own_columns(model), where)
+        rows += mine
     lower, loosened = _loosened(known, rows)
     notes += [f"'{name}' may be below zero, as the robot file says" for name in loosened]
     known = replace(known, lower=lower, rows=tuple(rows), notes=tuple(notes))
     refuse_contradictions(known)
     return known
+
+
+def _refuse_own(rows: Sequence[Row], own: Sequence[str], where: str) -> None:
+    """Stop at a wish about what every run has for itself."""
+    for name in own:
+        if any(name in row.coefficients for row in rows):
+            raise ModelError(
+                f"every run has a '{name}' of its own, of which nothing can be known before",
+                where=where,
+                mend="leave the wish out, or take per_run from the term",
+            )
 
 
 def wish_of(table: Mapping[str, Any], where: str) -> Wish:
@@ -88,12 +102,12 @@ def wish_of(table: Mapping[str, Any], where: str) -> Wish:
     """
     given = dict(table)
     kind = given.pop("kind", None)
-    if kind not in WISHES:
+    if not isinstance(kind, str) or kind not in WISHES:
         said = "a table does not say what `kind` of knowledge it is"
         raise ModelError(
             said if kind is None else f"'{kind}' is no kind of knowledge",
             where=where,
-            mend=advice(str(kind), WISHES, "kinds"),
+            mend=advice(kind if isinstance(kind, str) else "", WISHES, "kinds"),
         )
     wish = WISHES[kind]
     known = [field.name for field in fields(wish)]
@@ -123,7 +137,10 @@ def _value(declared: Any, name: str, value: Any, where: str) -> Any:
         raise ModelError(
             f"{value!r} cannot be used for '{name}'",
             where=where,
-            mend=str(error).replace("input", "it").replace("tuple", "list in [ ]"),
+            mend=str(error)
+            .replace("input", "it")
+            .replace("tuple", "list in [ ]")
+            .replace("field required", "give three numbers, [x, y, z]"),
         ) from None
 
 

@@ -45,6 +45,8 @@ class TotalMass(Bounded):
         links = scope.bodies if self.links is None else self.links
         if not links:
             scope.refuse("a total mass is given of no link", 'name links, or add "rigid_body"')
+        if twice := [link for link in links if links.count(link) > 1]:
+            scope.refuse(f"link '{twice[0]}' is named twice", "name it once")
         interval = self.interval(scope)
         of = "of all links" if self.links is None else "of " + ", ".join(f"'{x}'" for x in links)
         said = f"the total mass {of} is {in_words(interval, 'kg')}"

@@ -236,7 +236,7 @@ class PriorSection(Section):
     """
 
     source: Literal["model", "none"] = "model"
-    uncertainty: Positive | None = None
+    uncertainty: Annotated[float, Field(ge=1e-4)] | None = None
     links: dict[str, LinkPriorSection] = {}
 
 
