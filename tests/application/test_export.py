@@ -1,5 +1,6 @@
 """Exported models: other programs compute the same torques, and what is left out is said."""
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +17,7 @@ from steelyard.application.export import exported, refuse_changed, unheld
 from steelyard.application.export_content import Format
 from steelyard.application.export_laws import PLACES
 from steelyard.errors import ModelError
+from steelyard.estimation.estimate import Blind
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.model import Model
 from steelyard.motion import Motion
@@ -364,6 +366,7 @@ def test_base_parameters_alone_are_refused() -> None:
     with pytest.raises(ModelError, match="base parameters only") as error:
         exported(poor, "mjcf")
     assert "default estimator" in error.value.mend
+    assert 'remove method = "least_squares" from [estimation] of the robot' in error.value.mend
 
 
 def test_a_model_without_bodies_is_refused() -> None:
@@ -390,6 +393,50 @@ def test_the_head_says_where_the_numbers_come_from() -> None:
         head = exported(identified_of(tree()), form).text.partition("-->")[0]
         for words in ("steelyard 9.9.9", "robot arm.toml: ab12", "cd34", "a- -b@1:2", "consistent"):
             assert words in head
+
+
+def learned_by(identified: IdentifiedModel, shares: dict[str, float]) -> IdentifiedModel:
+    """The model with some parameters that come from the data in part only."""
+    standard = identified.estimate.standard
+    assert standard is not None
+    learned = [
+        shares.get(name, x)
+        for name, x in zip(standard.parameters.names, standard.learned.tolist(), strict=True)
+    ]
+    standard = replace(standard, learned=np.array(learned))
+    blind = (Blind("mx.slider + my.tool"),)
+    return replace(
+        identified, estimate=replace(identified.estimate, standard=standard, blind=blind)
+    )
+
+
+@pytest.mark.parametrize("form", ["urdf", "mjcf"])
+def test_the_head_tells_data_from_prior(form: Format) -> None:
+    shares = {"m.slider": 0.25, "m.trunk": 0.0, "mx.trunk": 0.0, "viscous.tip_joint": 0.001}
+    made = exported(learned_by(identified_of(tree()), shares), form)
+    assert made.mass_shares["slider"] == 0.25 and made.mass_shares["trunk"] == 0.0
+    assert made.unseen == ("mx.slider + my.tool", "viscous.tip_joint")
+    head = made.text.partition("-->")[0]
+    assert "- slider: 25%" in head and "- trunk: 0%" in head
+    unseen = head.partition("Not seen by the data:")[2]
+    assert "- mx.slider + my.tool\n" in unseen and "- viscous.tip_joint\n" in unseen
+    assert "Not seen by the data" not in exported(identified_of(tree()), form).text
+
+
+@pytest.mark.parametrize("form", ["urdf", "mjcf"])
+def test_what_is_rounding_beside_the_body_is_zero(form: Format, tmp_path: Path) -> None:
+    about = np.diag([0.02, 0.03, 0.025]) + 1e-18 * (np.ones((3, 3)) - np.eye(3))
+    ten = Inertia.about_com(2.0, [0.0, -7.07e-44, 0.1], about).ten
+    values = {f"{n}.slider": x for n, x in zip(INERTIAL_NAMES, ten, strict=True)}
+    identified = identified_of(tree(), [RigidBody()], values)
+    written(identified, form, tmp_path)
+    text = exported(identified, form).text.partition("-->")[2]
+    assert not re.search(r"\de-(1[6-9]|[2-9]\d)", text)
+    centre = re.search(r'(?:xyz|pos)="([^"]*)"[^>]*>?\s*(?:<mass value|mass)="2.0"', text)
+    assert centre is not None and centre[1].split()[:2] == ["0.0", "0.0"]
+    small = Inertia.about_com(1e-9, [1e-6, 2e-6, 0.0], 1e-20 * np.eye(3)).ten
+    tiny = {f"{n}.slider": x for n, x in zip(INERTIAL_NAMES, small, strict=True)}
+    assert "1e-06" in exported(identified_of(tree(), [RigidBody()], tiny), form).text
 
 
 def test_a_file_that_reads_otherwise_is_refused(tmp_path: Path) -> None:

@@ -206,6 +206,19 @@ def test_a_link_that_is_missing_is_named(arm: IdentifiedModel, tmp_path: Path) -
     assert "identified with" in error.value.mend
 
 
+def test_untouched_links_that_cannot_exist_are_named(arm: IdentifiedModel, tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_text(ARM.replace('ixx="1" iyy', 'ixx="-1" iyy'), encoding="utf-8")
+    made = exported(arm, "urdf", path)
+    (sentence,) = made.impossible
+    assert sentence.startswith("base: a principal moment of inertia is negative (-1 ")
+    assert f"as the original has them:\n    - {sentence}\n" in made.text.partition("<robot")[0]
+    assert exported(arm, "urdf").impossible == ()
+    # a link that gets numbers, or loses its own, does not matter
+    path.write_text(ARM.replace('ixx="0.0', 'ixx="-0.0'), encoding="utf-8")
+    assert exported(arm, "urdf", path).impossible == ()
+
+
 def test_other_encodings_are_refused(arm: IdentifiedModel, tmp_path: Path) -> None:
     path = tmp_path / "arm.urdf"
     path.write_bytes(ARM.replace("UTF-8", "iso-8859-1").encode("iso-8859-1"))

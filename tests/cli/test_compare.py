@@ -9,8 +9,9 @@ import pytest
 
 from cli.mistakes import leftovers
 from cli.river_files import edited
-from steelyard.cli.rivals import offers_of
+from steelyard.cli.rivals import lines_of, offers_of
 from steelyard.estimation.register import ESTIMATORS
+from steelyard.robot.schema import EstimationSection
 
 LOG = "../given/identification.parquet"
 OTHER = "../given/validation.parquet"
@@ -92,6 +93,10 @@ def test_an_estimator_that_fails_does_not_stop_the_others(command, monkeypatch) 
             ("--estimators", "xyzzy"),
             ("no estimator 'xyzzy'", "the estimators are OLS, WLS", "CLOE, EKF"),
         ),
+        (
+            ("--estimators", "wls", "--all"),
+            ("some estimators are named, and all are asked for", "leave out one of the two"),
+        ),
         (("-o", "../given"), ("the output folder exists already",)),
     ],
 )
@@ -128,6 +133,52 @@ def test_names_are_taken_as_they_are_meant() -> None:
     usual, every = offers_of((), everything=False), offers_of((), everything=True)
     assert every == ESTIMATORS and set(usual) == {o for o in ESTIMATORS if not o.slow}
     assert "GA" in {o.name for o in every} - {o.name for o in usual}
+
+
+@pytest.mark.parametrize(
+    ("section", "lines"),
+    [
+        (
+            EstimationSection(),
+            {
+                "WLS": '[estimation] method = "least_squares"',
+                "OLS": '[estimation] method = "least_squares", weights = "equal"',
+            },
+        ),
+        (
+            EstimationSection(method="least_squares", weights="equal"),
+            {
+                "consistent": '[estimation] method = "consistent"',
+                "WLS": '[estimation] weights = "noise"',
+            },
+        ),
+    ],
+)
+def test_what_to_write_into_the_robot_file(section, lines) -> None:
+    assert lines_of(section) == lines
+
+
+def test_the_robot_files_weights_count(command, given: Path, tmp_path: Path) -> None:
+    equal = edited(given, tmp_path, ("[signals]", '[estimation]\nweights = "equal"\n\n[signals]'))
+    means = {}
+    for robot in (ROBOT, equal):
+        done = command("compare", robot, LOG, OTHER, "--estimators", "consistent", "WLS", "--json")
+        assert done.exit_code == 0, done.output
+        found = {one["estimator"]: one for one in json.loads(done.stdout)["estimators"]}
+        means[robot] = [found[name]["mean_percent"] for name in ("consistent", "WLS")]
+    assert means[ROBOT][1] == pytest.approx(means[equal][1], rel=1e-9)
+    assert means[ROBOT][0] != pytest.approx(means[equal][0], rel=1e-6)
+
+
+def test_the_advice_has_its_line(command) -> None:
+    done = command("compare", ROBOT, LOG, OTHER, "--estimators", "WLS", "OLS")
+    text = words(done.output)
+    assert "Take WLS" in text and "two parts tell little" in text
+    assert 'in the robot file: [estimation] method = "least_squares"' in text
+    found = json.loads(
+        command("compare", ROBOT, LOG, OTHER, "--estimators", "WLS", "OLS", "--json").stdout
+    )
+    assert found["robot_file"] == '[estimation] method = "least_squares"'
 
 
 def pressed(function: str, arguments: tuple[str, ...], work: Path) -> tuple[int, str, str]:

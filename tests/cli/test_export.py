@@ -1,6 +1,7 @@
 """`steelyard export`: what it writes, prints and refuses."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -48,8 +49,43 @@ def test_json_and_the_usual_name(
     told = json.loads(done.stdout)
     assert told["format"] == "urdf" and told["file"].endswith(".urdf")
     assert any("(offset)" in sentence for sentence in told["unheld"])
+    assert Path(told["file"]).is_absolute() and told["not_seen"] == []
+    assert set(told["mass_from_data"].values()) == {1.0} and told["impossible_in_original"] == []
     assert load_robot(told["file"]).robot.n == 6
+    again = command("export", model / "model.json", "--to", "urdf")
+    assert again.exit_code == 2 and "exists already" in again.output
     Path(told["file"]).unlink()
+    done = command("export", model, "--to", "urdf")
+    assert done.stdout.startswith(f"{told['file']}: ")
+    assert "prior" not in done.stdout and "Not seen" not in done.stdout
+    Path(told["file"]).unlink()
+
+
+def test_what_is_not_from_the_data_is_told(given: Path, command: Command, tmp_path: Path) -> None:
+    robot = load_robot(given / "demo_arm.toml").robot
+    identified = identified_of(robot)
+    standard = identified.estimate.standard
+    assert standard is not None
+    shares = standard.learned.copy()
+    mass, friction = f"m.{robot.bodies[1].name}", f"viscous.{robot.joints[2].name}"
+    shares[standard.parameters.names.index(mass)] = 0.2
+    shares[standard.parameters.names.index(friction)] = 0.0
+    estimate = replace(identified.estimate, standard=replace(standard, learned=shares))
+    text = replace(identified, estimate=estimate).text()
+    (tmp_path / "model.json").write_text(text, encoding="utf-8")
+    urdf = load_robot(given / "demo_arm.toml").sources[-1].path.read_text(encoding="utf-8")
+    before, base, after = urdf.partition('<link name="base">')
+    broken = before + base + re.sub(r'ixx="[^"]*"', 'ixx="-1"', after, count=1)
+    assert broken != urdf
+    (tmp_path / "broken.urdf").write_text(broken, encoding="utf-8")
+    done = command(
+        "export", tmp_path, "--model", tmp_path / "broken.urdf", "-o", tmp_path / "a.urdf"
+    )
+    assert done.exit_code == 0, done.output
+    words = " ".join(done.stdout.split())
+    assert f"comes from the data: - {robot.bodies[1].name} 20%" in words
+    assert f"Not seen by the data: - {friction}" in words
+    assert "as the original has them: - base: a principal moment" in words
 
 
 def test_numbers_go_into_the_original(
@@ -97,4 +133,5 @@ def test_base_parameters_alone_are_refused(given: Path, command: Command, tmp_pa
     done = command("export", tmp_path, "-o", tmp_path / "arm.urdf")
     assert done.exit_code == 2
     assert "base parameters only" in done.output and "default estimator" in done.output
+    assert 'method = "least_squares"' in done.output
     assert not (tmp_path / "arm.urdf").exists()

@@ -11,6 +11,7 @@ from browser import Seen, chromium, look
 from steelyard.diagnosis import Diagnosis, Edit, Judgement, Mend
 from steelyard.diagnosis import Finding as SaidFinding
 from steelyard.diagnosis.finding import Hypothesis, Picture, Trace
+from steelyard.estimation.bootstrap import Bootstrap
 from steelyard.estimation.estimate import Blind, Estimate, OfRun, Standard
 from steelyard.estimation.fields import Finding
 from steelyard.estimation.gains import GainEstimate
@@ -120,6 +121,14 @@ def identified(arm: Robot) -> IdentifiedModel:
         Cutoffs(25.0, 8.0, 8.0),
         Provenance("0.1.0", {"log run1.csv": "ab" * 32}, ("run1@0.6:9.5",), ("clock: 100 Hz",)),
     )
+
+
+def bootstrap(found: IdentifiedModel) -> Bootstrap:
+    """Draws that scatter as much as was stated, of the first parameter three times as much."""
+    own, std = found.estimate.parameters, found.estimate.std.copy()
+    std[0] *= 3.0
+    draws = own.values + std * np.random.default_rng(5).standard_normal((50, len(own)))
+    return Bootstrap(own, draws, 2, 9)
 
 
 def run_score(
@@ -254,7 +263,7 @@ def comparison(name: str = "", most: float = 9.0) -> Comparison:
         return replace(given, **more)
 
     lost = near.copy()
-    lost[1] = np.nan
+    lost[1] = np.inf
     sad = Failure(None, f"too few [data] {name}", f"log longer {name}")
     bodies = (f"link 1 {name}", f"link 2 {name}")
     trials = (
@@ -262,7 +271,7 @@ def comparison(name: str = "", most: float = 9.0) -> Comparison:
         trial("consistent", near + 0.05, impossible=(), seconds=0.12, chi_square=1.004),
         trial("plain", near * most, impossible=bodies, condition=most, notes=(f"rough {name}",)),
         trial("once", lost, failures=(Failure(f"run2{name}", f"not convex {name}", "try again"),)),
-        trial("never", near * np.nan, failures=(sad,) * 4, seconds=None, parameters=None),
+        trial("never", near * np.inf, failures=(sad,) * 4, seconds=None, parameters=None),
     )
     runs = tuple(f"run{k}{name}" for k in (1, 2, 3))
     return Comparison(trials, runs, "run", joints, (f"genetic{name}",))
@@ -285,6 +294,7 @@ def usual() -> ReportContent:
         gains=gains(),
         diagnosis=diagnosis(),
         sensitivity=sensitivity(),
+        bootstrap=bootstrap(identified(robot())),
         comparison=comparison(),
     )
 
@@ -330,6 +340,7 @@ def nasty(usual: ReportContent) -> ReportContent:
         diagnosis=diagnosis(EVIL, float("nan")),
         gains=replace(gains((EVIL, EVIL)), gains=np.array([np.nan, np.inf])),
         sensitivity=sensitivity(EVIL, float("nan")),
+        bootstrap=bootstrap(evil),
         comparison=comparison(EVIL, float("inf")),
     )
 

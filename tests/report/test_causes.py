@@ -54,7 +54,7 @@ def test_html_has_every_cell_once_and_as_text(
     rows = [row for table in tables_of(section, usual) for row in table.rows]
     assert html.count("<tr") == len(rows) + len(tables_of(section, usual))
     for row in rows:
-        assert all(str(cell) in html for cell in row.cells)
+        assert all(str(cell) in html.replace("<wbr>", "") for cell in row.cells)
     evil = section.show(section.numbers(nasty))  # type: ignore[arg-type]
     assert "<script>" not in evil and "&lt;script&gt;" in evil
 

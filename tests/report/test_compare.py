@@ -5,6 +5,7 @@ import json
 import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from rich.console import Console
 
@@ -120,6 +121,46 @@ def test_the_terminal_says_the_same(usual: ReportContent) -> None:
     assert "stopped: 5 of 6 estimators compared; not tried: genetic" in text
     assert "note: joint 'wrist' is locked at 0.3 rad" in text
     assert all(len(line) <= 80 for line in printed(usual, 80).splitlines())
+
+
+def test_columns_of_the_terminal_are_explained(usual: ReportContent) -> None:
+    assert usual.comparison is not None
+    text = " ".join(printed(usual).split())
+    assert "χ²: squared residuals over the noise that WLS finds" in text
+    assert "Condition" not in text
+    apart = tuple(replace(one, condition=10.0**k) for k, one in enumerate(usual.comparison.trials))
+    text = printed(replace(usual, comparison=replace(usual.comparison, trials=apart)))
+    assert "Condition" in text and "number of the whitened regressor" in text
+
+
+def test_a_joint_that_does_not_move_has_a_dash(usual: ReportContent) -> None:
+    assert usual.comparison is not None
+    wls = usual.comparison.trials[0]
+    errors = wls.errors.copy()
+    errors[:, 1], errors[1] = np.nan, np.nan
+    still = replace(usual.comparison, trials=(replace(wls, errors=errors),))
+    rows = cells(section(replace(usual, comparison=still)))
+    assert ["WLS", "2.5 %", "–"] in rows and ["run2", "–"] in rows
+    assert not any("failed" in cell for row in rows for cell in row)
+
+
+def test_the_robot_files_line_stands_with_the_advice(usual: ReportContent) -> None:
+    assert usual.comparison is not None
+    line = '[estimation] method = "consistent"'
+    content = replace(usual, comparison=replace(usual.comparison, lines={"consistent": line}))
+    assert f"in the robot file: {line}" in printed(content)
+    assert "In the robot file: [estimation] method =" in section(content)
+    assert "robot file" not in printed(usual)
+
+
+def test_nothing_beats_predicting_zero(usual: ReportContent) -> None:
+    assert usual.comparison is not None
+    bad = tuple(replace(t, errors=t.errors + 100.0) for t in usual.comparison.trials)
+    content = replace(usual, comparison=replace(usual.comparison, trials=bad))
+    assert "No estimator is worth taking" in printed(content)
+    page = section(content)
+    assert "nothing beats predicting zero" in page and 'class="marked"' not in page
+    assert 'class="verdict none"' in page
 
 
 @pytest.mark.parametrize("which", ["usual", "nasty"])

@@ -8,6 +8,7 @@ from rich.console import Console
 
 from report.conftest import EVIL, diagnosis
 from steelyard.diagnosis import Diagnosis, Finding, Judgement
+from steelyard.diagnosis.finding import Hypothesis
 from steelyard.report.check_page import CheckContent, render_check
 from steelyard.report.findings import diagnosis_dict, groups, headline, tally
 from steelyard.report.findings_terminal import notes, show
@@ -127,7 +128,10 @@ def test_the_browser_draws_the_page_without_an_error(name: str, browse) -> None:
 
 
 def test_what_is_ok_is_drawn_once_it_is_opened(browse) -> None:
-    opened = "<script>document.querySelector('details').open = true;</script></body>"
+    opened = (
+        "<script>document.querySelectorAll('details').forEach((one) => { one.open = true; });"
+        "</script></body>"
+    )
     seen = browse(render_check(content()).replace("</body>", opened))
     assert seen.console == () and drawn(seen.dom) == 3
 
@@ -153,6 +157,34 @@ def test_pictures_stay_within_a_budget() -> None:
     few = findings_of(diagnosis(), 7000)
     assert few["bad"][0]["picture"] is not None
     assert all(one["picture"] is None for one in few["fine"])
+
+
+def of_payload(says: str, *rivals: Hypothesis) -> Finding:
+    return Finding("payload", "run", Judgement.OK, says, "", hypotheses=rivals)
+
+
+def test_it_is_said_why_a_finding_is_ok_though_a_rival_fits_better() -> None:
+    load, declared = Hypothesis("0.9 kg", 4.1, 0.0), Hypothesis("as declared", 7.8, -257.0)
+    nominal = of_payload("nothing (the nominal model agrees to 7.8 %)", load, declared)
+    known = of_payload("nothing (the reference agrees to 7.8 %)", load, declared)
+    best = of_payload("nothing (the nominal model agrees)", declared, load)
+    wrong = Finding("gain", "run", Judgement.WRONG, "", "", hypotheses=(load, declared))
+
+    def still(*findings: Finding) -> list[str]:
+        return [one["still"] for one in findings_of(Diagnosis(findings))["fine"]]
+
+    assert still(best) == [""] and still(nominal, wrong) == [""]
+    said, reference = still(nominal, known)
+    assert "misfit is only 7.8\u00a0%" in said and "errors of the nominal masses" in said
+    assert "nominal" not in reference and "gains far more than chance" in reference
+    content_of = CheckContent("r", "r.toml", ("run",), None, Diagnosis((nominal,)), {}, ())
+    assert "Still ok: as declared" in render_check(content_of)
+
+
+def test_ok_findings_are_folded_by_suspicion() -> None:
+    html = CheckSection().show(findings_of(many(Judgement.OK, 18)))
+    assert html.count("<details") == 2 and "<details open" not in html
+    assert "18 findings, the first: steps scatter" in html and html.count("<h3>") == 18
 
 
 def test_the_report_shows_the_check_if_there_was_one(usual) -> None:

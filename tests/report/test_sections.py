@@ -2,8 +2,10 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from steelyard.parameters import Parameters
 from steelyard.report import ReportContent
 from steelyard.report.judgement import level_of, verdict
 from steelyard.report.sections.register import SECTIONS
@@ -116,19 +118,19 @@ def test_what_is_not_seen_is_named_with_its_twin(usual):
 def test_conditioning_says_what_trades_against_what(usual):
     html = shown("conditioning", usual)
     assert "41.5" in html and "812" in html and "0.950" in html
-    assert "1.5 std" in html
+    assert "1.1 std" in html and "[std of both]" in html
     assert "0.0340" in html and "4200" in html
 
 
 def test_quality_has_a_column_per_label(usual):
     html = shown("quality", usual)
     assert html.count('<th scope="col"') == 5
-    assert "1, longest 0.4 s" in html and "12 (not a number)" in html
+    assert "1, longest 0.4\u00a0s" in html and "12 (not a number)" in html
 
 
 def test_settings_show_hashes_and_notes_once(usual):
     html = shown("settings", usual)
-    assert "ab" * 32 in html and "run1@0.6:9.5" in html and "25 Hz" in html
+    assert "ab" * 32 in html and "run1@0.6:9.5" in html and "25\u00a0Hz" in html
     assert "clock: 100 Hz" in html
     repeated = replace(usual, notes=("clock: 100 Hz",))
     assert "clock: 100 Hz" not in shown("settings", repeated)
@@ -140,3 +142,44 @@ def test_sections_without_anything_to_show_are_left_out():
     assert left == ["verdict"]
     some = replace(empty, settings=(("a", "b"),))
     assert "<dt>a</dt><dd>b</dd>" in shown("settings", some)
+
+
+def test_estimates_are_compared_in_the_std_of_both(usual):
+    """One that a prior holds in place, beside one that knows next to nothing."""
+    estimate = usual.identified.estimate
+    names, size = estimate.parameters.names, len(estimate.parameters)
+    std = np.full(size, 1e-6)
+    sure = replace(estimate, covariance=np.diag(std**2))
+    moved = estimate.parameters.values.copy()
+    moved[4] += 3.0
+    parameters = Parameters(names, estimate.parameters.units, moved)
+    loose = replace(sure, parameters=parameters, covariance=np.diag(np.full(size, 4.0)))
+    both = replace(usual.identified, estimate=sure, reference=(loose,))
+    html = shown("conditioning", replace(usual, identified=both))
+    assert f"{names[4]}: 1.5 std" in html
+
+
+def test_groupings_stand_in_rows_of_their_own(usual):
+    html = shown("parameters", usual)
+    assert '<input type="checkbox" id="parameter-groups"' in html
+    groups = [row for row in rows(usual.identified) if row.grade != "unseen"]
+    folded = [row for row in groups if row.group != row.name]
+    assert html.count('<tr class="group">') == len(folded) > 0
+    assert "mx.<wbr>link of shoulder" in html and "+&nbsp;1</small>" in html
+
+
+def test_what_is_long_of_a_log_stands_below_it(usual):
+    long = "resampled to 100 Hz; " * 9
+    more = (("run1", (("rows", "12"), ("decided", long))), ("points", (("rows", "13"),)))
+    html = shown("quality", replace(usual, qualities=more))
+    assert html.count('<th scope="col"') == 2 and html.count('<tr class="below">') == 1
+    assert "decided: resampled to 100\u00a0Hz" in html
+
+
+def test_what_a_bound_holds_trades_against_nothing(usual):
+    first = usual.identified.estimate.parameters.names[0]
+    estimate = replace(usual.identified.estimate, at_bound=(first,))
+    html = shown(
+        "conditioning", replace(usual, identified=replace(usual.identified, estimate=estimate))
+    )
+    assert "0.950" in shown("conditioning", usual) and "0.950" not in html

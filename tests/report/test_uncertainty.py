@@ -48,11 +48,8 @@ def test_bands_lie_around_the_prediction(usual):
     assert np.nanmax(residual) == pytest.approx(-np.nanmin(residual))
     inside = np.abs(traces.measured - traces.predicted) <= traces.band
     share = 100.0 * inside[traces.moving[:, 0], 0].mean()
-    assert (
-        EffortSection()
-        .numbers(usual)["figures"][0]["caption"]
-        .endswith(f"{share:.1f}\u00a0% in the band")
-    )
+    first = EffortSection().numbers(usual)["figures"][0]
+    assert first["held"] == f"{share:.1f}\u00a0% in the band" and not first["few"]
 
 
 def test_a_score_without_bands_is_drawn_without(usual):
@@ -165,3 +162,69 @@ def test_a_massless_link_has_no_centre(usual):
 def test_one_run_more_does_not_break_the_budget(usual):
     scores = usual.scores * 12
     assert len(render(replace(usual, scores=scores)).encode()) <= 8 * 2**20
+
+
+def test_what_a_bound_holds_has_no_interval(usual):
+    names = usual.identified.estimate.parameters.names
+    held = next(name for name in names if name.startswith("viscous."))
+    values = usual.identified.estimate.parameters.values.copy()
+    values[names.index(held)] = 3e-12
+    parameters = replace_values(usual.identified.estimate.parameters, values)
+    content = with_estimate(usual, parameters=parameters, at_bound=(held, names[0]))
+    row = next(row for row in rows(content.identified) if row.name == held)
+    assert (row.grade, row.status, row.value) == ("bound", "at its bound", 0.0)
+    numbers = (row.std, row.lower, row.upper, row.relative_percent, row.learned_percent)
+    assert numbers == (None,) * 5
+    assert rows(content.identified)[0].value == values[0]
+    section = ParametersSection()
+    html = section.show(section.numbers(content))
+    assert "2 parameters are at a bound" in html
+    assert html.count("at its bound</span>") == 2 and html.count('<tr class="bound') == 2
+    assert f"2 at a bound: {names[0]}, {held}" in printed(content)
+    told = list(csv.DictReader(io.StringIO(parameters_csv(content.identified))))
+    line = next(one for one in told if one["name"] == held)
+    assert line["status"] == "at its bound" and line["value"] == "0.0"
+    empty = ("std", "lower95", "upper95", "relative_std_percent", "from_data_percent")
+    assert all(line[column] == "" for column in empty)
+    assert "at a bound" not in printed(usual)
+
+
+def test_a_bound_of_the_user_keeps_its_value(usual):
+    model = usual.identified.model
+    held = next(name for name in model.names if name.startswith("viscous."))
+    names = usual.identified.estimate.parameters.names
+    far = usual.identified.estimate.parameters.values.copy()
+    far[names.index(held)] = 4.0
+    parameters = replace_values(usual.identified.estimate.parameters, far)
+    content = with_estimate(usual, parameters=parameters, at_bound=(held,))
+    row = next(row for row in rows(content.identified) if row.name == held)
+    assert row.value == 4.0 and row.grade == "bound"
+
+
+def test_a_band_that_holds_too_few_is_marked(browse, usual):
+    score = usual.scores[0]
+    narrow = replace(
+        score.traces, sigma=np.array([0.01, 0.2]), model_std=score.traces.model_std / 50
+    )
+    content = replace(usual, scores=(replace(score, traces=narrow),), fitted=(), diagnosis=None)
+    numbers = EffortSection().numbers(content)
+    assert [figure["few"] for figure in numbers["figures"]] == [True, False]
+    assert "the model lacks something there" in EffortSection().show(numbers)
+    assert "the model lacks something there" not in EffortSection().show(
+        EffortSection().numbers(usual)
+    )
+    seen = browse(render(replace(content, comparison=None)))
+    assert seen.errors == [] and seen.dom.count('<span class="few">') == 1
+
+
+def test_a_joint_without_samples_has_no_band(browse, usual):
+    sigma = np.array([np.nan, 0.2])
+    score = usual.scores[0]
+    traces = replace(score.traces, sigma=sigma)
+    content = with_estimate(usual, sigma=sigma, n_samples=np.array([0.0, 4200.0]))
+    content = replace(content, scores=(replace(score, traces=traces),), fitted=(), diagnosis=None)
+    still, moved = EffortSection().numbers(content)["figures"]
+    assert still["bands"] == [] and still["held"] == "" and not still["few"]
+    assert len(moved["bands"]) == 3 and moved["held"]
+    seen = browse(render(replace(content, comparison=None)))
+    assert seen.errors == [] and seen.drawn == 2

@@ -170,3 +170,15 @@ def test_bands_change_no_score_and_cost_no_samples(monkeypatch: pytest.MonkeyPat
     assert thinned.band is not None and len(thinned.band) == len(thinned.t) <= 500
     assert np.array_equal(thinned.band[1], band[np.flatnonzero(banded.traces.t == thinned.t[1])[0]])
     assert step > 1
+
+
+def test_a_joint_without_samples_has_no_band() -> None:
+    model, truth = identified()
+    counts = np.where(np.arange(ROBOT.n) == 2, 0.0, model.estimate.n_samples)
+    still = replace(model, estimate=replace(model.estimate, n_samples=counts))
+    run = run_of(truth, 300)
+    traces, known = scored(still, run).traces, scored(model, run).traces
+    assert traces.band is not None and known.band is not None
+    assert np.isnan(traces.band[:, 2]).all()
+    others = np.arange(ROBOT.n) != 2
+    assert np.array_equal(traces.band[:, others], known.band[:, others])

@@ -10,6 +10,7 @@ import pytest
 
 from invented import single, tree
 from steelyard.errors import DataError
+from steelyard.estimation.consistent import Consistent
 from steelyard.estimation.estimate import Estimate, Standard
 from steelyard.estimation.least_squares import OrdinaryLeastSquares, WeightedLeastSquares
 from steelyard.estimation.prior import default_knowledge
@@ -295,8 +296,82 @@ def test_a_great_loss_counts_however_it_scatters() -> None:
     assert advice is not None and advice.name == "WLS"
 
 
+def test_a_joint_that_does_not_move_has_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    parts = parts_of()
+    whole = trial(compare([LEAST], CONTEXT, parts), "OLS")
+    sizes, kept = Information.effort_squares, parts.information
+
+    def still(self: Information) -> np.ndarray:
+        moving = np.array([1.0, 0.0, 1.0, 1.0]) if self.windows == kept.windows[1:2] else 1.0
+        return sizes(self) * moving
+
+    monkeypatch.setattr(Information, "effort_squares", still)
+    found = trial(compare([LEAST], CONTEXT, parts), "OLS")
+    assert np.argwhere(np.isnan(found.errors)).tolist() == [[1, 1]]
+    assert found.means[1] == pytest.approx(np.delete(whole.errors[1], 1).mean())
+    assert found.by_joint[1] == pytest.approx(np.delete(whole.errors[:, 1], 1).mean())
+    assert found.whole and found.mean == pytest.approx(found.means.mean())
+    assert found.to_dict()["errors_percent"][1][1] is None
+    assert found.to_dict()["pooled_percent"] == pytest.approx(found.pooled.mean())
+
+
+def test_a_part_in_which_nothing_moves_counts_nowhere() -> None:
+    quiet = told("WLS", [3.0, np.nan, 5.0])
+    assert quiet.mean == 4.0 and quiet.whole and not quiet.failed.any()
+    assert not told("WLS", [np.nan, np.nan]).whole
+    assert told("WLS", [np.nan, np.nan]).figure == "no error"
+    advice = recommended([quiet, told("OLS", [30.0, np.nan, 50.0])])
+    assert advice is not None and advice.name == "WLS" and "two parts tell little" in advice.why
+
+
+def test_predictions_that_are_not_finite_are_a_failure() -> None:
+    def huge(data: Information) -> Estimate:
+        found = OrdinaryLeastSquares()(data)
+        values = found.parameters.values * 1e300
+        return replace(found, parameters=replace(found.parameters, values=values))
+
+    found = trial(compare([offer("huge", huge)], CONTEXT, parts_of()), "huge")
+    assert {f.reason for f in found.failures} == {"its predictions are not finite"}
+    assert found.failed.all() and not found.whole and found.mean is None
+
+
+def test_what_is_worse_than_predicting_zero_is_not_recommended() -> None:
+    advice = recommended([told("WLS", [130.0, 110.0, 120.0]), told("OLS", [200.0, 150.0, 300.0])])
+    assert advice is not None and advice.name is None
+    assert "WLS: 120" in advice.why and "nothing beats predicting zero" in advice.why
+    enough = recommended([told("WLS", [90.0, 110.0, 95.0])])
+    assert enough is not None and enough.name == "WLS" and "tell little" not in enough.why
+
+
+def test_equal_weights_reach_the_consistent_estimates() -> None:
+    data, by_name = parts_of().information, {o.name: o for o in ESTIMATORS}
+    for name in ("consistent", "pullback", "SDP", "log-Cholesky"):
+        noise, equal = (
+            by_name[name].make(replace(CONTEXT, equal=one))(data).values.values
+            for one in (False, True)
+        )
+        assert not np.allclose(noise, equal, rtol=1e-4), name
+    wanted = Consistent(REGRESSOR.base, CONTEXT.knowledge, equal=True)(data).values.values
+    made = by_name["consistent"].make(replace(CONTEXT, equal=True))(data).values.values
+    np.testing.assert_array_equal(made, wanted)
+
+
+def test_what_keeps_no_parameters_of_single_runs_says_so() -> None:
+    context = replace(CONTEXT, per_run=(COLUMNS[-1],))
+    refusing = {"RLS", "IV", "DIDIM", "CLOE", "EKF"}
+    for one in ESTIMATORS:
+        if one.name in refusing:
+            with pytest.raises(DataError, match="keeps no parameters of single runs") as caught:
+                one.make(context)
+            assert caught.value.where == COLUMNS[-1] and "per_run = true" in caught.value.mend
+        else:
+            one.make(context)
+    (rls,) = compare([o for o in ESTIMATORS if o.name == "RLS"], context, parts_of()).trials
+    assert {f.reason for f in rls.failures} == {"it keeps no parameters of single runs"}
+
+
 def test_a_trial_with_a_failure_is_never_taken() -> None:
-    partly = told("partly", [1.0, np.nan, 1.0])
+    partly = told("partly", [1.0, np.inf, 1.0])
     sound = told("sound", [3.0, 3.0, 3.5])
     advice = recommended([partly, sound])
     assert advice is not None and advice.name == "sound"

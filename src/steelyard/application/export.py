@@ -1,5 +1,6 @@
 """An identified model as a file that other programs read: URDF and MJCF."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import numpy as np
 from steelyard.application.export_content import NAMES, Content, Format, base_of, content_of
 from steelyard.application.export_edit import urdf_behind, urdf_with
 from steelyard.application.export_mjcf import mjcf_of
+from steelyard.application.export_origin import impossible_kept, mass_shares, unseen
 from steelyard.application.export_urdf import urdf_of
 from steelyard.application.export_xml import document, head_of
 from steelyard.arrays import Array
@@ -26,6 +28,12 @@ MERGED = (
     "own here."
 )
 
+SHARES = "Share of each link's mass that comes from the data, the rest is prior:"
+UNSEEN = "Not seen by the data:"
+KEPT = (
+    "Links that the identification does not touch, and that cannot exist as the original has them:"
+)
+
 
 @dataclass(frozen=True)
 class Exported:
@@ -36,12 +44,18 @@ class Exported:
         form: Its format.
         unheld: What of the model the format has no place for, one sentence each.
         content: What the file holds.
+        mass_shares: Per link the share of its mass that comes from the data, 0 to 1.
+        unseen: Parameters that the data did not see.
+        impossible: Links that keep what the original says, and cannot exist as it says.
     """
 
     text: str
     form: Format
     unheld: tuple[str, ...]
     content: Content
+    mass_shares: dict[str, float]
+    unseen: tuple[str, ...]
+    impossible: tuple[str, ...] = ()
 
 
 def unheld(identified: IdentifiedModel, form: Format) -> tuple[str, ...]:
@@ -69,19 +83,40 @@ def exported(
             original is of another robot.
     """
     content = content_of(identified, form)
+    origin = *_shares(identified, content), *_unseen(identified, content)
+    impossible: tuple[str, ...] = ()
     if original is None:
         root = urdf_of(content) if form == "urdf" else mjcf_of(content)
-        text = document(root, head_of(identified, content, form))
+        text = document(root, head_of(identified, content, form, origin))
     elif form == "urdf":
         path = urdf_behind(Path(original))
-        text = urdf_with(content, path, head_of(identified, content, form, [MERGED]))
+        impossible = impossible_kept(content, path)
+        more = [MERGED, *origin, *listed_under(KEPT, impossible)]
+        text = urdf_with(content, path, head_of(identified, content, form, more))
     else:
         raise ModelError(
             f"numbers can be put into a URDF, not into {NAMES[form]}",
             where=str(original),
             mend="leave out --model, or export to a URDF",
         )
-    return Exported(text, form, content.unheld, content)
+    estimate = identified.estimate
+    shares, blind = mass_shares(estimate, content), unseen(estimate, content)
+    return Exported(text, form, content.unheld, content, shares, blind, impossible)
+
+
+def listed_under(heading: str, sentences: Iterable[str]) -> list[str]:
+    """Lines of a list, none if it is empty."""
+    lines = [f"  - {sentence}" for sentence in sentences]
+    return [heading, *lines] if lines else []
+
+
+def _shares(identified: IdentifiedModel, content: Content) -> list[str]:
+    shares = mass_shares(identified.estimate, content)
+    return listed_under(SHARES, (f"{name}: {share:.0%}" for name, share in shares.items()))
+
+
+def _unseen(identified: IdentifiedModel, content: Content) -> list[str]:
+    return listed_under(UNSEEN, unseen(identified.estimate, content))
 
 
 def refuse_changed(path: Path, made: Exported) -> None:

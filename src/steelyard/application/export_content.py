@@ -133,8 +133,8 @@ def _standard(identified: IdentifiedModel) -> dict[str, float]:
         raise ModelError(
             "the model has base parameters only, not the mass and inertia of every link",
             where=f"model of '{name}', estimated by {estimate.estimator}",
-            mend="identify with the default estimator, which knows what the data do not show "
-            "from the prior",
+            mend='remove method = "least_squares" from [estimation] of the robot file and identify '
+            "again: the default estimator knows from the prior what the data do not show",
         )
     if not any(isinstance(term, RigidBody) for term in identified.model.terms):
         raise ModelError(

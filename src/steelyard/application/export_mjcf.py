@@ -14,7 +14,7 @@ import numpy as np
 
 from steelyard.application.export_content import Content, Effects, Sum, base_of, carriers_of
 from steelyard.application.export_laws import Kind, Pull
-from steelyard.application.export_urdf import frames_of
+from steelyard.application.export_urdf import frames_of, rounded
 from steelyard.application.export_xml import limit, number, numbers
 from steelyard.arrays import Array
 from steelyard.robot.geometry import turn
@@ -116,11 +116,11 @@ def quaternion(rotation: Array) -> Array:
 
 
 def _inertial(element: ET.Element, inertia: Inertia) -> None:
-    about = inertia.inertia_com
+    com, about = rounded(inertia)
     ET.SubElement(
         element,
         "inertial",
-        pos=numbers(inertia.com),
+        pos=numbers(com),
         mass=number(inertia.mass),
         fullinertia=numbers([about[i, j] for i, j in FULL]),
     )

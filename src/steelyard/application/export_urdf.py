@@ -9,7 +9,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from steelyard.application.export_content import Content, Effects, base_of, carriers_of
-from steelyard.application.export_xml import UNLIMITED, limit, number, numbers
+from steelyard.application.export_xml import UNLIMITED, limit, number, numbers, snapped
 from steelyard.arrays import Array
 from steelyard.robot.inertia import Inertia, six_numbers
 from steelyard.robot.robot import Body, Frame, Limits, Robot
@@ -49,11 +49,19 @@ def frames_of(robot: Robot, names: Iterable[str]) -> list[Frame]:
 def inertial_of(inertia: Inertia) -> ET.Element:
     """Mass, centre and the inertia about it, in the link's axes."""
     inertial = ET.Element("inertial")
-    ET.SubElement(inertial, "origin", xyz=numbers(inertia.com), rpy="0 0 0")
+    com, about = rounded(inertia)
+    ET.SubElement(inertial, "origin", xyz=numbers(com), rpy="0 0 0")
     ET.SubElement(inertial, "mass", value=number(inertia.mass))
-    six = six_numbers(inertia.inertia_com)
+    six = six_numbers(about)
     ET.SubElement(inertial, "inertia", dict(zip(SIX, map(number, six), strict=True)))
     return inertial
+
+
+def rounded(inertia: Inertia) -> tuple[Array, Array]:
+    """Centre and inertia about it, without what is rounding beside the body's size."""
+    com, about = inertia.com, inertia.inertia_com
+    radius = np.sqrt(np.trace(inertia.inertia_origin) / inertia.mass)
+    return snapped(com, float(radius)), snapped(about, float(np.trace(about)))
 
 
 def dynamics_of(effects: Effects) -> list[ET.Element]:

@@ -3,11 +3,15 @@
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.application.export_content import NAMES, Content, Format
-from steelyard.arrays import frozen
+from steelyard.arrays import Array, frozen
 from steelyard.estimation.identified import IdentifiedModel
+
+ROUNDING = 1e-14
+"""What a solver leaves of zero, relative to the body it is of."""
 
 UNLIMITED = 1e9
 """Written where a format wants a limit and none is known."""
@@ -21,6 +25,12 @@ def number(value: float) -> str:
 def numbers(values: ArrayLike) -> str:
     """Numbers with blanks between."""
     return " ".join(number(value) for value in frozen(values).ravel())
+
+
+def snapped(values: ArrayLike, size: float) -> Array:
+    """Numbers with zeros where they are the rounding of a number of some size."""
+    known = frozen(values)
+    return np.where(np.abs(known) <= ROUNDING * size, 0.0, known)
 
 
 def limit(value: float) -> str:

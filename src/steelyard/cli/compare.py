@@ -3,6 +3,7 @@
 import json
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -88,7 +89,8 @@ def kept(offers: "Sequence[Offer]", rivals: "Rivals", progress: "Progress") -> "
         if not trials:
             raise
         interrupt.answered()
-    return compared(trials, offers, rivals.context, rivals.parts)
+    found = compared(trials, offers, rivals.context, rivals.parts)
+    return replace(found, lines=rivals.lines)
 
 
 def write(content: "ReportContent", folder: Path | None) -> None:

@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from steelyard.application.export_content import Format
 
 ENDINGS: "dict[str, Format]" = {".urdf": "urdf", ".mjcf": "mjcf", ".xml": "mjcf"}
+FEW = 0.5
+"""Share of a link's mass from the data below which the terminal names the link."""
+
 USUAL: "dict[Format, str]" = {"urdf": ".urdf", "mjcf": ".xml"}
 
 
@@ -38,14 +41,17 @@ def export(
     output: Annotated[
         Path | None,
         typer.Option(
-            "--output", "-o", help="File to make; must not exist. The robot's name if unset."
+            "--output",
+            "-o",
+            help="File to make; must not exist. In this folder, after the robot, if unset.",
         ),
     ] = None,
     as_json: Json = False,
 ) -> None:
     """Write the masses, inertias and friction of an identified model as URDF or MJCF.
 
-    What the format has no place for is listed, here and in the file's head.
+    What the format has no place for is listed, here and in the file's head, and so is what does
+    not come from the data.
 
     Example: steelyard export steelyard-ur10e --to mjcf -o ur10e.xml
     """
@@ -63,7 +69,14 @@ def export(
         refuse_changed(part, made)
         interrupt.too_late()
     if as_json:
-        told = {"file": str(path), "format": form, "unheld": list(made.unheld)}
+        told = {
+            "file": str(path),
+            "format": form,
+            "unheld": list(made.unheld),
+            "mass_from_data": made.mass_shares,
+            "not_seen": list(made.unseen),
+            "impossible_in_original": list(made.impossible),
+        }
         typer.echo(json.dumps(told))
         return
     _tell(path, made)
@@ -102,7 +115,7 @@ def _new_file(output: Path | None, default: str) -> Path:
     """
     from steelyard.errors import OutputError
 
-    path = Path(default.replace("/", "_")) if output is None else output
+    path = Path(default.replace("/", "_")).absolute() if output is None else output
     if path.exists():
         raise OutputError(
             "the file exists already",
@@ -117,12 +130,22 @@ def _tell(path: Path, made: "Exported") -> None:
     from rich.console import Console
     from rich.text import Text
 
+    from steelyard.application.export import KEPT, UNSEEN, listed_under
+
     bodies = made.content.inertias
     mass = sum(inertia.mass for inertia in bodies)
     console = Console()
     links = "1 moving link" if len(bodies) == 1 else f"{len(bodies)} moving links"
     console.print(Text(f"{path}: {links}, {mass:.4g} kg"), soft_wrap=True)
-    if made.unheld:
-        console.print(f"{made.form.upper()} has no place for:")
-    for sentence in made.unheld:
-        console.print(Text(f"  - {sentence}"))
+    few = [f"{name} {x:.0%}" for name, x in made.mass_shares.items() if x < FEW]
+    for heading, sentences in (
+        (f"{made.form.upper()} has no place for:", made.unheld),
+        (
+            "mostly prior, share of the mass that comes from the data:",
+            (", ".join(few),) if few else (),
+        ),
+        (UNSEEN, (", ".join(made.unseen),) if made.unseen else ()),
+        (KEPT, made.impossible),
+    ):
+        for line in listed_under(heading, sentences):
+            console.print(Text(line))

@@ -1,6 +1,6 @@
 """What `steelyard compare` compares: estimators by name, and the data that they are given."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from operator import add
@@ -23,6 +23,7 @@ from steelyard.regression.samples import Samples
 from steelyard.report import ReportContent
 from steelyard.robot.nearest import advice
 from steelyard.robot.robot_file import LoadedRobot, load_robot
+from steelyard.robot.schema import EstimationSection
 from steelyard.validation.compare import Parts
 from steelyard.validation.cross import longest_window, stretches_of
 from steelyard.validation.mixes import remembers
@@ -44,12 +45,14 @@ class Rivals:
         parts: What they look at.
         ground: The model and its runs.
         notes: What was decided on the way.
+        lines: What to write into the robot file for estimators that it does not choose now.
     """
 
     context: Context
     parts: Parts
     ground: Ground
     notes: tuple[str, ...]
+    lines: Mapping[str, str]
 
     def content(self, comparison: Comparison) -> ReportContent:
         """What the page shows."""
@@ -74,8 +77,14 @@ def offers_of(names: Sequence[str], everything: bool) -> tuple[Offer, ...]:
         everything: Without names, also those that search or simulate.
 
     Raises:
-        ModelError: There is none of that name.
+        ModelError: There is none of that name, or both names and all are asked for.
     """
+    if names and everything:
+        raise ModelError(
+            "some estimators are named, and all are asked for",
+            where="--estimators with --all",
+            mend="leave out one of the two options",
+        )
     if not names:
         return tuple(offer for offer in ESTIMATORS if everything or not offer.slow)
     known = {_plain(offer.name): offer for offer in ESTIMATORS}
@@ -151,8 +160,24 @@ def _given(
         {"samples": sources.samples, **({"experiment": sources.experiment} if several else {})},
         {"experiment": ONE_RUN},
     )
-    context = Context(regressor, knowledge, per_run, progress)
-    return Rivals(context, parts, ground, (*notes, *knowledge.notes))
+    equal = file.estimation.weights == "equal"
+    context = Context(regressor, knowledge, per_run, progress, equal)
+    return Rivals(context, parts, ground, (*notes, *knowledge.notes), lines_of(file.estimation))
+
+
+def lines_of(now: EstimationSection) -> dict[str, str]:
+    """What a robot file's `[estimation]` lacks for those estimators that it can choose."""
+    wanted = {
+        "consistent": {"method": "consistent"},
+        "WLS": {"method": "least_squares", "weights": "noise"},
+        "OLS": {"method": "least_squares", "weights": "equal"},
+    }
+    lines = {}
+    for name, keys in wanted.items():
+        other = [f'{key} = "{value}"' for key, value in keys.items() if getattr(now, key) != value]
+        if other:
+            lines[name] = f"[estimation] {', '.join(other)}"
+    return lines
 
 
 @dataclass(frozen=True, eq=False)

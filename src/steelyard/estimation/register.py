@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+from steelyard.errors import DataError
 from steelyard.estimation.consistent import Consistent
 from steelyard.estimation.estimate import Estimator
 from steelyard.estimation.knowledge import Knowledge
@@ -24,6 +25,7 @@ class Context:
         regressor: Model and columns.
         knowledge: What is known before the data.
         per_run: Columns whose parameters every run has for itself.
+        equal: Whether the consistent estimates weigh all rows the same, as `identify` is to.
         progress: Told by estimators that search or simulate how far they are.
     """
 
@@ -31,6 +33,7 @@ class Context:
     knowledge: Knowledge
     per_run: tuple[str, ...] = ()
     progress: Progress = silent
+    equal: bool = False
 
 
 @dataclass(frozen=True)
@@ -53,7 +56,18 @@ class Offer:
 
 
 def _consistent(context: Context) -> Consistent:
-    return Consistent(context.regressor.base, context.knowledge, per_run=context.per_run)
+    base, own = context.regressor.base, context.per_run
+    return Consistent(base, context.knowledge, per_run=own, equal=context.equal)
+
+
+def _refuse_own(context: Context) -> None:
+    """Refuse parameters of single runs, for estimators that would take them as shared."""
+    if context.per_run:
+        raise DataError(
+            "it keeps no parameters of single runs",
+            where=", ".join(context.per_run),
+            mend="leave it out of the comparison, or per_run = true out of the robot file",
+        )
 
 
 def _bounded(context: Context) -> Estimator[Any]:
@@ -67,7 +81,8 @@ def _bounded(context: Context) -> Estimator[Any]:
 def _log_cholesky(context: Context) -> Estimator[Any]:
     from steelyard.estimation.log_cholesky import LogCholesky
 
-    return LogCholesky(context.regressor.base, context.knowledge, per_run=context.per_run)
+    base, own = context.regressor.base, context.per_run
+    return LogCholesky(base, context.knowledge, per_run=own, equal=context.equal)
 
 
 def _genetic(context: Context) -> Estimator[Any]:
@@ -113,6 +128,7 @@ def _ridge(context: Context) -> Estimator[Any]:
 def _recursive(context: Context) -> Estimator[Any]:
     from steelyard.estimation.recursive import Recursive
 
+    _refuse_own(context)
     return Recursive(forgetting=0.99)
 
 
@@ -125,24 +141,28 @@ def _motion_noise(context: Context) -> Estimator[Any]:
 def _instrumental(context: Context) -> Estimator[Any]:
     from steelyard.estimation.instrumental import InstrumentalVariables
 
+    _refuse_own(context)
     return InstrumentalVariables(progress=context.progress)
 
 
 def _didim(context: Context) -> Estimator[Any]:
     from steelyard.estimation.didim import Didim
 
+    _refuse_own(context)
     return Didim(progress=context.progress)
 
 
 def _output_error(context: Context) -> Estimator[Any]:
     from steelyard.estimation.output_error import ClosedLoopOutputError
 
+    _refuse_own(context)
     return ClosedLoopOutputError(progress=context.progress)
 
 
 def _kalman(context: Context) -> Estimator[Any]:
     from steelyard.estimation.kalman_parameters import KalmanParameters
 
+    _refuse_own(context)
     return KalmanParameters(progress=context.progress)
 
 

@@ -34,6 +34,10 @@ def _environment() -> "Environment":
         "significant": words.significant,
         "percent": words.percent,
         "alike": words.alike,
+        "share": words.share,
+        "relative": words.relative,
+        "kept": words.kept,
+        "breakable": breakable,
     }
     environment.globals["count"] = words.count
     return environment
@@ -44,6 +48,13 @@ def fill(template: str, values: Mapping[str, Any]) -> str:
     from markupsafe import Markup
 
     return Markup(_environment().get_template(template).render(values))
+
+
+def breakable(name: str) -> str:
+    """A name as safe HTML that may be broken behind dots and underscores, never inside a word."""
+    from markupsafe import Markup
+
+    return Markup("<wbr>").join(words.pieces(name))
 
 
 def verbatim(name: str) -> str:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -16,10 +17,14 @@ if TYPE_CHECKING:
 WEAK = 20.0
 """Relative standard deviation [%] above which a parameter is called weak."""
 
+HELD = 0.01
+"""Distance from a bound, in standard deviations, that is taken for rounding of a value held there.
+"""
+
 LEARNED = 20.0
 """Share from data [%] below which a parameter is called known from the prior."""
 
-Grade = Literal["sure", "weak", "zero", "prior", "unseen"]
+Grade = Literal["sure", "weak", "zero", "prior", "bound", "unseen"]
 
 
 @dataclass(frozen=True)
@@ -37,7 +42,8 @@ class Row:
         relative_percent: Standard deviation relative to the value [%].
         nominal: Value in the robot's file; `None` if unknown.
         grade: `sure`, `weak` (relative standard deviation above 20 %), `zero` (the interval holds
-            zero), `prior` (less than 20 % of it are from the data) or `unseen`.
+            zero), `prior` (less than 20 % of it are from the data), `bound` (a bound holds it, so
+            that it has no interval) or `unseen`.
         status: The same in words.
         learned_percent: Share that comes from the data [%]; `None` without a prior.
     """
@@ -76,6 +82,9 @@ def rows(identified: IdentifiedModel) -> tuple[Row, ...]:
             strict=True,
         )
     }
+    bounds = {p.name: (p.lower, p.upper) for p in identified.model.parameters}
+    for name in estimate.at_bound:
+        seen[name] = _held(seen[name], bounds.get(seen[name].group, ()))
     blind = {b.name: _blind(b, groups, units, nominal.get(b.name)) for b in estimate.blind}
     found = seen | blind
     order = [name for name in groups if name in found]
@@ -128,6 +137,23 @@ def _seen(
         grade,
         status,
         learned,
+    )
+
+
+def _held(row: Row, bounds: Sequence[float]) -> Row:
+    """A row whose value a bound holds, at the model's bound where only rounding lies between."""
+    value, std = row.value or 0.0, row.std or 0.0
+    near = [bound for bound in bounds if abs(value - bound) <= HELD * std]
+    return replace(
+        row,
+        value=near[0] if near else value,
+        std=None,
+        lower=None,
+        upper=None,
+        relative_percent=None,
+        learned_percent=None,
+        grade="bound",
+        status="at its bound",
     )
 
 

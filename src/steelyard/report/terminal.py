@@ -128,6 +128,9 @@ def _parameters(identified: IdentifiedModel) -> list[str]:
     weak = [row for row in table if row.grade in ("weak", "zero")]
     if weak:
         lines.append(f"{len(weak)} poorly determined: {_some(weak)}")
+    held = [row for row in table if row.grade == "bound"]
+    if held:
+        lines.append(f"{len(held)} at a bound: {_some(held)}")
     prior = [row for row in table if row.grade == "prior"]
     if prior:
         lines.append(f"{len(prior)} known mostly from the prior: {_some(prior)}")

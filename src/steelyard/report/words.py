@@ -1,9 +1,27 @@
 """Numbers as people read them; what is not a number never breaks a page."""
 
+import re
 from math import floor, isfinite, log10
 
 NONE = "–"
 """Stands where there is no number."""
+
+LEAST_SHARE = 0.1
+"""Share [%] below which it is called none."""
+
+MOST_RELATIVE = 1000.0
+"""Relative standard deviation [%] beyond which it is not told."""
+
+UNIT = re.compile(
+    r"(?<=\d) (?=(?:%|°|Hz|kHz|bit|s|ms|µs|min|h|N|Nm|kN|A|mA|V|W|kg|g|m|mm|rad|N ?m)(?![\w]))"
+)
+"""The space between a number and its unit."""
+
+EXPONENT = re.compile(r"(?<=\de-)(?=\d)")
+"""The place in a number like 1e-06 where a browser would end a line."""
+
+SEAM = re.compile(r"(?<=_)|(?<=[A-Za-z]\.)(?=[A-Za-z])")
+"""Where a long name may be broken."""
 
 
 def significant(value: float | None, digits: int = 3) -> str:
@@ -23,13 +41,41 @@ def percent(value: float | None) -> str:
     return text if text == NONE else f"{text}\u00a0%"
 
 
+def share(value: float | None) -> str:
+    """A share of 100 %; below 0.1 % it is none."""
+    return percent(0.0 if value is not None and abs(value) < LEAST_SHARE else value)
+
+
+def relative(value: float | None) -> str:
+    """A relative uncertainty in percent; beyond 1000 % its figures say nothing."""
+    if value is not None and value > MOST_RELATIVE:
+        return f"> {MOST_RELATIVE:.0f} %".replace(" ", "\u00a0")
+    return percent(value)
+
+
+def fixed(value: float, decimals: int = 3) -> str:
+    """A number with so many decimals; a zero has no sign."""
+    text = f"{value:.{decimals}f}"
+    return text.lstrip("-") if isfinite(value) and not float(text) else text
+
+
+def kept(text: str) -> str:
+    """Words in which no line ends inside a number, or between it and its unit."""
+    return EXPONENT.sub("\u2060", UNIT.sub("\u00a0", text))
+
+
+def pieces(name: str) -> list[str]:
+    """A name cut where a line may end: behind its dots and underscores."""
+    return SEAM.split(name)
+
+
 def alike(value: float, scale: float, digits: int = 2) -> str:
     """A number with the decimals that its uncertainty `scale` has at so many digits."""
     if not (isfinite(value) and isfinite(scale)) or scale <= 0.0:
         return significant(value, 4)
     if not (1e-6 <= scale < 1e6 and abs(value) < 1e9):
         return significant(value, 4)
-    return f"{value:.{_decimals(scale, digits)}f}"
+    return fixed(value, _decimals(scale, digits))
 
 
 def count(number: int, thing: str) -> str:

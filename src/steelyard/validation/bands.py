@@ -36,7 +36,7 @@ class Bands:
         regressor: Base columns of the model.
         factor: `F`, with `F @ F.T` the covariance of the base parameters, shape `(p, k)`.
         sigma: Standard deviation of the residuals per row behind the score's low-pass, in the
-            unit of the joint's effort, shape `(n,)`.
+            unit of the joint's effort, shape `(n,)`; NaN of a joint without samples.
     """
 
     regressor: Regressor
@@ -51,7 +51,7 @@ class Bands:
         return cls(
             base_regressor(identified.model),
             frozen(_root(_covariance(identified))),
-            frozen(identified.estimate.sigma * np.sqrt(ratio)),
+            frozen(_sigma(identified) * np.sqrt(ratio)),
         )
 
     def model_std(self, block: Block, step: int = 1) -> Array:
@@ -77,8 +77,14 @@ class Bands:
         return result
 
 
+def _sigma(identified: IdentifiedModel) -> Array:
+    """Standard deviation of the fit's residuals; NaN where a joint had no samples to tell it."""
+    estimate = identified.estimate
+    return np.where(estimate.n_samples > 0.0, estimate.sigma, np.nan)
+
+
 def _covariance(identified: IdentifiedModel) -> Array:
-    """Covariance of all base parameters; of what neither data nor prior tell, zero."""
+    """Covariance of all base parameters; without prior, of what data do not tell, zero."""
     estimate, base = identified.estimate, identified.base
     if estimate.standard is not None:
         return np.asarray(base.lift @ estimate.standard.covariance @ base.lift.T)

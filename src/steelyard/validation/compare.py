@@ -159,7 +159,7 @@ def _tried(
     """One estimator, fitted to everything and to all parts but one."""
     count = len(parts.names)
     rows = len(context.regressor.layout.rows)
-    errors, pooled = np.full((count, rows), np.nan), np.full(count, np.nan)
+    errors, pooled = np.full((count, rows), np.inf), np.full(count, np.inf)
     whole: Estimate | None = None
     failures: list[Failure] = []
     seconds: list[float] = []
@@ -177,6 +177,8 @@ def _tried(
         else:
             held = parts.said([left])
             errors[left], pooled[left] = _errors(found, context.regressor.base, held)
+            if np.isinf(errors[left]).any():
+                failures.append(Failure(parts.names[left], "its predictions are not finite", LEFT))
     return Trial(
         offer.name,
         offer.about,
@@ -248,12 +250,16 @@ def impossible_bodies(estimate: Estimate, knowledge: Knowledge) -> tuple[str, ..
 
 
 def _errors(estimate: Estimate, base: BaseMap, held: Information) -> tuple[Array, float]:
-    """Relative errors per joint and over all joints together [%]."""
-    squares = held.residual_squares(base_values(estimate, base))
+    """Relative errors per joint, NaN where it never moves, and over all together [%]."""
+    with np.errstate(all="ignore"):
+        squares = held.residual_squares(base_values(estimate, base))
     sizes = held.effort_squares()
-    shares = squares / np.where(sizes > 0.0, sizes, np.inf)
-    total = float(sizes.sum())
-    pooled = float(squares.sum()) / total if total else 0.0
+    moving = sizes > 0.0
+    if not moving.any():
+        return np.full(len(sizes), np.nan), float("nan")
+    squares = np.where(np.isnan(squares), np.inf, squares)
+    shares = squares / np.where(moving, sizes, np.nan)
+    pooled = float(squares[moving].sum() / sizes.sum())
     return 100.0 * np.sqrt(shares), 100.0 * float(np.sqrt(pooled))
 
 
@@ -275,7 +281,8 @@ def _chi_square(estimate: Estimate, context: Context, parts: Parts, noise: Array
         mine = own.get(run, {})
         values = [mine.get(name, v) for name, v in zip(base.base_names, shared, strict=True)]
         windows = [k for k, window in enumerate(information.windows) if window.run == run]
-        squares += information.of(windows).residual_squares(np.array(values))
+        with np.errstate(all="ignore"):
+            squares += information.of(windows).residual_squares(np.array(values))
     freedom = float(information.n_samples.sum()) - len(base)
     return float((squares / noise).sum()) / max(freedom, 1.0)
 

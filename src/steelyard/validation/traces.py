@@ -28,7 +28,8 @@ class Traces:
         moving: Whether each joint moves.
         model_std: Standard deviation of the prediction, by what is open of the parameters; `None`
             without bands.
-        sigma: Standard deviation of a measurement around the model, shape `(n,)`.
+        sigma: Standard deviation of a measurement around the model, shape `(n,)`; NaN of a joint
+            that had no samples to be fitted to.
     """
 
     t: Array
@@ -40,7 +41,10 @@ class Traces:
 
     @property
     def band(self) -> Array | None:
-        """Half-width of the band that holds 95 % of new measurements, shape `(N, n)`."""
+        """Half-width of the band that holds 95 % of new measurements, shape `(N, n)`.
+
+        NaN of a joint whose `sigma` is: it has no band.
+        """
         if self.model_std is None or self.sigma is None:
             return None
         return np.asarray(Z95 * np.sqrt(np.square(self.model_std) + np.square(self.sigma)))

@@ -1,11 +1,12 @@
 """How estimators did where they were not fitted, and which to take."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from math import isfinite
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 
@@ -14,6 +15,15 @@ ALIKE = 0.02
 
 MOST = 0.1
 """The same, from which on a loss counts however much it scatters."""
+
+ZERO = 100.0
+"""Error of a model that predicts zero [%]."""
+
+BEATEN = "beats predicting zero, which has 100 %: is the log what the robot file says?"
+
+FEW = 2
+LITTLE = "; two parts tell little, more runs tell more"
+"""What is said where no more than so many parts were predicted."""
 
 COST = {"information": 0, "samples": 1, "experiment": 2}
 """What an estimator looks at, the least first."""
@@ -44,7 +54,8 @@ class Trial:
         needs: What it looks at.
         slow: Whether it searches or simulates.
         errors: Relative errors on what was left out, behind the matched filter and where joints
-            move, shape `(parts, joints)` [%]; NaN where the fit failed.
+            move, shape `(parts, joints)` [%]; NaN where a joint does not move in a part, infinite
+            where the fit failed.
         pooled: The same with norms over all joints together, shape `(parts,)` [%].
         seconds: Time of one fit, mean over all of them [s]; `None` if none came to an end.
         parameters: Number of parameters it gives values to, fitted to all data.
@@ -72,8 +83,23 @@ class Trial:
 
     @property
     def means(self) -> Array:
-        """Mean error over the joints, shape `(parts,)` [%]."""
-        return np.asarray(self.errors.mean(axis=1))
+        """Mean error over the joints that move, shape `(parts,)` [%]; NaN where none does."""
+        return mean_of(self.errors, axis=1)
+
+    @property
+    def failed(self) -> NDArray[np.bool_]:
+        """Whether a part could not be predicted, shape `(parts,)`."""
+        return np.asarray(np.isinf(self.errors).any(axis=1), bool)
+
+    @property
+    def by_joint(self) -> Array:
+        """Mean error over the parts that were predicted, shape `(joints,)` [%]."""
+        return mean_of(self.errors[~self.failed], axis=0)
+
+    @property
+    def mean_pooled(self) -> float:
+        """Mean of `pooled` over the parts with motion [%]; NaN if a fit failed."""
+        return float("nan") if self.failed.any() else float(mean_of(self.pooled, axis=0))
 
     @property
     def mean(self) -> float | None:
@@ -89,8 +115,8 @@ class Trial:
 
     @property
     def whole(self) -> bool:
-        """Whether no fit failed and every error is a number."""
-        return not self.failures and bool(np.isfinite(self.means).all())
+        """Whether no fit failed and there is an error."""
+        return not self.failures and not self.failed.any() and self.mean is not None
 
     @property
     def valid(self) -> bool:
@@ -116,7 +142,7 @@ class Trial:
             "needs": self.needs,
             "mean_percent": _json(self.mean),
             "standard_error_percent": _json(self.spread),
-            "pooled_percent": _json(float(np.mean(self.pooled))),
+            "pooled_percent": _json(self.mean_pooled),
             "errors_percent": [[_json(x) for x in row] for row in self.errors.tolist()],
             "seconds_per_fit": self.seconds,
             "parameters": self.parameters,
@@ -134,9 +160,9 @@ class Trial:
 
 @dataclass(frozen=True)
 class Advice:
-    """Which estimator to take, and why, in one sentence."""
+    """Which estimator to take, `None` of all, and why, in one sentence."""
 
-    name: str
+    name: str | None
     why: str
 
 
@@ -150,6 +176,8 @@ class Comparison:
         left_out: Whether those are runs or stretches of one.
         joints: Names of the effort rows.
         untried: Estimators that were asked for, but the comparison was stopped before.
+        lines: What to write into the robot file for an estimator that it can choose and does
+            not, by the estimator's name.
     """
 
     trials: tuple[Trial, ...]
@@ -157,6 +185,12 @@ class Comparison:
     left_out: Literal["run", "stretch"]
     joints: tuple[str, ...]
     untried: tuple[str, ...] = ()
+    lines: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def setting(self) -> str:
+        """What to write into the robot file for the estimator to take; empty if nothing."""
+        return "" if self.advice is None else self.lines.get(self.advice.name or "", "")
 
     @property
     def advice(self) -> Advice | None:
@@ -181,6 +215,7 @@ class Comparison:
             "joints": list(self.joints),
             "estimators": [trial.to_dict() for trial in self.trials],
             "recommended": None if advice is None else {"name": advice.name, "why": advice.why},
+            "robot_file": self.setting or None,
             "stopped_before": list(self.untried),
         }
 
@@ -191,22 +226,26 @@ def recommended(trials: Sequence[Trial]) -> Advice | None:
     Of all whose errors cannot be told from the least one, those are preferred whose bodies can
     exist, then those that look at less, then the simplest: the one tried first of those within
     2 % of the least error that is left. Errors of two estimators are compared part by part: that
-    one part is harder than another tells nothing about either.
+    one part is harder than another tells nothing about either. None is taken if all are worse than
+    a model that predicts zero, whose error is 100 %.
     """
     fit = [trial for trial in trials if trial.whole]
     if not fit:
         return None
     best = min(fit, key=_error)
+    if _error(best) > ZERO:
+        return Advice(None, f"{best.name}: {best.figure}, the least error; nothing {BEATEN}")
     close = [trial for trial in fit if trial is best or alike(trial, best)]
     rank = min(map(_rank, close))
     equal = [trial for trial in close if _rank(trial) == rank]
     most = (1.0 + ALIKE) * min(map(_error, equal))
     chosen = next(trial for trial in equal if _error(trial) <= most)
-    return Advice(chosen.name, _why(chosen, best, close))
+    few = int(np.isfinite(best.means).sum()) <= FEW
+    return Advice(chosen.name, _why(chosen, best, close) + (LITTLE if few else ""))
 
 
 def _error(trial: Trial) -> float:
-    return float(trial.means.mean())
+    return np.inf if trial.mean is None else trial.mean
 
 
 def _rank(trial: Trial) -> tuple[bool, bool, int]:
@@ -220,7 +259,8 @@ def alike(trial: Trial, best: Trial) -> bool:
     The loss is the logarithm of the ratio of their errors, part by part.
     """
     tiny = 1e-12
-    loss = np.log(np.maximum(trial.means, tiny) / np.maximum(best.means, tiny))
+    known = np.isfinite(trial.means) & np.isfinite(best.means)
+    loss = np.log(np.maximum(trial.means[known], tiny) / np.maximum(best.means[known], tiny))
     return float(loss.mean()) <= min(max(standard_error(loss), ALIKE), MOST)
 
 
@@ -239,6 +279,14 @@ def _why(chosen: Trial, best: Trial, close: Sequence[Trial]) -> str:
         f"{best.name}: {best.figure}; {chosen.name}: {chosen.figure}, within one standard error "
         f"of the difference, and {' and '.join(reasons)}: take {chosen.name}"
     )
+
+
+def mean_of(errors: Array, axis: int) -> Array:
+    """Mean of those that are not NaN, NaN where all are."""
+    known = ~np.isnan(errors)
+    total = np.where(known, errors, 0.0).sum(axis=axis)
+    count = known.sum(axis=axis)
+    return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))
 
 
 def standard_error(values: Array) -> float:

@@ -14,7 +14,7 @@ from steelyard.report.content import ReportContent
 from steelyard.report.html import fill
 from steelyard.report.sections.section import Numbers
 from steelyard.report.sections.tables import PlainTable, Row
-from steelyard.report.words import NONE, alike, percent, significant
+from steelyard.report.words import NONE, alike, fixed, share, significant
 from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
 
 WORDS = (
@@ -25,9 +25,9 @@ WORDS = (
 )
 HEADINGS = (
     "Link",
-    "Mass [kg]",
-    "In the file",
-    "Centre x, y, z [m]",
+    "Mass ± [kg]",
+    "In the file [kg]",
+    "Centre x, y, z ± [m]",
     "Principal moments [kg m²]",
     "From data",
     "Margin",
@@ -119,7 +119,7 @@ def _row(link: Solid) -> Row:
     possible = "" if link.margin > 0.0 else ": no body can be so"
     moments = np.linalg.eigvalsh(inertia.inertia_com)
     centre = ", ".join(
-        f"{c:.3f} ± {Z95 * s:.3f}" for c, s in zip(inertia.com, link.com_std, strict=True)
+        f"{fixed(c)} ± {fixed(Z95 * s)}" for c, s in zip(inertia.com, link.com_std, strict=True)
     )
     return Row(
         (
@@ -128,7 +128,7 @@ def _row(link: Solid) -> Row:
             significant(link.nominal),
             centre if inertia.mass else NONE,
             ", ".join(significant(float(x)) for x in moments),
-            percent(100.0 * link.learned),
+            share(100.0 * link.learned),
             f"{significant(link.margin, 2)}{possible}",
         )
     )

@@ -21,6 +21,7 @@ from steelyard.report.findings import (
 from steelyard.report.html import fill, packed, script_json
 from steelyard.report.sections.section import Numbers
 from steelyard.report.thin import thin
+from steelyard.report.words import percent
 
 if TYPE_CHECKING:
     from steelyard.diagnosis import Diagnosis, Finding
@@ -37,6 +38,12 @@ BUDGET = 200_000
 
 FEW = 40_000
 """The same in a report that is about something else."""
+
+AS_DECLARED = "as declared"
+"""What the declared reading is called among explanations."""
+
+NOMINAL = "the nominal model"
+"""What a finding names that was held against the masses of the model file."""
 
 EXACT = 1e5
 """Numbers from here on, such as times that are dates, are drawn in double precision."""
@@ -74,7 +81,10 @@ def findings_of(diagnosis: Diagnosis, budget: int = BUDGET, *, fine: bool = True
         picture = finding.picture if fine or finding.judgement else None
         points = 0 if picture is None else sum(min(len(t.x), POINTS) for t in picture.traces)
         left -= points
-        shown.append(_shown(finding, drawn=picture is not None and left >= 0))
+        shown.append(
+            _shown(finding, drawn=picture is not None and left >= 0)
+            | {"still": _still_ok(finding, diagnosis)}
+        )
     return {
         "alone": True,
         "level": LEVELS[diagnosis.judgement.word],
@@ -102,6 +112,25 @@ def _shown(finding: Finding, *, drawn: bool) -> dict[str, Any]:
         "mend": None if mend is None else (mend.says, lines(mend.edits)),
         "picture": script_json(_figure(finding.picture)) if drawn and finding.picture else None,
     }
+
+
+def _still_ok(finding: Finding, diagnosis: Diagnosis) -> str:
+    """Why a finding is ok although an explanation beats the declared reading; else empty."""
+    rivals = finding.hypotheses
+    declared = next((one for one in rivals if one.says == AS_DECLARED), None)
+    told = any(f.log == finding.log and f.judgement and f.hypotheses for f in diagnosis.findings)
+    if finding.judgement or not finding.answered or told or not declared or rivals[0] is declared:
+        return ""
+    misfit = f"Still ok: as declared the misfit is only {percent(declared.misfit)}"
+    if NOMINAL in finding.says:
+        return (
+            f"{misfit}, no more than a nominal model leaves; what a better row explains may as "
+            "well be errors of the nominal masses, which a reference (--model) would tell."
+        )
+    return (
+        f"{misfit}; a row with more free numbers nearly always fits better, and is believed only "
+        "where it gains far more than chance gives and is large enough to matter."
+    )
 
 
 def _figure(picture: Picture) -> dict[str, Any]:

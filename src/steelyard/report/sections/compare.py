@@ -40,7 +40,7 @@ class CompareSection:
         drawn = [trial for trial in in_order(comparison) if trial.mean is not None]
         return {
             "headline": headline(comparison),
-            "advice": "" if comparison.advice is None else comparison.advice.why,
+            "advice": "" if comparison.advice is None else reasons(comparison),
             "words": comparison.words,
             "stopped": stopped(comparison),
             "picture": script_json(_figure(drawn, comparison)) if drawn else None,
@@ -58,7 +58,16 @@ class CompareSection:
 def headline(comparison: Comparison) -> str:
     """What to take, in a few words."""
     advice = comparison.advice
-    return "No estimator came through" if advice is None else f"Take {advice.name}"
+    if advice is None:
+        return "No estimator came through"
+    return f"Take {advice.name}" if advice.name else "No estimator is worth taking"
+
+
+def reasons(comparison: Comparison) -> str:
+    """Why, and what to write into the robot file."""
+    advice, setting = comparison.advice, comparison.setting
+    why = "" if advice is None else advice.why
+    return why + (f". In the robot file: {setting}" if setting else "")
 
 
 def stopped(comparison: Comparison) -> str:
@@ -100,8 +109,7 @@ def main_table(comparison: Comparison) -> PlainTable:
 
 
 def _cells(trial: Trial) -> tuple[str, ...]:
-    count = len(trial.means)
-    missing = int((~np.isfinite(trial.means)).sum())
+    count, missing = len(trial.failed), int(trial.failed.sum())
     figure = trial.figure if missing < count else "failed"
     if 0 < missing < count:
         figure += f" (failed {missing} of {count})"
@@ -109,7 +117,7 @@ def _cells(trial: Trial) -> tuple[str, ...]:
         trial.name,
         bodies_words(trial),
         figure,
-        percent(float(trial.pooled.mean())),
+        percent(trial.mean_pooled),
         time_words(trial.seconds),
         NONE if trial.parameters is None else str(trial.parameters),
         significant(trial.condition, 2),
@@ -162,23 +170,22 @@ def _failures(comparison: Comparison) -> PlainTable:
 
 def _by_joint(comparison: Comparison) -> PlainTable:
     rows = [
-        Row((trial.name, *(percent(float(x)) for x in _mean(trial.errors, comparison))))
+        Row((trial.name, *(percent(float(x)) for x in trial.by_joint)))
         for trial in in_order(comparison)
         if trial.mean is not None
     ]
     return PlainTable("Error by joint", "", ("Estimator", *comparison.joints), rows)
 
 
-def _mean(errors: Any, comparison: Comparison) -> Any:
-    """Mean over the parts that could be predicted, shape `(joints,)`."""
-    known = errors[np.isfinite(errors).all(axis=1)]
-    return known.mean(axis=0) if len(known) else np.full(len(comparison.joints), np.nan)
-
-
 def _by_part(comparison: Comparison) -> PlainTable:
     shown = [trial for trial in in_order(comparison) if trial.mean is not None]
     rows = [
-        Row((part, *(percent(float(trial.means[k])) for trial in shown)))
+        Row(
+            (
+                part,
+                *(percent(None if trial.failed[k] else float(trial.means[k])) for trial in shown),
+            )
+        )
         for k, part in enumerate(comparison.parts)
     ]
     caption = f"Error by {comparison.left_out} left out"

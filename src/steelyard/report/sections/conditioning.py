@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import hypot
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -55,11 +56,18 @@ class ConditioningSection:
 
 
 def _furthest(estimate: Estimate, other: Estimate) -> tuple[str, float] | None:
-    """The shared parameter that moves most between two estimates, in standard deviations."""
+    """The shared parameter that two estimates differ most in, and how far.
+
+    In standard deviations of both together, the root of the sum of their variances: what a prior
+    holds in place may lie many of its own away from what the data alone say of it.
+    """
     shared = [name for name in estimate.parameters.names if name in other.parameters.names]
     if not shared:
         return None
-    std = dict(zip(estimate.parameters.names, estimate.std.tolist(), strict=True))
+    mine, others = (
+        dict(zip(one.parameters.names, one.std.tolist(), strict=True)) for one in (estimate, other)
+    )
+    std = {name: hypot(mine[name], others[name]) for name in shared}
     moved = {
         name: abs(other.parameters[name] - estimate.parameters[name]) / std[name]
         for name in shared
@@ -70,12 +78,14 @@ def _furthest(estimate: Estimate, other: Estimate) -> tuple[str, float] | None:
 
 
 def _pairs(estimate: Estimate) -> list[tuple[str, str, float]]:
-    """The most correlated pairs of parameters, strongest first."""
+    """The most correlated pairs of parameters, strongest first; what a bound holds is in none."""
     std = estimate.std
     with np.errstate(divide="ignore", invalid="ignore"):
         correlation = np.tril(estimate.covariance / std[:, None] / std, -1)
     strength = np.where(np.isfinite(correlation), np.abs(correlation), 0.0)
     names = estimate.parameters.names
+    held = [names.index(name) for name in estimate.at_bound]
+    strength[held], strength[:, held] = 0.0, 0.0
     order = np.argsort(strength, axis=None)[::-1][:PAIRS]
     places = [divmod(int(place), len(names)) for place in order]
     return [

@@ -42,4 +42,4 @@ def _gains(gains: GainEstimate) -> PlainTable:
             strict=True,
         )
     ]
-    return PlainTable("", words, ("Joint", "Gain", "Interval", "Unit"), rows, (0, 3))
+    return PlainTable("", words, ("Joint", "Gain", "95 % interval", "Unit"), rows, (0, 3))

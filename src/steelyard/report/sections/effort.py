@@ -30,6 +30,9 @@ BUDGET = 200_000
 DRAWN = 6
 """Lines and outlines of a plot: measured, predicted, their difference, three bands."""
 
+FEW = 80.0
+"""Share of the samples [%] in the 95 % band below which it is marked."""
+
 RESTS = 80
 """Most rests that are shaded in one plot."""
 
@@ -50,19 +53,17 @@ class EffortSection:
         most_runs = max(BUDGET // (DRAWN * n_joints * FEWEST), 1)
         chosen = everything[:most_runs]
         points = min(POINTS, BUDGET // (DRAWN * n_joints * len(chosen)))
+        figures = [_figure(s, joint, points) for s, _ in chosen for joint in range(len(s.joints))]
         return {
             "joints": [joint.joint for joint in chosen[0][0].joints],
             "runs": [f"{score.run} ({kind})" for score, kind in chosen],
             "left_out": [score.run for score, _ in everything[most_runs:]],
             "points": points,
             "rests": RESTS,
-            "bands": any(score.traces.band is not None for score, _ in chosen),
+            "bands": any(figure["bands"] for figure in figures),
             "cutoffs": sorted({score.cutoff for score, _ in chosen}),
-            "figures": [
-                _figure(score, joint, points)
-                for score, _ in chosen
-                for joint in range(len(score.joints))
-            ],
+            "few": FEW if any(figure["few"] for figure in figures) else None,
+            "figures": figures,
         }
 
     def show(self, numbers: Numbers) -> str:
@@ -83,8 +84,11 @@ def _figure(score: RunScore, joint: int, points: int) -> dict[str, Any]:
     measured, predicted = traces.measured[:, joint], traces.predicted[:, joint]
     rmse, size = significant(numbers.rmse), significant(numbers.predict_zero)
     caption = f"error {percent(told(numbers))} · RMSE {rmse} of {size} {numbers.unit}"
+    held = _held(traces, joint)
     return {
-        "caption": caption + _held(traces, joint),
+        "caption": caption,
+        "held": "" if held is None else f"{percent(held)} in the band",
+        "few": held is not None and held < FEW,
         "unit": numbers.unit,
         "time": f"time from {origin:.3f} s [s]" if origin else "time [s]",
         "lines": [
@@ -95,18 +99,23 @@ def _figure(score: RunScore, joint: int, points: int) -> dict[str, Any]:
     }
 
 
-def _held(traces: Traces, joint: int) -> str:
-    """The share of the measured effort that lies in the band, where the joint moves."""
+def _held(traces: Traces, joint: int) -> float | None:
+    """The share of the measured effort that lies in the band, where the joint moves [%]."""
     moving = traces.moving[:, joint]
-    if traces.band is None or not moving.any():
-        return ""
+    if not _banded(traces, joint) or traces.band is None or not moving.any():
+        return None
     away = np.abs(traces.measured - traces.predicted)[moving, joint]
-    return f" · {percent(100.0 * np.mean(away <= traces.band[moving, joint]))} in the band"
+    return 100.0 * float(np.mean(away <= traces.band[moving, joint]))
+
+
+def _banded(traces: Traces, joint: int) -> bool:
+    """Whether a joint has a band; one that never moved while fitting has none."""
+    return traces.band is not None and bool(np.isfinite(traces.band[:, joint]).any())
 
 
 def _bands(t: Array, traces: Traces, joint: int, points: int) -> list[dict[str, dict[str, str]]]:
     """Outlines of bands, none without: of a new measurement, of the model, of the residual."""
-    if traces.band is None or traces.model_std is None:
+    if not _banded(traces, joint) or traces.band is None or traces.model_std is None:
         return []
     predicted, half = traces.predicted[:, joint], traces.band[:, joint]
     sure = Z95 * traces.model_std[:, joint]

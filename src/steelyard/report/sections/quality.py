@@ -6,6 +6,9 @@ from steelyard.report.content import ReportContent
 from steelyard.report.html import fill
 from steelyard.report.sections.section import Numbers
 
+LONG = 80
+"""Letters from which on a value stands below its run, over the whole width."""
+
 
 class QualitySection:
     """Rows, rates, gaps and dropped samples of every run."""
@@ -14,14 +17,25 @@ class QualitySection:
     title: ClassVar[str] = "Data quality"
 
     def numbers(self, content: ReportContent) -> Numbers | None:
-        """One column per label, one row per run; runs may have different labels."""
+        """One column per label, one row per run; what is long stands below its run.
+
+        Runs may have different labels.
+        """
         if not content.qualities:
             return None
-        labels = dict.fromkeys(label for _, found in content.qualities for label, _ in found)
+        values = [value for _, found in content.qualities for value in found]
+        long = dict.fromkeys(label for label, value in values if len(value) > LONG)
+        labels = [
+            label for label in dict.fromkeys(label for label, _ in values) if label not in long
+        ]
         return {
-            "labels": list(labels),
+            "labels": labels,
             "runs": [
-                (run, [dict(found).get(label, "") for label in labels])
+                (
+                    run,
+                    [dict(found).get(label, "") for label in labels],
+                    [(label, value) for label, value in found if label in long],
+                )
                 for run, found in content.qualities
             ],
         }

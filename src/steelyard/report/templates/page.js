@@ -66,7 +66,12 @@ function drawPlots() {
     if (plot.dataset.run === menu.value || !source) return;
     plot.dataset.run = menu.value;
     const figure = JSON.parse(source.textContent);
-    plot.parentElement.querySelector(".caption").textContent = figure.caption;
+    const caption = plot.parentElement.querySelector(".caption");
+    caption.textContent = figure.caption + (figure.held ? " · " : "");
+    const held = document.createElement("span");
+    held.className = figure.few ? "few" : "";
+    held.textContent = figure.held;
+    caption.append(held);
     Plotly.react(plot, [...areas(figure), ...lines(figure)], layout(figure), config);
   }
 
