@@ -305,3 +305,8 @@ def test_the_estimate_survives_json() -> None:
     again = Estimate.from_dict(estimate.to_dict())
     assert again.to_dict() == estimate.to_dict()
     assert again.values.as_dict() == estimate.values.as_dict()
+
+
+def test_a_weight_of_nothing_is_refused() -> None:
+    with pytest.raises(ValueError, match="weight of the prior is positive"):
+        Consistent(REGRESSOR.base, known(), gamma=0.0)

@@ -1,13 +1,43 @@
 """Bounded Gauss–Newton on problems whose optimum is known."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 from scipy.optimize import least_squares, lsq_linear
 
-from steelyard.estimation.gauss_newton import bounded_gauss_newton
+from steelyard.estimation.gauss_newton import Settled, bounded_gauss_newton, bounded_step
 
 Pair = tuple[np.ndarray, np.ndarray]
 FREE = np.full(2, np.inf)
+
+
+@dataclass(frozen=True, eq=False)
+class Squares:
+    """Half a sum of squares; steps are straight."""
+
+    function: Callable[[np.ndarray], Pair]
+
+    def cost(self, x: np.ndarray) -> float:
+        with np.errstate(over="ignore"):
+            return 0.5 * float(np.square(self.function(x)[0]).sum())
+
+    def near(self, x: np.ndarray) -> Pair:
+        return self.function(x)
+
+    def moved(self, x: np.ndarray, step: np.ndarray, part: float) -> np.ndarray:
+        return x + part * step
+
+
+def least(
+    function: Callable[[np.ndarray], Pair],
+    start: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    steps: int,
+) -> Settled:
+    return bounded_gauss_newton(Squares(function), start, lower, upper, steps, 1e-10)
 
 
 def valley(x: np.ndarray) -> Pair:
@@ -17,7 +47,7 @@ def valley(x: np.ndarray) -> Pair:
 
 
 def test_a_curved_valley() -> None:
-    found = bounded_gauss_newton(valley, np.array([-1.2, 1.0]), -FREE, FREE, 100)
+    found = least(valley, np.array([-1.2, 1.0]), -FREE, FREE, 100)
     assert found.settled
     assert np.allclose(found.x, 1.0, atol=1e-4)
     assert found.promise < 1e-9
@@ -25,7 +55,7 @@ def test_a_curved_valley() -> None:
 
 def test_bounds_that_hold() -> None:
     lower, upper = np.array([-2.0, -2.0]), np.array([0.5, 2.0])
-    found = bounded_gauss_newton(valley, np.array([-1.2, 1.0]), lower, upper, 200)
+    found = least(valley, np.array([-1.2, 1.0]), lower, upper, 200)
     wanted = least_squares(
         lambda x: valley(x)[0], [0.4, 0.1], bounds=(lower, upper), xtol=1e-15, ftol=1e-15
     )
@@ -39,9 +69,7 @@ def test_a_linear_problem_is_bounded_least_squares() -> None:
     rng = np.random.default_rng(0)
     matrix, right = rng.normal(size=(30, 8)), rng.normal(size=30)
     lower, upper = np.full(8, -0.05), np.full(8, 0.05)
-    found = bounded_gauss_newton(
-        lambda x: (matrix @ x - right, matrix), np.zeros(8), lower, upper, 50
-    )
+    found = least(lambda x: (matrix @ x - right, matrix), np.zeros(8), lower, upper, 50)
     wanted = lsq_linear(matrix, right, (lower, upper), method="bvls", tol=1e-14)
     assert found.settled
     assert 0 < np.sum(np.abs(wanted.x) == 0.05) < 8
@@ -52,12 +80,46 @@ def test_steps_that_overflow_are_shortened() -> None:
     def grown(x: np.ndarray) -> Pair:
         return np.exp(x) - 5.0, np.diag(np.exp(x))
 
-    found = bounded_gauss_newton(grown, np.array([-10.0]), -FREE[:1], FREE[:1], 200)
+    found = least(grown, np.array([-10.0]), -FREE[:1], FREE[:1], 200)
     assert found.settled
     assert found.x[0] == pytest.approx(np.log(5.0), abs=1e-4)
 
 
 def test_too_few_steps_are_not_an_optimum() -> None:
-    found = bounded_gauss_newton(valley, np.array([-1.2, 1.0]), -FREE, FREE, 3)
+    found = least(valley, np.array([-1.2, 1.0]), -FREE, FREE, 3)
     assert not found.settled
     assert found.promise > 1e-6
+    assert found.steps == 3
+
+
+def test_a_step_within_bounds_is_the_best_one() -> None:
+    rng = np.random.default_rng(3)
+    slopes, residuals = (
+        rng.normal(size=(20, 6)) * 10.0 ** rng.uniform(-3, 3, 6),
+        rng.normal(size=20),
+    )
+    low, high = np.full(6, -np.inf), np.full(6, np.inf)
+    low[[0, 3]], high[[1, 3]] = 0.0, [0.0, 1e-6]
+    step = bounded_step(residuals, slopes, low, high)
+    wanted = lsq_linear(slopes, -residuals, (low - 1e-300, high + 1e-300), method="bvls", tol=1e-15)
+    assert np.any((step == low) | (step == high))
+    assert np.all((step >= low) & (step <= high))
+    assert np.linalg.norm(slopes @ step + residuals) <= np.sqrt(2.0 * wanted.cost) * (1.0 + 1e-12)
+
+
+@pytest.mark.parametrize(("digits", "settled"), [(9, True), (2, False)])
+def test_where_rounding_hides_all_gain_it_is_settled_and_elsewhere_not(
+    digits: int, settled: bool
+) -> None:
+    class Rough(Squares):
+        """Coarse digits: near its optimum no step gains anything."""
+
+        def cost(self, x: np.ndarray) -> float:
+            return float(np.round(super().cost(x), digits))
+
+    def bent(x: np.ndarray) -> Pair:
+        return np.array([1.0 - x[0], x[0] ** 2]), np.array([[-1.0], [2.0 * x[0]]])
+
+    found = bounded_gauss_newton(Rough(bent), np.array([2.0]), -FREE[:1], FREE[:1], 100, 0.0)
+    assert found.settled == settled
+    assert found.steps < 100

@@ -53,6 +53,10 @@ class Consistent:
     equal: bool = False
     iterations: int = MOST_ITERATIONS
 
+    def __post_init__(self) -> None:
+        if self.gamma is not None and not self.gamma > 0.0:
+            raise ValueError("a weight of the prior is positive; the form `Free` takes none")
+
     def __call__(self, information: Information) -> Estimate:
         """Estimate all standard parameters.
 

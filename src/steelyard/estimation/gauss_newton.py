@@ -1,32 +1,47 @@
-r"""Nonlinear least squares within bounds: damped Gauss–Newton, every step a bounded linear problem.
+r"""Gauss–Newton within bounds: every step a bounded linear problem, solved exactly.
 
-A step minimises $\|J d + r\|^2 + \mu\,\|D d\|^2$ within the bounds, with the lengths $D$ of the
-columns of $J$, exactly, by an active set [Stark1995]; $\mu$ follows how true the last step's
-promise was [Marquardt1963]. It is then bent by the residuals' second derivative along it
-[Transtrum2012]: where the valley is narrow and curved, straight steps hardly get on.
+A step minimises $\|J d + r\|^2$ within the bounds by an active set [Stark1995], and is shortened
+until the criterion falls by a fair part of what was promised. How a step is taken is the problem's
+own business: along a straight line, or along a curve that begins like it.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from steelyard.arrays import Array
 
-SETTLED = 1e-10
-"""What a step still promises to gain, relative to the criterion or to 1, where it is solved."""
+STUCK = 1e-8
+"""Gain, relative to the criterion or to 1, that rounding may hide: no step gains anything."""
 
-FIRST, LEAST, MOST = 1e-3, 1e-12, 1e12
-"""Damping to begin with, and its range."""
+FAIR = 1e-4
+"""Part of the promise that a step has to keep."""
 
-FREE = 1e-8
-"""Damping up to which a promise is that of Gauss–Newton itself."""
+SHORTER = 0.5
+"""Factor by which a step that keeps less is shortened."""
 
-PROBE = 0.01
-"""Part of a step after which the residuals are looked at for their curvature."""
+SHORTENED = 60
+"""How often at most."""
 
-BENT = 1.0
-"""Longest correction of a step for curvature, relative to the step."""
+
+class Problem(Protocol):
+    """A criterion that looks like a sum of squares from near by."""
+
+    def cost(self, x: Array) -> float:
+        """The criterion; infinite where there is none."""
+        ...
+
+    def near(self, x: Array) -> tuple[Array, Array]:
+        """Residuals `(r,)` and derivatives `(r, k)`.
+
+        Half their squares have the criterion's slope, and its curvature or about that.
+        """
+        ...
+
+    def moved(self, x: Array, step: Array, part: float) -> Array | None:
+        """The place after a part of a step; `None` if there is none."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,90 +50,89 @@ class Settled:
 
     Attributes:
         x: The unknowns.
-        cost: Half the squares of the residuals.
-        promise: What a further step would gain, as far as linear.
+        cost: The criterion.
+        promise: What a further step would gain, as far as the linear problem knows.
         settled: Whether that is next to nothing.
+        steps: Steps that it took.
     """
 
     x: Array
     cost: float
     promise: float
     settled: bool
+    steps: int
 
 
 def bounded_gauss_newton(
-    function: Callable[[Array], tuple[Array, Array]],
+    problem: Problem,
     start: Array,
     lower: Array,
     upper: Array,
     steps: int,
+    tolerance: float,
 ) -> Settled:
-    """Minimise half the sum of squares of residuals.
+    """Minimise a criterion.
 
     Args:
-        function: Residuals `(r,)` and their derivatives `(r, k)`.
+        problem: The criterion.
         start: Within the bounds, shape `(k,)`.
         lower: Shape `(k,)`.
         upper: Shape `(k,)`.
-        steps: Most evaluations of the function.
+        steps: Most steps.
+        tolerance: Gain that is not worth a step.
     """
-    x, damping, promise = start, FIRST, np.inf
-    residuals, slopes = function(x)
-    cost = 0.5 * float(residuals @ residuals)
-    for _ in range(steps):
-        near = _Near(x, residuals, slopes, lower - x, upper - x, damping)
-        step = near.step(residuals)
-        left = slopes @ step + residuals
-        promise = cost - 0.5 * float(left @ left)
-        if promise <= SETTLED * max(1.0, cost):
-            if damping <= FREE:
-                return Settled(x, cost, promise, True)
-            damping = max(0.01 * damping, LEAST)
-            continue
-        with np.errstate(over="ignore", invalid="ignore"):
-            trial = np.clip(x + near.bent(function, step), lower, upper)
-            there, turned = function(trial)
-            reached = 0.5 * float(there @ there)
-            truth = (cost - reached) / promise if np.isfinite(turned).all() else -1.0
-        if truth > 0.0:
-            x, residuals, slopes, cost = trial, there, turned, reached
-        factor = 0.1 if truth > 0.75 else 1.0 if truth > 0.25 else 5.0
-        damping = float(np.clip(factor * damping, LEAST, MOST))
-    return Settled(x, cost, promise, False)
+    x, cost, promise = start, problem.cost(start), np.inf
+    for number in range(steps):
+        residuals, slopes = problem.near(x)
+        step = bounded_step(residuals, slopes, lower - x, upper - x)
+        change = slopes @ step
+        promise = -float((residuals + 0.5 * change) @ change)
+        if promise <= tolerance:
+            return Settled(x, cost, promise, True, number)
+        found = _taken(problem, x, cost, step, promise)
+        if found is None:
+            return Settled(x, cost, promise, promise <= STUCK * max(1.0, abs(cost)), number)
+        x, cost = np.clip(found[0], lower, upper), found[1]
+    return Settled(x, cost, promise, False, steps)
 
 
-class _Near:
-    """The damped linear problem around one place."""
+def _taken(
+    problem: Problem, x: Array, cost: float, step: Array, promise: float
+) -> tuple[Array, float] | None:
+    """The place after as much of a step as keeps a fair part of its promise, and the cost there."""
+    part = 1.0
+    for _ in range(SHORTENED):
+        trial = problem.moved(x, step, part)
+        reached = np.inf if trial is None else problem.cost(trial)
+        if trial is not None and reached < cost - FAIR * part * promise:
+            return trial, reached
+        part *= SHORTER
+    return None
 
-    def __init__(
-        self, x: Array, residuals: Array, slopes: Array, low: Array, high: Array, damping: float
-    ) -> None:
-        self._x, self._residuals, self._slopes = x, residuals, slopes
-        self._low, self._high = np.minimum(low, 0.0), np.maximum(high, 0.0)
-        self._lengths = np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)
-        damped = np.sqrt(damping) * np.eye(len(x))
-        basis, self._triangle = np.linalg.qr(np.vstack([slopes / self._lengths, damped]))
-        self._basis = basis[: len(residuals)]
 
-    def step(self, residuals: Array, taken: Array | float = 0.0) -> Array:
-        """The step for residuals `(r,)` within the bounds, after another one."""
-        from scipy.optimize import lsq_linear
+def bounded_step(residuals: Array, slopes: Array, low: Array, high: Array) -> Array:
+    """The step `(k,)` of least squares for residuals `(r,)` and slopes `(r, k)` within bounds.
 
-        right = -self._basis.T @ residuals
-        ends = [(end - taken) * self._lengths for end in (self._low, self._high)]
-        free = np.linalg.solve(self._triangle, right)
-        if np.all((free >= ends[0]) & (free <= ends[1])):
-            return np.asarray(free / self._lengths)
-        ends = [np.minimum(ends[0], -1e-300), np.maximum(ends[1], 1e-300)]
-        found = lsq_linear(self._triangle, right, ends, method="bvls", tol=1e-14)
-        return np.asarray(found.x / self._lengths)
+    Only what has bounds takes part in the search for those that hold.
+    """
+    from scipy.optimize import lsq_linear
 
-    def bent(self, function: Callable[[Array], tuple[Array, Array]], step: Array) -> Array:
-        """The step along the curve on which the residuals fall as the linear problem has it."""
-        probed = function(self._x + PROBE * step)[0] - self._residuals
-        bend = (probed / PROBE - self._slopes @ step) / PROBE
-        if not np.isfinite(bend).all():
-            return step
-        turn = self.step(bend, step)
-        size, most = (float(np.linalg.norm(self._lengths * d)) for d in (turn, step))
-        return step + turn if size <= BENT * most else step
+    bounded = np.isfinite(low) | np.isfinite(high)
+    order = np.argsort(bounded, kind="stable")
+    count = int(np.sum(~bounded))
+    lengths = np.maximum(np.linalg.norm(slopes[:, order], axis=0), 1e-150)
+    basis, triangle = np.linalg.qr(slopes[:, order] / lengths)
+    right = -basis.T @ residuals
+    step = np.linalg.solve(triangle, right)
+    ends = [end[order][count:] * lengths[count:] for end in (low, high)]
+    ends = [np.minimum(ends[0], 0.0), np.maximum(ends[1], 0.0)]
+    if np.any((step[count:] < ends[0]) | (step[count:] > ends[1])):
+        wide = np.minimum(ends[0], -1e-300), np.maximum(ends[1], 1e-300)
+        part, rest = triangle[count:, count:], right[count:]
+        found = lsq_linear(part, rest, wide, method="bvls", tol=1e-14, max_iter=10 * len(rest))
+        step[count:] = np.clip(found.x, *ends)
+        top = right[:count] - triangle[:count, count:] @ step[count:]
+        step[:count] = np.linalg.solve(triangle[:count, :count], top)
+    placed = np.empty(len(step))
+    placed[order] = step / lengths
+    return placed
