@@ -50,6 +50,7 @@ class LogCholesky(Consistent):
     steps: int = 500
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not isinstance(self.form, Entropic):
             raise ValueError("in log-Cholesky coordinates the prior is the entropic one")
 
