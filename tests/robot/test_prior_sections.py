@@ -74,12 +74,22 @@ def test_without_them_the_model_is_the_prior(folder: Path) -> None:
     [
         ("[prior]\nsorce = 1", "unknown key 'sorce'", 4, "did you mean 'source'"),
         ('[prior]\nsource = "cad"', "'cad' cannot be used", 4, "'model' or 'none'"),
-        ("[prior]\nuncertainty = 0", "0 cannot be used", 4, "greater than 0"),
+        ("[prior]\nuncertainty = 0", "0 cannot be used", 4, "greater than or equal to 0.0001"),
         ("[prior.links.b]\nmas = 1", "unknown key 'mas'", 4, "did you mean 'mass'"),
-        ("[prior.links.b]\nmass = -1", "-1 cannot be used for 'mass'", 4, "greater than 0"),
+        (
+            "[prior.links.b]\nmass = -1",
+            "-1 cannot be used for 'mass'",
+            4,
+            "greater than or equal to 0.0001",
+        ),
         ('[prior.links]\nb = "none"', "'none' cannot be used for 'b'", 4, "should be a table"),
         ("[prior.links.b]\nbox = {centre = [0, 0, 0]}", "key 'size' is missing", 4, "add size"),
-        ("[prior.links.b]\nbox = {size = [1, 1, 0]}", "0 cannot be used", 4, "greater than 0"),
+        (
+            "[prior.links.b]\nbox = {size = [1, 1, 0]}",
+            "0 cannot be used",
+            4,
+            "greater than or equal to 0.0001",
+        ),
         (
             "[prior.links.b]\ncapsule = {end = [0, 0, 1], radius = 0.1, length = 1}",
             "unknown key 'length'",
