@@ -80,7 +80,7 @@ def test_without_them_the_model_is_the_prior(folder: Path) -> None:
             "[prior.links.b]\nmass = -1",
             "-1 cannot be used for 'mass'",
             4,
-            "greater than or equal to 0.0001",
+            "greater than 0",
         ),
         ('[prior.links]\nb = "none"', "'none' cannot be used for 'b'", 4, "should be a table"),
         ("[prior.links.b]\nbox = {centre = [0, 0, 0]}", "key 'size' is missing", 4, "add size"),
@@ -88,7 +88,7 @@ def test_without_them_the_model_is_the_prior(folder: Path) -> None:
             "[prior.links.b]\nbox = {size = [1, 1, 0]}",
             "0 cannot be used",
             4,
-            "greater than or equal to 0.0001",
+            "greater than 0",
         ),
         (
             "[prior.links.b]\ncapsule = {end = [0, 0, 1], radius = 0.1, length = 1}",
