@@ -17,7 +17,7 @@ from steelyard.estimation.contradictions import refuse_contradictions
 from steelyard.estimation.estimate import Estimate, Standard
 from steelyard.estimation.held import contradicted, far_wishes, held
 from steelyard.estimation.knowledge import Knowledge
-from steelyard.estimation.least_squares import Solution, Spread, described
+from steelyard.estimation.normal_equations import Solution, Spread, described
 from steelyard.estimation.physics import Entropic, Form
 from steelyard.estimation.program import Program, wishes
 from steelyard.estimation.unknowns import unknowns

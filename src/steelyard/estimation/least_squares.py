@@ -12,18 +12,8 @@ import numpy as np
 
 from steelyard.estimation.estimate import Estimate
 from steelyard.estimation.normal_equations import (
-    Fit as Fit,
-)
-from steelyard.estimation.normal_equations import (
-    Solution as Solution,
-)
-from steelyard.estimation.normal_equations import (
-    Spread as Spread,
-)
-from steelyard.estimation.normal_equations import (
-    described as described,
-)
-from steelyard.estimation.normal_equations import (
+    Fit,
+    described,
     solve,
     spread_of,
     variances_of,

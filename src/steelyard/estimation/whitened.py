@@ -12,8 +12,8 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.estimation.estimate import Estimate
-from steelyard.estimation.least_squares import Fit, OrdinaryLeastSquares, WeightedLeastSquares
-from steelyard.estimation.normal_equations import refuse_few
+from steelyard.estimation.least_squares import OrdinaryLeastSquares, WeightedLeastSquares
+from steelyard.estimation.normal_equations import Fit, refuse_few
 from steelyard.estimation.per_run import Eliminated
 from steelyard.estimation.sandwich import inflations
 from steelyard.regression.information import Information
