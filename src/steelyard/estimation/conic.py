@@ -74,13 +74,22 @@ class Unsolved(DataError):
     """The solver stopped before the optimum."""
 
 
-def solved(program: Conic, where: str, most_iterations: int = MOST_ITERATIONS) -> Array:
+def solved(
+    program: Conic,
+    where: str,
+    most_iterations: int = MOST_ITERATIONS,
+    *,
+    aim: float = AIM,
+    enough: float = 0.0,
+) -> Array:
     """The optimum, shape `(n,)`.
 
     Args:
         program: The program.
         where: What is solved, for messages.
         most_iterations: After which the solver stops.
+        aim: Relative gap and infeasibility that the solver is asked for.
+        enough: Gap, as it is, at which a program counts as solved even if it is more than `FAIR`.
 
     Raises:
         Infeasible: There is no point in all cones.
@@ -88,7 +97,7 @@ def solved(program: Conic, where: str, most_iterations: int = MOST_ITERATIONS) -
     """
     ends = []
     for scaling in WAYS:
-        end = _clarabel(program, scaling, most_iterations)
+        end = _clarabel(program, scaling, most_iterations, aim)
         if "PrimalInfeasible" in end.status:
             raise Infeasible(
                 "no parameters satisfy all that is wished of them",
@@ -99,7 +108,7 @@ def solved(program: Conic, where: str, most_iterations: int = MOST_ITERATIONS) -
         if end.error <= GOOD or end.status == "MaxIterations":
             break
     best = min(ends, key=lambda end: end.error)
-    if best.error <= FAIR:
+    if best.error <= FAIR or (best.gap <= enough and best.infeasibility <= FAIR):
         return best.x
     raise Unsolved(
         f"the solver stopped before the optimum ({best.status}, off by {best.error:.1g})",
@@ -111,21 +120,31 @@ def solved(program: Conic, where: str, most_iterations: int = MOST_ITERATIONS) -
 
 @dataclass(frozen=True, eq=False)
 class _End:
-    """Where the solver stopped: its word for it, the point, its gap and infeasibility."""
+    """Where the solver stopped: its word for it, the point, its gap and infeasibility.
+
+    Attributes:
+        status: The solver's word.
+        x: The point.
+        gap: Between the objective and its bound.
+        infeasibility: Of the point and of the bound, relative.
+        error: The greater of infeasibility and gap over objective.
+    """
 
     status: str
     x: Array
+    gap: float
+    infeasibility: float
     error: float
 
 
-def _clarabel(program: Conic, scaling: bool, most_iterations: int) -> _End:
+def _clarabel(program: Conic, scaling: bool, most_iterations: int, aim: float) -> _End:
     import clarabel
     from scipy import sparse
 
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_iter = most_iterations
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = AIM
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = aim
     settings.equilibrate_enable = scaling
     settings.max_threads = 1
     cones = {
@@ -150,10 +169,13 @@ def _clarabel(program: Conic, scaling: bool, most_iterations: int) -> _End:
     solution = solver.solve()
     x, status = np.array(solution.x), str(solution.status)
     if "Infeasible" in status or status.startswith("Max"):
-        return _End(status, x, np.inf)
-    gap = abs(solution.obj_val - solution.obj_val_dual) / max(1.0, abs(solution.obj_val))
-    errors = np.nan_to_num([gap, solution.r_prim, solution.r_dual], nan=np.inf)
-    return _End(status, x, float(errors.max()))
+        return _End(status, x, np.inf, np.inf, np.inf)
+    gap, *rest = np.nan_to_num(
+        [abs(solution.obj_val - solution.obj_val_dual), solution.r_prim, solution.r_dual],
+        nan=np.inf,
+    )
+    error = max(gap / max(1.0, abs(solution.obj_val)), *rest)
+    return _End(status, x, float(gap), float(max(rest)), float(error))
 
 
 def _stacked(blocks: Sequence[Block], n: int) -> Any:

@@ -1,8 +1,8 @@
 r"""Physically consistent parameters: bodies that can exist, near their priors [Wensing2018].
 
 The data come whitened and compressed, bodies in the scale of their prior, friction, rotor inertia
-and stiffness within their bounds; the program is convex and Clarabel solves it. Its curvature at
-the optimum is the posterior's precision (Laplace), so intervals count data and prior alike, and
+and stiffness within their bounds; the program is convex: Clarabel comes near its optimum, Newton's
+method gets there. Its curvature at the optimum is the posterior's precision (Laplace), so intervals count data and prior alike, and
 each parameter tells how much of it is data.
 """
 
@@ -19,6 +19,7 @@ from steelyard.estimation.held import contradicted, far_wishes, held
 from steelyard.estimation.knowledge import Knowledge
 from steelyard.estimation.normal_equations import Solution, Spread, described
 from steelyard.estimation.physics import Entropic, Form
+from steelyard.estimation.polish import polished
 from steelyard.estimation.program import Program, wishes
 from steelyard.estimation.unknowns import unknowns
 from steelyard.estimation.weight import LEAST, Tried, Weighed, weighed
@@ -26,6 +27,13 @@ from steelyard.estimation.whitened import Whitened, whitened
 from steelyard.parameters import Parameters
 from steelyard.regression.base import BaseMap
 from steelyard.regression.information import Information
+
+ROUGH = 1e-8
+"""Gap and infeasibility that the solver is asked for where Newton's method does the rest."""
+
+ENOUGH = 5e-5
+"""Gap of the objective that moves no value by more than 0.01 standard deviations: within a gap `g`
+the data and the prior together leave a distance of the root of `2 g`."""
 
 TOLD = 6
 """Wishes that the notes repeat."""
@@ -81,8 +89,7 @@ class Consistent:
             DataError: As of a call.
         """
         try:
-            conic = program.conic(gamma)
-            return solved(conic, self._where, self.iterations)[: len(program.unknowns.weak)]
+            return self._optimum(program, gamma)
         except (Infeasible, Unsolved) as error:
             refuse_contradictions(self.knowledge)
             if far := far_wishes(program.wishes):
@@ -92,6 +99,16 @@ class Consistent:
                     mend=f"look at the sizes in [[knowledge]]: {'; '.join(far)}",
                 ) from None
             raise
+
+    def _optimum(self, program: Program, gamma: float) -> Array:
+        """Near it by the solver and to the end by Newton's method, or all by the solver."""
+        conic, m = program.conic(gamma), len(program.unknowns.weak)
+        if self.form.penalises and all(program.unknowns.priors):
+            near = solved(conic, self._where, self.iterations, aim=ROUGH, enough=ENOUGH)[:m]
+            end = polished(program, near, gamma)
+            if end is not None:
+                return end
+        return solved(conic, self._where, self.iterations, enough=ENOUGH)[:m]
 
     @property
     def _where(self) -> str:

@@ -53,6 +53,10 @@ class Form(Protocol):
         """The penalty of one `X`, shape `(4, 4)`; zero at the prior."""
         ...
 
+    def slope(self, x: Array) -> Array:
+        """Derivative of the penalty by the ten entries of `X`, shape `(10,)`."""
+        ...
+
     def curvature(self, x: Array) -> Array:
         """Second derivative of the penalty by the ten entries of `X`, shape `(10, 10)`."""
         ...
@@ -81,6 +85,10 @@ class Entropic:
         """The divergence."""
         return float(np.trace(x) - np.linalg.slogdet(x)[1] - ORDER)
 
+    def slope(self, x: Array) -> Array:
+        r"""$\mathrm{tr}((1 - X^{-1}) E_a)$."""
+        return np.asarray(np.tensordot(BASIS, np.eye(ORDER) - np.linalg.inv(x), axes=2))
+
     def curvature(self, x: Array) -> Array:
         r"""$\mathrm{tr}(X^{-1} E_a X^{-1} E_b)$."""
         turned = np.linalg.solve(x, BASIS)
@@ -105,6 +113,10 @@ class Pullback:
         """Half the squared distance."""
         return 0.5 * float(np.square(x - np.eye(ORDER)).sum())
 
+    def slope(self, x: Array) -> Array:
+        r"""$\mathrm{tr}((X - 1) E_a)$."""
+        return np.asarray(np.tensordot(BASIS, x - np.eye(ORDER), axes=2))
+
     def curvature(self, x: Array) -> Array:
         """The same everywhere."""
         return np.diag(_TWICE)
@@ -128,6 +140,10 @@ class Free:
     def cost(self, x: Array) -> float:
         """Next to nothing."""
         return 0.5 * FAINT * float(_TWICE @ np.square(x[tuple(zip(*ENTRIES, strict=True))]))
+
+    def slope(self, x: Array) -> Array:
+        """Next to nothing."""
+        return FAINT * _TWICE * x[tuple(zip(*ENTRIES, strict=True))]
 
     def curvature(self, x: Array) -> Array:
         """Next to nothing."""

@@ -153,6 +153,15 @@ class Program:
         before, after = np.linalg.slogdet(before)[1], np.linalg.slogdet(before + data.T @ data)[1]
         return -self.cost(u, gamma) + 0.5 * float(before - after)
 
+    def slope(self, u: Array, gamma: float) -> Array:
+        """Derivative of the objective, shape `(m,)`."""
+        known = self.unknowns
+        slope = known.matrix.T @ (known.matrix @ u - known.vector) + known.weak * u
+        for body, (x, prior) in enumerate(zip(known.pseudo(u), known.priors, strict=True)):
+            part = slice(10 * body, 10 * body + 10)
+            slope[part] += self._weight(prior, gamma) * self._form(prior).slope(x)
+        return slope
+
     def precision(self, u: Array, gamma: float) -> Array:
         """Second derivative of the objective without the data, shape `(m, m)`."""
         known = self.unknowns

@@ -40,6 +40,9 @@ for _k, (_i, _j) in enumerate(ENTRIES):
     BASIS[_k, _i, _j] = BASIS[_k, _j, _i] = 1.0
 BASIS.flags.writeable = False
 
+_TENS = np.array([Inertia.from_pseudo(e).ten for e in BASIS]).T
+"""Ten numbers of a body per entry of its pseudo-inertia, shape `(10, 10)`."""
+
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
@@ -128,4 +131,5 @@ def unknowns(data: Whitened, base: BaseMap, knowledge: Knowledge) -> Unknowns:
 def ten_map(prior: Inertia) -> Array:
     """Ten numbers of a body per entry of its `X`, shape `(10, 10)`."""
     factor = np.linalg.cholesky(prior.pseudo)
-    return np.array([Inertia.from_pseudo(factor @ e @ factor.T).ten for e in BASIS]).T
+    rows, columns = np.array(ENTRIES).T
+    return np.asarray(_TENS @ (factor @ BASIS @ factor.T)[:, rows, columns].T)

@@ -6,8 +6,10 @@ Per effort row the Gram matrix of `[columns that row sees | effort]`, the sums o
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.arrays import Array, frozen
 from steelyard.errors import DataError
@@ -132,8 +134,10 @@ class Information:
 
     def row_gram(self, row: int, windows: Sequence[int] | None = None) -> Array:
         """Gram matrix of one row's own columns and effort, shape `(k + 1, k + 1)`."""
-        sums = self.grams if windows is None else self.grams[list(windows)]
-        return _unpacked(sums.sum(axis=0)[self._packed(row)], self.layout.widths[row])
+        if windows is None:
+            return self._whole[row]
+        sums = self.grams[list(windows)].sum(axis=0)
+        return _unpacked(sums[self._packed(row)], self.layout.widths[row])
 
     def row_grams(self, row: int) -> Array:
         """The same of every window, shape `(w, k + 1, k + 1)`."""
@@ -277,6 +281,13 @@ class Information:
             self.layout, stamp, self.windows, frozen(grams), frozen(absolute), self.counts
         )
 
+    @cached_property
+    def _whole(self) -> tuple[Array, ...]:
+        """Gram matrix of every row over all windows."""
+        sums = self.grams.sum(axis=0)
+        widths = self.layout.widths
+        return tuple(frozen(_unpacked(sums[self._packed(k)], w)) for k, w in enumerate(widths))
+
     def _packed(self, row: int) -> slice:
         sizes = [w * (w + 1) // 2 for w in self.layout.widths]
         start = sum(sizes[:row])
@@ -285,11 +296,16 @@ class Information:
 
 def _unpacked(lower: Array, width: int) -> Array:
     """Symmetric matrices `(..., width, width)` of their lower triangles `(..., size)`."""
-    matrices = np.zeros((*lower.shape[:-1], width, width))
+    return np.take(lower, _places(width), axis=-1)
+
+
+@lru_cache(maxsize=256)
+def _places(width: int) -> NDArray[np.intp]:
+    """Where each entry of a symmetric matrix stands in its lower triangle, `(width, width)`."""
+    places = np.zeros((width, width), dtype=np.intp)
     rows, columns = np.tril_indices(width)
-    matrices[..., rows, columns] = lower
-    matrices[..., columns, rows] = lower
-    return matrices
+    places[rows, columns] = places[columns, rows] = np.arange(len(rows))
+    return places
 
 
 def _packed(matrices: Array) -> Array:
