@@ -2,8 +2,8 @@ r"""Physically consistent parameters: bodies that can exist, near their priors [
 
 The data come whitened and compressed, bodies in the scale of their prior, friction, rotor inertia
 and stiffness within their bounds; the program is convex: Clarabel comes near its optimum, Newton's
-method gets there. Its curvature at the optimum is the posterior's precision (Laplace), so intervals count data and prior alike, and
-each parameter tells how much of it is data.
+method gets there. Its curvature at the optimum is the posterior's precision (Laplace), so intervals
+count data and prior alike, and each parameter tells how much of it is data.
 """
 
 from dataclasses import dataclass, replace
