@@ -1,12 +1,14 @@
 """Runs put together as one problem, against stacked regressors."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from loaded import run
 from steelyard.errors import DataError
 from steelyard.estimation.joined import Part, covariance_of, inverse, joined, marginal
-from steelyard.regression.information import Information, Stamp
+from steelyard.regression.information import Stamp
 
 RUNS = run(1, noise=0.1), run(2, noise=0.1)
 SIZE = len(RUNS[0].layout.columns)
@@ -41,7 +43,7 @@ def test_joined_runs_have_the_sums_of_mapped_columns() -> None:
 
 def test_unequal_runs_are_refused() -> None:
     stamp = Stamp(**{**vars(RUNS[0].stamp), "effort": ("Nm",) * 4})
-    other = Information(**{**vars(RUNS[0]), "stamp": stamp})
+    other = replace(RUNS[0], stamp=stamp)
     with pytest.raises(DataError, match="unequal effort"):
         joined([Part(RUNS[0], np.eye(SIZE)), Part(other, np.eye(SIZE))], ["x"] * SIZE, ["1"] * SIZE)
 

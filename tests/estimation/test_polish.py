@@ -52,6 +52,11 @@ def test_a_body_at_the_margin_is_left_to_the_solver() -> None:
     assert polished(here, at(here, 0.0, 1e-8), 1.0) is None
 
 
+def test_a_point_outside_is_left_to_the_solver() -> None:
+    here = program(Entropic())
+    assert polished(here, -here.unknowns.start, 5.0) is None
+
+
 def test_a_point_far_away_is_not_called_the_optimum() -> None:
     here = program(Entropic())
     far = here.unknowns.start.copy()

@@ -6,6 +6,7 @@ method gets there. Its curvature at the optimum is the posterior's precision (La
 count data and prior alike, and each parameter tells how much of it is data.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -104,10 +105,11 @@ class Consistent:
         """Near it by the solver and to the end by Newton's method, or all by the solver."""
         conic, m = program.conic(gamma), len(program.unknowns.weak)
         if self.form.penalises and all(program.unknowns.priors):
-            near = solved(conic, self._where, self.iterations, aim=ROUGH, enough=ENOUGH)[:m]
-            end = polished(program, near, gamma)
-            if end is not None:
-                return end
+            with suppress(Unsolved):
+                near = solved(conic, self._where, self.iterations, aim=ROUGH, enough=ENOUGH)[:m]
+                end = polished(program, near, gamma)
+                if end is not None:
+                    return end
         return solved(conic, self._where, self.iterations, enough=ENOUGH)[:m]
 
     @property

@@ -31,6 +31,8 @@ def polished(program: Program, u: Array, gamma: float) -> Array | None:
         u: The point, shape `(m,)`.
         gamma: Weight of the prior.
     """
+    if not _inside(program, u):
+        return None
     rows, ends, equal = _planes(program)
     holds = equal | (ends - rows @ u <= NEAR)
     data = program.unknowns.matrix.T @ program.unknowns.matrix
