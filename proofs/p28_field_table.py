@@ -9,13 +9,17 @@ Filters are zero-phase Butterworth low-passes before differentiation, at 10 and 
 central differences of the raw positions. Regressor and torque then go through one parallel
 low-pass, as is the custom, of 20 Hz, or the filter's cut-off if that is lower. Coulomb friction
 turns smoothly over 0.02 rad/s, in the truth and in the model, so that what is measured is noise,
-not a model error. Estimators that simulate know controller and wanted motion. Those that take long
-are run on the first seed, those that simulate on all seeds behind 50 Hz.
+not a model error. Estimators that simulate know controller and wanted motion. All are run on all
+seeds and behind all filters, but for the two population methods, which take long: on the first
+seed behind 50 Hz, and they are not among the best.
+
+An estimator is held against the best of all twice: behind 50 Hz, and each behind the filter that
+suits it best.
 """
 
 import sys
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -158,7 +162,7 @@ def wanted(offer: Offer, cutoff: float | None, seed: int) -> bool:
     """Whether there is time for it."""
     if offer.name in SEARCHING:
         return seed == 0 and cutoff == 50.0
-    return offer.needs != "experiment" or seed == 0 or cutoff == 50.0
+    return True
 
 
 def scores(
@@ -223,13 +227,32 @@ def mean_of(found: dict[Cell, list[Score]], noise: float, cutoff: float | None, 
     return float(np.mean([score.validation for score in each]))
 
 
-def best_of(found: dict[Cell, list[Score]], noise: float) -> tuple[float, str]:
-    """The least mean validation error of all estimators and filters, and whose it is."""
+def best_of(
+    found: dict[Cell, list[Score]], noise: float, filters: Sequence[float | None]
+) -> tuple[float, str]:
+    """The least mean validation error of all estimators behind some filters, and whose it is."""
     return min(
-        (mean_of(found, noise, cutoff, offer.name), f"{offer.name} at {cutoff or 'no'} Hz")
+        (mean_of(found, noise, cutoff, offer.name), offer.name)
         for offer in ESTIMATORS
-        for cutoff in FILTERS
+        for cutoff in filters
     )
+
+
+def beside_the_best(found: dict[Cell, list[Score]], noise: float, name: str) -> list[Claim]:
+    """One estimator against the best, behind 50 Hz and each behind its best filter."""
+    bound, claims = (1.1 if noise == NOISES[2] else 1.15), []
+    for behind, filters in (("50 Hz", (50.0,)), ("its best filter", FILTERS)):
+        best, whose = best_of(found, noise, filters)
+        own = min(mean_of(found, noise, cutoff, name) for cutoff in filters)
+        claims.append(
+            Claim(
+                f"{name} over the best ({whose}), {noise:g} rad, behind {behind}",
+                f"{own:.3f} / {best:.3f} % = {own / best:.2f}",
+                f"<= {bound:g}",
+                own <= bound * best,
+            )
+        )
+    return claims
 
 
 def measured() -> dict[Cell, list[Score]]:
@@ -259,17 +282,8 @@ def main() -> list[Claim]:
             gain >= 3.0,
         )
     )
-    for noise, name, bound in ((1e-4, "EKF", 1.15), (1e-4, "DIDIM", 1.15), (5e-4, "EKF", 1.1)):
-        best, whose = best_of(found, noise)
-        own = mean_of(found, noise, 50.0, name)
-        claims.append(
-            Claim(
-                f"{name} over the best ({whose}), {noise:g} rad",
-                f"{own:.3f} / {best:.3f} % = {own / best:.2f}",
-                f"<= {bound:g}",
-                own <= bound * best,
-            )
-        )
+    for noise, name in ((1e-4, "EKF"), (1e-4, "DIDIM"), (5e-4, "EKF")):
+        claims += beside_the_best(found, noise, name)
     failed = [
         score for each in found.values() for score in each if not np.isfinite(score.validation)
     ]
