@@ -15,7 +15,7 @@ import numpy as np
 
 from steelyard.estimation.estimate import Estimate
 from steelyard.estimation.fields import FoundFields, find_fields
-from steelyard.estimation.genetic import evolved
+from steelyard.search.genetic import evolved
 from steelyard.estimation.least_squares import WeightedLeastSquares
 from steelyard.kernel.dynamics import JointState
 from steelyard.model import Model

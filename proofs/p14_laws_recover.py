@@ -21,6 +21,7 @@ from steelyard.estimation.least_squares import WeightedLeastSquares
 from steelyard.excitation.random_fourier import random_fourier
 from steelyard.formats import open_log
 from steelyard.measurement import Recording, prepare
+from steelyard.motion import run
 from steelyard.regression.gather import gather
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot.inertia import Inertia
@@ -127,10 +128,10 @@ def errors(robot: Robot, terms: tuple[Term, ...], seed: int, folder: Path) -> di
         resolution=2.0 * np.pi / 2**20, torque_noise=TORQUE_NOISE * scale, velocity=False
     )
     motion = random_fourier(robot, seed=seed, period=PERIOD, periods=PERIODS)
-    VirtualRobot(robot, truth, sensors, seed=seed, rest=0.3).run(motion, folder / "log.parquet")
-    run = prepare(Recording(open_log(folder / "log.parquet"), signals_of(robot)))
+    run(VirtualRobot(robot, truth, sensors, seed=seed, rest=0.3), motion, folder / "log.parquet")
+    clean = prepare(Recording(open_log(folder / "log.parquet"), signals_of(robot)))
     regressor = base_regressor(truth.model)
-    estimate = WeightedLeastSquares()(gather(regressor, run))
+    estimate = WeightedLeastSquares()(gather(regressor, clean))
     values = regressor.base.base_values(truth.values.values)
     true = dict(zip(regressor.base.base_names, values, strict=True))
     found = estimate.parameters

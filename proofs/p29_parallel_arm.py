@@ -25,7 +25,8 @@ from steelyard.estimation.bounded import BoundedLeastSquares
 from steelyard.estimation.box import base_bounds
 from steelyard.estimation.cma_es import CmaEs
 from steelyard.estimation.estimate import Estimate, Estimator
-from steelyard.estimation.genetic import Genetic, evolved
+from steelyard.estimation.genetic import Genetic
+from steelyard.search.genetic import evolved
 from steelyard.estimation.least_squares import OrdinaryLeastSquares
 from steelyard.estimation.prior import default_knowledge
 from steelyard.model import Model

@@ -1,5 +1,6 @@
 """Motion of the joints in time, and what can make it: trajectories, plants and rigs."""
 
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -69,8 +70,18 @@ class Plant(Protocol):
 
 
 class Rig(Protocol):
-    """A robot, real or virtual, that can be sent along a trajectory and writes a log of it."""
+    """A robot, real or virtual, that follows trajectories and writes logs of it."""
 
-    def run(self, trajectory: Trajectory, log: Path) -> None:
-        """Follow `trajectory` and write what was measured to `log`."""
+    def send(self, trajectory: Trajectory) -> None:
+        """Follow `trajectory`; return when it is done."""
         ...
+
+    def record(self, log: Path) -> AbstractContextManager[object]:
+        """Write what is measured while the block runs to `log`."""
+        ...
+
+
+def run(rig: Rig, trajectory: Trajectory, log: Path) -> None:
+    """Send a rig along `trajectory` and write what it measures to `log`."""
+    with rig.record(log):
+        rig.send(trajectory)

@@ -12,11 +12,13 @@ class Event:
         phase: What is being done, in a few words.
         done: Work done so far, in the unit of `total`.
         total: All the work of this phase.
+        note: What has been found so far, in a few words.
     """
 
     phase: str
     done: float
     total: float
+    note: str = ""
 
 
 Progress = Callable[[Event], bool]
@@ -32,11 +34,11 @@ def silent(event: Event) -> bool:
     return True
 
 
-def tell(progress: Progress, phase: str, done: float, total: float) -> None:
+def tell(progress: Progress, phase: str, done: float, total: float, note: str = "") -> None:
     """Report to `progress`.
 
     Raises:
         Stopped: The answer was to stop.
     """
-    if not progress(Event(phase, done, total)):
+    if not progress(Event(phase, done, total, note)):
         raise Stopped(f"stopped during {phase}, {done:.3g} of {total:.3g} done")

@@ -9,6 +9,7 @@ import pytest
 from cli.conftest import Command
 from cli.mistakes import leftovers
 from steelyard.excitation.random_fourier import random_fourier
+from steelyard.motion import run
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.robot_file import load_robot
 from steelyard.virtual.invent import random_truth
@@ -29,7 +30,7 @@ def loaded(given: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     sensors = customary_sensors(robot, truth)
     rig = VirtualRobot(robot, truth, sensors, seed=3, payload=carried)
     path = tmp_path_factory.mktemp("loaded") / "loaded.parquet"
-    rig.run(random_fourier(robot, seed=11, period=3.0), path)
+    run(rig, random_fourier(robot, seed=11, period=3.0), path)
     return path
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from steelyard.excitation.random_fourier import random_fourier
+from steelyard.motion import run
 from steelyard.robot.robot_file import load_robot
 from steelyard.virtual.demo import _ROBOT_FILE
 from steelyard.virtual.invent import random_truth
@@ -21,8 +22,8 @@ def test_only_fitted_logs_are_averaged(command: Callable[..., Any], tmp_path: Pa
     robot = load_robot(urdf).robot
     truth = random_truth(robot, 3)
     rig = VirtualRobot(robot, truth, customary_sensors(robot, truth))
-    rig.run(random_fourier(robot, seed=1, period=5.0, periods=5), tmp_path / "many.parquet")
-    rig.run(random_fourier(robot, seed=2, period=8.0), tmp_path / "once.parquet")
+    run(rig, random_fourier(robot, seed=1, period=5.0, periods=5), tmp_path / "many.parquet")
+    run(rig, random_fourier(robot, seed=2, period=8.0), tmp_path / "once.parquet")
     chosen = "\n[processing]\nrepetitions = {period = 5.0, drop_last = 0}\n"
     (tmp_path / "robot.toml").write_text(_ROBOT_FILE + chosen)
     many, once = tmp_path / "many.parquet", tmp_path / "once.parquet"

@@ -1,13 +1,27 @@
-"""`steelyard simulate`: payloads, and the causes of torque of the robot file."""
+"""`steelyard simulate`: motions, payloads, and the causes of torque of the robot file."""
 
 import json
 from pathlib import Path
 
 import numpy as np
 import polars as pl
+import pytest
+from scipy.interpolate import CubicSpline
 
 from cli.conftest import Command
 from cli.mistakes import ROBOT
+from steelyard.excitation.chained import ChainedMotion
+from steelyard.excitation.export import write_export
+from steelyard.excitation.files import KINDS, trajectory_from_dict
+from steelyard.excitation.fourier import FourierMotion
+from steelyard.excitation.piecewise import PiecewiseMotion, from_scipy
+from steelyard.excitation.random_fourier import random_fourier
+from steelyard.excitation.sampled import SampledMotion
+from steelyard.excitation.slowed import SlowedMotion
+from steelyard.excitation.trended import TrendedMotion
+from steelyard.excitation.windowed import WindowedMotion
+from steelyard.files import write_json
+from steelyard.robot.robot_file import load_robot
 
 RUN = ("simulate", ROBOT, "--period", "1.5", "--noise", "0")
 
@@ -70,3 +84,113 @@ def test_causes_of_torque_are_those_of_the_robot_file(
     assert {"m", "Izz", "dahl", "spring"} < laws and "coulomb" not in laws
     assert [name for name in truth["parameters"] if "spring" in name] == ["spring.elbow"]
     assert truth["terms"][1]["length"] == 1e-3
+
+
+def positions(log: Path) -> np.ndarray:
+    table = pl.read_parquet(log)
+    return table.select([name for name in table.columns if name.startswith("q")]).to_numpy()
+
+
+@pytest.fixture
+def kinds(given: Path, tmp_path: Path) -> dict[str, Path]:
+    """A motion of every kind that is stored, as a file."""
+    robot = load_robot(given / "demo_arm.toml").robot
+    fourier = random_fourier(robot, seed=5, period=1.5, harmonics=3)
+    t = np.linspace(0.0, 1.5, 151)
+    table = SampledMotion(t, fourier.sample(t).q)
+    moves = from_scipy(CubicSpline(t[::10], fourier.sample(t[::10]).q, bc_type="clamped"))
+    drawn = FourierMotion(0.0 * fourier.start, fourier.sine, fourier.cosine, 1.5)
+    motions = {
+        "fourier": fourier,
+        "sampled": table,
+        "piecewise": moves,
+        "chained": ChainedMotion([fourier, table]),
+        "trended": TrendedMotion(fourier, moves),
+        "windowed": WindowedMotion(fourier.start, drawn, 0.7),
+        "slowed": SlowedMotion(fourier, 0.5),
+    }
+    files = {kind: tmp_path / f"{kind}.json" for kind in motions}
+    for kind, motion in motions.items():
+        assert motion.to_dict()["kind"] == kind
+        write_json(files[kind], motion.to_dict())
+    files["csv"] = write_export(fourier, robot, "csv", tmp_path)
+    return files
+
+
+@pytest.mark.parametrize("kind", [*KINDS, "csv"])
+def test_motions_of_every_kind_are_followed(
+    kind: str, kinds: dict[str, Path], command: Command, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    done = command("simulate", ROBOT, "--motion", kinds[kind], "--noise", "0", "-o", out)
+    assert done.exit_code == 0, done.stderr
+    stored = json.loads((out / "trajectory.json").read_text())
+    assert stored["kind"] == ("sampled" if kind == "csv" else kind)
+    motion = trajectory_from_dict(stored)
+    q = positions(out / "log.parquet")
+    assert len(q) == round((motion.duration + 2.0) * 250) + 1
+    wanted = motion.sample(np.arange(len(q)) / 250 - 1.0).q
+    assert np.abs(q - wanted).max() < 0.05 < np.ptp(wanted, axis=0).min()
+
+
+@pytest.mark.parametrize("kind", ["fourier", "csv", "chained"])
+def test_periods_repeat_the_motion(
+    kind: str, kinds: dict[str, Path], command: Command, tmp_path: Path
+) -> None:
+    run = ("simulate", ROBOT, "--motion", kinds[kind], "--noise", "0")
+    done = command(*run, "--periods", "3", "-o", tmp_path / "out")
+    assert done.exit_code == 0, done.stderr
+    once = 3.0 if kind == "chained" else 1.5
+    assert f"periods     3 of {once:g} s" in done.stdout
+    q = positions(tmp_path / "out" / "log.parquet")
+    rows = round(once * 250)
+    assert len(q) == 3 * rows + 501
+    np.testing.assert_allclose(q[250 + rows : 250 + 2 * rows], q[250 + 2 * rows : -251], atol=2e-3)
+    assert np.ptp(q[250 + rows : 250 + 2 * rows], axis=0).min() > 0.05
+
+
+def test_a_motion_that_does_not_return_has_no_periods(
+    given: Path, command: Command, tmp_path: Path
+) -> None:
+    robot = load_robot(given / "demo_arm.toml").robot
+    away = np.zeros((2, robot.n))
+    away[1, 2] = 0.25
+    running = np.zeros((1, 3, robot.n))
+    running[0, 1:, 1] = 0.1, -0.1
+    motions = {
+        "reach": (SampledMotion([0.0, 1.0], away), "position 0 rad and ends with 0.25 rad"),
+        "run": (PiecewiseMotion([0.0, 1.0], running), "speed 0.1 rad/s and ends with -0.1 rad/s"),
+    }
+    for name, (motion, wrong) in motions.items():
+        path = tmp_path / f"{name}.json"
+        write_json(path, motion.to_dict())
+        run = ("simulate", ROBOT, "--motion", path, "-o", tmp_path / f"{name} out")
+        done = command(*run, "--periods", "2")
+        assert done.exit_code == 2 and wrong in " ".join(done.stderr.split())
+        assert "--periods" in done.stderr and not (tmp_path / f"{name} out").exists()
+        assert command(*run).exit_code == 0
+
+
+def test_a_dry_run_goes_the_same_way_slowly(
+    kinds: dict[str, Path], command: Command, tmp_path: Path
+) -> None:
+    run = ("simulate", ROBOT, "--motion", kinds["fourier"], "--noise", "0")
+    done = command(*run, "--periods", "2", "--dry-run", "0.2", "-o", tmp_path / "slow")
+    assert done.exit_code == 0, done.stderr
+    assert "dry run     at 0.2 of the speed: 15 s, not 3 s" in done.stdout
+    full = command(*run, "--periods", "2", "-o", tmp_path / "full")
+    assert "dry run" not in full.stdout
+    slow, fast = (positions(tmp_path / name / "log.parquet") for name in ("slow", "full"))
+    assert len(slow) == 17 * 250 + 1
+    np.testing.assert_allclose(slow[250:-250:5], fast[250:-250], atol=0.05)
+    stored = tmp_path / "slow" / "trajectory.json"
+    again = command("simulate", ROBOT, "--motion", stored, "-o", tmp_path / "again")
+    assert again.exit_code == 0, again.stderr
+
+
+def test_factors_of_dry_runs_are_below_one(command: Command, tmp_path: Path) -> None:
+    for factor in ("0", "-1", "5", "nan"):
+        done = command(*RUN, "--dry-run", factor, "-o", tmp_path / "o")
+        assert done.exit_code == 2 and "--dry-run" in done.stderr and "0.2" in done.stderr
+    assert command(*RUN, "--periods", "0", "-o", tmp_path / "o").exit_code == 2
+    assert not (tmp_path / "o").exists()

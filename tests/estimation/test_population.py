@@ -13,7 +13,8 @@ from steelyard.estimation.bounded import BoundedLeastSquares
 from steelyard.estimation.box import Box, base_bounds
 from steelyard.estimation.cma_es import CmaEs
 from steelyard.estimation.estimate import Estimate
-from steelyard.estimation.genetic import Genetic, evolved
+from steelyard.estimation.genetic import Genetic
+from steelyard.search.genetic import evolved
 from steelyard.estimation.least_squares import WeightedLeastSquares
 from steelyard.estimation.prior import default_knowledge
 from steelyard.estimation.register import ESTIMATORS, Context

@@ -92,7 +92,23 @@ def test_json_is_read(robot: Robot, tmp_path: Path) -> None:
 
 BAD = [
     ("m.json", "{", "not a motion of ours"),
-    ("m.json", '{"kind": "spiral"}', "not a motion of ours"),
+    ("m.json", '{"kind": "spiral"}', "its kind is 'spiral', and the known ones are fourier"),
+    ("m.json", '{"kind": ["spiral"]}', "not a motion of ours"),
+    ("m.json", '{"kind": "chained", "times": 1, "parts": [{"kind": "x"}]}', "its kind is 'x'"),
+    ("m.json", '{"kind": "chained", "parts": []}', "it has no 'times'"),
+    ("m.json", '{"kind": "sampled", "time_s": [0, 1], "q": [[0, 0], [1, NaN]]}', "not finite"),
+    ("m.json", '{"kind": "sampled", "time_s": [0, 1e999], "q": [[0, 0], [1, 1]]}', "not finite"),
+    (
+        "m.json",
+        '{"kind": "piecewise", "breaks_s": [0, 1, 2], "coefficients": [[[0, 0]], [[0, 1]]]}',
+        "joint 2 jumps by 1 at 1 s",
+    ),
+    (
+        "m.json",
+        '{"kind": "fourier", "period_s": 1, "periods": 1, "start": [NaN, 0],'
+        ' "sine": [[0], [0]], "cosine": [[0], [0]]}',
+        "not finite",
+    ),
     ("m.json", "[1, 2]", "not a motion of ours"),
     ("m.json", '{"kind": "sampled", "time_s": [0, 1], "q": [[0], [1]]}', "robot has 2"),
     ("m.parquet", "no parquet", "not a table"),

@@ -135,16 +135,16 @@ def test_a_declared_log_is_read_back_as_it_happened(
         geared, effort, coordinates=side, position_unit="deg", position_offset=(0.3, -0.1)
     )
     rig = VirtualRobot(geared, truth, Sensors(rate=500.0), rest=0.2, signals=declared)
-    rig.run(random_fourier(geared, seed=5, period=1.0, harmonics=3), tmp_path / "log.parquet")
-    run = VirtualRobot(geared, truth, rest=0.2).follow(
-        random_fourier(geared, seed=5, period=1.0, harmonics=3)
-    )
+    path = random_fourier(geared, seed=5, period=1.0, harmonics=3)
+    with rig.record(tmp_path / "log.parquet"):
+        rig.send(path)
+    happened = VirtualRobot(geared, truth, rest=0.2).follow(path)
     recording = Recording(open_log(tmp_path / "log.parquet"), declared)
     (t, channels), *_ = recording.raw((0, None))
-    np.testing.assert_allclose(t, run.t[::2])
-    np.testing.assert_allclose(channels[:, :2], run.q[::2], atol=1e-9)
-    np.testing.assert_allclose(channels[:, 2:4], run.dq[::2], atol=1e-9)
-    wanted = run.effort(str(effort["kind"]))[::2]
+    np.testing.assert_allclose(t, happened.t[::2])
+    np.testing.assert_allclose(channels[:, :2], happened.q[::2], atol=1e-9)
+    np.testing.assert_allclose(channels[:, 2:4], happened.dq[::2], atol=1e-9)
+    wanted = happened.effort(str(effort["kind"]))[::2]
     np.testing.assert_allclose(channels[:, 4:] * declared.gains, wanted, atol=1e-9)
 
 

@@ -5,11 +5,11 @@ import polars as pl
 import pytest
 from scipy.interpolate import CubicSpline
 
-from steelyard.errors import OutputError
+from steelyard.errors import DataError, OutputError
 from steelyard.estimation.controller import tuned_pd
 from steelyard.excitation.fourier import FourierMotion
 from steelyard.excitation.random_fourier import random_fourier
-from steelyard.motion import Plant, Rig
+from steelyard.motion import Plant, Rig, run
 from steelyard.progress import Event, Stopped
 from steelyard.robot.robot import Robot
 from steelyard.virtual.invent import random_truth
@@ -82,7 +82,7 @@ def test_same_seed_same_log_and_runs_differ(arm: Robot, tmp_path: Path) -> None:
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
         rig: Rig = VirtualRobot(arm, truth, sensors, seed=seed, rest=0.2)
         for number in (1, 2):
-            rig.run(motion, tmp_path / f"{name}{number}.parquet")
+            run(rig, motion, tmp_path / f"{name}{number}.parquet")
             logs[f"{name}{number}"] = pl.read_parquet(tmp_path / f"{name}{number}.parquet")
     assert logs["a1"].equals(logs["b1"]) and logs["a2"].equals(logs["b2"])
     assert not logs["a1"].equals(logs["a2"]) and not logs["a1"].equals(logs["c1"])
@@ -91,7 +91,7 @@ def test_same_seed_same_log_and_runs_differ(arm: Robot, tmp_path: Path) -> None:
 def test_csv_and_parquet_hold_the_same(arm: Robot, tmp_path: Path) -> None:
     truth, motion = random_truth(arm, 0), motion_of(arm, 1.5)
     for suffix in ("csv", "parquet"):
-        VirtualRobot(arm, truth, seed=1, rest=0.1).run(motion, tmp_path / f"log.{suffix}")
+        run(VirtualRobot(arm, truth, seed=1, rest=0.1), motion, tmp_path / f"log.{suffix}")
     table = pl.read_csv(tmp_path / "log.csv")
     assert table.equals(pl.read_parquet(tmp_path / "log.parquet"))
     assert table.columns[:2] == ["time_s", "q1_rad"] and len(table) == 426
@@ -100,9 +100,9 @@ def test_csv_and_parquet_hold_the_same(arm: Robot, tmp_path: Path) -> None:
 def test_other_endings_and_missing_folders_are_refused(arm: Robot, tmp_path: Path) -> None:
     rig = VirtualRobot(arm, random_truth(arm, 0), rest=0.0)
     with pytest.raises(OutputError, match="cannot be written as '.xlsx'"):
-        rig.run(motion_of(arm, 1.0), tmp_path / "log.xlsx")
+        run(rig, motion_of(arm, 1.0), tmp_path / "log.xlsx")
     with pytest.raises(OutputError, match="cannot be written"):
-        rig.run(motion_of(arm, 1.0), tmp_path / "none" / "log.csv")
+        run(rig, motion_of(arm, 1.0), tmp_path / "none" / "log.csv")
     assert not list(tmp_path.iterdir())
 
 
@@ -123,6 +123,33 @@ def test_progress_advances_and_stops(arm: Robot, tmp_path: Path) -> None:
 
     rig = VirtualRobot(arm, random_truth(arm, 0), progress=watch)
     with pytest.raises(Stopped, match="stopped during simulation, 1 of 6 done"):
-        rig.run(motion_of(arm), tmp_path / "log.parquet")
+        run(rig, motion_of(arm), tmp_path / "log.parquet")
     assert [e.done for e in events] == [0.0, 0.25, 0.5, 0.75, 1.0]
     assert not list(tmp_path.iterdir())
+
+
+def test_a_recording_holds_the_motion_that_was_sent(arm: Robot, tmp_path: Path) -> None:
+    truth, motion = random_truth(arm, 0), motion_of(arm, 1.0)
+    watched, plain = (VirtualRobot(arm, truth, seed=4, rest=0.1) for _ in range(2))
+    watched.send(motion)
+    with watched.record(tmp_path / "by hand.parquet"):
+        watched.send(motion)
+    run(plain, motion, tmp_path / "run.parquet")
+    logs = [pl.read_parquet(tmp_path / f"{name}.parquet") for name in ("by hand", "run")]
+    assert logs[0].equals(logs[1])
+
+
+def test_a_recording_holds_one_motion(arm: Robot, tmp_path: Path) -> None:
+    motion, log = motion_of(arm, 0.5), tmp_path / "log.parquet"
+    rig = VirtualRobot(arm, random_truth(arm, 0), rest=0.0)
+    with pytest.raises(DataError, match="no motion was sent"), rig.record(log):
+        pass
+    with pytest.raises(DataError, match="this is a second one"), rig.record(log):
+        rig.send(motion)
+        rig.send(motion)
+    with pytest.raises(ZeroDivisionError), rig.record(log):
+        rig.send(motion)
+        raise ZeroDivisionError
+    assert not log.exists()
+    run(rig, motion, log)
+    assert log.exists()

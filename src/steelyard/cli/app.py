@@ -7,6 +7,7 @@ import typer
 from steelyard.cli.check import check
 from steelyard.cli.compare import compare
 from steelyard.cli.demo import demo
+from steelyard.cli.excite import excite
 from steelyard.cli.export import export
 from steelyard.cli.identify import identify
 from steelyard.cli.init import init
@@ -24,12 +25,12 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for command in (init, check, identify, validate, compare, payload, export, simulate, demo):
+for command in (init, check, excite, identify, validate, compare, payload, export, simulate, demo):
     app.command()(command)
 
 app.add_typer(log)
 
-MANY = ("--validate", "--loaded", "--unloaded", "--columns", "--estimators")
+MANY = ("--validate", "--format", "--loaded", "--unloaded", "--columns", "--estimators")
 """Options that take all that follows up to the next option."""
 
 

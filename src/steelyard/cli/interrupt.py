@@ -9,7 +9,8 @@ through `exec`, ends with a signal whatever the program does.
 
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from types import FrameType
 
@@ -24,6 +25,7 @@ class Interrupted(BaseException):
 class _State:
     installed: bool = False
     asked: bool = False
+    quiet: bool = False
 
 
 _state = _State()
@@ -51,9 +53,22 @@ def check() -> None:
         raise Interrupted
 
 
+@contextmanager
+def quietly() -> Iterator[None]:
+    """Inside, Ctrl-C is only noted, for work that looks at `asked` and keeps what it has.
+
+    Until it is `answered`: from then on a new one stops the program as elsewhere.
+    """
+    _state.quiet = True
+    try:
+        yield
+    finally:
+        _state.quiet = False
+
+
 def answered() -> None:
     """What is done is kept: the request has its answer, and only a new one stops what follows."""
-    _state.asked = False
+    _state.asked = _state.quiet = False
 
 
 def too_late() -> None:
@@ -90,7 +105,8 @@ def leave() -> None:
 
 def _note(number: int, frame: FrameType | None) -> None:
     _state.asked = True
-    raise Interrupted
+    if not _state.quiet:
+        raise Interrupted
 
 
 def _quiet(

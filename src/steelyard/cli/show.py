@@ -19,6 +19,7 @@ def progress_bar() -> Iterator[Progress]:
         TextColumn("{task.description}"),
         BarColumn(),
         TimeElapsedColumn(),
+        TextColumn("{task.fields[note]}"),
         console=Console(file=sys.stderr),
         transient=True,
         disable=not sys.stderr.isatty(),
@@ -31,8 +32,8 @@ def progress_bar() -> Iterator[Progress]:
             for task in tasks.values():
                 bars.remove_task(task)
             tasks.clear()
-            tasks[event.phase] = bars.add_task(event.phase, total=event.total)
-        bars.update(tasks[event.phase], completed=event.done, total=event.total)
+            tasks[event.phase] = bars.add_task(event.phase, total=event.total, note=event.note)
+        bars.update(tasks[event.phase], completed=event.done, total=event.total, note=event.note)
         return True
 
     with bars:

@@ -10,8 +10,13 @@ from steelyard.cli.guard import guarded
 from steelyard.cli.options import Json, Output, RobotArgument, Seed
 
 if TYPE_CHECKING:
+    from steelyard.excitation.exact import ExactTrajectory
     from steelyard.robot.robot import Robot
     from steelyard.virtual.payload import Payload
+
+
+_ALIKE = (("position", "", 1e-9), ("speed", "/s", 1e-6))
+"""What must be the same at both ends of a motion to be repeated, its unit, how closely."""
 
 
 @guarded
@@ -24,6 +29,16 @@ def simulate(
     period: Annotated[
         float, typer.Option(min=0.5, help="Seconds of random motion, without --motion.")
     ] = 10.0,
+    periods: Annotated[
+        int, typer.Option(min=1, help="How often the motion is run through, without a stop.")
+    ] = 1,
+    dry_run: Annotated[
+        float,
+        typer.Option(
+            help="Share of the speed, for a first run: 0.2 takes five times as long.",
+            metavar="FACTOR",
+        ),
+    ] = 1.0,
     noise: Annotated[
         float, typer.Option(min=0.0, help="Sensor noise, as a factor on that of a usual arm.")
     ] = 1.0,
@@ -46,7 +61,8 @@ def simulate(
 ) -> None:
     """Simulate a robot with invented true parameters near its nominal ones.
 
-    Its causes of torque are those of the robot file, with Coulomb and viscous
+    It follows any motion that excite or simulate wrote, or a table of postures; --dry-run
+    follows it slowly. Its causes of torque are those of the robot file, with Coulomb and viscous
     friction where that is to be chosen. Writes log.parquet, trajectory.json and,
     in a file of its own, truth.json. The seed makes both the robot and its random
     motion: give --motion for another motion of the same robot.
@@ -65,11 +81,12 @@ def simulate(
 
     loaded = load_robot(robot)
     folder = river.new_folder(output, f"steelyard-{Path(robot).stem}-simulated")
-    trajectory = (
+    once = (
         random_fourier(loaded.robot, seed=seed, period=period)
         if motion is None
         else read_motion(motion, loaded.robot)
     )
+    trajectory = _slowed(_repeated(once, loaded.robot, periods), dry_run)
     terms = river.with_friction(river.model_of(loaded), loaded).terms
     truth = random_truth(loaded.robot, seed, terms=terms)
     sensors = customary_sensors(loaded.robot, truth, noise)
@@ -95,8 +112,62 @@ def simulate(
         return
     for note in loaded.notes:
         typer.echo(f"note        {note}")
+    for line in _running(once.duration, periods, dry_run):
+        typer.echo(line)
     for name, path in written.items():
         typer.echo(f"{name:<11} {path}")
+
+
+def _repeated(trajectory: "ExactTrajectory", robot: "Robot", periods: int) -> "ExactTrajectory":
+    """The motion several times without a stop.
+
+    Raises:
+        DataError: It does not end where and as it starts.
+    """
+    from steelyard.errors import DataError
+    from steelyard.excitation.chained import repeated
+
+    for order, (what, unit, close) in enumerate(_ALIKE):
+        first, last = trajectory.derivative([0.0, trajectory.duration], order)
+        jumps = abs(last - first)
+        worst = int(jumps.argmax())
+        if periods > 1 and jumps[worst] > close:
+            joint = robot.coordinates[worst]
+            raise DataError(
+                f"{periods} periods are asked for, but the motion does not end as it starts: joint "
+                f"'{joint.name}' begins with {what} {first[worst]:.4g} {joint.unit}{unit} and "
+                f"ends with {last[worst]:.4g} {joint.unit}{unit}",
+                where="--periods",
+                mend="leave it out, or give a motion that returns to its start",
+            )
+    return repeated(trajectory, periods)
+
+
+def _slowed(trajectory: "ExactTrajectory", factor: float) -> "ExactTrajectory":
+    """The motion at a share of its speed.
+
+    Raises:
+        DataError: The factor is none.
+    """
+    from steelyard.errors import DataError
+    from steelyard.excitation.slowed import SlowedMotion
+
+    if not 0.0 < factor <= 1.0:
+        raise DataError(
+            f"a dry run at {factor:g} of the speed is not slower than the motion",
+            where="--dry-run",
+            mend="give a number above 0 and at most 1, such as 0.2",
+        )
+    return trajectory if factor == 1.0 else SlowedMotion(trajectory, factor)
+
+
+def _running(once: float, periods: int, factor: float) -> list[str]:
+    """What is run otherwise than the motion says, a line each."""
+    lines = [f"periods     {periods} of {once:g} s"] if periods > 1 else []
+    if factor < 1.0:
+        full = once * periods
+        lines.append(f"dry run     at {factor:g} of the speed: {full / factor:g} s, not {full:g} s")
+    return lines
 
 
 def _payload(

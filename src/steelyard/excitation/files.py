@@ -1,41 +1,57 @@
 """Motions from files: our own JSON, or a table of postures."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import DataError
+from steelyard.excitation.chained import ChainedMotion
+from steelyard.excitation.exact import ExactTrajectory
 from steelyard.excitation.fourier import FourierMotion
+from steelyard.excitation.piecewise import PiecewiseMotion
 from steelyard.excitation.sampled import SampledMotion
-from steelyard.motion import Trajectory
+from steelyard.excitation.slowed import SlowedMotion
+from steelyard.excitation.trended import TrendedMotion
+from steelyard.excitation.windowed import WindowedMotion
 from steelyard.robot.nearest import advice
 from steelyard.robot.robot import Coordinate, Robot
 
 
-class StoredTrajectory(Trajectory, Protocol):
-    """A trajectory that can be written to a file."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """As values for JSON, with a `kind`."""
-        ...
+def _chained(values: Mapping[str, Any]) -> ChainedMotion:
+    """Parts may be of any kind."""
+    parts = [trajectory_from_dict(part) for part in values["parts"]]
+    return ChainedMotion(parts, int(values["times"]))
 
 
-KINDS: dict[str, type[FourierMotion] | type[SampledMotion]] = {
-    "fourier": FourierMotion,
-    "sampled": SampledMotion,
+def _slowed(values: Mapping[str, Any]) -> SlowedMotion:
+    """A motion of any kind at reduced speed."""
+    return SlowedMotion(trajectory_from_dict(values["motion"]), float(values["factor"]))
+
+
+KINDS: dict[str, Callable[[Mapping[str, Any]], ExactTrajectory]] = {
+    "fourier": FourierMotion.from_dict,
+    "sampled": SampledMotion.from_dict,
+    "piecewise": PiecewiseMotion.from_dict,
+    "chained": _chained,
+    "trended": TrendedMotion.from_dict,
+    "windowed": WindowedMotion.from_dict,
+    "slowed": _slowed,
 }
 
 
-def trajectory_from_dict(values: Mapping[str, Any]) -> FourierMotion | SampledMotion:
+def trajectory_from_dict(values: Mapping[str, Any]) -> ExactTrajectory:
     """The trajectory that `to_dict` described; `KeyError` or `ValueError` if it did not."""
-    return KINDS[values["kind"]].from_dict(values)
+    kind = values["kind"]
+    if kind not in KINDS:
+        raise ValueError(f"its kind is {kind!r}, and the known ones are {', '.join(KINDS)}")
+    return KINDS[kind](values)
 
 
-def read_motion(path: Path, robot: Robot) -> FourierMotion | SampledMotion:
+def read_motion(path: Path, robot: Robot) -> ExactTrajectory:
     """The motion in a file.
 
     Args:
@@ -60,7 +76,7 @@ def read_motion(path: Path, robot: Robot) -> FourierMotion | SampledMotion:
     return motion
 
 
-def _read_json(path: Path) -> FourierMotion | SampledMotion:
+def _read_json(path: Path) -> ExactTrajectory:
     """A motion that this package wrote."""
     try:
         return trajectory_from_dict(json.loads(path.read_text(encoding="utf-8")))

@@ -22,6 +22,7 @@ class MotionLimits:
         velocity: Highest speeds, shape `(n,)` [rad/s; m/s].
         acceleration: Highest accelerations, shape `(n,)` [rad/s²; m/s²].
         notes: One line for everything that was assumed.
+        jerk: Highest jerks, shape `(n,)` [rad/s³; m/s³]; `None` for any.
     """
 
     lower: Array
@@ -29,11 +30,14 @@ class MotionLimits:
     velocity: Array
     acceleration: Array
     notes: tuple[str, ...] = ()
+    jerk: Array | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "lower", frozen(self.lower, (None,)))
         for name in ("upper", "velocity", "acceleration"):
             object.__setattr__(self, name, frozen(getattr(self, name), self.lower.shape))
+        if self.jerk is not None:
+            object.__setattr__(self, "jerk", frozen(self.jerk, self.lower.shape))
         if not np.all(self.lower < self.upper):
             raise ValueError("a lower position limit is not below its upper one")
 

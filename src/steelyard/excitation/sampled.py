@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.arrays import Array, frozen
+from steelyard.excitation.piecewise import PiecewiseMotion, from_scipy
 from steelyard.motion import Motion
 
 
@@ -30,19 +31,30 @@ class SampledMotion:
             raise ValueError("a motion needs two times or more, each later than the one before")
         object.__setattr__(self, "t", frozen(t - t[0]))
         object.__setattr__(self, "q", frozen(self.q, (len(t), None)))
+        if not (np.isfinite(t).all() and np.isfinite(self.q).all()):
+            raise ValueError("a time or a posture of the table is not finite")
 
     @property
     def duration(self) -> float:
         """Length in time [s]."""
         return float(self.t[-1])
 
+    @property
+    def breaks(self) -> Array:
+        """The times of the postures, shape `(N,)` [s]."""
+        return self.t
+
+    def derivative(self, t: ArrayLike, order: int) -> Array:
+        """Any order, 0 for the position, at times from 0 to the duration, shape `(N, n)`."""
+        return self._pieces.derivative(t, order)
+
+    def extremes(self, order: int) -> tuple[Array, Array]:
+        """Least and greatest value over all times, each `(n,)`; both sides of a break count."""
+        return self._pieces.extremes(order)
+
     def sample(self, t: ArrayLike) -> Motion:
         """The motion at times `t`, shape `(N,)` [s]; at rest before its start and after its end."""
-        t = frozen(t, (None,))
-        clipped = np.clip(t, 0.0, self.duration)
-        inside = ((t >= 0.0) & (t <= self.duration))[:, None]
-        q, dq, ddq = (self._spline(clipped, order) for order in range(3))
-        return Motion(t, q, np.where(inside, dq, 0.0), np.where(inside, ddq, 0.0))
+        return self._pieces.sample(t)
 
     def to_dict(self) -> dict[str, Any]:
         """As values for JSON; numbers keep all their digits."""
@@ -54,7 +66,7 @@ class SampledMotion:
         return cls(values["time_s"], values["q"])
 
     @cached_property
-    def _spline(self) -> Any:
+    def _pieces(self) -> PiecewiseMotion:
         from scipy.interpolate import CubicSpline
 
-        return CubicSpline(self.t, self.q, bc_type="clamped")
+        return from_scipy(CubicSpline(self.t, self.q, bc_type="clamped"))

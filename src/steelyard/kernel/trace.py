@@ -3,6 +3,7 @@
 The only file of the package that imports CasADi; a kernel found in the cache never comes here.
 """
 
+import operator
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -63,9 +64,75 @@ def affine(
     return [[slopes[row, k] for k in range(n)] for row in rows], [rest[row] for row in rows]
 
 
+def pulled_back(program: Program, arrays: Sequence[int]) -> Program:
+    r"""The reverse derivative of a program, $\sum_k s_k \, \partial y_k / \partial x$.
+
+    Args:
+        program: Inputs $x$, outputs $y$.
+        arrays: Numbers of the input arrays by whose entries it is differentiated.
+
+    Returns:
+        Inputs as the program's, and the seeds $s$, one per output; outputs are the derivatives,
+        array by array.
+    """
+    casadi = _casadi()
+    with _LOCK:
+        symbols = [casadi.SX.sym(array.name, array.entries) for array in program.inputs]
+        seeds = casadi.SX.sym("seeds", len(program.outputs))
+        outputs = casadi.vertcat(*_replayed(program, symbols))
+        by = casadi.vertcat(*(symbols[k] for k in arrays))
+        slopes = casadi.densify(casadi.gradient(casadi.dot(seeds, outputs), by))
+        function = casadi.Function("f", [*symbols, seeds], casadi.cse([slopes]))
+        return _single_assignment(function, (*program.inputs, Array("seeds", seeds.numel())))
+
+
+def carried_along(
+    values: Sequence[Scalar], variables: Sequence[Scalar], speeds: Sequence[Scalar]
+) -> list[Scalar]:
+    """How fast expressions change while their variables change at given speeds."""
+    casadi = _casadi()
+    rates = casadi.jtimes(*(casadi.vertcat(*x) for x in (values, variables, speeds)))
+    return list(casadi.vertsplit(casadi.densify(rates)))
+
+
+def slopes_of(values: Sequence[Scalar], variables: Sequence[Scalar]) -> list[Scalar]:
+    """Derivatives of expressions by variables, value by value."""
+    casadi = _casadi()
+    slopes = casadi.jacobian(casadi.vertcat(*values), casadi.vertcat(*variables))
+    return list(casadi.vertsplit(casadi.vec(casadi.densify(slopes.T))))
+
+
 def is_zero(scalar: Scalar) -> bool:
     """Whether an expression is zero by structure."""
     return bool(_casadi().SX(scalar).is_zero())
+
+
+def _replayed(program: Program, symbols: Sequence[Any]) -> list[Scalar]:
+    """A program's outputs as expressions over symbols, one vector of them per input array."""
+    casadi = _casadi()
+    named: dict[str, Callable[..., Scalar]] = {
+        "add": operator.add,
+        "sub": operator.sub,
+        "mul": operator.mul,
+        "div": operator.truediv,
+        "neg": operator.neg,
+        "abs": casadi.fabs,
+        "less": casadi.lt,
+        "less_equal": casadi.le,
+        "minimum": casadi.fmin,
+        "maximum": casadi.fmax,
+    }
+    values: list[Scalar] = []
+    for step in program.steps:
+        if step.operation == "constant":
+            values.append(casadi.SX(step.value))
+        elif step.operation == "input":
+            array, entry = step.arguments
+            values.append(symbols[array][entry])
+        else:
+            operation = named.get(step.operation) or getattr(casadi, step.operation)
+            values.append(operation(*(values[k] for k in step.arguments)))
+    return [values[k] for k in program.outputs]
 
 
 def _casadi() -> Any:

@@ -23,6 +23,7 @@ from steelyard.robot.reduction import reduced
 from steelyard.robot.robot import Limits, Robot
 from steelyard.robot.schema import (
     EstimationSection,
+    ExcitationSection,
     PriorSection,
     ProcessingSection,
     RobotFile,
@@ -69,6 +70,7 @@ class LoadedRobot:
         where: Places in the file, for messages about what later rooms make of it.
         prior: What is known of links before the data, beside the model file.
         knowledge: Further wishes, a table with its `kind` each.
+        excitation: Which motion is wanted, and what it must keep.
     """
 
     robot: Robot
@@ -83,6 +85,7 @@ class LoadedRobot:
     where: Locate
     prior: PriorSection = PriorSection()
     knowledge: tuple[Mapping[str, Any], ...] = ()
+    excitation: ExcitationSection = ExcitationSection()
 
 
 def load_robot(path: str | Path, text: str | None = None) -> LoadedRobot:
@@ -186,6 +189,7 @@ def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
         places.where,
         file.prior,
         file.knowledge,
+        file.excitation,
     )
 
 

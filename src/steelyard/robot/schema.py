@@ -2,7 +2,15 @@
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+
+from steelyard.robot.excitation_schema import ExcitationSection as ExcitationSection
+from steelyard.robot.section import Name as Name
+from steelyard.robot.section import Names as Names
+from steelyard.robot.section import Numbers as Numbers
+from steelyard.robot.section import Positive as Positive
+from steelyard.robot.section import Section as Section
+from steelyard.robot.section import Vector as Vector
 
 EffortKind = Literal[
     "motor_current", "motor_torque", "joint_torque", "link_torque", "gravity_compensated_torque"
@@ -15,19 +23,8 @@ Sign = Literal[1, -1]
 TimeUnit = Literal["s", "ms", "us", "ns"]
 
 Gain = float | Literal["identify"]
-Positive = Annotated[float, Field(gt=0.0)]
 Delay = Annotated[float, Field(ge=-2.0, le=2.0)]
-Name = Annotated[str, Field(min_length=1)]
-Vector = Annotated[tuple[float, float, float], Field(strict=False)]
 Six = Annotated[tuple[float, float, float, float, float, float], Field(strict=False)]
-Names = Annotated[tuple[Name, ...], Field(strict=False)]
-Numbers = Annotated[tuple[float, ...], Field(strict=False)]
-
-
-class Section(BaseModel):
-    """A table of the robot file: no unknown keys, no silent conversions."""
-
-    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class MountingSection(Section):
@@ -257,6 +254,7 @@ class RobotFile(Section):
     prior: PriorSection = PriorSection()
     knowledge: Annotated[tuple[dict[str, Any], ...], Field(strict=False)] = ()
     validation: ValidationSection = ValidationSection()
+    excitation: ExcitationSection = ExcitationSection()
 
 
 def as_declared(declared: Any, value: Any) -> Any:

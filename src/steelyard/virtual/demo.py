@@ -6,6 +6,7 @@ from pathlib import Path
 
 from steelyard.excitation.random_fourier import random_fourier
 from steelyard.files import whole_folder, write_json
+from steelyard.motion import run
 from steelyard.progress import Progress, silent
 from steelyard.robot.robot_file import LoadedRobot, load_robot
 from steelyard.virtual.invent import random_truth
@@ -77,7 +78,7 @@ def demo_runs(
         for number, name in enumerate(names):
             periods = 2 if name == "identification" else 1
             motion = random_fourier(robot, seed=2 * seed + number, period=period, periods=periods)
-            rig.run(motion, part / f"{name}.parquet")
+            run(rig, motion, part / f"{name}.parquet")
             write_json(part / f"{name}_motion.json", motion.to_dict())
         write_json(part / "truth.json", truth.to_dict())
     identification, validation = (folder / f"{name}.parquet" for name in names)

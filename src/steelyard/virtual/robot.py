@@ -1,5 +1,7 @@
 """The virtual robot: sent along a trajectory, it writes a log like a real controller's."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -66,6 +68,7 @@ class VirtualRobot:
         self.control: Controller = tuned_pd(typical_masses(robot, self._plant.model))
         self._noise = np.random.default_rng(seed)
         self._progress = progress
+        self._recorded: list[TrueRun] | None = None
 
     def place(self, q: ArrayLike) -> None:
         """Put the robot at rest at posture `q`, shape `(n,)`."""
@@ -75,17 +78,50 @@ class VirtualRobot:
         """Hold joint torques `tau`, shape `(n,)`, for `duration` [s]; the new `q` and `dq`."""
         return self._plant.step(tau, duration)
 
-    def run(self, trajectory: Trajectory, log: Path) -> None:
-        """Follow `trajectory` and write the log; noise goes on from run to run.
-
-        Args:
-            trajectory: The motion.
-            log: File to write, `.parquet` or `.csv`.
+    def send(self, trajectory: Trajectory) -> None:
+        """Follow `trajectory`; it is put into the log that is being recorded, if any.
 
         Raises:
-            Stopped: The watcher asked to stop; no file is written.
+            DataError: The log being recorded holds a motion already.
+            Stopped: The watcher asked to stop.
         """
-        run, sensors = self.follow(trajectory), self.sensors
+        if self._recorded:
+            raise DataError(
+                "a log of the virtual robot holds one motion, and this is a second one",
+                where=f"robot '{self.robot.name}'",
+                mend="record a log for each motion, or send them chained",
+            )
+        run = self.follow(trajectory)
+        if self._recorded is not None:
+            self._recorded.append(run)
+
+    @contextmanager
+    def record(self, log: Path) -> Iterator[None]:
+        """Write the motion that is sent within the block; noise goes on from log to log.
+
+        Args:
+            log: File to write, `.parquet` or `.csv`; not written if the block raises.
+
+        Raises:
+            DataError: Nothing was sent.
+        """
+        self._recorded = []
+        try:
+            yield
+            runs = self._recorded
+        finally:
+            self._recorded = None
+        if not runs:
+            raise DataError(
+                "no motion was sent while the virtual robot recorded",
+                where=str(log),
+                mend="send a motion within the block",
+            )
+        self._write(runs[0], log)
+
+    def _write(self, run: TrueRun, log: Path) -> None:
+        """Write what the sensors say of a run."""
+        sensors = self.sensors
         if self.signals is None:
             write_table(log, sensors.read(run, self.robot, self._noise))
             return

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from math import pi
 from pathlib import Path
 
-from steelyard.excitation.files import StoredTrajectory
+from steelyard.excitation.exact import ExactTrajectory
 from steelyard.files import whole_folder, write_json
-from steelyard.motion import Rig
+from steelyard.motion import Rig, run
 from steelyard.progress import Progress, silent
 from steelyard.robot.robot import Robot
 from steelyard.robot.signals import Signals
@@ -57,7 +57,7 @@ def customary_sensors(robot: Robot, truth: Truth, noise: float = 1.0) -> Sensors
 def simulate(
     robot: Robot,
     truth: Truth,
-    trajectory: StoredTrajectory,
+    trajectory: ExactTrajectory,
     sensors: Sensors,
     folder: Path,
     *,
@@ -95,7 +95,7 @@ def simulate(
             payload=payload,
             progress=progress,
         )
-        rig.run(trajectory, part / "log.parquet")
+        run(rig, trajectory, part / "log.parquet")
         hidden = truth.to_dict()
         if signals is not None and any(signals.unknown_gains) and sensors.gains is not None:
             hidden["drive_gains"] = dict(

@@ -1,0 +1,252 @@
+"""`steelyard excite`: design the motion that shows a robot's parameters best."""
+
+import json
+import os
+import time
+from contextlib import nullcontext
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from steelyard.cli.guard import guarded
+from steelyard.cli.options import Json, Output, RobotArgument, Seed
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from steelyard.estimation.identified import IdentifiedModel
+    from steelyard.excitation.designed import Designed
+    from steelyard.excitation.earlier import Earlier
+    from steelyard.progress import Event, Progress
+    from steelyard.robot.robot_file import LoadedRobot
+
+BUDGET = 10.0
+"""Seconds of a design, if none are given."""
+
+
+@guarded
+def excite(
+    robot: RobotArgument,
+    motion: Annotated[
+        str | None,
+        typer.Option(
+            help="Kind of motion: fourier, raw_fourier, blended_fourier, spline or reaching are "
+            "optimised; pick_and_place, square, waypoints, sweeps, postures and replay are "
+            "planned. By the robot file, or fourier.",
+            metavar="KIND",
+        ),
+    ] = None,
+    period: Annotated[
+        float | None, typer.Option(help="Length of the motion, or of its period [s].")
+    ] = None,
+    harmonics: Annotated[int | None, typer.Option(help="Harmonics of a Fourier series.")] = None,
+    criterion: Annotated[
+        str | None,
+        typer.Option(
+            help="condition, normalised_condition, d_optimal, a_optimal or e_optimal.",
+            metavar="KIND",
+        ),
+    ] = None,
+    earlier: Annotated[
+        Path | None,
+        typer.Option(
+            help="model.json of an earlier log: its noise says how well parameters will be shown, "
+            "its values what torques to expect.",
+            metavar="MODEL",
+        ),
+    ] = None,
+    still_unknown: Annotated[
+        bool,
+        typer.Option(
+            "--still-unknown", help="Show what the earlier log left unknown; needs --earlier."
+        ),
+    ] = False,
+    method: Annotated[
+        str | None, typer.Option(help="Search method: gradient, genetic or cma_es.", metavar="NAME")
+    ] = None,
+    budget: Annotated[
+        float, typer.Option(min=1.0, help="Seconds that the design may take.")
+    ] = BUDGET,
+    searches: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help="Stop after so many searches: then the seed alone decides, if the budget "
+            "is long enough.",
+        ),
+    ] = None,
+    processes: Annotated[
+        int | None, typer.Option(min=1, help="Processes that search; all cores if unset.")
+    ] = None,
+    formats: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--format",
+            help="Write it for a controller too: csv, ros2, urscript, krl, rapid, mujoco.",
+            metavar="NAME",
+        ),
+    ] = None,
+    rate: Annotated[
+        float | None, typer.Option(min=1.0, help="Points a second in those files.")
+    ] = None,
+    seed: Seed = 0,
+    output: Output = None,
+    as_json: Json = False,
+) -> None:
+    """Design the motion that shows a robot's parameters best, and prove that it keeps its limits.
+
+    Limits, tool box, obstacles and what is to be shown stand in the robot file under
+    [excitation]. Writes trajectory.json, certificate.json, trajectory.csv and report.html. Ctrl-C
+    ends the search and keeps the best motion so far.
+
+    Example: steelyard excite panda.toml --budget 20 -o panda-motion
+    """
+    from rich.console import Console
+
+    from steelyard.cli import interrupt, river
+    from steelyard.cli.show import progress_bar
+    from steelyard.excitation.design import design
+    from steelyard.excitation.families import FAMILIES
+    from steelyard.excitation.runner import Effort
+    from steelyard.files import whole_folder
+    from steelyard.report.design_terminal import design_summary
+    from steelyard.robot.robot_file import load_robot
+
+    begun = time.monotonic()
+    known = None if earlier is None else _identified(earlier)
+    loaded = asked(
+        load_robot(robot),
+        motion=motion,
+        period=period,
+        harmonics=harmonics,
+        criterion=criterion,
+        method=method,
+        still_unknown=still_unknown,
+    )
+    model = river.with_friction(river.model_of(loaded), loaded) if known is None else known.model
+    folder = river.new_folder(output, f"steelyard-{Path(robot).stem}-motion")
+    effort = Effort(budget, searches, processes or os.cpu_count() or 1, seed)
+    searched = loaded.excitation.motion.kind in FAMILIES
+    with progress_bar() as progress, whole_folder(folder) as part:
+        with interrupt.quietly() if searched else nullcontext():
+            designed = design(
+                loaded,
+                model,
+                effort,
+                earlier=None if known is None else earlier_of(known),
+                progress=_ending(progress) if searched else progress,
+                since=begun,
+            )
+        files = write_design(designed, part, ("csv", *(formats or ())), rate)
+        interrupt.too_late()
+    written = {name: str(folder / path) for name, path in files.items()}
+    if as_json:
+        typer.echo(json.dumps(results(designed) | {"files": written}, allow_nan=False))
+        return
+    design_summary(designed, Console())
+    typer.echo("")
+    for name, path in written.items():
+        typer.echo(f"{name:<12} {path}")
+
+
+def asked(loaded: "LoadedRobot", **options: Any) -> "LoadedRobot":
+    """The robot with what options say in the place of its `[excitation]` tables.
+
+    Raises:
+        DataError: An option does not fit the kind of motion.
+    """
+    from steelyard.errors import DataError
+    from steelyard.robot.excitation_schema import changed_excitation
+
+    try:
+        section = changed_excitation(loaded.excitation, **options)
+    except ValueError as error:
+        raise DataError(
+            str(error), where="options of steelyard excite", mend="see steelyard excite --help"
+        ) from None
+    return replace(loaded, excitation=section)
+
+
+def earlier_of(identified: "IdentifiedModel") -> "Earlier":
+    """What an identified model knows for the design of a motion."""
+    from steelyard.excitation.earlier import Earlier
+
+    estimate = identified.estimate
+    return Earlier(
+        estimate.sigma,
+        identified.cutoffs.matched,
+        estimate.parameters.names,
+        estimate.parameters.values,
+        estimate.covariance,
+        estimate.values.as_dict(),
+    )
+
+
+def write_design(
+    designed: "Designed", folder: Path, formats: "Sequence[str]", rate: float | None
+) -> dict[str, str]:
+    """Write a design into a new folder: what each file is, and its name."""
+    from steelyard.excitation.export import write_export
+    from steelyard.files import write_json
+    from steelyard.report import render
+    from steelyard.report.content import ReportContent
+
+    write_json(folder / "trajectory.json", designed.trajectory.to_dict())
+    designed.certificate.write(folder / "certificate.json")
+    names = {"trajectory": "trajectory.json", "certificate": "certificate.json"}
+    for form in dict.fromkeys(formats):
+        path = write_export(designed.trajectory, designed.robot, form, folder, rate)
+        names[form] = path.name
+    title = f"A motion for {designed.robot.name}"
+    content = ReportContent(title=title, robot=designed.robot.name, design=designed)
+    (folder / "report.html").write_text(render(content), encoding="utf-8")
+    return names | {"report": "report.html"}
+
+
+def results(designed: "Designed") -> dict[str, Any]:
+    """A design as values for JSON."""
+    from math import isfinite
+
+    shown = designed.shown
+    std = shown.std(designed.prior)
+    return {
+        "robot": designed.robot.name,
+        "motion": designed.kind,
+        "duration_s": designed.trajectory.duration,
+        "criterion": designed.criterion,
+        "figure": shown.figure if isfinite(shown.figure) else None,
+        "condition": shown.raw if isfinite(shown.raw) else None,
+        "condition_normalised": shown.normalised if isfinite(shown.normalised) else None,
+        "certified": designed.certificate.holds,
+        "failures": list(designed.certificate.failures),
+        "searches": designed.searches,
+        "seconds": designed.seconds,
+        "stopped": designed.stopped,
+        "predicted_std": {
+            name: float(value) if isfinite(value) else None
+            for name, value in zip(shown.names, std, strict=True)
+        },
+        "noise": designed.noise_from,
+        "notes": list(designed.notes),
+    }
+
+
+def _identified(path: Path) -> "IdentifiedModel":
+    from steelyard.estimation.identified import load_model
+
+    return load_model(path)
+
+
+def _ending(progress: "Progress") -> "Progress":
+    """A watcher that lets Ctrl-C end a search, and keeps what it has found."""
+    from steelyard.cli import interrupt
+
+    def watch(event: "Event") -> bool:
+        if interrupt.asked():
+            interrupt.answered()
+            return False
+        return progress(event)
+
+    return watch

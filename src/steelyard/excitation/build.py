@@ -1,0 +1,251 @@
+"""From a robot file's `[excitation]` tables to the problem that they describe."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from steelyard.arrays import Array, frozen
+from steelyard.errors import DataError
+from steelyard.excitation.criteria import KINDS
+from steelyard.excitation.criteria_measure import Measure
+from steelyard.excitation.earlier import Earlier
+from steelyard.excitation.families import FAMILIES, per_joint
+from steelyard.excitation.limits import DEFAULT_ACCELERATION, MotionLimits, motion_limits
+from steelyard.excitation.load import load_numbers
+from steelyard.excitation.objective import Case
+from steelyard.excitation.problem import Problem
+from steelyard.excitation.walled import constraints_of
+from steelyard.model import Model
+from steelyard.regression.base import base_map
+from steelyard.regression.gradient import Shows
+from steelyard.robot.excitation_schema import (
+    CriterionSection,
+    ExcitationSection,
+    LoadSection,
+    MotionLimitsSection,
+)
+from steelyard.robot.nearest import advice
+from steelyard.robot.robot import Robot
+from steelyard.robot.robot_file import LoadedRobot, load_robot
+from steelyard.terms.register import description_of, term_of
+from steelyard.terms.term import Remembering
+
+SOFTNESS = 0.01
+"""Width of speed within which jumping laws turn while optimising, over the highest speed."""
+
+MARGIN = 0.02
+"""Share of a joint's range that is kept free at each end, where no margin is given."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recipe:
+    """All that a process needs to build the problem anew.
+
+    Attributes:
+        robot: Path of the robot file.
+        terms: Descriptions of the model's terms.
+        excitation: The tables, as plain values.
+        earlier: What an earlier identification knows, as plain values, if anything.
+    """
+
+    robot: str
+    terms: tuple[Any, ...]
+    excitation: Mapping[str, Any]
+    earlier: Mapping[str, Any] | None = None
+
+    @classmethod
+    def of(cls, loaded: LoadedRobot, model: Model, earlier: Earlier | None = None) -> "Recipe":
+        """The recipe for a robot, its model and the tables of its file."""
+        return cls(
+            str(loaded.sources[0].path),
+            tuple(description_of(term) for term in model.terms),
+            loaded.excitation.model_dump(),
+            None if earlier is None else earlier.to_dict(),
+        )
+
+    def problem(self) -> Problem:
+        """Build it."""
+        loaded = load_robot(Path(self.robot))
+        where = "list of terms"
+        model = Model(loaded.robot, tuple(term_of(term, where) for term in self.terms))
+        section = ExcitationSection.model_validate(self.excitation)
+        earlier = None if self.earlier is None else Earlier.from_dict(self.earlier)
+        return build(replace(loaded, excitation=section), model, earlier)
+
+
+def build(loaded: LoadedRobot, model: Model, earlier: Earlier | None = None) -> Problem:
+    """The problem that a robot file's tables describe.
+
+    Args:
+        loaded: The robot and its tables; its kind of motion is one of `FAMILIES`.
+        model: What the motion is to show.
+        earlier: What an earlier identification of the robot knows.
+
+    Raises:
+        DataError: The tables do not fit the robot.
+        ModelError: A frame or a shape is missing.
+    """
+    section = loaded.excitation
+    kind = section.motion.kind
+    try:
+        basis = FAMILIES[kind](section.motion, loaded.robot)
+    except ValueError as error:
+        raise DataError(
+            str(error), where="[excitation.motion]", mend="change that number"
+        ) from error
+    model, notes = memoryless(model)
+    limits = limits_of(loaded.robot, section.limits)
+    constraints, more = constraints_of(loaded, model, limits, earlier)
+    return Problem(
+        loaded.robot,
+        basis,
+        limits,
+        constraints,
+        cases_of(section, model, limits, earlier),
+        section.samples,
+        (*limits.notes, *notes, *more),
+    )
+
+
+def memoryless(model: Model) -> tuple[Model, tuple[str, ...]]:
+    """The model without terms that a single sample cannot say, and a note for each of them."""
+    left = [term for term in model.terms if isinstance(term, Remembering)]
+    kept = tuple(term for term in model.terms if not isinstance(term, Remembering))
+    notes = tuple(
+        f"'{term.law}' depends on the motion before: it is left out of the criterion"
+        for term in left
+    )
+    return Model(model.robot, kept), notes
+
+
+def limits_of(robot: Robot, section: MotionLimitsSection) -> MotionLimits:
+    """The limits of the robot, as the tables change, share and narrow them.
+
+    Raises:
+        DataError: A joint is left without room.
+    """
+    own = motion_limits(robot)
+    given = section.acceleration is not None
+    notes = tuple(note for note in own.notes if not (given and note.startswith("accel")))
+    span = own.upper - own.lower
+    share = MARGIN * span
+    margin = share if section.position_margin is None else np.full(robot.n, section.position_margin)
+    lower, upper = own.lower + margin, own.upper - margin
+    for joint, low, high, whole in zip(robot.coordinates, lower, upper, span, strict=True):
+        if not low < high:
+            raise DataError(
+                f"joint '{joint.name}' has a range of {whole:.4g} {joint.unit}: none of it is "
+                f"left with a margin of {section.position_margin:g} {joint.unit} at each end",
+                where="[excitation.limits] position_margin",
+                mend=f"give a margin below {0.5 * whole:.4g}, or lock the joint",
+            )
+    default = np.array([DEFAULT_ACCELERATION[joint.kind] for joint in robot.coordinates])
+    velocity = per_joint(section.velocity, robot, "velocity", own.velocity)
+    acceleration = per_joint(section.acceleration, robot, "acceleration", default)
+    jerk = None
+    if section.jerk is not None:
+        jerk = section.share * per_joint(section.jerk, robot, "jerk", np.full(robot.n, 1e6))
+    return MotionLimits(
+        lower, upper, section.share * velocity, section.share * acceleration, notes, jerk
+    )
+
+
+def cases_of(
+    section: ExcitationSection, model: Model, limits: MotionLimits, earlier: Earlier | None
+) -> tuple[Case, ...]:
+    """What the motion shows and how it is judged, once per load.
+
+    What torque shows does not depend on the load, but sizes of parameters do: loads count where
+    the criterion is relative to them.
+    """
+    wanted = section.criterion
+    if wanted.kind not in KINDS:
+        raise DataError(
+            f"there is no criterion '{wanted.kind}'",
+            where="[excitation.criterion] kind",
+            mend=advice(wanted.kind, KINDS, "criteria"),
+        )
+    shows = Shows(model, weights_of(wanted, model.robot, earlier), SOFTNESS * limits.velocity)
+    chosen = None if wanted.chosen is None else _chosen(wanted.chosen, model)
+    prior = None
+    if wanted.after_earlier:
+        prior = _needed(earlier, "after_earlier").information(shows.base)
+    if not wanted.relative:
+        return (Case(shows, Measure(KINDS[wanted.kind], prior, chosen)),)
+    known = _needed(earlier, "relative")
+    loads = (None, *section.loads)
+    sizes = [sizes_of(known, model, load) for load in loads]
+    return tuple(Case(shows, Measure(KINDS[wanted.kind], prior, chosen, s)) for s in sizes)
+
+
+def weights_of(wanted: CriterionSection, robot: Robot, earlier: Earlier | None) -> Array:
+    """Weights of the joints, shape `(n,)`: given, all the same, or one over the noise."""
+    where = "[excitation.criterion] weights"
+    if isinstance(wanted.weights, tuple):
+        if len(wanted.weights) != robot.n or min(wanted.weights) < 0.0 or not any(wanted.weights):
+            raise DataError(
+                f"the weights {list(wanted.weights)} do not fit {robot.n} joints",
+                where=where,
+                mend="give one number per joint, none of them negative, some above zero",
+            )
+        return frozen(wanted.weights)
+    if wanted.weights == "noise":
+        return _needed(earlier, "weights").weights
+    if wanted.after_earlier:
+        return _needed(earlier, "after_earlier").weights
+    return np.ones(robot.n)
+
+
+def sizes_of(earlier: Earlier, model: Model, load: LoadSection | None) -> Array:
+    """Sizes of the base parameters with a load, no smaller than twice their uncertainty, `(b,)`."""
+    base = base_map(model)
+    standard = np.array([earlier.standard.get(name, 0.0) for name in model.names])
+    if load is not None:
+        for name, value in load_numbers(load, model.robot).items():
+            if name in model.names:
+                standard[model.names.index(name)] += value
+    values = np.abs(base.base_values(standard))
+    std = dict(zip(earlier.names, np.sqrt(np.diag(earlier.covariance)), strict=True))
+    least = np.array([2.0 * std.get(name, 0.0) for name in base.base_names])
+    sizes = np.maximum(values, least)
+    for name, size in zip(base.base_names, sizes, strict=True):
+        if not size > 0.0:
+            raise DataError(
+                f"the earlier model does not know the size of '{name}'",
+                where="[excitation.criterion] relative",
+                mend="give an earlier model with the same terms, or leave 'relative' out",
+            )
+    return np.asarray(sizes)
+
+
+def _needed(earlier: Earlier | None, key: str) -> Earlier:
+    if earlier is None:
+        raise DataError(
+            f"'{key}' asks for what an earlier log knows, and none is given",
+            where=f"[excitation.criterion] {key}",
+            mend="add --earlier MODEL.json, which `steelyard identify` wrote",
+        )
+    return earlier
+
+
+def _chosen(wanted: Sequence[str], model: Model) -> tuple[int, ...]:
+    """Columns of laws or parameters that matter."""
+    base = base_map(model)
+    first, laws = 0, dict[str, set[str]]()
+    for term in model.terms:
+        count = len(term.parameters(model.robot))
+        laws.setdefault(term.law, set()).update(model.names[first : first + count])
+        first += count
+    found = set[str]()
+    for name in wanted:
+        if name not in laws and name not in base.base_names:
+            raise DataError(
+                f"'{name}' is neither a law nor a base parameter of the model",
+                where="[excitation.criterion] chosen",
+                mend=advice(name, [*laws, *base.base_names], "laws and parameters"),
+            )
+        found |= laws.get(name, {name})
+    return tuple(k for k, name in enumerate(base.base_names) if name in found)

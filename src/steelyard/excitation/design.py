@@ -1,0 +1,191 @@
+"""From a robot file's `[excitation]` tables to a designed motion, proven and described."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from steelyard.arrays import Array, frozen
+from steelyard.excitation.advice import Advice, advice
+from steelyard.excitation.build import Recipe, build, cases_of, limits_of, memoryless
+from steelyard.excitation.certificate import certify
+from steelyard.excitation.constraint import Constraint
+from steelyard.excitation.designed import Designed
+from steelyard.excitation.earlier import Earlier
+from steelyard.excitation.exact import ExactTrajectory
+from steelyard.excitation.families import FAMILIES
+from steelyard.excitation.finish import finished
+from steelyard.excitation.limits import MotionLimits
+from steelyard.excitation.objective import Case
+from steelyard.excitation.plans import planned
+from steelyard.excitation.possible import refuse_impossible
+from steelyard.excitation.runner import Effort, Harvest, harvested
+from steelyard.excitation.shown import Shown, shown
+from steelyard.excitation.walled import constraints_of, tool_of
+from steelyard.model import Model
+from steelyard.progress import Progress, silent
+from steelyard.robot.robot_file import LoadedRobot
+
+NOISE = 0.01
+"""Noise that is assumed without an earlier log, over the joint's greatest effort."""
+
+RATE = 20.0
+"""Independent samples a second that are assumed with it."""
+
+FINISH = 0.15
+"""Share of the time that polishing, scaling and proofs get."""
+
+RESERVE = 0.03
+"""Share of the time that the certificate and the files get."""
+
+_FIRST = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class _Motion:
+    """A motion on its way to be described."""
+
+    trajectory: ExactTrajectory
+    cases: Sequence[Case]
+    limits: MotionLimits
+    constraints: Sequence[Constraint]
+    harvest: Harvest | None
+    notes: tuple[str, ...]
+
+
+def design(
+    loaded: LoadedRobot,
+    model: Model,
+    effort: Effort,
+    *,
+    earlier: Earlier | None = None,
+    progress: Progress = silent,
+    since: float | None = None,
+) -> Designed:
+    """The best motion that the time allows, or the one that is planned.
+
+    Args:
+        loaded: The robot and its tables.
+        model: What the motion is to show.
+        effort: How much is searched; its seconds are those of the whole design.
+        earlier: What an earlier identification of the robot knows.
+        progress: Told how far it is; asked to stop, it gets the best so far.
+        since: When the time began to count, of `time.monotonic`; now if `None`.
+
+    Raises:
+        DataError: The tables allow no motion; says what would have to be changed.
+        ModelError: A frame or a shape is missing.
+        Stopped: `progress` asked to stop a motion that is planned.
+    """
+    begun = time.monotonic() if since is None else since
+    kind = loaded.excitation.motion.kind
+    make = _searched if kind in FAMILIES else _planned
+    motion = make(loaded, model, effort, earlier, progress, begun)
+    return _described(loaded, motion, earlier, begun)
+
+
+def _searched(
+    loaded: LoadedRobot,
+    model: Model,
+    effort: Effort,
+    earlier: Earlier | None,
+    progress: Progress,
+    begun: float,
+) -> _Motion:
+    problem = build(loaded, model, earlier)
+    refuse_impossible(problem, loaded)
+    problem.objective(problem.basis.still(np.zeros(problem.robot.n)), 1.0)
+    left = (1.0 - FINISH) * effort.seconds - (time.monotonic() - begun)
+    harvest = harvested(
+        Recipe.of(loaded, model, earlier),
+        problem,
+        loaded.excitation.search.method,
+        replace(effort, seconds=max(left, _FIRST)),
+        progress,
+    )
+    best = finished(problem, [f.x for f in harvest.best], begun + (1.0 - RESERVE) * effort.seconds)
+    return _Motion(
+        best.trajectory, problem.cases, problem.limits, problem.constraints, harvest, problem.notes
+    )
+
+
+def _planned(
+    loaded: LoadedRobot,
+    model: Model,
+    effort: Effort,
+    earlier: Earlier | None,
+    progress: Progress,
+    begun: float,
+) -> _Motion:
+    section = loaded.excitation
+    limits = limits_of(loaded.robot, section.limits)
+    plain, notes = memoryless(model)
+    constraints, more = constraints_of(loaded, plain, limits, earlier)
+    trajectory, said = planned(loaded, limits, effort.seed)
+    cases = cases_of(section, plain, limits, earlier)
+    return _Motion(
+        trajectory, cases, limits, constraints, None, (*said, *limits.notes, *notes, *more)
+    )
+
+
+def _described(
+    loaded: LoadedRobot, motion: _Motion, earlier: Earlier | None, begun: float
+) -> Designed:
+    robot, section = loaded.robot, loaded.excitation
+    certificate = certify(robot, motion.trajectory, motion.limits, motion.constraints)
+    noise, rate, source = noise_of(loaded, earlier)
+    weights = rate / noise**2
+    seen = shown(
+        motion.trajectory, motion.cases, weights, _samples(motion.trajectory, section.samples)
+    )
+    base = motion.cases[0].shows.base
+    prior = None
+    if earlier is not None and section.criterion.after_earlier:
+        prior = earlier.information(base)
+    harvest = motion.harvest
+    return Designed(
+        robot=robot,
+        trajectory=motion.trajectory,
+        kind=section.motion.kind,
+        limits=motion.limits,
+        certificate=certificate,
+        criterion=motion.cases[0].criterion.name,
+        shown=seen,
+        course=() if harvest is None else harvest.course,
+        searches=0 if harvest is None else harvest.searches,
+        seconds=time.monotonic() - begun,
+        stopped=harvest is not None and harvest.stopped,
+        noise=noise,
+        noise_from=source,
+        prior=prior,
+        values={} if earlier is None else dict(zip(earlier.names, earlier.values, strict=True)),
+        advice=_advice(seen, motion, weights, prior),
+        tool=tool_of(section.workspace, robot),
+        notes=motion.notes,
+    )
+
+
+def _advice(
+    seen: Shown, motion: _Motion, weights: Array, prior: Array | None
+) -> tuple[Advice, ...]:
+    return advice(seen, motion.trajectory, motion.cases, weights, motion.limits, prior)
+
+
+def _samples(trajectory: ExactTrajectory, least: int) -> int:
+    """Samples of what is shown: as many as asked for, and 50 a second of long motions."""
+    return max(least, int(50.0 * trajectory.duration))
+
+
+def noise_of(loaded: LoadedRobot, earlier: Earlier | None) -> tuple[Array, float, str]:
+    """Noise of the efforts `(n,)`, independent samples a second, and where both come from."""
+    if earlier is not None:
+        return earlier.noise, earlier.independent_rate, "the residuals of the earlier log"
+    own = np.array([joint.limits.effort for joint in loaded.robot.coordinates])
+    known = np.isfinite(own) & (own > 0.0)
+    if not known.any():
+        noise = np.ones(loaded.robot.n)
+        return noise, RATE, f"assumed: 1 Nm (1 N), {RATE:g} independent samples a second"
+    own[~known] = np.median(own[known])
+    source = f"assumed: {NOISE:.0%} of each joint's greatest effort, {RATE:g} independent samples"
+    return frozen(NOISE * own), RATE, f"{source} a second; an earlier log says it better"

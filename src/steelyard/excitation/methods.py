@@ -1,0 +1,62 @@
+"""Ways to search for a motion, behind one protocol."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.excitation.newton import STAGES, minimised
+from steelyard.excitation.problem import Problem
+from steelyard.excitation.starts import random_starts
+
+Watch = Callable[[Array], None]
+"""Told of coefficients inside the walls; may raise `progress.Stopped`."""
+
+
+class Method(Protocol):
+    """A way to search."""
+
+    def search(self, problem: Problem, random: np.random.Generator, watch: Watch) -> Array:
+        """The coefficients that one search ends with, inside the walls at their samples.
+
+        Args:
+            problem: What is designed.
+            random: Source of all random choices: another one makes another search.
+            watch: Told of every step.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class Gradient:
+    """Random starts, and Newton's method within a barrier from the best of them.
+
+    Attributes:
+        screened: Random starts of which the best is improved.
+    """
+
+    screened: int = 60
+
+    def search(self, problem: Problem, random: np.random.Generator, watch: Watch) -> Array:
+        """See `Method`."""
+        sharpness = STAGES[0][0]
+
+        starts = random_starts(problem.walls, random, self.screened)
+        watch(starts[0])
+        start = min(starts, key=lambda x: problem.objective(x, sharpness)[0])
+        return minimised(problem.objective, problem.walls, start, watch=watch)
+
+
+def seeded(seed: int, number: int) -> np.random.Generator:
+    """The source of random choices of search `number`, the same on every machine."""
+    return np.random.default_rng([seed, number])
+
+
+def searches(
+    method: Method, problem: Problem, seed: int, numbers: Iterator[int], watch: Watch
+) -> Iterator[tuple[int, Array]]:
+    """Searches one after another, each with its number."""
+    for number in numbers:
+        yield number, method.search(problem, seeded(seed, number), watch)

@@ -1,0 +1,231 @@
+"""Collision shapes as URDF and MJCF files give them, of robots and of cells."""
+
+import math
+from collections.abc import Collection
+from pathlib import Path
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.errors import ModelError
+from steelyard.excitation.meshes import WITHOUT, find_mesh, mesh_points
+from steelyard.excitation.shapes import Geometry, Shape, placed
+from steelyard.excitation.solids import Ball, Box, Capsule, Cylinder, Hull, Solid
+from steelyard.robot.geometry import Placement, rpy_rotation
+from steelyard.robot.mechanism import Mechanism
+from steelyard.robot.model_source import read_mechanism
+from steelyard.robot.nearest import advice, listing
+from steelyard.robot.robot import Frame, Robot
+from steelyard.robot.xml_reader import Element, read_xml
+
+
+def robot_shapes(robot: Robot, model: Path, skip: Collection[str] = ()) -> Geometry:
+    """The collision shapes that a robot's model file gives its links.
+
+    Fixed and locked links' shapes go to the body that their links merged into. Meshes become
+    their convex hulls.
+
+    Args:
+        robot: The robot as it was read from the file, its joints locked or not.
+        model: The URDF or MJCF.
+        skip: Links to go without.
+
+    Raises:
+        ModelError: A shape cannot be read, there is none, or the robot has closed chains.
+    """
+    if robot.loops:
+        raise ModelError(
+            "clearances of a robot with closed chains are not computed here",
+            where=f"robot '{robot.name}'",
+            mend="leave collision out for this robot, and bound its joints instead",
+        )
+    mechanism = read_mechanism(model)
+    _check_links(skip, mechanism, model)
+    frames = {frame.name: frame for frame in robot.frames}
+    root = read_xml(model)
+    if root.tag == "mujoco":
+        from steelyard.excitation.mujoco_geometry import mjcf_shapes
+
+        shapes, never = mjcf_shapes(model, frames, skip)
+    else:
+        found = [s for link in root.all("link") for s in _shapes(link, frames, model, skip)]
+        shapes, never = tuple(found), frozenset()
+    if not shapes:
+        raise ModelError(
+            "the model gives no link of the robot a collision shape",
+            where=str(model),
+            mend="give a model with <collision> elements (URDF) or colliding geoms (MJCF), or "
+            "leave collision out",
+        )
+    parents = {joint.child: joint.parent for joint in mechanism.joints}
+    notes = _notes(mechanism, frames, shapes, skip)
+    return Geometry(shapes, parents, never, frozenset(skip), notes)
+
+
+def world_shapes(path: Path, skip: Collection[str] = ()) -> tuple[Shape, ...]:
+    """The shapes of a cell that stands still, from a URDF or MJCF.
+
+    Its root frame is the robot's base frame; what could move stands where its joints are at zero,
+    or at the limit nearest to it.
+
+    Args:
+        path: The file.
+        skip: Links to go without.
+
+    Raises:
+        ModelError: The file or a shape cannot be read, or there is no shape.
+    """
+    root = read_xml(path)
+    if root.tag == "mujoco":
+        from steelyard.excitation.mujoco_geometry import mjcf_world
+
+        shapes = mjcf_world(path, skip)
+    else:
+        mechanism = read_mechanism(path)
+        _check_links(skip, mechanism, path)
+        frames = {link.name: _standing(mechanism, link.name) for link in mechanism.links}
+        shapes = tuple(
+            Shape(s.name, -1, s.rotation, s.position, s.solid, "world")
+            for link in root.all("link")
+            for s in _shapes(link, frames, path, skip)
+        )
+    if not shapes:
+        raise ModelError(
+            "the cell's file holds no collision shape",
+            where=str(path),
+            mend="give a file with <collision> elements (URDF) or colliding geoms (MJCF)",
+        )
+    return shapes
+
+
+def _check_links(skip: Collection[str], mechanism: Mechanism, path: Path) -> None:
+    names = [link.name for link in mechanism.links]
+    for name in skip:
+        if name not in names:
+            raise ModelError(
+                f"the link '{name}' to be skipped does not exist",
+                where=str(path),
+                mend=advice(name, names, "links"),
+            )
+
+
+def _standing(mechanism: Mechanism, link: str) -> Frame:
+    """A link of a cell in its root's frame."""
+    placement = Placement()
+    for joint in mechanism.to_link(link):
+        rest = float(np.clip(0.0, joint.limits.lower, joint.limits.upper))
+        placement = placement @ joint.at(rest)
+    return Frame(link, -1, placement.rotation, placement.position)
+
+
+def _notes(
+    mechanism: Mechanism,
+    frames: Collection[str],
+    shapes: tuple[Shape, ...],
+    skip: Collection[str],
+) -> tuple[str, ...]:
+    """Links that clearances know nothing of."""
+    shaped = {shape.name for shape in shapes}
+    notes = []
+    if skip:
+        notes.append(f"no clearance is kept for the links {', '.join(skip)}, as asked")
+    heavy = [link.name for link in mechanism.links if link.inertia is not None]
+    bare = [name for name in heavy if name in frames and name not in shaped and name not in skip]
+    if bare:
+        notes.append(f"no collision shape in the model: {', '.join(bare)}")
+    outside = [link.name for link in mechanism.links if link.name not in frames]
+    if outside:
+        notes.append(f"not carried by the base, so left out: {', '.join(outside)}")
+    return tuple(notes)
+
+
+def _shapes(
+    link: Element, frames: dict[str, Frame], model: Path, skip: Collection[str]
+) -> list[Shape]:
+    """The shapes of one link of a URDF."""
+    name = link.attributes["name"].strip()
+    if name in skip or name not in frames:
+        return []
+    shapes = []
+    for collision in link.all("collision"):
+        position, rotation = np.zeros(3), np.eye(3)
+        for origin in collision.all("origin"):
+            position = _vector(origin, "xyz", 3)
+            rotation = rpy_rotation(*_vector(origin, "rpy", 3))
+        solid = _solid(collision, name, model)
+        shapes.append(placed(frames[name], name, solid, position, rotation))
+    return shapes
+
+
+def _solid(collision: Element, link: str, model: Path) -> Solid:
+    """The solid of a `<collision>`."""
+    found = [child for geometry in collision.all("geometry") for child in geometry.children]
+    if len(found) != 1:
+        raise _refused(
+            f"a collision of link '{link}' has {len(found)} shapes",
+            collision,
+            "write one <geometry> with one shape into each <collision>",
+        )
+    element = found[0]
+    try:
+        if element.tag == "mesh":
+            return _mesh(element, link, model)
+        if element.tag == "box":
+            x, y, z = _vector(element, "size", 3)
+            return Box((float(x), float(y), float(z)))
+        if element.tag == "sphere":
+            return Ball(_number(element, "radius"))
+        if element.tag in ("cylinder", "capsule"):
+            kind = Cylinder if element.tag == "cylinder" else Capsule
+            return kind(_number(element, "radius"), _number(element, "length"))
+    except ValueError as error:
+        raise _refused(str(error), element, "give lengths above zero") from None
+    known = ["box", "sphere", "cylinder", "capsule", "mesh"]
+    raise _refused(
+        f"link '{link}' has a collision shape <{element.tag}>, which is not known",
+        element,
+        listing(known, "shapes") + f"; or {WITHOUT}",
+    )
+
+
+def _mesh(element: Element, link: str, model: Path) -> Hull:
+    """The hull of a mesh."""
+    name = element.attributes.get("filename", "").strip()
+    path = find_mesh(name, model) if name else None
+    if path is None:
+        raise _refused(
+            f"the collision mesh '{name}' of link '{link}' is not there",
+            element,
+            "put the file where the model names it (a package:// path is looked for in the "
+            f"model's folder and those above it), or {WITHOUT}",
+        )
+    points = mesh_points(path, f"{element.where} of link '{link}'")
+    scale = _vector(element, "scale", 3) if "scale" in element.attributes else np.ones(3)
+    return Hull(points * scale)
+
+
+def _vector(element: Element, attribute: str, count: int) -> Array:
+    """Numbers of an attribute, shape `(count,)`; zeros without it, where it may lack."""
+    text = element.attributes.get(attribute)
+    if text is None and attribute in ("xyz", "rpy"):
+        return np.zeros(count)
+    try:
+        values = [float(word) for word in (text or "").split()]
+    except ValueError:
+        values = []
+    if len(values) != count or not all(math.isfinite(v) for v in values):
+        wanted = "a finite number" if count == 1 else f"{count} finite numbers"
+        raise _refused(
+            f"{attribute}={text!r} of <{element.tag}> is not {wanted}",
+            element,
+            f'write {attribute}="' + " ".join(["1.0"] * count) + '" with your values',
+        )
+    return np.array(values)
+
+
+def _number(element: Element, attribute: str) -> float:
+    return float(_vector(element, attribute, 1)[0])
+
+
+def _refused(wrong: str, element: Element, mend: str) -> ModelError:
+    return ModelError(wrong, where=element.where, mend=mend)

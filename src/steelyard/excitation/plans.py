@@ -1,0 +1,126 @@
+"""Motions that are planned, not searched, from the `[excitation.motion]` table."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from steelyard.errors import DataError
+from steelyard.excitation.attitudes import AnyAttitude, Pointing
+from steelyard.excitation.exact import ExactTrajectory
+from steelyard.excitation.families import posture_of
+from steelyard.excitation.files import read_motion
+from steelyard.excitation.limits import MotionLimits
+from steelyard.excitation.moves import ToolLimits
+from steelyard.excitation.process import Box, PickAndPlace, Process, Square, Waypoints
+from steelyard.excitation.sweeps import friction_sweeps, static_postures
+from steelyard.excitation.tour import Manner
+from steelyard.excitation.walled import tool_of
+from steelyard.robot.excitation_schema import BoxSpans
+from steelyard.robot.robot_file import LoadedRobot
+
+Planned = tuple[ExactTrajectory, tuple[str, ...]]
+"""A motion, and what is to be said of it."""
+
+Plan = Callable[[Any, LoadedRobot, MotionLimits, int], Planned]
+
+
+def _process(task: Process, loaded: LoadedRobot, limits: MotionLimits, seed: int) -> Planned:
+    frame = tool_of(loaded.excitation.workspace, loaded.robot).frame
+    motion = task.plan(loaded.robot, limits, frame, seed=seed)
+    return motion.trajectory, (motion.summary,)
+
+
+def _manner(s: Any, path: str) -> Manner:
+    attitude = AnyAttitude() if s.tool_axis is None else Pointing(s.tool_axis)
+    return Manner(
+        path="joint" if path == "joint" else "line",
+        attitude=attitude,
+        tool=ToolLimits(s.speed, s.acceleration),
+        dwell=s.dwell,
+    )
+
+
+def _box(spans: BoxSpans, key: str) -> Box:
+    """A closed box.
+
+    Raises:
+        DataError: It is open.
+    """
+    given = [getattr(spans, axis) for axis in "xyz"]
+    if None in given:
+        raise DataError(
+            f"the box '{key}' is open",
+            where=f"[excitation.motion] {key}",
+            mend="give x, y and z, two numbers each [m]; equal ones for a flat box",
+        )
+    lower, upper = zip(*given, strict=True)
+    centre = tuple(0.5 * (a + b) for a, b in zip(lower, upper, strict=True))
+    size = tuple(b - a for a, b in zip(lower, upper, strict=True))
+    return Box(centre, size)
+
+
+def _pick_and_place(s: Any, loaded: LoadedRobot, limits: MotionLimits, seed: int) -> Planned:
+    pick, place = _box(s.pick, "pick"), _box(s.place, "place")
+    task = PickAndPlace(pick, place, s.cycles, s.lift, _manner(s, s.path))
+    return _process(task, loaded, limits, seed)
+
+
+def _square(s: Any, loaded: LoadedRobot, limits: MotionLimits, seed: int) -> Planned:
+    return _process(
+        Square(s.centre, s.side, laps=s.laps, manner=_manner(s, "line")), loaded, limits, seed
+    )
+
+
+def _waypoints(s: Any, loaded: LoadedRobot, limits: MotionLimits, seed: int) -> Planned:
+    return _process(Waypoints(s.points, manner=_manner(s, s.path)), loaded, limits, seed)
+
+
+def _sweeps(s: Any, loaded: LoadedRobot, limits: MotionLimits, seed: int) -> Planned:
+    posture = posture_of(s.start, loaded.robot, "start")
+    motion = friction_sweeps(limits, posture, speeds=s.speeds, slowest=s.slowest, fraction=1.0)
+    return motion, (f"each joint alone at {s.speeds} speeds, both ways",)
+
+
+def _postures(s: Any, loaded: LoadedRobot, limits: MotionLimits, seed: int) -> Planned:
+    motion = static_postures(limits, count=s.count, seed=seed, dwell_s=s.dwell, fraction=1.0)
+    return motion, (f"{s.count} postures, {s.dwell:g} s at each",)
+
+
+def _replay(s: Any, loaded: LoadedRobot, limits: MotionLimits, seed: int) -> Planned:
+    path = Path(s.file)
+    if not path.is_absolute():
+        path = loaded.sources[0].path.parent / path
+    return read_motion(path, loaded.robot), (f"the motion of '{path.name}'",)
+
+
+PLANS: Mapping[str, Plan] = MappingProxyType(
+    {
+        "pick_and_place": _pick_and_place,
+        "square": _square,
+        "waypoints": _waypoints,
+        "sweeps": _sweeps,
+        "postures": _postures,
+        "replay": _replay,
+    }
+)
+
+
+def planned(loaded: LoadedRobot, limits: MotionLimits, seed: int) -> Planned:
+    """The motion of a kind that is planned.
+
+    Args:
+        loaded: The robot and its tables.
+        limits: Of its joints.
+        seed: Same seed, same motion.
+
+    Raises:
+        DataError: The task cannot be done; says where and how it would have to be changed.
+    """
+    section = loaded.excitation.motion
+    try:
+        return PLANS[section.kind](section, loaded, limits, seed)
+    except ValueError as error:
+        raise DataError(
+            str(error), where="[excitation.motion]", mend="change that number"
+        ) from error

@@ -1,0 +1,74 @@
+"""A process of its own that searches: `python -m steelyard.excitation.worker`.
+
+It reads one line of JSON, the task, and writes one line per search, `{"number", "x", "whole"}`;
+when its time is spent it writes what it has reached, and ends. It ends too when its standard input
+is closed: nobody reads it any more.
+"""
+
+import json
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from itertools import count
+from typing import Any
+
+from steelyard.arrays import Array
+from steelyard.errors import SteelyardError
+from steelyard.progress import Stopped
+
+
+def main() -> None:
+    """Search until told to stop."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    begun = time.monotonic()
+    task = json.loads(sys.stdin.readline())
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    try:
+        for line in answers(task, begun + task["seconds"]):
+            _say(line)
+    except SteelyardError as error:
+        _say({"error": error.wrong, "where": error.where, "mend": error.mend})
+
+
+def answers(task: Mapping[str, Any], deadline: float) -> Iterator[dict[str, Any]]:
+    """Do a task that `runner` described, as long as there is time."""
+    from steelyard.excitation.build import Recipe
+    from steelyard.excitation.methods import seeded
+    from steelyard.excitation.register import method_of
+
+    problem, method = Recipe(**task["problem"]).problem(), method_of(task["method"])
+    latest: list[Array] = []
+
+    def watch(x: Array) -> None:
+        latest[:] = [x]
+        if time.monotonic() > deadline:
+            raise Stopped("the time is spent")
+
+    for number in count(task["first"], task["step"]):
+        if task["searches"] is not None and number >= task["searches"]:
+            return
+        try:
+            x = method.search(problem, seeded(task["seed"], number), watch)
+        except Stopped:
+            if latest:
+                yield {"number": number, "x": latest[0].tolist(), "whole": False}
+            return
+        yield {"number": number, "x": x.tolist(), "whole": True}
+
+
+def _say(line: Mapping[str, Any]) -> None:
+    sys.stdout.write(json.dumps(line) + "\n")
+    sys.stdout.flush()
+
+
+def _end_with_parent() -> None:
+    """Nothing more comes on standard input: who reads us is gone, or has enough."""
+    sys.stdin.read()
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    main()

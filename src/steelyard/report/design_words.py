@@ -1,0 +1,210 @@
+"""What there is to say of a designed motion, for the page and the terminal alike."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import inf, isfinite, sqrt
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from steelyard.excitation.advice import HELPS
+from steelyard.report.judgement import Level
+from steelyard.report.words import NONE, count, significant
+
+if TYPE_CHECKING:
+    from steelyard.excitation.advice import Advice
+    from steelyard.excitation.certificate import Extreme, Proof
+    from steelyard.excitation.designed import Designed
+
+FIGURES = {
+    "condition": "condition number",
+    "normalised_condition": "normalised condition number",
+    "d_optimal": "D-optimality figure",
+    "a_optimal": "A-optimality figure",
+    "e_optimal": "E-optimality figure",
+}
+"""What criteria are called."""
+
+KINDS = {
+    "fourier": "Fourier series from rest to rest",
+    "raw_fourier": "Fourier series",
+    "blended_fourier": "Fourier series with blends from and to rest",
+    "spline": "B-splines from rest to rest",
+    "reaching": "minimum-jerk moves between postures",
+    "pick_and_place": "pick-and-place cycles",
+    "square": "edges of a square",
+    "waypoints": "moves from point to point",
+    "sweeps": "one joint after another at several speeds",
+    "postures": "standing at many postures",
+    "replay": "motion from a file",
+}
+"""What kinds of motion are called."""
+
+NAMED = 3
+"""Most parameters that a line of advice names."""
+
+ALIKE = 0.02
+"""Shares of deviations that differ by less are told as one."""
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What a motion will tell of one parameter.
+
+    Attributes:
+        name: The base parameter.
+        unit: Its unit.
+        std: Predicted standard deviation; infinite if nothing shows it.
+        value: As far as it is known.
+        relative_percent: `std` over the value [%]; `None` without a value, or at zero.
+        spread: `std` over that with all other parameters known; `None` if nothing shows it.
+    """
+
+    name: str
+    unit: str
+    std: float
+    value: float | None
+    relative_percent: float | None
+    spread: float | None
+
+    @property
+    def rank(self) -> tuple[bool, float, float]:
+        """Grows with how badly it will be known: first what is not shown, then by the value."""
+        return (
+            not isfinite(self.std),
+            -1.0 if self.relative_percent is None else self.relative_percent,
+            -1.0 if self.spread is None else self.spread,
+        )
+
+
+def expected(designed: Designed) -> tuple[Expected, ...]:
+    """All base parameters, the worst shown first."""
+    shown, prior = designed.shown, designed.prior
+    gram = shown.gram if prior is None else shown.gram + prior
+    alone = np.diagonal(gram)
+    found = []
+    for name, unit, std, own in zip(shown.names, shown.units, shown.std(prior), alone, strict=True):
+        value = designed.values.get(name)
+        found.append(
+            Expected(
+                name,
+                unit,
+                float(std),
+                None if value is None else float(value),
+                100.0 * float(std) / abs(value) if value else None,
+                float(std) * sqrt(own) if own > 0.0 and isfinite(std) else None,
+            )
+        )
+    return tuple(sorted(found, key=lambda one: one.rank, reverse=True))
+
+
+def used(extreme: Extreme) -> float | None:
+    """Share of the way from the middle between two limits to the nearer one that is used."""
+    if extreme.margin is None or extreme.lower is None or extreme.upper is None:
+        return None
+    half = 0.5 * (extreme.upper - extreme.lower)
+    return 1.0 - extreme.margin / half if half > 0.0 else None
+
+
+def hardest(designed: Designed) -> tuple[Extreme, float] | None:
+    """The limit of a joint that is used most, and the share that is used of it."""
+    shares = [(one, used(one)) for one in designed.certificate.extremes]
+    known = [(one, share) for one, share in shares if share is not None]
+    return max(known, key=lambda pair: pair[1], default=None)
+
+
+def least(proof: Proof) -> tuple[str, float] | None:
+    """The least proven margin of a constraint, and which it is."""
+    margins = zip(proof.labels, proof.proven, strict=True)
+    return min(margins, key=lambda pair: pair[1], default=None)
+
+
+def tightest(designed: Designed) -> list[str]:
+    """The joint limit that is used most and the least margin of every constraint, a line each."""
+    lines = []
+    top = hardest(designed)
+    if top is not None:
+        one, share = top
+        lines.append(f"{one.quantity} of {one.joint}: {100.0 * share:.1f} % of its limit used")
+    for proof in designed.certificate.proofs:
+        pair = least(proof)
+        if pair is not None:
+            lines.append(f"{proof.name}: {pair[0]} by {margin(pair[1])} {proof.unit}")
+    return lines
+
+
+def margin(value: float) -> str:
+    """A margin, rounded towards the unsafe side never by more than its digits tell."""
+    return "no bound" if value == -inf else significant(value)
+
+
+def level(designed: Designed) -> Level:
+    """Good if all is proven."""
+    return "good" if designed.certificate.holds else "poor"
+
+
+def headline(designed: Designed) -> str:
+    """The figure, and whether the motion is safe, in a line."""
+    figure = f"{FIGURES.get(designed.criterion, designed.criterion)} {figure_of(designed)}"
+    figure = figure[0].upper() + figure[1:]
+    failures = designed.certificate.failures
+    if failures:
+        return f"{figure}, but not safe: {count(len(failures), 'limit')} not proven"
+    return f"{figure}; every limit proven for all times"
+
+
+def figure_of(designed: Designed) -> str:
+    """The figure that was asked for."""
+    value = designed.shown.figure
+    return significant(value) if isfinite(value) else "infinite"
+
+
+def detail(designed: Designed) -> str:
+    """Which motion it is and how it was found."""
+    kind = KINDS.get(designed.kind, designed.kind)
+    words = f"{designed.trajectory.duration:.4g} s, {kind}"
+    if designed.course:
+        searched = count(designed.searches, "search").replace("searchs", "searches")
+        words += f"; best of {searched} in {designed.seconds:.3g} s"
+    if designed.stopped:
+        words += ", stopped early"
+    return words
+
+
+def unseen(designed: Designed) -> int:
+    """How many parameters nothing will show."""
+    return int(np.sum(~np.isfinite(designed.shown.std(designed.prior))))
+
+
+def brings(designed: Designed, one: Advice) -> str:
+    """What a further motion would bring, such as `viscous.j3 from 0.12 to 0.05 Nm s/rad`."""
+    if not one.helps:
+        return f"nothing falls below {100.0 * HELPS:.0f} % of its std"
+    shares = [share for _, share in one.helps]
+    if len(shares) == len(designed.shown.names) and max(shares) - min(shares) < ALIKE:
+        return f"every std to {100.0 * shares[0]:.0f} %"
+    named = "; ".join(_fall(designed, one, name) for name, _ in one.helps[:NAMED])
+    more = len(one.helps) - NAMED
+    return named + (f"; {more} more" if more > 0 else "")
+
+
+def _fall(designed: Designed, one: Advice, name: str) -> str:
+    shown = designed.shown
+    k = shown.names.index(name)
+    before, after = float(shown.std(designed.prior)[k]), float(one.std[k])
+    unit = shown.units[k]
+    if not isfinite(before):
+        return f"{name} to {significant(after, 2)} {unit}, not seen before"
+    return f"{name} from {significant(before, 2)} to {significant(after, 2)} {unit}"
+
+
+def helpful(advice: Sequence[Advice]) -> list[Advice]:
+    """Advice in the order of how many parameters it helps."""
+    return sorted(advice, key=lambda one: -len(one.helps))
+
+
+def spread_words(value: float | None) -> str:
+    """How much of a deviation is owed to the other parameters, like `3.2 ×`."""
+    return NONE if value is None else f"{significant(value, 2)} ×"

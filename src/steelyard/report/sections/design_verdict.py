@@ -1,0 +1,53 @@
+"""The designed motion in a few words: its figure, whether it is safe, what it asks of the robot."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from steelyard.report.content import ReportContent
+from steelyard.report.design_words import detail, hardest, headline, level, tightest, unseen
+from steelyard.report.html import fill
+from steelyard.report.sections.section import Numbers
+from steelyard.report.words import NONE, significant
+
+if TYPE_CHECKING:
+    from steelyard.excitation.designed import Designed
+
+
+class DesignVerdictSection:
+    """Headline, figures, what is tight, and what was assumed."""
+
+    name: ClassVar[str] = "design"
+    title: ClassVar[str] = "The designed motion"
+
+    def numbers(self, content: ReportContent) -> Numbers | None:
+        """Everything, if a motion was designed."""
+        designed = content.design
+        if designed is None:
+            return None
+        return {
+            "level": level(designed),
+            "headline": headline(designed),
+            "detail": detail(designed),
+            "facts": _facts(designed),
+            "failures": designed.certificate.failures,
+            "tight": tightest(designed),
+            "notes": (*designed.notes, *content.notes),
+        }
+
+    def show(self, numbers: Numbers) -> str:
+        """The numbers as safe HTML."""
+        return fill("design_verdict.html", numbers)
+
+
+def _facts(designed: Designed) -> list[tuple[str, str]]:
+    """Values and labels."""
+    shown, top = designed.shown, hardest(designed)
+    total = len(shown.names)
+    return [
+        (significant(shown.raw), "condition number, columns as they are"),
+        (significant(shown.normalised), "condition number, columns of unit length"),
+        (f"{designed.trajectory.duration:.4g} s", "length"),
+        (f"{total - unseen(designed)} of {total}", "base parameters shown"),
+        (NONE if top is None else f"{100.0 * top[1]:.3g} %", "of the tightest joint limit used"),
+    ]

@@ -1,0 +1,296 @@
+"""The `[excitation]` tables of the robot file: which motion is wanted, and what it must keep."""
+
+from typing import Annotated, Literal, get_args
+
+from pydantic import Field, ValidationError
+
+from steelyard.robot.section import Name, Names, Numbers, Positive, Section, Vector
+
+Share = Annotated[float, Field(gt=0.0, le=1.0)]
+Count = Annotated[int, Field(ge=1)]
+Span = Annotated[tuple[float, float], Field(strict=False)]
+PerJoint = Positive | Annotated[tuple[Positive, ...], Field(strict=False)] | dict[str, Positive]
+Posture = Annotated[tuple[float, ...], Field(strict=False)] | dict[str, float]
+Pairs = Annotated[
+    tuple[Annotated[tuple[Name, Name], Field(strict=False)], ...], Field(strict=False)
+]
+
+
+class FourierSection(Section):
+    """A finite Fourier series that starts and ends at rest."""
+
+    kind: Literal["fourier"] = "fourier"
+    period: Positive = 10.0
+    harmonics: Annotated[int, Field(ge=2)] = 5
+    start: Posture | None = None
+    end: Posture | None = None
+
+
+class RawFourierSection(Section):
+    """A finite Fourier series that need not rest anywhere: for rigs that get into it themselves."""
+
+    kind: Literal["raw_fourier"]
+    period: Positive = 10.0
+    harmonics: Count = 5
+
+
+class BlendedFourierSection(Section):
+    """A Fourier series between two quintic blends, from rest and back to it."""
+
+    kind: Literal["blended_fourier"]
+    period: Positive = 10.0
+    harmonics: Count = 5
+    periods: Count = 1
+    blend: Positive = 2.0
+    start: Posture | None = None
+
+
+class SplineSection(Section):
+    """B-splines from rest to rest."""
+
+    kind: Literal["spline"]
+    duration: Positive = 10.0
+    points: Annotated[int, Field(ge=4)] = 15
+    degree: Literal[3, 5] = 5
+    start: Posture | None = None
+    end: Posture | None = None
+
+
+class ReachingSection(Section):
+    """Minimum-jerk moves between postures."""
+
+    kind: Literal["reaching"]
+    targets: Count = 8
+    move: Positive = 1.0
+    dwell: Annotated[float, Field(ge=0.0)] = 0.2
+    start: Posture | None = None
+
+
+class PickAndPlaceSection(Section):
+    """Random pick-and-place cycles between two boxes."""
+
+    kind: Literal["pick_and_place"]
+    pick: "BoxSpans"
+    place: "BoxSpans"
+    cycles: Count = 8
+    lift: Annotated[float, Field(ge=0.0)] = 0.1
+    path: Literal["line", "joint"] = "line"
+    dwell: Annotated[float, Field(ge=0.0)] = 0.1
+    speed: Positive = 1.0
+    acceleration: Positive = 5.0
+    tool_axis: Vector | None = None
+
+
+class SquareSection(Section):
+    """The edges of a horizontal square."""
+
+    kind: Literal["square"]
+    centre: Vector
+    side: Positive
+    laps: Count = 2
+    dwell: Annotated[float, Field(ge=0.0)] = 0.1
+    speed: Positive = 1.0
+    acceleration: Positive = 5.0
+    tool_axis: Vector | None = None
+
+
+class WaypointsSection(Section):
+    """From point to point of the tool."""
+
+    kind: Literal["waypoints"]
+    points: Annotated[tuple[Vector, ...], Field(strict=False, min_length=2)]
+    path: Literal["line", "joint"] = "line"
+    dwell: Annotated[float, Field(ge=0.0)] = 0.1
+    speed: Positive = 1.0
+    acceleration: Positive = 5.0
+    tool_axis: Vector | None = None
+
+
+class SweepsSection(Section):
+    """One joint after another, back and forth at several constant speeds."""
+
+    kind: Literal["sweeps"]
+    speeds: Count = 5
+    slowest: Share = 0.05
+    start: Posture | None = None
+
+
+class PosturesSection(Section):
+    """Standing still at many postures."""
+
+    kind: Literal["postures"]
+    count: Count = 20
+    dwell: Positive = 1.0
+
+
+class ReplaySection(Section):
+    """A motion from a file."""
+
+    kind: Literal["replay"]
+    file: Name
+
+
+class BoxSpans(Section):
+    """From least to greatest, along the axes of the base [m]; open where left out."""
+
+    x: Span | None = None
+    y: Span | None = None
+    z: Span | None = None
+
+
+class MotionLimitsSection(Section):
+    """What joints may do; what is left out says the robot, or is assumed and noted."""
+
+    share: Share = 0.95
+    position_margin: Annotated[float, Field(ge=0.0)] | None = None
+    velocity: PerJoint | None = None
+    acceleration: PerJoint | None = None
+    jerk: PerJoint | None = None
+    effort: PerJoint | Literal["robot", "any"] = "robot"
+    power: PerJoint | None = None
+    total_power: Positive | None = None
+
+
+class PlaneSection(Section):
+    """A half-space: normal . point >= above."""
+
+    normal: Vector
+    above: float
+
+
+class WorkspaceSection(Section):
+    """Where the tool may be, in the frame of the base."""
+
+    frame: Name | None = None
+    point: Vector = (0.0, 0.0, 0.0)
+    radius: Annotated[float, Field(ge=0.0)] = 0.0
+    box: BoxSpans = BoxSpans()
+    planes: Annotated[tuple[PlaneSection, ...], Field(strict=False)] = ()
+    keep_out: Annotated[tuple[BoxSpans, ...], Field(strict=False)] = ()
+
+
+class CollisionSection(Section):
+    """What may not touch: the robot's own bodies, and the world."""
+
+    bodies: bool = True
+    margin: Annotated[float, Field(ge=0.0)] = 0.01
+    world: Name | None = None
+    ignore: Pairs = ()
+    without: Names = ()
+
+
+class CriterionSection(Section):
+    """What is minimised.
+
+    `chosen`: laws or base parameters that matter; all, if left out. `weights` of the joints: all
+    `equal`, or by the `noise` of an earlier log. `relative`: to the parameters' earlier values.
+    `after_earlier`: of what earlier runs and this motion show together.
+    """
+
+    kind: Name = "condition"
+    chosen: Names | None = None
+    weights: Literal["equal", "noise"] | Numbers = "equal"
+    relative: bool = False
+    after_earlier: bool = False
+
+
+class LoadSection(Section):
+    """A load that may hang on the robot: a point mass, or a ball."""
+
+    mass: Positive
+    frame: Name | None = None
+    com: Vector = (0.0, 0.0, 0.0)
+
+
+class SearchSection(Section):
+    """How the motion is looked for."""
+
+    method: Name = "gradient"
+
+
+MotionSection = Annotated[
+    FourierSection
+    | RawFourierSection
+    | BlendedFourierSection
+    | SplineSection
+    | ReachingSection
+    | PickAndPlaceSection
+    | SquareSection
+    | WaypointsSection
+    | SweepsSection
+    | PosturesSection
+    | ReplaySection,
+    Field(discriminator="kind"),
+]
+
+
+class ExcitationSection(Section):
+    """All about the motion that is wanted."""
+
+    motion: MotionSection = FourierSection()
+    limits: MotionLimitsSection = MotionLimitsSection()
+    workspace: WorkspaceSection | None = None
+    collision: CollisionSection | None = None
+    criterion: CriterionSection = CriterionSection()
+    loads: Annotated[tuple[LoadSection, ...], Field(strict=False)] = ()
+    search: SearchSection = SearchSection()
+    samples: Annotated[int, Field(ge=20)] = 1000
+
+
+MOTIONS: tuple[type[Section], ...] = get_args(get_args(MotionSection)[0])
+"""Sections of all kinds of motion."""
+
+KINDS: tuple[str, ...] = tuple(get_args(m.model_fields["kind"].annotation)[0] for m in MOTIONS)
+"""Names of all kinds of motion."""
+
+
+def changed_excitation(
+    section: ExcitationSection,
+    *,
+    motion: str | None = None,
+    period: float | None = None,
+    harmonics: int | None = None,
+    criterion: str | None = None,
+    method: str | None = None,
+    still_unknown: bool = False,
+) -> ExcitationSection:
+    """The tables with some things said otherwise.
+
+    Args:
+        section: The tables.
+        motion: Another kind of motion; its numbers are then the usual ones.
+        period: Length of the period or of the motion [s].
+        harmonics: Of a Fourier series.
+        criterion: Kind of criterion.
+        method: Search method.
+        still_unknown: Whether what earlier runs show counts too.
+
+    Raises:
+        ValueError: The kind of motion has no such number, or cannot have it; says which.
+    """
+    told = section.model_dump()
+    if motion is not None and motion != section.motion.kind:
+        told["motion"] = {"kind": motion}
+    kind = told["motion"]["kind"]
+    if kind not in KINDS:
+        raise ValueError(f"there is no motion '{kind}', but " + ", ".join(KINDS))
+    known = MOTIONS[KINDS.index(kind)].model_fields
+    for name, value in (("period", period), ("harmonics", harmonics)):
+        key = "duration" if name == "period" and "duration" in known else name
+        if value is not None and key not in known:
+            raise ValueError(f"a motion of kind '{kind}' has no {name}")
+        if value is not None:
+            told["motion"][key] = value
+    if criterion is not None:
+        told["criterion"]["kind"] = criterion
+    if method is not None:
+        told["search"]["method"] = method
+    if still_unknown:
+        told["criterion"]["after_earlier"] = True
+    try:
+        return ExcitationSection.model_validate(told)
+    except ValidationError as error:
+        flaw = error.errors()[0]
+        what = ".".join(str(part) for part in flaw["loc"] if part != kind)
+        message = flaw["msg"].replace("Field required", "is missing")
+        raise ValueError(f"[excitation] {what}: {message[:1].lower()}{message[1:]}") from None

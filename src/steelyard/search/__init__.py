@@ -1,0 +1,1 @@
+"""Search by populations, for criteria without slopes."""

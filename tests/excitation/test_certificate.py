@@ -1,0 +1,166 @@
+"""Certificates say what holds of a motion, and nothing that does not."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from exact_motions import MAKERS
+from invented import dh_arm
+from steelyard.arrays import Array
+from steelyard.errors import DataError
+from steelyard.excitation.certificate import (
+    Certificate,
+    certify,
+    read_certificate,
+    trajectory_hash,
+)
+from steelyard.excitation.constraint import Constraint, Margins
+from steelyard.excitation.exact import ExactTrajectory
+from steelyard.excitation.fourier import FourierMotion
+from steelyard.excitation.limits import MotionLimits
+from steelyard.excitation.markers import Marker
+from steelyard.excitation.torque import power_limit, torque_limit
+from steelyard.excitation.workspace import tool_box
+from steelyard.model import Model
+from steelyard.progress import Event, Progress, silent
+from steelyard.terms.rigid_body import RigidBody
+
+
+def motion() -> FourierMotion:
+    """Three joints that move gently for eight seconds."""
+    free = 0.2 * np.random.default_rng(5).standard_normal((3, 6))
+    return FourierMotion.from_free(np.zeros(3), free, 8.0)
+
+
+def exact_limits(of: ExactTrajectory, share: float = 1.0, jerk: bool = True) -> MotionLimits:
+    """Limits that a motion just keeps; speeds times a share."""
+    (low, high), *ends = (of.extremes(order) for order in range(4))
+    speed, acceleration, most = (np.maximum(-a, b) for a, b in ends)
+    return MotionLimits(low, high, share * speed, acceleration, jerk=most if jerk else None)
+
+
+def walls(*, low: float = -5.0, effort: float = 1e3) -> list[Constraint]:
+    """A tool box, and limits of torque and power."""
+    robot = dh_arm()
+    arm = Model(robot, (RigidBody(),)).prior
+    assert arm is not None
+    box = tool_box(robot, [Marker(robot.bodies[-1].name)], (low, None, None), (5.0, 5.0, 5.0))
+    return [box, torque_limit({"arm": arm}, [effort] * 3), power_limit({"arm": arm}, total=1e4)]
+
+
+def test_a_motion_within_everything_is_certified() -> None:
+    of = motion()
+    certificate = certify(dh_arm(), of, exact_limits(of), walls())
+    assert certificate.holds and certificate.failures == ()
+    assert certificate.robot == "dh arm" and certificate.duration == 8.0
+    assert [p.name for p in certificate.proofs] == ["tool box", "torque", "power"]
+    for proof in certificate.proofs:
+        assert len(proof.labels) == len(proof.proven) == len(proof.sampled)
+        assert np.all(np.array(proof.proven) <= np.array(proof.sampled))
+        assert proof.how.count("stretch") == 1
+    units = [(x.quantity, x.unit) for x in certificate.extremes[:4]]
+    assert units == [
+        ("position", "rad"),
+        ("velocity", "rad/s"),
+        ("acceleration", "rad/s²"),
+        ("jerk", "rad/s³"),
+    ]
+    assert [x.joint for x in certificate.extremes[::4]] == list(dh_arm().joint_names)
+
+
+def test_a_speed_beyond_its_limit_is_named() -> None:
+    of = motion()
+    certificate = certify(dh_arm(), of, exact_limits(of, share=0.99))
+    assert not certificate.holds and len(certificate.failures) == 3
+    fastest = certificate.extremes[1]
+    by = 0.01 * max(-fastest.least, fastest.greatest)
+    assert fastest.margin == pytest.approx(-by)
+    joint = dh_arm().joint_names[0]
+    expected = f"velocity of '{joint}' goes {by:.3g} rad/s beyond its limit"
+    assert certificate.failures[0] == expected
+
+
+def test_without_a_limit_of_jerk_any_will_do() -> None:
+    of = motion()
+    jerk = certify(dh_arm(), of, exact_limits(of, jerk=False)).extremes[3]
+    assert jerk.margin is None and jerk.lower is None and jerk.greatest > 0.0
+
+
+def test_a_wall_that_is_passed_is_named() -> None:
+    of, robot = motion(), dh_arm()
+    certificate = certify(robot, of, exact_limits(of), walls(low=0.5, effort=2.0))
+    assert not certificate.holds
+    box = [line for line in certificate.failures if line.startswith("tool box")]
+    seen = -certificate.proofs[0].sampled[0]
+    name = robot.bodies[-1].name
+    assert box == [f"tool box: x of '{name}' above 0.5 m: missed by {seen:.3g} m"]
+    assert any(line.startswith("torque: torque of") for line in certificate.failures)
+
+
+class Touching:
+    """A wall that every sample keeps exactly, and of which nothing can be proven."""
+
+    name, labels, unit, room = "touch", ("first", "second"), "m", np.ones(2)
+
+    def margins(self, q: Array, dq: Array, ddq: Array) -> Margins:
+        return Margins(np.ones((len(q), 2)))
+
+    def proven(self, trajectory: ExactTrajectory, progress: Progress = silent) -> Array:
+        return np.array([-np.inf, 0.0])
+
+
+def test_what_is_not_proven_does_not_hold(tmp_path: Path) -> None:
+    certificate = certify(dh_arm(), motion(), exact_limits(motion()), [Touching()])
+    assert certificate.failures == ("touch: first: not proven",)
+    assert "no time out" in certificate.proofs[0].how
+    certificate.write(tmp_path / "c.json")
+    text = (tmp_path / "c.json").read_text()
+    assert "Infinity" not in text and json.loads(text)["holds"] is False
+    assert read_certificate(tmp_path / "c.json") == certificate
+
+
+@pytest.mark.parametrize("make", MAKERS, ids=lambda make: make.__name__)
+def test_files_come_back_whole_and_know_their_motion(make, tmp_path: Path) -> None:
+    of = make(np.random.default_rng(3))
+    certificate = certify(dh_arm(), of, exact_limits(motion()), walls())
+    certificate.write(tmp_path / "certificate.json")
+    again = read_certificate(tmp_path / "certificate.json")
+    assert again == certificate and again.holds == certificate.holds
+    assert again.is_of(of) and not again.is_of(motion())
+    assert Certificate.from_dict(certificate.to_dict()) == certificate
+
+
+def test_the_hash_is_that_of_the_file() -> None:
+    values = motion().to_dict()
+    backwards = dict(reversed(values.items()))
+    assert json.dumps(values) != json.dumps(backwards)
+
+    class Same(FourierMotion):
+        def to_dict(self) -> dict[str, object]:
+            return backwards
+
+    same = Same(motion().start, motion().sine, motion().cosine, 8.0)
+    assert trajectory_hash(same) == trajectory_hash(motion())
+
+
+def test_progress_is_told_of_everything() -> None:
+    phases = set()
+
+    def watch(event: Event) -> bool:
+        phases.add(event.phase)
+        return True
+
+    certify(dh_arm(), motion(), exact_limits(motion()), walls(), watch)
+    assert phases == {"certificate", "tool box", "torque", "power"}
+
+
+@pytest.mark.parametrize("text", [None, "{", "[]", '{"kind": "certificate"}'])
+def test_a_file_that_is_none(text: str | None, tmp_path: Path) -> None:
+    path = tmp_path / "c.json"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(DataError, match="no certificate") as caught:
+        read_certificate(path)
+    assert caught.value.where == str(path)

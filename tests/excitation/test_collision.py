@@ -1,0 +1,220 @@
+"""Clearances: distances, gradients, and which pairs there are."""
+
+import pickle
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from excitation.colliding import (
+    distances,
+    joint,
+    link,
+    panda,
+    postures,
+    snake,
+    ur10,
+    urdf,
+    written,
+)
+from steelyard.errors import ModelError
+from steelyard.excitation.collision import Clearance, self_clearance
+from steelyard.excitation.reach import rates
+from steelyard.excitation.shapes import attached, obstacle, wall
+from steelyard.excitation.solids import Ball, Box, Capsule, Cylinder, Ellipsoid, Hull
+from steelyard.robot.robot_file import LoadedRobot, load_robot
+
+TURNED = [[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]]
+
+
+def in_cell(loaded: LoadedRobot) -> Clearance:
+    """A robot with a tool among obstacles of every kind."""
+    robot = loaded.robot
+    frame = robot.frames[-1].name
+    corners = np.random.default_rng(3).normal(size=(12, 3)) * 0.1
+    others = (
+        attached(robot, frame, "load", Ellipsoid((0.05, 0.08, 0.1)), (0.0, 0.05, 0.1), TURNED),
+        obstacle("ball", Ball(0.1), (0.5, 0.3, 0.2)),
+        obstacle("crate", Box((0.3, 0.2, 0.1)), (-0.4, 0.5, 0.3), TURNED),
+        obstacle("post", Cylinder(0.05, 0.8), (0.6, -0.6, 0.3), TURNED),
+        obstacle("rail", Capsule(0.04, 0.6), (-0.5, -0.5, 0.2), TURNED),
+        obstacle("rock", Hull(corners), (0.7, 0.1, 0.4)),
+        wall("floor", (0.0, 0.0, 1.0), -0.3),
+        wall("side", (0.6, 0.0, 0.8), -0.6),
+    )
+    return self_clearance(loaded, others=others)
+
+
+def robots(folder: Path) -> dict[str, Callable[[], LoadedRobot]]:
+    return {"snake": lambda: snake(folder), "panda": panda, "ur10": ur10}
+
+
+@pytest.fixture(params=["snake", "panda", "ur10"])
+def cell(request: pytest.FixtureRequest, tmp_path: Path) -> Clearance:
+    return in_cell(robots(tmp_path)[request.param]())
+
+
+def test_distances_are_those_of_coal(cell: Clearance) -> None:
+    q = postures(cell.robot, 40)
+    ours = cell.distances(q)
+    shapes, overlaps, lost = cell.scene.shapes, 0, 0
+    for k, pair in enumerate(cell.pairs):
+        theirs = np.min([distances(cell.robot, shapes, way, q) for way in pair.shapes], axis=0)
+        # coal's depths of round solids are good to some micrometres, and some it does not find
+        known = theirs > -1e3
+        np.testing.assert_allclose(ours[known, k], theirs[known], atol=2e-5, err_msg=str(pair))
+        overlaps += int(np.sum(theirs[known] < -1e-3))
+        lost += int(np.sum(~known))
+    assert overlaps > 10 * lost + 10
+
+
+def test_margins_are_exact_near_and_bounds_far(cell: Clearance) -> None:
+    q = postures(cell.robot, 100, seed=1)
+    found = cell.margins(q, np.zeros_like(q), np.zeros_like(q))
+    exact = cell.distances(q) - cell.wanted
+    near = exact < cell.room
+    assert near.sum() > 100
+    np.testing.assert_allclose(found.values[near], exact[near], atol=1e-9)
+    assert np.all(found.values[~near] >= np.broadcast_to(cell.room, near.shape)[~near])
+    assert np.all(found.values[~near] <= exact[~near] + 1e-7)
+    assert found.by_dq is None and found.by_ddq is None
+
+
+def test_gradients_are_central_differences(cell: Clearance) -> None:
+    q, step = postures(cell.robot, 60, seed=2), 1e-5
+    still = np.zeros_like(q)
+    found = cell.margins(q, still, still)
+    ours = found.by_q
+    assert ours is not None
+    sides = [cell.distances(q + step * s * e) for e in np.eye(cell.robot.n) for s in (1, -1)]
+    plus, minus = np.array(sides[::2]), np.array(sides[1::2])
+    middle = cell.distances(q)
+    slope = np.moveaxis((plus - minus) / (2.0 * step), 0, 2)
+    bend = np.moveaxis(np.abs(plus - 2.0 * middle + minus) / step, 0, 2)
+    # where the nearest points jump, there is no derivative
+    smooth = (found.values < cell.room)[:, :, None] & (bend.max(axis=2) < 1e-3)[:, :, None]
+    error = np.where(smooth, np.abs(ours - slope), 0.0)
+    assert smooth.sum() > 60
+    assert error.max() < 2e-3
+    assert np.median(error[np.broadcast_to(smooth, error.shape)]) < 1e-6
+
+
+def test_distance_changes_no_faster_than_its_rate(cell: Clearance) -> None:
+    rng = np.random.default_rng(5)
+    start = postures(cell.robot, 80, seed=3)
+    end = start + rng.normal(size=start.shape) * rng.choice([0.02, 0.3], size=(80, 1))
+    lower, upper = np.minimum(start, end).min(axis=0), np.maximum(start, end).max(axis=0)
+    change = np.abs(cell.distances(end) - cell.distances(start))
+    shapes = cell.scene.shapes
+    for k, pair in enumerate(cell.pairs):
+        ways = [rates(cell.robot, shapes[a], shapes[b], lower, upper) for a, b in pair.shapes]
+        bound = np.abs(end - start) @ np.max(ways, axis=0)
+        assert np.all(change[:, k] <= bound + 1e-6), pair
+
+
+def test_nearest_names_the_pair_and_the_depth(tmp_path: Path) -> None:
+    loaded = snake(tmp_path)
+    ball = obstacle("ball", Ball(0.1), (0.2, 0.0, 0.06))
+    apart = self_clearance(loaded, others=(obstacle("far", Ball(0.1), (-1.0, 0.0, 0.06)),))
+    both = self_clearance(loaded, others=(ball, obstacle("far", Ball(0.1), (-1.0, 0.0, 0.06))))
+    assert str(both.nearest(np.zeros(4))).endswith("'one' and 'ball' overlap by 150 mm")
+    assert "are apart by" in str(apart.nearest(np.zeros(4)))
+
+
+def test_margins_of_an_arm_are_quick_and_travel(tmp_path: Path) -> None:
+    found = self_clearance(panda())
+    q = postures(found.robot, 200)
+    copy = pickle.loads(pickle.dumps(found))
+    best = np.inf
+    for _ in range(5):
+        start = time.perf_counter()
+        values = found.margins(q, q, q).values
+        best = min(best, time.perf_counter() - start)
+    np.testing.assert_array_equal(copy.margins(q, q, q).values, values)
+    assert best < 0.04
+
+
+def names(found: Clearance) -> set[frozenset[str]]:
+    return {pair.names for pair in found.pairs}
+
+
+def test_links_that_a_joint_connects_may_touch(tmp_path: Path) -> None:
+    found = names(self_clearance(snake(tmp_path)))
+    links = ("base", "one", "two", "plate", "three", "slider", "twin")
+    every = {frozenset((a, b)) for a in links for b in links if a < b}
+    joined = [("base", "one"), ("one", "two"), ("two", "plate"), ("plate", "three")]
+    joined += [("three", "slider"), ("plate", "twin")]
+    assert every - found == {frozenset(pair) for pair in joined}
+
+
+def test_a_link_without_shapes_does_not_part_its_neighbours(tmp_path: Path) -> None:
+    box = '<box size="0.1 0.1 0.1"/>'
+    text = urdf(
+        *(link(name, box) for name in ("base", "arm", "hand")),
+        link("flange"),
+        joint("base", "flange", "0.2 0 0"),
+        joint("flange", "arm", "0.2 0 0", kind="fixed"),
+        joint("arm", "hand", "0.3 0 0"),
+    )
+    found = names(self_clearance(load_robot(written(tmp_path, text))))
+    assert found == {frozenset(("base", "hand"))}
+
+
+def test_ignored_and_disabled_pairs_are_left_out(tmp_path: Path) -> None:
+    loaded = snake(tmp_path)
+    every = names(self_clearance(loaded))
+    less = self_clearance(loaded, ignore=[("slider", "base")])
+    assert names(less) == every - {frozenset(("base", "slider"))}
+    assert any("as asked: slider and base" in note for note in less.notes)
+    disabled = '<robot name="{}"><disable_collisions link1="twin" link2="one"/></robot>'
+    written(tmp_path, disabled.format("another"), "another.srdf")
+    assert names(self_clearance(loaded)) == every
+    written(tmp_path, disabled.format("snake"), "snake.srdf")
+    found = self_clearance(loaded)
+    assert names(found) == every - {frozenset(("one", "twin"))}
+    assert any("snake.srdf" in note for note in found.notes)
+
+
+def test_pairs_that_always_overlap_are_noted_and_left_out(tmp_path: Path) -> None:
+    loaded = snake(tmp_path)
+    others = (
+        obstacle("stand", Box((0.2, 0.2, 0.4)), (0.0, 0.0, 0.0)),
+        obstacle("ring", Ball(0.05), (0.0, 0.0, 0.06 + 0.0912)),
+    )
+    found = self_clearance(loaded, others=others)
+    assert frozenset(("one", "stand")) not in names(found)
+    assert any("every posture tried" in note and "one and stand" in note for note in found.notes)
+    touching = [pair.names for pair, w in zip(found.pairs, found.wanted, strict=True) if w == 0.0]
+    assert touching == [frozenset(("one", "ring"))]
+    assert any("one and ring" in note and "0.01 m" in note for note in found.notes)
+
+
+def test_the_cell_alone(tmp_path: Path) -> None:
+    others = (obstacle("ball", Ball(0.1), (1.0, 0.0, 0.5)),)
+    found = self_clearance(snake(tmp_path), others=others, bodies=False, margin=0.02, room=0.1)
+    assert {pair.second for pair in found.pairs} == {"ball"}
+    assert "base" not in {pair.first for pair in found.pairs}
+    assert found.labels[0] == "distance of 'one' and 'ball' above 0.02 m"
+    assert np.all(found.room == 0.1)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"ignore": [("slyder", "base")]}, "did you mean 'slider'?"),
+        ({"others": (obstacle("one", Ball(0.1)),)}, "two things are called 'one'"),
+        ({"bodies": False}, "no pair of things is left"),
+    ],
+)
+def test_what_cannot_be_is_refused(tmp_path: Path, options: dict, words: str) -> None:
+    with pytest.raises(ModelError) as error:
+        self_clearance(snake(tmp_path), **options)
+    assert words in str(error.value)
+
+
+def test_a_table_of_parameters_has_no_shapes(tmp_path: Path) -> None:
+    text = "[robot.dh]\nconvention = 'modified'\n[[robot.dh.links]]\nmass = 1.0\n"
+    with pytest.raises(ModelError, match="has no shapes that could collide"):
+        self_clearance(load_robot(tmp_path / "dh.toml", text=text))

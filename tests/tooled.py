@@ -1,0 +1,88 @@
+"""Arms with tools for process motions, and Pinocchio's word on where the tools are."""
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from oracles import body_positions, pinocchio_model
+from steelyard.arrays import Array
+from steelyard.excitation.attitudes import Turned
+from steelyard.excitation.limits import MotionLimits, motion_limits
+from steelyard.excitation.process import Box, Process
+from steelyard.excitation.tour import ProcessMotion
+from steelyard.kernel.kinematics import frame_of
+from steelyard.robot.robot import Robot
+from steelyard.robot.robot_file import load_robot
+
+FILES = {
+    "ur10": ("ur_description/urdf/ur10_robot.urdf", "tool0", ""),
+    "panda": ("panda_description/urdf/panda.urdf", "panda_hand", "panda_finger_joint1 = 0.0"),
+}
+
+
+DOWN = Turned(np.diag([1.0, -1.0, -1.0]))
+REACH = {"ur10": 0.8, "panda": 0.5}
+
+
+@dataclass(frozen=True, eq=False)
+class Arm:
+    """A robot, its limits, its tool's frame, and where that is by Pinocchio's own reading."""
+
+    robot: Robot
+    limits: MotionLimits
+    frame: str
+    pose: Callable[[Array], tuple[Array, Array]]
+
+    def places(self, q: Array) -> Array:
+        return np.array([self.pose(x)[0] for x in q])
+
+
+@cache
+def arm(name: str) -> Arm:
+    """An arm of the shared models, read by us and by Pinocchio from the same URDF."""
+    data = os.environ.get("STEELYARD_DATA")
+    if not data:
+        pytest.skip("STEELYARD_DATA names no folder with the robots' data")
+    path, frame, locked = FILES[name]
+    urdf = Path(data).parent / "models" / path
+    text = f"[robot]\nurdf = '{urdf}'\nlocked = {{ {locked} }}\n"
+    robot = load_robot("invented.toml", text).robot
+    model = pin.buildModelFromUrdf(str(urdf))
+    state, tool = model.createData(), model.getFrameId(frame)
+
+    def pose(q: Array) -> tuple[Array, Array]:
+        pin.framesForwardKinematics(model, state, np.pad(q, (0, model.nq - robot.n)))
+        return state.oMf[tool].translation.copy(), state.oMf[tool].rotation.copy()
+
+    return Arm(robot, motion_limits(robot), frame, pose)
+
+
+def invented_arm(robot: Robot, frame: str) -> Arm:
+    """An invented robot; Pinocchio gets its bodies."""
+    model, carried = pinocchio_model(robot), frame_of(robot, frame)
+    state = model.createData()
+
+    def pose(q: Array) -> tuple[Array, Array]:
+        pin.forwardKinematics(model, state, body_positions(robot, q))
+        at = state.oMi[carried.body + 1] * pin.SE3(
+            np.array(carried.rotation), np.array(carried.position)
+        )
+        return at.translation.copy(), at.rotation.copy()
+
+    return Arm(robot, motion_limits(robot), frame, pose)
+
+
+def boxes(name: str) -> tuple[Box, Box]:
+    x = REACH[name]
+    return Box((x, -0.25, 0.25), (0.2, 0.1, 0.1)), Box((x, 0.3, 0.2), (0.1, 0.2, 0.0))
+
+
+def plan(name: str, task: Process, **settings: int) -> ProcessMotion:
+    tooled = arm(name)
+    return task.plan(tooled.robot, tooled.limits, tooled.frame, **settings)
