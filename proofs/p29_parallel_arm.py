@@ -26,7 +26,6 @@ from steelyard.estimation.box import base_bounds
 from steelyard.estimation.cma_es import CmaEs
 from steelyard.estimation.estimate import Estimate, Estimator
 from steelyard.estimation.genetic import Genetic
-from steelyard.search.genetic import evolved
 from steelyard.estimation.least_squares import OrdinaryLeastSquares
 from steelyard.estimation.prior import default_knowledge
 from steelyard.model import Model
@@ -34,6 +33,7 @@ from steelyard.regression.accumulate import Accumulator, Stretch
 from steelyard.regression.information import Information, Stamp, Window
 from steelyard.regression.regressor import Regressor, base_regressor, standard_regressor
 from steelyard.robot.inertia import Inertia
+from steelyard.search.genetic import evolved
 from steelyard.terms.coulomb import Coulomb
 from steelyard.terms.directional import DirectionalCoulomb, DirectionalViscous
 from steelyard.terms.rigid_body import RigidBody

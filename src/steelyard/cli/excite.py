@@ -32,8 +32,8 @@ def excite(
     motion: Annotated[
         str | None,
         typer.Option(
-            help="Kind of motion: fourier, raw_fourier, blended_fourier, spline or reaching are "
-            "optimised; pick_and_place, square, waypoints, sweeps, postures and replay are "
+            help="Kind of motion: fourier, raw_fourier, blended_fourier, ramped_fourier, spline and "
+            "reaching are optimised; pick_and_place, square, waypoints, sweeps, postures and replay are "
             "planned. By the robot file, or fourier.",
             metavar="KIND",
         ),

@@ -9,7 +9,12 @@ import numpy as np
 from steelyard.arrays import Array, frozen
 from steelyard.errors import DataError
 from steelyard.excitation.basis import Basis
-from steelyard.excitation.fourier_bases import BlendedFourier, RawFourier, RestFourier
+from steelyard.excitation.fourier_bases import (
+    BlendedFourier,
+    RampedFourier,
+    RawFourier,
+    RestFourier,
+)
 from steelyard.excitation.minimum_jerk import ReachingBasis
 from steelyard.excitation.spline_bases import SplineBasis
 from steelyard.robot.nearest import advice
@@ -58,6 +63,11 @@ def _blended(s: Any, robot: Robot) -> Basis:
     return BlendedFourier(robot.n, s.period, s.harmonics, s.periods, s.blend, start)
 
 
+def _ramped(s: Any, robot: Robot) -> Basis:
+    start = posture_of(s.start, robot, "start")
+    return RampedFourier(robot.n, s.period, s.harmonics, s.periods, s.ramp, start)
+
+
 def _spline(s: Any, robot: Robot) -> Basis:
     start, end = (posture_of(getattr(s, key), robot, key) for key in ("start", "end"))
     return SplineBasis(robot.n, s.duration, s.points, s.degree, _with(start, end), end)
@@ -88,6 +98,7 @@ FAMILIES: Mapping[str, Callable[[Any, Robot], Basis]] = MappingProxyType(
         "fourier": _fourier,
         "raw_fourier": _raw,
         "blended_fourier": _blended,
+        "ramped_fourier": _ramped,
         "spline": _spline,
         "reaching": _reaching,
     }

@@ -16,6 +16,7 @@ _STEP = 0.05
 _CHANGE = 0.3
 """From step to step no joint changes by more than this [rad; m]; else the step is halved."""
 _END = 1.0 - 1e-9
+"""A share of the line that is its end, but for rounding."""
 _SHORTEST = 2.0**-12
 """A step this share of the line that still changes a posture too much is a jump."""
 

@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from steelyard.estimation.fields import Finding
     from steelyard.estimation.gains import GainEstimate
     from steelyard.estimation.identified import IdentifiedModel
+    from steelyard.excitation.designed import Designed
+    from steelyard.robot.excitation_schema import WorkspaceSection
     from steelyard.validation.friction import FrictionChoice
     from steelyard.validation.score import RunScore
     from steelyard.validation.sensitivity import Sensitivity
@@ -41,6 +43,9 @@ class ReportContent:
         sensitivity: Fits with other cut-offs, if they were asked for.
         bootstrap: Estimates of windows drawn again, if they were asked for.
         comparison: Estimators beside each other, if they were compared.
+        design: A motion, if one was designed.
+        workspace: Where its tool may be, drawn with its path; `None` if nobody said.
+        files: What was written beside the page, and the files' names.
     """
 
     title: str
@@ -58,3 +63,6 @@ class ReportContent:
     sensitivity: Sensitivity | None = None
     bootstrap: Bootstrap | None = None
     comparison: Comparison | None = None
+    design: Designed | None = None
+    workspace: WorkspaceSection | None = None
+    files: Rows = ()

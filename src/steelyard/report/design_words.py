@@ -18,15 +18,6 @@ if TYPE_CHECKING:
     from steelyard.excitation.certificate import Extreme, Proof
     from steelyard.excitation.designed import Designed
 
-FIGURES = {
-    "condition": "condition number",
-    "normalised_condition": "normalised condition number",
-    "d_optimal": "D-optimality figure",
-    "a_optimal": "A-optimality figure",
-    "e_optimal": "E-optimality figure",
-}
-"""What criteria are called."""
-
 KINDS = {
     "fourier": "Fourier series from rest to rest",
     "raw_fourier": "Fourier series",
@@ -41,6 +32,9 @@ KINDS = {
     "replay": "motion from a file",
 }
 """What kinds of motion are called."""
+
+MILLIMETRES = 0.1
+"""Lengths below this [m] are told in millimetres."""
 
 NAMED = 3
 """Most parameters that a line of advice names."""
@@ -131,13 +125,22 @@ def tightest(designed: Designed) -> list[str]:
     for proof in designed.certificate.proofs:
         pair = least(proof)
         if pair is not None:
-            lines.append(f"{proof.name}: {pair[0]} by {margin(pair[1])} {proof.unit}")
+            lines.append(f"{proof.name}: {pair[0]} by {margin(pair[1], proof.unit)}")
     return lines
 
 
-def margin(value: float) -> str:
-    """A margin, rounded towards the unsafe side never by more than its digits tell."""
-    return "no bound" if value == -inf else significant(value)
+def margin(value: float, unit: str) -> str:
+    """A margin with its unit, small lengths in millimetres."""
+    if value == -inf:
+        return "no bound"
+    if unit == "m" and abs(value) < MILLIMETRES:
+        return f"{significant(1e3 * value)} mm"
+    return f"{significant(value)} {unit}"
+
+
+def capital(words: str) -> str:
+    """Words with a capital at the start."""
+    return words[:1].upper() + words[1:]
 
 
 def level(designed: Designed) -> Level:
@@ -147,8 +150,7 @@ def level(designed: Designed) -> Level:
 
 def headline(designed: Designed) -> str:
     """The figure, and whether the motion is safe, in a line."""
-    figure = f"{FIGURES.get(designed.criterion, designed.criterion)} {figure_of(designed)}"
-    figure = figure[0].upper() + figure[1:]
+    figure = capital(f"{designed.criterion} {figure_of(designed)}")
     failures = designed.certificate.failures
     if failures:
         return f"{figure}, but not safe: {count(len(failures), 'limit')} not proven"
@@ -166,11 +168,15 @@ def detail(designed: Designed) -> str:
     kind = KINDS.get(designed.kind, designed.kind)
     words = f"{designed.trajectory.duration:.4g} s, {kind}"
     if designed.course:
-        searched = count(designed.searches, "search").replace("searchs", "searches")
-        words += f"; best of {searched} in {designed.seconds:.3g} s"
+        words += f"; best of {searches(designed)} in {designed.seconds:.3g} s"
     if designed.stopped:
         words += ", stopped early"
     return words
+
+
+def searches(designed: Designed) -> str:
+    """Like `1 search`, `12 searches`."""
+    return "1 search" if designed.searches == 1 else f"{designed.searches} searches"
 
 
 def unseen(designed: Designed) -> int:
@@ -198,6 +204,14 @@ def _fall(designed: Designed, one: Advice, name: str) -> str:
     if not isfinite(before):
         return f"{name} to {significant(after, 2)} {unit}, not seen before"
     return f"{name} from {significant(before, 2)} to {significant(after, 2)} {unit}"
+
+
+def instead(designed: Designed, one: Advice) -> str:
+    """What as many seconds of the designed motion itself would bring."""
+    if designed.prior is not None or one.seconds <= 0.0:
+        return NONE
+    length = designed.trajectory.duration
+    return f"{100.0 * sqrt(length / (length + one.seconds)):.0f} %"
 
 
 def helpful(advice: Sequence[Advice]) -> list[Advice]:

@@ -2,22 +2,27 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.metadata import version as package_version
 
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill, plotly_script, verbatim
 from steelyard.report.sections.check import PICTURE
-from steelyard.report.sections.register import SECTIONS
+from steelyard.report.sections.register import sections_of
 
 
 def render(content: ReportContent) -> str:
     """The report as HTML text, to be written as UTF-8."""
     shown = []
-    for section in SECTIONS:
+    for section in sections_of(content):
         numbers = section.numbers(content)
         if numbers is not None:
             shown.append(Shown(section.name, section.title, section.show(numbers)))
-    version = None if not content.identified else content.identified.provenance.version
-    return page_of(content.title, content.robot, "identified", version, shown)
+    made, version = "identified", None
+    if content.identified is not None:
+        version = content.identified.provenance.version
+    elif content.design is not None:
+        made, version = "designed", package_version("steelyard")
+    return page_of(content.title, content.robot, made, version, shown)
 
 
 @dataclass(frozen=True)

@@ -68,15 +68,22 @@ def _explained(
     error: ValidationError, data: Any, schema: type[BaseModel], places: Places
 ) -> ModelError:
     """The first flaw, in the users' words."""
-    flaws = error.errors(include_url=False, include_context=False)
+    flaws = error.errors(include_url=False)
     first = min(flaws, key=lambda flaw: flaw["type"] != "extra_forbidden")
     path = _path(data, first["loc"])
     if first["type"] == "extra_forbidden":
-        known = _known_keys(schema, path[:-1])
+        known = _known_keys(schema, path[:-1], data)
         return ModelError(
             f"unknown key '{path[-1]}'",
             where=places.where(*path),
             mend=advice(str(path[-1]), known, "keys there"),
+        )
+    if first["type"] == "union_tag_invalid":
+        kind, kinds = first["ctx"]["tag"], first["ctx"]["expected_tags"]
+        return ModelError(
+            f"there is no kind '{kind}' of '{path[-1]}'",
+            where=places.where(*path, "kind"),
+            mend=advice(str(kind), [one.strip("' ") for one in kinds.split(",")], "kinds"),
         )
     last = first["loc"][-1]
     if first["type"] == "missing" and isinstance(last, int):
@@ -120,13 +127,24 @@ def _path(data: Any, loc: tuple[str | int, ...]) -> KeyPath:
     return tuple(path)
 
 
-def _known_keys(schema: type[BaseModel], path: KeyPath) -> list[str]:
+def _known_keys(schema: type[BaseModel], path: KeyPath, data: Any) -> list[str]:
     """Keys that the table at `path` may have."""
     for part in path:
+        data = data[part]
         field = schema.model_fields.get(str(part))
-        inner = next(_schemas(field.annotation), None) if field else None
-        schema = inner or schema
+        inner = list(_schemas(field.annotation)) if field else []
+        schema = next((one for one in inner if _is_of(one, data)), inner[0] if inner else schema)
     return list(schema.model_fields)
+
+
+def _is_of(schema: type[BaseModel], table: Any) -> bool:
+    """Whether a table says that it is of a schema's kind."""
+    kind = schema.model_fields.get("kind")
+    return (
+        kind is not None
+        and isinstance(table, dict)
+        and table.get("kind") in get_args(kind.annotation)
+    )
 
 
 def _schemas(annotation: Any) -> Iterator[type[BaseModel]]:

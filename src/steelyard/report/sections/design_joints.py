@@ -75,10 +75,10 @@ def _caption(designed: Designed, joint: int) -> str:
     if "position" in own:
         far = own["position"]
         words.append(f"{significant(far.least)} … {significant(far.greatest)} {far.unit}")
-    for quantity, short in (("velocity", "speed"), ("acceleration", "acceleration")):
+    for quantity, short in (("velocity", "speed"), ("acceleration", "accel.")):
         share = used(own[quantity]) if quantity in own else None
         if share is not None:
-            words.append(f"{percent(100.0 * share)} of {short}")
+            words.append(f"{short} {percent(100.0 * share)}")
     return ", ".join(words)
 
 

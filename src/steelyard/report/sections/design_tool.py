@@ -15,7 +15,6 @@ from steelyard.report.skeleton import skeleton, way_of
 from steelyard.report.words import significant
 
 if TYPE_CHECKING:
-    from steelyard.excitation.designed import Designed
     from steelyard.robot.excitation_schema import BoxSpans, WorkspaceSection
 
 POINTS = 1500
@@ -23,7 +22,8 @@ POINTS = 1500
 
 VIEWS = (("from above", 0, 1), ("from the side", 0, 2), ("from the front", 1, 2))
 AXES = "xyz"
-PATH, ARM, WALL, FORBIDDEN, START = "#0068a8", "#7488a0", "#a8261d", "#f3c9c5", "#00694b"
+PATH, ARM, PALE, START = "#0068a8", "#7488a0", "#c3ccd6", "#00694b"
+WALL, FORBIDDEN = "#a8261d", "#f3c9c5"
 
 
 class DesignToolSection:
@@ -48,9 +48,7 @@ class DesignToolSection:
             "length": significant(float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())),
             "walls": bool(walls),
             "space": script_json(_space(t, path, arm, walls)),
-            "views": [
-                (words, script_json(_view(path, arm, walls, a, b))) for words, a, b in VIEWS
-            ],
+            "views": [(words, script_json(_view(path, arm, walls, a, b))) for words, a, b in VIEWS],
         }
 
     def show(self, numbers: Numbers) -> str:
@@ -113,8 +111,8 @@ def _space(t: Array, path: Array, arm: Array, walls: Sequence[tuple[bool, Any]])
         f"{axis}axis": {"title": {"text": f"{axis} [m]"}, "backgroundcolor": "#f7f8fa"}
         for axis in AXES
     }
-    eye = {"x": 1.35, "y": -1.45, "z": 0.75}
-    scene = {**axes, "aspectmode": "data", "camera": {"eye": eye}}
+    camera = {"eye": {"x": 1.3, "y": -1.4, "z": 0.7}, "center": {"x": 0.0, "y": 0.0, "z": -0.12}}
+    scene = {**axes, "aspectmode": "data", "camera": camera}
     layout = {"scene": scene, "showlegend": False, "margin": {"l": 0, "r": 0, "t": 0, "b": 0}}
     return {"x": "", "y": "", "traces": [way, body, *edges], "layout": layout}
 
@@ -169,8 +167,9 @@ def _view(
         x, y = packed(points[:, a]), packed(points[:, b])
         return {"name": name, "kind": "line", "x": x, "y": y, "more": own}
 
+    joints = {"mode": "lines+markers", "marker": {"color": ARM, "size": 6}, "hoverinfo": "skip"}
     traces = [
-        line("arm at the start", arm, "#c3ccd6", 4.0, mode="lines+markers", hoverinfo="skip"),
+        line("arm at the start", arm, PALE, 4.0, **joints),
         line("tool", path, PATH, 1.3, hovertemplate="%{x:.3f}, %{y:.3f} m<extra></extra>"),
         line("start", path[:1], START, 1.0, mode="markers", marker={"color": START, "size": 8}),
     ]

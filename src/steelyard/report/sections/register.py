@@ -1,10 +1,19 @@
 """All sections, in the order of the page."""
 
+from steelyard.report.content import ReportContent
 from steelyard.report.sections.bodies import BodiesSection
 from steelyard.report.sections.bootstrap import BootstrapSection
 from steelyard.report.sections.check import CheckSection
 from steelyard.report.sections.compare import CompareSection
 from steelyard.report.sections.conditioning import ConditioningSection
+from steelyard.report.sections.design_advice import DesignAdviceSection
+from steelyard.report.sections.design_joints import DesignJointsSection
+from steelyard.report.sections.design_proof import DesignProofSection
+from steelyard.report.sections.design_run import DesignRunSection
+from steelyard.report.sections.design_search import DesignSearchSection
+from steelyard.report.sections.design_shown import DesignShownSection
+from steelyard.report.sections.design_tool import DesignToolSection
+from steelyard.report.sections.design_verdict import DesignVerdictSection
 from steelyard.report.sections.drives import DrivesSection
 from steelyard.report.sections.effort import EffortSection
 from steelyard.report.sections.friction import FrictionSection
@@ -34,3 +43,24 @@ SECTIONS: tuple[Section, ...] = (
     QualitySection(),
     SettingsSection(),
 )
+
+DESIGN_SECTIONS: tuple[Section, ...] = (
+    DesignVerdictSection(),
+    DesignJointsSection(),
+    DesignToolSection(),
+    DesignShownSection(),
+    DesignAdviceSection(),
+    DesignProofSection(),
+    DesignSearchSection(),
+    DesignRunSection(),
+)
+"""Sections about a designed motion."""
+
+
+def sections_of(content: ReportContent) -> tuple[Section, ...]:
+    """The sections of a page; one about a motion alone has no verdict on a model."""
+    if content.design is None:
+        return SECTIONS
+    if content.identified is None:
+        return (*DESIGN_SECTIONS, SettingsSection())
+    return (*SECTIONS, *DESIGN_SECTIONS)

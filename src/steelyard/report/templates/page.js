@@ -129,7 +129,9 @@ function drawPictures() {
 
   function layout(figure) {
     const own = figure.layout || {};
-    const more = own.xaxis2 ? { xaxis2: { ...grid, zeroline: false, ...own.xaxis2 } } : {};
+    const more = Object.fromEntries(Object.entries(own).map(([name, value]) => [
+      name, /^[xy]axis\d/.test(name) ? { ...grid, zeroline: false, ...value } : value,
+    ]));
     return {
       showlegend: figure.traces.length > 1, legend: { orientation: "h", y: 1.02, yanchor: "bottom" },
       dragmode: touch ? false : "zoom", margin: { l: 58, r: 8, t: 8, b: 40 }, autosize: true,
@@ -137,9 +139,9 @@ function drawPictures() {
       font: {
         family: getComputedStyle(document.body).fontFamily, size: 12, color: colour("soft"),
       },
+      ...more,
       xaxis: { ...grid, zeroline: false, title: { text: figure.x, standoff: 6 }, ...own.xaxis },
       yaxis: { ...grid, title: { text: figure.y, standoff: 4 }, ...own.yaxis },
-      ...more,
     };
   }
 
