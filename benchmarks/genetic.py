@@ -15,7 +15,6 @@ import numpy as np
 
 from steelyard.estimation.estimate import Estimate
 from steelyard.estimation.fields import FoundFields, find_fields
-from steelyard.search.genetic import evolved
 from steelyard.estimation.least_squares import WeightedLeastSquares
 from steelyard.kernel.dynamics import JointState
 from steelyard.model import Model
@@ -24,6 +23,7 @@ from steelyard.regression.accumulate import Accumulator, Stretch
 from steelyard.regression.information import Information, Stamp, Window
 from steelyard.regression.regressor import Regressor, base_regressor
 from steelyard.robot.robot import Coordinate, Robot
+from steelyard.search.genetic import evolved
 from steelyard.terms.coulomb import Coulomb
 from steelyard.terms.find import Find
 from steelyard.terms.stribeck import Stribeck

@@ -46,6 +46,8 @@ from steelyard.terms.rigid_body import RigidBody  # noqa: E402
 from steelyard.terms.viscous import Viscous  # noqa: E402
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+from design import designs  # noqa: E402
+
 from cvxpy_oracle import cvxpy_problem, solved  # noqa: E402
 from oracles import pinocchio_model  # noqa: E402
 
@@ -333,6 +335,7 @@ def main() -> int:
         *accuracy_rows(found),
         *consistent_rows(found),
         *comparison(best, range(5)),
+        *designs(),
         *memory_rows(),
     ]
     for name, figure, bound, holds in rows:

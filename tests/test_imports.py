@@ -37,6 +37,7 @@ ONE_FILE = {
     "llvmlite": {"kernel/machine.py"},
     "plotly": {"report/html.py"},
     "jinja2": {"report/html.py"},
+    "viser": {"report/replay.py"},
     "pydantic": {
         "robot/excitation_schema.py",
         "robot/schema.py",

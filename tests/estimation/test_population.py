@@ -14,7 +14,6 @@ from steelyard.estimation.box import Box, base_bounds
 from steelyard.estimation.cma_es import CmaEs
 from steelyard.estimation.estimate import Estimate
 from steelyard.estimation.genetic import Genetic
-from steelyard.search.genetic import evolved
 from steelyard.estimation.least_squares import WeightedLeastSquares
 from steelyard.estimation.prior import default_knowledge
 from steelyard.estimation.register import ESTIMATORS, Context
@@ -24,6 +23,7 @@ from steelyard.progress import Event, Stopped
 from steelyard.regression.accumulate import Accumulator, Stretch
 from steelyard.regression.information import Information, Stamp, Window
 from steelyard.regression.regressor import base_regressor
+from steelyard.search.genetic import evolved
 from steelyard.terms.coulomb import Coulomb
 from steelyard.terms.offset import Offset
 from steelyard.terms.rigid_body import RigidBody

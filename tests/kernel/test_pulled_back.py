@@ -63,8 +63,10 @@ def drafted(seed: int) -> tuple[Program, list[Values]]:
     x, y = draft.random.normal(size=(3, 9000)), draft.random.normal(size=(2, 9000))
     shared = draft.random.normal(size=2)
     distance = np.abs(run(draft.program(draft.kinks), [x, y, shared]))
-    never = (distance == 0.0).all(axis=1, keepdims=True)
+    never = np.ptp(distance, axis=1, keepdims=True) == 0.0
     far = np.flatnonzero(((distance > FAR) | never).all(axis=0))[:20]
+    if len(far) < 5:
+        return drafted(seed + 1000)
     return draft.program(outputs), [x[:, far], y[:, far], shared]
 
 
@@ -89,7 +91,7 @@ def differences(program: Program, inputs: list[Values], seeds: Values, array: in
 def test_random_programs(seed: int) -> None:
     program, inputs = drafted(seed)
     count = inputs[0].shape[1]
-    assert count >= 5 and {s.operation for s in program.steps} >= {*UNARY, *BINARY}
+    assert {s.operation for s in program.steps} >= {*UNARY, *BINARY}
     seeds = np.random.default_rng(seed).normal(size=(len(program.outputs), count))
     back = pulled_back(program, (1, 0, 2))
     assert back.inputs == (*program.inputs, Array("seeds", len(program.outputs)))

@@ -13,6 +13,7 @@ from steelyard.cli.identify import identify
 from steelyard.cli.init import init
 from steelyard.cli.log import log
 from steelyard.cli.payload import payload
+from steelyard.cli.replay import replay
 from steelyard.cli.simulate import simulate
 from steelyard.cli.validate import validate
 
@@ -25,7 +26,19 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for command in (init, check, excite, identify, validate, compare, payload, export, simulate, demo):
+for command in (
+    init,
+    check,
+    excite,
+    identify,
+    validate,
+    compare,
+    payload,
+    export,
+    simulate,
+    replay,
+    demo,
+):
     app.command()(command)
 
 app.add_typer(log)

@@ -4,7 +4,6 @@ import json
 import os
 import time
 from contextlib import nullcontext
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,14 +15,14 @@ from steelyard.cli.options import Json, Output, RobotArgument, Seed
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from steelyard.estimation.identified import IdentifiedModel
     from steelyard.excitation.designed import Designed
-    from steelyard.excitation.earlier import Earlier
     from steelyard.progress import Event, Progress
-    from steelyard.robot.robot_file import LoadedRobot
 
 BUDGET = 10.0
 """Seconds of a design, if none are given."""
+
+UNPROVEN = 1
+"""Exit code where a limit or a constraint is not proven."""
 
 
 @guarded
@@ -32,9 +31,9 @@ def excite(
     motion: Annotated[
         str | None,
         typer.Option(
-            help="Kind of motion: fourier, raw_fourier, blended_fourier, ramped_fourier, spline and "
-            "reaching are optimised; pick_and_place, square, waypoints, sweeps, postures and replay are "
-            "planned. By the robot file, or fourier.",
+            help="Kind of motion: fourier, raw_fourier, blended_fourier, ramped_fourier, spline "
+            "or reaching are optimised; pick_and_place, square, waypoints, sweeps, postures and "
+            "replay are planned. By the robot file, or fourier.",
             metavar="KIND",
         ),
     ] = None,
@@ -99,23 +98,26 @@ def excite(
 
     Limits, tool box, obstacles and what is to be shown stand in the robot file under
     [excitation]. Writes trajectory.json, certificate.json, trajectory.csv and report.html. Ctrl-C
-    ends the search and keeps the best motion so far.
+    ends the search and keeps the best motion so far. Exit code 1: a planned motion is written, but
+    does not keep everything.
 
     Example: steelyard excite panda.toml --budget 20 -o panda-motion
     """
     from rich.console import Console
 
     from steelyard.cli import interrupt, river
+    from steelyard.cli.motion_wanted import asked, earlier_of, identified_before, refuse_formats
     from steelyard.cli.show import progress_bar
     from steelyard.excitation.design import design
     from steelyard.excitation.families import FAMILIES
     from steelyard.excitation.runner import Effort
     from steelyard.files import whole_folder
+    from steelyard.model import Model
+    from steelyard.progress import Stopped
     from steelyard.report.design_terminal import design_summary
     from steelyard.robot.robot_file import load_robot
 
     begun = time.monotonic()
-    known = None if earlier is None else _identified(earlier)
     loaded = asked(
         load_robot(robot),
         motion=motion,
@@ -125,63 +127,42 @@ def excite(
         method=method,
         still_unknown=still_unknown,
     )
-    model = river.with_friction(river.model_of(loaded), loaded) if known is None else known.model
+    known = None if earlier is None else identified_before(earlier, loaded)
+    model = river.with_friction(river.model_of(loaded), loaded)
+    if known is not None:
+        model = Model(loaded.robot, known.model.terms)
+    forms = ("csv", *(formats or ()))
+    refuse_formats(loaded, forms, rate)
     folder = river.new_folder(output, f"steelyard-{Path(robot).stem}-motion")
     effort = Effort(budget, searches, processes or os.cpu_count() or 1, seed)
     searched = loaded.excitation.motion.kind in FAMILIES
-    with progress_bar() as progress, whole_folder(folder) as part:
-        with interrupt.quietly() if searched else nullcontext():
-            designed = design(
-                loaded,
-                model,
-                effort,
-                earlier=None if known is None else earlier_of(known),
-                progress=_ending(progress) if searched else progress,
-                since=begun,
-            )
-        files = write_design(designed, part, ("csv", *(formats or ())), rate)
-        interrupt.too_late()
+    try:
+        with progress_bar() as progress, whole_folder(folder) as part:
+            with interrupt.quietly() if searched else nullcontext():
+                designed = design(
+                    loaded,
+                    model,
+                    effort,
+                    earlier=None if known is None else earlier_of(known),
+                    progress=_ending(progress) if searched else progress,
+                    since=begun,
+                )
+                if not designed.stopped:
+                    interrupt.answered()
+            files = write_design(designed, part, forms, rate)
+            interrupt.too_late()
+    except Stopped:
+        interrupt.leave()
     written = {name: str(folder / path) for name, path in files.items()}
     if as_json:
         typer.echo(json.dumps(results(designed) | {"files": written}, allow_nan=False))
-        return
-    design_summary(designed, Console())
-    typer.echo("")
-    for name, path in written.items():
-        typer.echo(f"{name:<12} {path}")
-
-
-def asked(loaded: "LoadedRobot", **options: Any) -> "LoadedRobot":
-    """The robot with what options say in the place of its `[excitation]` tables.
-
-    Raises:
-        DataError: An option does not fit the kind of motion.
-    """
-    from steelyard.errors import DataError
-    from steelyard.robot.excitation_schema import changed_excitation
-
-    try:
-        section = changed_excitation(loaded.excitation, **options)
-    except ValueError as error:
-        raise DataError(
-            str(error), where="options of steelyard excite", mend="see steelyard excite --help"
-        ) from None
-    return replace(loaded, excitation=section)
-
-
-def earlier_of(identified: "IdentifiedModel") -> "Earlier":
-    """What an identified model knows for the design of a motion."""
-    from steelyard.excitation.earlier import Earlier
-
-    estimate = identified.estimate
-    return Earlier(
-        estimate.sigma,
-        identified.cutoffs.matched,
-        estimate.parameters.names,
-        estimate.parameters.values,
-        estimate.covariance,
-        estimate.values.as_dict(),
-    )
+    else:
+        design_summary(designed, Console())
+        typer.echo("")
+        for name, path in written.items():
+            typer.echo(f"{name:<12} {path}")
+    if not designed.certificate.holds:
+        raise typer.Exit(UNPROVEN)
 
 
 def write_design(
@@ -231,12 +212,6 @@ def results(designed: "Designed") -> dict[str, Any]:
         "noise": designed.noise_from,
         "notes": list(designed.notes),
     }
-
-
-def _identified(path: Path) -> "IdentifiedModel":
-    from steelyard.estimation.identified import load_model
-
-    return load_model(path)
 
 
 def _ending(progress: "Progress") -> "Progress":

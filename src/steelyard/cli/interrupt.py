@@ -24,7 +24,7 @@ class Interrupted(BaseException):
 @dataclass
 class _State:
     installed: bool = False
-    asked: bool = False
+    asked: int = 0
     quiet: bool = False
 
 
@@ -40,7 +40,7 @@ def install() -> None:
 
 def asked() -> bool:
     """Whether Ctrl-C has been pressed."""
-    return _state.asked
+    return _state.asked > 0
 
 
 def check() -> None:
@@ -49,7 +49,7 @@ def check() -> None:
     Raises:
         Interrupted: It has.
     """
-    if _state.asked:
+    if asked():
         raise Interrupted
 
 
@@ -57,7 +57,7 @@ def check() -> None:
 def quietly() -> Iterator[None]:
     """Inside, Ctrl-C is only noted, for work that looks at `asked` and keeps what it has.
 
-    Until it is `answered`: from then on a new one stops the program as elsewhere.
+    Pressed again, or after it was `answered`, it stops the program as elsewhere.
     """
     _state.quiet = True
     try:
@@ -67,8 +67,8 @@ def quietly() -> Iterator[None]:
 
 
 def answered() -> None:
-    """What is done is kept: the request has its answer, and only a new one stops what follows."""
-    _state.asked = _state.quiet = False
+    """What is done is kept: one request has its answer, and only another one stops what follows."""
+    _state.asked, _state.quiet = max(_state.asked - 1, 0), False
 
 
 def too_late() -> None:
@@ -104,8 +104,8 @@ def leave() -> None:
 
 
 def _note(number: int, frame: FrameType | None) -> None:
-    _state.asked = True
-    if not _state.quiet:
+    _state.asked += 1
+    if _state.asked > 1 or not _state.quiet:
         raise Interrupted
 
 

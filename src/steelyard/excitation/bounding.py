@@ -1,13 +1,14 @@
 r"""What holds at all times of a motion: bounds over stretches of time, and their refinement.
 
-Between two breaks a motion is smooth and its jerk bounded, $|\dddot q| \le J$, so within $r$ of a
-stretch's middle
+Between two breaks a motion is smooth and its snap bounded, $|q^{(4)}| \le S$, so within $r$ of a
+stretch's middle the jerk is at most $J = |\dddot q_m| + S r$, or what it is over all times, and
 
 $$|q - q_m| \le |\dot q_m| r + |\ddot q_m| r^2/2 + J r^3/6, \quad
   |\dot q - \dot q_m| \le |\ddot q_m| r + J r^2/2, \quad |\ddot q - \ddot q_m| \le J r.$$
 
 A least margin is proven by bounding it over every stretch, and again over parts of those
-stretches whose bound is still too far below the least margin that was seen at a middle.
+stretches whose bound is still too far below the least margin that was seen at a middle. Where that
+margin is small but kept, it is the sign that counts: half of it is too far then.
 """
 
 from collections.abc import Callable, Sequence
@@ -30,6 +31,7 @@ MOST = 100_000
 
 _PIECES = 8
 _ROUNDING = 1e-12
+_FINEST = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +88,8 @@ class Course:
         self._least = [low[:, None] - r for (low, _), r in zip(ends, self._rounding, strict=True)]
         self._most = [high[:, None] + r for (_, high), r in zip(ends, self._rounding, strict=True)]
         self._jerk = sizes[3] + self._rounding[3]
+        snap = np.maximum(*(np.abs(end) for end in trajectory.extremes(4)))[:, None]
+        self._snap = (1.0 + _ROUNDING) * snap
 
     def edges(self, count: int) -> Array:
         """Times from start to end, the breaks and about `count` more, ascending."""
@@ -110,20 +114,20 @@ class Course:
         half = 0.5 * (end - start) * (1.0 + 1e-9) + 1e-15 * self.duration
         at = tuple(self._trajectory.derivative(middle, order).T for order in range(4))
         reach = self._reach(at, half)
-        away = [r + s for r, s in zip(reach, self._rounding, strict=False)]
-        away.append(np.full_like(away[0], np.inf))
+        away = [r + s for r, s in zip(reach, self._rounding, strict=True)]
         lower = tuple(np.maximum(x - a, g) for x, a, g in zip(at, away, self._least, strict=True))
         upper = tuple(np.minimum(x + a, g) for x, a, g in zip(at, away, self._most, strict=True))
         return Stretches(middle, half, at, lower, upper, self._rounding)
 
     def _reach(self, at: Sequence[Array], half: Array) -> list[Array]:
-        """How far position, velocity and acceleration come from the middle's, each `(n, B)`."""
-        _, speed, bend, _ = (np.abs(x) + r for x, r in zip(at, self._rounding, strict=True))
-        jerk = self._jerk
+        """How far position, velocity, acceleration and jerk come from the middle's, `(n, B)`."""
+        _, speed, bend, jerk = (np.abs(x) + r for x, r in zip(at, self._rounding, strict=True))
+        jerk = np.minimum(jerk + half * self._snap, self._jerk)
         reach = [
             half * (speed + half * (bend / 2.0 + half * jerk / 6.0)),
             half * (bend + half * jerk / 2.0),
             half * jerk,
+            half * self._snap,
         ]
         return [x * (1.0 + 1e-9) for x in reach]
 
@@ -141,7 +145,8 @@ def proven_minimum(
     Args:
         trajectory: The motion.
         bound: Margins at the middles of stretches and all over them.
-        tolerance: How far below the least margin at a middle the bound may stay, shape `(k,)`.
+        tolerance: How far below the least margin at a middle the bound may stay, shape `(k,)`; a
+            fiftieth of it where that tells whether the margin is kept.
         progress: Told of every round.
         phase: What it is told.
         count: Stretches to begin with.
@@ -163,7 +168,7 @@ def proven_minimum(
         tell(progress, phase, done, course.duration)
         values, lower = bound(course.stretches(start, end))
         seen = np.minimum(seen, values.min(axis=1))
-        spare = values - (seen - tolerance)[:, None]
+        spare = values - goals(seen, tolerance)[:, None]
         with np.errstate(invalid="ignore", divide="ignore"):
             ratio = ((values - lower) / spare).max(axis=0)
         open_ = ~(ratio <= 1.0)
@@ -176,6 +181,12 @@ def proven_minimum(
         done += float((end - start)[~open_].sum())
         start, end = _parts(start[open_], end[open_], pieces[open_])
     return proven
+
+
+def goals(seen: Array, tolerance: Array) -> Array:
+    """The bounds of margins that are good enough, from the least margins seen, shape `(k,)`."""
+    sharp = np.clip(0.5 * seen, _FINEST * tolerance, tolerance)
+    return seen - np.where(seen > 0.0, sharp, tolerance)
 
 
 def _parts(start: Array, end: Array, pieces: NDArray[np.int_]) -> tuple[Array, Array]:

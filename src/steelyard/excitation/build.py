@@ -12,7 +12,7 @@ from steelyard.errors import DataError
 from steelyard.excitation.criteria import KINDS
 from steelyard.excitation.criteria_measure import Measure
 from steelyard.excitation.earlier import Earlier
-from steelyard.excitation.families import FAMILIES, per_joint
+from steelyard.excitation.families import basis_of, per_joint
 from steelyard.excitation.limits import DEFAULT_ACCELERATION, MotionLimits, motion_limits
 from steelyard.excitation.load import load_numbers
 from steelyard.excitation.objective import Case
@@ -89,13 +89,7 @@ def build(loaded: LoadedRobot, model: Model, earlier: Earlier | None = None) -> 
         ModelError: A frame or a shape is missing.
     """
     section = loaded.excitation
-    kind = section.motion.kind
-    try:
-        basis = FAMILIES[kind](section.motion, loaded.robot)
-    except ValueError as error:
-        raise DataError(
-            str(error), where="[excitation.motion]", mend="change that number"
-        ) from error
+    basis = basis_of(section.motion, loaded.robot)
     model, notes = memoryless(model)
     limits = limits_of(loaded.robot, section.limits)
     constraints, more = constraints_of(loaded, model, limits, earlier)
@@ -191,6 +185,12 @@ def weights_of(wanted: CriterionSection, robot: Robot, earlier: Earlier | None) 
                 where=where,
                 mend="give one number per joint, none of them negative, some above zero",
             )
+        if wanted.after_earlier:
+            raise DataError(
+                "weights of the joints are given, but what earlier runs know counts in their noise",
+                where=where,
+                mend="leave out the weights, or after_earlier",
+            )
         return frozen(wanted.weights)
     if wanted.weights == "noise":
         return _needed(earlier, "weights").weights
@@ -248,4 +248,10 @@ def _chosen(wanted: Sequence[str], model: Model) -> tuple[int, ...]:
                 mend=advice(name, [*laws, *base.base_names], "laws and parameters"),
             )
         found |= laws.get(name, {name})
+    if not found & set(base.base_names):
+        raise DataError(
+            f"nothing that torque shows is chosen by {list(wanted)}",
+            where="[excitation.criterion] chosen",
+            mend="choose laws or parameters among " + ", ".join([*laws, *base.base_names]),
+        )
     return tuple(k for k, name in enumerate(base.base_names) if name in found)

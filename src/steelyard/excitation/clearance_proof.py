@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
+from steelyard.excitation.bounding import goals
 from steelyard.excitation.exact import ExactTrajectory
 from steelyard.excitation.poses import Poses
 from steelyard.excitation.reach import rates
@@ -67,6 +68,7 @@ def proven_distances(
     trajectory: ExactTrajectory,
     owner: Indices,
     enough: Array,
+    kept: Array,
     *,
     tolerance: float = TOLERANCE,
     progress: Progress = silent,
@@ -79,6 +81,7 @@ def proven_distances(
         trajectory: The motion.
         owner: The pair that each way belongs to, shape `(W,)`.
         enough: Distances beyond which a bound need not be sharp, shape `(k,)` [m].
+        kept: Distances that must be kept: near above them, bounds are sharper, shape `(k,)` [m].
         tolerance: How far below the least distance a bound may be otherwise [m].
         progress: Told of the share of the time that is done.
 
@@ -93,12 +96,12 @@ def proven_distances(
         pair = owner[work.ways]
         bound, gap, slack = search.bounds(work, enough[pair])
         np.minimum.at(least, pair, gap)
-        goal = np.minimum(enough, least - tolerance)[pair]
+        goal = np.minimum(enough, goals(least - kept, np.full(len(kept), tolerance)) + kept)[pair]
         used += len(work.ways)
         good = (bound >= goal) | (used > MOST)
         np.minimum.at(proven, pair[good], bound[good])
         with np.errstate(divide="ignore", over="ignore"):
-            wanted = np.ceil(slack / np.maximum(gap - goal, 0.25 * tolerance))
+            wanted = np.ceil(slack / np.maximum(gap - goal, 0.01 * tolerance))
         pieces = np.clip(wanted, 2, _PIECES).astype(np.intp)
         work = work.at(~good).cut(pieces[~good])
         tell(progress, "proving clearances", total - float(work.half.sum()), total)

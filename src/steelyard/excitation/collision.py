@@ -162,7 +162,7 @@ class Clearance:
         """
         enough = self.wanted + self.room
         found = proven_distances(
-            self.robot, self.scene, trajectory, self._owner, enough, progress=progress
+            self.robot, self.scene, trajectory, self._owner, enough, self.wanted, progress=progress
         )
         return found - self.wanted
 

@@ -20,9 +20,12 @@ from steelyard.excitation.limits import MotionLimits
 from steelyard.excitation.objective import Case
 from steelyard.excitation.plans import planned
 from steelyard.excitation.possible import refuse_impossible
+from steelyard.excitation.register import method_of
 from steelyard.excitation.runner import Effort, Harvest, harvested
 from steelyard.excitation.shown import Shown, shown
+from steelyard.excitation.starts import NoMotion
 from steelyard.excitation.walled import constraints_of, tool_of
+from steelyard.excitation.widening import explained
 from steelyard.model import Model
 from steelyard.progress import Progress, silent
 from steelyard.robot.robot_file import LoadedRobot
@@ -38,6 +41,9 @@ FINISH = 0.15
 
 RESERVE = 0.03
 """Share of the time that the certificate and the files get."""
+
+HURRY = 1.0
+"""Time for polishing after the user has ended the search [s]."""
 
 _FIRST = 0.5
 
@@ -76,7 +82,7 @@ def design(
     Raises:
         DataError: The tables allow no motion; says what would have to be changed.
         ModelError: A frame or a shape is missing.
-        Stopped: `progress` asked to stop a motion that is planned.
+        Stopped: `progress` asked to stop before any motion was found.
     """
     begun = time.monotonic() if since is None else since
     kind = loaded.excitation.motion.kind
@@ -93,20 +99,32 @@ def _searched(
     progress: Progress,
     begun: float,
 ) -> _Motion:
+    method_of(loaded.excitation.search.method)
     problem = build(loaded, model, earlier)
     refuse_impossible(problem, loaded)
     problem.objective(problem.basis.still(np.zeros(problem.robot.n)), 1.0)
     left = (1.0 - FINISH) * effort.seconds - (time.monotonic() - begun)
-    harvest = harvested(
-        Recipe.of(loaded, model, earlier),
-        problem,
-        loaded.excitation.search.method,
-        replace(effort, seconds=max(left, _FIRST)),
-        progress,
-    )
-    best = finished(problem, [f.x for f in harvest.best], begun + (1.0 - RESERVE) * effort.seconds)
+    deadline = begun + (1.0 - RESERVE) * effort.seconds
+    try:
+        harvest = harvested(
+            Recipe.of(loaded, model, earlier),
+            problem,
+            loaded.excitation.search.method,
+            replace(effort, seconds=max(left, _FIRST)),
+            progress,
+        )
+        if harvest.stopped:
+            deadline = min(deadline, time.monotonic() + HURRY)
+        best = finished(problem, [f.x for f in harvest.best], deadline)
+    except NoMotion as error:
+        raise explained(problem, error) from None
+    notes = problem.notes
+    if harvest.lost:
+        notes += (
+            f"{harvest.lost} of {effort.useful} processes that search were ended from outside",
+        )
     return _Motion(
-        best.trajectory, problem.cases, problem.limits, problem.constraints, harvest, problem.notes
+        best.trajectory, problem.cases, problem.limits, problem.constraints, harvest, notes
     )
 
 
@@ -162,7 +180,7 @@ def _described(
         values={} if earlier is None else dict(zip(earlier.names, earlier.values, strict=True)),
         advice=_advice(seen, motion, weights, prior),
         tool=tool_of(section.workspace, robot),
-        notes=motion.notes,
+        notes=(*loaded.notes, *motion.notes),
     )
 
 

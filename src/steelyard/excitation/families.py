@@ -106,6 +106,18 @@ FAMILIES: Mapping[str, Callable[[Any, Robot], Basis]] = MappingProxyType(
 """Families that are searched; all other kinds of motion are planned, see `plans`."""
 
 
+def basis_of(section: Any, robot: Robot) -> Basis:
+    """The family of motions that a table describes.
+
+    Raises:
+        DataError: Its numbers do not fit each other or the robot.
+    """
+    try:
+        return FAMILIES[section.kind](section, robot)
+    except ValueError as error:
+        raise DataError(str(error), where=_WHERE, mend="change that number") from error
+
+
 def per_joint(given: Any, robot: Robot, what: str, default: Array) -> Array:
     """Numbers by joint, from one for all, a list, or a table that changes some of the defaults.
 

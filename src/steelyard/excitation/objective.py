@@ -68,6 +68,11 @@ class Objective:
                     result += part @ shape
         return value, result
 
+    def value(self, x: Array, sharpness: float) -> float:
+        """The smooth criterion alone, for searches that take no slopes."""
+        pairs = [(c.criterion, s.gram) for c, s in zip(self.cases, self.seen(x), strict=True)]
+        return worst(pairs, sharpness)[0]
+
     def seen(self, x: Array) -> list[Seen]:
         """What the samples show, load by load."""
         q, dq, ddq = (

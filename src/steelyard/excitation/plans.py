@@ -5,18 +5,24 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+
 from steelyard.errors import DataError
 from steelyard.excitation.attitudes import AnyAttitude, Pointing
 from steelyard.excitation.exact import ExactTrajectory
 from steelyard.excitation.families import posture_of
 from steelyard.excitation.files import read_motion
 from steelyard.excitation.limits import MotionLimits
+from steelyard.excitation.markers import Marker
 from steelyard.excitation.moves import ToolLimits
 from steelyard.excitation.process import Box, PickAndPlace, Process, Square, Waypoints
+from steelyard.excitation.slowed import SlowedMotion
 from steelyard.excitation.sweeps import friction_sweeps, static_postures
 from steelyard.excitation.tour import Manner
 from steelyard.excitation.walled import tool_of
+from steelyard.kernel.kinematics import frame_of
 from steelyard.robot.excitation_schema import BoxSpans
+from steelyard.robot.robot import Frame, Robot
 from steelyard.robot.robot_file import LoadedRobot
 
 Planned = tuple[ExactTrajectory, tuple[str, ...]]
@@ -26,9 +32,19 @@ Plan = Callable[[Any, LoadedRobot, MotionLimits, int], Planned]
 
 
 def _process(task: Process, loaded: LoadedRobot, limits: MotionLimits, seed: int) -> Planned:
-    frame = tool_of(loaded.excitation.workspace, loaded.robot).frame
-    motion = task.plan(loaded.robot, limits, frame, seed=seed)
+    robot, frame = with_tool_point(loaded.robot, tool_of(loaded.excitation.workspace, loaded.robot))
+    motion = task.plan(robot, limits, frame, seed=seed)
     return motion.trajectory, (motion.summary,)
+
+
+def with_tool_point(robot: Robot, tool: Marker) -> tuple[Robot, str]:
+    """The robot with a frame at the tool's point, and the frame's name."""
+    if not tool.offset.any():
+        return robot, tool.frame
+    frame = frame_of(robot, tool.frame)
+    place = frame.position + frame.rotation @ tool.offset
+    point = Frame(tool.title, frame.body, frame.rotation, place)
+    return robot.changed(frames=(*robot.frames, point)), tool.title
 
 
 def _manner(s: Any, path: str) -> Manner:
@@ -119,8 +135,16 @@ def planned(loaded: LoadedRobot, limits: MotionLimits, seed: int) -> Planned:
     """
     section = loaded.excitation.motion
     try:
-        return PLANS[section.kind](section, loaded, limits, seed)
+        motion, said = PLANS[section.kind](section, loaded, limits, seed)
     except ValueError as error:
         raise DataError(
             str(error), where="[excitation.motion]", mend="change that number"
         ) from error
+    if limits.jerk is None or section.kind == "replay":
+        return motion, said
+    least, most = motion.extremes(3)
+    excess = float(np.max(np.maximum(-least, most) / limits.jerk))
+    if excess <= 1.0:
+        return motion, said
+    ratio = excess ** (-1.0 / 3.0) * (1.0 - 1e-9)
+    return SlowedMotion(motion, ratio), (*said, f"slowed to {ratio:.2g} of its speed by its jerk")

@@ -50,12 +50,16 @@ class _Genes:
         """Number of variables."""
         return len(self.units) + self.units.size
 
+    def still(self, genes: Array) -> Array:
+        """Coefficients of standing at the posture."""
+        limits = self.problem.limits
+        middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
+        return self.problem.basis.still(middle + _INSIDE * half * genes[: len(half)])
+
     def motion(self, genes: Array) -> Array | None:
         """Coefficients of a motion inside the walls; `None` if its posture is not free."""
         walls, n = self.problem.walls, len(self.units)
-        limits = walls.limits
-        middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
-        still = walls.basis.still(middle + _INSIDE * half * genes[:n])
+        still = self.still(genes)
         if walls.worst(still) <= 0.0:
             return None
         change = self.units * genes[n:].reshape(self.units.shape)
@@ -68,15 +72,20 @@ class _Genes:
                 return None
         return np.asarray(still + factor * change)
 
-    def costs(self, watch: Watch) -> Callable[[Array], Array]:
-        """The criterion of many sets of genes, shape `(B, k)` to `(B,)`; shrunk into the walls."""
-        best = [np.inf]
+    def costs(self, watch: Watch, start: Array) -> Callable[[Array], Array]:
+        """The criterion of many sets of genes, shape `(B, k)` to `(B,)`; shrunk into the walls.
+
+        Where a posture is not free, what it lacks leads out. Whatever is better than `start` and
+        all before is told to `watch`.
+        """
+        best = [self.problem.objective(start, SHARPNESS)[0]]
 
         def cost(genes: Array) -> float:
             x = self.motion(genes)
             if x is None:
-                return NOTHING
-            value = min(self.problem.objective(x, SHARPNESS)[0], NOTHING)
+                lack = -self.problem.walls.worst(self.still(genes))
+                return NOTHING + min(max(lack, 0.0), NOTHING)
+            value = min(self.problem.objective.value(x, SHARPNESS), NOTHING)
             if value < best[0]:
                 best[0] = value
                 watch(x)
@@ -86,7 +95,7 @@ class _Genes:
 
 
 NOTHING = 50.0
-"""Cost of a motion that is not free or shows too little: that of a condition number of 5e21."""
+"""Cost of a motion that shows too little, that of a condition number of 5e21; more if not free."""
 
 
 @dataclass(frozen=True)
@@ -107,8 +116,8 @@ class GeneticSearch:
 
         genes = _Genes.of(problem)
         last = _Last(random_starts(problem.walls, random, 1)[0], watch)
-        found = evolved(
-            genes.costs(last),
+        evolved(
+            genes.costs(last, last.x),
             -np.ones(genes.count),
             np.ones(genes.count),
             population=self.population,
@@ -116,8 +125,7 @@ class GeneticSearch:
             seed=int(random.integers(2**31)),
             progress=last.progress,
         )
-        x = genes.motion(found.values)
-        return last.x if x is None else x
+        return last.x
 
 
 @dataclass(frozen=True)
@@ -136,16 +144,15 @@ class CmaEsSearch:
 
         genes = _Genes.of(problem)
         last = _Last(random_starts(problem.walls, random, 1)[0], watch)
-        found = adapted(
-            genes.costs(last),
+        adapted(
+            genes.costs(last, last.x),
             -np.ones(genes.count),
             np.ones(genes.count),
             evaluations=self.evaluations,
             random=random,
             progress=last.progress,
         )
-        x = genes.motion(found.values)
-        return last.x if x is None else x
+        return last.x
 
 
 class _Last:

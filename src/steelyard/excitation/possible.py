@@ -1,6 +1,7 @@
 """What allows no motion is said before a search, with the smallest change that would work."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -9,16 +10,22 @@ from steelyard.errors import DataError
 from steelyard.excitation.constraint import Constraint
 from steelyard.excitation.families import posture_of
 from steelyard.excitation.limits import MotionLimits
-from steelyard.excitation.minimum_jerk import reach_seconds
 from steelyard.excitation.problem import Problem
 from steelyard.excitation.starts import Standing, nearest_free, postures, standing
+from steelyard.excitation.walls import bounds
+from steelyard.excitation.widening import SIZE, lacking, names, rounded_up, widen
 from steelyard.robot.robot import Robot
 from steelyard.robot.robot_file import LoadedRobot
 
 LEAST_SWING = {"revolute": 2e-3, "prismatic": 5e-4}
 """Amplitude [rad; m] of the highest harmonic below which a series shows next to nothing."""
 
+TIMES = ("period", "duration", "move", "blend", "ramp")
+"""Keys of the motion's table that say how fast it is [s]."""
+
 _ROOM = 1e-6
+_SPARE = 0.02
+_AROUND = np.repeat([0.05, 0.1, 0.2, 0.4, 0.8], 3)
 _WHERE = "[excitation.motion]"
 
 
@@ -33,9 +40,7 @@ def refuse_impossible(problem: Problem, loaded: LoadedRobot) -> None:
         DataError: Says what is impossible, by how much, and the smallest change that would work.
     """
     section, robot, limits = loaded.excitation.motion, problem.robot, problem.limits
-    harmonics = getattr(section, "harmonics", None)
-    if harmonics is not None:
-        _refuse_short(robot, limits, getattr(section, "period", 0.0), harmonics)
+    _refuse_short(problem, section)
     ends = [posture_of(getattr(section, key, None), robot, key) for key in ("start", "end")]
     for key, posture in zip(("start", "end"), ends, strict=True):
         if posture is not None:
@@ -43,41 +48,57 @@ def refuse_impossible(problem: Problem, loaded: LoadedRobot) -> None:
             _refuse_lacking(limits, problem.constraints, posture, key)
     start, end = ends
     if start is not None and end is not None:
-        needed = reach_seconds(end - start, limits.velocity, limits.acceleration)
-        if needed > problem.basis.duration:
-            raise DataError(
-                f"to get from the start to the end posture within the limits takes {needed:.3g} s, "
-                f"the motion has {problem.basis.duration:.3g} s",
-                where=_WHERE,
-                mend=f"give it more than {_up(needed)} s, or postures that are nearer",
-            )
+        _refuse_far(problem, start)
     if start is None:
-        _refuse_nowhere(limits, problem.constraints)
+        _refuse_nowhere(problem)
 
 
-def _refuse_short(robot: Robot, limits: MotionLimits, period: float, harmonics: int) -> None:
-    """A period so short that accelerations leave the highest harmonic next to nothing."""
+def _refuse_short(problem: Problem, section: Any) -> None:
+    """Times so short that the limits leave the highest frequency next to nothing."""
+    robot, limits, highest = problem.robot, problem.limits, problem.basis.highest
     least = np.array([LEAST_SWING[joint.kind] for joint in robot.coordinates])
-
-    def enough(rate: float) -> bool:
-        swing = np.minimum(limits.velocity / rate, limits.acceleration / rate**2)
-        return bool(np.any(swing >= least))
-
-    if enough(2.0 * np.pi * harmonics / period):
+    rates = [limits.velocity / least, np.sqrt(limits.acceleration / least)]
+    if limits.jerk is not None:
+        rates.append(np.cbrt(limits.jerk / least))
+    fastest = np.min(rates, axis=0) / (2.0 * np.pi)
+    best = int(np.argmax(fastest))
+    factor = highest / float(fastest[best])
+    if factor <= 1.0:
         return
-    fastest = float(
-        np.max(np.minimum(limits.velocity / least, np.sqrt(limits.acceleration / least)))
-    )
-    longer = _up(2.0 * np.pi * harmonics / fastest)
-    fewer = int(fastest * period / (2.0 * np.pi))
-    other = f", or no more than {fewer} harmonics" if fewer >= 2 else ""
+    joint = robot.coordinates[best]
+    times = {key: getattr(section, key) for key in TIMES if hasattr(section, key)}
+    waves = getattr(section, "harmonics", 0)
+    if "blend" in times:
+        own = {"period": waves / section.period, "blend": 1.0 / section.blend}
+        times = {key: t for key, t in times.items() if own[key] > fastest[best]}
+    longer = " and ".join(f"{key} = {rounded_up(factor * t)}" for key, t in times.items())
+    fewer = int(waves / factor)
+    other = f", or no more than {fewer} harmonics" if fewer >= 2 and "ramp" not in times else ""
+    what = f"{waves} harmonics" if "period" in times else "the motion"
     raise DataError(
-        f"a period of {period:g} s is too short for {harmonics} harmonics: at "
-        f"{harmonics / period:.3g} Hz no joint may swing by even "
-        f"{1e3 * least.min():.2g} mrad within its limits",
-        where=f"{_WHERE} period",
-        mend=f"give a period of {longer} s or more{other}",
+        f"{' and '.join(f'a {key} of {t:g} s' for key, t in times.items())} is too short for "
+        f"{what}: at {highest:.3g} Hz no joint may swing by even {least[best]:g} {joint.unit} "
+        "within its limits",
+        where=_WHERE,
+        mend=f"give {longer} s or more{other}",
     )
+
+
+def _refuse_far(problem: Problem, start: Array) -> None:
+    """An end that the time does not allow to be gone to."""
+    motion = problem.basis.motion(problem.basis.still(start))
+    ratio = 0.0
+    for order, (_, most) in enumerate(bounds(problem.limits)[1:], start=1):
+        size = np.maximum(*np.abs(motion.extremes(order)))
+        ratio = max(ratio, float(np.max(size / most)) ** (1.0 / order))
+    if ratio >= 1.0:
+        needed = ratio * motion.duration
+        raise DataError(
+            f"to get from the start to the end posture within the limits takes {needed:.3g} s, "
+            f"the motion has {motion.duration:.3g} s",
+            where=_WHERE,
+            mend=f"give it more than {rounded_up(needed)} s, or postures that are nearer",
+        )
 
 
 def _refuse_outside(robot: Robot, limits: MotionLimits, posture: Array, key: str) -> None:
@@ -91,13 +112,22 @@ def _refuse_outside(robot: Robot, limits: MotionLimits, posture: Array, key: str
         side = "below its lower" if at < 0.5 * (low + high) else "above its upper"
         limit = low if at < 0.5 * (low + high) else high
         how = f"is {beyond:.3g} {joint.unit} {side}" if beyond > 0.0 else "is on its"
+        inside = joint.limits.lower < at < joint.limits.upper
+        less = ", or less margin in [excitation.limits] position_margin" if inside else ""
         raise DataError(
             f"the {key} posture has joint '{joint.name}' at {at:.4g} {joint.unit}: that {how} "
             f"limit of {limit:.4g} {joint.unit}, which keeps the position margin",
             where=f"{_WHERE} {key}",
-            mend=f"give it between {low + room:.4g} and {high - room:.4g} {joint.unit}, or less "
-            "margin in [excitation.limits] position_margin",
+            mend=f"give it between {_inside(low, high)} {joint.unit}{less}",
         )
+
+
+def _inside(low: float, high: float) -> str:
+    """Two numbers inside a range, rounded away from its ends."""
+    digits = 3 - int(np.floor(np.log10(high - low)))
+    step, room = 10.0**-digits, _ROOM * (high - low)
+    least, most = np.ceil((low + room) / step) * step, np.floor((high - room) / step) * step
+    return f"{least:.{max(digits, 0)}f} and {most:.{max(digits, 0)}f}"
 
 
 def _refuse_lacking(
@@ -107,18 +137,18 @@ def _refuse_lacking(
     here = standing(constraints, posture)
     if not here.lacks:
         return
-    near = nearest_free(limits, constraints, posture)
+    near = _near(limits, constraints, posture)
     mend = "choose another posture"
-    if not near.lacks:
-        near = _between(constraints, posture, near)
-        mend = f"near by, {_listed(near.posture)} keeps everything"
+    if near is not None:
+        mend = f"near by, {_listed(near)} keeps everything"
     raise DataError(
         f"the {key} posture does not keep: {told(here)}", where=f"{_WHERE} {key}", mend=mend
     )
 
 
-def _refuse_nowhere(limits: MotionLimits, constraints: Sequence[Constraint]) -> None:
+def _refuse_nowhere(problem: Problem) -> None:
     """Constraints that no posture keeps."""
+    limits, constraints = problem.limits, problem.constraints
     if not constraints:
         return
     best: Standing | None = None
@@ -128,15 +158,11 @@ def _refuse_nowhere(limits: MotionLimits, constraints: Sequence[Constraint]) -> 
         if best is None or place.lacks[0][2] > best.lacks[0][2]:
             best = place
     assert best is not None
+    lacks = lacking(problem, [best.posture])
     raise DataError(
         f"no posture was found that keeps all constraints; the nearest lacks: {told(best)}",
-        where="[excitation] " + " and ".join(dict.fromkeys(c.name for c, _, _ in best.lacks)),
-        mend="widen "
-        + " and ".join(
-            f"'{label}' by {_up(1.02 * -value)} {constraint.unit} or more"
-            for constraint, label, value in best.lacks
-        )
-        + ", with some room to move on top",
+        where=f"[excitation] {names(lacks)}",
+        mend=f"{widen(lacks)}: room to get there and to move by {SIZE:.0%} of what the joints may",
     )
 
 
@@ -148,25 +174,31 @@ def told(place: Standing) -> str:
     )
 
 
-def _between(constraints: Sequence[Constraint], bad: Array, free: Standing) -> Standing:
+def _near(limits: MotionLimits, constraints: Sequence[Constraint], bad: Array) -> Array | None:
+    """The nearest posture found that keeps everything, in shares of the joints' ranges."""
+    random, half = np.random.default_rng(0), 0.5 * (limits.upper - limits.lower)
+    found: list[Array] = []
+    for size in (0.0, *_AROUND):
+        begin = bad + size * half * random.uniform(-1.0, 1.0, len(bad))
+        inside = np.clip(begin, limits.lower + 0.05 * half, limits.upper - 0.05 * half)
+        free = nearest_free(limits, constraints, inside)
+        if not free.lacks:
+            found.append(_between(constraints, bad, free.posture))
+    return min(found, key=lambda q: float(np.linalg.norm((q - bad) / half)), default=None)
+
+
+def _between(constraints: Sequence[Constraint], bad: Array, free: Array) -> Array:
     """The posture nearest to the bad one on the way to the free one."""
     low, high = 0.0, 1.0
     for _ in range(12):
         middle = 0.5 * (low + high)
-        if standing(constraints, bad + middle * (free.posture - bad)).lacks:
+        if standing(constraints, bad + middle * (free - bad)).lacks:
             low = middle
         else:
             high = middle
-    share = min(1.0, high + 0.02)
-    tried = standing(constraints, bad + share * (free.posture - bad))
-    return free if tried.lacks else tried
+    tried = np.round(bad + min(1.0, high + _SPARE) * (free - bad), 3)
+    return free if standing(constraints, tried).lacks else tried
 
 
 def _listed(posture: Array) -> str:
     return "[" + ", ".join(f"{x:.3f}" for x in posture) + "]"
-
-
-def _up(value: float) -> str:
-    """Three digits, rounded upwards."""
-    digits = 10.0 ** (np.floor(np.log10(value)) - 2.0)
-    return f"{np.ceil(value / digits) * digits:.3g}"

@@ -7,9 +7,9 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from steelyard.arrays import Array
 from steelyard.errors import DataError
 from steelyard.excitation.build import Recipe
 from steelyard.excitation.problem import Problem
+from steelyard.excitation.starts import NoMotion
 from steelyard.progress import Progress, Stopped, silent, tell
 
 KEPT = 4
@@ -55,12 +56,14 @@ class Harvest:
         searches: Searches that came to their end.
         course: Time [s] and figure of every improvement.
         stopped: Whether the user stopped them before the time.
+        lost: Processes that something else ended.
     """
 
     best: tuple[Found, ...]
     searches: int
     course: tuple[tuple[float, float], ...]
     stopped: bool
+    lost: int = 0
 
 
 @dataclass(frozen=True)
@@ -79,6 +82,24 @@ class Effort:
     processes: int = 1
     seed: int = 0
 
+    @property
+    def useful(self) -> int:
+        """Processes that have something to search."""
+        return self.processes if self.searches is None else min(self.processes, self.searches)
+
+
+@dataclass(frozen=True, eq=False)
+class _Over:
+    """How processes ended.
+
+    Attributes:
+        ends: Exit codes.
+        refused: Searches that found no way to begin.
+    """
+
+    ends: list[int] = field(default_factory=list)
+    refused: list[DataError] = field(default_factory=list)
+
 
 def harvested(
     recipe: Recipe, problem: Problem, method: str, effort: Effort, progress: Progress = silent
@@ -93,13 +114,16 @@ def harvested(
         progress: Told how much time is spent, and of the best figure.
 
     Raises:
-        DataError: No search found a motion.
+        NoMotion: No motion keeps everything.
+        DataError: No search found one.
+        Stopped: The watcher stopped them before one was found.
     """
     begun = time.monotonic()
     found, course, stopped = list[Found](), list[tuple[float, float]](), False
+    over = _Over()
     with _workers(recipe, method, effort) as said:
         try:
-            for line in _lines(said, effort, begun, found, progress):
+            for line in _lines(said, effort, begun, found, over, progress):
                 x = np.array(line["x"])
                 one = Found(
                     line["number"], x, problem.figure(x), time.monotonic() - begun, line["whole"]
@@ -109,28 +133,43 @@ def harvested(
                 found.append(one)
                 found.sort(key=lambda f: (f.figure, f.number))
         except Stopped:
+            if not found:
+                raise
             stopped = True
+    lost = [code for code in over.ends if code]
     if not found:
-        raise DataError(
-            "no motion was found in the time given" if not stopped else "stopped too early",
-            where="excitation",
-            mend="give more time with --budget; the first motion takes a second or two, longer "
-            "with collision",
-        )
+        raise over.refused[0] if over.refused else _nothing(lost)
     whole = sum(f.whole for f in found)
-    return Harvest(tuple(found[:KEPT]), whole, tuple(course), stopped)
+    return Harvest(tuple(found[:KEPT]), whole, tuple(course), stopped, len(lost))
+
+
+def _nothing(lost: Sequence[int]) -> DataError:
+    """No motion: the time was too short, or processes were ended from outside."""
+    if lost:
+        how = f"signal {-lost[0]}" if lost[0] < 0 else f"exit code {lost[0]}"
+        return DataError(
+            f"{len(lost)} processes that search ended too early ({how}), and none found a motion",
+            where="search processes",
+            mend="signal 9 often means too little memory: try fewer with --processes",
+        )
+    return DataError(
+        "no motion was found in the time given",
+        where="excitation",
+        mend="give more time with --budget; the first motion takes a second or two, longer with "
+        "collision",
+    )
 
 
 def _lines(
     said: "queue.Queue[Any]",
     effort: Effort,
     begun: float,
-    found: list[Found],
+    found: Sequence[Found],
+    over: _Over,
     progress: Progress,
 ) -> Iterator[dict[str, Any]]:
-    """What the processes say, until all of them have ended."""
-    running = effort.processes
-    while running:
+    """What the processes say, until all of them have ended; how they did goes into `over`."""
+    while len(over.ends) < effort.useful:
         spent = time.monotonic() - begun
         note = f"best {found[0].figure:.4g} of {len(found)}" if found else ""
         tell(progress, "designing", min(spent, effort.seconds), effort.seconds, note)
@@ -140,56 +179,72 @@ def _lines(
             line = said.get(timeout=_TICK)
         except queue.Empty:
             continue
-        if line is None:
-            running -= 1
+        if "ended" in line:
+            over.ends.append(line["ended"])
         elif "error" in line:
-            raise DataError(line["error"], where=line["where"], mend=line["mend"])
+            kind = NoMotion if line["none"] else DataError
+            error = kind(line["error"], where=line["where"], mend=line["mend"])
+            if not line["none"]:
+                raise error
+            over.refused.append(error)
+        elif "broken" in line:
+            raise RuntimeError(f"a process that searches broke down:\n{line['broken']}")
         else:
             yield line
 
 
 @contextmanager
 def _workers(recipe: Recipe, method: str, effort: Effort) -> Iterator["queue.Queue[Any]"]:
-    """Processes that search, and the queue of what they say; `None` when one has ended."""
+    """Processes that search, and the queue of what they say and how they ended."""
     said: queue.Queue[Any] = queue.Queue()
-    processes = [_worker(recipe, method, effort, k, said) for k in range(effort.processes)]
-    try:
+    with ExitStack() as stack:
+        for number in range(effort.useful):
+            stack.enter_context(_worker(recipe, method, effort, number, said))
         yield said
-    finally:
-        for process in processes:
-            process.kill()
-        for process in processes:
-            process.wait()
 
 
+@contextmanager
 def _worker(
     recipe: Recipe, method: str, effort: Effort, number: int, said: "queue.Queue[Any]"
-) -> "subprocess.Popen[str]":
+) -> Iterator[None]:
+    """A process that searches; a session of its own keeps Ctrl-C from it."""
     task = {
         "problem": asdict(recipe),
         "method": method,
         "seed": effort.seed,
         "seconds": effort.seconds,
         "first": number,
-        "step": effort.processes,
+        "step": effort.useful,
         "searches": effort.searches,
     }
     process = subprocess.Popen(
-        [sys.executable, "-m", "steelyard.excitation.worker"],
+        [sys.executable, "-P", "-m", "steelyard.excitation.worker"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
-        text=True,
+        encoding="utf-8",
         env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
+        start_new_session=True,
     )
-    assert process.stdin is not None
-    process.stdin.write(json.dumps(task) + "\n")
-    process.stdin.flush()
-    threading.Thread(target=_hear, args=(process, said), daemon=True).start()
-    return process
+    listener = threading.Thread(target=_hear, args=(process, said), daemon=True)
+    listener.start()
+    assert process.stdin is not None and process.stdout is not None
+    try:
+        with suppress(BrokenPipeError):
+            process.stdin.write(json.dumps(task) + "\n")
+            process.stdin.flush()
+        yield
+    finally:
+        process.kill()
+        listener.join()
+        with suppress(BrokenPipeError):
+            process.stdin.close()
+        process.stdout.close()
 
 
 def _hear(process: "subprocess.Popen[str]", said: "queue.Queue[Any]") -> None:
+    """Put what a process says into the queue, and its exit code; half a line is none."""
     assert process.stdout is not None
     for line in process.stdout:
-        said.put(json.loads(line))
-    said.put(None)
+        if line.endswith("\n"):
+            said.put(json.loads(line))
+    said.put({"ended": process.wait()})

@@ -12,6 +12,10 @@ from steelyard.excitation.problem import jumping
 from steelyard.motion import Trajectory
 
 _CHUNK = 20_000
+_ROUNDING = 1e-13
+"""Information along an axis, over the largest, that rounding alone may leave."""
+_BLIND = 1e-6
+"""Share of a parameter, squared, in axes without information from which on it is unknown."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,18 +50,18 @@ class Shown:
 
 
 def deviations(gram: Array) -> Array:
-    """Standard deviations from information; infinite where it is not definite."""
-    size = np.sqrt(np.diagonal(gram))
-    if not np.all(size > 0.0):
-        seen = size > 0.0
-        result = np.full(len(gram), np.inf)
-        if seen.any():
-            result[seen] = deviations(gram[np.ix_(seen, seen)])
+    """Standard deviations from information; infinite for what it does not tell from others."""
+    size = np.sqrt(np.maximum(np.diagonal(gram), 0.0))
+    result, seen = np.full(len(gram), np.inf), size > 0.0
+    if not seen.any():
         return result
-    values, axes = np.linalg.eigh(gram / size[:, None] / size)
-    if values[0] <= 1e-13 * values[-1]:
-        return np.full(len(gram), np.inf)
-    return np.asarray(np.sqrt(np.sum(axes**2 / values, axis=1)) / size)
+    size = size[seen]
+    values, axes = np.linalg.eigh(gram[np.ix_(seen, seen)] / size[:, None] / size)
+    told = values > _ROUNDING * values[-1]
+    single = np.sum(axes[:, ~told] ** 2, axis=1) < _BLIND
+    variance = np.sum(axes[:, told] ** 2 / values[told], axis=1)
+    result[seen] = np.where(single, np.sqrt(variance) / size, np.inf)
+    return result
 
 
 def shown(

@@ -6,6 +6,7 @@ import numpy as np
 
 from steelyard.arrays import Array, frozen
 from steelyard.excitation.linear_basis import LinearBasis, check_times, held_postures
+from steelyard.excitation.minimum_jerk import SMOOTH
 from steelyard.excitation.piecewise import PiecewiseMotion, from_scipy
 
 _REST = 3
@@ -67,9 +68,24 @@ class SplineBasis(LinearBasis):
         return held_postures(self.joints, self.start, self.end)
 
     def still(self, posture: Array) -> Array:
-        """All free control points at the posture, or at the given start."""
-        place = posture if self.start is None else self.start
-        return np.repeat(frozen(place, (self.joints,))[:, None], self.count, axis=1)
+        """All free control points at the posture, or at the given start.
+
+        A given end is gone to nearly as by a minimum-jerk move: the control points lie on it.
+        """
+        place = frozen(posture if self.start is None else self.start, (self.joints,))
+        still = np.repeat(place[:, None], self.count, axis=1)
+        if self.end is None:
+            return still
+        shares = np.polynomial.polynomial.polyval(self._places, SMOOTH)
+        return still + np.outer(self.end - place, shares)
+
+    @property
+    def _places(self) -> Array:
+        """Where each free control point acts, as a share of the time, shape `(inner,)`."""
+        even = np.linspace(0.0, 1.0, self.control_points - self.degree + 1)
+        knots = np.pad(even, self.degree, mode="edge")
+        means = [knots[k + 1 : k + 1 + self.degree].mean() for k in range(self.control_points)]
+        return np.array(means[_REST:-_REST])
 
     def made_of(self, rows: Array) -> PiecewiseMotion:
         """The motion of inner control points, start and perhaps end in the columns."""

@@ -23,6 +23,10 @@ _WANTED = 0.05
 _POSTURES = 30
 
 
+class NoMotion(DataError):
+    """No motion was found that keeps everything."""
+
+
 @dataclass(frozen=True, eq=False)
 class Standing:
     """A posture, and what it lacks.
@@ -105,7 +109,7 @@ def random_starts(walls: Walls, random: np.random.Generator, count: int) -> list
         Coefficients, each of shape `(n, m)`.
 
     Raises:
-        DataError: No posture was found about which the robot may move.
+        NoMotion: No posture was found about which the robot may move.
     """
     found: list[Array] = []
     for posture in _free(walls, random, count):
@@ -117,7 +121,7 @@ def random_starts(walls: Walls, random: np.random.Generator, count: int) -> list
         if len(found) == count:
             break
     if not found:
-        raise DataError(
+        raise NoMotion(
             f"no motion about any of {count + _POSTURES} random postures keeps all limits and "
             "constraints",
             where="[excitation]",

@@ -1,5 +1,7 @@
 """Constraints from the `[excitation]` tables."""
 
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from itertools import combinations
 from pathlib import Path
 
@@ -15,10 +17,10 @@ from steelyard.excitation.limits import MotionLimits
 from steelyard.excitation.markers import Marker
 from steelyard.excitation.model_shapes import robot_shapes, world_shapes
 from steelyard.excitation.shapes import Shape
+from steelyard.excitation.torque import EffortLimit, power_limit, torque_limit
 from steelyard.excitation.torque import loaded as loaded_with
-from steelyard.excitation.torque import power_limit, torque_limit
 from steelyard.excitation.workspace import planes, tool_box
-from steelyard.kernel.kinematics import last_frame
+from steelyard.kernel.kinematics import frame_of, last_frame
 from steelyard.model import Model, ValuedModel
 from steelyard.parameters import Parameters
 from steelyard.robot.excitation_schema import (
@@ -59,6 +61,10 @@ def constraints_of(
     ):
         found += part
         notes += said
+    if section.loads and not (
+        section.criterion.relative or any(isinstance(c, EffortLimit) for c in found)
+    ):
+        notes.append("loads change nothing: torque is not limited, and the criterion not relative")
     return tuple(found), tuple(notes)
 
 
@@ -114,13 +120,16 @@ def _unknown_efforts(model: Model) -> str | None:
 def _cases(
     section: ExcitationSection, model: Model, earlier: Earlier | None
 ) -> dict[str, ValuedModel]:
-    """The prior model, without and with every load."""
-    nominal = {
+    """The prior model, without and with every load; an earlier model replaces it wholly.
+
+    What that one does not hold is zero: its values may be base parameters, which stand for others.
+    """
+    nominal: Mapping[str, float] = {
         f"{name}.{body.name}": float(value)
         for body in model.robot.bodies
         for name, value in zip(INERTIAL_NAMES, body.inertia.ten, strict=True)
     }
-    known = nominal if earlier is None else nominal | dict(earlier.standard)
+    known = nominal if earlier is None else earlier.standard
     names = [name for name in model.names if name in known]
     units = [model.units[model.names.index(name)] for name in names]
     arm = model.at(Parameters(names, units, [known[name] for name in names]))
@@ -128,7 +137,8 @@ def _cases(
     for number, load in enumerate(section.loads, start=1):
         frame = load.frame or last_frame(model.robot)
         mass = Inertia.about_com(load.mass, load.com, np.zeros((3, 3)))
-        cases[f"load {number}, {load.mass:g} kg"] = loaded_with(arm, frame, mass)
+        with _written("loads] frame"):
+            cases[f"load {number}, {load.mass:g} kg"] = loaded_with(arm, frame, mass)
     return cases
 
 
@@ -161,7 +171,9 @@ def clearance_of(section: CollisionSection | None, loaded: LoadedRobot) -> Walle
 def tool_of(section: WorkspaceSection | None, robot: Robot) -> Marker:
     """The tool: the named frame, or the last one of the robot."""
     section = WorkspaceSection() if section is None else section
-    return Marker(section.frame or last_frame(robot), section.point, section.radius)
+    with _written("workspace] frame"):
+        frame = frame_of(robot, section.frame or last_frame(robot))
+    return Marker(frame.name, section.point, section.radius)
 
 
 def workspace_of(section: WorkspaceSection, robot: Robot) -> list[Constraint]:
@@ -169,11 +181,13 @@ def workspace_of(section: WorkspaceSection, robot: Robot) -> list[Constraint]:
     tool, found = [tool_of(section, robot)], list[Constraint]()
     lower, upper = _sides(section.box)
     if any(x is not None for x in (*lower, *upper)):
-        found.append(tool_box(robot, tool, lower, upper))
+        with _written("workspace] box"):
+            found.append(tool_box(robot, tool, lower, upper))
     if section.planes:
         normals = [plane.normal for plane in section.planes]
         levels = [plane.above for plane in section.planes]
-        found.append(planes(robot, tool, normals, levels))
+        with _written("workspace] planes"):
+            found.append(planes(robot, tool, normals, levels))
     if section.keep_out:
         boxes = [_sides(box) for box in section.keep_out]
         if any(None in low or None in high for low, high in boxes):
@@ -183,8 +197,19 @@ def workspace_of(section: WorkspaceSection, robot: Robot) -> list[Constraint]:
                 mend="give x, y and z of each, with two numbers each",
             )
         low, high = zip(*boxes, strict=True)
-        found.append(keep_out(robot, tool, np.array(low), np.array(high)))
+        with _written("workspace] keep_out"):
+            found.append(keep_out(robot, tool, np.array(low), np.array(high)))
     return found
+
+
+@contextmanager
+def _written(key: str) -> Iterator[None]:
+    """Errors inside say which key of the tables they are about."""
+    try:
+        yield
+    except ModelError as error:
+        where = f"[excitation.{key}"
+        raise ModelError(error.wrong, where=where, mend=error.mend) from None
 
 
 def _sides(box: BoxSpans) -> tuple[list[float | None], list[float | None]]:

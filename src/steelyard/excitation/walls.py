@@ -105,13 +105,13 @@ class Walls:
         least = float(self.linear(x).min())
         for constraint in self.constraints if least > 0.0 else ():
             values = constraint.margins(*self.state(x)).values
-            least = min(least, float((values / constraint.room).min()))
-        return least
+            least = float(np.minimum(least, (values / constraint.room).min()))
+        return -np.inf if np.isnan(least) else least
 
     def barrier(self, x: Array) -> Barrier | None:
         """The barrier at `x`, or `None` where a margin is not positive."""
         margins = self.linear(x)
-        if margins.min() <= 0.0:
+        if not margins.min() > 0.0:
             return None
         n, m = x.shape
         inverse = 1.0 / margins

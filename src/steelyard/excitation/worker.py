@@ -1,8 +1,8 @@
 """A process of its own that searches: `python -m steelyard.excitation.worker`.
 
 It reads one line of JSON, the task, and writes one line per search, `{"number", "x", "whole"}`;
-when its time is spent it writes what it has reached, and ends. It ends too when its standard input
-is closed: nobody reads it any more.
+when its time is spent it writes what it has reached, and ends. What goes wrong is a line too. It
+ends when its standard input is closed: nobody reads it any more.
 """
 
 import json
@@ -11,6 +11,7 @@ import signal
 import sys
 import threading
 import time
+import traceback
 from collections.abc import Iterator, Mapping
 from itertools import count
 from typing import Any
@@ -24,13 +25,26 @@ def main() -> None:
     """Search until told to stop."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     begun = time.monotonic()
+    answer = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
     task = json.loads(sys.stdin.readline())
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    for line in _explained(answers(task, begun + task["seconds"])):
+        answer.write(json.dumps(line) + "\n")
+        answer.flush()
+
+
+def _explained(lines: Iterator[dict[str, Any]]) -> Iterator[dict[str, Any]]:
+    """The lines, and a last one of what went wrong."""
     try:
-        for line in answers(task, begun + task["seconds"]):
-            _say(line)
+        yield from lines
     except SteelyardError as error:
-        _say({"error": error.wrong, "where": error.where, "mend": error.mend})
+        from steelyard.excitation.starts import NoMotion
+
+        said = {"error": error.wrong, "where": error.where, "mend": error.mend}
+        yield {**said, "none": isinstance(error, NoMotion)}
+    except Exception:
+        yield {"broken": traceback.format_exc()}
 
 
 def answers(task: Mapping[str, Any], deadline: float) -> Iterator[dict[str, Any]]:
@@ -59,14 +73,13 @@ def answers(task: Mapping[str, Any], deadline: float) -> Iterator[dict[str, Any]
         yield {"number": number, "x": x.tolist(), "whole": True}
 
 
-def _say(line: Mapping[str, Any]) -> None:
-    sys.stdout.write(json.dumps(line) + "\n")
-    sys.stdout.flush()
-
-
 def _end_with_parent() -> None:
-    """Nothing more comes on standard input: who reads us is gone, or has enough."""
-    sys.stdin.read()
+    """Nothing more comes on standard input: who reads us is gone, or has enough.
+
+    Read without Python's buffer: at its end Python cannot take that from a thread that waits.
+    """
+    while os.read(0, 4096):
+        pass
     os._exit(0)
 
 

@@ -184,15 +184,21 @@ def unseen(designed: Designed) -> int:
     return int(np.sum(~np.isfinite(designed.shown.std(designed.prior))))
 
 
-def brings(designed: Designed, one: Advice) -> str:
-    """What a further motion would bring, such as `viscous.j3 from 0.12 to 0.05 Nm s/rad`."""
+def brings(designed: Designed, one: Advice, most: int = NAMED) -> str:
+    """What a further motion would bring, such as `viscous.j3 from 0.12 to 0.05 Nm s/rad`.
+
+    Args:
+        designed: The motion.
+        one: The further motion.
+        most: So many parameters are named.
+    """
     if not one.helps:
         return f"nothing falls below {100.0 * HELPS:.0f} % of its std"
     shares = [share for _, share in one.helps]
     if len(shares) == len(designed.shown.names) and max(shares) - min(shares) < ALIKE:
         return f"every std to {100.0 * shares[0]:.0f} %"
-    named = "; ".join(_fall(designed, one, name) for name, _ in one.helps[:NAMED])
-    more = len(one.helps) - NAMED
+    named = "; ".join(_fall(designed, one, name) for name, _ in one.helps[:most])
+    more = len(one.helps) - most
     return named + (f"; {more} more" if more > 0 else "")
 
 

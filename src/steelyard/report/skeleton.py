@@ -2,44 +2,47 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.excitation.poses import Poses, ShapeKinematics
+from steelyard.excitation.poses import ShapeKinematics
 from steelyard.excitation.shapes import Shape
 from steelyard.excitation.solids import Ball
 from steelyard.kernel.kinematics import frame_of
+from steelyard.robot.loops import closest, loop_equations
 from steelyard.robot.robot import Frame, Robot
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from steelyard.excitation.markers import Marker
 
 _SMALL = Ball(1e-3)
 
 
-def frame_poses(robot: Robot, frames: Sequence[Frame], q: Array) -> Poses:
-    """Poses of frames at positions of a tree's joints, shape `(N, n)`.
+def all_joints(robot: Robot, q: Array) -> Array:
+    """Positions of all joints, those that loops determine too, shape `(N, n_joints)`.
 
     Args:
-        robot: A tree without loops.
-        frames: One or more.
-        q: Shape `(N, n)` [rad; m].
-
-    Returns:
-        With `origins` `(N, F, 3)` [m] and `rotations` `(N, F, 3, 3)`.
+        robot: The robot.
+        q: Of the independent joints along a motion, shape `(N, n)` [rad; m]; each row is closed
+            from the one before it, the first one from the assembly.
     """
+    if not robot.passive:
+        return q
+    free = list(range(robot.n, robot.n_joints))
+    rows, last = [], np.array(loop_equations(robot).assembly)
+    for own in q:
+        last = closest(robot, np.concatenate([own, last[robot.n :]]), free)
+        rows.append(last)
+    return np.array(rows)
+
+
+def places(robot: Robot, frames: Sequence[Frame], joints: Array) -> Array:
+    """Origins of frames, shape `(N, F, 3)` [m], at positions of all joints `(N, n_joints)`."""
     shapes = [Shape(f.name, f.body, f.rotation, f.position, _SMALL) for f in frames]
-    return ShapeKinematics(robot, shapes)(q)
-
-
-def body_frames(robot: Robot) -> list[Frame]:
-    """The frames of the base and of all bodies."""
-    frames = [Frame("base", -1, np.eye(3), np.zeros(3))]
-    return frames + [Frame(b.name, k, np.eye(3), np.zeros(3)) for k, b in enumerate(robot.bodies)]
+    return ShapeKinematics(robot, shapes)(joints).origins
 
 
 def tool_frame(robot: Robot, tool: Marker) -> Frame:
@@ -48,29 +51,27 @@ def tool_frame(robot: Robot, tool: Marker) -> Frame:
     return Frame(own.name, own.body, own.rotation, own.position + own.rotation @ tool.offset)
 
 
-def way_of(robot: Robot, tool: Marker, q: Array) -> Array:
+def way_of(robot: Robot, tool: Marker, joints: Array) -> Array:
     """Positions of the tool's centre, shape `(N, 3)` [m]."""
-    return frame_poses(robot, [tool_frame(robot, tool)], q).origins[:, 0]
+    return places(robot, [tool_frame(robot, tool)], joints)[:, 0]
 
 
-def sticks(robot: Robot, tool: Marker) -> list[tuple[int, int]]:
-    """Pairs of points that sticks join: each body's origin and its parent's, and the tool.
+def skeleton(robot: Robot, tool: Marker, joints: Array) -> Array:
+    """The robot as one broken line, from each joint to the next, and to the tool.
 
-    Points are numbered as `skeleton` gives them, without its breaks: the base, the bodies, the
-    tool.
+    Args:
+        robot: The robot.
+        tool: Its tool.
+        joints: Positions of all joints, shape `(n_joints,)`.
+
+    Returns:
+        Two ends and a gap of NaN per stick, shape `(3 sticks, 3)` [m].
     """
+    still, none = np.eye(3), np.zeros(3)
+    frames = [Frame(body.name, k, still, none) for k, body in enumerate(robot.bodies)]
+    base, last = Frame("base", -1, still, none), tool_frame(robot, tool)
+    at = places(robot, [base, *frames, last], joints[None])[0]
     pairs = [(body.parent + 1, k + 1) for k, body in enumerate(robot.bodies)]
-    return [*pairs, (tool_frame(robot, tool).body + 1, len(robot.bodies) + 1)]
-
-
-def points(robot: Robot, tool: Marker, q: Array) -> Array:
-    """The base, the bodies' origins and the tool, shape `(N, B + 2, 3)` [m]."""
-    frames = [*body_frames(robot), tool_frame(robot, tool)]
-    return frame_poses(robot, frames, q).origins
-
-
-def skeleton(robot: Robot, tool: Marker, q: Array) -> Array:
-    """Sticks as one broken line: two ends and a gap of NaN each, shape `(3 sticks, N, 3)` [m]."""
-    at = points(robot, tool, q).transpose(1, 0, 2)
-    gap = np.full_like(at[0], np.nan)
-    return np.array([row for a, b in sticks(robot, tool) for row in (at[a], at[b], gap)])
+    pairs.append((last.body + 1, len(at) - 1))
+    gap = np.full(3, np.nan)
+    return np.array([row for a, b in pairs for row in (at[a], at[b], gap)])

@@ -65,7 +65,7 @@ class SplineSection(Section):
 
     kind: Literal["spline"]
     duration: Positive = 10.0
-    points: Annotated[int, Field(ge=4)] = 15
+    points: Annotated[int, Field(ge=7)] = 15
     degree: Literal[3, 5] = 5
     start: Posture | None = None
     end: Posture | None = None

@@ -69,7 +69,9 @@ def _explained(
 ) -> ModelError:
     """The first flaw, in the users' words."""
     flaws = error.errors(include_url=False)
-    first = min(flaws, key=lambda flaw: flaw["type"] != "extra_forbidden")
+    first = min(
+        flaws, key=lambda f: (f["type"] != "extra_forbidden", -len(_path(data, f["loc"])))
+    )
     path = _path(data, first["loc"])
     if first["type"] == "extra_forbidden":
         known = _known_keys(schema, path[:-1], data)
@@ -112,7 +114,7 @@ def _explained(
 
 def _wanted(message: str) -> str:
     """What pydantic asks for, in the words of TOML."""
-    message = re.sub("valid dictionary( or instance of .+)?", "table", message)
+    message = re.sub("valid dictionary( or (instance of|object to) .+)?", "table", message)
     return message.replace("Input should be", "").replace("tuple", "list in [ ]").strip()
 
 

@@ -1,9 +1,12 @@
 """The demonstration: an arm of our own that is not quite what its model file says."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 
+from steelyard.excitation.chained import repeated
+from steelyard.excitation.exact import ExactTrajectory
 from steelyard.excitation.random_fourier import random_fourier
 from steelyard.files import whole_folder, write_json
 from steelyard.motion import run
@@ -32,6 +35,22 @@ velocity = "dq{}_rad_s"
 columns = "tau{}_Nm"
 kind = "joint_torque"
 unit = "Nm"
+
+[excitation.motion]
+kind = "fourier"
+period = 20.0
+harmonics = 16
+
+[excitation.criterion]
+kind = "d_optimal"
+
+[excitation.limits]
+acceleration = 8.0
+
+[excitation.workspace]
+frame = "tool"
+radius = 0.05
+box = { z = [0.0, 1.5] } # it stands on a table
 """
 
 
@@ -53,7 +72,12 @@ class DemoFiles:
 
 
 def demo_runs(
-    folder: Path, seed: int = 0, progress: Progress = silent, *, period: float = 10.0
+    folder: Path,
+    seed: int = 0,
+    progress: Progress = silent,
+    *,
+    period: float = 10.0,
+    design: Callable[[LoadedRobot], ExactTrajectory] | None = None,
 ) -> DemoFiles:
     """Simulate two runs of the demo arm and write all that identification needs.
 
@@ -63,7 +87,8 @@ def demo_runs(
         folder: Folder to make; it may not exist, unless it is empty.
         seed: Seed of the truth, the motions and the noise.
         progress: Told how far each run is.
-        period: Length of the validation motion [s]; that for identification is twice as long.
+        period: Length of a random motion [s]; one for identification is run twice.
+        design: Gives the motion to identify from, a random one if `None`.
 
     Raises:
         OutputError: The folder cannot be written.
@@ -71,13 +96,16 @@ def demo_runs(
     """
     names = ("identification", "validation")
     with whole_folder(folder) as part:
-        robot = write_demo_arm(part).robot
+        loaded = write_demo_arm(part)
+        robot = loaded.robot
+        designed = None if design is None else design(loaded)
         truth = random_truth(robot, seed)
         sensors = customary_sensors(robot, truth)
         rig = VirtualRobot(robot, truth, sensors, seed=seed, progress=progress)
         for number, name in enumerate(names):
-            periods = 2 if name == "identification" else 1
-            motion = random_fourier(robot, seed=2 * seed + number, period=period, periods=periods)
+            motion: ExactTrajectory = random_fourier(robot, seed=2 * seed + number, period=period)
+            if name == "identification":
+                motion = repeated(motion, 2) if designed is None else designed
             run(rig, motion, part / f"{name}.parquet")
             write_json(part / f"{name}_motion.json", motion.to_dict())
         write_json(part / "truth.json", truth.to_dict())

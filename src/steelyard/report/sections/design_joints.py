@@ -78,7 +78,7 @@ def _caption(designed: Designed, joint: int) -> str:
     for quantity, short in (("velocity", "speed"), ("acceleration", "accel.")):
         share = used(own[quantity]) if quantity in own else None
         if share is not None:
-            words.append(f"{short} {percent(100.0 * share)}")
+            words.append(f"{short}\u00a0{percent(100.0 * share)}")
     return ", ".join(words)
 
 
@@ -94,7 +94,8 @@ def _figure(
         (-limits.acceleration[joint], limits.acceleration[joint]),
     ]
     units = (unit, f"{unit}/s", f"{unit}/s²")
-    traces, shapes, layout = [], [], {}
+    traces, shapes = list[dict[str, Any]](), list[dict[str, Any]]()
+    layout: dict[str, Any] = {}
     for k, (low, high) in enumerate(bounds):
         axis = "" if k == 0 else str(k + 1)
         signal = lines[k][:, joint]

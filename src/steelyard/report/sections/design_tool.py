@@ -8,20 +8,20 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from steelyard.arrays import Array
+from steelyard.report.boxes import AXES, Wall, corners, edges, walls_of
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill, packed, rounded, script_json
 from steelyard.report.sections.section import Numbers
-from steelyard.report.skeleton import skeleton, way_of
+from steelyard.report.skeleton import all_joints, skeleton, way_of
 from steelyard.report.words import significant
 
 if TYPE_CHECKING:
-    from steelyard.robot.excitation_schema import BoxSpans, WorkspaceSection
+    from steelyard.robot.excitation_schema import BoxSpans
 
 POINTS = 1500
 """Points of the path."""
 
 VIEWS = (("from above", 0, 1), ("from the side", 0, 2), ("from the front", 1, 2))
-AXES = "xyz"
 PATH, ARM, PALE, START = "#0068a8", "#7488a0", "#c3ccd6", "#00694b"
 WALL, FORBIDDEN = "#a8261d", "#f3c9c5"
 
@@ -33,15 +33,16 @@ class DesignToolSection:
     title: ClassVar[str] = "Path of the tool"
 
     def numbers(self, content: ReportContent) -> Numbers | None:
-        """Path and walls; none for robots whose closed chains say where the tool is."""
+        """Path, arm and walls."""
         designed = content.design
-        if designed is None or designed.robot.loops:
+        if designed is None:
             return None
+        robot, tool = designed.robot, designed.tool
         t = np.linspace(0.0, designed.trajectory.duration, POINTS)
-        q = designed.trajectory.derivative(t, 0)
-        path = way_of(designed.robot, designed.tool, q)
-        arm = skeleton(designed.robot, designed.tool, q[:1])[:, 0]
-        walls = _walls(content.workspace)
+        joints = all_joints(robot, designed.trajectory.derivative(t, 0))
+        path = way_of(robot, tool, joints)
+        arm = skeleton(robot, tool, joints[0])
+        walls = walls_of(content.workspace)
         return {
             "tool": designed.tool.title,
             "spans": _spans(path),
@@ -62,16 +63,7 @@ def _spans(path: Array) -> str:
     return ", ".join(f"{axis} from {a:.3f} to {b:.3f} m" for axis, a, b in ends)
 
 
-def _walls(workspace: WorkspaceSection | None) -> list[tuple[bool, BoxSpans]]:
-    """Boxes, and whether it is forbidden to be inside."""
-    if workspace is None:
-        return []
-    spans = [getattr(workspace.box, axis) for axis in AXES]
-    inside = [(False, workspace.box)] if any(spans) else []
-    return inside + [(True, box) for box in workspace.keep_out]
-
-
-def _space(t: Array, path: Array, arm: Array, walls: Sequence[tuple[bool, Any]]) -> dict[str, Any]:
+def _space(t: Array, path: Array, arm: Array, walls: Sequence[Wall]) -> dict[str, Any]:
     """Path and arm in space, coloured by time."""
     x, y, z = (packed(axis) for axis in path.T)
     way = {
@@ -118,19 +110,9 @@ def _space(t: Array, path: Array, arm: Array, walls: Sequence[tuple[bool, Any]])
 
 
 def _edges(box: BoxSpans, path: Array, arm: Array, *, forbidden: bool) -> dict[str, Any]:
-    """The twelve edges of a box as one broken line; open sides end with what is drawn."""
-    low, high = _corners(box, path, arm)
-    line: list[list[float]] = []
-    for axis in range(3):
-        u, v = (k for k in range(3) if k != axis)
-        for p in (low, high):
-            for r in (low, high):
-                ends = [np.zeros(3), np.zeros(3)]
-                for point, end in zip(ends, (low, high), strict=True):
-                    point[[axis, u, v]] = end[axis], p[u], r[v]
-                line += [*(end.tolist() for end in ends), [float("nan")] * 3]
-    points = np.array(line)
-    colour = WALL if forbidden else ARM
+    """The edges of a box as one broken line."""
+    lines = edges(*corners(box, np.concatenate([path, arm])))
+    points = np.concatenate([lines, np.full((len(lines), 1, 3), np.nan)], axis=1).reshape(-1, 3)
     return {
         "name": "box to keep out of" if forbidden else "box",
         "kind": "line",
@@ -140,26 +122,13 @@ def _edges(box: BoxSpans, path: Array, arm: Array, *, forbidden: bool) -> dict[s
             "type": "scatter3d",
             "mode": "lines",
             "z": packed(points[:, 2]),
-            "line": {"color": colour, "width": 2},
+            "line": {"color": WALL if forbidden else ARM, "width": 2},
             "hoverinfo": "skip",
         },
     }
 
 
-def _corners(box: BoxSpans, path: Array, arm: Array) -> tuple[Array, Array]:
-    """Least and greatest corner; where the box is open, that of all that is drawn."""
-    seen = np.concatenate([path, arm])
-    low, high = seen.min(axis=0), seen.max(axis=0)
-    for k, axis in enumerate(AXES):
-        span = getattr(box, axis)
-        if span is not None:
-            low[k], high[k] = span
-    return low, high
-
-
-def _view(
-    path: Array, arm: Array, walls: Sequence[tuple[bool, Any]], a: int, b: int
-) -> dict[str, Any]:
+def _view(path: Array, arm: Array, walls: Sequence[Wall], a: int, b: int) -> dict[str, Any]:
     """What is seen along one axis, both scales alike."""
 
     def line(name: str, points: Array, colour: str, width: float, **more: Any) -> dict[str, Any]:
@@ -175,7 +144,7 @@ def _view(
     ]
     shapes = []
     for bad, box in walls:
-        low, high = _corners(box, path, arm)
+        low, high = corners(box, np.concatenate([path, arm]))
         fill = {"fillcolor": FORBIDDEN, "layer": "below"} if bad else {}
         shapes.append(
             {

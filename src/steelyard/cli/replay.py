@@ -1,0 +1,56 @@
+"""`steelyard replay`: a robot along a motion, in three dimensions, in the browser."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from steelyard.cli.guard import guarded
+from steelyard.cli.options import RobotArgument
+
+HERE = "127.0.0.1"
+"""This machine alone."""
+
+
+@guarded
+def replay(
+    robot: RobotArgument,
+    trajectory: Annotated[
+        Path,
+        typer.Argument(
+            help="Motion: trajectory.json, or a table of time and positions.", metavar="TRAJECTORY"
+        ),
+    ],
+    port: Annotated[int, typer.Option(min=1, max=65535, help="Where the browser finds it.")] = 8080,
+    host: Annotated[
+        str, typer.Option(help="Address to listen at; 0.0.0.0 lets other machines look too.")
+    ] = HERE,
+    speed: Annotated[
+        float, typer.Option(min=0.01, max=100.0, help="Seconds of the motion a second.")
+    ] = 1.0,
+) -> None:
+    """Show a robot along a motion in the browser, until Ctrl-C.
+
+    Collision shapes stand for the links; a link without shapes is a stick. Needs viser:
+    pip install "steelyard[replay]".
+
+    Example: steelyard replay panda.toml panda-motion/trajectory.json
+    """
+    from steelyard.cli import interrupt
+    from steelyard.excitation.files import read_motion
+    from steelyard.report.replay import replayed
+    from steelyard.report.stage import staged
+    from steelyard.robot.robot_file import load_robot
+
+    loaded = load_robot(robot)
+    stage = staged(loaded, read_motion(trajectory, loaded.robot))
+    for note in stage.notes:
+        typer.echo(f"note        {note}")
+    with interrupt.quietly():
+        shown = replayed(stage, host, port, speed)
+        typer.echo(f"replay      {shown.address}  (Ctrl-C ends it)")
+        try:
+            shown.run(interrupt.asked)
+        finally:
+            shown.stop()
+    interrupt.answered()

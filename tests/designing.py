@@ -1,0 +1,92 @@
+"""Small problems of excitation: an arm of three joints, with or without walls around its tool."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from invented import dh_arm
+from steelyard.excitation.basis import Basis
+from steelyard.excitation.constraint import Constraint
+from steelyard.excitation.criteria import KINDS
+from steelyard.excitation.fourier_bases import (
+    BlendedFourier,
+    RampedFourier,
+    RawFourier,
+    RestFourier,
+)
+from steelyard.excitation.limits import MotionLimits
+from steelyard.excitation.markers import Marker
+from steelyard.excitation.minimum_jerk import ReachingBasis
+from steelyard.excitation.objective import Case
+from steelyard.excitation.problem import Problem
+from steelyard.excitation.spline_bases import SplineBasis
+from steelyard.excitation.torque import torque_limit
+from steelyard.excitation.workspace import tool_box
+from steelyard.model import Model, ValuedModel
+from steelyard.parameters import Parameters
+from steelyard.regression.gradient import Shows
+from steelyard.terms.coulomb import Coulomb
+from steelyard.terms.rigid_body import RigidBody
+from steelyard.terms.viscous import Viscous
+
+ARM = dh_arm()
+MODEL = Model(ARM, (RigidBody(), Coulomb(), Viscous()))
+START, END = np.array([0.1, -0.05, 0.45]), np.array([-0.3, 0.25, 0.15])
+MIDDLE = np.array([-0.1, 0.1, 0.3])
+FAMILIES: dict[str, Basis] = {
+    "rest": RestFourier(3, 8.0, 4),
+    "rest, from": RestFourier(3, 8.0, 3, START),
+    "rest, from to": RestFourier(3, 8.0, 4, START, END),
+    "raw": RawFourier(3, 8.0, 3),
+    "blended": BlendedFourier(3, 6.0, 3, 2, 1.5),
+    "blended, from": BlendedFourier(3, 6.0, 3, 1, 1.5, START),
+    "ramped": RampedFourier(3, 8.0, 3, 1, 2.0),
+    "ramped, from": RampedFourier(3, 8.0, 3, 1, 4.0, START),
+    "cubic": SplineBasis(3, 8.0, 10, 3),
+    "quintic, from": SplineBasis(3, 8.0, 14, 5, START),
+    "quintic, from to": SplineBasis(3, 8.0, 14, 5, START, END),
+    "reaching": ReachingBasis(3, 4, 1.6, 0.2),
+    "reaching, from": ReachingBasis(3, 3, 1.6, 0.2, START),
+    "reaching, open": ReachingBasis(3, 3, 1.6, closed=False),
+}
+
+
+def limits(jerk: bool = False) -> MotionLimits:
+    """Not the same for any two joints, nor about zero."""
+    return MotionLimits(
+        lower=[-1.4, -0.9, -1.0],
+        upper=[1.2, 1.1, 1.6],
+        velocity=[1.2, 1.5, 2.0],
+        acceleration=[4.0, 5.0, 7.0],
+        jerk=[20.0, 30.0, 40.0] if jerk else None,
+    )
+
+
+def box(share: float = 1.0) -> Constraint:
+    """Walls around the tool's place in the middle posture; shut at a share of zero."""
+    still = MIDDLE[None]
+    tool = [Marker(ARM.bodies[-1].name, (0.3, 0.0, 0.1), 0.02)]
+    probe = tool_box(ARM, tool, [0.0] * 3, [None] * 3)
+    middle = probe.margins(still, still, still).values[0] + 0.02
+    reach = 0.02 + share * np.array([0.3, 0.35, 0.25])
+    return tool_box(ARM, tool, list(middle - reach), list(middle + reach))
+
+
+def torques(share: float = 1.0) -> Constraint:
+    """Efforts of the bodies as they are, with dry friction."""
+    values = [0.2 if p.prior is None else p.prior for p in MODEL.parameters]
+    arm = ValuedModel(MODEL, Parameters(MODEL.names, MODEL.units, values))
+    return torque_limit({"arm": arm}, share * np.array([2.5, 18.0, 4.5]))
+
+
+def problem(
+    basis: Basis,
+    constraints: Sequence[Constraint] = (),
+    *,
+    kind: str = "condition",
+    jerk: bool = False,
+) -> Problem:
+    """The arm's problem."""
+    bounds = limits(jerk)
+    shows = Shows(MODEL, np.ones(3), 0.01 * bounds.velocity)
+    return Problem(ARM, basis, bounds, constraints, (Case(shows, KINDS[kind]),))

@@ -1,0 +1,84 @@
+"""An arm of three joints with shapes, and what `[excitation]` tables make of it."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+
+from excitation.colliding import joint, link, urdf, written
+from steelyard.cli import river
+from steelyard.excitation.build import build
+from steelyard.excitation.certificate import certify
+from steelyard.excitation.design import design
+from steelyard.excitation.designed import Designed
+from steelyard.excitation.earlier import Earlier
+from steelyard.excitation.finish import Finished, finished
+from steelyard.excitation.possible import refuse_impossible
+from steelyard.excitation.problem import Problem
+from steelyard.excitation.runner import Effort
+from steelyard.excitation.starts import NoMotion, random_starts
+from steelyard.excitation.widening import explained
+from steelyard.model import Model
+from steelyard.robot.robot_file import LoadedRobot, load_robot
+
+ARM = urdf(
+    link("base", '<cylinder radius="0.08" length="0.1"/>', xyz="0 0 0.05"),
+    link("tower", '<cylinder radius="0.06" length="0.2"/>', xyz="0 0 0.1"),
+    link("boom", '<box size="0.25 0.06 0.06"/>', xyz="0.14 0 0"),
+    link("stick", '<box size="0.6 0.24 0.05"/>', xyz="0.35 0 0"),
+    link("tool"),
+    joint("base", "tower", "0 0 0.12"),
+    joint("tower", "boom", "0 0.15 0.2", "0 1 0"),
+    joint("boom", "stick", "0.3 0 0", "0 1 0"),
+    joint("stick", "tool", "0.35 0 0.02", kind="fixed", rpy="0 0.5 0"),
+).replace('effort="10"', 'effort="60"')
+"""Limits of every joint: 2.5 rad, 3 rad/s, 60 Nm."""
+
+QUICK = "[excitation.motion]\nperiod = 4.0\nharmonics = 3\n"
+OPEN = "[excitation.collision]\nbodies = false\n"
+
+
+def arm(folder: Path, tables: str = "", terms: str = '"rigid_body", "viscous"') -> LoadedRobot:
+    """The arm, with tables in its robot file."""
+    written(folder, ARM)
+    head = f'[robot]\nurdf = "arm.urdf"\n[model]\nterms = [{terms}]\n'
+    return load_robot(written(folder, head + tables, "arm.toml"))
+
+
+def model_of(loaded: LoadedRobot) -> Model:
+    """Its model."""
+    return river.with_friction(river.model_of(loaded), loaded)
+
+
+def problem_of(folder: Path, tables: str = "", earlier: Earlier | None = None) -> Problem:
+    """The problem of tables."""
+    loaded = arm(folder, tables)
+    return build(loaded, model_of(loaded), earlier)
+
+
+def designed(
+    folder: Path,
+    tables: str = "",
+    *,
+    earlier: Earlier | None = None,
+    seed: int = 0,
+    seconds: float = 60.0,
+) -> Designed:
+    """A short design of tables."""
+    loaded = arm(folder, tables)
+    effort = Effort(seconds, searches=1, processes=1, seed=seed)
+    return design(loaded, model_of(loaded), effort, earlier=earlier)
+
+
+def some_motion(folder: Path, tables: str) -> Finished:
+    """The first motion that a search would begin with, proven; whatever refuses it is raised."""
+    loaded = arm(folder, tables)
+    problem = build(loaded, model_of(loaded))
+    refuse_impossible(problem, loaded)
+    try:
+        starts = random_starts(problem.walls, np.random.default_rng(0), 3)
+        found = finished(problem, starts, deadline=time.monotonic() - 1.0)
+    except NoMotion as error:
+        raise explained(problem, error) from None
+    assert certify(loaded.robot, found.trajectory, problem.limits, problem.constraints).holds
+    return found

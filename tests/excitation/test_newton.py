@@ -1,0 +1,186 @@
+"""Newton's method within walls, against a closed form and CVXPY."""
+
+from dataclasses import dataclass, field
+
+import cvxpy as cp
+import numpy as np
+import pytest
+
+from designing import FAMILIES, box, problem, torques
+from steelyard.arrays import Array
+from steelyard.excitation.minimum_jerk import ReachingBasis
+from steelyard.excitation.newton import STAGES, minimised
+from steelyard.excitation.starts import random_starts
+from steelyard.excitation.walls import Walls, bounds
+from steelyard.progress import Stopped
+
+MIDDLE = np.array([-0.1, 0.1, 0.3])
+SHARP = tuple((1.0, 10.0**-k) for k in range(1, 9))
+
+
+@dataclass(frozen=True, eq=False)
+class Bowl:
+    """A convex quadratic, $\\frac12 (x - c)^T A (x - c)$; remembers where it was asked.
+
+    Attributes:
+        shape: Of the coefficients.
+        centre: The lowest point.
+        stretch: Largest over smallest curvature.
+    """
+
+    shape: tuple[int, int]
+    centre: Array
+    stretch: float = 10.0
+    asked: list[Array] = field(default_factory=list)
+
+    @property
+    def matrix(self) -> Array:
+        size = self.shape[0] * self.shape[1]
+        turned, _ = np.linalg.qr(np.random.default_rng(0).normal(size=(size, size)))
+        return np.asarray((turned * np.geomspace(1.0, self.stretch, size)) @ turned.T)
+
+    def value(self, x: Array) -> float:
+        away = (x - self.centre).ravel()
+        return float(0.5 * away @ self.matrix @ away)
+
+    def __call__(self, x: Array, sharpness: float) -> tuple[float, Array]:
+        self.asked.append(x)
+        slope = self.matrix @ (x - self.centre).ravel()
+        return self.value(x), slope.reshape(self.shape)
+
+
+def bowl(walls: Walls, reach: float, seed: int = 0) -> Bowl:
+    still = walls.basis.still(MIDDLE)
+    away = np.random.default_rng(seed).standard_normal(still.shape)
+    return Bowl((still.shape[0], still.shape[1]), still + reach * away / np.linalg.norm(away))
+
+
+def test_a_lowest_point_inside_is_reached() -> None:
+    walls = problem(FAMILIES["rest"]).walls
+    objective = bowl(walls, 0.1)
+    assert walls.worst(objective.centre) > 0.1
+    x = minimised(objective, walls, walls.basis.still(MIDDLE), stages=SHARP, tolerance=1e-12)
+    np.testing.assert_allclose(x, objective.centre, atol=1e-5)
+
+
+def oracle(objective: Bowl, walls: Walls) -> Array:
+    """The lowest point within the limits, by Clarabel."""
+    x = cp.Variable(objective.shape)
+    flat = cp.reshape(x - objective.centre, (objective.centre.size,), order="C")
+    cost = 0.5 * cp.quad_form(flat, cp.psd_wrap(objective.matrix))
+    kept = []
+    for shape, offset, (lower, upper) in zip(
+        walls.shapes, walls.offsets, bounds(walls.limits), strict=True
+    ):
+        values = x @ shape.T + offset.T
+        kept += [values <= upper[:, None], values >= lower[:, None]]
+    cp.Problem(cp.Minimize(cost), kept).solve(solver=cp.CLARABEL)
+    assert x.value is not None
+    return np.asarray(x.value)
+
+
+@pytest.mark.parametrize("name", ["rest", "rest, from to", "quintic, from", "reaching"])
+@pytest.mark.parametrize("seed", range(2))
+def test_a_lowest_point_outside_is_sought_along_the_walls(name: str, seed: int) -> None:
+    walls = problem(FAMILIES[name], jerk=True).walls
+    start = walls.basis.still(MIDDLE)
+    objective = bowl(walls, 6.0, seed)
+    assert walls.worst(objective.centre) < 0.0
+    x = minimised(objective, walls, start, stages=SHARP, tolerance=1e-10, steps=100)
+    best = oracle(objective, walls)
+    assert objective.value(x) == pytest.approx(objective.value(best), rel=1e-4)
+    np.testing.assert_allclose(x, best, atol=2e-3)
+    assert walls.worst(x) > 0.0
+
+
+def test_two_coefficients_in_a_box_end_in_its_corner() -> None:
+    """Reaching moves so slow that only positions bind: the corner is known."""
+    basis = ReachingBasis(3, 2, 60.0)
+    walls = problem(basis).walls
+    upper, lower = walls.limits.upper, walls.limits.lower
+    beyond = np.stack([upper + 1.0, lower - 1.0], axis=1)
+    objective = Bowl((3, 2), beyond, 1.0)
+    x = minimised(objective, walls, basis.still(MIDDLE), stages=SHARP, tolerance=1e-10)
+    assert walls.worst(x) > 0.0
+    np.testing.assert_allclose(x, np.stack([upper, lower], axis=1), atol=1e-4)
+
+
+@pytest.mark.parametrize("name", ["rest", "quintic, from", "blended"])
+@pytest.mark.parametrize("reach", [1.0, 1e3, 1e6])
+def test_the_walls_are_never_left(name: str, reach: float) -> None:
+    """Whatever is asked for: the criterion is only ever asked, and watchers told, inside."""
+    walls = problem(FAMILIES[name], [box(0.6), torques()]).walls
+    objective = bowl(walls, reach, 1)
+    start = random_starts(walls, np.random.default_rng(0), 1)[0]
+    seen: list[Array] = []
+    x = minimised(objective, walls, start, watch=seen.append)
+    assert len(seen) > 5 and len(objective.asked) > 5
+    assert all(walls.worst(y) > 0.0 for y in [x, *seen, *objective.asked])
+    assert objective.value(x) < objective.value(start)
+
+
+@pytest.mark.parametrize("kind", ["condition", "d_optimal"])
+@pytest.mark.parametrize("walled", [False, True])
+def test_the_criterion_falls_from_stage_to_stage(kind: str, walled: bool) -> None:
+    design = problem(FAMILIES["rest"], [box(0.7), torques()] if walled else [], kind=kind)
+    x = random_starts(design.walls, np.random.default_rng(1), 1)[0]
+    figures = [design.objective(x, STAGES[-1][0])[0]]
+    for stop in range(1, len(STAGES) + 1):
+        ended = minimised(design.objective, design.walls, x, stages=STAGES[:stop])
+        figures.append(design.objective(ended, STAGES[-1][0])[0])
+    assert figures[0] - figures[1] > 0.3
+    assert all(b < a + 0.02 for a, b in zip(figures[1:], figures[2:], strict=False))
+    assert figures[-1] < figures[1]
+
+
+def test_nothing_near_the_end_is_better() -> None:
+    """No random small step inside the walls lowers criterion and barrier by more than a trace."""
+    design = problem(FAMILIES["rest"], [box(0.7), torques()])
+    sharpness, weight = 16.0, 1e-2
+    x = random_starts(design.walls, np.random.default_rng(2), 1)[0]
+    x = minimised(
+        design.objective,
+        design.walls,
+        x,
+        stages=((4.0, 1e-1), (sharpness, weight)),
+        steps=200,
+        tolerance=1e-9,
+    )
+
+    def total(y: Array) -> float:
+        barrier = design.walls.barrier(y)
+        return (
+            np.inf
+            if barrier is None
+            else design.objective(y, sharpness)[0] + weight * barrier.value
+        )
+
+    best, random = total(x), np.random.default_rng(0)
+    for size in (1e-4, 1e-3, 1e-2):
+        for _ in range(60):
+            step = random.standard_normal(x.shape)
+            assert total(x + size * step / np.linalg.norm(step)) > best - 1e-6
+
+
+def test_a_watcher_can_stop_it() -> None:
+    design = problem(FAMILIES["rest"])
+    seen: list[Array] = []
+
+    def third(x: Array) -> None:
+        seen.append(x)
+        if len(seen) == 3:
+            raise Stopped("enough")
+
+    start = random_starts(design.walls, np.random.default_rng(0), 1)[0]
+    with pytest.raises(Stopped, match="enough"):
+        minimised(design.objective, design.walls, start, watch=third)
+    assert len(seen) == 3
+    np.testing.assert_array_equal(seen[0], start)
+
+
+def test_outside_or_without_information_nothing_is_done() -> None:
+    design = problem(FAMILIES["rest"])
+    still = design.basis.still(MIDDLE)
+    np.testing.assert_array_equal(minimised(design.objective, design.walls, still), still)
+    outside = still + 100.0
+    np.testing.assert_array_equal(minimised(design.objective, design.walls, outside), outside)

@@ -1,0 +1,161 @@
+"""Searches by populations stay inside the walls and get better."""
+
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+
+from designing import FAMILIES, box, problem, torques
+from steelyard.arrays import Array
+from steelyard.errors import DataError
+from steelyard.excitation.constraint import Constraint
+from steelyard.excitation.methods import Method, seeded
+from steelyard.excitation.population import NOTHING, CmaEsSearch, GeneticSearch, _Genes
+from steelyard.excitation.problem import Problem
+from steelyard.excitation.starts import random_starts
+from steelyard.progress import Stopped
+
+METHODS: dict[str, Method] = {
+    "genetic": GeneticSearch(population=20, generations=15),
+    "cma_es": CmaEsSearch(evaluations=600),
+}
+BOTH = pytest.mark.parametrize("method", METHODS)
+WALLED: Sequence[Constraint] = (box(0.8), torques())
+
+
+def silently(x: Array) -> None:
+    pass
+
+
+def of_starts(design: Problem, count: int) -> Array:
+    starts = random_starts(design.walls, np.random.default_rng(0), count)
+    return np.sort([design.objective(x, 64.0)[0] for x in starts])
+
+
+@BOTH
+@pytest.mark.parametrize("walled", [False, True])
+@pytest.mark.parametrize("name", ["rest", "rest, from to", "quintic, from", "reaching"])
+def test_a_search_improves_and_stays_inside(method: str, walled: bool, name: str) -> None:
+    design = problem(FAMILIES[name], WALLED if walled else ())
+    told: list[Array] = []
+    x = METHODS[method].search(design, seeded(0, 0), told.append)
+    assert x.shape == (3, design.basis.count)
+    assert design.walls.worst(x) > 0.0
+    assert told and all(design.walls.worst(y) > 0.0 for y in told)
+    (start,) = random_starts(design.walls, seeded(0, 0), 1)
+    values = [design.objective(y, 64.0)[0] for y in [start, *told]]
+    assert all(b <= a for a, b in zip(values, values[1:], strict=False))
+    assert values[-1] < values[0] - 0.1
+    assert values[-1] < of_starts(design, 20)[4 if walled else 0]
+    np.testing.assert_array_equal(told[-1], x)
+
+
+@BOTH
+def test_the_same_seed_gives_the_same_motion(method: str) -> None:
+    design = problem(FAMILIES["rest"])
+    before = np.random.get_state()[1].copy()  # type: ignore[union-attr]
+    one, two, other = (METHODS[method].search(design, seeded(s, 0), silently) for s in (1, 1, 2))
+    np.testing.assert_array_equal(one, two)
+    assert not np.array_equal(one, other)
+    np.testing.assert_array_equal(np.random.get_state()[1], before)  # type: ignore[index]
+
+
+@BOTH
+def test_more_work_is_not_worse(method: str) -> None:
+    design = problem(FAMILIES["rest"])
+    longer: dict[str, Method] = {
+        "genetic": GeneticSearch(population=20, generations=60),
+        "cma_es": CmaEsSearch(evaluations=2000),
+    }
+    short, long = (
+        design.objective(which[method].search(design, seeded(0, 0), silently), 64.0)[0]
+        for which in (METHODS, longer)
+    )
+    assert long < short
+
+
+@BOTH
+def test_the_watcher_is_told_of_every_generation_and_can_stop(method: str) -> None:
+    design = problem(FAMILIES["rest"])
+    told: list[Array] = []
+
+    def fifth(x: Array) -> None:
+        told.append(x)
+        if len(told) == 5:
+            raise Stopped("enough")
+
+    with pytest.raises(Stopped, match="enough"):
+        METHODS[method].search(design, seeded(0, 0), fifth)
+    assert len(told) == 5
+
+
+@pytest.mark.parametrize("walled", [False, True])
+@pytest.mark.parametrize("name", FAMILIES)
+def test_any_genes_are_a_motion_inside_or_none(name: str, walled: bool) -> None:
+    design = problem(FAMILIES[name], WALLED if walled else ())
+    genes = _Genes.of(design)
+    assert genes.count == 3 + 3 * design.basis.count and np.all(genes.units > 0.0)
+    random = np.random.default_rng(0)
+    corners = np.sign(random.standard_normal((10, genes.count)))
+    drawn = [*random.uniform(-1.0, 1.0, (30, genes.count)), *corners]
+    motions = [genes.motion(one) for one in drawn]
+    kept = [x for x in motions if x is not None]
+    assert len(kept) >= (3 if walled else 40)
+    assert all(design.walls.worst(x) > 0.0 for x in kept)
+    costs = genes.costs(silently, kept[0])(np.array(drawn))
+    nowhere = np.array([x is None for x in motions])
+    assert costs.shape == (40,)
+    assert np.all(costs[~nowhere] <= NOTHING) and np.all(costs[nowhere] >= NOTHING)
+    shown = [design.objective(x, 64.0)[0] for x in kept]
+    np.testing.assert_array_equal(costs[~nowhere], np.minimum(shown, NOTHING))
+
+
+def test_postures_that_are_not_free_are_worse_the_more_they_lack() -> None:
+    """A plateau would end a search before it finds a way in."""
+    design = problem(FAMILIES["rest"], [box(0.3)])
+    genes = _Genes.of(design)
+    start = random_starts(design.walls, np.random.default_rng(0), 1)[0]
+    away = np.zeros((6, genes.count))
+    away[:, 0] = np.linspace(0.5, 1.0, 6)
+    costs = genes.costs(silently, start)(away)
+    lacks = [-design.walls.worst(genes.still(one)) for one in away]
+    assert lacks == sorted(lacks) and 0.0 < lacks[0] < lacks[-1] < NOTHING
+    np.testing.assert_allclose(costs, NOTHING + np.array(lacks))
+
+
+@BOTH
+def test_where_no_posture_is_free_it_is_said(method: str) -> None:
+    with pytest.raises(DataError, match="no motion about any of 31 random postures"):
+        METHODS[method].search(problem(FAMILIES["rest"], [box(0.0)]), seeded(0, 0), silently)
+
+
+@pytest.mark.parametrize(
+    ("method", "module"), [("genetic", "pymoo.algorithms.soo.nonconvex.ga"), ("cma_es", "cma")]
+)
+def test_a_missing_package_comes_with_the_line_that_installs_it(
+    method: str, module: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(DataError) as caught:
+        METHODS[method].search(problem(FAMILIES["rest"]), seeded(0, 0), silently)
+    assert caught.value.mend == 'pip install "steelyard[population]"'
+
+
+def test_settings_are_passed_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    from steelyard.search import cma_es, genetic
+
+    given: list[dict[str, Any]] = []
+
+    def spy(*_: Any, **settings: Any) -> Any:
+        given.append(settings)
+        raise Stopped("seen")
+
+    monkeypatch.setattr(genetic, "evolved", spy)
+    monkeypatch.setattr(cma_es, "adapted", spy)
+    for method in (GeneticSearch(7, 11), CmaEsSearch(123)):
+        with pytest.raises(Stopped):
+            method.search(problem(FAMILIES["rest"]), seeded(0, 0), silently)
+    assert (given[0]["population"], given[0]["generations"]) == (7, 11)
+    assert given[1]["evaluations"] == 123

@@ -1,0 +1,244 @@
+"""The barrier against finite differences, and who is inside."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from designing import FAMILIES, box, problem, torques
+from steelyard.arrays import Array
+from steelyard.excitation.constraint import Constraint, Margins
+from steelyard.excitation.exact import ExactTrajectory
+from steelyard.excitation.walls import Walls, bounds
+from steelyard.progress import Progress, silent
+
+MIDDLE = np.array([-0.1, 0.1, 0.3])
+SOME = ["rest", "rest, from to", "raw", "quintic, from", "blended", "reaching"]
+
+
+@dataclass(frozen=True, eq=False)
+class Straight:
+    """A constraint that is linear in position, speed and acceleration: no second derivatives."""
+
+    level: float
+    name: str = "straight"
+    labels: tuple[str, ...] = ("first", "second")
+    unit: str = "rad"
+
+    @property
+    def room(self) -> Array:
+        return np.array([0.7, 0.4])
+
+    @property
+    def slopes(self) -> Array:
+        """By position, speed and acceleration, `(3, 2, 3)`."""
+        drawn = np.random.default_rng(3).normal(size=(3, 2, 3))
+        return np.asarray(drawn * np.array([0.5, 0.3, 0.05])[:, None, None])
+
+    def margins(self, q: Array, dq: Array, ddq: Array) -> Margins:
+        states, slopes = (q, dq, ddq), self.slopes
+        values = self.level + sum(x @ s.T for x, s in zip(states, slopes, strict=True))
+        by = [np.broadcast_to(s, (len(q), 2, 3)) for s in slopes]
+        return Margins(np.asarray(values), *by)
+
+    def proven(self, trajectory: ExactTrajectory, progress: Progress = silent) -> Array:
+        return np.zeros(2)
+
+
+def walls(name: str, constraints: tuple[Constraint, ...] = (), jerk: bool = True) -> Walls:
+    return problem(FAMILIES[name], constraints, jerk=jerk).walls
+
+
+def inside(walls: Walls, seed: int, share: float = 0.9) -> Array:
+    """A motion that keeps the walls, about a tenth of the way from the nearest."""
+    still = walls.basis.still(MIDDLE)
+    change = np.random.default_rng(seed).standard_normal(still.shape)
+    assert walls.worst(still) > 0.0
+    size = 1.0
+    while walls.worst(still + size * change) > 0.0:
+        size *= 2.0
+    low, high = 0.0, size
+    for _ in range(30):
+        size = 0.5 * (low + high)
+        low, high = (size, high) if walls.worst(still + size * change) > 0.0 else (low, size)
+    return np.asarray(still + share * low * change)
+
+
+def central(function: Callable[[Array], Array], x: Array, h: float) -> Array:
+    """Fourth-order differences of an array by the coefficients, `(n * m, ...)`."""
+    rows = []
+    for k in range(x.size):
+        step = np.zeros(x.size)
+        step[k] = h
+        step = step.reshape(x.shape)
+        near, far = (
+            (function(x + s * step) - function(x - s * step)) / (2.0 * s * h) for s in (1.0, 2.0)
+        )
+        rows.append((4.0 * near - far) / 3.0)
+    return np.array(rows)
+
+
+def value_of(walls: Walls, x: Array) -> Array:
+    barrier = walls.barrier(x)
+    assert barrier is not None
+    return np.array(barrier.value)
+
+
+def slope_of(walls: Walls, x: Array) -> Array:
+    barrier = walls.barrier(x)
+    assert barrier is not None
+    return barrier.slope.ravel()
+
+
+@pytest.mark.parametrize("name", SOME)
+@pytest.mark.parametrize("jerk", [False, True])
+def test_barrier_of_the_limits_is_its_formula(name: str, jerk: bool) -> None:
+    w = walls(name, jerk=jerk)
+    x = inside(w, 0)
+    motion = w.basis.motion(x)
+    total = 0.0
+    sides = bounds(w.limits)
+    assert len(sides) == (4 if jerk else 3)
+    for order, (lower, upper) in enumerate(sides):
+        values, half = motion.derivative(w.t, order), 0.5 * (upper - lower)
+        total -= np.log((upper - values) / half).sum() + np.log((values - lower) / half).sum()
+    barrier = w.barrier(x)
+    assert barrier is not None
+    assert barrier.value == pytest.approx(total / len(w.t), rel=1e-9)
+
+
+@pytest.mark.parametrize("name", SOME)
+@pytest.mark.parametrize("jerk", [False, True])
+def test_slope_and_curvature_of_the_limits(name: str, jerk: bool) -> None:
+    w = walls(name, jerk=jerk)
+    x = inside(w, 1)
+    barrier = w.barrier(x)
+    assert barrier is not None and barrier.slope.shape == x.shape
+    slope = central(lambda y: value_of(w, y), x, 1e-4).ravel()
+    size = np.abs(slope).max()
+    np.testing.assert_allclose(barrier.slope.ravel(), slope, rtol=1e-6, atol=1e-7 * size)
+    curvature = central(lambda y: slope_of(w, y), x, 1e-4)
+    size = np.abs(curvature).max()
+    np.testing.assert_allclose(barrier.curvature, curvature, rtol=1e-6, atol=1e-6 * size)
+    np.testing.assert_allclose(barrier.curvature, barrier.curvature.T, atol=1e-12 * size)
+    assert np.linalg.eigvalsh(barrier.curvature).min() > 0.0
+
+
+@pytest.mark.parametrize("level", [0.35, 0.8])
+def test_curvature_of_constraints_without_second_derivatives_is_exact(level: float) -> None:
+    w = walls("rest", (Straight(level),))
+    x = inside(w, 2, 0.95)
+    near = Straight(level).margins(*w.state(x)).values / Straight(level).room
+    assert 0.0 < near.min() < 0.5 and (near < 1.0).any(axis=0).all()
+    barrier = w.barrier(x)
+    assert barrier is not None
+    slope = central(lambda y: value_of(w, y), x, 1e-5).ravel()
+    np.testing.assert_allclose(barrier.slope.ravel(), slope, rtol=1e-6, atol=1e-7)
+    curvature = central(lambda y: slope_of(w, y), x, 1e-5)
+    np.testing.assert_allclose(barrier.curvature, curvature, rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["rest", "quintic, from", "reaching"])
+@pytest.mark.parametrize(
+    "constraints",
+    [(box(0.5),), (torques(0.8),), (box(0.6), torques())],
+    ids=["box", "torque", "both"],
+)
+def test_barrier_of_constraints(name: str, constraints: tuple[Constraint, ...]) -> None:
+    bare, w = walls(name), walls(name, constraints)
+    x = inside(w, 3, 0.98)
+    barrier, alone = w.barrier(x), bare.barrier(x)
+    assert barrier is not None and alone is not None
+    expected, counted = 0.0, 0
+    hidden = np.zeros((x.size, x.size))
+    for constraint in constraints:
+        s = constraint.margins(*w.state(x)).values / constraint.room
+        near = s[s < 1.0]
+        counted += near.size
+        expected += (-np.log(near) - (1.0 - near) - 0.5 * (1.0 - near) ** 2).sum()
+        rows = central(lambda y, c=constraint: c.margins(*w.state(y)).values / c.room, x, 1e-5)
+        weight = np.where(s < 1.0, 1.0 / s**2 - 1.0, 0.0)
+        hidden += np.einsum("atk,tk,btk->ab", rows, weight, rows) / len(w.t)
+    assert counted >= 5, "walls are near"
+    assert barrier.value - alone.value == pytest.approx(expected / len(w.t), rel=1e-9)
+    slope = central(lambda y: value_of(w, y), x, 1e-5).ravel()
+    size = np.abs(slope).max()
+    np.testing.assert_allclose(barrier.slope.ravel(), slope, rtol=1e-5, atol=1e-6 * size)
+    size = np.abs(hidden).max()
+    found = barrier.curvature - alone.curvature
+    np.testing.assert_allclose(found, hidden, rtol=1e-5, atol=1e-6 * size)
+    assert np.linalg.eigvalsh(barrier.curvature).min() > 0.0
+
+
+def test_far_constraints_do_not_matter() -> None:
+    bare, w = walls("rest"), walls("rest", (box(50.0),))
+    x = inside(w, 0)
+    barrier, alone = w.barrier(x), bare.barrier(x)
+    assert barrier is not None and alone is not None
+    assert barrier.value == alone.value
+    np.testing.assert_array_equal(barrier.slope, alone.slope)
+    np.testing.assert_array_equal(barrier.curvature, alone.curvature)
+
+
+def test_a_margin_at_its_room_joins_smoothly() -> None:
+    """Value, slope and curvature are continuous where a margin begins to matter."""
+    w = walls("rest", (Straight(0.9),))
+    still = w.basis.still(MIDDLE)
+    margins = Straight(0.9).margins(*w.state(still)).values / Straight(0.9).room
+    one, other = np.zeros((2, *still.shape))
+    slope = Straight(0.9).slopes[0, 0] / Straight(0.9).room[0]
+    towards = slope / (slope @ slope) * (margins[0, 0] - 1.0)
+    one[:, -1] = towards - 1e-6 * slope
+    other[:, -1] = towards + 1e-6 * slope
+    far, near = w.barrier(still - one), w.barrier(still - other)
+    assert far is not None and near is not None
+    assert near.value == pytest.approx(far.value, abs=1e-4)
+    np.testing.assert_allclose(near.slope, far.slope, atol=1e-3)
+    np.testing.assert_allclose(near.curvature, far.curvature, rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize("name", SOME)
+@pytest.mark.parametrize("constraints", [(), (box(0.7), torques())], ids=["bare", "walled"])
+def test_inside_and_outside(name: str, constraints: tuple[Constraint, ...]) -> None:
+    w = walls(name, constraints)
+    for seed in range(4):
+        x = inside(w, seed, 0.999)
+        still = w.basis.still(MIDDLE)
+        beyond = still + (x - still) / 0.999 * 1.001
+        assert 0.0 < w.worst(x) < 0.05 and w.barrier(x) is not None
+        assert w.worst(beyond) < 0.0 and w.barrier(beyond) is None
+        assert (w.linear(x) > 0.0).all()
+
+
+def test_worst_is_the_smallest_of_all_margins() -> None:
+    constraints = (box(0.7), torques())
+    w = walls("rest", constraints)
+    x = inside(w, 1, 0.95)
+    motion = w.basis.motion(x)
+    margins = []
+    for order, (lower, upper) in enumerate(bounds(w.limits)):
+        values, half = motion.derivative(w.t, order), 0.5 * (upper - lower)
+        margins.append(min(((upper - values) / half).min(), ((values - lower) / half).min()))
+    states = [motion.derivative(w.t, order) for order in range(3)]
+    parts = [float((c.margins(*states).values / c.room).min()) for c in constraints]
+    assert w.worst(x) == pytest.approx(min(*margins, *parts), rel=1e-9)
+    assert min(parts) < min(margins), "a wall is nearest here"
+
+
+def test_margins_change_as_they_say() -> None:
+    w = walls("rest, from to")
+    x = inside(w, 0, 0.5)
+    dx = np.random.default_rng(9).standard_normal(x.shape)
+    np.testing.assert_allclose(w.linear(x + dx), w.linear(x) + w.away(dx), rtol=1e-9, atol=1e-9)
+
+
+def test_a_constraint_that_is_not_a_number_is_not_kept() -> None:
+    class Broken(Straight):
+        def margins(self, q: Array, dq: Array, ddq: Array) -> Margins:
+            return Margins(np.full((len(q), 2), np.nan))
+
+    w = walls("rest", (Broken(1.0),))
+    still = w.basis.still(MIDDLE)
+    assert w.barrier(still) is None
+    assert not w.worst(still) > 0.0

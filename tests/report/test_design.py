@@ -1,0 +1,235 @@
+"""The report of a designed motion: numbers, words, page and terminal."""
+
+import html
+import io
+import re
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from browser import Seen
+from report.conftest import EVIL, identified, robot
+from report.designed import REACH, designed_for, renamed
+from report.test_page import own_html
+from steelyard.excitation.advice import Advice
+from steelyard.excitation.designed import Designed
+from steelyard.report import ReportContent, render
+from steelyard.report.design_terminal import design_summary
+from steelyard.report.design_words import (
+    brings,
+    expected,
+    hardest,
+    headline,
+    instead,
+    level,
+    margin,
+    tightest,
+    used,
+)
+from steelyard.report.sections.register import DESIGN_SECTIONS, SECTIONS
+from steelyard.report.skeleton import all_joints, skeleton, way_of
+from steelyard.robot.excitation_schema import BoxSpans, WorkspaceSection
+
+ROOM = WorkspaceSection(
+    box=BoxSpans(x=(-1.0, 1.0), z=(-1.0, 1.0)),
+    keep_out=(BoxSpans(x=(0.9, 1.0), y=(0.1, 0.2), z=(0.0, 0.1)),),
+)
+
+
+@pytest.fixture(scope="module")
+def designed() -> Designed:
+    return designed_for(robot())
+
+
+@pytest.fixture(scope="module")
+def beyond() -> Designed:
+    return designed_for(robot(), height=0.3, known=False)
+
+
+def content(designed: Designed) -> ReportContent:
+    files = (("trajectory", "trajectory.json"),)
+    return ReportContent("a motion", "arm", design=designed, workspace=ROOM, files=files)
+
+
+def text(page: str) -> str:
+    """The words of a page."""
+    body = own_html(page)
+    body = re.sub(r"<(script|style).*?</\1>", "", body, flags=re.DOTALL)
+    plain = re.sub(r"<[^>]*>", "", body).replace("\u00a0", " ").replace("\u2060", "")
+    return " ".join(html.unescape(plain).split())
+
+
+def printed(designed: Designed, width: int = 100) -> str:
+    stream = io.StringIO()
+    design_summary(designed, Console(file=stream, width=width, no_color=True))
+    return stream.getvalue().replace("\u00a0", " ")
+
+
+def test_predicted_deviations_are_those_of_the_inverse_information(designed: Designed) -> None:
+    rows = expected(designed)
+    std = np.sqrt(np.diag(np.linalg.inv(designed.shown.gram)))
+    by_name = dict(zip(designed.shown.names, std, strict=True))
+    for row in rows:
+        assert row.std == pytest.approx(by_name[row.name], rel=1e-6)
+        assert row.relative_percent == pytest.approx(100.0 * row.std / row.value)
+        assert row.spread is not None and row.spread >= 1.0 - 1e-9
+    shares = [row.relative_percent for row in rows]
+    assert shares == sorted(shares, reverse=True)
+
+
+def test_without_values_the_most_entangled_parameter_comes_first(beyond: Designed) -> None:
+    rows = expected(beyond)
+    assert all(row.relative_percent is None for row in rows)
+    spreads = [row.spread for row in rows]
+    assert spreads == sorted(spreads, reverse=True) and spreads[0] > spreads[-1]
+
+
+def test_earlier_runs_make_deviations_smaller(designed: Designed) -> None:
+    more = replace(designed, prior=3.0 * designed.shown.gram)
+    before = {row.name: row.std for row in expected(designed)}
+    assert all(row.std == pytest.approx(before[row.name] / 2.0) for row in expected(more))
+    assert instead(more, more.advice[0]) == "–"
+
+
+def test_what_is_not_shown_comes_first_and_is_said(designed: Designed) -> None:
+    gram = designed.shown.gram.copy()
+    gram[3, :] = gram[:, 3] = 0.0
+    blind = replace(designed, shown=replace(designed.shown, gram=gram))
+    assert expected(blind)[0].name == designed.shown.names[3]
+    words = text(render(content(blind)))
+    assert "1 base parameter will not be shown." in words and "not shown" in words
+    assert "1 parameter will not be shown" in printed(blind)
+
+
+def test_the_limit_that_is_used_most(designed: Designed) -> None:
+    shares = {}
+    for j, joint in enumerate(designed.robot.coordinates):
+        low, high = designed.trajectory.extremes(1)
+        top = max(high[j], -low[j]) / designed.limits.velocity[j]
+        shares[joint.name, "velocity"] = top
+    for one in designed.certificate.extremes:
+        if one.quantity == "velocity":
+            assert used(one) == pytest.approx(shares[one.joint, "velocity"])
+        if one.quantity == "jerk":
+            assert used(one) is None
+    top = hardest(designed)
+    assert top is not None and 0.85 < top[1] <= 0.91
+    lines = tightest(designed)
+    assert re.fullmatch(r"\w+ of (shoulder|elbow): \d\d\.\d % of its limit used", lines[0])
+    assert re.fullmatch(r"tool box: . of 'tip' (above|below) -?1 m by [\d.]+ m", lines[1])
+
+
+def test_margins_have_a_unit_for_people() -> None:
+    assert margin(0.000113, "m") == "0.113 mm"
+    assert margin(-0.02, "m") == "-20.0 mm"
+    assert margin(0.25, "m") == "0.250 m"
+    assert margin(0.02, "Nm") == "0.0200 Nm"
+    assert margin(-np.inf, "m") == "no bound"
+
+
+def test_a_motion_that_is_not_proven_is_called_so_everywhere(beyond: Designed) -> None:
+    assert level(beyond) == "poor"
+    assert "but not safe" in headline(beyond)
+    words = text(render(content(beyond)))
+    assert "Not proven: do not run this motion" in words
+    assert re.search(r"tool box: z of 'tip' (below|above) -?0\.3 m: missed by 0\.\d+ m", words)
+    assert "This motion is not proven to keep its limits: do not run it." in words
+    lines = printed(beyond)
+    assert "but not safe" in lines and "not proven: tool box: z of 'tip'" in lines
+
+
+def test_a_safe_motion_has_its_figure_in_the_headline(designed: Designed) -> None:
+    assert level(designed) == "good"
+    figure = f"{designed.shown.raw:.3g}"
+    assert headline(designed).startswith(f"Condition number (raw) {figure}")
+    assert headline(designed).endswith("every limit proven for all times")
+    words = text(render(content(designed)))
+    assert "4 s, Fourier series from rest to rest; best of 7 searches in 2.5 s" in words
+    assert "the acceleration is a guess" in words and "Assumed: something" in words
+    assert "7 searches came to an end in 2.5 s" in words and "improved 2 times" in words
+    assert (
+        "trajectory.json" in words and "--dry-run 0.2" in words and "(20 s instead of 4 s)" in words
+    )
+
+
+def test_advice_tells_from_where_to_where(designed: Designed) -> None:
+    again = next(one for one in designed.advice if "once more" in one.what)
+    assert brings(designed, again) == "every std to 71 %"
+    assert instead(designed, again) == "71 %"
+    std = designed.shown.std()
+    names = designed.shown.names
+    after = std.copy()
+    after[2] = std[2] / 4.0
+    one = Advice("sweeps", 12.0, after, ((names[2], 0.25),))
+    unit = designed.shown.units[2]
+    was, becomes = (float(f"{x:.2g}") for x in (std[2], std[2] / 4.0))
+    told = re.fullmatch(rf"{re.escape(names[2])} from (\S+) to (\S+) {unit}", brings(designed, one))
+    assert told and (float(told[1]), float(told[2])) == (was, becomes)
+    assert instead(designed, one) == "50 %"
+    nothing = Advice("nothing", 1.0, std, ())
+    assert brings(designed, nothing) == "nothing falls below 80 % of its std"
+
+
+def test_the_terminal_is_short_and_says_the_worst(designed: Designed) -> None:
+    lines = printed(designed).splitlines()
+    assert len(lines) < 30
+    worst = expected(designed)[0]
+    assert any(worst.name in line and f"{worst.relative_percent:.1f} %" in line for line in lines)
+    assert sum(line.startswith("would help:") for line in lines) == 3
+    assert max(len(line) for line in printed(designed, 60).splitlines()) <= 60
+
+
+def test_the_page_of_a_motion_is_about_nothing_else(designed: Designed) -> None:
+    page = render(content(designed))
+    for section in DESIGN_SECTIONS:
+        assert f'<section id="{section.name}"' in page
+    assert '<section id="verdict"' not in page and "designed with steelyard" in page
+    both = render(replace(content(designed), identified=identified(robot())))
+    assert '<section id="verdict"' in both and '<section id="design"' in both
+    assert not {s.name for s in SECTIONS} & {s.name for s in DESIGN_SECTIONS}
+
+
+@pytest.mark.parametrize("which", ["plain", "evil"])
+def test_the_browser_draws_every_picture(
+    designed: Designed, browse: Callable[[str], Seen], which: str
+) -> None:
+    shown = designed if which == "plain" else renamed(designed, EVIL)
+    seen = browse(render(content(shown)))
+    said = [line for line in seen.console if not re.search("WebGL|Canvas2D", line)]
+    assert said == [] and seen.errors == []
+    pictures = seen.dom.count('class="picture')
+    assert pictures == 2 + 1 + 3 + 1 + 1
+    assert len(re.findall(r'class="picture[^"]*js-plotly-plot"', seen.dom)) == pictures
+
+
+def test_names_of_strangers_stay_text(designed: Designed) -> None:
+    page = own_html(render(content(renamed(designed, EVIL))))
+    assert "<script>document.body" not in page and '<b>"' not in page
+    assert "{{7*7}}" in page and "49}" not in page
+
+
+def test_the_page_stands_alone(designed: Designed) -> None:
+    page = own_html(render(content(designed)))
+    links = re.findall(r"""(?:src|href|action)\s*=\s*["']?([^"'\s>]*)""", page)
+    assert all(link.startswith(("#", "data:")) for link in links)
+    assert "http:" not in page and "https:" not in page
+    assert len(render(content(designed)).encode()) < 6_000_000
+
+
+def test_the_path_is_that_of_two_links(designed: Designed) -> None:
+    arm = designed.robot
+    q = np.array([[0.3, -0.7], [1.2, 0.4]])
+    path = way_of(arm, designed.tool, all_joints(arm, q))
+    both = q.sum(axis=1)
+    x = 0.4 * np.cos(q[:, 0]) + 0.4 * np.cos(both)
+    z = -0.4 * np.sin(q[:, 0]) - 0.4 * np.sin(both)
+    np.testing.assert_allclose(path, np.column_stack([x, 0.0 * x, z]), atol=1e-12)
+    stick = skeleton(arm, designed.tool, q[0])
+    ends = stick.reshape(-1, 3, 3)
+    assert np.isnan(ends[:, 2]).all()
+    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    assert lengths.sum() == pytest.approx(REACH)
+    np.testing.assert_allclose(ends[-1, 1], path[0])
