@@ -42,7 +42,7 @@ def demo(output: Output = None, seed: Seed = 0, as_json: Json = False) -> None:
     found: list[Designed] = []
     with progress_bar() as progress, whole_folder(folder) as part:
 
-        def designed(loaded: LoadedRobot) -> ExactTrajectory:
+        def designed(loaded: "LoadedRobot") -> "ExactTrajectory":
             effort = Effort(DESIGN, processes=os.cpu_count() or 1, seed=seed)
             model = river.model_of(loaded)
             found.append(design(loaded, model, effort, progress=progress))

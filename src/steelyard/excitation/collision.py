@@ -110,9 +110,7 @@ class Clearance:
         samples, ways = np.nonzero(by_way < limit)
         exact, points, normals = self.scene.exact(poses, ways, samples)
         by_way[samples, ways] = exact
-        values = np.full((len(q), len(self.pairs)), np.inf)
-        for way, pair in enumerate(self._owner):
-            values[:, pair] = np.minimum(values[:, pair], by_way[:, way])
+        values = self._by_pair(by_way)
         slopes = np.zeros((len(q), len(self.pairs), self.robot.n))
         least = exact == values[samples, self._owner[ways]]
         samples, ways = samples[least], ways[least]
@@ -127,11 +125,13 @@ class Clearance:
         signs = self._sides[ways]
         chosen = np.where(signs[:, :, None] > 0.0, points[:, 1:], points[:, :1])
         axes, arms = poses.axes[samples], chosen - poses.anchors[samples]
+        turning = np.array([body.kind == "revolute" for body in self.robot.bodies])
+        towards = normals[:, None]
+        levers = np.where(turning[:, None], np.cross(arms, towards), towards)
+        speeds = signs * np.einsum("hbi,hbi->hb", axes, levers)
         slopes = np.zeros((len(ways), self.robot.n))
         for k, body in enumerate(self.robot.bodies):
-            moved = axes[:, k] if body.kind == "prismatic" else np.cross(axes[:, k], arms[:, k])
-            speed = np.einsum("hi,hi->h", normals, moved)
-            slopes[:, body.coordinate] += body.ratio * signs[:, k] * speed
+            slopes[:, body.coordinate] += body.ratio * speeds[:, k]
         return slopes
 
     def distances(self, q: Array) -> Array:
@@ -141,9 +141,12 @@ class Clearance:
         shape = (len(q), len(self._owner))
         samples, ways = (index.ravel() for index in np.indices(shape))
         by_way = self.scene.exact(poses, ways, samples)[0].reshape(shape)
-        return np.stack(
-            [by_way[:, self._owner == k].min(axis=1) for k in range(len(self.pairs))], axis=1
-        )
+        return self._by_pair(by_way)
+
+    def _by_pair(self, by_way: Array) -> Array:
+        """The least of every pair's ways, shape `(N, k)`; these are side by side."""
+        first = np.searchsorted(self._owner, np.arange(len(self.pairs)))
+        return np.asarray(np.minimum.reduceat(by_way, first, axis=1))
 
     def nearest(self, q: Array) -> Nearest:
         """The pair that is nearest to its margin, or farthest below it, at a posture `(n,)`."""

@@ -36,11 +36,11 @@ NOISE = 0.01
 RATE = 20.0
 """Independent samples a second that are assumed with it."""
 
-FINISH = 0.15
-"""Share of the time that polishing, scaling and proofs get."""
+FINISH = 0.08
+"""Share of the time that polishing, scaling and proofs get, and at least a second."""
 
-RESERVE = 0.03
-"""Share of the time that the certificate and the files get."""
+RESERVE = 1.0
+"""What the certificate, the report and the files get of the time [s]."""
 
 HURRY = 1.0
 """Time for polishing after the user has ended the search [s]."""
@@ -103,8 +103,8 @@ def _searched(
     problem = build(loaded, model, earlier)
     refuse_impossible(problem, loaded)
     problem.objective(problem.basis.still(np.zeros(problem.robot.n)), 1.0)
-    left = (1.0 - FINISH) * effort.seconds - (time.monotonic() - begun)
-    deadline = begun + (1.0 - RESERVE) * effort.seconds
+    deadline = begun + effort.seconds - RESERVE
+    left = deadline - max(FINISH * effort.seconds, 1.0) - time.monotonic()
     try:
         harvest = harvested(
             Recipe.of(loaded, model, earlier),

@@ -44,6 +44,7 @@ class Distances:
     model: Any
     position: Array
     rotation: Array
+    _spare: list[Any]
 
     def __init__(self, solids: tuple[Solid, ...]) -> None:
         spec = mujoco.MjSpec()
@@ -57,6 +58,7 @@ class Distances:
         object.__setattr__(self, "model", model)
         object.__setattr__(self, "position", data.geom_xpos.copy())
         object.__setattr__(self, "rotation", data.geom_xmat.reshape(-1, 3, 3).copy())
+        object.__setattr__(self, "_spare", [])
 
     def between(
         self, pairs: NDArray[np.intp], samples: NDArray[np.intp], at: tuple[Array, Array]
@@ -73,11 +75,13 @@ class Distances:
             points of both, shape `(H, 2, 3)` [m]; of an overlap those that would touch first if
             the solids were drawn apart.
         """
-        model, data = self.model, mujoco.MjData(self.model)
+        # memory for the solver takes longer to get than a hundred distances
+        model, data = self.model, self._spare.pop() if self._spare else mujoco.MjData(self.model)
         place, turn = data.geom_xpos, data.geom_xmat
-        rotations = at[0] @ self.rotation
-        positions = at[1] + (at[0] @ self.position[..., None])[..., 0]
-        flat = rotations.reshape(len(rotations), -1, 9)
+        used, samples = np.unique(samples, return_inverse=True)
+        rotations = at[0][used] @ self.rotation
+        positions = at[1][used] + (at[0][used] @ self.position[..., None])[..., 0]
+        flat = rotations.reshape(*rotations.shape[:2], 9)
         distances, points = np.empty(len(pairs)), np.empty((len(pairs), 6, 1))
         measure, last = mujoco.mj_geomDistance, -1
         work = zip(pairs[:, 0].tolist(), pairs[:, 1].tolist(), samples.tolist(), strict=True)
@@ -86,6 +90,7 @@ class Distances:
                 place[:], turn[:] = positions[sample], flat[sample]
                 last = sample
             distances[k] = measure(model, data, first, second, BEYOND, points[k])
+        self._spare.append(data)
         return distances, points.reshape(-1, 2, 3)
 
 

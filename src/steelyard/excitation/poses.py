@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,19 +63,30 @@ class ShapeKinematics:
         """Poses at positions of the joints, shape `(N, n)`."""
         rotation, origin = self._bodies(q)
         axes = [(r @ b.axis) for r, b in zip(rotation[1:], self.robot.bodies, strict=True)]
-        frames = np.stack(rotation, axis=1)[:, self.carriers]
-        places = np.stack(origin, axis=1)[:, self.carriers]
-
-        def moved(points: Array) -> Array:
-            return np.asarray(places + (frames @ points[..., None])[..., 0])
-
+        count, shapes = len(q), len(self.carriers)
+        frames = np.empty((count, shapes, 3, 3))
+        places = np.empty((2, count, shapes, 3))
+        for carrier, which, own in self._carried:
+            # one product per body: a stack of small ones would take several times as long
+            turned = (rotation[carrier].reshape(-1, 3) @ own).reshape(count, 3, -1, 5)
+            frames[:, which] = turned[..., :3].transpose(0, 2, 1, 3)
+            places[:, :, which] = turned[..., 3:].transpose(3, 0, 2, 1)
+            places[:, :, which] += origin[carrier][:, None]
+        origins, centres = places
         return Poses(
-            frames @ self.rotations,
-            moved(self.positions),
-            moved(self.centres),
-            np.stack(axes, axis=1),
-            np.stack(origin[1:], axis=1),
+            frames, origins, centres, np.stack(axes, axis=1), np.stack(origin[1:], axis=1)
         )
+
+    @cached_property
+    def _carried(self) -> list[tuple[int, NDArray[np.intp], Array]]:
+        """Per body that has shapes their numbers, and rotations, origins, centres side by side."""
+        found = []
+        for carrier in np.unique(self.carriers):
+            which = np.flatnonzero(self.carriers == carrier)
+            at = np.stack([self.positions[which], self.centres[which]], axis=2)
+            own = np.concatenate([self.rotations[which], at], axis=2)
+            found.append((int(carrier), which, own.transpose(1, 0, 2).reshape(3, -1)))
+        return found
 
     def _bodies(self, q: Array) -> tuple[list[Array], list[Array]]:
         """Axes `(N, 3, 3)` and origins `(N, 3)` of the base and all bodies."""

@@ -65,7 +65,7 @@ class Scene:
         first, second = self.ways.T
         apart = poses.centres[:, second] - poses.centres[:, first]
         with np.errstate(invalid="ignore"):
-            gaps = np.linalg.norm(apart, axis=2) - radius[first] - radius[second]
+            gaps = np.sqrt(np.einsum("nwi,nwi->nw", apart, apart)) - radius[first] - radius[second]
         flat = self._flat
         normal = poses.rotations[:, second[flat]][..., 2]
         above = poses.centres[:, first[flat]] - poses.origins[:, second[flat]]
@@ -85,17 +85,16 @@ class Scene:
         Returns:
             Shape `(H,)` [m]; exact if the direction is that of the nearest points.
         """
-        bounds = np.empty(len(ways))
-        for way in np.unique(ways):
-            at = np.flatnonzero(ways == way)
-            first, second = self.ways[way]
-            k = samples[at]
-            turns = poses.rotations[k, first], poses.rotations[k, second]
-            normal = -turns[1][:, :, 2] if self._flat[way] else normals[at]
-            mine = height(self.shapes[first].solid, np.einsum("hij,hi->hj", turns[0], normal))
-            theirs = height(self.shapes[second].solid, -np.einsum("hij,hi->hj", turns[1], normal))
-            apart = poses.origins[k, second] - poses.origins[k, first]
-            bounds[at] = np.einsum("hi,hi->h", normal, apart) - mine - theirs
+        both = self.ways[ways].T
+        own = -poses.rotations[samples, both[1], :, 2]
+        normal = np.where(self._flat[ways][:, None], own, normals)
+        apart = poses.origins[samples, both[1]] - poses.origins[samples, both[0]]
+        bounds = np.einsum("hi,hi->h", normal, apart)
+        for numbers, outwards in zip(both, (normal, -normal), strict=True):
+            seen = np.einsum("hij,hi->hj", poses.rotations[samples, numbers], outwards)
+            for number in np.unique(numbers):
+                at = np.flatnonzero(numbers == number)
+                bounds[at] -= height(self.shapes[number].solid, seen[at])
         return bounds - ROUNDING
 
     def centre_lines(self, poses: Poses, ways: Indices, samples: Indices) -> Array:

@@ -6,7 +6,7 @@ than their room: with $s$ the margin over the room their barrier is
 $-\log s - (1 - s) - \tfrac12 (1 - s)^2$ for $s < 1$ and zero beyond, twice differentiable at 1.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,6 +16,9 @@ from steelyard.arrays import Array
 from steelyard.excitation.basis import Basis
 from steelyard.excitation.constraint import Constraint
 from steelyard.excitation.limits import MotionLimits
+
+APART = 2
+"""Constraints are looked at in every second sample: they change more slowly than accelerations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +45,7 @@ class Walls:
         basis: The family of motions.
         limits: Of the joints.
         constraints: All else that must hold.
-        t: Sample times, shape `(N,)` [s].
+        t: Sample times, shape `(N,)` [s]; constraints are looked at in each second one.
     """
 
     basis: Basis
@@ -52,12 +55,12 @@ class Walls:
 
     @cached_property
     def shapes(self) -> list[Array]:
-        """The basis' functions and their derivatives at the samples, four of shape `(N, m)`."""
+        """The basis' functions and their derivatives at the samples, each `(N, m)`."""
         return [self.basis.shapes(self.t, order) for order in range(self._orders)]
 
     @cached_property
     def offsets(self) -> list[Array]:
-        """What the basis has without coefficients, four of shape `(N, n)`."""
+        """What the basis has without coefficients, each `(N, n)`."""
         return [self.basis.offset(self.t, order) for order in range(self._orders)]
 
     @property
@@ -66,38 +69,37 @@ class Walls:
 
     @cached_property
     def _rows(self) -> Array:
-        """Slopes of the linear margins, taken off, shape `(R, m)`."""
-        return np.vstack([sign * shape for shape in self.shapes for sign in (1.0, -1.0)])
+        """All orders one after another, shape `(R, m)`."""
+        return np.vstack(self.shapes)
 
     @cached_property
-    def _products(self) -> Array:
-        """Outer products of each row with itself, shape `(R, m * m)`."""
-        rows = self._rows
-        return (rows[:, :, None] * rows[:, None, :]).reshape(len(rows), -1)
+    def _middle(self) -> Array:
+        """What the limits leave in the middle, less the offset, shape `(n, R)`."""
+        sides = zip(bounds(self.limits)[: self._orders], self.offsets, strict=True)
+        return np.hstack([0.5 * (low + high)[:, None] - offset.T for (low, high), offset in sides])
 
     @cached_property
-    def _bounds(self) -> tuple[Array, Array]:
-        """Linear margins at zero coefficients, and what they are counted in, `(n, R)` each."""
-        sides = bounds(self.limits)[: self._orders]
-        at_zero, units = [], []
-        for (lower, upper), offset in zip(sides, self.offsets, strict=True):
-            half = np.repeat(0.5 * (upper - lower)[:, None], len(self.t), axis=1)
-            at_zero += [upper[:, None] - offset.T, offset.T - lower[:, None]]
-            units += [half, half]
-        return np.hstack(at_zero), np.hstack(units)
+    def _halves(self) -> Array:
+        """Half of each limit's range, shape `(n, R)`."""
+        halves = [0.5 * (high - low) for low, high in bounds(self.limits)[: self._orders]]
+        return np.repeat(np.column_stack(halves), len(self.t), axis=1)
 
     def linear(self, x: Array) -> Array:
-        """Margins of the limits in units of half their range, shape `(n, R)`."""
-        at_zero, units = self._bounds
-        return (at_zero - x @ self._rows.T) / units
+        """Margins of the limits in units of half their range, shape `(n, 2 R)`."""
+        place = (x @ self._rows.T - self._middle) / self._halves
+        return np.hstack([1.0 - place, 1.0 + place])
 
     def away(self, dx: Array) -> Array:
         """How fast those margins change along `dx`."""
-        return -(dx @ self._rows.T) / self._bounds[1]
+        rate = (dx @ self._rows.T) / self._halves
+        return np.hstack([-rate, rate])
 
     def state(self, x: Array) -> tuple[Array, Array, Array]:
-        """Position, speed and acceleration at the samples, each `(N, n)`."""
-        q, dq, ddq = (s @ x.T + o for s, o in zip(self.shapes[:3], self.offsets[:3], strict=True))
+        """Position, speed and acceleration at the constraints' samples, each `(N', n)`."""
+        q, dq, ddq = (
+            s[::APART] @ x.T + o[::APART]
+            for s, o in zip(self.shapes[:3], self.offsets[:3], strict=True)
+        )
         return q, dq, ddq
 
     def worst(self, x: Array) -> float:
@@ -110,35 +112,43 @@ class Walls:
 
     def barrier(self, x: Array) -> Barrier | None:
         """The barrier at `x`, or `None` where a margin is not positive."""
+        value, slope, curvature = 0.0, np.zeros_like(x), np.zeros((x.size, x.size))
+        for part in self._parts(x):
+            if part is None:
+                return None
+            value += part.value
+            slope += part.slope
+            curvature += part.curvature
+        return Barrier(value, slope, curvature)
+
+    def _parts(self, x: Array) -> Iterator[Barrier | None]:
+        """Barriers of the limits and of each constraint, until one is not inside."""
+        yield self._limited(x)
+        state = self.state(x) if self.constraints else None
+        for constraint in self.constraints:
+            assert state is not None
+            yield self._curved(constraint, state, x.shape)
+
+    def _limited(self, x: Array) -> Barrier | None:
+        """The barrier of the joints' limits."""
         margins = self.linear(x)
         if not margins.min() > 0.0:
             return None
         n, m = x.shape
-        inverse = 1.0 / margins
-        weight = inverse / self._bounds[1]
-        value = -float(np.log(margins).sum())
-        slope = weight @ self._rows
-        blocks = (weight**2 @ self._products).reshape(n, m, m)
+        above, below = np.hsplit(1.0 / margins, 2)
+        slope = ((above - below) / self._halves) @ self._rows
+        bend = (above**2 + below**2) / self._halves**2
         curvature = np.zeros((n * m, n * m))
-        for joint, block in enumerate(blocks):
+        for joint, weights in enumerate(bend):
             own = slice(joint * m, (joint + 1) * m)
-            curvature[own, own] = block
-        state = self.state(x) if self.constraints else None
-        for constraint in self.constraints:
-            assert state is not None
-            part = self._curved(constraint, state, x.shape)
-            if part is None:
-                return None
-            value += part[0]
-            slope = slope + part[1]
-            curvature += part[2]
+            curvature[own, own] = (self._rows.T * weights) @ self._rows
         count = len(self.t)
-        return Barrier(value / count, slope / count, curvature / count)
+        return Barrier(-float(np.log(margins).sum()) / count, slope / count, curvature / count)
 
     def _curved(
         self, constraint: Constraint, state: tuple[Array, Array, Array], shape: tuple[int, ...]
-    ) -> tuple[float, Array, Array] | None:
-        """Value, slope and curvature of one constraint's barrier."""
+    ) -> Barrier | None:
+        """The barrier of one constraint."""
         margins = constraint.margins(*state)
         s = margins.values / constraint.room
         if not s.min() > 0.0:
@@ -153,11 +163,12 @@ class Walls:
         ):
             if by is not None:
                 change = by[times, which] / unit[:, None]
-                rows += change[:, :, None] * functions[times][:, None, :]
+                rows += change[:, :, None] * functions[APART * times][:, None, :]
         flat = rows.reshape(len(times), shape[0] * shape[1])
-        first = -1.0 / near + 1.0 + lack
-        second = 1.0 / near**2 - 1.0
-        return value, (first @ flat).reshape(shape), (flat * second[:, None]).T @ flat
+        slope = ((-1.0 / near + 1.0 + lack) @ flat).reshape(shape)
+        curvature = (flat * (1.0 / near**2 - 1.0)[:, None]).T @ flat
+        count = len(state[0])
+        return Barrier(value / count, slope / count, curvature / count)
 
 
 def bounds(limits: MotionLimits) -> list[tuple[Array, Array]]:
