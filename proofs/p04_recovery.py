@@ -16,6 +16,7 @@ from steelyard.excitation.random_fourier import random_fourier
 from steelyard.measurement import Recording, prepare
 from steelyard.measurement.recording import HeldLog
 from steelyard.model import Model
+from steelyard.motion import Trajectory
 from steelyard.regression.gather import gather
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot.dh import DHRow, dh_mechanism
@@ -63,10 +64,17 @@ def white(rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
     return rng.standard_normal(shape)
 
 
-def log_of(robot: Robot, truth: Truth, seed: int, noise: Noise = white) -> Recording:
-    """A log in memory: true torque along a random motion, with noise on both sides."""
+def log_of(
+    robot: Robot,
+    truth: Truth,
+    seed: int,
+    noise: Noise = white,
+    trajectory: Trajectory | None = None,
+) -> Recording:
+    """A log in memory: true torque along a motion, a random one if `None`, noise on both sides."""
     rng = np.random.default_rng(seed)
-    trajectory = random_fourier(robot, seed=seed, period=10.0, periods=2)
+    if trajectory is None:
+        trajectory = random_fourier(robot, seed=seed, period=10.0, periods=2)
     t = np.arange(0.0, trajectory.duration, 1.0 / RATE)
     motion = trajectory.sample(t)
     torque = truth.model.at(truth.values).torque(motion)

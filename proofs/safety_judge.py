@@ -241,9 +241,7 @@ def _of_tool(rules: Rules, places: np.ndarray) -> dict[str, list[Margin]]:
     return found
 
 
-def _of_efforts(
-    rules: Rules, efforts: list[np.ndarray], dq: np.ndarray
-) -> dict[str, list[Margin]]:
+def _of_efforts(rules: Rules, efforts: list[np.ndarray], dq: np.ndarray) -> dict[str, list[Margin]]:
     """Torques and powers, with the friction that turns counted the worse way."""
     turning = 0.0 if rules.friction is None else rules.friction[1]
     found: dict[str, list[Margin]] = {}

@@ -5,7 +5,6 @@ Shapes are read by Pinocchio from the URDF, hulls are built by coal.
 
 import json
 import re
-import sys
 import time
 from itertools import pairwise
 from typing import Any
@@ -88,6 +87,13 @@ class Clearances:
         }
 
 
+def may_touch() -> set[frozenset[str]]:
+    """Pairs that the manufacturer's SRDF does not look at."""
+    text = (data_folder().parent / "models/panda_description/srdf/panda.srdf").read_text()
+    found = re.findall(r'<disable_collisions link1="(\w+)" link2="(\w+)"', text)
+    return {frozenset(pair) for pair in found}
+
+
 def searched(problem: Problem, number: int) -> tuple[np.ndarray, float]:
     """What one search ends with, and its time on one core [s]."""
     begun = time.process_time()
@@ -112,9 +118,7 @@ def panda_claims() -> list[Claim]:
     pairs = {frozenset(label.split("'")[1::2]) for label in proofs.labels}
     told = [json.loads(json.dumps(b.trajectory.to_dict())) for b in best]
     judge = Clearances()
-    for line in watched.notes:
-        print(line, file=sys.stderr)
-    left = sorted(" and ".join(sorted(pair)) for pair in judge.every() - pairs)
+    left = judge.every() - pairs
     seen, without = (judge.least(motion, pairs) for motion in reversed(told))
     ratio = float(seconds[1] / seconds[0])
     kept = certificate.holds and seen >= MARGIN
@@ -139,6 +143,10 @@ def panda_claims() -> list[Claim]:
             "told",
             True,
         ),
-        Claim("Panda, pairs left out", "; ".join(left) or "none", "told", True),
+        Claim(
+            f"Panda, pairs of links that may not touch by its SRDF and are left out of {len(left)}",
+            f"{len(left - may_touch())}",
+            "0",
+            not left - may_touch(),
+        ),
     ]
-

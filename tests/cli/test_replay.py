@@ -11,6 +11,7 @@ import time
 import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -89,16 +90,30 @@ def test_playing_moves_the_scene_until_it_is_told_to_end(replay: Replay) -> None
     np.testing.assert_allclose([thing.position for thing in replay._things], origins)
 
 
-def test_the_controls_pause_and_move_time(replay: Replay) -> None:
-    labels = {
-        handle.label: handle for handle in replay.server.gui._gui_input_handle_from_uuid.values()
-    }
-    assert {"Time [s]", "Pause", "Speed", "Path of the tool"} <= set(labels)
-    labels["Speed"].value = 0.5
-    deadline = time.monotonic() + 5.0
-    while replay.clock.speed != 0.5 and time.monotonic() < deadline:
-        time.sleep(0.02)
+def test_the_controls_pause_move_time_and_set_the_speed(replay: Replay) -> None:
+    handles = replay.server.gui._gui_input_handle_from_uuid.values()
+    labels = {handle.label: handle for handle in handles}
+    browser = SimpleNamespace(client=object())
+
+    def touched(label: str, event: object = browser) -> None:
+        for react in labels[label]._impl.update_cb:
+            react(event)
+
+    touched("Pause")
+    assert not replay.clock.running and labels["Pause"].label == "Play"
+    touched("Pause")
+    assert replay.clock.running and labels["Pause"].label == "Pause"
+    labels["Time [s]"]._impl.value = 2.5
+    touched("Time [s]", SimpleNamespace(client=None))
+    assert replay.clock.running and replay.clock.now != 2.5, "the player's own move pauses it"
+    touched("Time [s]")
+    assert not replay.clock.running and replay.clock.now == 2.5
+    labels["Speed"]._impl.value = 0.5
+    touched("Speed")
     assert replay.clock.speed == 0.5
+    labels["Path of the tool"]._impl.value = False
+    touched("Path of the tool")
+    assert not replay.server.scene.get_handle_by_name("/path of the tool").visible
 
 
 def test_the_clock_begins_anew_and_stands_still_when_it_should() -> None:

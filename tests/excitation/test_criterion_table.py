@@ -127,7 +127,7 @@ def test_after_earlier(tmp_path: Path) -> None:
 
 def test_given_weights_do_not_go_with_earlier_information(tmp_path: Path) -> None:
     criterion = "[excitation.criterion]\nweights = [1.0, 1.0, 1.0]\nafter_earlier = true\n"
-    with pytest.raises(DataError, match="count in their noise"):
+    with pytest.raises(DataError, match="counts in their noise"):
         problem_of(tmp_path, ANY + criterion, earlier(tmp_path))
 
 
@@ -203,7 +203,7 @@ def test_noise_of_predictions(tmp_path: Path) -> None:
     known = earlier(tmp_path)
     plain = designed(tmp_path, ANY + QUICK)
     told = designed(tmp_path, ANY + QUICK, earlier=known)
-    assert "1% of each joint's greatest effort" in plain.noise_from
+    assert "1 % of each joint's greatest effort" in plain.noise_from
     assert "earlier log" in told.noise_from
     np.testing.assert_array_equal(told.noise, known.noise)
     np.testing.assert_allclose(plain.noise, 0.6)

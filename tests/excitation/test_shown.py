@@ -64,9 +64,8 @@ def test_advice_adds_information(tmp_path: Path) -> None:
             assert share == pytest.approx(names[name])
 
 
-def test_a_motion_of_one_speed_leaves_parameters_unseen(tmp_path: Path) -> None:
-    tables = f'{ANY}[excitation.motion]\nkind = "postures"\ncount = 1\ndwell = 5.0\n'
-    tables = tables.replace("[excitation.motion]", "velocity = 1e-9\n[excitation.motion]")
+def test_one_joint_at_a_time_leaves_parameters_unseen(tmp_path: Path) -> None:
+    tables = f'{ANY}[excitation.motion]\nkind = "sweeps"\nspeeds = 1\nslowest = 1.0\n'
     found = designed(tmp_path, tables)
     std = found.shown.std()
     assert not np.isnan(std).any() and np.isinf(std).any()

@@ -47,7 +47,7 @@ def demo(output: Output = None, seed: Seed = 0, as_json: Json = False) -> None:
             model = river.model_of(loaded)
             found.append(design(loaded, model, effort, progress=progress))
             (part / "motion").mkdir()
-            write_design(found[0], part / "motion", ("csv",), None)
+            write_design(found[0], loaded, part / "motion", ("csv",), None)
             return found[0].trajectory
 
         runs = demo_runs(part / "robot", seed, progress, design=designed)

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from steelyard.excitation.designed import Designed
     from steelyard.progress import Event, Progress
+    from steelyard.robot.robot_file import LoadedRobot
 
 BUDGET = 10.0
 """Seconds of a design, if none are given."""
@@ -149,7 +150,7 @@ def excite(
                 )
                 if not designed.stopped:
                     interrupt.answered()
-            files = write_design(designed, part, forms, rate)
+            files = write_design(designed, loaded, part, forms, rate)
             interrupt.too_late()
     except Stopped:
         interrupt.leave()
@@ -166,7 +167,11 @@ def excite(
 
 
 def write_design(
-    designed: "Designed", folder: Path, formats: "Sequence[str]", rate: float | None
+    designed: "Designed",
+    loaded: "LoadedRobot",
+    folder: Path,
+    formats: "Sequence[str]",
+    rate: float | None,
 ) -> dict[str, str]:
     """Write a design into a new folder: what each file is, and its name."""
     from steelyard.excitation.export import write_export
@@ -181,7 +186,13 @@ def write_design(
         path = write_export(designed.trajectory, designed.robot, form, folder, rate)
         names[form] = path.name
     title = f"A motion for {designed.robot.name}"
-    content = ReportContent(title=title, robot=designed.robot.name, design=designed)
+    content = ReportContent(
+        title=title,
+        robot=designed.robot.name,
+        design=designed,
+        workspace=loaded.excitation.workspace,
+        files=tuple(names.items()),
+    )
     (folder / "report.html").write_text(render(content), encoding="utf-8")
     return names | {"report": "report.html"}
 

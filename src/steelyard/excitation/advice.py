@@ -15,6 +15,9 @@ from steelyard.excitation.sweeps import friction_sweeps, static_postures
 from steelyard.motion import Trajectory
 
 SAMPLES_A_SECOND = 50.0
+MOST_SAMPLES = 100_000
+"""Of motions of more than half an hour."""
+
 HELPS = 0.8
 """A deviation that falls below this share is worth telling."""
 
@@ -60,10 +63,14 @@ def advice(
     case = _weighed(first, noise_weights)
     found = [_of("the same motion once more", trajectory.duration, shown.gram, shown, prior)]
     for what, motion in _others(limits):
-        count = int(SAMPLES_A_SECOND * motion.duration)
-        gram = information(case, motion, count)
+        gram = information(case, motion, samples_of(motion.duration))
         found.append(_of(what, motion.duration, gram, shown, prior))
     return tuple(found)
+
+
+def samples_of(seconds: float) -> int:
+    """Samples that say what a motion shows."""
+    return int(min(SAMPLES_A_SECOND * seconds, MOST_SAMPLES))
 
 
 def _others(limits: MotionLimits) -> list[tuple[str, Trajectory]]:

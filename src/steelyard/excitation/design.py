@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from steelyard.arrays import Array, frozen
-from steelyard.excitation.advice import Advice, advice
+from steelyard.excitation.advice import Advice, advice, samples_of
 from steelyard.excitation.build import Recipe, build, cases_of, limits_of, memoryless
 from steelyard.excitation.certificate import certify
 from steelyard.excitation.constraint import Constraint
@@ -192,7 +192,7 @@ def _advice(
 
 def _samples(trajectory: ExactTrajectory, least: int) -> int:
     """Samples of what is shown: as many as asked for, and 50 a second of long motions."""
-    return max(least, int(50.0 * trajectory.duration))
+    return max(least, samples_of(trajectory.duration))
 
 
 def noise_of(loaded: LoadedRobot, earlier: Earlier | None) -> tuple[Array, float, str]:
@@ -205,5 +205,5 @@ def noise_of(loaded: LoadedRobot, earlier: Earlier | None) -> tuple[Array, float
         noise = np.ones(loaded.robot.n)
         return noise, RATE, f"assumed: 1 Nm (1 N), {RATE:g} independent samples a second"
     own[~known] = np.median(own[known])
-    source = f"assumed: {NOISE:.0%} of each joint's greatest effort, {RATE:g} independent samples"
+    source = f"assumed: {100.0 * NOISE:g} % of each joint's greatest effort, {RATE:g} independent samples"
     return frozen(NOISE * own), RATE, f"{source} a second; an earlier log says it better"

@@ -73,9 +73,7 @@ class ShapeKinematics:
             places[:, :, which] = turned[..., 3:].transpose(3, 0, 2, 1)
             places[:, :, which] += origin[carrier][:, None]
         origins, centres = places
-        return Poses(
-            frames, origins, centres, np.stack(axes, axis=1), np.stack(origin[1:], axis=1)
-        )
+        return Poses(frames, origins, centres, np.stack(axes, axis=1), np.stack(origin[1:], axis=1))
 
     @cached_property
     def _carried(self) -> list[tuple[int, NDArray[np.intp], Array]]:

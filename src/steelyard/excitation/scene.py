@@ -95,7 +95,7 @@ class Scene:
             for number in np.unique(numbers):
                 at = np.flatnonzero(numbers == number)
                 bounds[at] -= height(self.shapes[number].solid, seen[at])
-        return bounds - ROUNDING
+        return np.asarray(bounds - ROUNDING)
 
     def centre_lines(self, poses: Poses, ways: Indices, samples: Indices) -> Array:
         """Directions from centre to centre, shape `(H, 3)`."""

@@ -103,7 +103,7 @@ def efforts_of(section: ExcitationSection, model: Model, earlier: Earlier | None
     source = (
         "the earlier model's" if earlier is not None else "those of the model file, no friction"
     )
-    return found, [f"torques are limited by a prior model; whose values are {source}"]
+    return found, [f"torques are limited by a prior model, whose values are {source}"]
 
 
 def _unknown_efforts(model: Model) -> str | None:

@@ -22,6 +22,7 @@ KINDS = {
     "fourier": "Fourier series from rest to rest",
     "raw_fourier": "Fourier series",
     "blended_fourier": "Fourier series with blends from and to rest",
+    "ramped_fourier": "Fourier series that swells from rest and dies down to it",
     "spline": "B-splines from rest to rest",
     "reaching": "minimum-jerk moves between postures",
     "pick_and_place": "pick-and-place cycles",

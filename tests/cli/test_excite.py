@@ -1,0 +1,301 @@
+"""`steelyard excite`: its files, its options, earlier logs, and Ctrl-C."""
+
+import hashlib
+import json
+import os
+import pty
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from excitation.tabled import OPEN, QUICK, arm
+from steelyard.cli.app import app, expanded
+from steelyard.excitation.files import read_motion
+
+ANY = f'{OPEN}[excitation.limits]\neffort = "any"\n'
+ONE = ("--searches", "1", "--processes", "1", "--budget", "60")
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(app, expanded([str(a) for a in arguments]))
+
+
+def ran(*arguments: object) -> Result:
+    done = run(*arguments)
+    assert done.exit_code == 0, done.output
+    return done
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with an arm, a design and what the terminal said."""
+    folder = tmp_path_factory.mktemp("excite")
+    arm(folder, ANY + QUICK)
+    formats = ("--format", "ros2", "mujoco")
+    done = ran("excite", folder / "arm.toml", *ONE, *formats, "-o", folder / "out")
+    (folder / "said.txt").write_text(done.stdout)
+    return folder
+
+
+def test_files(made: Path) -> None:
+    names = {path.name for path in (made / "out").iterdir()}
+    assert names == {
+        "trajectory.json",
+        "certificate.json",
+        "trajectory.csv",
+        "trajectory.yaml",
+        "trajectory.xml",
+        "report.html",
+    }
+    said = (made / "said.txt").read_text()
+    assert all(name in said for name in names)
+    assert "every limit proven for all times" in said
+
+
+def test_the_certificate_is_of_this_trajectory(made: Path) -> None:
+    certificate = json.loads((made / "out" / "certificate.json").read_text())
+    values = json.loads((made / "out" / "trajectory.json").read_text())
+    text = json.dumps(values, sort_keys=True)
+    assert certificate["trajectory_sha256"] == hashlib.sha256(text.encode()).hexdigest()
+    assert certificate["holds"] is True
+
+
+def test_simulate_follows_the_design(made: Path) -> None:
+    motion = made / "out" / "trajectory.json"
+    ran("simulate", made / "arm.toml", "--motion", motion, "-o", made / "trial")
+    again = read_motion(made / "trial" / "trajectory.json", arm(made, ANY + QUICK).robot)
+    t = np.linspace(0.0, 4.0, 40)
+    first = read_motion(motion, arm(made, ANY + QUICK).robot)
+    np.testing.assert_array_equal(again.derivative(t, 0), first.derivative(t, 0))
+
+
+def test_a_folder_is_never_overwritten(made: Path) -> None:
+    before = (made / "out" / "trajectory.json").read_bytes()
+    done = run("excite", made / "arm.toml", *ONE, "-o", made / "out")
+    assert done.exit_code == 2 and "exists already" in done.output
+    assert (made / "out" / "trajectory.json").read_bytes() == before
+
+
+def test_json(made: Path) -> None:
+    out = made / "planned"
+    options = ("--motion", "sweeps", "--json", "-o", out)
+    done = ran("excite", made / "arm.toml", *options)
+    found = json.loads(done.stdout, parse_constant=lambda text: pytest.fail(text))
+    assert found["certified"] is True and found["motion"] == "sweeps"
+    assert found["figure"] is None and None in found["predicted_std"].values()
+    assert set(found["files"]) == {"trajectory", "certificate", "csv", "report"}
+    assert all(Path(path).is_file() for path in found["files"].values())
+
+
+def test_options_take_the_place_of_tables(made: Path) -> None:
+    options = ("--motion", "raw_fourier", "--period", "5", "--harmonics", "2", "--seed", "3")
+    more = ("--criterion", "d_optimal", "--method", "gradient", "--rate", "100", "--json")
+    done = ran("excite", made / "arm.toml", *ONE, *options, *more, "-o", made / "other")
+    found = json.loads(done.stdout)
+    assert (found["motion"], found["duration_s"]) == ("raw_fourier", 5.0)
+    assert "D-optimality" in found["criterion"]
+    values = json.loads((made / "other" / "trajectory.json").read_text())
+    assert len(values["sine"][0]) == 2 or len(values["sine"]) == 2
+    rows = (made / "other" / "trajectory.csv").read_text().splitlines()
+    assert len(rows) == pytest.approx(5.0 * 100.0, abs=3)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--motion", "fourer"), "there is no motion 'fourer', but fourier"),
+        (("--motion", "sweeps", "--period", "3"), "a motion of kind 'sweeps' has no period"),
+        (("--motion", "spline", "--harmonics", "3"), "a motion of kind 'spline' has no harmonics"),
+        (("--motion", "replay"), "motion.file: is missing"),
+        (("--harmonics", "1"), "motion.harmonics: input should be greater than or equal to 2"),
+        (("--period", "-1"), "motion.period: input should be greater than 0"),
+        (("--criterion", "best"), "there is no criterion 'best'"),
+        (("--method", "newton"), "there is no search method 'newton'"),
+        (("--still-unknown",), "add --earlier MODEL.json"),
+        (("--format", "ursript"), "did you mean 'urscript'?"),
+        (("--format", "urscript"), "six revolute joints"),
+        (("--motion", "raw_fourier", "--format", "ros2"), "at rest"),
+        (("--earlier", "nothing.json"), "cannot be read"),
+    ],
+)
+def test_options_that_do_not_fit(made: Path, options: tuple[str, ...], words: str) -> None:
+    begun = time.monotonic()
+    out = made / "wrong"
+    done = run("excite", made / "arm.toml", *ONE, *options, "-o", out)
+    assert done.exit_code == 2 and not out.exists()
+    assert words in " ".join(done.output.split())
+    assert time.monotonic() - begun < 3.0
+
+
+def test_a_planned_motion_that_does_not_keep_everything(tmp_path: Path) -> None:
+    box = "[excitation.workspace]\nbox = {z = [0.5, 0.6]}\n"
+    arm(tmp_path, f'{ANY}{box}[excitation.motion]\nkind = "postures"\ncount = 3\n')
+    done = run("excite", tmp_path / "arm.toml", "-o", tmp_path / "out")
+    assert done.exit_code == 1
+    assert "not proven" in done.output and (tmp_path / "out" / "report.html").is_file()
+    assert "z of 'tool' above 0.5 m" in (tmp_path / "out" / "certificate.json").read_text()
+
+
+SIGNALS = """
+[signals]
+time = "time_s"
+position = "q{}_rad"
+velocity = "dq{}_rad_s"
+[signals.effort]
+columns = "tau{}_Nm"
+kind = "joint_torque"
+unit = "Nm"
+"""
+
+
+def test_after_an_earlier_log(tmp_path: Path) -> None:
+    arm(tmp_path, ANY + QUICK + SIGNALS)
+    robot, folder = tmp_path / "arm.toml", tmp_path
+    ran("simulate", robot, "--period", "6", "-o", folder / "first")
+    (log,) = (folder / "first").glob("*.parquet")
+    ran("identify", robot, log, "--no-check", "-o", folder / "known")
+    base = ("excite", robot, *ONE, "--criterion", "a_optimal", "--json")
+    told = [
+        json.loads(ran(*base, *more, "-o", folder / f"out{k}").stdout)
+        for k, more in enumerate(
+            [(), ("--earlier", folder / "known"), ("--earlier", folder / "known/model.json")]
+        )
+    ]
+    assert told[1]["predicted_std"] == told[2]["predicted_std"]
+    assert "earlier log" in told[1]["noise"] and "assumed" in told[0]["noise"]
+    options = ("--earlier", folder / "known", "--still-unknown")
+    after = json.loads(ran(*base, *options, "-o", folder / "after").stdout)
+    known = json.loads((folder / "known" / "model.json").read_text())["estimate"]
+    before = dict(zip(known["names"], np.sqrt(np.diag(known["covariance"])), strict=True))
+    for name, std in after["predicted_std"].items():
+        assert 0.0 < std <= before.get(name, np.inf) * (1.0 + 1e-9)
+    alone = sum(std**2 for std in told[1]["predicted_std"].values())
+    assert sum(std**2 for std in after["predicted_std"].values()) < alone
+
+
+def test_an_earlier_model_of_another_robot(tmp_path: Path, identified: Path) -> None:
+    arm(tmp_path, ANY + QUICK)
+    options = ("--earlier", identified, "-o", tmp_path / "out")
+    done = run("excite", tmp_path / "arm.toml", *ONE, *options)
+    assert done.exit_code == 2
+    assert "the earlier model moves the joints" in done.output
+
+
+def started(folder: Path, *options: str, terminal: int | None = None) -> "subprocess.Popen[str]":
+    """The command as a program, with a long budget, leader of a group of its own."""
+    arm(folder, ANY + QUICK)
+    command = [sys.executable, "-m", "steelyard", "excite", "arm.toml", "-o", "out"]
+    budget = () if "--budget" in options else ("--budget", "120")
+    return subprocess.Popen(
+        [*command, "--processes", "2", *budget, *options],
+        cwd=folder,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE if terminal is None else terminal,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def searching(process: "subprocess.Popen[str]") -> list[str]:
+    """Processes of a command that search, while it lives or after."""
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            words = (folder / "cmdline").read_bytes()
+            parent = (folder / "stat").read_text().rpartition(")")[2].split()[1]
+        except OSError:
+            continue
+        if b"excitation.worker" in words and int(parent) == process.pid:
+            found.append(folder.name)
+    return found
+
+
+def gone(names: list[str]) -> bool:
+    return not any(Path("/proc", name).exists() for name in names)
+
+
+def wait_for(process: "subprocess.Popen[str]") -> list[str]:
+    while not (names := searching(process)) and process.poll() is None:
+        time.sleep(0.02)
+    return names
+
+
+linux = pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks at processes in /proc")
+
+
+@linux
+@pytest.mark.parametrize("group", [False, True])
+def test_ctrl_c_keeps_the_best_so_far(tmp_path: Path, group: bool) -> None:
+    process = started(tmp_path, "--json")
+    names = wait_for(process)
+    time.sleep(3.5)
+    (os.killpg if group else os.kill)(process.pid, signal.SIGINT)
+    out, errors = process.communicate(timeout=30)
+    assert (process.returncode, errors) == (0, "")
+    found = json.loads(out)
+    assert found["stopped"] and found["certified"] and found["seconds"] < 15.0
+    assert (tmp_path / "out" / "trajectory.json").is_file()
+    assert names and gone(names)
+
+
+@linux
+def test_ctrl_c_in_a_terminal(tmp_path: Path) -> None:
+    """The bar shows the best so far; the summary says that it was stopped."""
+    ours, theirs = pty.openpty()
+    process = started(tmp_path, terminal=theirs)
+    os.close(theirs)
+    shown = b""
+    while b"best" not in shown and process.poll() is None:
+        shown += os.read(ours, 4096)
+    process.send_signal(signal.SIGINT)
+    assert process.stdout is not None
+    out = process.stdout.read()
+    assert process.wait(timeout=30) == 0
+    os.close(ours)
+    process.stdout.close()
+    assert "stopped" in out and (tmp_path / "out" / "report.html").is_file()
+
+
+@linux
+@pytest.mark.parametrize("pause", [0.05, 0.3])
+def test_ctrl_c_twice_leaves_nothing(tmp_path: Path, pause: float) -> None:
+    process = started(tmp_path)
+    names = wait_for(process)
+    time.sleep(3.0)
+    process.send_signal(signal.SIGINT)
+    time.sleep(pause)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=30)
+    assert (process.returncode, errors) == (130, "stopped: nothing was written\n")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["arm.toml", "arm.urdf"]
+    assert gone(names)
+
+
+@linux
+def test_ctrl_c_before_anything_is_found_leaves_nothing(tmp_path: Path) -> None:
+    process = started(tmp_path)
+    names = wait_for(process)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=30)
+    assert (process.returncode, errors) == (130, "stopped: nothing was written\n")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["arm.toml", "arm.urdf"]
+    assert gone(names)
+
+
+@linux
+def test_killed_it_leaves_no_processes(tmp_path: Path) -> None:
+    process = started(tmp_path)
+    names = wait_for(process)
+    process.kill()
+    process.communicate(timeout=30)
+    limit = time.monotonic() + 10.0
+    while not gone(names) and time.monotonic() < limit:
+        time.sleep(0.05)
+    assert names and gone(names)

@@ -1,0 +1,215 @@
+"""Searches in processes of their own: the same whatever their number, and none is left behind."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from excitation.tabled import OPEN, arm, model_of
+from steelyard.errors import DataError
+from steelyard.excitation.build import Recipe, build
+from steelyard.excitation.runner import Effort, Harvest, harvested
+from steelyard.progress import Event, Progress, Stopped, silent
+
+pytestmark = pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks at processes in /proc")
+
+TABLES = f"""{OPEN}[excitation.limits]
+effort = "any"
+[excitation.motion]
+period = 4.0
+harmonics = 2
+"""
+
+
+def harvest(
+    folder: Path, effort: Effort, progress: Progress = silent, method: str = "gradient"
+) -> Harvest:
+    loaded = arm(folder, TABLES)
+    model = model_of(loaded)
+    return harvested(Recipe.of(loaded, model), build(loaded, model), method, effort, progress)
+
+
+def workers() -> list[int]:
+    """Processes of this one that search."""
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            words = (folder / "cmdline").read_bytes()
+            parent = (folder / "stat").read_text().rpartition(")")[2].split()[1]
+        except OSError:
+            continue
+        if b"excitation.worker" in words and int(parent) == os.getpid():
+            found.append(int(folder.name))
+    return found
+
+
+@pytest.fixture(autouse=True)
+def _nobody_stays() -> Iterator[None]:
+    yield
+    assert workers() == []
+
+
+def test_the_seed_alone_decides(tmp_path: Path) -> None:
+    one, two, other = (
+        harvest(tmp_path, Effort(60.0, searches=3, processes=count, seed=seed))
+        for count, seed in ((1, 0), (2, 0), (2, 1))
+    )
+    assert one.searches == two.searches == 3 and not one.stopped
+    for mine, theirs in zip(one.best, two.best, strict=True):
+        assert (mine.number, mine.figure) == (theirs.number, theirs.figure)
+        np.testing.assert_array_equal(mine.x, theirs.x)
+    assert other.best[0].figure != one.best[0].figure
+    figures = [figure for _, figure in two.course]
+    assert figures == sorted(figures, reverse=True) and figures[-1] == two.best[0].figure
+
+
+def test_no_more_processes_than_searches(tmp_path: Path) -> None:
+    seen = []
+
+    def watch(event: Event) -> bool:
+        seen.append(len(workers()))
+        return True
+
+    found = harvest(tmp_path, Effort(60.0, searches=1, processes=8), watch)
+    assert found.searches == 1 and max(seen) == 1
+
+
+def test_time_ends_it_and_keeps_what_there_is(tmp_path: Path) -> None:
+    begun = time.monotonic()
+    found = harvest(tmp_path, Effort(3.0, processes=2))
+    assert 2.5 < time.monotonic() - begun < 6.0
+    assert found.best and len(found.best) <= 4 and not found.stopped
+    assert [f.figure for f in found.best] == sorted(f.figure for f in found.best)
+
+
+def stopping(ready: Callable[[Event], bool]) -> Progress:
+    return lambda event: not ready(event)
+
+
+def test_asked_to_stop_it_gives_the_best_so_far(tmp_path: Path) -> None:
+    begun = time.monotonic()
+    found = harvest(tmp_path, Effort(60.0, processes=2), stopping(lambda e: "best" in e.note))
+    assert found.stopped and found.best and time.monotonic() - begun < 20.0
+
+
+def test_asked_to_stop_before_there_is_anything(tmp_path: Path) -> None:
+    with pytest.raises(Stopped):
+        harvest(tmp_path, Effort(60.0, processes=2), stopping(lambda e: True))
+
+
+def killing(most: int, every: bool) -> Progress:
+    """Kill processes, up to a number, once they run; or all of them."""
+    done: list[int] = []
+
+    def watch(event: Event) -> bool:
+        for process in workers():
+            if process not in done and (every or len(done) < most):
+                done.append(process)
+                os.kill(process, 9)
+        return True
+
+    return watch
+
+
+def test_the_others_go_on_when_one_is_killed(tmp_path: Path) -> None:
+    found = harvest(tmp_path, Effort(4.0, processes=2), killing(1, every=False))
+    assert found.lost == 1 and found.best
+
+
+def test_all_of_them_killed_is_said(tmp_path: Path) -> None:
+    with pytest.raises(DataError) as caught:
+        harvest(tmp_path, Effort(60.0, processes=2), killing(2, every=True))
+    assert "2 processes that search ended too early (signal 9)" in caught.value.wrong
+    assert "--processes" in caught.value.mend
+
+
+def test_an_error_in_a_worker_is_told(tmp_path: Path) -> None:
+    loaded = arm(tmp_path, TABLES)
+    model = model_of(loaded)
+    recipe, problem = Recipe.of(loaded, model), build(loaded, model)
+    (tmp_path / "arm.urdf").unlink()
+    with pytest.raises(DataError, match="does not exist"):
+        harvested(recipe, problem, "gradient", Effort(60.0, processes=2))
+
+
+def test_a_flaw_in_a_worker_is_told_with_its_traceback(tmp_path: Path) -> None:
+    loaded = arm(tmp_path, TABLES)
+    model = model_of(loaded)
+    broken = Recipe(str(loaded.sources[0].path), (), {"limits": 3})
+    with pytest.raises(RuntimeError, match="ValidationError"):
+        harvested(broken, build(loaded, model), "gradient", Effort(60.0))
+
+
+def task(folder: Path, searches: int | None) -> str:
+    loaded = arm(folder, TABLES)
+    recipe = asdict(Recipe.of(loaded, model_of(loaded)))
+    values = {"problem": recipe, "method": "gradient", "seed": 0, "seconds": 60.0}
+    return json.dumps(values | {"first": 0, "step": 1, "searches": searches}) + "\n"
+
+
+def worker() -> "subprocess.Popen[str]":
+    return subprocess.Popen(
+        [sys.executable, "-m", "steelyard.excitation.worker"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def test_a_worker_ends_with_its_parent(tmp_path: Path) -> None:
+    with worker() as process:
+        assert process.stdin is not None and process.stdout is not None
+        process.stdin.write(task(tmp_path, None))
+        process.stdin.flush()
+        assert json.loads(process.stdout.readline())["whole"]
+        process.stdin.close()
+        assert process.wait(timeout=10.0) == 0
+
+
+def test_a_worker_that_is_done_says_nothing_else(tmp_path: Path) -> None:
+    with worker() as process:
+        assert process.stdin is not None and process.stdout is not None
+        process.stdin.write(task(tmp_path, 1))
+        process.stdin.flush()
+        lines = process.stdout.read().splitlines()
+        assert process.wait(timeout=10.0) == 0
+        assert process.stderr is not None and process.stderr.read() == ""
+    assert len(lines) == 1 and json.loads(lines[0])["number"] == 0
+
+
+SCRIPT = """
+import sys
+from steelyard.cli import river
+from steelyard.excitation.design import design
+from steelyard.excitation.runner import Effort
+from steelyard.robot.robot_file import load_robot
+
+loaded = load_robot("arm.toml")
+found = design(loaded, river.model_of(loaded), Effort(60.0, searches=2, processes=2))
+print(found.certificate.holds, found.searches)
+"""
+
+
+def test_from_a_script_without_a_main_guard(tmp_path: Path) -> None:
+    """Its own folder must not reach the processes: here lies a module that would break them."""
+    arm(tmp_path, TABLES)
+    (tmp_path / "numpy.py").write_text("raise SystemExit(3)")
+    folder = tmp_path / "scripts"
+    folder.mkdir()
+    (folder / "script.py").write_text(SCRIPT)
+    done = subprocess.run(
+        [sys.executable, str(folder / "script.py")],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=100,
+    )
+    assert (done.stdout, done.stderr) == ("True 2\n", "")
