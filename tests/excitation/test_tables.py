@@ -10,6 +10,7 @@ from excitation.colliding import link, urdf, written
 from excitation.tabled import OPEN, arm, designed, model_of, problem_of
 from oracles import body_positions, pinocchio_model, pinocchio_torque
 from steelyard.arrays import Array
+from steelyard.errors import ModelError
 from steelyard.excitation.build import build
 from steelyard.excitation.constraint import Constraint
 from steelyard.excitation.register import METHODS
@@ -209,6 +210,17 @@ def test_pairs_that_are_looked_at(tmp_path: Path) -> None:
     assert labels_of(tmp_path, 'world = "cell.urdf"') - {pair("base", "post")} == own | world
     alone = labels_of(tmp_path, 'world = "cell.urdf"\nbodies = false')
     assert alone - {pair("base", "post")} == world
+
+
+def test_paths_with_environment_variables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "cells").mkdir()
+    written(tmp_path / "cells", CELL, "cell.urdf")
+    monkeypatch.setenv("CELLS", "cells")
+    pairs = labels_of(tmp_path, 'world = "${CELLS}/cell.urdf"\nbodies = false')
+    assert pair("stick", "post") in pairs
+    monkeypatch.delenv("CELLS")
+    with pytest.raises(ModelError, match="variable 'CELLS' is not set"):
+        labels_of(tmp_path, 'world = "${CELLS}/cell.urdf"')
 
 
 def test_the_margin_of_clearance(tmp_path: Path) -> None:

@@ -1,7 +1,6 @@
 """Motions that are planned, not searched, from the `[excitation.motion]` table."""
 
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -22,8 +21,11 @@ from steelyard.excitation.tour import Manner
 from steelyard.excitation.walled import tool_of
 from steelyard.kernel.kinematics import frame_of
 from steelyard.robot.excitation_schema import BoxSpans
+from steelyard.robot.model_source import beside
 from steelyard.robot.robot import Frame, Robot
 from steelyard.robot.robot_file import LoadedRobot
+
+WHERE = "[excitation.motion]"
 
 Planned = tuple[ExactTrajectory, tuple[str, ...]]
 """A motion, and what is to be said of it."""
@@ -67,7 +69,7 @@ def _box(spans: BoxSpans, key: str) -> Box:
     if None in given:
         raise DataError(
             f"the box '{key}' is open",
-            where=f"[excitation.motion] {key}",
+            where=f"{WHERE} {key}",
             mend="give x, y and z, two numbers each [m]; equal ones for a flat box",
         )
     lower, upper = zip(*given, strict=True)
@@ -104,9 +106,7 @@ def _postures(s: Any, loaded: LoadedRobot, limits: MotionLimits, seed: int) -> P
 
 
 def _replay(s: Any, loaded: LoadedRobot, limits: MotionLimits, seed: int) -> Planned:
-    path = Path(s.file)
-    if not path.is_absolute():
-        path = loaded.sources[0].path.parent / path
+    path = beside(loaded.sources[0].path, s.file, f"{WHERE} file")
     return read_motion(path, loaded.robot), (f"the motion of '{path.name}'",)
 
 
@@ -137,9 +137,7 @@ def planned(loaded: LoadedRobot, limits: MotionLimits, seed: int) -> Planned:
     try:
         motion, said = PLANS[section.kind](section, loaded, limits, seed)
     except ValueError as error:
-        raise DataError(
-            str(error), where="[excitation.motion]", mend="change that number"
-        ) from error
+        raise DataError(str(error), where=WHERE, mend="change that number") from error
     if limits.jerk is None or section.kind == "replay":
         return motion, said
     least, most = motion.extremes(3)

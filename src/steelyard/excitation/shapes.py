@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from steelyard.arrays import Array, frozen
 from steelyard.errors import ModelError
 from steelyard.excitation.solids import HalfSpace, Solid
-from steelyard.robot.nearest import advice
+from steelyard.kernel.kinematics import frame_of
 from steelyard.robot.robot import Frame, Robot
 
 Origin = Literal["link", "tool", "world"]
@@ -124,22 +124,6 @@ def wall(name: str, normal: ArrayLike, offset: float) -> Shape:
     x = np.cross(side, z) / np.linalg.norm(np.cross(side, z))
     rotation = np.column_stack([x, np.cross(z, x), z])
     return obstacle(name, HalfSpace(), z * offset / length, rotation)
-
-
-def frame_of(robot: Robot, name: str) -> Frame:
-    """The robot's frame of that name.
-
-    Raises:
-        ModelError: There is none.
-    """
-    for frame in robot.frames:
-        if frame.name == name:
-            return frame
-    raise ModelError(
-        f"the robot has no link '{name}' on its base or beyond",
-        where=f"robot '{robot.name}'",
-        mend=advice(name, [frame.name for frame in robot.frames], "links"),
-    )
 
 
 def placed(

@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from itertools import combinations
-from pathlib import Path
 
 import numpy as np
 
@@ -30,6 +29,7 @@ from steelyard.robot.excitation_schema import (
     WorkspaceSection,
 )
 from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
+from steelyard.robot.model_source import beside
 from steelyard.robot.robot import Robot
 from steelyard.robot.robot_file import LoadedRobot
 from steelyard.terms.rigid_body import RigidBody
@@ -153,9 +153,8 @@ def clearance_of(section: CollisionSection | None, loaded: LoadedRobot) -> Walle
         return [found], list(found.notes)
     others: tuple[Shape, ...] = ()
     if section.world is not None:
-        path = Path(section.world)
-        base = loaded.sources[0].path.parent
-        others = world_shapes(path if path.is_absolute() else base / path)
+        where = "[excitation.collision] world"
+        others = world_shapes(beside(loaded.sources[0].path, section.world, where))
     if not section.bodies and not others:
         return [], []
     ignore = list(section.ignore)

@@ -150,12 +150,16 @@ def level(designed: Designed) -> Level:
 
 
 def headline(designed: Designed) -> str:
-    """The figure, and whether the motion is safe, in a line."""
-    figure = capital(f"{designed.criterion} {figure_of(designed)}")
+    """What the motion shows, and whether it is safe, in a line."""
+    unseen = int(np.sum(~np.isfinite(designed.shown.std(designed.prior))))
+    every = len(designed.shown.names)
+    shows = f"Shows all {every} base parameters"
+    if unseen:
+        shows = f"Shows {every - unseen} of {every} base parameters"
     failures = designed.certificate.failures
     if failures:
-        return f"{figure}, but not safe: {count(len(failures), 'limit')} not proven"
-    return f"{figure}; every limit proven for all times"
+        return f"{shows}, but is not safe: {count(len(failures), 'limit')} not proven"
+    return f"{shows}; every limit is proven for all times"
 
 
 def figure_of(designed: Designed) -> str:
@@ -167,9 +171,10 @@ def figure_of(designed: Designed) -> str:
 def detail(designed: Designed) -> str:
     """Which motion it is and how it was found."""
     kind = KINDS.get(designed.kind, designed.kind)
-    words = f"{designed.trajectory.duration:.4g} s, {kind}"
+    words = f"{designed.trajectory.duration:.4g} s, {kind}; {designed.criterion} "
+    words += figure_of(designed)
     if designed.course:
-        words += f"; best of {searches(designed)} in {designed.seconds:.3g} s"
+        words += f", best of {searches(designed)} in {designed.seconds:.3g} s"
     if designed.stopped:
         words += ", stopped early"
     return words

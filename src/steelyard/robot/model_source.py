@@ -33,7 +33,7 @@ def model_path_of(section: RobotSection, path: Path, places: Places) -> Path | N
         return None
     text = str(getattr(section, given[0]))
     where = places.where("robot", given[0])
-    model_path = path.parent / _expanded(text, where)
+    model_path = beside(path, text, where)
     if not model_path.is_file():
         raise ModelError(
             f"the robot's {given[0]} '{model_path}' does not exist",
@@ -48,6 +48,11 @@ def model_path_of(section: RobotSection, path: Path, places: Places) -> Path | N
             mend=f"write {'urdf' if given == ['mjcf'] else 'mjcf'} = ... instead",
         )
     return model_path
+
+
+def beside(path: Path, text: str, where: str) -> Path:
+    """A file named in the robot file at `path`: relative to it, with environment variables."""
+    return path.parent / _expanded(text, where)
 
 
 def _expanded(text: str, where: str) -> str:

@@ -69,9 +69,7 @@ def _explained(
 ) -> ModelError:
     """The first flaw, in the users' words."""
     flaws = error.errors(include_url=False)
-    first = min(
-        flaws, key=lambda f: (f["type"] != "extra_forbidden", -len(_path(data, f["loc"])))
-    )
+    first = min(flaws, key=lambda f: (f["type"] != "extra_forbidden", -len(_path(data, f["loc"]))))
     path = _path(data, first["loc"])
     if first["type"] == "extra_forbidden":
         known = _known_keys(schema, path[:-1], data)
