@@ -40,6 +40,7 @@ ONE_FILE = {
     "viser": {"report/replay.py"},
     "pydantic": {
         "robot/excitation_schema.py",
+        "robot/motion_schema.py",
         "robot/schema.py",
         "robot/section.py",
         "robot/toml_check.py",

@@ -62,7 +62,8 @@ def advice(
     first = jumping(cases)[0]
     case = _weighed(first, noise_weights)
     found = [_of("the same motion once more", trajectory.duration, shown.gram, shown, prior)]
-    for what, motion in _others(limits):
+    # where loops close in a part of the joints' ranges only, other motions need a plan of their own
+    for what, motion in () if case.shows.model.robot.passive else _others(limits):
         gram = information(case, motion, samples_of(motion.duration))
         found.append(_of(what, motion.duration, gram, shown, prior))
     return tuple(found)

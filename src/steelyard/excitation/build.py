@@ -93,6 +93,8 @@ def build(loaded: LoadedRobot, model: Model, earlier: Earlier | None = None) -> 
     model, notes = memoryless(model)
     limits = limits_of(loaded.robot, section.limits)
     constraints, more = constraints_of(loaded, model, limits, earlier)
+    if loaded.robot.passive:
+        more += ("that the loops close is looked at at samples, not proven between them",)
     return Problem(
         loaded.robot,
         basis,

@@ -205,5 +205,5 @@ def noise_of(loaded: LoadedRobot, earlier: Earlier | None) -> tuple[Array, float
         noise = np.ones(loaded.robot.n)
         return noise, RATE, f"assumed: 1 Nm (1 N), {RATE:g} independent samples a second"
     own[~known] = np.median(own[known])
-    source = f"assumed: {100.0 * NOISE:g} % of each joint's greatest effort, {RATE:g} independent samples"
-    return frozen(NOISE * own), RATE, f"{source} a second; an earlier log says it better"
+    source = f"assumed: {100.0 * NOISE:g} % of each joint's greatest effort, {RATE:g} independent"
+    return frozen(NOISE * own), RATE, f"{source} samples a second; an earlier log says it better"

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from steelyard.arrays import Array
+from steelyard.errors import DataError
 from steelyard.excitation.exact import ExactTrajectory
 from steelyard.excitation.newton import minimised
 from steelyard.excitation.problem import Problem
@@ -62,6 +63,7 @@ def finished(
         progress: Told of the proofs.
 
     Raises:
+        DataError: No candidate shows all parameters.
         NoMotion: No candidate can be made to keep its constraints.
         Stopped: `progress` asked to stop.
     """
@@ -76,6 +78,14 @@ def finished(
             if proven is not None and (best is None or problem.figure(proven) < best[0]):
                 best = problem.figure(proven), proven
                 break
+    if best is not None and not math.isfinite(best[0]):
+        raise DataError(
+            "no motion was found that shows all parameters; a base parameter of the model may show "
+            "in no motion of this family within these limits",
+            where="[excitation]",
+            mend="allow more: harmonics, a longer period, wider limits; or name the laws and "
+            "parameters that matter in [excitation.criterion] chosen",
+        )
     if best is None:
         raise NoMotion(
             "no motion was found that can be proven to keep all constraints",

@@ -67,8 +67,15 @@ class Shows:
         return base_map(self.model)
 
     def at(self, q: Array, dq: Array, ddq: Array, *, step: float = 1.0) -> Seen:
-        """The information of samples of shape `(n, N)`, each of which counts `step` times."""
-        channels = self.model.scan()(q, dq, ddq)
+        """The information of samples of shape `(n, N)`, each of which counts `step` times.
+
+        A motion at one of whose samples a loop of the robot cannot close shows nothing.
+        """
+        scan = self.model.scan(drop=True)
+        channels = scan(q, dq, ddq)
+        if not scan.closed.all():
+            nothing = np.zeros((len(self.base), len(self.base)))
+            return Seen([], np.empty((0, q.shape[1])), step, nothing)
         inputs = [q, dq, ddq, channels, self.widths]
         entries = self._entries(inputs, _SHARED)
         gram = np.zeros((len(self.base), len(self.base)))
