@@ -1,6 +1,5 @@
 """Random design problems that can be kept: every wall leaves room about one random posture."""
 
-import json
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from safety_robots import (
     random_arm,
     random_obstacle,
 )
+from safety_toml import tables_text
 
 FAMILIES = ("fourier", "raw_fourier", "blended_fourier", "ramped_fourier", "spline", "reaching")
 CRITERIA = (
@@ -85,7 +85,7 @@ def random_case(seed: int, folder: Path) -> Case:
     text = ['[robot]\nurdf = "arm.urdf"', '[model]\nterms = ["rigid_body", "viscous", "coulomb"']
     text[1] += ', "offset"]' if standard is not None else "]"
     file = folder / "robot.toml"
-    file.write_text("\n".join([*text, _tables(tables)]))
+    file.write_text("\n".join([*text, tables_text(tables)]))
     return Case(file, judge, draft.rules, draft.tables["motion"]["kind"], standard, tables)
 
 
@@ -95,7 +95,7 @@ def tightened(case: Case, share: float) -> tuple[Case, Rules]:
     tables = case.tables | {"limits": limits}
     file = case.file.with_name("tightened.toml")
     head = case.file.read_text().split("[excitation]")[0]
-    file.write_text(head + _tables(tables))
+    file.write_text(head + tables_text(tables))
     rules = case.rules
     known = {
         name: share * value
@@ -322,27 +322,6 @@ def _add_cell(draft: _Draft, wanted: dict[str, Any]) -> None:
     else:
         wanted.pop("bodies", None)
         draft.keep(bodies=True)
-
-
-def _tables(tables: dict[str, Any]) -> str:
-    """The `[excitation]` tables as text."""
-    top = [f"{key} = {toml(value)}" for key, value in tables.items() if key == "samples"]
-    lists = [f"{key} = {toml(value)}" for key, value in tables.items() if isinstance(value, list)]
-    inner = [
-        "\n".join([f"[excitation.{key}]", *(f"{k} = {toml(x)}" for k, x in value.items())])
-        for key, value in tables.items()
-        if isinstance(value, dict)
-    ]
-    return "\n".join(["[excitation]", *top, *lists, *inner])
-
-
-def toml(value: Any) -> str:
-    """A value as TOML writes it."""
-    if isinstance(value, dict):
-        return "{ " + ", ".join(f"{key} = {toml(x)}" for key, x in value.items()) + " }"
-    if isinstance(value, list):
-        return "[" + ", ".join(toml(x) for x in value) + "]"
-    return json.dumps(value)
 
 
 def _list(values: np.ndarray) -> list[float]:

@@ -25,11 +25,14 @@ class ExactTrajectory(Trajectory, Protocol):
         ...
 
     def derivative(self, t: ArrayLike, order: int) -> Array:
-        """Order 0 (position) to 3 (jerk) at times `t` from 0 to the duration, shape `(N, n)`."""
+        """Order 0 (position) to 4 at times `t` from 0 to the duration, shape `(N, n)`."""
         ...
 
     def extremes(self, order: int) -> tuple[Array, Array]:
-        """Least and greatest value over all times, each `(n,)`; both sides of a break count."""
+        """Least and greatest value over all times, each `(n,)`; orders as those of `derivative`.
+
+        Both sides of a break count.
+        """
         ...
 
     def to_dict(self) -> dict[str, Any]:
