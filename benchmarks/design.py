@@ -27,10 +27,10 @@ from scipy.optimize import minimize
 
 from oracles import pinocchio_model
 from steelyard.excitation.build import build
-from steelyard.excitation.finish import scaled
 from steelyard.excitation.methods import Gradient, Method, Watch, searches
 from steelyard.excitation.population import CmaEsSearch, GeneticSearch
 from steelyard.excitation.problem import Problem
+from steelyard.excitation.repair import scaled
 from steelyard.excitation.starts import random_starts
 from steelyard.excitation.walls import Walls
 from steelyard.excitation.workspace import HalfSpaces

@@ -13,9 +13,10 @@ from steelyard.errors import DataError
 from steelyard.excitation import finish
 from steelyard.excitation.constraint import Margins
 from steelyard.excitation.exact import ExactTrajectory
-from steelyard.excitation.finish import LEAST, finished, scaled
+from steelyard.excitation.finish import finished
 from steelyard.excitation.fourier_bases import RestFourier
 from steelyard.excitation.problem import Problem
+from steelyard.excitation.repair import LEAST, scaled
 from steelyard.excitation.starts import random_starts
 from steelyard.excitation.walls import bounds
 from steelyard.progress import Event, Progress, Stopped, silent

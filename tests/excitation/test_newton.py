@@ -1,6 +1,6 @@
 """Newton's method within walls, against a closed form and CVXPY."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cvxpy as cp
 import numpy as np
@@ -59,7 +59,9 @@ def test_a_lowest_point_inside_is_reached() -> None:
     walls = problem(FAMILIES["rest"]).walls
     objective = bowl(walls, 0.1)
     assert walls.worst(objective.centre) > 0.1
-    x = minimised(objective, walls, walls.basis.still(MIDDLE), stages=SHARP, tolerance=1e-12)
+    x = minimised(
+        objective, walls, walls.basis.still(MIDDLE), stages=SHARP, tolerance=1e-12, between=False
+    )
     np.testing.assert_allclose(x, objective.centre, atol=1e-5)
 
 
@@ -86,7 +88,7 @@ def test_a_lowest_point_outside_is_sought_along_the_walls(name: str, seed: int) 
     start = walls.basis.still(MIDDLE)
     objective = bowl(walls, 6.0, seed)
     assert walls.worst(objective.centre) < 0.0
-    x = minimised(objective, walls, start, stages=SHARP, tolerance=1e-10, steps=100)
+    x = minimised(objective, walls, start, stages=SHARP, tolerance=1e-10, steps=100, between=False)
     best = oracle(objective, walls)
     assert objective.value(x) == pytest.approx(objective.value(best), rel=1e-4)
     np.testing.assert_allclose(x, best, atol=2e-3)
@@ -100,7 +102,9 @@ def test_two_coefficients_in_a_box_end_in_its_corner() -> None:
     upper, lower = walls.limits.upper, walls.limits.lower
     beyond = np.stack([upper + 1.0, lower - 1.0], axis=1)
     objective = Bowl((3, 2), beyond, 1.0)
-    x = minimised(objective, walls, basis.still(MIDDLE), stages=SHARP, tolerance=1e-10)
+    x = minimised(
+        objective, walls, basis.still(MIDDLE), stages=SHARP, tolerance=1e-10, between=False
+    )
     assert walls.worst(x) > 0.0
     np.testing.assert_allclose(x, np.stack([upper, lower], axis=1), atol=1e-4)
 
@@ -143,6 +147,7 @@ def test_nothing_near_the_end_is_better() -> None:
         design.walls,
         x,
         stages=((4.0, 1e-1), (sharpness, weight)),
+        between=False,
         steps=200,
         tolerance=1e-9,
     )
@@ -184,3 +189,24 @@ def test_outside_or_without_information_nothing_is_done() -> None:
     np.testing.assert_array_equal(minimised(design.objective, design.walls, still), still)
     outside = still + 100.0
     np.testing.assert_array_equal(minimised(design.objective, design.walls, outside), outside)
+
+
+def test_room_is_kept_for_what_margins_dip_between_samples() -> None:
+    """On a grid much finer than the samples nothing is lacking, which without it there is."""
+    design = problem(FAMILIES["rest"], [box(0.7), torques()])
+    start = random_starts(design.walls, np.random.default_rng(4), 1)[0]
+    fine = replace(design.walls, t=np.linspace(0.0, design.basis.duration, 8001))
+    kept, bare = (
+        fine.worst(minimised(design.objective, design.walls, start, between=between))
+        for between in (True, False)
+    )
+    assert kept > 0.0 > bare
+
+
+def test_what_is_kept_on_top_is_kept() -> None:
+    design = problem(FAMILIES["rest"], [box(0.7)])
+    start = random_starts(design.walls, np.random.default_rng(5), 1)[0]
+    (constraint,) = design.constraints
+    extra = np.full(len(constraint.labels), 0.004)
+    x = minimised(design.objective, design.walls, start, extra=[extra])
+    assert constraint.margins(*design.walls.state(x)).values.min() > 0.004

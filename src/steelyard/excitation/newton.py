@@ -5,7 +5,7 @@ barrier's second derivatives are exact, those of the criterion are learnt from i
 BFGS [Nocedal2006]): every step is a small linear system, and no step leaves the walls.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +21,9 @@ Watch = Callable[[Array], None]
 
 STAGES = ((4.0, 1e-1), (4.0, 1e-2), (16.0, 1e-2), (16.0, 1e-3), (64.0, 1e-3), (64.0, 1e-4))
 """Sharpness and weight of the barrier, one after the other."""
+
+BACK = ((16.0, 1e-1), (64.0, 1e-2), (64.0, 1e-3), (64.0, 1e-4))
+"""From a minimum off the walls and to them again: then they can keep more than before."""
 
 _TO_WALL = 0.95
 _ENOUGH = 1e-4
@@ -42,29 +45,36 @@ def minimised(
     x: Array,
     *,
     stages: tuple[tuple[float, float], ...] = STAGES,
+    extra: Sequence[Array] = (),
+    between: bool = True,
     steps: int = 60,
     tolerance: float = 1e-3,
     watch: Watch = lambda x: None,
 ) -> Array:
     """The nearest minimum from a motion inside the walls.
 
+
     Args:
         objective: What is minimised, like the logarithm of a figure.
         walls: What may not be touched.
         x: Where to begin, strictly inside; shape `(n, m)`.
         stages: Sharpness and weight of the barrier, one after the other.
+        extra: What each constraint's margins keep on top, each `(k,)`; nothing if empty.
+        between: Whether every stage keeps free what margins dip between samples; see
+            `Walls.reserving`.
         steps: Most steps per stage.
         tolerance: Predicted gain of a step at which a stage ends.
         watch: Told of every step.
     """
     curvature = np.eye(x.size)
     for sharpness, weight in stages:
-        point = _at(objective, walls, x, sharpness)
+        inner = walls.reserving(x, extra) if between else walls
+        point = _at(objective, inner, x, sharpness)
         if point is None:
             return x
         for _ in range(steps):
             watch(point.x)
-            moved, gain = _step(objective, walls, point, curvature, sharpness, weight)
+            moved, gain = _step(objective, inner, point, curvature, sharpness, weight)
             if moved is None:
                 break
             curvature = _learnt(curvature, moved.x - point.x, moved.slope - point.slope)

@@ -7,7 +7,7 @@ $-\log s - (1 - s) - \tfrac12 (1 - s)^2$ for $s < 1$ and zero beyond, twice diff
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -16,6 +16,9 @@ from steelyard.arrays import Array
 from steelyard.excitation.basis import Basis
 from steelyard.excitation.constraint import Constraint
 from steelyard.excitation.limits import MotionLimits
+
+_DIPS = 1.2
+_MOST = 0.9
 
 APART = 2
 """Constraints are looked at in every second sample: they change more slowly than accelerations."""
@@ -46,12 +49,17 @@ class Walls:
         limits: Of the joints.
         constraints: All else that must hold.
         t: Sample times, shape `(N,)` [s]; constraints are looked at in each second one.
+        reserves: What each constraint's margins keep for the time between samples, each `(N', k)`;
+            nothing if empty.
+        edge: What the limits' margins keep for it, shape `(n, 2 R)`.
     """
 
     basis: Basis
     limits: MotionLimits
     constraints: Sequence[Constraint]
     t: Array
+    reserves: Sequence[Array] = ()
+    edge: Array | float = 0.0
 
     @cached_property
     def shapes(self) -> list[Array]:
@@ -87,7 +95,7 @@ class Walls:
     def linear(self, x: Array) -> Array:
         """Margins of the limits in units of half their range, shape `(n, 2 R)`."""
         place = (x @ self._rows.T - self._middle) / self._halves
-        return np.hstack([1.0 - place, 1.0 + place])
+        return np.hstack([1.0 - place, 1.0 + place]) - self.edge
 
     def away(self, dx: Array) -> Array:
         """How fast those margins change along `dx`."""
@@ -101,6 +109,27 @@ class Walls:
             for s, o in zip(self.shapes[:3], self.offsets[:3], strict=True)
         )
         return q, dq, ddq
+
+    def reserving(self, x: Array, extra: Sequence[Array] = ()) -> "Walls":
+        """Walls that keep what margins dip between the samples of a motion inside.
+
+        Between two samples a margin with second difference $c$ dips by $c/8$ at most, as far as it
+        is a parabola; no more than nine tenths of a margin is reserved.
+
+        Args:
+            x: The motion.
+            extra: What each constraint's margins keep on top, each `(k,)`; nothing if empty.
+        """
+        state = self.state(x)
+        found = []
+        for number, constraint in enumerate(self.constraints):
+            values = constraint.margins(*state).values
+            wanted = _dips(values) + (extra[number] if extra else 0.0)
+            found.append(np.minimum(wanted, _MOST * np.maximum(values, 0.0)))
+        margins = replace(self, edge=0.0).linear(x)
+        blocks = margins.reshape(-1, len(self.t))
+        edge = np.minimum(_dips(blocks.T).T.reshape(margins.shape), _MOST * margins)
+        return replace(self, reserves=tuple(found), edge=np.maximum(edge, 0.0))
 
     def worst(self, x: Array) -> float:
         """The smallest margin of all, in units of limits and rooms; positive inside."""
@@ -125,9 +154,10 @@ class Walls:
         """Barriers of the limits and of each constraint, until one is not inside."""
         yield self._limited(x)
         state = self.state(x) if self.constraints else None
-        for constraint in self.constraints:
+        for number, constraint in enumerate(self.constraints):
             assert state is not None
-            yield self._curved(constraint, state, x.shape)
+            reserve = self.reserves[number] if self.reserves else 0.0
+            yield self._curved(constraint, state, x.shape, reserve)
 
     def _limited(self, x: Array) -> Barrier | None:
         """The barrier of the joints' limits."""
@@ -146,11 +176,15 @@ class Walls:
         return Barrier(-float(np.log(margins).sum()) / count, slope / count, curvature / count)
 
     def _curved(
-        self, constraint: Constraint, state: tuple[Array, Array, Array], shape: tuple[int, ...]
+        self,
+        constraint: Constraint,
+        state: tuple[Array, Array, Array],
+        shape: tuple[int, ...],
+        reserve: Array | float,
     ) -> Barrier | None:
         """The barrier of one constraint."""
         margins = constraint.margins(*state)
-        s = margins.values / constraint.room
+        s = (margins.values - reserve) / constraint.room
         if not s.min() > 0.0:
             return None
         times, which = np.nonzero(s < 1.0)
@@ -169,6 +203,14 @@ class Walls:
         curvature = (flat * (1.0 / near**2 - 1.0)[:, None]).T @ flat
         count = len(state[0])
         return Barrier(value / count, slope / count, curvature / count)
+
+
+def _dips(margins: Array) -> Array:
+    """How far margins at samples `(N, k)` may dip beside them, as far as they are parabolas."""
+    bend = np.zeros_like(margins)
+    bend[1:-1] = np.maximum(margins[:-2] - 2.0 * margins[1:-1] + margins[2:], 0.0)
+    beside = np.vstack([bend[:1], bend, bend[-1:]])
+    return _DIPS / 8.0 * np.maximum(np.maximum(beside[:-2], beside[2:]), bend)
 
 
 def bounds(limits: MotionLimits) -> list[tuple[Array, Array]]:

@@ -63,7 +63,7 @@ class CriterionSection(Section):
     `after_earlier`: of what earlier runs and this motion show together.
     """
 
-    kind: Name = "condition"
+    kind: Name = "d_optimal"
     chosen: Names | None = None
     weights: Literal["equal", "noise"] | Numbers = "equal"
     relative: bool = False
