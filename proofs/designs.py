@@ -100,8 +100,8 @@ class Judge:
         ]
         data = self.model.createData()
         number = self.model.getFrameId(self.frame)
-        places = np.empty((count // 10, 3))
-        for k, posture in enumerate(q[::10][: len(places)]):
+        places = np.empty((count, 3))
+        for k, posture in enumerate(q):
             pin.framesForwardKinematics(self.model, data, posture)
             places[k] = data.oMf[number].translation
         size = 0.5 * (self.box[1] - self.box[0])

@@ -4,6 +4,8 @@ Robots, limits and walls are drawn; each motion is found by one short search, sc
 Its file is evaluated anew, and judged by Pinocchio (places, torques) and coal (distances). Some
 motions and limits are then spoilt: their certificates may not hold. Last, the Panda with and
 without clearance of its own bodies.
+
+Distances are taken at 1 500 times, and finer about each least one. All arms are serial, from URDF.
 """
 
 import json
@@ -225,7 +227,7 @@ def claims_of(tally: Tally) -> list[Claim]:
     kinds = ", ".join(f"{name} {count}" for name, count in sorted(tally.kinds.items()))
     return [
         Claim(
-            f"{tally.designs} designs, margins missed on a 100 times finer grid",
+            f"{tally.designs} designs of serial arms, margins missed on a 100 times finer grid",
             f"{len(tally.violations)}",
             "0",
             not tally.violations and tally.designs == DESIGNS,

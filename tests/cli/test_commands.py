@@ -245,7 +245,10 @@ def test_demo(command: Command, tmp_path: Path) -> None:
     assert result["output"] == str(tmp_path / "demo" / "results")
     assert result["validation"][0]["mean_percent_moving"] < 5.0
     names = sorted(path.name for path in (tmp_path / "demo").iterdir())
-    assert names == ["results", "robot"]
+    assert names == ["motion", "results", "robot"]
+    assert result["motion"]["certified"] and not result["motion"]["stopped"]
+    motion = sorted(path.name for path in (tmp_path / "demo" / "motion").iterdir())
+    assert motion == ["certificate.json", "report.html", "trajectory.csv", "trajectory.json"]
     again = tmp_path / "demo" / "robot" / "demo_arm.toml"
     log = tmp_path / "demo" / "robot" / "validation.parquet"
     assert command("identify", again, log, "-o", tmp_path / "o").exit_code == 0

@@ -90,7 +90,7 @@ def test_kinds(tmp_path: Path, kind: str) -> None:
 
 
 def test_weights_of_the_joints(tmp_path: Path) -> None:
-    tables = f"{ANY}{QUICK}[excitation.criterion]\nweights = "
+    tables = f'{ANY}{QUICK}[excitation.criterion]\nkind = "condition"\nweights = '
     problem = problem_of(tmp_path, f"{tables}[1.0, 4.0, 0.5]\n")
     x = drawn(problem)
     gram = gram_of(problem, x, np.array([1.0, 4.0, 0.5]))

@@ -19,7 +19,7 @@ def read(tables: str) -> ExcitationSection:
 def test_nothing_said_is_a_fourier_series() -> None:
     section = read("")
     assert section == ExcitationSection()
-    assert (section.motion.kind, section.criterion.kind) == ("fourier", "condition")
+    assert (section.motion.kind, section.criterion.kind) == ("fourier", "d_optimal")
     assert section.limits.share == 0.95 and section.collision is None
 
 

@@ -80,7 +80,7 @@ def _read_json(path: Path) -> ExactTrajectory:
     """A motion that this package wrote."""
     try:
         return trajectory_from_dict(json.loads(path.read_text(encoding="utf-8")))
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         lacking = f"it has no {error}" if isinstance(error, KeyError) else str(error)
         raise _refused(
             path,

@@ -96,12 +96,12 @@ def _spread(
     n = len(efforts)
     if law is None:
         return list(efforts), [0.0] * n, [0.0] * n
-    from steelyard.kernel.trace import _replayed
+    from steelyard.kernel.trace import replayed
 
     freed, sees, count = _freed(law)
 
     def at(signs: Sequence[float]) -> list[Scalar]:
-        return _replayed(freed, [*x, signs])
+        return replayed(freed, [*x, signs])
 
     still = at([0.0] * count)
     most: list[Scalar] = [0.0] * n

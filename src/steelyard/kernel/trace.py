@@ -79,7 +79,7 @@ def pulled_back(program: Program, arrays: Sequence[int]) -> Program:
     with _LOCK:
         symbols = [casadi.SX.sym(array.name, array.entries) for array in program.inputs]
         seeds = casadi.SX.sym("seeds", len(program.outputs))
-        outputs = casadi.vertcat(*_replayed(program, symbols))
+        outputs = casadi.vertcat(*replayed(program, symbols))
         by = casadi.vertcat(*(symbols[k] for k in arrays))
         slopes = casadi.densify(casadi.gradient(casadi.dot(seeds, outputs), by))
         function = casadi.Function("f", [*symbols, seeds], casadi.cse([slopes]))
@@ -107,7 +107,7 @@ def is_zero(scalar: Scalar) -> bool:
     return bool(_casadi().SX(scalar).is_zero())
 
 
-def _replayed(program: Program, symbols: Sequence[Any]) -> list[Scalar]:
+def replayed(program: Program, symbols: Sequence[Any]) -> list[Scalar]:
     """A program's outputs as expressions over symbols, one vector of them per input array."""
     casadi = _casadi()
     named: dict[str, Callable[..., Scalar]] = {
