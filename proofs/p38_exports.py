@@ -2,7 +2,9 @@
 
 The interpreters stand in `tests/excitation/interpreters.py`: joint_trajectory_controller's splines
 of degree five between points, at every millisecond and at 20 000 random times, and URScript's
-`servoj` at its control rate. The worst of 20 random motions within a real robot's limits.
+`servoj` at its control rate. The worst of 20 random motions within a real robot's limits:
+series from rest to rest, every second one slowed; and of 4 of each kind of motions of pieces, whose
+breaks lie off all grids and where acceleration or jerk jumps.
 """
 
 import sys
@@ -15,13 +17,18 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 from excitation.interpreters import Follower, URController, moments
 from steelyard.excitation.exact import ExactTrajectory
 from steelyard.excitation.export import exported
+from steelyard.excitation.fourier_bases import BlendedFourier, RampedFourier
+from steelyard.excitation.linear_basis import LinearBasis
+from steelyard.excitation.minimum_jerk import ReachingBasis
 from steelyard.excitation.random_fourier import random_fourier
 from steelyard.excitation.slowed import SlowedMotion
+from steelyard.excitation.spline_bases import SplineBasis
 from steelyard.robot.robot import Robot
 from steelyard.robot.robot_file import load_robot
 
 BOUND = 1e-6
 DRAWS = 20
+DRAWS_OF_A_KIND = 4
 EXAMPLES = Path(__file__).parent.parent / "examples"
 
 
@@ -50,6 +57,44 @@ def motions(robot: Robot) -> list[ExactTrajectory]:
     return drawn
 
 
+def bases(joints: int, seconds: float) -> dict[str, LinearBasis]:
+    """Kinds of motions made of pieces, from rest to rest."""
+    return {
+        "blended": BlendedFourier(joints, seconds, 4, 2, 0.2713 * seconds),
+        "ramped": RampedFourier(joints, seconds, 4, 2, 0.3137 * seconds),
+        "splines of degree 3": SplineBasis(joints, 2.0 * seconds, 13, 3),
+        "splines of degree 5": SplineBasis(joints, 2.0 * seconds, 13, 5),
+        "reaching": ReachingBasis(joints, 4, 0.37 * seconds, 0.0731 * seconds),
+    }
+
+
+def shrunk(basis: LinearBasis, robot: Robot, rng: np.random.Generator) -> ExactTrajectory:
+    """Random coefficients, shrunk about the middle posture until range and speeds are kept."""
+    limits = [c.limits for c in robot.coordinates]
+    lower, upper = np.array([(max(own.lower, -3.0), min(own.upper, 3.0)) for own in limits]).T
+    middle = basis.still(0.5 * (lower + upper))
+    away = rng.standard_normal(middle.shape)
+    for _ in range(60):
+        motion = basis.motion(middle + away)
+        least, greatest = motion.extremes(0)
+        speed = np.abs(motion.extremes(1)).max(axis=0)
+        beyond = (least < lower) | (greatest > upper) | (speed > [own.velocity for own in limits])
+        if not beyond.any():
+            return motion
+        away[beyond] *= 0.8
+    raise RuntimeError("no shrinking brought the motion into its limits")
+
+
+def pieced(robot: Robot) -> dict[str, list[ExactTrajectory]]:
+    """Random motions of pieces by kind."""
+    drawn: dict[str, list[ExactTrajectory]] = {}
+    rng = np.random.default_rng(0)
+    for seed in range(DRAWS_OF_A_KIND):
+        for kind, basis in bases(robot.n, 3.0 + 0.3137 * seed).items():
+            drawn.setdefault(kind, []).append(shrunk(basis, robot, rng))
+    return drawn
+
+
 def main() -> list[Claim]:
     """The worst over all motions."""
     data_folder()
@@ -60,6 +105,10 @@ def main() -> list[Claim]:
         "URScript, UR10e, 125 Hz": max(served(m, ur, 125.0) for m in motions(ur)),
         "URScript, UR10e, 500 Hz": max(served(m, ur, 500.0) for m in motions(ur)),
     }
+    for kind, drawn in pieced(panda).items():
+        worst[f"JointTrajectory, Panda, {kind}"] = max(followed(m, panda) for m in drawn)
+    for kind, drawn in pieced(ur).items():
+        worst[f"URScript, UR10e, 125 Hz, {kind}"] = max(served(m, ur, 125.0) for m in drawn)
     return [
         Claim(name, f"{error:.1e} rad", f"< {BOUND:g} rad", error < BOUND)
         for name, error in worst.items()

@@ -31,11 +31,19 @@ def strict(text: str) -> Any:
     return json.loads(text, parse_constant=refuse)
 
 
-@pytest.mark.parametrize("name", ["init", "identify", "validate", "simulate", "demo"])
+@pytest.mark.parametrize(
+    "name", ["init", "excite", "identify", "validate", "simulate", "replay", "demo"]
+)
 def test_help_shows_an_example(name: str, command: Command) -> None:
     done = command(name, "--help")
     assert done.exit_code == 0
     assert f"Example: steelyard {name}" in done.stdout
+
+
+def test_help_does_not_swallow_brackets(command: Command) -> None:
+    words = "".join(command("replay", "--help").stdout.split())
+    assert 'pipinstall"steelyard[replay]"' in words
+    assert "under." not in "".join(command("excite", "--help").stdout.split())
 
 
 def test_help_names_all_commands_and_the_first_success(command: Command) -> None:

@@ -55,15 +55,18 @@ def test_files(made: Path) -> None:
     }
     said = (made / "said.txt").read_text()
     assert all(name in said for name in names)
-    assert "limit is proven for all times" in " ".join(said.split())
+    assert "limit looked at is proven for all times" in " ".join(said.split())
 
 
 def test_the_certificate_is_of_this_trajectory(made: Path) -> None:
     certificate = json.loads((made / "out" / "certificate.json").read_text())
     values = json.loads((made / "out" / "trajectory.json").read_text())
+    assert values.pop("joints") == ["tower_joint", "boom_joint", "stick_joint"]
     text = json.dumps(values, sort_keys=True)
     assert certificate["trajectory_sha256"] == hashlib.sha256(text.encode()).hexdigest()
     assert certificate["holds"] is True
+    assert any("accelerations are kept below" in note for note in certificate["notes"])
+    assert "Not looked at / assumed" in (made / "out" / "report.html").read_text()
 
 
 def test_simulate_follows_the_design(made: Path) -> None:
@@ -136,8 +139,10 @@ def test_options_that_do_not_fit(made: Path, options: tuple[str, ...], words: st
 def test_a_planned_motion_that_does_not_keep_everything(tmp_path: Path) -> None:
     box = "[excitation.workspace]\nbox = {z = [0.5, 0.6]}\n"
     arm(tmp_path, f'{ANY}{box}[excitation.motion]\nkind = "postures"\ncount = 3\n')
-    done = run("excite", tmp_path / "arm.toml", "-o", tmp_path / "out")
+    done = run("excite", tmp_path / "arm.toml", "--format", "ros2", "-o", tmp_path / "out")
     assert done.exit_code == 1
+    assert "not written  ros2: the motion is not proven" in done.output
+    assert not (tmp_path / "out" / "trajectory.yaml").exists()
     assert "not proven" in done.output and (tmp_path / "out" / "report.html").is_file()
     assert "z of 'tool' above 0.5 m" in (tmp_path / "out" / "certificate.json").read_text()
 

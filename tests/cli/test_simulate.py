@@ -194,3 +194,21 @@ def test_factors_of_dry_runs_are_below_one(command: Command, tmp_path: Path) -> 
         assert done.exit_code == 2 and "--dry-run" in done.stderr and "0.2" in done.stderr
     assert command(*RUN, "--periods", "0", "-o", tmp_path / "o").exit_code == 2
     assert not (tmp_path / "o").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "hours"),
+    [
+        (("--periods", "1000000000"), "4.167e+05 hours long: 1000000000 times 1.5 s"),
+        (("--dry-run", "1e-9"), "4.167e+05 hours long: 1 times 1.5 s at 1e-09 of the speed"),
+        (("--period", "86401"), "24 hours long"),
+        (("--period", "inf"), "inf hours long"),
+    ],
+)
+def test_runs_of_more_than_a_day_are_refused(
+    options: tuple[str, str], hours: str, command: Command, tmp_path: Path
+) -> None:
+    done = command(*RUN, *options, "-o", tmp_path / "o")
+    said = " ".join(done.stderr.split())
+    assert done.exit_code == 2 and hours in said and "fewer periods" in said
+    assert not (tmp_path / "o").exists()

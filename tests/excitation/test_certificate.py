@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from exact_motions import MAKERS
+from exact_motions import MAKERS, chained, raw_fourier, rest_fourier, several, table
 from invented import dh_arm
 from steelyard.arrays import Array
 from steelyard.errors import DataError
@@ -21,6 +21,7 @@ from steelyard.excitation.exact import ExactTrajectory
 from steelyard.excitation.fourier import FourierMotion
 from steelyard.excitation.limits import MotionLimits
 from steelyard.excitation.markers import Marker
+from steelyard.excitation.piecewise import PiecewiseMotion
 from steelyard.excitation.torque import power_limit, torque_limit
 from steelyard.excitation.workspace import tool_box
 from steelyard.model import Model
@@ -130,6 +131,63 @@ def test_files_come_back_whole_and_know_their_motion(make, tmp_path: Path) -> No
     assert again == certificate and again.holds == certificate.holds
     assert again.is_of(of) and not again.is_of(motion())
     assert Certificate.from_dict(certificate.to_dict()) == certificate
+
+
+def test_notes_are_written_and_older_files_still_read(tmp_path: Path) -> None:
+    path = tmp_path / "c.json"
+    given = certify(dh_arm(), motion(), exact_limits(motion()), notes=("torque is not limited",))
+    given.write(path)
+    assert read_certificate(path) == given
+    assert read_certificate(path).notes == ("torque is not limited",)
+    values = json.loads(path.read_text())
+    del values["notes"], values["jumps"]
+    older = Certificate.from_dict(values)
+    assert older.notes == () and older.jumps == () and older.proofs == given.proofs
+
+
+def test_a_jump_of_velocity_is_no_motion(tmp_path: Path) -> None:
+    coefficients = np.zeros((2, 4, 3))
+    coefficients[0, 1, 1], coefficients[1, 0, 1], coefficients[1, 1, 1] = 0.2, 0.2, -0.2
+    of = PiecewiseMotion(np.array([0.0, 2.0, 3.0]), coefficients)
+    wide = MotionLimits(np.full(3, -9.0), np.full(3, 9.0), np.full(3, 9.0), np.full(3, 9.0))
+    certificate = certify(dh_arm(), of, wide)
+    name = dh_arm().joint_names[1]
+    assert certificate.failures == (f"velocity of '{name}' jumps by 0.3 rad/s at t = 2 s",)
+    assert not certificate.holds
+    certificate.write(tmp_path / "c.json")
+    assert read_certificate(tmp_path / "c.json") == certificate
+
+
+@pytest.mark.parametrize("make", [rest_fourier, raw_fourier, table, several])
+@pytest.mark.parametrize("seed", range(5))
+def test_smooth_motions_jump_nowhere(make, seed: int) -> None:
+    of = make(np.random.default_rng(seed))
+    assert certify(dh_arm(), of, exact_limits(of)).jumps == ()
+
+
+def test_parts_that_do_not_fit_jump() -> None:
+    of = chained(np.random.default_rng(1))
+    assert len(certify(dh_arm(), of, exact_limits(of)).jumps) == 3
+
+
+def test_a_motion_that_does_not_rest_at_its_ends_says_so() -> None:
+    raw, rest = (make(np.random.default_rng(2)) for make in (raw_fourier, rest_fourier))
+    first, last = certify(dh_arm(), raw, exact_limits(raw)).notes
+    assert first.startswith("the motion does not begin at rest: the robot must be moving")
+    assert last.startswith("the motion does not end at rest")
+    assert certify(dh_arm(), rest, exact_limits(rest)).notes == ()
+
+
+class Near(Touching):
+    """Margins that are only lower bounds where they are one metre or more, as of clearances."""
+
+    def proven(self, trajectory: ExactTrajectory, progress: Progress = silent) -> Array:
+        return np.array([1.5, 0.5])
+
+
+def test_samples_are_never_told_below_what_is_proven() -> None:
+    proof = certify(dh_arm(), motion(), exact_limits(motion()), [Near()]).proofs[0]
+    assert proof.proven == (1.5, 0.5) and proof.sampled == (1.5, 1.0)
 
 
 def test_the_hash_is_that_of_the_file() -> None:

@@ -3,6 +3,7 @@
 import pickle
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +22,9 @@ from excitation.colliding import (
 )
 from steelyard.errors import ModelError
 from steelyard.excitation.collision import Clearance, self_clearance
+from steelyard.excitation.model_shapes import world_shapes
 from steelyard.excitation.reach import rates
-from steelyard.excitation.shapes import attached, obstacle, wall
+from steelyard.excitation.shapes import Shape, attached, obstacle, wall
 from steelyard.excitation.solids import Ball, Box, Capsule, Cylinder, Ellipsoid, Hull
 from steelyard.robot.robot_file import LoadedRobot, load_robot
 
@@ -177,18 +179,63 @@ def test_ignored_and_disabled_pairs_are_left_out(tmp_path: Path) -> None:
     assert any("snake.srdf" in note for note in found.notes)
 
 
-def test_pairs_that_always_overlap_are_noted_and_left_out(tmp_path: Path) -> None:
-    loaded = snake(tmp_path)
-    others = (
-        obstacle("stand", Box((0.2, 0.2, 0.4)), (0.0, 0.0, 0.0)),
-        obstacle("ring", Ball(0.05), (0.0, 0.0, 0.06 + 0.0912)),
+def test_own_pairs_that_cannot_keep_apart_are_noted(tmp_path: Path) -> None:
+    ball = '<sphere radius="0.1"/>'
+    text = urdf(
+        *(link(name, ball) for name in ("base", "arm", "hand", "tip")),
+        joint("base", "arm", "0.1 0 0"),
+        joint("arm", "hand", kind="revolute", xyz="0 0 0"),
+        joint("hand", "tip", "0 0 0.205"),
     )
-    found = self_clearance(loaded, others=others)
-    assert frozenset(("one", "stand")) not in names(found)
-    assert any("every posture tried" in note and "one and stand" in note for note in found.notes)
-    touching = [pair.names for pair, w in zip(found.pairs, found.wanted, strict=True) if w == 0.0]
-    assert touching == [frozenset(("one", "ring"))]
-    assert any("one and ring" in note and "0.01 m" in note for note in found.notes)
+    found = self_clearance(load_robot(written(tmp_path, text)), margin=0.05)
+    assert names(found) == {frozenset(("base", "tip")), frozenset(("arm", "tip"))}
+    assert any("every posture tried" in note and "base and hand" in note for note in found.notes)
+    np.testing.assert_array_equal(found.wanted, 0.0)
+    note = next(note for note in found.notes if "never 0.05 m apart" in note)
+    assert "arm and tip (at most 0.005 m)" in note or "arm and tip (at most 0.0049 m)" in note
+
+
+def test_a_hollow_mesh_around_the_robot_is_refused(tmp_path: Path) -> None:
+    corners = np.array([[x, y, z] for x in (-4, 4) for y in (-4, 4) for z in (-4, 4)], dtype=float)
+    room = obstacle("room", Hull(corners))
+    with pytest.raises(ModelError, match="overlaps 'one', 'two'.*convex hull") as error:
+        self_clearance(snake(tmp_path), others=(room,))
+    assert "split it into convex pieces" in str(error.value)
+    assert "ignore: ['one', 'room']" in str(error.value)
+    with pytest.raises(ModelError, match="'cell: two' overlaps 'one', 'two', 'plate'"):
+        self_clearance(snake(tmp_path), others=(replace(room, name="two"),))
+    stand = obstacle("stand", Box((0.2, 0.2, 0.4)))
+    with pytest.raises(ModelError, match="'stand' overlaps 'one' in every posture") as error:
+        self_clearance(snake(tmp_path), others=(stand,))
+    assert "hull" not in str(error.value)
+    ignored = self_clearance(snake(tmp_path), others=(stand,), ignore=[("one", "stand")])
+    assert frozenset(("two", "stand")) in names(ignored)
+
+
+def test_a_margin_that_the_cell_does_not_allow_is_refused(tmp_path: Path) -> None:
+    ring = obstacle("ring", Ball(0.05), (0.0, 0.0, 0.06 + 0.106))
+    with pytest.raises(ModelError, match="never 0.3 m apart: the largest margin") as error:
+        self_clearance(snake(tmp_path), others=(ring,), margin=0.3)
+    most = float(str(error.value).split("a margin of ")[1].split(" m or less")[0])
+    assert 0.0 < most < 0.07
+    found = self_clearance(snake(tmp_path), others=(ring,), margin=most)
+    assert frozenset(("one", "ring")) in names(found)
+
+
+def test_what_cannot_move_may_touch_the_cell(tmp_path: Path) -> None:
+    box = '<box size="0.1 0.1 0.1"/>'
+    text = urdf(
+        *(link(name, box) for name in ("base", "foot", "arm")),
+        joint("base", "foot"),
+        joint("foot", "arm", "0.5 0 0", axis="0 1 0"),
+    )
+    stand = obstacle("stand", Box((0.2, 0.2, 0.2)))
+    path = written(tmp_path, text)
+    with pytest.raises(ModelError, match="'stand' overlaps 'foot'"):
+        self_clearance(load_robot(path), others=(stand,))
+    lines = f"[robot]\nurdf = '{path}'\nlocked = {{foot_joint = 0.3}}\n"
+    found = self_clearance(load_robot("robot.toml", text=lines), others=(stand,))
+    assert {pair for pair in names(found) if "stand" in pair} == {frozenset(("arm", "stand"))}
 
 
 def test_the_cell_alone(tmp_path: Path) -> None:
@@ -200,11 +247,35 @@ def test_the_cell_alone(tmp_path: Path) -> None:
     assert np.all(found.room == 0.1)
 
 
+@pytest.mark.parametrize("written_as", ["urdf", "xml"])
+def test_a_cell_may_use_names_of_links(tmp_path: Path, written_as: str) -> None:
+    """A robot and a cell of which each has a `base`."""
+    cell = urdf(link("base", '<sphere radius="0.1"/>', xyz="1 0 0.5"))
+    if written_as == "xml":
+        cell = """<mujoco><worldbody><body name="base" pos="1 0 0.5"><geom size="0.1"/></body>
+          </worldbody></mujoco>"""
+    others = world_shapes(written(tmp_path, cell, f"cell.{written_as}"))
+    found = self_clearance(snake(tmp_path), others=others, bodies=False)
+    assert {pair.second for pair in found.pairs} == {"cell: base"}
+    ignore = [(found.pairs[0].first, "cell: base")]
+    fewer = self_clearance(snake(tmp_path), others=others, bodies=False, ignore=ignore)
+    assert len(fewer.pairs) == len(found.pairs) - 1
+    free = (obstacle("ball", Ball(0.1), (1.0, 0.0, 0.5)),)
+    same = self_clearance(snake(tmp_path), others=free, bodies=False)
+    q = np.random.default_rng(0).uniform(-1.0, 1.0, (20, found.robot.n))
+    np.testing.assert_array_equal(found.distances(q), same.distances(q))
+
+
+def tool(name: str) -> Shape:
+    """A ball on the first body."""
+    return Shape(name, 0, np.eye(3), np.zeros(3), Ball(0.1), "tool")
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
         ({"ignore": [("slyder", "base")]}, "did you mean 'slider'?"),
-        ({"others": (obstacle("one", Ball(0.1)),)}, "two things are called 'one'"),
+        ({"others": (tool("one"),)}, "two things are called 'one'"),
         ({"bodies": False}, "no pair of things is left"),
     ],
 )

@@ -4,9 +4,13 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
+from scipy.interpolate import CubicSpline
 
 from steelyard.errors import DataError
-from steelyard.excitation.files import read_motion, trajectory_from_dict
+from steelyard.excitation.export import write_export
+from steelyard.excitation.files import read_motion, trajectory_from_dict, write_motion
+from steelyard.excitation.fourier import FourierMotion
+from steelyard.excitation.piecewise import from_scipy
 from steelyard.excitation.random_fourier import random_fourier
 from steelyard.excitation.sampled import SampledMotion
 from steelyard.robot.robot import Body, Coordinate, Robot
@@ -82,6 +86,51 @@ def test_tables_are_read(robot: Robot, tmp_path: Path, names: tuple[str, ...], s
     np.testing.assert_allclose(motion.q, q, atol=1e-15)
 
 
+def raw() -> FourierMotion:
+    """A series that runs through its ends at speed."""
+    sine, cosine = np.random.default_rng(2).standard_normal((2, 2, 4)) * 0.1
+    return FourierMotion(np.array([0.1, -0.2]), sine, cosine, 6.0, rests=False)
+
+
+def test_our_own_table_is_the_same_motion(robot: Robot, tmp_path: Path) -> None:
+    motion = raw()
+    write_export(motion, robot, "csv", tmp_path, 500.0)
+    back = read_motion(tmp_path / "trajectory.csv", robot)
+    assert np.abs(motion.derivative([0.0], 1)).max() > 0.1
+    t = np.linspace(0.0, motion.duration, 2999)
+    for order, close in enumerate((1e-10, 1e-7, 1e-4)):
+        wanted = motion.derivative(t, order)
+        error = np.abs(back.derivative(t, order) - wanted).max()
+        assert error < close * np.abs(wanted).max()
+    again = trajectory_from_dict(json.loads(json.dumps(back.to_dict())))
+    np.testing.assert_array_equal(again.derivative(t, 2), back.derivative(t, 2))
+
+
+SPEEDS = [("dq1_m_s", "dq2_rad_s"), ("dq1", "dq2"), ("dq_Lift", "DQ_elbow")]
+
+
+@pytest.mark.parametrize("names", SPEEDS)
+def test_speeds_at_the_ends_are_those_of_the_table(
+    robot: Robot, tmp_path: Path, names: tuple[str, str]
+) -> None:
+    t, q = table()
+    values = {"t": t, "q1": q[:, 0], "q2": q[:, 1]}
+    path = tmp_path / "motion.csv"
+    pl.DataFrame(values | {names[0]: t + 0.5, names[1]: -t}).write_csv(path)
+    ends = read_motion(path, robot).derivative([0.0, 4.0], 1)
+    np.testing.assert_allclose(ends, [[0.5, 0.0], [4.5, -4.0]], atol=1e-9)
+    clamped = from_scipy(CubicSpline(t, q, bc_type="clamped"))
+    rest: list[dict] = [{}, {names[0]: t + 0.5}, {names[0]: 0 * t, names[1]: 0 * t - 1e-15}]
+    for speeds in rest:
+        pl.DataFrame(values | speeds).write_csv(path)
+        motion, fine = read_motion(path, robot), np.linspace(0.0, 4.0, 99)
+        assert "ends" not in motion.to_dict()
+        for order in range(4):
+            np.testing.assert_array_equal(
+                motion.derivative(fine, order), clamped.derivative(fine, order)
+            )
+
+
 def test_json_is_read(robot: Robot, tmp_path: Path) -> None:
     motion = random_fourier(robot, seed=0)
     path = tmp_path / "trajectory.json"
@@ -109,6 +158,12 @@ BAD = [
         ' "sine": [[0], [0]], "cosine": [[0], [0]]}',
         "not finite",
     ),
+    (
+        "m.json",
+        '{"kind": "sampled", "time_s": [0, 1], "q": [[0, 0], [1, 1]], "ends": [[0, 0], [NaN, 0]]}',
+        "speed at the motion's start or end is not finite",
+    ),
+    ("m.csv", "time_s,q1_m,q2_rad,dq1,dq2\n", "two times or more"),
     ("m.json", "[1, 2]", "not a motion of ours"),
     ("m.json", '{"kind": "sampled", "time_s": [0, 1], "q": [[0], [1]]}', "robot has 2"),
     ("m.parquet", "no parquet", "not a table"),
@@ -139,3 +194,13 @@ def test_missing_file_and_near_name(robot: Robot, tmp_path: Path) -> None:
     path.write_text("time_s,q1_m,q2_red\n0,0,0\n1,1,1\n")
     with pytest.raises(DataError, match="did you mean 'q2_red'"):
         read_motion(path, robot)
+
+
+def test_a_motion_of_another_robot_is_refused(tmp_path: Path, robot: Robot) -> None:
+    motion = random_fourier(robot, seed=1)
+    path = tmp_path / "trajectory.json"
+    write_motion(path, motion, robot)
+    assert read_motion(path, robot).to_dict() == motion.to_dict()
+    other = robot.changed(coordinates=robot.coordinates[::-1])
+    with pytest.raises(DataError, match="the motion is for the joints"):
+        read_motion(path, other)

@@ -52,8 +52,8 @@ def test_advice_adds_information(tmp_path: Path) -> None:
     np.testing.assert_allclose(again.std, before / 2.0**0.5, rtol=1e-9)
     assert len(again.helps) == len(before)
     assert [one.what for one in others] == [
-        "one joint after another at three speeds",
-        "standing at 20 postures",
+        "one joint after another at three speeds, where the cell lets it",
+        "standing at 20 postures, where the cell lets it",
     ]
     for one in others:
         assert np.all(one.std <= before * (1.0 + 1e-9))

@@ -150,8 +150,8 @@ def test_a_payload_adds_to_the_body_that_carries_it() -> None:
     assert values.shape == (20, 16) and len(both.labels) == len(both.room) == 16
     np.testing.assert_allclose(values[:, 8:] - values[:, :8], heavy - light, atol=1e-9)
     assert both.unit == "Nm or N"
-    assert both.labels[0] == "torque of 'trunk_joint' below 1 Nm with arm"
-    assert both.labels[13] == "force of 'slider_joint' above -1 N with load"
+    assert both.labels[0] == "torque of 'trunk_joint' below 1 Nm, arm"
+    assert both.labels[13] == "force of 'slider_joint' above -1 N, load"
 
 
 @pytest.mark.parametrize("make", MAKERS, ids=lambda make: make.__name__)

@@ -156,6 +156,17 @@ def test_a_safe_motion_says_what_it_shows_and_that_it_is_proven(designed: Design
     )
 
 
+def test_what_was_not_looked_at_is_said(designed: Designed) -> None:
+    notes = ("torque is not limited: nothing is known <b>", "the acceleration is a guess")
+    told = replace(designed, certificate=replace(designed.certificate, notes=notes))
+    assert headline(told).endswith("; every limit looked at is proven for all times")
+    words = text(render(content(told)))
+    assert "Not looked at / assumed torque is not limited: nothing is known <b>" in words
+    guess = replace(designed, certificate=replace(designed.certificate, notes=notes[1:]))
+    assert headline(guess).endswith("; every limit is proven for all times")
+    assert "Not looked at / assumed" not in text(render(content(designed)))
+
+
 def test_advice_tells_from_where_to_where(designed: Designed) -> None:
     again = next(one for one in designed.advice if "once more" in one.what)
     assert brings(designed, again) == "every std to 71 %"

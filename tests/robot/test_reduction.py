@@ -149,6 +149,44 @@ def test_a_follower_off_the_chain_still_follows() -> None:
     assert [b.joint for b in robot.bodies] == ["arm_joint", "side_joint"]
 
 
+def followed(*followers: tuple[Mimic, Limits]) -> Mechanism:
+    """A joint `j1` with followers `j2`, `j3`..., each with limits of its own."""
+    changes = {
+        f"j{k}": {"mimic": mimic, "limits": limits}
+        for k, (mimic, limits) in enumerate(followers, start=2)
+    }
+    own = {"limits": Limits(-2.0, 2.0, 3.0, 50.0)}
+    return chain(*["revolute"] * (len(followers) + 1), j1=own, **changes)
+
+
+def test_followers_keep_their_own_limits() -> None:
+    half, turned = Limits(-0.5, 1.0, 1.0, 5.0), Limits(-4.0, 1.3, 4.0)
+    mechanism = followed((Mimic("j1", 2.0, 0.1), half), (Mimic("j2", -0.5, 0.05), turned))
+    robot, notes = reduced(mechanism)
+    limits = robot.coordinates[0].limits
+    assert (limits.velocity, limits.effort, notes) == (0.5, 50.0, ())
+    # j3 = -q and is the wider one
+    assert (limits.lower, limits.upper) == (pytest.approx(-0.3), pytest.approx(0.45))
+    for q in (limits.lower, limits.upper):
+        x = body_positions(robot, np.array([q]))
+        assert half.lower - 1e-12 <= x[1] <= half.upper + 1e-12
+    robot, _ = reduced(followed((Mimic("j1", -1.0), Limits(-0.5, 1.5))))
+    assert robot.coordinates[0].limits == Limits(-1.5, 0.5, 3.0, 50.0)
+    given = Limits(-2.0, 0.2, 2.0, 50.0)
+    robot, _ = reduced(followed((Mimic("j1", -1.0), Limits(-0.5, 1.5))), limits={"j1": given})
+    assert robot.coordinates[0].limits == Limits(-1.5, 0.2, 2.0, 50.0)
+
+
+def test_followers_that_leave_no_range_are_said() -> None:
+    robot, notes = reduced(followed((Mimic("j1", 1.0, 5.0), Limits(-1.0, 1.0, 0.1))))
+    assert robot.coordinates[0].limits == Limits(-2.0, 2.0, 0.1, 50.0)
+    assert notes == ("no position of 'j1' keeps its followers' ranges: they are left out",)
+    robot, notes = reduced(
+        followed((Mimic("j1"), Limits(0.0, 0.0)), (Mimic("j1", 0.0), Limits(1, 2)))
+    )
+    assert robot.coordinates[0].limits == Limits(-2.0, 2.0, 3.0, 50.0) and notes == ()
+
+
 def test_limits_are_replaced() -> None:
     robot, _ = reduced(chain("revolute"), limits={"j1": Limits(upper=1.5)})
     assert robot.coordinates[0].limits.upper == 1.5

@@ -39,7 +39,7 @@ def excite(
         ),
     ] = None,
     period: Annotated[
-        float | None, typer.Option(help="Length of the motion, or of its period [s].")
+        float | None, typer.Option(help="Seconds of the motion, or of its period.")
     ] = None,
     harmonics: Annotated[int | None, typer.Option(help="Harmonics of a Fourier series.")] = None,
     criterion: Annotated[
@@ -97,10 +97,10 @@ def excite(
 ) -> None:
     """Design the motion that shows a robot's parameters best, and prove that it keeps its limits.
 
-    Limits, tool box, obstacles and what is to be shown stand in the robot file under
-    [excitation]. Writes trajectory.json, certificate.json, trajectory.csv and report.html. Ctrl-C
-    ends the search and keeps the best motion so far. Exit code 1: a planned motion is written, but
-    does not keep everything.
+    Limits, tool box, obstacles and what is to be shown stand in the robot file, in its
+    excitation tables. Writes trajectory.json, certificate.json, trajectory.csv and report.html.
+    Ctrl-C ends the search and keeps the best motion so far. Exit code 1: a planned motion does not
+    keep everything; it is written, but no program for a controller.
 
     Example: steelyard excite panda.toml --budget 20 -o panda-motion
     """
@@ -162,6 +162,11 @@ def excite(
         typer.echo("")
         for name, path in written.items():
             typer.echo(f"{name:<12} {path}")
+        withheld = [form for form in forms if form not in may_write(designed, forms)]
+        if withheld:
+            typer.echo(
+                f"not written  {', '.join(withheld)}: the motion is not proven, do not run it"
+            )
     if not designed.certificate.holds:
         raise typer.Exit(UNPROVEN)
 
@@ -175,14 +180,14 @@ def write_design(
 ) -> dict[str, str]:
     """Write a design into a new folder: what each file is, and its name."""
     from steelyard.excitation.export import write_export
-    from steelyard.files import write_json
+    from steelyard.excitation.files import write_motion
     from steelyard.report import render
     from steelyard.report.content import ReportContent
 
-    write_json(folder / "trajectory.json", designed.trajectory.to_dict())
+    write_motion(folder / "trajectory.json", designed.trajectory, designed.robot)
     designed.certificate.write(folder / "certificate.json")
     names = {"trajectory": "trajectory.json", "certificate": "certificate.json"}
-    for form in dict.fromkeys(formats):
+    for form in may_write(designed, formats):
         path = write_export(designed.trajectory, designed.robot, form, folder, rate)
         names[form] = path.name
     title = f"A motion for {designed.robot.name}"
@@ -195,6 +200,12 @@ def write_design(
     )
     (folder / "report.html").write_text(render(content), encoding="utf-8")
     return names | {"report": "report.html"}
+
+
+def may_write(designed: "Designed", formats: "Sequence[str]") -> list[str]:
+    """The formats that are written: no program for a controller of a motion that is not proven."""
+    wanted = list(dict.fromkeys(formats))
+    return wanted if designed.certificate.holds else [form for form in wanted if form == "csv"]
 
 
 def results(designed: "Designed") -> dict[str, Any]:

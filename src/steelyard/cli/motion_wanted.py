@@ -11,7 +11,8 @@ from steelyard.errors import DataError
 from steelyard.estimation.identified import IdentifiedModel, load_model
 from steelyard.excitation.earlier import Earlier
 from steelyard.excitation.exact import ExactTrajectory
-from steelyard.excitation.export import exported
+from steelyard.excitation.export import EXPORTS, exported
+from steelyard.excitation.export_points import grid_times
 from steelyard.excitation.families import FAMILIES, basis_of
 from steelyard.excitation.minimum_jerk import through_postures
 from steelyard.robot.excitation_schema import changed_excitation
@@ -48,6 +49,8 @@ def refuse_formats(loaded: LoadedRobot, formats: Sequence[str], rate: float | No
         motion = basis.motion(basis.still(zero) + 1e-3)
     for form in formats:
         exported(still if form == "csv" else motion, robot, form, rate)
+        if form == "csv":
+            grid_times(motion.duration, rate or EXPORTS[form].rate)
 
 
 def earlier_of(identified: IdentifiedModel) -> Earlier:

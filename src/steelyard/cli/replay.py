@@ -29,10 +29,10 @@ def replay(
         float, typer.Option(min=0.01, max=100.0, help="Seconds of the motion a second.")
     ] = 1.0,
 ) -> None:
-    """Show a robot along a motion in the browser, until Ctrl-C.
+    r"""Show a robot along a motion in the browser, until Ctrl-C.
 
     Collision shapes stand for the links; a link without shapes is a stick. Needs viser:
-    pip install "steelyard[replay]".
+    pip install "steelyard\[replay]".
 
     Example: steelyard replay panda.toml panda-motion/trajectory.json
     """

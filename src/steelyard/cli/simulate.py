@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from steelyard.virtual.payload import Payload
 
 
+_LONGEST = 24.0 * 3600.0
+"""Robot time that a run may take [s]."""
+
 _ALIKE = (("position", "", 1e-9), ("speed", "/s", 1e-6))
 """What must be the same at both ends of a motion to be repeated, its unit, how closely."""
 
@@ -81,11 +84,15 @@ def simulate(
 
     loaded = load_robot(robot)
     folder = river.new_folder(output, f"steelyard-{Path(robot).stem}-simulated")
+    _check_factor(dry_run)
+    if motion is None:
+        _check_length(period, periods, dry_run)
     once = (
         random_fourier(loaded.robot, seed=seed, period=period)
         if motion is None
         else read_motion(motion, loaded.robot)
     )
+    _check_length(once.duration, periods, dry_run)
     trajectory = _slowed(_repeated(once, loaded.robot, periods), dry_run)
     terms = river.with_friction(river.model_of(loaded), loaded).terms
     truth = random_truth(loaded.robot, seed, terms=terms)
@@ -143,14 +150,13 @@ def _repeated(trajectory: "ExactTrajectory", robot: "Robot", periods: int) -> "E
     return repeated(trajectory, periods)
 
 
-def _slowed(trajectory: "ExactTrajectory", factor: float) -> "ExactTrajectory":
-    """The motion at a share of its speed.
+def _check_factor(factor: float) -> None:
+    """A dry run is slower than the motion.
 
     Raises:
-        DataError: The factor is none.
+        DataError: It is not.
     """
     from steelyard.errors import DataError
-    from steelyard.excitation.slowed import SlowedMotion
 
     if not 0.0 < factor <= 1.0:
         raise DataError(
@@ -158,6 +164,30 @@ def _slowed(trajectory: "ExactTrajectory", factor: float) -> "ExactTrajectory":
             where="--dry-run",
             mend="give a number above 0 and at most 1, such as 0.2",
         )
+
+
+def _check_length(once: float, periods: int, factor: float) -> None:
+    """The run takes a day of robot time at most.
+
+    Raises:
+        DataError: It takes longer.
+    """
+    from steelyard.errors import DataError
+
+    seconds = once * periods / factor
+    if not seconds <= _LONGEST:
+        raise DataError(
+            f"the run would be {seconds / 3600.0:.4g} hours long: {periods} times {once:g} s at "
+            f"{factor:g} of the speed; a log holds 24 hours at most",
+            where="--period, --motion, --periods or --dry-run",
+            mend="ask for fewer periods, a dry run less slow, or a shorter motion",
+        )
+
+
+def _slowed(trajectory: "ExactTrajectory", factor: float) -> "ExactTrajectory":
+    """The motion at a share of its speed."""
+    from steelyard.excitation.slowed import SlowedMotion
+
     return trajectory if factor == 1.0 else SlowedMotion(trajectory, factor)
 
 

@@ -21,6 +21,9 @@ MOST_SAMPLES = 100_000
 HELPS = 0.8
 """A deviation that falls below this share is worth telling."""
 
+FREE = ", where the cell lets it"
+"""Other motions keep the limits of joints; boxes and clearances are looked at when planned."""
+
 _POSTURES = 20
 
 
@@ -78,9 +81,9 @@ def _others(limits: MotionLimits) -> list[tuple[str, Trajectory]]:
     others: list[tuple[str, Trajectory]] = []
     try:
         sweeps = friction_sweeps(limits, speeds=3, slowest=0.1, longest_s=2.0)
-        others.append(("one joint after another at three speeds", sweeps))
+        others.append((f"one joint after another at three speeds{FREE}", sweeps))
         still = static_postures(limits, count=_POSTURES, seed=0, dwell_s=1.0)
-        others.append((f"standing at {_POSTURES} postures", still))
+        others.append((f"standing at {_POSTURES} postures{FREE}", still))
     except DataError:
         # a joint without room for them: the designed motion is what there is
         pass

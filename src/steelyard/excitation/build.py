@@ -90,9 +90,9 @@ def build(loaded: LoadedRobot, model: Model, earlier: Earlier | None = None) -> 
     """
     section = loaded.excitation
     basis = basis_of(section.motion, loaded.robot)
-    model, notes = memoryless(model)
     limits = limits_of(loaded.robot, section.limits)
-    constraints, more = constraints_of(loaded, model, limits, earlier)
+    constraints, more = constraints_of(loaded, model, earlier)
+    model, notes = memoryless(model)
     if loaded.robot.passive:
         more += ("that the loops close is looked at at samples, not proven between them",)
     return Problem(
@@ -140,12 +140,23 @@ def limits_of(robot: Robot, section: MotionLimitsSection) -> MotionLimits:
             )
     default = np.array([DEFAULT_ACCELERATION[joint.kind] for joint in robot.coordinates])
     velocity = per_joint(section.velocity, robot, "velocity", own.velocity)
+    notes += _faster(robot, section.share * velocity)
     acceleration = per_joint(section.acceleration, robot, "acceleration", default)
     jerk = None
     if section.jerk is not None:
         jerk = section.share * per_joint(section.jerk, robot, "jerk", np.full(robot.n, 1e6))
     return MotionLimits(
         lower, upper, section.share * velocity, section.share * acceleration, notes, jerk
+    )
+
+
+def _faster(robot: Robot, velocity: Array) -> tuple[str, ...]:
+    """A note for every joint that may move faster than the robot's own limit."""
+    return tuple(
+        f"joint '{joint.name}' may move faster than the model file's limit: "
+        f"{most:.3g} against {joint.limits.velocity:.3g} {joint.unit}/s"
+        for joint, most in zip(robot.coordinates, velocity, strict=True)
+        if most > joint.limits.velocity > 0.0
     )
 
 

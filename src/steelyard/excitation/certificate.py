@@ -13,6 +13,7 @@ from steelyard.arrays import Array
 from steelyard.errors import DataError
 from steelyard.excitation.constraint import Constraint
 from steelyard.excitation.exact import ORDERS, ExactTrajectory
+from steelyard.excitation.jumps import Jump, unrest, velocity_jumps
 from steelyard.excitation.limits import MotionLimits
 from steelyard.files import write_json
 from steelyard.progress import Progress, silent, tell
@@ -38,7 +39,6 @@ class Explained(Protocol):
     @property
     def how(self) -> str:
         """One sentence."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,8 @@ class Proof:
         how: How they were proven, in one sentence.
         labels: What each margin is.
         proven: A lower bound of each that holds at all times.
-        sampled: The least of each at samples; no motion has a larger margin than that.
+        sampled: The least of each at samples; from the constraint's `room` on it may be less, as
+            the constraint tells no more there, but it is never less than `proven`.
     """
 
     name: str
@@ -103,6 +104,8 @@ class Certificate:
         how: How the extremes were found, in one sentence.
         extremes: Joint by joint, the four quantities of each.
         proofs: One per constraint.
+        jumps: Where velocities jump.
+        notes: What was assumed and not looked at, one sentence each.
     """
 
     robot: str
@@ -111,10 +114,12 @@ class Certificate:
     how: str
     extremes: tuple[Extreme, ...]
     proofs: tuple[Proof, ...]
+    jumps: tuple[Jump, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def holds(self) -> bool:
-        """Whether no limit is passed and no proven margin is negative."""
+        """Whether no limit is passed, no velocity jumps, and no proven margin is negative."""
         return not self.failures
 
     @property
@@ -132,7 +137,7 @@ class Certificate:
             for label, least, seen in zip(proof.labels, proof.proven, proof.sampled, strict=True)
             if not least >= 0.0
         ]
-        return (*beyond, *negative)
+        return (*beyond, *(str(jump) for jump in self.jumps), *negative)
 
     def is_of(self, trajectory: ExactTrajectory) -> bool:
         """Whether it speaks of this very motion."""
@@ -148,7 +153,9 @@ class Certificate:
             "duration_s": self.duration,
             "how": self.how,
             "extremes": [{**vars(x), "margin": x.margin} for x in self.extremes],
+            "jumps": [dict(vars(x)) for x in self.jumps],
             "constraints": [_proof_to_dict(proof) for proof in self.proofs],
+            "notes": list(self.notes),
         }
 
     @classmethod
@@ -164,6 +171,8 @@ class Certificate:
                 for extreme in values["extremes"]
             ),
             proofs=tuple(_proof_from_dict(proof) for proof in values["constraints"]),
+            jumps=tuple(Jump(**jump) for jump in values.get("jumps", ())),
+            notes=tuple(values.get("notes", ())),
         )
 
     def write(self, path: Path) -> None:
@@ -193,6 +202,7 @@ def certify(
     limits: MotionLimits,
     constraints: Sequence[Constraint] = (),
     progress: Progress = silent,
+    notes: Sequence[str] = (),
 ) -> Certificate:
     """Find out what holds of a motion at all times.
 
@@ -202,6 +212,7 @@ def certify(
         limits: Of single joints.
         constraints: What else it must keep.
         progress: Told of every constraint and of its proof.
+        notes: What was assumed and not looked at; motions that do not rest at their ends add some.
 
     Raises:
         Stopped: `progress` asked to stop.
@@ -217,13 +228,14 @@ def certify(
         how=EXTREMES,
         extremes=_extremes(robot, trajectory, limits),
         proofs=tuple(proofs),
+        jumps=velocity_jumps(robot, trajectory, limits.velocity),
+        notes=(*notes, *unrest(trajectory, limits.velocity)),
     )
 
 
 def trajectory_hash(trajectory: ExactTrajectory) -> str:
     """SHA-256 of the motion's JSON with sorted keys."""
-    text = json.dumps(trajectory.to_dict(), sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()
+    return hashlib.sha256(json.dumps(trajectory.to_dict(), sort_keys=True).encode()).hexdigest()
 
 
 def _extremes(
@@ -236,7 +248,6 @@ def _extremes(
         (-limits.acceleration, limits.acceleration),
         None if limits.jerk is None else (-limits.jerk, limits.jerk),
     ]
-    powers = ("", "/s", "/s²", "/s³")
     return tuple(
         Extreme(
             joint.name,
@@ -249,7 +260,7 @@ def _extremes(
         )
         for j, joint in enumerate(robot.coordinates)
         for quantity, power, (least, greatest), ends in zip(
-            ORDERS, powers, found, allowed, strict=True
+            ORDERS, ("", "/s", "/s²", "/s³"), found, allowed, strict=True
         )
     )
 
@@ -258,6 +269,7 @@ def _proof(trajectory: ExactTrajectory, constraint: Constraint, progress: Progre
     proven = constraint.proven(trajectory, progress)
     motion = trajectory.sample(np.linspace(0.0, trajectory.duration, SAMPLES))
     sampled = constraint.margins(motion.q, motion.dq, motion.ddq).values.min(axis=0)
+    sampled = np.where(sampled >= constraint.room, np.maximum(sampled, proven), sampled)
     return Proof(
         constraint.name,
         constraint.unit,

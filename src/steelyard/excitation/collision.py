@@ -15,6 +15,7 @@ from steelyard.excitation.pairs import Pair, candidate_pairs, disabled_pairs, fi
 from steelyard.excitation.poses import Poses
 from steelyard.excitation.reach import sides
 from steelyard.excitation.scene import Indices, Scene
+from steelyard.excitation.separable import random_postures, separable
 from steelyard.excitation.shapes import Geometry, Shape
 from steelyard.progress import Progress, silent
 from steelyard.robot.robot import Robot
@@ -25,9 +26,6 @@ MARGIN = 0.01
 
 ROOM = 0.05
 """Beyond the margin by this much distances are not looked at closely [m]."""
-
-POSTURES = 200
-"""Random postures that tell which pairs can be kept apart at all."""
 
 
 @dataclass(frozen=True)
@@ -182,9 +180,9 @@ def clearance(
 ) -> Clearance:
     """The constraint that a robot keeps clear of itself and of its cell.
 
-    Pairs that overlap at every one of `POSTURES` random postures are left out, as they cannot be
+    The robot's own pairs that overlap at all random postures tried are left out, as they cannot be
     kept apart; those that are never as far apart as their margin are kept from touching. Both are
-    noted.
+    noted. Pairs with the cell must be able to keep the margin; what is fixed to the base has none.
 
     Args:
         robot: The robot.
@@ -196,28 +194,19 @@ def clearance(
         bodies: Whether the robot and its tools keep clear of themselves, too, not only of the cell.
 
     Raises:
-        ModelError: No pair is left, a name in `ignore` does not exist, or two things have one.
+        ModelError: No pair is left, a name in `ignore` does not exist, two things have one, or the
+            cell overlaps a link at all postures tried or is never `margin` away from it.
     """
     shapes = (*geometry.shapes, *others)
     pairs, notes = candidate_pairs(robot, geometry, shapes, ignore, bodies)
     _check_pairs(robot, pairs)
     count = len(pairs)
     whole = _built(robot, shapes, pairs, np.full(count, margin), np.full(count, room))
-    farthest = whole.distances(_postures(robot)).max(axis=0)
-    stuck = [p for p, d in zip(pairs, farthest, strict=True) if d < 0.0]
-    close = [p for p, d in zip(pairs, farthest, strict=True) if 0.0 <= d < margin]
-    for listed, how in (
-        (stuck, "overlap in every posture tried, so they are left out"),
-        (close, f"are never {margin:g} m apart, so they are only kept from touching"),
-    ):
-        if listed:
-            names = ", ".join(f"{p.first} and {p.second}" for p in listed)
-            notes = (*notes, f"these pairs {how}: {names}")
-    kept = tuple(pair for pair in pairs if pair not in stuck)
+    farthest = whole.distances(random_postures(robot)).max(axis=0)
+    kept, wanted, more = separable(shapes, pairs, farthest, margin)
     _check_pairs(robot, kept)
-    wanted = np.array([0.0 if pair in close else margin for pair in kept])
     built = _built(robot, shapes, kept, wanted, np.full(len(kept), room))
-    return replace(built, notes=(*geometry.notes, *notes))
+    return replace(built, notes=(*geometry.notes, *notes, *more))
 
 
 def self_clearance(
@@ -286,14 +275,3 @@ def _check_pairs(robot: Robot, pairs: tuple[Pair, ...]) -> None:
             where=f"robot '{robot.name}'",
             mend="give obstacles or a tool, ignore fewer pairs, or leave collision out",
         )
-
-
-def _postures(robot: Robot) -> Array:
-    """Random positions within the joints' limits, or within one turn or a metre."""
-    rng = np.random.default_rng(0)
-    bounds = np.empty((2, robot.n))
-    for k, joint in enumerate(robot.coordinates):
-        span = np.pi if joint.kind == "revolute" else 1.0
-        bounds[0, k] = joint.limits.lower if np.isfinite(joint.limits.lower) else -span
-        bounds[1, k] = joint.limits.upper if np.isfinite(joint.limits.upper) else span
-    return rng.uniform(bounds.min(axis=0), bounds.max(axis=0), (POSTURES, robot.n))

@@ -17,6 +17,7 @@ from steelyard.excitation.exact import ExactTrajectory
 from steelyard.excitation.families import FAMILIES
 from steelyard.excitation.finish import finished
 from steelyard.excitation.limits import MotionLimits
+from steelyard.excitation.markers import points_of
 from steelyard.excitation.objective import Case
 from steelyard.excitation.plans import planned
 from steelyard.excitation.possible import refuse_impossible
@@ -45,7 +46,11 @@ RESERVE = 1.0
 HURRY = 1.0
 """Time for polishing after the user has ended the search [s]."""
 
+FEW = 4
+"""Searches below which the user is told that more time would help."""
+
 _FIRST = 0.5
+_LOOKS = 500
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +63,7 @@ class _Motion:
     constraints: Sequence[Constraint]
     harvest: Harvest | None
     notes: tuple[str, ...]
+    hints: tuple[str, ...] = ()
 
 
 def design(
@@ -124,7 +130,13 @@ def _searched(
             f"{harvest.lost} of {effort.useful} processes that search were ended from outside",
         )
     return _Motion(
-        best.trajectory, problem.cases, problem.limits, problem.constraints, harvest, notes
+        best.trajectory,
+        problem.cases,
+        problem.limits,
+        problem.constraints,
+        harvest,
+        notes,
+        _few(harvest, effort),
     )
 
 
@@ -139,7 +151,7 @@ def _planned(
     section = loaded.excitation
     limits = limits_of(loaded.robot, section.limits)
     plain, notes = memoryless(model)
-    constraints, more = constraints_of(loaded, plain, limits, earlier)
+    constraints, more = constraints_of(loaded, model, earlier)
     trajectory, said = planned(loaded, limits, effort.seed)
     cases = cases_of(section, plain, limits, earlier)
     return _Motion(
@@ -151,7 +163,8 @@ def _described(
     loaded: LoadedRobot, motion: _Motion, earlier: Earlier | None, begun: float
 ) -> Designed:
     robot, section = loaded.robot, loaded.excitation
-    certificate = certify(robot, motion.trajectory, motion.limits, motion.constraints)
+    said = (*motion.notes, *_cell(loaded, motion.trajectory))
+    certificate = certify(robot, motion.trajectory, motion.limits, motion.constraints, notes=said)
     noise, rate, source = noise_of(loaded, earlier)
     weights = rate / noise**2
     seen = shown(
@@ -180,8 +193,32 @@ def _described(
         values={} if earlier is None else dict(zip(earlier.names, earlier.values, strict=True)),
         advice=_advice(seen, motion, weights, prior),
         tool=tool_of(section.workspace, robot),
-        notes=(*loaded.notes, *motion.notes),
+        notes=(*loaded.notes, *said, *motion.hints),
     )
+
+
+def _cell(loaded: LoadedRobot, trajectory: ExactTrajectory) -> tuple[str, ...]:
+    """That nobody has said where the floor is, if so, and how low the tool goes."""
+    section, robot = loaded.excitation, loaded.robot
+    space, collision = section.workspace, section.collision
+    bounded = space is not None and bool(space.planes or space.keep_out or space.box.bounded)
+    if bounded or robot.passive or (collision is not None and collision.world is not None):
+        return ()
+    tool = tool_of(space, robot)
+    q = trajectory.derivative(np.linspace(0.0, trajectory.duration, _LOOKS), 0)
+    lowest = float(points_of(robot, [tool], "tool").positions(q)[:, 0, 2].min())
+    return (
+        f"no floor or cell is given: '{tool.frame}' goes down to z = {lowest:.2f} m; "
+        "[excitation.workspace] says where it may be",
+    )
+
+
+def _few(harvest: Harvest, effort: Effort) -> tuple[str, ...]:
+    """That the time was short, if it was."""
+    if harvest.stopped or harvest.searches >= min(FEW, effort.searches or FEW):
+        return ()
+    whole = "no search came" if harvest.searches == 0 else f"only {harvest.searches} searches came"
+    return (f"{whole} to an end in the time: a longer --budget finds better motions",)
 
 
 def _advice(

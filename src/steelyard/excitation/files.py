@@ -17,8 +17,12 @@ from steelyard.excitation.sampled import SampledMotion
 from steelyard.excitation.slowed import SlowedMotion
 from steelyard.excitation.trended import TrendedMotion
 from steelyard.excitation.windowed import WindowedMotion
+from steelyard.files import write_json
 from steelyard.robot.nearest import advice
 from steelyard.robot.robot import Coordinate, Robot
+
+_AT_REST = 1e-9
+"""Speeds up to this are rounding [rad/s; m/s]."""
 
 
 def _chained(values: Mapping[str, Any]) -> ChainedMotion:
@@ -57,7 +61,8 @@ def read_motion(path: Path, robot: Robot) -> ExactTrajectory:
     Args:
         path: `trajectory.json`, or a `.csv` or `.parquet` table with a column of times
             (`time_s`, `time` or `t`) and one of positions per joint: `q1_rad` (`q1_m`), `q1`,
-            `q_NAME` or `NAME`.
+            `q_NAME` or `NAME`. Where it has speeds of all joints too (`dq1_rad_s`, `dq1` or
+            `dq_NAME`), it starts and ends with those of its first and last row, else at rest.
         robot: Says how many joints there are, and their names.
 
     Raises:
@@ -65,7 +70,7 @@ def read_motion(path: Path, robot: Robot) -> ExactTrajectory:
     """
     if not path.is_file():
         raise _refused(path, "the file does not exist", "check its name and folder")
-    motion = _read_json(path) if path.suffix == ".json" else _read_table(path, robot)
+    motion = _read_json(path, robot) if path.suffix == ".json" else _read_table(path, robot)
     joints = motion.sample([0.0]).n_joints
     if joints != robot.n:
         raise _refused(
@@ -76,10 +81,16 @@ def read_motion(path: Path, robot: Robot) -> ExactTrajectory:
     return motion
 
 
-def _read_json(path: Path) -> ExactTrajectory:
+def write_motion(path: Path, motion: ExactTrajectory, robot: Robot) -> None:
+    """Write a motion as `trajectory.json`, with the names of the joints that it is for."""
+    write_json(path, {"joints": list(robot.joint_names), **motion.to_dict()})
+
+
+def _read_json(path: Path, robot: Robot) -> ExactTrajectory:
     """A motion that this package wrote."""
     try:
-        return trajectory_from_dict(json.loads(path.read_text(encoding="utf-8")))
+        values = json.loads(path.read_text(encoding="utf-8"))
+        motion, joints = trajectory_from_dict(values), values.get("joints")
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         lacking = f"it has no {error}" if isinstance(error, KeyError) else str(error)
         raise _refused(
@@ -87,6 +98,14 @@ def _read_json(path: Path) -> ExactTrajectory:
             f"the file is not a motion of ours: {lacking}",
             "give a trajectory.json that steelyard wrote, or a .csv or .parquet table",
         ) from error
+    if joints is not None and joints != list(robot.joint_names):
+        raise _refused(
+            path,
+            f"the motion is for the joints {joints}, the robot '{robot.name}' has "
+            f"{list(robot.joint_names)}",
+            "give a motion of this robot; to run it all the same, take 'joints' out of the file",
+        )
+    return motion
 
 
 def _read_table(path: Path, robot: Robot) -> SampledMotion:
@@ -112,7 +131,7 @@ def _read_table(path: Path, robot: Robot) -> SampledMotion:
         name = _find(path, what, choices, names)
         columns.append(_numbers(path, name, table[name]))
     try:
-        return SampledMotion(columns[0], np.column_stack(columns[1:]))
+        return SampledMotion(columns[0], np.column_stack(columns[1:]), _ends(table, names, robot))
     except ValueError as error:
         raise _refused(path, str(error), "sort the rows by time and drop repeated ones") from error
 
@@ -121,6 +140,23 @@ def _names(index: int, joint: Coordinate) -> list[str]:
     """Names that a joint's column of positions may have."""
     number = index + 1
     return [f"q{number}_{joint.unit}", f"q{number}", f"q_{joint.name}", joint.name]
+
+
+def _ends(table: Any, names: Mapping[str, str], robot: Robot) -> Array | None:
+    """Speeds in the first and the last row, shape `(2, n)`; `None` if not given, or at rest."""
+    import polars
+
+    found = []
+    for j, joint in enumerate(robot.coordinates):
+        choices = [f"dq{j + 1}_{joint.unit}_s", f"dq{j + 1}", f"dq_{joint.name.lower()}"]
+        found += [names[choice] for choice in choices if choice in names][:1]
+    if len(found) < robot.n or not table.height:
+        return None
+    rows = table.select(polars.col(found).cast(polars.Float64, strict=False))
+    ends = np.array([rows.row(0), rows.row(-1)], dtype=np.float64)
+    if not np.isfinite(ends).all() or np.abs(ends).max() <= _AT_REST:
+        return None
+    return ends
 
 
 def _find(path: Path, what: str, choices: Sequence[str], names: Mapping[str, str]) -> str:

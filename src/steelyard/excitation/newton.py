@@ -53,7 +53,6 @@ def minimised(
 ) -> Array:
     """The nearest minimum from a motion inside the walls.
 
-
     Args:
         objective: What is minimised, like the logarithm of a figure.
         walls: What may not be touched.

@@ -48,7 +48,8 @@ def candidate_pairs(
         robot: The robot.
         geometry: The robot's own shapes.
         shapes: All shapes: the robot's, tools and the cell.
-        ignore: Pairs of names that may touch.
+        ignore: Pairs of names that may touch; `cell: NAME` is what the cell calls by a name that
+            is taken.
         bodies: Whether pairs count that are no part of the cell.
 
     Returns:
@@ -84,10 +85,13 @@ def candidate_pairs(
 
 
 def _groups(shapes: Sequence[Shape]) -> dict[str, list[int]]:
-    """Numbers of the shapes by name."""
+    """Numbers of the shapes by name; what the cell calls like something else is `cell: NAME`."""
+    taken = {shape.name for shape in shapes if shape.origin != "world"}
     groups: dict[str, list[int]] = {}
     for number, shape in enumerate(shapes):
-        groups.setdefault(shape.name, []).append(number)
+        clashes = shape.origin == "world" and shape.name in taken
+        name = f"cell: {shape.name}" if clashes else shape.name
+        groups.setdefault(name, []).append(number)
     return groups
 
 
@@ -101,7 +105,7 @@ def _check(
             raise ModelError(
                 f"two things are called '{name}'",
                 where=f"collision shapes, '{name}'",
-                mend="give tools, payloads and obstacles names that no link has",
+                mend="give tools and payloads names that no link has",
             )
     for pair in ignore:
         for name in pair:

@@ -15,15 +15,17 @@ from steelyard.motion import Motion
 
 @dataclass(frozen=True, eq=False)
 class SampledMotion:
-    """A motion through given postures: the cubic spline that starts and ends without speed.
+    """A motion through given postures: the cubic spline that starts and ends with given speeds.
 
     Attributes:
         t: Times, shape `(N,)` [s], increasing; kept from zero on.
         q: Postures, shape `(N, n)` [rad; m].
+        ends: Speeds at the first and the last time, shape `(2, n)` [rad/s; m/s]; `None`: at rest.
     """
 
     t: Array
     q: Array
+    ends: Array | None = None
 
     def __post_init__(self) -> None:
         t = frozen(self.t, (None,))
@@ -33,6 +35,10 @@ class SampledMotion:
         object.__setattr__(self, "q", frozen(self.q, (len(t), None)))
         if not (np.isfinite(t).all() and np.isfinite(self.q).all()):
             raise ValueError("a time or a posture of the table is not finite")
+        if self.ends is not None:
+            object.__setattr__(self, "ends", frozen(self.ends, (2, self.q.shape[1])))
+            if not np.isfinite(self.ends).all():
+                raise ValueError("a speed at the motion's start or end is not finite")
 
     @property
     def duration(self) -> float:
@@ -58,15 +64,17 @@ class SampledMotion:
 
     def to_dict(self) -> dict[str, Any]:
         """As values for JSON; numbers keep all their digits."""
-        return {"kind": "sampled", "time_s": self.t.tolist(), "q": self.q.tolist()}
+        values = {"kind": "sampled", "time_s": self.t.tolist(), "q": self.q.tolist()}
+        return values if self.ends is None else values | {"ends": self.ends.tolist()}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> "SampledMotion":
         """The inverse of `to_dict`."""
-        return cls(values["time_s"], values["q"])
+        return cls(values["time_s"], values["q"], values.get("ends"))
 
     @cached_property
     def _pieces(self) -> PiecewiseMotion:
         from scipy.interpolate import CubicSpline
 
-        return from_scipy(CubicSpline(self.t, self.q, bc_type="clamped"))
+        start, end = np.zeros((2, self.q.shape[1])) if self.ends is None else self.ends
+        return from_scipy(CubicSpline(self.t, self.q, bc_type=((1, start), (1, end))))

@@ -199,7 +199,7 @@ def _limit(
 ) -> EffortLimit:
     which = tuple(int(k) for k in np.flatnonzero(np.isfinite(limits)))
     chosen = limits[list(which)]
-    endings = [f" with {case}" if len(cases) > 1 else "" for case in cases]
+    endings = [f", {case}" if len(cases) > 1 else "" for case in cases]
     labels = [
         f"{titles[k]} {side}{size:g} {units[k]}{ending}"
         for ending in endings

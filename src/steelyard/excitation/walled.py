@@ -6,13 +6,13 @@ from itertools import combinations
 
 import numpy as np
 
+from steelyard.arrays import Array
 from steelyard.errors import ModelError
 from steelyard.excitation.collision import self_clearance
 from steelyard.excitation.constraint import Constraint
 from steelyard.excitation.earlier import Earlier
 from steelyard.excitation.families import per_joint
 from steelyard.excitation.keep_out import keep_out
-from steelyard.excitation.limits import MotionLimits
 from steelyard.excitation.markers import Marker
 from steelyard.excitation.model_shapes import robot_shapes, world_shapes
 from steelyard.excitation.shapes import Shape
@@ -33,19 +33,22 @@ from steelyard.robot.model_source import beside
 from steelyard.robot.robot import Robot
 from steelyard.robot.robot_file import LoadedRobot
 from steelyard.terms.rigid_body import RigidBody
+from steelyard.terms.term import Remembering
 
 _AXES = "xyz"
 
+_LEAST = 1e-12
+"""Length of a normal that has no direction, and is refused."""
+
 
 def constraints_of(
-    loaded: LoadedRobot, model: Model, limits: MotionLimits, earlier: Earlier | None
+    loaded: LoadedRobot, model: Model, earlier: Earlier | None
 ) -> tuple[tuple[Constraint, ...], tuple[str, ...]]:
     """All that must hold at all times beside the limits of the joints, and what was assumed.
 
     Args:
         loaded: The robot and its tables.
-        model: Its terms without memory.
-        limits: Of the joints.
+        model: Its terms, with memory or without.
         earlier: What an earlier identification of the robot knows.
 
     Raises:
@@ -55,8 +58,10 @@ def constraints_of(
     found, notes = list[Constraint](), list[str]()
     if section.workspace is not None:
         found += workspace_of(section.workspace, loaded.robot)
+        if section.workspace.radius > 0.0 and not found:
+            notes.append("the tool's radius changes nothing: it has no box, plane or keep_out")
     for part, said in (
-        efforts_of(section, model, earlier),
+        efforts_of(loaded, model, earlier),
         clearance_of(section.collision, loaded),
     ):
         found += part
@@ -65,6 +70,8 @@ def constraints_of(
         section.criterion.relative or any(isinstance(c, EffortLimit) for c in found)
     ):
         notes.append("loads change nothing: torque is not limited, and the criterion not relative")
+    if section.loads and any(not isinstance(c, EffortLimit) for c in found):
+        notes.append("loads have no shape: clearance and the workspace do not see them")
     return tuple(found), tuple(notes)
 
 
@@ -72,8 +79,13 @@ Walled = tuple[list[Constraint], list[str]]
 """Constraints, and what was assumed."""
 
 
-def efforts_of(section: ExcitationSection, model: Model, earlier: Earlier | None) -> Walled:
-    """Torque and power of the prior model, without and with every load."""
+def efforts_of(loaded: LoadedRobot, model: Model, earlier: Earlier | None) -> Walled:
+    """Torque and power of the prior model, without and with every load.
+
+    Raises:
+        ModelError: Limits are asked for, but torque is not known beforehand.
+    """
+    section = loaded.excitation
     wanted, robot = section.limits, model.robot
     own = np.array([joint.limits.effort for joint in robot.coordinates])
     given = own if wanted.effort in ("robot", "any") else None
@@ -82,9 +94,11 @@ def efforts_of(section: ExcitationSection, model: Model, earlier: Earlier | None
     powers = per_joint(wanted.power, robot, "power", np.full(robot.n, np.inf))
     asked = given is None or wanted.power is not None or wanted.total_power is not None
     limited = wanted.effort != "any" and bool(np.isfinite(efforts).any())
+    free = ["torque is not limited, as asked"]
+    notes = free if wanted.effort == "any" else _unlimited(robot, efforts)
     if not (limited or asked):
-        return [], []
-    why = _unknown_efforts(model)
+        return [], notes
+    why = _unknown_efforts(loaded, model, earlier)
     if why is not None:
         if asked:
             raise ModelError(
@@ -93,7 +107,7 @@ def efforts_of(section: ExcitationSection, model: Model, earlier: Earlier | None
                 mend='leave out effort and power, or say effort = "any"',
             )
         return [], [f"torque is not limited: {why}"]
-    cases = _cases(section, model, earlier)
+    cases = _cases(section, _memoryless(model), earlier)
     found: list[Constraint] = []
     if limited:
         found.append(torque_limit(cases, efforts))
@@ -103,11 +117,32 @@ def efforts_of(section: ExcitationSection, model: Model, earlier: Earlier | None
     source = (
         "the earlier model's" if earlier is not None else "those of the model file, no friction"
     )
-    return found, [f"torques are limited by a prior model, whose values are {source}"]
+    return found, [f"torques are limited by a prior model, whose values are {source}", *notes]
 
 
-def _unknown_efforts(model: Model) -> str | None:
-    """Why torques are not known beforehand, if they are not."""
+def _unlimited(robot: Robot, efforts: Array) -> list[str]:
+    """A note that names the joints without a limit of effort, if there are any."""
+    joints = zip(robot.joint_names, efforts, strict=True)
+    free = ", ".join(f"'{name}'" for name, most in joints if not np.isfinite(most))
+    return [f"torque is not limited where the model file gives no limit: {free}"] if free else []
+
+
+def _memoryless(model: Model) -> Model:
+    kept = tuple(term for term in model.terms if not isinstance(term, Remembering))
+    return Model(model.robot, kept)
+
+
+def _unknown_efforts(loaded: LoadedRobot, model: Model, earlier: Earlier | None) -> str | None:
+    """Why torques are not known beforehand, if they are not.
+
+    Without an earlier model no friction is known, so laws with memory then lack like all others.
+    """
+    if loaded.signals is not None and loaded.signals.effort_kind == "gravity_compensated_torque":
+        return "the robot file's efforts are without gravity"
+    if earlier is not None:
+        for term in model.terms:
+            if isinstance(term, Remembering):
+                return f"'{term.law}' depends on the motion before"
     if model.robot.passive:
         return "the robot has closed chains"
     if not any(isinstance(term, RigidBody) for term in model.terms):
@@ -138,7 +173,7 @@ def _cases(
         frame = load.frame or last_frame(model.robot)
         mass = Inertia.about_com(load.mass, load.com, np.zeros((3, 3)))
         with _written("loads] frame"):
-            cases[f"load {number}, {load.mass:g} kg"] = loaded_with(arm, frame, mass)
+            cases[f"with load {number}, {load.mass:g} kg"] = loaded_with(arm, frame, mass)
     return cases
 
 
@@ -156,7 +191,7 @@ def clearance_of(section: CollisionSection | None, loaded: LoadedRobot) -> Walle
         where = "[excitation.collision] world"
         others = world_shapes(beside(loaded.sources[0].path, section.world, where))
     if not section.bodies and not others:
-        return [], []
+        return [], ["collisions are not looked at, as asked"]
     ignore = list(section.ignore)
     if not section.bodies:
         own = robot_shapes(loaded.robot, loaded.sources[-1].path, section.without).shapes
@@ -184,7 +219,8 @@ def workspace_of(section: WorkspaceSection, robot: Robot) -> list[Constraint]:
             found.append(tool_box(robot, tool, lower, upper))
     if section.planes:
         normals = [plane.normal for plane in section.planes]
-        levels = [plane.above for plane in section.planes]
+        sizes = np.maximum(np.linalg.norm(normals, axis=1), _LEAST)
+        levels = np.array([plane.above for plane in section.planes]) / sizes
         with _written("workspace] planes"):
             found.append(planes(robot, tool, normals, levels))
     if section.keep_out:

@@ -40,6 +40,12 @@ MILLIMETRES = 0.1
 NAMED = 3
 """Most parameters that a line of advice names."""
 
+UNSEEN = ("not looked at", "not limited", "cannot be limited", "left out", "not proven", "loops")
+"""Words of notes on what a certificate does not speak of."""
+
+HARDLY = 50.0
+"""Std over what it were with all other parameters known: above it others hide a parameter."""
+
 ALIKE = 0.02
 """Shares of deviations that differ by less are told as one."""
 
@@ -151,15 +157,25 @@ def level(designed: Designed) -> Level:
 
 def headline(designed: Designed) -> str:
     """What the motion shows, and whether it is safe, in a line."""
-    unseen = int(np.sum(~np.isfinite(designed.shown.std(designed.prior))))
-    every = len(designed.shown.names)
+    std = designed.shown.std(designed.prior)
+    unseen, every = int(np.sum(~np.isfinite(std))), len(std)
     shows = f"Shows all {every} base parameters"
     if unseen:
         shows = f"Shows {every - unseen} of {every} base parameters"
+    alone = 1.0 / np.sqrt(np.maximum(np.diagonal(designed.shown.gram), 1e-300))
+    if hardly := int(np.sum(np.isfinite(std) & (std > HARDLY * alone))):
+        shows += f", {hardly} of them hardly"
     failures = designed.certificate.failures
     if failures:
         return f"{shows}, but is not safe: {count(len(failures), 'limit')} not proven"
-    return f"{shows}; every limit is proven for all times"
+    limits = "every limit looked at" if unlooked(designed) else "every limit"
+    return f"{shows}; {limits} is proven for all times"
+
+
+def unlooked(designed: Designed) -> tuple[str, ...]:
+    """Notes of the certificate that say what was not looked at."""
+    notes = designed.certificate.notes
+    return tuple(note for note in notes if any(word in note for word in UNSEEN))
 
 
 def figure_of(designed: Designed) -> str:

@@ -94,7 +94,7 @@ class ExcitationSection(Section):
     criterion: CriterionSection = CriterionSection()
     loads: Annotated[tuple[LoadSection, ...], Field(strict=False)] = ()
     search: SearchSection = SearchSection()
-    samples: Annotated[int, Field(ge=20)] = 1000
+    samples: Annotated[int, Field(ge=20, le=1_000_000)] = 1000
 
 
 def changed_excitation(

@@ -1,14 +1,42 @@
-"""What mimic joints' own limits leave of the range of the joint that they follow."""
+"""Mimic joints: how they follow, and what range their own limits leave their master."""
 
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from steelyard.robot.robot import Limits
+from steelyard.robot.mechanism import Joint, Mechanism
+from steelyard.robot.robot import Limits, Robot
 
 
-def narrowed(limits: Limits, followers: Iterable[tuple[float, float, Limits]]) -> Limits | None:
+@dataclass(frozen=True)
+class Drive:
+    """How a joint's position comes from a master joint's: `ratio * master + offset`."""
+
+    master: str
+    ratio: float
+    offset: float
+
+
+def drive_of(mechanism: Mechanism, joint: Joint) -> Drive:
+    """The independent joint behind a joint, mimic chains resolved."""
+    ratio, offset = 1.0, 0.0
+    while joint.mimic is not None:
+        offset += ratio * joint.mimic.offset
+        ratio *= joint.mimic.ratio
+        joint = mechanism.joint(joint.mimic.master)
+    return Drive(joint.name, ratio, offset)
+
+
+def followers_of(
+    mechanism: Mechanism, drives: Mapping[str, Drive], master: str
+) -> list[tuple[Drive, Limits]]:
+    """The mimic joints behind an independent joint, with their own limits."""
+    following = [n for n, drive in drives.items() if drive.master == master and n != master]
+    return [(drives[name], mechanism.joint(name).limits) for name in following]
+
+
+def narrowed(limits: Limits, followers: Sequence[tuple[Drive, Limits]]) -> tuple[Limits, bool]:
     """Limits that keep the followers of a joint within theirs as well.
 
     A follower at `x = ratio * q + offset` within `[lower, upper]` keeps `q` between
@@ -17,22 +45,23 @@ def narrowed(limits: Limits, followers: Iterable[tuple[float, float, Limits]]) -
 
     Args:
         limits: The joint's own.
-        followers: Ratio, offset and limits of each.
+        followers: How each follows, and its limits.
 
     Returns:
-        The limits, the effort as it was; `None` if no range is left.
+        The limits, the effort as it was, and whether a range is left; if not, it is the joint's.
     """
     lower, upper, velocity = limits.lower, limits.upper, limits.velocity
-    for ratio, offset, own in followers:
+    for drive, own in followers:
+        ratio, offset = drive.ratio, drive.offset
         if ratio == 0.0:
             continue
         velocity = min(velocity, own.velocity / abs(ratio))
         if own.lower < own.upper:
             ends = sorted(((own.lower - offset) / ratio, (own.upper - offset) / ratio))
             lower, upper = max(lower, ends[0]), min(upper, ends[1])
-    if not lower < upper:
-        return None
-    return replace(limits, lower=lower, upper=upper, velocity=velocity)
+    if left := not followers or lower < upper:
+        return replace(limits, lower=lower, upper=upper, velocity=velocity), left
+    return replace(limits, velocity=velocity), left
 
 
 def merged(given: Limits, model: Limits, narrow: Limits) -> Limits:
@@ -51,3 +80,18 @@ def unlimited_if_empty(limits: Limits) -> Limits:
     if limits.lower == limits.upper:
         return replace(limits, lower=-np.inf, upper=np.inf)
     return limits
+
+
+def limit_notes(mechanism: Mechanism, drives: Mapping[str, Drive], robot: Robot) -> list[str]:
+    """What was assumed of the coordinates' limits, a sentence each."""
+    notes = []
+    for c in robot.joints:
+        limits = mechanism.joint(c.name).limits
+        if limits.lower == limits.upper and np.isinf(c.limits.lower):
+            notes.append(f"joint '{c.name}' has an empty range in the model: taken as unlimited")
+        followers = followers_of(mechanism, drives, c.name)
+        if not narrowed(unlimited_if_empty(limits), followers)[1]:
+            notes.append(
+                f"no position of '{c.name}' keeps its followers' ranges: they are left out"
+            )
+    return notes

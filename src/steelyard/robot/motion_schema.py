@@ -19,6 +19,11 @@ class BoxSpans(Section):
     y: Span | None = None
     z: Span | None = None
 
+    @property
+    def bounded(self) -> bool:
+        """Whether it is closed anywhere."""
+        return not (self.x is None and self.y is None and self.z is None)
+
 
 class FourierSection(Section):
     """A finite Fourier series that starts and ends at rest."""

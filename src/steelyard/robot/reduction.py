@@ -1,28 +1,28 @@
 """From a mechanism to a robot: which joints move, where the others are locked, what merges."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.errors import ModelError
+from steelyard.robot.following import (
+    Drive,
+    drive_of,
+    followers_of,
+    limit_notes,
+    merged,
+    narrowed,
+    unlimited_if_empty,
+)
 from steelyard.robot.geometry import Placement
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.mechanism import Joint, Link, Mechanism
 from steelyard.robot.nearest import advice, listing
 from steelyard.robot.pins import Closing, closed_robot, passive_joints
 from steelyard.robot.robot import Body, Coordinate, Frame, JointKind, Limits, Robot
-
-
-@dataclass(frozen=True)
-class _Drive:
-    """How a joint's position comes from a master joint's: `ratio * master + offset`."""
-
-    master: str
-    ratio: float
-    offset: float
 
 
 def reduced(
@@ -39,9 +39,9 @@ def reduced(
     """The robot in which `joints` move and all others are locked.
 
     Locked and fixed links merge with their inertia into the moving link that carries them; what
-    is fixed to the base vanishes. A mimic joint moves with its master, or is locked where a
-    locked master puts it. Joints neither moving nor in `locked` are locked at zero, or at the
-    limit nearest to it.
+    is fixed to the base vanishes. A mimic joint moves with its master, which keeps within the
+    limits of both, or is locked where a locked master puts it. Joints neither moving nor in
+    `locked` are locked at zero, or at the limit nearest to it.
 
     Args:
         mechanism: What the model file says.
@@ -51,7 +51,7 @@ def reduced(
         base: The link taken as fixed base; `None` is the root link.
         tip: The link, or links, where the moving chain ends; `None` is every leaf.
         gravity: Shape `(3,)` [m/s²], in the base link's frame; `None` is the mechanism's own.
-        limits: Limits that replace those of the file, by joint.
+        limits: Limits by joint that replace the file's, and its mimic joints' where they differ.
         closing: What the robot file says of closed chains. Passive joints move like those to
             identify, and are listed apart from them.
 
@@ -61,7 +61,7 @@ def reduced(
     locked, limits, closing = dict(locked or {}), dict(limits or {}), closing or Closing()
     base = mechanism.root if base is None else base
     _check_links(mechanism, base, tip)
-    drives = {j.name: _drive(mechanism, j) for j in mechanism.joints if j.movable}
+    drives = {j.name: drive_of(mechanism, j) for j in mechanism.joints if j.movable}
     free = _moving(mechanism, None, locked, base, tip)
     masters = {name: drive.master for name, drive in drives.items()}
     passive = passive_joints(mechanism, masters, free, joints, closing)
@@ -78,7 +78,7 @@ def reduced(
     }
     bodies, frames = _Merging(mechanism, drives, moving, resting).run(base)
     root_gravity = _base_placement(mechanism, base, resting).rotation.T @ mechanism.gravity
-    coordinates = tuple(_coordinate(mechanism.joint(n), limits.get(n)) for n in moving)
+    coordinates = tuple(_coordinate(mechanism, drives, n, limits.get(n)) for n in moving)
     robot = Robot(
         mechanism.name,
         bodies,
@@ -88,7 +88,7 @@ def reduced(
         frames=frames,
     )
     robot, closed = closed_robot(robot, mechanism, closing)
-    return robot, (*_notes(mechanism, robot, base, assumed, positions), *closed)
+    return robot, (*_notes(mechanism, drives, robot, base, assumed, positions), *closed)
 
 
 def _refuse_both(joints: Sequence[str] | None, passive: Sequence[str], where: str) -> None:
@@ -184,16 +184,6 @@ def _moving(
     return tuple(joints)
 
 
-def _drive(mechanism: Mechanism, joint: Joint) -> _Drive:
-    """The independent joint behind a joint, mimic chains resolved."""
-    ratio, offset = 1.0, 0.0
-    while joint.mimic is not None:
-        offset += ratio * joint.mimic.offset
-        ratio *= joint.mimic.ratio
-        joint = mechanism.joint(joint.mimic.master)
-    return _Drive(joint.name, ratio, offset)
-
-
 def _locked_positions(
     mechanism: Mechanism, moving: tuple[str, ...], locked: Mapping[str, float]
 ) -> tuple[dict[str, float], tuple[str, ...]]:
@@ -213,11 +203,14 @@ def _base_placement(mechanism: Mechanism, base: str, resting: Mapping[str, float
     return placement
 
 
-def _coordinate(joint: Joint, limits: Limits | None) -> Coordinate:
-    limits = joint.limits if limits is None else limits
-    if limits.lower == limits.upper:
-        limits = replace(limits, lower=-np.inf, upper=np.inf)
-    return Coordinate(joint.name, _kind(joint), limits)
+def _coordinate(
+    mechanism: Mechanism, drives: Mapping[str, Drive], name: str, given: Limits | None
+) -> Coordinate:
+    """A joint that moves, within its limits and those of the joints that follow it."""
+    joint = mechanism.joint(name)
+    narrow, _ = narrowed(unlimited_if_empty(joint.limits), followers_of(mechanism, drives, name))
+    limits = narrow if given is None else merged(given, joint.limits, narrow)
+    return Coordinate(name, _kind(joint), unlimited_if_empty(limits))
 
 
 def _kind(joint: Joint) -> JointKind:
@@ -229,7 +222,7 @@ class _Merging:
     """One walk over the tree that merges what does not move into what carries it."""
 
     mechanism: Mechanism
-    drives: Mapping[str, _Drive]
+    drives: Mapping[str, Drive]
     moving: tuple[str, ...]
     resting: Mapping[str, float]
 
@@ -278,6 +271,7 @@ def _add_link(body: dict[str, Any], link: Link, placement: Placement) -> None:
 
 def _notes(
     mechanism: Mechanism,
+    drives: Mapping[str, Drive],
     robot: Robot,
     base: str,
     assumed: tuple[str, ...],
@@ -302,8 +296,4 @@ def _notes(
     for body in robot.bodies:
         if flaw := body.inertia.flaw():
             notes.append(f"no body can have the inertial of '{body.name}': {flaw}")
-    for c in robot.joints:
-        limits = mechanism.joint(c.name).limits
-        if limits.lower == limits.upper and np.isinf(c.limits.lower):
-            notes.append(f"joint '{c.name}' has an empty range in the model: taken as unlimited")
-    return tuple(notes)
+    return (*notes, *limit_notes(mechanism, drives, robot))

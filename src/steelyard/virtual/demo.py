@@ -7,6 +7,7 @@ from pathlib import Path
 
 from steelyard.excitation.chained import repeated
 from steelyard.excitation.exact import ExactTrajectory
+from steelyard.excitation.files import write_motion
 from steelyard.excitation.random_fourier import random_fourier
 from steelyard.files import whole_folder, write_json
 from steelyard.motion import run
@@ -107,7 +108,7 @@ def demo_runs(
             if name == "identification":
                 motion = repeated(motion, 2) if designed is None else designed
             run(rig, motion, part / f"{name}.parquet")
-            write_json(part / f"{name}_motion.json", motion.to_dict())
+            write_motion(part / f"{name}_motion.json", motion, robot)
         write_json(part / "truth.json", truth.to_dict())
     identification, validation = (folder / f"{name}.parquet" for name in names)
     return DemoFiles(folder / "demo_arm.toml", identification, validation, folder / "truth.json")

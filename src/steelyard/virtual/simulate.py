@@ -5,6 +5,7 @@ from math import pi
 from pathlib import Path
 
 from steelyard.excitation.exact import ExactTrajectory
+from steelyard.excitation.files import write_motion
 from steelyard.files import whole_folder, write_json
 from steelyard.motion import Rig, run
 from steelyard.progress import Progress, silent
@@ -102,5 +103,5 @@ def simulate(
                 zip(robot.joint_names, sensors.gains.tolist(), strict=True)
             )
         write_json(part / "truth.json", hidden)
-        write_json(part / "trajectory.json", trajectory.to_dict())
+        write_motion(part / "trajectory.json", trajectory, robot)
     return SimulatedFiles(folder / "log.parquet", folder / "truth.json", folder / "trajectory.json")

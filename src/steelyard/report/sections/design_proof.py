@@ -37,6 +37,7 @@ class DesignProofSection:
             "quantities": list(dict.fromkeys(one.quantity for one in certificate.extremes)),
             "called": CALLED,
             "joints": _joints(certificate),
+            "notes": certificate.notes,
             "constraints": [_constraint(proof) for proof in certificate.proofs],
         }
 

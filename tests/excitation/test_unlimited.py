@@ -1,0 +1,123 @@
+"""What a motion is not held to is refused where it was asked for, and noted where it was not."""
+
+from pathlib import Path
+
+import pytest
+
+from excitation.colliding import written
+from excitation.tabled import ARM, OPEN, arm, model_of, problem_of
+from excitation.test_criterion_table import earlier
+from steelyard.cli.motion_wanted import refuse_formats
+from steelyard.errors import ModelError, OutputError
+from steelyard.excitation.build import build
+from steelyard.excitation.design import design
+from steelyard.excitation.problem import Problem
+from steelyard.excitation.runner import Effort
+from steelyard.robot.robot_file import load_robot
+
+COMPENSATED = """[signals]
+time = "t"
+position = "q_{joint}"
+[signals.effort]
+columns = "tau_{joint}"
+kind = "KIND"
+unit = "Nm"
+"""
+LIMITS = "[excitation.limits]\n"
+ASKED = ["effort = 20.0", "power = 30.0", "total_power = 30.0"]
+DAHL = '"rigid_body", {law = "dahl", length = 0.01}'
+LOAD = "[[excitation.loads]]\nmass = 2.0\n"
+ANY = f'{OPEN}{LIMITS}effort = "any"\n'
+PLANNED = '[excitation.motion]\nkind = "sweeps"\n'
+
+
+def names_of(problem: Problem) -> list[str]:
+    return [constraint.name for constraint in problem.constraints]
+
+
+def test_efforts_without_gravity_limit_no_torque(tmp_path: Path) -> None:
+    usual = problem_of(tmp_path, OPEN + COMPENSATED.replace("KIND", "joint_torque"))
+    assert names_of(usual) == ["torque"]
+    tables = OPEN + COMPENSATED.replace("KIND", "gravity_compensated_torque")
+    problem = problem_of(tmp_path, tables)
+    note = "torque is not limited: the robot file's efforts are without gravity"
+    assert names_of(problem) == [] and note in problem.notes
+    for asked in ASKED:
+        with pytest.raises(ModelError, match="cannot be limited: .* without gravity"):
+            problem_of(tmp_path, f"{tables}{LIMITS}{asked}\n")
+
+
+def test_friction_with_memory_of_an_earlier_model_limits_no_torque(tmp_path: Path) -> None:
+    known, loaded = earlier(tmp_path), arm(tmp_path, OPEN, DAHL)
+    problem = build(loaded, model_of(loaded), known)
+    note = "torque is not limited: 'dahl' depends on the motion before"
+    assert names_of(problem) == [] and note in problem.notes
+    assert names_of(build(loaded, model_of(loaded))) == ["torque"]
+    for asked in ASKED:
+        loaded = arm(tmp_path, f"{OPEN}{LIMITS}{asked}\n", DAHL)
+        with pytest.raises(ModelError, match="cannot be limited: 'dahl' depends on the motion"):
+            build(loaded, model_of(loaded), known)
+
+
+def test_planned_motions_are_held_to_the_same(tmp_path: Path) -> None:
+    known, loaded = earlier(tmp_path), arm(tmp_path, f"{OPEN}{LIMITS}effort = 9.0\n{PLANNED}", DAHL)
+    with pytest.raises(ModelError, match="cannot be limited: 'dahl' depends on the motion"):
+        design(loaded, model_of(loaded), Effort(20.0, processes=1), earlier=known)
+
+
+def notes_without(folder: Path, joints: int, tables: str = "") -> tuple[tuple[str, ...], list[str]]:
+    """Notes and constraints of an arm whose first joints have no limit of effort."""
+    arm(folder)
+    written(folder, ARM.replace('effort="60"', 'effort="0"', joints))
+    (folder / "arm.toml").write_text((folder / "arm.toml").read_text() + OPEN + tables)
+    loaded = load_robot(folder / "arm.toml")
+    problem = build(loaded, model_of(loaded))
+    return problem.notes, names_of(problem)
+
+
+def test_joints_without_a_limit_of_effort_are_named(tmp_path: Path) -> None:
+    head = "torque is not limited where the model file gives no limit: "
+    notes, names = notes_without(tmp_path, 1)
+    assert head + "'tower_joint'" in notes and names == ["torque"]
+    notes, names = notes_without(tmp_path, 3)
+    assert head + "'tower_joint', 'boom_joint', 'stick_joint'" in notes and names == []
+    for tables in ('effort = "any"', "effort = 20.0"):
+        notes, _ = notes_without(tmp_path, 3, f"{LIMITS}{tables}\n")
+        assert not any(head in note for note in notes)
+
+
+def test_speeds_above_the_robots_own_are_noted(tmp_path: Path) -> None:
+    notes = problem_of(tmp_path, f"{OPEN}{LIMITS}share = 1.0\nvelocity = {{boom_joint = 20}}").notes
+    words = "may move faster than the model file's limit"
+    assert [note for note in notes if words in note] == [
+        f"joint 'boom_joint' {words}: 20 against 3 rad/s"
+    ]
+    assert not any(words in n for n in problem_of(tmp_path, f"{OPEN}{LIMITS}velocity = 3").notes)
+
+
+def test_loads_without_shape_are_noted_where_shapes_matter(tmp_path: Path) -> None:
+    note = "loads have no shape: clearance and the workspace do not see them"
+    box = "[excitation.workspace]\nbox = {z = [-2.0, 2.0]}\n"
+    assert note in problem_of(tmp_path, LOAD).notes
+    assert note in problem_of(tmp_path, OPEN + box + LOAD).notes
+    assert note not in problem_of(tmp_path, OPEN + LOAD).notes
+    assert note not in problem_of(tmp_path, OPEN + box).notes
+
+
+def test_a_radius_alone_is_noted(tmp_path: Path) -> None:
+    tables, words = f"{ANY}[excitation.workspace]\nradius = 0.1\n", "radius changes nothing"
+    assert any(words in note for note in problem_of(tmp_path, tables).notes)
+    walled = problem_of(tmp_path, tables + "box = {z = [-2.0, 2.0]}\n")
+    assert not any(words in note for note in walled.notes)
+
+
+def test_too_many_samples_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match="samples"):
+        arm(tmp_path, "[excitation]\nsamples = 1_000_001\n")
+
+
+def test_a_table_too_long_is_refused_before_the_search(tmp_path: Path) -> None:
+    loaded = arm(tmp_path, "[excitation.motion]\nperiod = 30.0\n")
+    refuse_formats(loaded, ["csv"], 1000.0)
+    with pytest.raises(OutputError, match="30 s at 1e\\+06 points a second are more than"):
+        refuse_formats(loaded, ["csv"], 1e6)
