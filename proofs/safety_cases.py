@@ -215,7 +215,9 @@ def _add_tool(draft: _Draft) -> None:
             normal = random.standard_normal(3)
             unit = normal / np.linalg.norm(normal)
             planes.append((normal, unit, unit @ place - room - random.uniform(0.03, 0.3)))
-        workspace["planes"] = [{"normal": _list(n), "above": float(d * np.linalg.norm(n))} for n, _, d in planes]
+        workspace["planes"] = [
+            {"normal": _list(n), "above": float(d * np.linalg.norm(n))} for n, _, d in planes
+        ]
         draft.keep(planes=tuple((unit, float(d)) for _, unit, d in planes))
     if draft.chance(0.4):
         boxes = [_box_beside(random, place, room) for _ in range(random.integers(1, 3))]
