@@ -83,7 +83,7 @@ class Judge:
         n = dq.shape[1]
         viscous, coulomb = np.zeros((2, len(t), n, n))
         viscous[:, range(n), range(n)] = dq
-        coulomb[:, range(n), range(n)] = np.sign(dq)
+        coulomb[:, range(n), range(n)] = sign(dq)
         whole = np.hstack([rows, viscous.reshape(-1, n), coulomb.reshape(-1, n)])
         return np.linalg.cond(whole), np.linalg.cond(whole / np.linalg.norm(whole, axis=0))
 
@@ -117,6 +117,11 @@ def series(motion: dict, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndar
     q = np.array(motion["start"]) + s @ sine.T + (c - 1.0) @ cosine.T
     dq = (c * rate) @ sine.T - (s * rate) @ cosine.T
     return q, dq, -(s * rate**2) @ sine.T - (c * rate**2) @ cosine.T
+
+
+def sign(dq: np.ndarray) -> np.ndarray:
+    """Direction of motion; what rounding leaves of a speed at rest has none."""
+    return np.sign(np.where(np.abs(dq) < 1e-9, 0.0, dq))
 
 
 def regressor(model: pin.Model, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:

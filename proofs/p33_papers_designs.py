@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from claims import Claim, main_of
-from designs import PROBLEMS, designed, independent, regressor, series
+from designs import PROBLEMS, designed, independent, regressor, series, sign
 
 sys.path.append(str(Path(__file__).parent.parent / "tests"))
 from oracles import pinocchio_model
@@ -43,7 +43,7 @@ def conditions(problem: str, motion: dict, samples: int, rigid: int) -> tuple[fl
     rows = regressor(model, q, dq, ddq)[:, independent(model, rigid)]
     viscous, coulomb = np.zeros((2, len(t), n, n))
     viscous[:, range(n), range(n)] = dq
-    coulomb[:, range(n), range(n)] = np.sign(dq)
+    coulomb[:, range(n), range(n)] = sign(dq)
     whole = np.hstack([rows, viscous.reshape(-1, n), coulomb.reshape(-1, n)])
     return np.linalg.cond(whole), np.linalg.cond(whole / np.linalg.norm(whole, axis=0))
 

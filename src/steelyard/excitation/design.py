@@ -40,7 +40,7 @@ RATE = 20.0
 FINISH = 0.08
 """Share of the time that polishing, scaling and proofs get, and at least a second."""
 
-RESERVE = 1.0
+RESERVE = 1.4
 """What the certificate, the report and the files get of the time [s]."""
 
 HURRY = 1.0
