@@ -151,7 +151,7 @@ def of(case: Case, folder: Path) -> list[Claim]:
         figure, proven = designed(case.tables.replace("{}", case.mended(told)), folder)
     except (SteelyardError, IndexError) as error:
         return [said, Claim(f"{case.name}: advice", str(error)[:90], "works", False)]
-    words = f"condition {figure:.3g}, {'proven' if proven else 'not proven'}"
+    words = f"figure {figure:.3g}, {'proven' if proven else 'not proven'}"
     return [said, Claim(f"{case.name}: advice", words, "works, proven", proven)]
 
 
