@@ -101,10 +101,15 @@ class PinocchioLoop:
         t = np.linspace(0.0, basis.duration, SAMPLES, endpoint=False)
         return Walls(basis, self.problem.limits, (), t)
 
+    def state(self, x: np.ndarray) -> list[np.ndarray]:
+        """Position, speed and acceleration at all samples."""
+        pairs = zip(self.walls.shapes[:3], self.walls.offsets[:3], strict=True)
+        return [shape @ x.T + offset for shape, offset in pairs]
+
     def regressor(self, x: np.ndarray) -> np.ndarray:
         """Stacked base columns, the jump of Coulomb friction as steep as in our criterion."""
         shows, n = self.problem.cases[0].shows, self.problem.robot.n
-        q, dq, ddq = self.walls.state(x)
+        q, dq, ddq = self.state(x)
         whole = np.zeros((SAMPLES, n, len(shows.base.names)))
         for k in range(SAMPLES):
             whole[k, :, : 10 * n] = pin.computeJointTorqueRegressor(
@@ -124,7 +129,7 @@ class PinocchioLoop:
     def room(self, x: np.ndarray) -> np.ndarray:
         """Distances from the sides of the box at the samples [m]."""
         places, tool = np.empty((SAMPLES, 3)), self.model.nframes - 1
-        for k, posture in enumerate(self.walls.state(x)[0]):
+        for k, posture in enumerate(self.state(x)[0]):
             pin.framesForwardKinematics(self.model, self.data, posture)
             places[k] = self.data.oMf[tool].translation
         return (places @ self.box.normals.T - self.box.levels).ravel()
@@ -133,7 +138,7 @@ class PinocchioLoop:
         """Slopes of these distances by the coefficients, `(rows, n m)`."""
         ways, tool = np.empty((SAMPLES, 3, self.model.nv)), self.model.nframes - 1
         axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        for k, posture in enumerate(self.walls.state(x)[0]):
+        for k, posture in enumerate(self.state(x)[0]):
             ways[k] = pin.computeFrameJacobian(self.model, self.data, posture, tool, axes)[:3]
         by_q = self.box.normals @ ways
         return (by_q[..., None] * self.walls.shapes[0][:, None, None, :]).reshape(-1, x.size)
