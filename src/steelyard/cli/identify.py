@@ -14,6 +14,7 @@ from steelyard.cli.options import LOG_HELP, Json, Output, RobotArgument, Threads
 
 if TYPE_CHECKING:
     from steelyard.cli.fitting import Fit
+    from steelyard.diagnosis import Finding
     from steelyard.estimation.identified import IdentifiedModel
     from steelyard.measurement import Run
     from steelyard.progress import Progress
@@ -149,7 +150,11 @@ def run_identify(
         found = fit(model, file, fitted, loaded_runs, payload, origin, threads, progress)
         notes += (*found.notes, *describe.dropped(model, (*clean, *unseen)))
         content = report_of(found, unseen, (*clean, *unseen), notes, progress)
-        content = replace(content, diagnosis=found_out)
+        content = replace(
+            content,
+            diagnosis=found_out,
+            limitations=limitations_of(found, unseen, content, progress),
+        )
         if sensitivity:
             content = varied(content, found, (known, unknown), threads, progress)
         if bootstrap is not None:
@@ -189,6 +194,26 @@ def report_of(
     )
 
 
+def limitations_of(
+    fit: "Fit",
+    unseen: "Sequence[Run]",
+    content: "ReportContent",
+    progress: "Progress",
+) -> "tuple[Finding, ...]":
+    """What checks of the fitted model find."""
+    from steelyard.diagnosis.post_fit import FittedCase, examine_fit
+
+    case = FittedCase(
+        fit.identified,
+        tuple(fit.runs),
+        tuple(unseen),
+        content.fitted,
+        content.scores,
+        fit.information,
+    )
+    return examine_fit(case, progress)
+
+
 def write_results(identified: "IdentifiedModel", content: "ReportContent", folder: Path) -> None:
     """Write `model.json`, `parameters.csv` and `report.html`."""
     from steelyard.report import render
@@ -203,7 +228,7 @@ def results(content: "ReportContent", folder: Path) -> dict[str, object]:
     """What `--json` prints."""
     if content.identified is None:
         raise ValueError("there are results of an identified model only")
-    from steelyard.report.findings import diagnosis_dict
+    from steelyard.report.findings import diagnosis_dict, finding_dict
     from steelyard.terms.register import description_of
 
     estimate = content.identified.estimate
@@ -230,6 +255,7 @@ def results(content: "ReportContent", folder: Path) -> dict[str, object]:
         "condition_normalised": estimate.condition_normalised,
         "validation": [score.to_dict() for score in content.scores],
         "identification": [score.to_dict() for score in content.fitted],
+        "limitations": [finding_dict(finding) for finding in content.limitations],
         "check": None if content.diagnosis is None else diagnosis_dict(content.diagnosis),
         "sensitivity": None if content.sensitivity is None else content.sensitivity.to_dict(),
         "bootstrap": None if content.bootstrap is None else content.bootstrap.to_dict(),

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,6 +12,7 @@ from steelyard.cli.guard import guarded
 from steelyard.cli.options import LOG_HELP, Json
 
 if TYPE_CHECKING:
+    from steelyard.diagnosis import Finding
     from steelyard.estimation.identified import IdentifiedModel
     from steelyard.measurement import Run
     from steelyard.report import ReportContent
@@ -40,6 +42,7 @@ def validate(
     from steelyard.estimation.identified import load_model
     from steelyard.files import whole_folder
     from steelyard.report import render
+    from steelyard.report.findings import finding_dict
     from steelyard.report.terminal import summary
 
     identified = load_model(model)
@@ -51,13 +54,23 @@ def validate(
         scores = river.scored(identified, runs, progress)
     known = [river.fitted_before(identified, log) for log in files]
     content = _content(identified, runs, scores, known)
+    content = replace(content, limitations=limitations_of(identified, runs, scores, known))
     if folder is not None:
         with whole_folder(folder) as part:
             (part / "report.html").write_text(render(content), encoding="utf-8")
             interrupt.too_late()
     if as_json:
         told = [
-            {**score.to_dict(), "fitted": old} for score, old in zip(scores, known, strict=True)
+            {
+                **score.to_dict(),
+                "fitted": old,
+                "limitations": [
+                    finding_dict(finding)
+                    for finding in content.limitations
+                    if finding.log in ("", score.run)
+                ],
+            }
+            for score, old in zip(scores, known, strict=True)
         ]
         typer.echo(json.dumps(told, allow_nan=False))
         return
@@ -91,3 +104,17 @@ def _content(
         ),
         settings=describe.settings(identified),
     )
+
+
+def limitations_of(
+    identified: "IdentifiedModel",
+    runs: "Sequence[Run]",
+    scores: "Sequence[RunScore]",
+    known: Sequence[bool],
+) -> "tuple[Finding, ...]":
+    """What checks of the model on runs that it was not fitted to find."""
+    from steelyard.diagnosis.post_fit import FittedCase, examine_fit
+
+    fresh = [(run, score) for run, score, old in zip(runs, scores, known, strict=True) if not old]
+    unseen, unseen_scores = tuple(run for run, _ in fresh), tuple(score for _, score in fresh)
+    return examine_fit(FittedCase(identified, unseen=unseen, unseen_scores=unseen_scores))

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from steelyard.diagnosis import Diagnosis
+    from steelyard.diagnosis import Diagnosis, Finding
     from steelyard.estimation.bootstrap import Bootstrap
-    from steelyard.estimation.fields import Finding
+    from steelyard.estimation.fields import Finding as FieldFinding
     from steelyard.estimation.gains import GainEstimate
     from steelyard.estimation.identified import IdentifiedModel
     from steelyard.excitation.designed import Designed
@@ -40,6 +40,7 @@ class ReportContent:
         findings: Fields of terms that were found.
         gains: Drive gains that were found, if any.
         diagnosis: What the logs were checked for before.
+        limitations: What checks of the fitted model found; they qualify the headline.
         sensitivity: Fits with other cut-offs, if they were asked for.
         bootstrap: Estimates of windows drawn again, if they were asked for.
         comparison: Estimators beside each other, if they were compared.
@@ -57,9 +58,10 @@ class ReportContent:
     notes: tuple[str, ...] = ()
     settings: tuple[tuple[str, str], ...] = ()
     friction: FrictionChoice | None = None
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[FieldFinding, ...] = ()
     gains: GainEstimate | None = None
     diagnosis: Diagnosis | None = None
+    limitations: tuple[Finding, ...] = ()
     sensitivity: Sensitivity | None = None
     bootstrap: Bootstrap | None = None
     comparison: Comparison | None = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite
 from statistics import fmean
 from typing import TYPE_CHECKING, Literal
@@ -12,6 +12,7 @@ from steelyard.report.content import ReportContent
 from steelyard.report.words import count, percent
 
 if TYPE_CHECKING:
+    from steelyard.diagnosis import Finding
     from steelyard.validation.score import JointScore, RunScore
 
 Level = Literal["good", "fair", "poor", "none"]
@@ -22,16 +23,30 @@ GOOD = 10.0
 FAIR = 30.0
 """Relative error [%] up to which it counts as fairly predicted."""
 
+SEVERITY: tuple[Level, ...] = ("good", "none", "fair", "poor")
+"""Levels, the best first."""
+
+LIMITED: dict[str, Level] = {"doubtful": "fair", "wrong": "poor"}
+"""The best level that a limitation of this severity leaves."""
+
 HOW_TO_VALIDATE = "steelyard identify ROBOT LOG... --validate OTHER_LOG"
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """A headline, the small print under it, and how good it is."""
+    """A headline, the small print under it, how good it is, and what qualifies it.
+
+    Attributes:
+        headline: One sentence.
+        detail: What it was computed from.
+        level: No better than the worst limitation allows.
+        limitations: Sentence and level of everything that was found against the model.
+    """
 
     headline: str
     detail: str
     level: Level
+    limitations: tuple[tuple[str, Level], ...] = ()
 
 
 def level_of(relative_percent: float | None) -> Level:
@@ -48,7 +63,23 @@ def told(joint: JointScore) -> float | None:
 
 
 def verdict(content: ReportContent) -> Verdict:
-    """The verdict of a report."""
+    """The verdict of a report, no better than its limitations allow."""
+    plain = _of_scores(content)
+    found = tuple((_sentence(f), LIMITED[f.judgement.word]) for f in content.limitations)
+    levels = (plain.level, *(level for _, level in found))
+    return replace(plain, level=max(levels, key=SEVERITY.index), limitations=found)
+
+
+def _sentence(finding: Finding) -> str:
+    """What was found, where, and the evidence."""
+    where = f"{finding.log}: " if finding.log else ""
+    figure = f" ({finding.figure})" if finding.figure else ""
+    advice = f". {finding.mend.says}" if finding.mend is not None else ""
+    return f"{where}{finding.says}{figure}{advice}"
+
+
+def _of_scores(content: ReportContent) -> Verdict:
+    """The verdict of the scores alone."""
     if not content.scores:
         return _untested(content.fitted)
     moving = [run.mean_percent_moving for run in content.scores]

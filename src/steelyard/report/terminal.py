@@ -54,6 +54,8 @@ def summary(content: ReportContent, console: Console) -> None:
     poor = "POOR: " if judged.level == "poor" else ""
     console.print(Text(poor + judged.headline, style=f"bold {COLOURS[judged.level]}"))
     console.print(Text(judged.detail))
+    for sentence, level in judged.limitations:
+        console.print(Text(f"! {sentence}", style=COLOURS[level]))
     for score in content.scores or content.fitted:
         console.print()
         console.print(_table(score, bool(content.scores)))

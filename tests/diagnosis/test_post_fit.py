@@ -1,0 +1,42 @@
+"""Findings of checks after the fit: in the order of their severity, and in the headline."""
+
+from typing import ClassVar, cast
+
+from steelyard.diagnosis import Finding, Judgement, Mend
+from steelyard.diagnosis.post_fit import FittedCase, examine_fit
+from steelyard.report.content import ReportContent
+from steelyard.report.judgement import verdict
+
+
+class Says:
+    name: ClassVar[str] = "says"
+
+    def __init__(self, judgement: Judgement) -> None:
+        self.judgement = judgement
+
+    def __call__(self, case: FittedCase) -> tuple[Finding, ...]:
+        word = self.judgement.word
+        return (
+            Finding("says", "run 1", self.judgement, f"this is {word}", "3 Nm", (), Mend("A.")),
+        )
+
+
+def test_what_is_ok_does_not_qualify_and_the_worst_comes_first() -> None:
+    seen: list[str] = []
+    case = cast(FittedCase, None)
+    found = examine_fit(
+        case,
+        lambda event: bool(seen.append(event.phase)) or True,
+        [Says(Judgement.OK), Says(Judgement.DOUBTFUL), Says(Judgement.WRONG)],
+    )
+    assert [finding.judgement for finding in found] == [Judgement.WRONG, Judgement.DOUBTFUL]
+    assert len(seen) == 3
+
+
+def test_a_limitation_lowers_the_level_and_stands_beside_the_headline() -> None:
+    found = examine_fit(cast(FittedCase, None), checks=[Says(Judgement.WRONG)])
+    judged = verdict(ReportContent("title", "robot", limitations=found))
+    assert judged.level == "poor"
+    assert judged.limitations == (("run 1: this is wrong (3 Nm). A.", "poor"),)
+    doubtful = examine_fit(cast(FittedCase, None), checks=[Says(Judgement.DOUBTFUL)])
+    assert verdict(ReportContent("title", "robot", limitations=doubtful)).level == "fair"
