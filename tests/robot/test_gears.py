@@ -214,6 +214,17 @@ def test_signs_turn_what_is_logged_before_the_gears_and_the_zero() -> None:
     assert json.dumps(signals_to_dict(signals_from_dict(json.loads(text)))) == text
 
 
+def test_offsets_may_be_left_to_be_identified() -> None:
+    some = signals(gears(ratios=[50, -40]), position_offset=[0.5, "identify"])
+    every = signals(gears(ratios=[50, -40]), position_offset="identify")
+    assert some.unknown_offsets == (False, True) and every.unknown_offsets == (True, True)
+    assert some.position_offset is not None and some.position_offset.tolist() == [0.5, 0.0]
+    again = signals_from_dict(json.loads(json.dumps(signals_to_dict(some))))
+    assert again.unknown_offsets == (False, True)
+    with pytest.raises(ValueError, match="position_offset"):
+        signals(None, position_offset=[0.5, "find"])
+
+
 @pytest.mark.parametrize(
     ("given", "words"),
     [

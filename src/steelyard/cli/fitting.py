@@ -13,6 +13,7 @@ from steelyard.estimation.gains import GainEstimate
 from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimation.least_squares import OrdinaryLeastSquares, WeightedLeastSquares
 from steelyard.estimation.wishes import knowledge_of
+from steelyard.estimation.zero_offset import ZeroOffsets
 from steelyard.measurement import Run
 from steelyard.model import Model
 from steelyard.progress import Progress
@@ -35,6 +36,7 @@ class Fit:
         choice: How the friction laws were chosen, if they were.
         findings: Fields that were found.
         gains: Drive gains that were found, if any.
+        offsets: Zero offsets that were estimated, if any.
         notes: What was decided, for people to read.
         information: What the runs say about the model's columns.
         estimator: What made the estimate of it.
@@ -45,9 +47,14 @@ class Fit:
     choice: FrictionChoice | None
     findings: tuple[Finding, ...]
     gains: GainEstimate | None
+    offsets: ZeroOffsets | None
     notes: tuple[str, ...]
     information: Information
     estimator: Estimator[Information]
+
+    def alike(self, run: Run) -> Run:
+        """Another run, with its joint positions and efforts read as those of the fitted ones."""
+        return replace(run, recording=replace(run.recording, signals=self.identified.signals))
 
 
 def fit(
@@ -104,6 +111,7 @@ def fit(
         ground.choice,
         ground.findings,
         ground.gains,
+        ground.offsets,
         notes,
         information,
         estimator,

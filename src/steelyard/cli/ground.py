@@ -11,6 +11,7 @@ from steelyard.estimation.fields import Finding, find_fields, said_by
 from steelyard.estimation.gains import GainEstimate, identified_gains
 from steelyard.estimation.per_run import own_columns as own_columns
 from steelyard.estimation.reference import needs_reference, settled_reference
+from steelyard.estimation.zero_offset import ZeroOffsets, find_offsets, with_offsets
 from steelyard.measurement import Run
 from steelyard.model import Model
 from steelyard.progress import Progress
@@ -53,6 +54,7 @@ class Ground:
         choice: How the friction laws were chosen, if they were.
         findings: Fields that were found.
         gains: Drive gains that were found, if any.
+        offsets: Zero offsets that were estimated, if any.
         notes: What was decided, for people to read.
     """
 
@@ -62,6 +64,7 @@ class Ground:
     choice: FrictionChoice | None
     findings: tuple[Finding, ...]
     gains: GainEstimate | None
+    offsets: ZeroOffsets | None
     notes: tuple[str, ...]
 
 
@@ -93,6 +96,9 @@ def grounded(
     gains = _gains(model, loaded_robot, runs, carrying, payload, threads, progress)
     if gains is not None:
         runs = [_with_gains(run, gains) for run in runs]
+    offsets = _offsets(model, loaded_robot, runs, gains, threads, progress)
+    if offsets is not None:
+        runs = with_offsets(runs, offsets.values)
     choice = None
     if loaded_robot.friction:
         choice = choose_friction(model, runs, estimator, threads=threads, progress=progress)
@@ -105,11 +111,12 @@ def grounded(
         model, settled = settled_reference(model, said, estimator)
     notes = (
         *([_gain_note(gains)] if gains is not None else []),
+        *([offsets.note] if offsets is not None else []),
         *([choice.note] if choice is not None else []),
         *found.notes,
         *([] if settled else [_UNSETTLED]),
     )
-    return Ground(model, tuple(runs), said, choice, found.findings, gains, notes)
+    return Ground(model, tuple(runs), said, choice, found.findings, gains, offsets, notes)
 
 
 def _refuse_finds(model: Model) -> None:
@@ -173,6 +180,37 @@ def _gains(
     }
     return identified_gains(
         model, unloaded, loaded, mass=payload.mass, frame=payload.frame, known=known
+    )
+
+
+def _offsets(
+    model: Model,
+    loaded_robot: LoadedRobot,
+    runs: Sequence[Run],
+    gains: GainEstimate | None,
+    threads: int,
+    progress: Progress,
+) -> ZeroOffsets | None:
+    """The zero offsets that the robot file asks for."""
+    signals = runs[0].recording.signals
+    if not any(signals.unknown_offsets) or signals.position_offset is None:
+        return None
+    model = with_friction(model, loaded_robot)
+    if gains is not None or any(finds_of(term) for term in model.terms):
+        beside = "drive gains" if gains is not None else "fields of terms"
+        raise DataError(
+            f"zero offsets and {beside} cannot be identified at once",
+            where="[signals] position_offset",
+            mend="identify the offsets with values given there, and write them into the file",
+        )
+    rests = remembers(model.terms)
+    return find_offsets(
+        model,
+        lambda offsets: said_by(
+            with_offsets(runs, offsets), rests=rests, threads=threads, progress=progress
+        ),
+        signals.position_offset,
+        signals.unknown_offsets,
     )
 
 

@@ -148,6 +148,7 @@ def run_identify(
         origin = describe.provenance(file, known, carrying, unknown, fitted, notes)
         payload = Payload(payload_mass, payload_frame)
         found = fit(model, file, fitted, loaded_runs, payload, origin, threads, progress)
+        unseen = tuple(found.alike(run) for run in unseen)
         notes += (*found.notes, *describe.dropped(model, (*clean, *unseen)))
         content = report_of(found, unseen, (*clean, *unseen), notes, progress)
         content = replace(
@@ -191,6 +192,7 @@ def report_of(
         friction=fit.choice,
         findings=fit.findings,
         gains=fit.gains,
+        offsets=fit.offsets,
     )
 
 
@@ -250,6 +252,7 @@ def results(content: "ReportContent", folder: Path) -> dict[str, object]:
         "friction": None if content.friction is None else content.friction.to_dict(),
         "fields": [finding.to_dict() for finding in content.findings],
         "gains": None if content.gains is None else content.gains.to_dict(),
+        "zero_offsets": None if content.offsets is None else content.offsets.to_dict(),
         "not_seen": [blind.name for blind in estimate.blind],
         "condition": estimate.condition,
         "condition_normalised": estimate.condition_normalised,

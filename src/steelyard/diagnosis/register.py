@@ -1,7 +1,6 @@
 """All suspicions, in the order in which they are asked and shown."""
 
 from steelyard.diagnosis.clock import Clock
-from steelyard.diagnosis.computed import ComputedEfforts
 from steelyard.diagnosis.drift import Drift
 from steelyard.diagnosis.effort_delay import EffortDelay
 from steelyard.diagnosis.effort_kind import EffortKind
@@ -28,7 +27,6 @@ SUSPICIONS: tuple[Suspicion, ...] = (
     Rows(),
     Repeats(),
     Noise(),
-    ComputedEfforts(),
     Saturation(),
     Rests(),
     Excitation(),

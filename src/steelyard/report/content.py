@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from steelyard.estimation.fields import Finding as FieldFinding
     from steelyard.estimation.gains import GainEstimate
     from steelyard.estimation.identified import IdentifiedModel
+    from steelyard.estimation.zero_offset import ZeroOffsets
     from steelyard.excitation.designed import Designed
     from steelyard.robot.excitation_schema import WorkspaceSection
     from steelyard.validation.friction import FrictionChoice
@@ -39,6 +40,7 @@ class ReportContent:
         friction: How the friction laws were chosen, if they were.
         findings: Fields of terms that were found.
         gains: Drive gains that were found, if any.
+        offsets: Zero offsets of joints that were estimated, if any.
         diagnosis: What the logs were checked for before.
         limitations: What checks of the fitted model found; they qualify the headline.
         sensitivity: Fits with other cut-offs, if they were asked for.
@@ -60,6 +62,7 @@ class ReportContent:
     friction: FrictionChoice | None = None
     findings: tuple[FieldFinding, ...] = ()
     gains: GainEstimate | None = None
+    offsets: ZeroOffsets | None = None
     diagnosis: Diagnosis | None = None
     limitations: tuple[Finding, ...] = ()
     sensitivity: Sensitivity | None = None

@@ -23,6 +23,7 @@ Sign = Literal[1, -1]
 TimeUnit = Literal["s", "ms", "us", "ns"]
 
 Gain = float | Literal["identify"]
+ZeroOffset = float | Literal["identify"]
 Delay = Annotated[float, Field(ge=-2.0, le=2.0)]
 Six = Annotated[tuple[float, float, float, float, float, float], Field(strict=False)]
 
@@ -147,7 +148,9 @@ class SignalsSection(Section):
         PositionUnit | Annotated[tuple[PositionUnit, ...], Field(strict=False)] | None
     ) = None
     position_sign: Annotated[tuple[Sign, ...], Field(strict=False)] | None = None
-    position_offset: Numbers | None = None
+    position_offset: (
+        Literal["identify"] | Annotated[tuple[ZeroOffset, ...], Field(strict=False)] | None
+    ) = None
     velocity: Name | Names | None = None
     velocity_unit: (
         VelocityUnit | Annotated[tuple[VelocityUnit, ...], Field(strict=False)] | None

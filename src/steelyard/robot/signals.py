@@ -57,7 +57,9 @@ class Signals:
         unknown_gains: Whether each gain is to be identified.
         position_map: Logged positions and velocities to joints', shape `(n, n)`; `None` if they
             are the joints' already.
-        position_offset: Joint positions where the log says zero, shape `(n,)` [rad; m].
+        position_offset: Joint positions where the log says zero, shape `(n,)` [rad; m]; 0 where
+            that is to be identified.
+        unknown_offsets: Whether each is to be identified.
         effort_map: Logged efforts to joint efforts, shape `(n, n)`, behind which `effort_units`
             and `gains` count; `None` if efforts stay as logged.
         velocity_delay: How late velocities are logged, against positions [s].
@@ -81,6 +83,7 @@ class Signals:
     effort_map: Array | None = None
     velocity_delay: float = 0.0
     effort_delay: float = 0.0
+    unknown_offsets: tuple[bool, ...] = ()
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -131,6 +134,7 @@ def build_signals(
         else:
             gains = frozen(gains * np.diag(gears.matrix))
     turned = gears is not None and section.coordinates == "motor"
+    position_offset, unknown_offsets = _position_offset(section, coordinates, locate)
     return Signals(
         time=section.time,
         time_scale=TIME_UNITS[section.time_unit],
@@ -145,10 +149,11 @@ def build_signals(
         gains=gains,
         unknown_gains=unknown,
         position_map=frozen(np.linalg.inv(gears.matrix)) if gears is not None and turned else None,
-        position_offset=_position_offset(section, coordinates, locate),
+        position_offset=position_offset,
         effort_map=effort_map,
         velocity_delay=section.velocity_delay,
         effort_delay=section.effort.delay,
+        unknown_offsets=unknown_offsets,
     )
 
 
@@ -191,16 +196,15 @@ def _refuse_without_velocity(section: SignalsSection, locate: Locate) -> None:
 
 def _position_offset(
     section: SignalsSection, coordinates: Sequence[Coordinate], locate: Locate
-) -> Array | None:
-    if section.position_offset is None:
-        return None
-    check_count(
-        len(section.position_offset),
-        "offsets",
-        coordinates,
-        locate("signals", "position_offset"),
-    )
-    return frozen(section.position_offset)
+) -> tuple[Array | None, tuple[bool, ...]]:
+    """Offsets, 0 where they are to be identified, and where they are; `None` if none is given."""
+    given = section.position_offset
+    if given is None:
+        return None, ()
+    offsets = given if isinstance(given, tuple) else (given,) * len(coordinates)
+    check_count(len(offsets), "offsets", coordinates, locate("signals", "position_offset"))
+    unknown = tuple(offset == "identify" for offset in offsets)
+    return frozen([0.0 if x == "identify" else float(x) for x in offsets]), unknown
 
 
 def expanded(pattern: str, coordinates: Sequence[Coordinate]) -> tuple[str, ...]:
@@ -284,6 +288,7 @@ def signals_from_dict(data: Mapping[str, Any]) -> Signals:
     for name in ("position", "velocity", "effort", "effort_units"):
         fields[name] = None if fields[name] is None else tuple(fields[name])
     fields["unknown_gains"] = tuple(fields["unknown_gains"])
+    fields["unknown_offsets"] = tuple(fields.get("unknown_offsets", ()))
     n = len(fields["position"])
     for name, shape in (
         ("position_map", (n, n)),

@@ -25,12 +25,14 @@ from steelyard.report.sections.sensitivity import SensitivitySection
 from steelyard.report.sections.settings import SettingsSection
 from steelyard.report.sections.unseen import UnseenSection
 from steelyard.report.sections.verdict import VerdictSection
+from steelyard.report.sections.zero_offsets import ZeroOffsetsSection
 
 SECTIONS: tuple[Section, ...] = (
     VerdictSection(),
     EffortSection(),
     FrictionSection(),
     DrivesSection(),
+    ZeroOffsetsSection(),
     ParametersSection(),
     BodiesSection(),
     PerRunSection(),
