@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from steelyard.diagnosis import Finding
     from steelyard.estimation.identified import IdentifiedModel
     from steelyard.measurement import Run
+    from steelyard.progress import Progress
     from steelyard.report import ReportContent
     from steelyard.validation.score import RunScore
 
@@ -37,21 +38,34 @@ def validate(
     """
     from rich.console import Console
 
-    from steelyard.cli import interrupt, river
     from steelyard.cli.show import progress_bar
+    from steelyard.report.terminal import summary
+
+    with progress_bar() as progress:
+        content = run_validate(model, logs, output, progress)
+    if as_json:
+        typer.echo(json.dumps(results(content), allow_nan=False))
+        return
+    summary(content, Console())
+    if output is not None:
+        typer.echo(f"\nreport  {output / 'report.html'}")
+
+
+def run_validate(
+    model: str, logs: list[str], output: Path | None, progress: "Progress"
+) -> "ReportContent":
+    """Score a model on logs; writes the output folder, if one is wanted, whole or not at all."""
+    from steelyard.cli import interrupt, river
     from steelyard.estimation.identified import load_model
     from steelyard.files import whole_folder
     from steelyard.report import render
-    from steelyard.report.findings import finding_dict
-    from steelyard.report.terminal import summary
 
     identified = load_model(model)
     folder = None if output is None else river.new_folder(output, "")
     files = river.log_files(logs)
-    with progress_bar() as progress:
-        recordings = [river.recording_of(log, identified.signals) for log in files]
-        runs = river.prepared(recordings, river.processing_of(identified), progress)
-        scores = river.scored(identified, runs, progress)
+    recordings = [river.recording_of(log, identified.signals) for log in files]
+    runs = river.prepared(recordings, river.processing_of(identified), progress)
+    scores = river.scored(identified, runs, progress)
     known = [river.fitted_before(identified, log) for log in files]
     content = _content(identified, runs, scores, known)
     content = replace(content, limitations=limitations_of(identified, runs, scores, known))
@@ -59,24 +73,28 @@ def validate(
         with whole_folder(folder) as part:
             (part / "report.html").write_text(render(content), encoding="utf-8")
             interrupt.too_late()
-    if as_json:
-        told = [
-            {
-                **score.to_dict(),
-                "fitted": old,
-                "limitations": [
-                    finding_dict(finding)
-                    for finding in content.limitations
-                    if finding.log in ("", score.run)
-                ],
-            }
-            for score, old in zip(scores, known, strict=True)
-        ]
-        typer.echo(json.dumps(told, allow_nan=False))
-        return
-    summary(content, Console())
-    if folder is not None:
-        typer.echo(f"\nreport  {folder / 'report.html'}")
+    return content
+
+
+def results(content: "ReportContent") -> list[dict[str, object]]:
+    """What `--json` prints: the scores in the order of the logs."""
+    from steelyard.report.findings import finding_dict
+
+    order = [name for name, _ in content.qualities]
+    scored = [(score, False) for score in content.scores]
+    scored += [(score, True) for score in content.fitted]
+    return [
+        {
+            **score.to_dict(),
+            "fitted": old,
+            "limitations": [
+                finding_dict(finding)
+                for finding in content.limitations
+                if finding.log in ("", score.run)
+            ],
+        }
+        for score, old in sorted(scored, key=lambda pair: order.index(pair[0].run))
+    ]
 
 
 def _content(

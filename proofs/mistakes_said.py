@@ -1,0 +1,149 @@
+"""What the commands say of a job with a planted mistake, and how far the result is from the truth.
+
+Two logs are fitted and one is validated through the functions of the commands. The true error is
+that of the identified model against the hidden truth, on another motion and without noise.
+"""
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from mistakes import Arm, Job
+
+from steelyard.cli.evidence import diagnosed, subject_of
+from steelyard.cli.fix import fixed
+from steelyard.cli.identify import run_identify
+from steelyard.cli.river import log_files
+from steelyard.cli.validate import run_validate
+from steelyard.diagnosis import Diagnosis
+from steelyard.errors import SteelyardError
+from steelyard.progress import silent
+from steelyard.report import ReportContent
+from steelyard.report.judgement import verdict
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What came of a job.
+
+    Attributes:
+        said: Every sentence a person reads, each with its place in front: `check wrong clock: ...`,
+            `refusal: ...`, `headline good: ...`, `note: ...`, `validate poor: ...`.
+        error: True error of the identified model [%]; `None` where `identify` refused.
+        fix: True errors [%] of the models identified without and with the lines that `check --fix`
+            wrote; `None` where it wrote none, or where `identify` refused all the same.
+    """
+
+    said: tuple[str, ...]
+    error: float | None
+    fix: tuple[float, float] | None = None
+    changes: tuple[str, ...] = field(default=())
+
+    @property
+    def wrong(self) -> tuple[str, ...]:
+        """What `check` calls wrong."""
+        return tuple(line for line in self.said if line.startswith("check wrong"))
+
+
+def outcome(arm: Arm, job: Job, folder: Path, *, fixes: bool = True) -> Outcome:
+    """Everything that the commands say of a job."""
+    robot, logs = written(job, folder)
+    try:
+        files = log_files(logs)
+        subject = subject_of(robot, files[0])
+        diagnosis = diagnosed(subject, files, None, silent, quick=False)
+    except SteelyardError as error:
+        return Outcome((f"refusal: {error}",), None)
+    said = list(findings(diagnosis))
+    content = identified(robot, logs, folder / "model")
+    if isinstance(content, str):
+        said.append(f"refusal: {content}")
+        error = None
+    else:
+        said += sentences(content, "headline")
+        error = true_error(arm, content)
+        try:
+            again = run_validate(str(folder / "model"), logs[-1:], None, silent)
+            said += sentences(again, "validate")
+        except SteelyardError as wrong:
+            said.append(f"validate refusal: {wrong}")
+    both, changes = (
+        fix_of(arm, robot, logs, diagnosis, folder) if fixes and diagnosis.edits else (None, ())
+    )
+    return Outcome(tuple(said), error, both, changes)
+
+
+def written(job: Job, folder: Path) -> tuple[str, list[str]]:
+    """The job's files: the robot, and the logs, the unseen one last."""
+    folder.mkdir(parents=True)
+    (folder / "demo_arm.urdf").write_text(job.urdf)
+    robot = folder / ("demo_arm.toml" if job.robot_file else "demo_arm.urdf")
+    if job.robot_file:
+        robot.write_text(job.robot_file)
+    named = {f"fit{k + 1}": log for k, log in enumerate(job.fitted)} | {"unseen": job.unseen}
+    for name, log in named.items():
+        log.write(folder / f"{name}.parquet", job.columns)
+    return str(robot), [str(folder / f"{name}.parquet") for name in named]
+
+
+def identified(
+    robot: str, logs: list[str], folder: Path, *, check: bool = True
+) -> ReportContent | str:
+    """What `identify` reports, or its error's words."""
+    try:
+        return run_identify(robot, logs[:-1], logs[-1:], folder, 1, silent, check=check)[0]
+    except SteelyardError as error:
+        return str(error)
+
+
+def findings(diagnosis: Diagnosis) -> list[str]:
+    """What `check` says that is not ok."""
+    return [
+        f"check {f.judgement.word} {f.suspicion}: {f.log}: {', '.join(f.joints)}: {f.says} "
+        f"({f.figure}) {'' if f.mend is None else f.mend.says}"
+        for f in diagnosis.findings
+        if f.judgement
+    ]
+
+
+def sentences(content: ReportContent, place: str) -> list[str]:
+    """What a report says beside its tables and its settings."""
+    judged = verdict(content)
+    said = [f"{place} {judged.level}: {judged.headline}. {judged.detail}"]
+    said += [f"{place} {level}: {sentence}" for sentence, level in judged.limitations]
+    told = [note for note in content.notes if not re.search("^cut-offs:|chain: ", note)]
+    return said + [f"note: {note}" for note in told]
+
+
+def true_error(arm: Arm, content: ReportContent) -> float:
+    """Mean over joints of the identified model's relative error against the truth [%]."""
+    if content.identified is None:
+        raise ValueError("nothing was identified")
+    valued = content.identified.valued
+    motion = arm.motion(7)
+    truth = arm.torque(motion)
+    error = np.linalg.norm(valued.torque(motion) - truth, axis=0) / np.linalg.norm(truth, axis=0)
+    return 100.0 * float(np.mean(error))
+
+
+def fix_of(
+    arm: Arm, robot: str, logs: list[str], diagnosis: Diagnosis, folder: Path
+) -> tuple[tuple[float, float] | None, tuple[str, ...]]:
+    """True errors without and with what `check --fix` writes, and what it writes."""
+    files = log_files(logs)
+    subject, target = subject_of(robot, files[0]), folder / "fixed.toml"
+    try:
+        mended = fixed(subject, target, diagnosis, files, None, silent, quick=False)
+    except SteelyardError as error:
+        return None, (str(error),)
+    if not mended.changes:
+        return None, ()
+    target.write_text(mended.subject.text)
+    changes = tuple(change.line for change in mended.changes)
+    after = identified(str(target), logs, folder / "with")
+    before = identified(robot, logs, folder / "without", check=False)
+    if isinstance(after, str):
+        return None, changes
+    unfixed = np.inf if isinstance(before, str) else true_error(arm, before)
+    return (unfixed, true_error(arm, after)), changes
