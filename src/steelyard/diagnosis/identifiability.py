@@ -45,11 +45,11 @@ class Identifiability:
 
     def __call__(self, case: Case) -> tuple[Finding, ...]:
         """One finding for all logs together; none where no run can be made of them."""
-        runs = _runs(case)
+        runs = clean_runs(case)
         if not runs:
             return ()
         try:
-            model = _model(case)
+            model = customary_model(case)
             regressor = base_regressor(model)
             estimate = WeightedLeastSquares()(reduce(add, [gather(regressor, r) for r in runs]))
         except SteelyardError as error:
@@ -81,8 +81,8 @@ def _advice(blind: Sequence[Blind]) -> str:
     return f"a motion that would help: {'; '.join(parts)}"
 
 
-def _runs(case: Case) -> list[Run]:
-    """Clean runs with common cut-offs."""
+def clean_runs(case: Case) -> list[Run]:
+    """Clean runs of the logs, with common cut-offs; logs that cannot be read are left out."""
     found = [(e, e.run) for e in case.logs]
     runs = [(e, run) for e, run in found if isinstance(run, Run)]
     if not runs:
@@ -101,7 +101,7 @@ def _runs(case: Case) -> list[Run]:
     return common
 
 
-def _model(case: Case) -> Model:
+def customary_model(case: Case) -> Model:
     """The model that is to be identified; Coulomb and viscous friction where that is left open."""
     if case.reference is not None and case.reference.model.robot.joint_names == case.joints:
         return case.reference.model

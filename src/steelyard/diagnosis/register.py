@@ -1,6 +1,7 @@
 """All suspicions, in the order in which they are asked and shown."""
 
 from steelyard.diagnosis.clock import Clock
+from steelyard.diagnosis.computed import ComputedEfforts
 from steelyard.diagnosis.drift import Drift
 from steelyard.diagnosis.effort_delay import EffortDelay
 from steelyard.diagnosis.effort_kind import EffortKind
@@ -27,6 +28,7 @@ SUSPICIONS: tuple[Suspicion, ...] = (
     Rows(),
     Repeats(),
     Noise(),
+    ComputedEfforts(),
     Saturation(),
     Rests(),
     Excitation(),
