@@ -42,7 +42,11 @@ def one(task: tuple[str, int]) -> Outcome:
         there = Path(folder)
         (there / "arm").mkdir()
         arm = Arm.drawn(seed, there / "arm")
-        return outcome(arm, mistake.plant(arm), there / "job")
+        job = mistake.plant(arm)
+        try:
+            return outcome(arm, job, there / "job")
+        except Exception as error:
+            return Outcome((f"crash: {type(error).__name__}: {error}",), None)
 
 
 def right(mistake: Mistake, found: Outcome) -> bool:
@@ -50,6 +54,8 @@ def right(mistake: Mistake, found: Outcome) -> bool:
     if not mistake.says and not mistake.untold:
         quiet = not any(re.match("check wrong|refusal|headline (fair|poor)", s) for s in found.said)
         return quiet and found.error is not None and found.error <= CLEAN
+    if any(line.startswith("crash") for line in found.said):
+        return False
     handled = found.error is not None and found.error <= mistake.error
     told = bool(mistake.says) and any(re.search(mistake.says, line) for line in found.said)
     allowed = re.compile("|".join(p for p in (mistake.says, mistake.beside) if p) or "$^")
