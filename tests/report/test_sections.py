@@ -33,39 +33,73 @@ def test_the_verdict_comes_first_and_titles_differ():
     assert len({s.name for s in SECTIONS}) == len({s.title for s in SECTIONS}) == len(SECTIONS)
 
 
-def test_the_headline_is_the_mean_where_joints_move(usual):
+def test_the_headline_is_pooled_with_its_kind_and_its_band(usual):
     judged = verdict(replace(usual, scores=usual.scores[:1]))
-    assert judged.headline == "Predicts unseen motion within 7.5\u00a0% of the measured effort"
+    assert judged.headline == (
+        "Predicts unseen motion within 5.0\u00a0% of the measured effort below 8 Hz "
+        "(pooled over 2 joints, where they move)"
+    )
     assert judged.detail == (
-        "Mean over 2 joints, where they move; 10.0\u00a0% over the whole log. "
-        "Run points, not fitted, compared below 8 Hz."
+        "9.0\u00a0% pooled over 2 joints, whole log; 7.5\u00a0% mean over 2 joints, where they "
+        "move; 10.0\u00a0% mean over 2 joints, whole log. Run points, not fitted. The band was "
+        "chosen from the fitted runs; [validation] cutoff in the robot file keeps it the same for "
+        "every model."
     )
     assert judged.level == "good"
-    assert "9.8\u00a0%" in verdict(usual).headline
+    assert "6.5\u00a0%" in verdict(usual).headline
     assert "2 runs, none of them fitted" in verdict(usual).detail
+
+
+def test_a_band_that_the_robot_file_gives_is_not_said_to_be_chosen(usual):
+    given = replace(usual.identified.processing, matched_cutoff=8.0)
+    identified = replace(usual.identified, processing=given)
+    assert "chosen" not in verdict(replace(usual, identified=identified)).detail
+    scored = replace(usual.identified.cutoffs, score=5.0)
+    identified = replace(usual.identified, cutoffs=scored)
+    assert "chosen" not in verdict(replace(usual, identified=identified)).detail
+
+
+def test_a_joint_that_carries_nothing_is_named_and_does_not_rule(usual):
+    score = usual.scores[0]
+    idle = replace(score.joints[1], relative_percent_moving=83.0, rmse=0.05)
+    judged = verdict(replace(usual, scores=(replace(score, joints=(score.joints[0], idle)),)))
+    assert "within 5.0\u00a0%" in judged.headline and judged.level == "good"
+    assert "Poorly predicted by themselves: elbow 83.0\u00a0% (RMSE 0.050 A)." in judged.detail
+
+
+def test_where_units_differ_the_mean_is_in_front(usual):
+    score = replace(usual.scores[0], pooled_percent=None, pooled_percent_moving=None)
+    judged = verdict(replace(usual, scores=(score,)))
+    assert "within 7.5\u00a0%" in judged.headline
+    assert "(mean over 2 joints, where they move)" in judged.headline
+    assert "pooled" not in judged.detail
 
 
 def test_joints_that_never_move_are_not_counted(usual):
     score = usual.scores[0]
     still = replace(score.joints[1], relative_percent_moving=None)
     content = replace(usual, scores=(replace(score, joints=(score.joints[0], still)),))
-    assert "within 5.0\u00a0%" in verdict(content).headline
-    assert "the 1 of 2 joints that move" in verdict(content).detail
-    motionless = with_errors(usual, relative_percent_moving=None, relative_percent=12.0)
-    assert "within 12.0\u00a0%" in verdict(motionless).headline
-    assert "no joint moves" in verdict(motionless).detail
+    assert "pooled over the 1 of 2 joints that move, where they move" in verdict(content).headline
+    assert "5.0\u00a0% mean over the 1 of 2 joints that move" in verdict(content).detail
+    joints = tuple(replace(j, relative_percent_moving=None) for j in score.joints)
+    motionless = replace(score, joints=joints, pooled_percent_moving=None)
+    headline = verdict(replace(usual, scores=(motionless,))).headline
+    assert "within 9.0\u00a0%" in headline and "whole log" in headline
 
 
 def test_a_useless_model_is_called_so(usual):
-    content = with_errors(usual, relative_percent_moving=130.0)
-    assert "no better than predicting zero" in verdict(content).headline
-    assert "130\u00a0%" in verdict(content).headline
-    assert verdict(content).level == "poor"
+    score = replace(usual.scores[0], pooled_percent_moving=130.0)
+    judged = verdict(replace(usual, scores=(score,)))
+    assert "no better than predicting zero" in judged.headline
+    assert "130\u00a0%" in judged.headline
+    assert judged.level == "poor"
 
 
 @pytest.mark.parametrize("strange", [float("nan"), float("inf")])
 def test_no_percentage_without_measured_effort(usual, strange):
-    judged = verdict(with_errors(usual, relative_percent_moving=strange))
+    content = with_errors(usual, relative_percent_moving=strange)
+    scores = (replace(content.scores[0], pooled_percent_moving=strange),)
+    judged = verdict(replace(content, scores=scores))
     assert judged.level == "none"
     assert "cannot be given" in judged.headline and "shoulder, elbow" in judged.detail
 
@@ -73,7 +107,8 @@ def test_no_percentage_without_measured_effort(usual, strange):
 def test_no_verdict_without_an_unseen_run(usual):
     judged = verdict(replace(usual, scores=()))
     assert judged.headline == "Not tested on unseen motion"
-    assert "1 fitted run within 6.0\u00a0%" in judged.detail
+    assert "1 fitted run within 3.0\u00a0%" in judged.detail
+    assert "below 8 Hz (pooled over 2 joints, where they move)" in judged.detail
     assert "--validate OTHER_LOG" in judged.detail
     assert judged.level == "none"
 

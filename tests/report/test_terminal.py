@@ -15,7 +15,7 @@ def printed(content: ReportContent, width: int = 120) -> str:
 
 def test_the_summary_says_what_matters(usual):
     text = printed(usual)
-    assert "Predicts unseen motion within 9.8\u00a0% of the measured effort" in text
+    assert "Predicts unseen motion within 6.5\u00a0% of the measured effort" in text
     assert "points (not fitted, below 8 Hz)" in text and "run1" not in text
     line = next(line for line in text.splitlines() if "elbow" in line)
     assert [c.strip() for c in line.split("│")[1:-1]] == [

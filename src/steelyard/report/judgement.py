@@ -5,15 +5,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import isfinite
-from statistics import fmean
 from typing import TYPE_CHECKING, Literal
 
 from steelyard.report.content import ReportContent
+from steelyard.report.score_words import (
+    Figure,
+    band,
+    band_origin,
+    figures,
+    poorly_predicted,
+    relative,
+)
 from steelyard.report.words import count, percent
 
 if TYPE_CHECKING:
     from steelyard.diagnosis import Finding
-    from steelyard.validation.score import JointScore, RunScore
 
 Level = Literal["good", "fair", "poor", "none"]
 
@@ -56,12 +62,6 @@ def level_of(relative_percent: float | None) -> Level:
     return "good" if relative_percent <= GOOD else "fair" if relative_percent <= FAIR else "poor"
 
 
-def told(joint: JointScore) -> float | None:
-    """The error a joint is judged by: where it moves, or else over all samples [%]."""
-    moving = joint.relative_percent_moving
-    return joint.relative_percent if moving is None else moving
-
-
 def verdict(content: ReportContent) -> Verdict:
     """The verdict of a report, no better than its limitations allow."""
     plain = _of_scores(content)
@@ -80,43 +80,39 @@ def _sentence(finding: Finding) -> str:
 
 def _of_scores(content: ReportContent) -> Verdict:
     """The verdict of the scores alone."""
-    if not content.scores:
-        return _untested(content.fitted)
-    moving = [run.mean_percent_moving for run in content.scores]
-    known = [value for value in moving if value is not None]
-    anywhere = fmean(run.mean_percent for run in content.scores)
-    error = fmean(known) if known else anywhere
-    detail = _detail(content.scores, bool(known), anywhere)
-    if not isfinite(error):
-        strange = [j.joint for run in content.scores for j in run.joints if not _finite(j)]
+    scores = content.scores
+    if not scores:
+        return _untested(content)
+    first, *others = figures(scores)
+    detail = _detail(content, others)
+    if not isfinite(first.value):
+        strange = [j.joint for run in scores for j in run.joints if not isfinite(relative(j))]
         return Verdict(
             "The error on unseen motion cannot be given as a percentage",
             f"No relative error of {', '.join(dict.fromkeys(strange))}: its measured effort is "
             f"zero or not a number. See the table. {detail}",
             "none",
         )
-    if error >= 100.0:
+    error = f"{percent(first.value)} of the measured effort {band(scores)} ({first.kind})"
+    if first.value >= 100.0:
         return Verdict(
-            "Predicts unseen motion no better than predicting zero: the error is "
-            f"{percent(error)} of the measured effort",
+            f"Predicts unseen motion no better than predicting zero: the error is {error}",
             detail,
             "poor",
         )
-    return Verdict(
-        f"Predicts unseen motion within {percent(error)} of the measured effort",
-        detail,
-        level_of(error),
-    )
+    return Verdict(f"Predicts unseen motion within {error}", detail, level_of(first.value))
 
 
-def _untested(fitted: Sequence[RunScore]) -> Verdict:
+def _untested(content: ReportContent) -> Verdict:
     """Without a run that was kept aside nothing is known about other motions."""
-    fit = fmean(run.mean_percent for run in fitted) if fitted else None
+    fitted = content.fitted
+    fit = figures(fitted)[0] if fitted else None
     described = (
         ""
-        if fit is None or not isfinite(fit)
-        else f"The model describes {count(len(fitted), 'fitted run')} within {percent(fit)} of "
-        "the measured effort, which says nothing yet about other motions. "
+        if fit is None or not isfinite(fit.value)
+        else f"The model describes {count(len(fitted), 'fitted run')} within {percent(fit.value)} "
+        f"of the measured effort {band(fitted)} ({fit.kind}), which says nothing yet about other "
+        "motions. "
     )
     return Verdict(
         "Not tested on unseen motion",
@@ -125,28 +121,16 @@ def _untested(fitted: Sequence[RunScore]) -> Verdict:
     )
 
 
-def _detail(scores: Sequence[RunScore], moves: bool, anywhere: float) -> str:
-    """Like `Mean over 6 joints, where they move; 16 % over the whole log. Run ptp, below 8 Hz.`."""
-    joints = scores[0].joints
-    moving = sum(
-        any(run.joints[k].relative_percent_moving is not None for run in scores)
-        for k in range(len(joints))
-    )
-    if moves:
-        which = count(len(joints), "joint")
-        if moving < len(joints):
-            which = f"the {moving} of {len(joints)} joints that move"
-        first = f"Mean over {which}, where they move; {percent(anywhere)} over the whole log."
-    else:
-        first = f"Mean over {count(len(joints), 'joint')}; no joint moves."
+def _detail(content: ReportContent, others: Sequence[Figure]) -> str:
+    """The other figures, the joints that are predicted poorly, the runs, where the band is from."""
+    scores = content.scores
     one = len(scores) == 1
-    runs = f"Run {scores[0].run}" if one else f"{len(scores)} runs"
-    not_fitted = "not fitted" if one else "none of them fitted"
-    cutoffs = sorted({run.cutoff for run in scores})
-    below = " and ".join(f"{cutoff:g}" for cutoff in cutoffs)
-    return f"{first} {runs}, {not_fitted}, compared below {below} Hz."
-
-
-def _finite(joint: JointScore) -> bool:
-    value = told(joint)
-    return value is not None and isfinite(value)
+    runs = f"Run {scores[0].run}, not fitted" if one else f"{len(scores)} runs, none of them fitted"
+    poor = poorly_predicted(scores, FAIR)
+    sentences = (
+        "; ".join(figure.words for figure in others),
+        f"Poorly predicted by themselves: {poor}" if poor else "",
+        runs,
+        band_origin(content.identified),
+    )
+    return " ".join(f"{sentence}." for sentence in sentences if sentence)

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 from steelyard.regression.customary import symbols
 from steelyard.report import causes
 from steelyard.report.content import ReportContent
-from steelyard.report.judgement import Level, level_of, told, verdict
+from steelyard.report.judgement import Level, level_of, verdict
+from steelyard.report.score_words import relative
 from steelyard.report.table import Row, rows
 from steelyard.report.words import count, percent, significant
 
@@ -35,6 +36,11 @@ CSV_COLUMNS = (
     "status",
     "symbol",
     "from_data_percent",
+)
+
+CAPTION = (
+    "moving, all: relative error where the joint moves, and of the whole log; pooled: norms over "
+    "all joints together; zero, nominal: RMSE of predicting zero, and of the nominal model"
 )
 
 NAMED = 8
@@ -99,7 +105,7 @@ def _table(score: RunScore, unseen: bool) -> Table:
     table = Table(
         title=Text(f"{score.run} ({kind}, below {score.cutoff:g} Hz)"),
         title_justify="left",
-        caption="zero, nominal: RMSE of predicting nothing, and of the nominal model",
+        caption=CAPTION,
         caption_justify="left",
     )
     table.add_column("joint", overflow="fold")
@@ -107,7 +113,7 @@ def _table(score: RunScore, unseen: bool) -> Table:
         table.add_column(heading, justify="right")
     table.add_column("unit")
     for joint in score.joints:
-        style = COLOURS[level_of(told(joint))]
+        style = COLOURS[level_of(relative(joint))]
         table.add_row(
             Text(joint.joint),
             Text(percent(joint.relative_percent_moving), style=style),
@@ -118,6 +124,9 @@ def _table(score: RunScore, unseen: bool) -> Table:
             Text(joint.unit),
         )
     table.add_section()
+    if score.pooled_percent is not None:
+        pooled = percent(score.pooled_percent_moving), percent(score.pooled_percent)
+        table.add_row("pooled", *pooled)
     table.add_row("mean", percent(score.mean_percent_moving), percent(score.mean_percent))
     return table
 

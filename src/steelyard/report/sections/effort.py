@@ -10,7 +10,7 @@ from steelyard.arrays import Array
 from steelyard.estimation.estimate import Z95
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill, packed, rounded, script_json
-from steelyard.report.judgement import told
+from steelyard.report.score_words import relative
 from steelyard.report.sections.section import Numbers
 from steelyard.report.thin import drawn, outline
 from steelyard.report.words import percent, significant
@@ -83,7 +83,7 @@ def _figure(score: RunScore, joint: int, points: int) -> dict[str, Any]:
     t = traces.t - origin
     measured, predicted = traces.measured[:, joint], traces.predicted[:, joint]
     rmse, size = significant(numbers.rmse), significant(numbers.predict_zero)
-    caption = f"error {percent(told(numbers))} · RMSE {rmse} of {size} {numbers.unit}"
+    caption = f"error {percent(relative(numbers))} · RMSE {rmse} of {size} {numbers.unit}"
     held = _held(traces, joint)
     return {
         "caption": caption,

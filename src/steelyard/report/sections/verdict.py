@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from statistics import fmean
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill
-from steelyard.report.judgement import FAIR, GOOD, level_of, told, verdict
+from steelyard.report.judgement import FAIR, GOOD, level_of, verdict
+from steelyard.report.score_words import Figure, band, figures, relative
 from steelyard.report.sections.section import Numbers
 from steelyard.report.table import rows
 from steelyard.report.words import percent, significant
@@ -41,16 +42,9 @@ class VerdictSection:
 
 def _facts(content: ReportContent) -> list[tuple[str, str]]:
     """Values and labels of the key figures."""
-    facts = []
-    if content.scores:
-        whole = percent(fmean(s.mean_percent for s in content.scores))
-        facts.append((whole, "mean error over whole logs, rests included"))
-        pooled = [s.pooled_percent for s in content.scores if s.pooled_percent is not None]
-        if len(pooled) == len(content.scores):
-            facts.append((percent(fmean(pooled)), "the same, norms over all joints together"))
+    facts = [_fact(figure, content.scores, "") for figure in figures(content.scores)[1:]]
     if content.fitted:
-        fit = percent(fmean(s.mean_percent for s in content.fitted))
-        facts.append((fit, "mean error over the fitted runs, rests included"))
+        facts.append(_fact(figures(content.fitted)[0], content.fitted, "on the fitted runs: "))
     if content.identified is not None:
         table = rows(content.identified)
         sure = sum(row.grade == "sure" for row in table)
@@ -60,18 +54,22 @@ def _facts(content: ReportContent) -> list[tuple[str, str]]:
     return facts
 
 
+def _fact(figure: Figure, scores: Sequence[RunScore], where: str) -> tuple[str, str]:
+    """Value and label of an error."""
+    return percent(figure.value), f"error {where}{figure.kind}, {band(scores)}"
+
+
 def _run(score: RunScore) -> dict[str, Any]:
     return {
         "run": score.run,
         "cutoff": score.cutoff,
-        "mean": score.mean_percent,
-        "mean_moving": score.mean_percent_moving,
+        "figures": [figure.words for figure in figures([score])],
         "joints": [_joint(joint) for joint in score.joints],
     }
 
 
 def _joint(joint: JointScore) -> dict[str, Any]:
-    share = told(joint)
+    share = relative(joint)
     return vars(joint) | {
         "level": level_of(share),
         "bar": min(share, 100.0) if share is not None and share == share else 0.0,
