@@ -1,9 +1,11 @@
 import csv
 import io
+from dataclasses import replace
 
 from rich.console import Console
 
 from steelyard.report import ReportContent, parameters_csv, summary
+from steelyard.report.judgement import verdict
 from steelyard.report.terminal import CSV_COLUMNS
 
 
@@ -31,6 +33,16 @@ def test_the_summary_says_what_matters(usual):
     assert "2 poorly determined: mz.link of shoulder, Iyy.link of shoulder" in text
     assert "1 not seen by these data: offset.elbow" in text
     assert "note: velocity: from positions" in text
+
+
+def test_unseen_runs_alone_make_the_headline_where_others_repeat_a_motion(usual):
+    again = replace(usual.scores[0], run="again", repeats="run1")
+    both = printed(replace(usual, scores=(*usual.scores, again)))
+    assert "Predicts unseen motion within 6.5" in both
+    assert "again (not fitted, repeats the motion of run1, below 8 Hz)" in both
+    alone = replace(usual, scores=(again,))
+    assert "Predicts repeated motion within" in printed(alone)
+    assert verdict(alone).level == "none" and verdict(usual).level == "good"
 
 
 def test_names_are_no_markup_and_numbers_may_be_none(nasty):

@@ -15,6 +15,7 @@ from steelyard.estimation.least_squares import OrdinaryLeastSquares, WeightedLea
 from steelyard.estimation.wishes import knowledge_of
 from steelyard.estimation.zero_offset import ZeroOffsets
 from steelyard.measurement import Run
+from steelyard.measurement.motion_samples import motion_samples
 from steelyard.model import Model
 from steelyard.progress import Progress
 from steelyard.regression.base import base_map
@@ -103,6 +104,7 @@ def fit(
             score=loaded_robot.validation.cutoff or runs[0].matched_cutoff,
         ),
         processing=wanted_by(loaded_robot),
+        motions=motion_samples([*runs, *carrying]),
         provenance=replace(origin, notes=(*origin.notes, *notes)),
     )
     return Fit(

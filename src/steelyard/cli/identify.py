@@ -126,6 +126,7 @@ def run_identify(
     from steelyard.cli.before import checked, passed
     from steelyard.cli.drawn_again import drawn_again
     from steelyard.cli.fitting import Payload, fit
+    from steelyard.cli.repeats import refuse_same_rows
     from steelyard.cli.sensitivity import varied
     from steelyard.files import whole_folder
     from steelyard.robot.robot_file import load_robot
@@ -144,6 +145,7 @@ def run_identify(
         clean, unseen = river.runs_of(file, signals, [*known, *carrying], unknown, progress)
         doubts = () if found_out is None else passed(found_out, robot)
         notes = (*file.notes, *reasons, *describe.notes_of((*clean, *unseen)), *doubts)
+        refuse_same_rows(clean, unseen)
         fitted, loaded_runs = clean[: len(known)], clean[len(known) :]
         origin = describe.provenance(file, known, carrying, unknown, fitted, notes)
         payload = Payload(payload_mass, payload_frame)
@@ -175,16 +177,18 @@ def report_of(
 ) -> "ReportContent":
     """Score the model on all runs; what the report shows."""
     from steelyard.cli import describe, river
+    from steelyard.cli.repeats import marked_repeats
     from steelyard.report import ReportContent
 
     identified, fitted = fit.identified, fit.runs
     name = identified.model.robot.name
     scores = river.scored(identified, (*fitted, *unseen), progress)
+    fresh = marked_repeats(identified, unseen, scores[len(fitted) :])
     return ReportContent(
         title=f"{name}: identified dynamics",
         robot=name,
         identified=identified,
-        scores=scores[len(fitted) :],
+        scores=fresh,
         fitted=scores[: len(fitted)],
         qualities=tuple((run.name, run.quality.rows_of_text) for run in logs),
         notes=notes,

@@ -56,6 +56,7 @@ def run_validate(
 ) -> "ReportContent":
     """Score a model on logs; writes the output folder, if one is wanted, whole or not at all."""
     from steelyard.cli import interrupt, river
+    from steelyard.cli.repeats import holds_fitted_rows, marked_repeats
     from steelyard.estimation.identified import load_model
     from steelyard.files import whole_folder
     from steelyard.report import render
@@ -66,7 +67,11 @@ def run_validate(
     recordings = [river.recording_of(log, identified.signals) for log in files]
     runs = river.prepared(recordings, river.processing_of(identified), progress)
     scores = river.scored(identified, runs, progress)
-    known = [river.fitted_before(identified, log) for log in files]
+    scores = marked_repeats(identified, runs, scores)
+    known = [
+        river.fitted_before(identified, log) or holds_fitted_rows(identified, run)
+        for log, run in zip(files, runs, strict=True)
+    ]
     content = _content(identified, runs, scores, known)
     content = replace(content, limitations=limitations_of(identified, runs, scores, known))
     if folder is not None:

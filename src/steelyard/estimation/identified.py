@@ -10,6 +10,7 @@ from typing import Any
 from steelyard.arrays import Array
 from steelyard.errors import ModelError
 from steelyard.estimation.estimate import Estimate
+from steelyard.measurement.motion_samples import MotionSamples
 from steelyard.measurement.processing import Processing
 from steelyard.model import Model, Stepper, ValuedModel
 from steelyard.motion import Motion
@@ -59,6 +60,7 @@ class IdentifiedModel:
         cutoffs: Filter frequencies.
         provenance: Inputs and settings.
         processing: The chain from rows to motion that logs of the robot go through.
+        motions: Rows of the fitted runs, to recognise their motions in other logs.
     """
 
     model: Model
@@ -69,6 +71,7 @@ class IdentifiedModel:
     cutoffs: Cutoffs
     provenance: Provenance
     processing: Processing = Processing()
+    motions: tuple[MotionSamples, ...] = ()
 
     @cached_property
     def valued(self) -> ValuedModel:
@@ -95,6 +98,7 @@ class IdentifiedModel:
             "signals": signals_to_dict(self.signals),
             "cutoffs_hz": vars(self.cutoffs),
             "processing": self.processing.to_dict(),
+            "motions": [samples.to_dict() for samples in self.motions],
             "provenance": {
                 "version": self.provenance.version,
                 "inputs": dict(self.provenance.inputs),
@@ -115,6 +119,7 @@ class IdentifiedModel:
             signals=signals_from_dict(data["signals"]),
             cutoffs=Cutoffs(**data["cutoffs_hz"]),
             processing=Processing.from_dict(data["processing"]),
+            motions=tuple(MotionSamples.from_dict(m) for m in data.get("motions", ())),
             provenance=Provenance(
                 origin["version"],
                 dict(origin["inputs"]),

@@ -20,6 +20,7 @@ from steelyard.report.words import count, percent
 
 if TYPE_CHECKING:
     from steelyard.diagnosis import Finding
+    from steelyard.validation.score import RunScore
 
 Level = Literal["good", "fair", "poor", "none"]
 
@@ -80,15 +81,16 @@ def _sentence(finding: Finding) -> str:
 
 def _of_scores(content: ReportContent) -> Verdict:
     """The verdict of the scores alone."""
-    scores = content.scores
-    if not scores:
+    if not content.scores:
         return _untested(content)
+    scores = [run for run in content.scores if not run.repeats] or list(content.scores)
+    motion = "repeated motion" if scores[0].repeats else "unseen motion"
     first, *others = figures(scores)
-    detail = _detail(content, others)
+    detail = _detail(content, scores, others)
     if not isfinite(first.value):
         strange = [j.joint for run in scores for j in run.joints if not isfinite(relative(j))]
         return Verdict(
-            "The error on unseen motion cannot be given as a percentage",
+            f"The error on {motion} cannot be given as a percentage",
             f"No relative error of {', '.join(dict.fromkeys(strange))}: its measured effort is "
             f"zero or not a number. See the table. {detail}",
             "none",
@@ -96,11 +98,14 @@ def _of_scores(content: ReportContent) -> Verdict:
     error = f"{percent(first.value)} of the measured effort {band(scores)} ({first.kind})"
     if first.value >= 100.0:
         return Verdict(
-            f"Predicts unseen motion no better than predicting zero: the error is {error}",
+            f"Predicts {motion} no better than predicting zero: the error is {error}",
             detail,
             "poor",
         )
-    return Verdict(f"Predicts unseen motion within {error}", detail, level_of(first.value))
+    level = level_of(first.value)
+    if scores[0].repeats:
+        level = max(level, "none", key=SEVERITY.index)
+    return Verdict(f"Predicts {motion} within {error}", detail, level)
 
 
 def _untested(content: ReportContent) -> Verdict:
@@ -121,9 +126,16 @@ def _untested(content: ReportContent) -> Verdict:
     )
 
 
-def _detail(content: ReportContent, others: Sequence[Figure]) -> str:
+def _repeated(scores: Sequence[RunScore]) -> str:
+    """Which fitted motions these runs repeat; empty if their motions are others."""
+    again = ", ".join(dict.fromkeys(run.repeats for run in scores if run.repeats))
+    return (
+        f"Its motion is that of the fitted run {again}: no test of other motions" if again else ""
+    )
+
+
+def _detail(content: ReportContent, scores: Sequence[RunScore], others: Sequence[Figure]) -> str:
     """The other figures, the joints that are predicted poorly, the runs, where the band is from."""
-    scores = content.scores
     one = len(scores) == 1
     runs = f"Run {scores[0].run}, not fitted" if one else f"{len(scores)} runs, none of them fitted"
     poor = poorly_predicted(scores, FAIR)
@@ -131,6 +143,7 @@ def _detail(content: ReportContent, others: Sequence[Figure]) -> str:
         "; ".join(figure.words for figure in others),
         f"Poorly predicted by themselves: {poor}" if poor else "",
         runs,
+        _repeated(scores),
         band_origin(content.identified),
     )
     return " ".join(f"{sentence}." for sentence in sentences if sentence)

@@ -101,7 +101,8 @@ def _table(score: RunScore, unseen: bool) -> Table:
     from rich.table import Table
     from rich.text import Text
 
-    kind = "not fitted" if unseen else "fitted"
+    again = f"not fitted, repeats the motion of {score.repeats}" if score.repeats else "not fitted"
+    kind = again if unseen else "fitted"
     table = Table(
         title=Text(f"{score.run} ({kind}, below {score.cutoff:g} Hz)"),
         title_justify="left",

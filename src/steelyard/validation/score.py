@@ -59,6 +59,7 @@ class RunScore:
         pooled_percent: Norms taken over all joints together [%]; `None` if units differ.
         pooled_percent_moving: The same where each joint moves.
         traces: The compared signals.
+        repeats: The fitted run whose motion it repeats; empty if its motion is another one.
     """
 
     run: str
@@ -67,6 +68,7 @@ class RunScore:
     pooled_percent: float | None
     pooled_percent_moving: float | None
     traces: Traces
+    repeats: str = ""
 
     @property
     def mean_percent(self) -> float:
@@ -84,6 +86,8 @@ class RunScore:
         """As JSON values, without the traces; an error without a finite percentage is `None`."""
         figures = {
             "run": self.run,
+            "motion": "repeated" if self.repeats else "unseen",
+            "repeats": self.repeats or None,
             "cutoff": self.cutoff,
             "mean_percent": self.mean_percent,
             "mean_percent_moving": self.mean_percent_moving,

@@ -45,7 +45,7 @@ class EffortSection:
 
     def numbers(self, content: ReportContent) -> Numbers | None:
         """Lines of every joint and run, unseen runs first."""
-        everything = [(s, "not fitted") for s in content.scores]
+        everything = [(s, "repeated motion" if s.repeats else "not fitted") for s in content.scores]
         everything += [(s, "fitted") for s in content.fitted]
         if not everything:
             return None

@@ -28,7 +28,8 @@ class VerdictSection:
         return {
             "verdict": verdict(content),
             "facts": _facts(content),
-            "runs": [_run(score) for score in content.scores],
+            "runs": [_run(score) for score in content.scores if not score.repeats],
+            "repeated": [_run(score) for score in content.scores if score.repeats],
             "fitted": [_run(score) for score in content.fitted],
             "notes": content.notes,
             "good": GOOD,
@@ -62,6 +63,7 @@ def _fact(figure: Figure, scores: Sequence[RunScore], where: str) -> tuple[str, 
 def _run(score: RunScore) -> dict[str, Any]:
     return {
         "run": score.run,
+        "repeats": score.repeats,
         "cutoff": score.cutoff,
         "figures": [figure.words for figure in figures([score])],
         "joints": [_joint(joint) for joint in score.joints],

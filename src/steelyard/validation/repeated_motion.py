@@ -1,0 +1,152 @@
+"""Whether a run repeats the motion of another one, or is the same log again.
+
+Some rows of the other run are looked for in the run: at the shift in time at which most of them
+are met by all joints at once. Repeated motion has other efforts, for it has noise of its own; rows
+with the same positions and efforts are the same log, trimmed, thinned, shifted or rounded.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.arrays import Array
+from steelyard.measurement.motion_samples import MotionSamples, Rows, rows_of
+from steelyard.measurement.run import Run
+
+RATE, MOST_INSTANTS = 200.0, 60_000
+"""Rate at which shifts are tried [Hz], and most instants of the run."""
+NEAR, CLOSE, LEAST_NEAR = 0.03, 0.01, 1e-3
+"""Distance, over a joint's range, up to which rows may meet, and do once the shift is exact; at
+least so much [rad; m]."""
+SHARE = 0.2
+"""Share of a run's motion from which on it is repeated."""
+FEWEST, CHANCE = 8, 5.0
+"""Rows that must meet, and by how many standard deviations more than by chance."""
+EXACT = 1e-5
+"""Distance of channels of the same row, over their range: what float32 or six digits keep."""
+SAME = 0.03
+"""Share of the rows that meet from which on they are rows of the same log."""
+AROUND = 3
+"""Rows on each side among which the same one is looked for."""
+
+
+@dataclass(frozen=True)
+class Repeat:
+    """A run that has been seen before.
+
+    Attributes:
+        run: Name of the run that it repeats.
+        share: Share of its motion that does.
+        shift: How much later it is [s].
+        distance: Largest rms distance of a joint's positions, over its range.
+        same: Whether rows are those of that run.
+    """
+
+    run: str
+    share: float
+    shift: float
+    distance: float
+    same: bool
+
+    @property
+    def words(self) -> str:
+        """In a few words: of which run, how much, and how close."""
+        what = "holds rows of" if self.same else "repeats the motion of"
+        return (
+            f"{what} {self.run} ({100.0 * self.share:.0f} % of its motion, "
+            f"{self.shift:.4g} s later, to {100.0 * self.distance:.1g} % of the joints' range)"
+        )
+
+
+def repeat_of(known: Sequence[MotionSamples], run: Run) -> Repeat | None:
+    """The run among those known that a run repeats most; `None` if its motion is another one.
+
+    Args:
+        known: Rows of other runs of the same robot, positions in the same units.
+        run: The run.
+    """
+    rows = rows_of(run)
+    if not rows.moving.any() or len(rows.t) < 2 * AROUND:
+        return None
+    found = [r for one in known if (r := _repeat(one, rows)) is not None]
+    return max(found, key=lambda r: (r.same, r.share), default=None)
+
+
+def _repeat(known: MotionSamples, rows: Rows) -> Repeat | None:
+    """How far a run repeats one other."""
+    if len(known.t) < FEWEST or known.q.shape[1] != rows.q.shape[1]:
+        return None
+    span = np.ptp(known.q, axis=0)
+    shift = _shift(known, rows, np.maximum(NEAR * span, LEAST_NEAR))
+    if shift is None:
+        return None
+    shift = _refined(known, rows, shift, np.maximum(span, LEAST_NEAR))
+    at = known.t + shift
+    off = _at(at, rows.t, rows.q) - known.q
+    close = np.maximum(CLOSE * span, LEAST_NEAR)
+    inside = (at >= rows.t[0]) & (at <= rows.t[-1])
+    met = np.flatnonzero(inside & (np.abs(off) <= close).all(axis=1))
+    moving = float(np.count_nonzero(rows.moving)) * float(np.median(np.diff(rows.t)))
+    share = min(1.0, len(met) * known.step / max(moving, 1e-9))
+    if len(met) < FEWEST or share < SHARE:
+        return None
+    rms = np.sqrt(np.mean(np.square(off[met]), axis=0)) / np.maximum(span, LEAST_NEAR)
+    same = _same_rows(known, rows, met, at) >= max(2.0, SAME * len(met))
+    return Repeat(known.run, share, shift, float(rms.max()), same)
+
+
+def _shift(known: MotionSamples, rows: Rows, near: Array) -> float | None:
+    """The shift at which most rows meet; `None` if that may be chance [s]."""
+    grid = np.arange(rows.t[0], rows.t[-1], 1.0 / RATE)[:MOST_INSTANTS]
+    q = _at(grid, rows.t, rows.q)
+    offsets = np.round((known.t - known.t[0]) * RATE).astype(int)
+    counts = np.zeros(len(grid) + int(offsets[-1]))
+    expected = 0.0
+    for offset, instant in zip(offsets, known.q, strict=True):
+        meets = np.ones(len(grid), dtype=np.bool_)
+        for j in range(q.shape[1]):
+            meets &= np.abs(q[:, j] - instant[j]) <= near[j]
+        start = int(offsets[-1] - offset)
+        counts[start : start + len(grid)] += meets
+        expected += float(meets.mean())
+    best = int(np.argmax(counts))
+    if counts[best] < max(FEWEST, expected + CHANCE * np.sqrt(expected + 1.0)):
+        return None
+    return float(grid[0] + (best - offsets[-1]) / RATE - known.t[0])
+
+
+def _refined(known: MotionSamples, rows: Rows, shift: float, span: Array) -> float:
+    """The shift of least distance near one, by Gauss-Newton steps over the rows that meet [s]."""
+    half = 0.5 / RATE
+    for _ in range(5):
+        at = known.t + shift
+        inside = (at >= rows.t[0] + half) & (at <= rows.t[-1] - half)
+        early, late = (_at(at + d, rows.t, rows.q) for d in (-half, half))
+        off = (0.5 * (early + late) - known.q) / span
+        slope = (late - early) * RATE / span
+        inside &= (np.abs(off) <= NEAR + half * np.abs(slope)).all(axis=1)
+        steep = float(np.sum(np.square(slope[inside])))
+        if steep <= 0.0:
+            return shift
+        shift -= float(np.sum(off[inside] * slope[inside])) / steep
+    return shift
+
+
+def _at(t: Array, times: Array, values: Array) -> Array:
+    """Values at other times, shape `(len(t), n)`."""
+    return np.column_stack([np.interp(t, times, column) for column in values.T])
+
+
+def _same_rows(known: MotionSamples, rows: Rows, met: NDArray[np.intp], at: Array) -> int:
+    """How many of the rows that meet are found again in all positions and efforts."""
+    before = np.column_stack((known.q[met], known.effort[met]))
+    tolerance = EXACT * np.ptp(np.column_stack((known.q, known.effort)), axis=0) + 1e-12
+    nearest = np.searchsorted(rows.t, at[met])
+    again = np.zeros(len(met), dtype=np.bool_)
+    for step in range(-AROUND, AROUND + 1):
+        row = np.clip(nearest + step, 0, len(rows.t) - 1)
+        now = np.column_stack((rows.q[row], rows.effort[row]))
+        again |= (np.abs(now - before) <= tolerance).all(axis=1)
+    return int(again.sum())

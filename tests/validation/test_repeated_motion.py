@@ -1,0 +1,104 @@
+"""A motion that was seen before is recognised, and so are the rows of a log."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from steelyard.arrays import Array
+from steelyard.excitation.random_fourier import random_fourier
+from steelyard.measurement import Processing, Recording, Run, prepare
+from steelyard.measurement.motion_samples import LEAST, MOST, MotionSamples, motion_samples
+from steelyard.measurement.recording import HeldLog
+from steelyard.robot.robot_file import LoadedRobot
+from steelyard.validation.repeated_motion import repeat_of
+from steelyard.virtual.demo import write_demo_arm
+
+STEP = 2.0 * np.pi / 2**17
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> LoadedRobot:
+    return write_demo_arm(tmp_path_factory.mktemp("arm"))
+
+
+def rows(arm: LoadedRobot, motion: int, noise: int) -> Array:
+    """A log of a motion, with noise of its own."""
+    path = random_fourier(arm.robot, seed=motion, period=10.0)
+    m = path.sample(np.arange(0.0, 10.0, 0.005))
+    rng = np.random.default_rng(noise)
+    tau = m.q + m.ddq + 0.01 * rng.standard_normal(m.q.shape)
+    q = np.round((m.q + 1e-4 * rng.standard_normal(m.q.shape)) / STEP) * STEP
+    return np.column_stack([m.t, q, m.dq, tau])
+
+
+def run_of(arm: LoadedRobot, table: Array, name: str = "other") -> Run:
+    assert arm.signals is not None
+    log = HeldLog(Path(name), arm.signals.columns, table)
+    return prepare(Recording(log, arm.signals), Processing())
+
+
+@pytest.fixture(scope="module")
+def known(arm: LoadedRobot) -> tuple[MotionSamples, ...]:
+    return motion_samples([run_of(arm, rows(arm, 0, 0), "first"), run_of(arm, rows(arm, 1, 1))])
+
+
+@pytest.mark.parametrize("change", ["copy", "trimmed", "half", "thinned", "float32", "later"])
+def test_rows_of_a_known_log_are_recognised(
+    arm: LoadedRobot, known: tuple[MotionSamples, ...], change: str
+) -> None:
+    table = rows(arm, 0, 0)
+    changed = {
+        "copy": table,
+        "trimmed": table[3:-5],
+        "half": table[1000:],
+        "thinned": table[::4],
+        "float32": table.astype(np.float32).astype(np.float64),
+        "later": table + np.eye(1, table.shape[1])[0] * 123.4,
+    }[change]
+    repeat = repeat_of(known, run_of(arm, changed))
+    assert repeat is not None and repeat.same and repeat.run == "first"
+    assert "holds rows of first" in repeat.words
+
+
+def test_a_motion_once_more_is_repeated_but_not_the_same_log(
+    arm: LoadedRobot, known: tuple[MotionSamples, ...]
+) -> None:
+    late = rows(arm, 0, 7)[200:]
+    late[:, 0] += 3.0
+    repeat = repeat_of(known, run_of(arm, late))
+    assert repeat is not None and not repeat.same and repeat.share > 0.9
+    assert repeat.distance < 1e-3 and "repeats the motion of first" in repeat.words
+
+
+def test_a_part_that_is_repeated_has_its_share(
+    arm: LoadedRobot, known: tuple[MotionSamples, ...]
+) -> None:
+    new, old = rows(arm, 5, 5), rows(arm, 0, 6)[:1000]
+    old[:, 0] += 20.0
+    repeat = repeat_of(known, run_of(arm, np.concatenate([new, old])))
+    assert repeat is not None and repeat.share == pytest.approx(1.0 / 3.0, abs=0.1)
+
+
+@pytest.mark.parametrize("seed", range(2, 8))
+def test_another_motion_is_not_repeated(
+    arm: LoadedRobot, known: tuple[MotionSamples, ...], seed: int
+) -> None:
+    assert repeat_of(known, run_of(arm, rows(arm, seed, seed))) is None
+
+
+def test_the_same_motion_slower_is_another_one(
+    arm: LoadedRobot, known: tuple[MotionSamples, ...]
+) -> None:
+    slow = rows(arm, 0, 0)
+    slow[:, 0] *= 1.5
+    slow[:, 7:13] /= 1.5
+    assert repeat_of(known, run_of(arm, slow)) is None
+
+
+def test_samples_are_bounded_and_survive_json(known: tuple[MotionSamples, ...]) -> None:
+    assert all(LEAST <= len(one.t) <= MOST for one in known)
+    again = MotionSamples.from_dict(known[0].to_dict())
+    assert again.run == "first" and again.step == known[0].step
+    np.testing.assert_allclose(again.q, known[0].q, rtol=1e-8)
+    np.testing.assert_allclose(again.effort, known[0].effort, rtol=1e-8)
