@@ -139,12 +139,12 @@ def uncompensated(arm: Arm, k: int, m: Motion) -> Array:
 
 
 def zero_offset(*offsets: tuple[int, float]) -> Callable[[Arm], Job]:
-    """Encoders that count from elsewhere; -1 is the first joint, others of `Arm.joints`."""
+    """Encoders that count from elsewhere; see `Arm.joint`."""
 
     def plant(arm: Arm) -> Job:
         shift = np.zeros(arm.robot.n)
         for k, value in offsets:
-            shift[0 if k < 0 else arm.joints[k]] = value
+            shift[arm.joint(k)] = value
         return arm.plain().every(lambda log: replace(log, q=log.q + shift))
 
     return plant
@@ -245,7 +245,12 @@ ROBOTS: list[Mistake] = [
     Mistake("another robot when validated", another_robot(2), OTHER),
     *(
         Mistake(f"zero of joint {k + 1} off by {size}", zero_offset((k, size)), ZERO)
-        for k, size in ((0, 0.05), (0, 0.5), (1, 0.1), (2, 0.2), (3, 0.1), (3, 0.5), (4, 0.2))
+        for k, size in ((0, 0.05), (0, 0.5), (1, 0.1), (2, 0.2), (3, 0.1), (3, 0.5))
+    ),
+    Mistake(
+        "zero of the last joint off by 0.2",
+        zero_offset((-2, 0.2)),
+        untold="it turns the last link's parameters, and no torque tells the two apart",
     ),
     Mistake("zeros of three joints", zero_offset((0, 0.05), (1, -0.1), (2, 0.1)), ZERO),
     *(

@@ -17,11 +17,11 @@ def efforts(change: Callable[[Log], Array]) -> Callable[[Arm], Job]:
 
 
 def scaled(what: str, factor: float, joint: int | None = None) -> Callable[[Arm], Job]:
-    """All logs with a signal of all joints, or of one, scaled; `joint` counts `Arm.joints`."""
+    """All logs with a signal of all joints, or of one, scaled; see `Arm.joint`."""
 
     def plant(arm: Arm) -> Job:
         n = arm.robot.n
-        which = slice(None) if joint is None else (0 if joint < 0 else arm.joints[joint])
+        which = slice(None) if joint is None else arm.joint(joint)
         factors = np.ones(n)
         factors[which] = factor
 

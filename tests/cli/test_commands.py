@@ -205,13 +205,37 @@ def test_an_effort_that_is_always_zero_has_no_percentage(
 def test_init_alone_and_with_a_log(command: Command, tmp_path: Path) -> None:
     alone, guessed = tmp_path / "alone.toml", tmp_path / "guessed.toml"
     shown = command("init", URDF, "-o", alone)
-    assert f"wrote {alone}: 6 joints identified" in shown.stdout
-    assert "next  read it, mend it, then: steelyard check" in shown.stdout
+    assert shown.exit_code == 0 and f"wrote {alone}: 6 joints to identify" in shown.stdout
+    assert "no log given" in shown.stdout and "fill in [signals]" in shown.stdout
     assert shown.stdout.splitlines()[-1].endswith(f"steelyard identify {alone} LOG...")
     facts = strict(command("init", URDF, LOG, "-o", guessed, "--json").stdout)
     assert (facts["robot_file"], facts["joints"]) == (str(guessed), JOINTS)
+    assert facts["columns_found"] and not facts["without_columns"] and facts["problem"] is None
+    assert any("which side of the gears" in reason for reason in facts["guesses"])
     done = command("identify", guessed, LOG, "-o", tmp_path / "o")
     assert done.exit_code == 0, done.output
+
+
+def test_init_says_what_it_did_not_find(command: Command, tmp_path: Path) -> None:
+    rows = pl.read_parquet(LOG)
+    rows.rename({name: f"x_{k}" for k, name in enumerate(rows.columns)}).write_csv(
+        tmp_path / "unknown.csv"
+    )
+    names = {f"q{k + 1}_rad": f"{joint}_q" for k, joint in enumerate(JOINTS)}
+    names |= {f"tau{k + 1}_Nm": f"{joint}_tau" for k, joint in enumerate(JOINTS)}
+    rows.select("time_s", *names).rename(names).drop(f"{JOINTS[5]}_q").write_csv(
+        tmp_path / "few.csv"
+    )
+    shown = command("init", URDF, tmp_path / "unknown.csv", "-o", tmp_path / "a.toml")
+    assert shown.exit_code == 1 and "NOT FOUND: columns of the log" in shown.stdout
+    assert "read it" not in shown.stdout and (tmp_path / "a.toml").is_file()
+    shown = command("init", URDF, tmp_path / "few.csv", "-o", tmp_path / "b.toml")
+    assert shown.exit_code == 1 and "5 joints to identify" in shown.stdout
+    assert f"NOT FOUND: columns of {JOINTS[5]}" in shown.stdout
+    facts = strict(
+        command("init", URDF, tmp_path / "few.csv", "-o", tmp_path / "c.toml", "--json").stdout
+    )
+    assert facts["without_columns"] == [JOINTS[5]] and len(facts["joints"]) == 5
 
 
 def test_a_urdf_alone_works_too(command: Command, tmp_path: Path) -> None:

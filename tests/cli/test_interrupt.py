@@ -46,7 +46,7 @@ def pressed(function: str, arguments: tuple[str, ...], work: Path) -> tuple[int,
         ("files.whole_file", CHECK),
         ("edits.edited", CHECK),
         ("files._remove", ("simulate", ROBOT, "--period", "1")),
-        ("init_file.robot_file_text", ("init", "../given/demo_arm.urdf")),
+        ("init_file.drafted", ("init", "../given/demo_arm.urdf")),
         ("files.whole_file", ("init", "../given/demo_arm.urdf")),
     ],
 )

@@ -6,7 +6,7 @@ import polars as pl
 import pytest
 
 from steelyard.errors import ModelError
-from steelyard.robot.init_file import robot_file_text
+from steelyard.robot.init_file import drafted
 from steelyard.robot.robot_file import LoadedRobot, load_robot
 
 DATA = os.environ.get("STEELYARD_DATA")
@@ -66,7 +66,7 @@ def round_trip(
     model: Path, output: Path, columns: list[str] | None, sample: dict | None = None
 ) -> tuple[LoadedRobot, str]:
     output.parent.mkdir(parents=True, exist_ok=True)
-    text = robot_file_text(model, load_robot(model), columns, sample, output)
+    text = drafted(model, load_robot(model), columns, sample, output).text
     output.write_text(text, encoding="utf-8")
     return load_robot(output), text
 
@@ -88,8 +88,7 @@ def test_real_robots_and_logs(name: str, tmp_path: Path) -> None:
     assert set(loaded.signals.columns) <= set(frame.columns)
     assert np.all(loaded.signals.position_scale == 1.0) and loaded.signals.time_scale == 1.0
     assert loaded.terms is not None
-    rotors = "rotor_inertia" in [term.description for term in loaded.terms]
-    assert rotors == (kind == "motor_current")
+    assert "rotor_inertia" in [term.description for term in loaded.terms]
 
 
 @needs_data
@@ -183,6 +182,15 @@ def test_every_key_that_is_commented_out_is_right(tmp_path: Path) -> None:
     assert loaded.processing.motion == "butterworth" and loaded.processing.rate == 100.0
 
 
+def test_the_side_of_torque_columns_is_left_to_be_checked(tmp_path: Path) -> None:
+    model = urdf(tmp_path / "r.urdf", ("a", "revolute", "base", LIMIT.format(0, 1)))
+    loaded, text = round_trip(model, tmp_path / "r.toml", ["t", "q1", "tau1"])
+    assert loaded.terms is not None
+    assert "rotor_inertia" in [term.description for term in loaded.terms]
+    words = " ".join(text.replace("#", "").split())
+    assert "which side of the gears" in words and 'with kind = "link_torque" below' in words
+
+
 def test_mjcf_is_named_as_such(tmp_path: Path) -> None:
     model = tmp_path / "r.xml"
     model.write_text(
@@ -197,4 +205,4 @@ def test_a_robot_file_is_refused(tmp_path: Path) -> None:
     model = urdf(tmp_path / "r.urdf", ("a", "revolute", "base", LIMIT.format(0, 1)))
     loaded, _ = round_trip(model, tmp_path / "r.toml", None)
     with pytest.raises(ModelError, match="a robot file already"):
-        robot_file_text(tmp_path / "r.toml", loaded, None, None, tmp_path / "s.toml")
+        drafted(tmp_path / "r.toml", loaded, None, None, tmp_path / "s.toml")

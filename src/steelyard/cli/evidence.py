@@ -17,7 +17,7 @@ from steelyard.formats import parse_log_argument
 from steelyard.progress import Progress, tell
 from steelyard.robot.edits import edited
 from steelyard.robot.guess import guess_columns, velocities_beside
-from steelyard.robot.init_file import robot_file_text
+from steelyard.robot.init_file import drafted
 from steelyard.robot.robot_file import LoadedRobot, load_robot, robot_text
 from steelyard.robot.signals import Signals
 
@@ -81,7 +81,7 @@ def subject_of(robot: str, log: LogArgument) -> Subject:
         return Subject(path, text, load_robot(path, text), (*loaded.notes, *reasons))
     bare, target = load_robot(path), Path(f"{path.stem}.toml")
     columns, sample = river.sample_of(log.path)
-    text = robot_file_text(path, bare, columns, sample, target)
+    text = drafted(path, bare, columns, sample, target).text
     loaded = load_robot(target, text)
     reasons = guess_columns(loaded.robot.coordinates, columns, sample).reasons
     return Subject(target, text, loaded, (*loaded.notes, *reasons))

@@ -1,13 +1,20 @@
 """`steelyard init`: a commented robot file with the best guesses."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from steelyard.cli.guard import guarded
 from steelyard.cli.options import Json
+
+if TYPE_CHECKING:
+    from steelyard.robot.init_file import Draft
+
+INCOMPLETE = 1
+"""Exit code where the robot file is written, but has to be completed before it is of use."""
 
 
 @guarded
@@ -23,12 +30,14 @@ def init(
 ) -> None:
     """Write a commented robot file: columns guessed, fingers locked, limits taken over.
 
+    The exit code is 1 if the log has no columns for some joints, or its columns are unknown.
+
     Example: steelyard init panda.urdf run1.parquet -o panda.toml
     """
     from steelyard.cli import interrupt, river
     from steelyard.errors import OutputError
     from steelyard.files import whole_file
-    from steelyard.robot.init_file import robot_file_text
+    from steelyard.robot.init_file import drafted
     from steelyard.robot.robot_file import load_robot
 
     loaded = load_robot(model)
@@ -40,23 +49,57 @@ def init(
             mend="name another one with --output, or remove it",
         )
     columns, sample = (None, None) if log is None else river.sample_of(log)
-    text = robot_file_text(model, loaded, columns, sample, target)
+    draft = drafted(model, loaded, columns, sample, target)
     with whole_file(target) as part:
-        part.write_text(text, encoding="utf-8")
+        part.write_text(draft.text, encoding="utf-8")
         interrupt.too_late()
-    written = load_robot(target)
+    notes = tuple(dict.fromkeys((*loaded.notes, *load_robot(target).notes)))
     if as_json:
-        facts = {
-            "robot_file": str(target),
-            "joints": list(written.robot.joint_names),
-            "notes": [*loaded.notes, *written.notes],
-        }
-        typer.echo(json.dumps(facts))
-        return
-    typer.echo(f"wrote {target}: {written.robot.n} joints identified")
-    for note in dict.fromkeys((*loaded.notes, *written.notes)):
-        typer.echo(f"note  {note}")
-    typer.echo(
-        f"next  read it, mend it, then: steelyard check {target} LOG...\n"
-        f"      and if all is well:     steelyard identify {target} LOG..."
-    )
+        typer.echo(json.dumps(results(draft, target, notes)))
+    else:
+        show(draft, target, notes)
+    if draft.problem or draft.without_columns:
+        raise typer.Exit(INCOMPLETE)
+
+
+def results(draft: "Draft", target: Path, notes: Sequence[str]) -> dict[str, object]:
+    """What `--json` prints."""
+    return {
+        "robot_file": str(target),
+        "joints": list(draft.identified),
+        "without_columns": list(draft.without_columns),
+        "columns_found": draft.guess is not None,
+        "problem": draft.problem or None,
+        "guesses": [] if draft.guess is None else list(draft.guess.reasons),
+        "notes": list(notes),
+    }
+
+
+def show(draft: "Draft", target: Path, notes: Sequence[str]) -> None:
+    """Print what is written, what was guessed, and what is left to fill in."""
+    from rich.console import Console
+    from rich.text import Text
+
+    from steelyard.report.words import count
+
+    console = Console()
+
+    def say(words: str, style: str = "") -> None:
+        console.print(Text(words, style=style), soft_wrap=True)
+
+    say(f"wrote {target}: {count(len(draft.identified), 'joint')} to identify")
+    for reason in () if draft.guess is None else draft.guess.reasons:
+        say(f"guess {reason}")
+    for note in notes:
+        say(f"note  {note}")
+    if draft.without_columns:
+        names = ", ".join(draft.without_columns)
+        say(f"NOT FOUND: columns of {names}; the robot file locks these joints at zero", "bold red")
+    if draft.guess is None:
+        why = f"NOT FOUND: columns of the log: {draft.problem}" if draft.problem else "no log given"
+        say(why, "bold red" if draft.problem else "")
+        say(f"next  fill in [signals], which is a comment in {target} so far; then:")
+    else:
+        say("next  read it, change what is not so (CHECK), then:")
+    say(f"      steelyard check {target} LOG...")
+    say(f"      and if all is well:  steelyard identify {target} LOG...")

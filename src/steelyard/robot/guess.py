@@ -15,6 +15,10 @@ from steelyard.robot.schema import SignalsSection
 from steelyard.robot.signals import Signals, build_signals, expanded
 
 Sample = Mapping[str, ArrayLike]
+TORQUE = (
+    "torque by their names, which do not say of which side of the gears: taken as joint torque "
+    'with rotor inertia in it; of sensors behind the gears say kind = "link_torque"'
+)
 _BY_NAME = "by the joints' names"
 
 
@@ -258,7 +262,7 @@ def _effort(
     columns: Sequence[Column], joints: Sequence[Coordinate], values: Mapping[str, Array]
 ) -> tuple[str, list[str]]:
     """Why, and the unit of each effort column."""
-    units, why = [], "torque by their names"
+    units, why = [], TORQUE
     for column, joint in zip(columns, joints, strict=True):
         if column.has("ma"):
             units.append("mA")

@@ -5,6 +5,7 @@ import os
 import re
 import textwrap
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,20 +14,40 @@ import numpy as np
 from steelyard.errors import LogError, ModelError
 from steelyard.robot.column_words import like_finger
 from steelyard.robot.guess import Guess, Sample, guess_columns
+from steelyard.robot.init_settings import SETTINGS
 from steelyard.robot.robot import Coordinate, Robot
 from steelyard.robot.robot_file import LoadedRobot
 from steelyard.robot.signals import expanded
 from steelyard.robot.xml_reader import read_xml
 
 
-def robot_file_text(
+@dataclass(frozen=True)
+class Draft:
+    """A robot file that is proposed, and what it rests on.
+
+    Attributes:
+        text: The robot file.
+        identified: Joints that it identifies.
+        without_columns: Joints that it locks because the log has no columns for them.
+        guess: What the log's columns seem to be; `None` without a log, or where they are unknown.
+        problem: Why the columns are unknown; empty otherwise.
+    """
+
+    text: str
+    identified: tuple[str, ...]
+    without_columns: tuple[str, ...]
+    guess: Guess | None
+    problem: str
+
+
+def drafted(
     model_path: Path,
     loaded: LoadedRobot,
     columns: Sequence[str] | None,
     sample: Sample | None,
     output_path: Path,
-) -> str:
-    """The text of a commented robot file, which `load_robot` reads.
+) -> Draft:
+    """A commented robot file, which `load_robot` reads.
 
     Joints of hands are locked, and so are joints that the log has no columns for. Where the
     columns of the log cannot be told, `[signals]` is left as a comment that lists them.
@@ -58,11 +79,17 @@ def robot_file_text(
         _robot_part(robot, moving, model_path, output_path),
         _locked_part(resting),
         _limits_part(moving),
-        _model_part(guess),
+        _MODEL_PART,
         _signals_part(guess, moving) if guess else _signals_template(columns, problem, moving),
-        _settings_part(),
+        SETTINGS,
     ]
-    return "\n\n".join(parts) + "\n"
+    return Draft(
+        "\n\n".join(parts) + "\n",
+        tuple(c.name for c in moving),
+        tuple(c.name for c in free if c not in moving),
+        guess,
+        problem,
+    )
 
 
 def _hands(robot: Robot) -> set[str]:
@@ -158,16 +185,12 @@ def _limits_part(moving: Sequence[Coordinate]) -> str:
     return "\n".join(lines)
 
 
-def _model_part(guess: Guess | None) -> str:
-    torque = guess is not None and guess.section.effort.kind == "joint_torque"
-    terms = ["rigid_body", "coulomb", "viscous", "offset"]
-    if not torque:
-        terms.insert(1, "rotor_inertia")
-    return f"""\
+_MODEL_PART = """\
 [model]
-# Causes of torque. Torque sensors behind the gears do not feel "rotor_inertia"; motor currents do.
-# A table gives a law its settings: {{law = "coulomb", smoothing = 0.005, joints = ["..."]}}.
-terms = {_text(terms)}"""
+# Causes of torque. CHECK: motors and their currents feel "rotor_inertia"; torque sensors behind the
+# gears do not: with kind = "link_torque" below, take it out. Left in, it is found near zero there.
+# A table gives a law its settings: {law = "coulomb", smoothing = 0.005, joints = ["..."]}.
+terms = ["rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"]"""
 
 
 def _signals_part(guess: Guess, moving: Sequence[Coordinate]) -> str:
@@ -241,45 +264,3 @@ def _signals_template(
         f"gain = {_text([1.0] * len(moving))}  # torque at the joint per logged unit",
     ]
     return "\n".join([*head, *(f"# {line}" for line in lines)])
-
-
-def _settings_part() -> str:
-    return """\
-[processing]
-# The chain from rows to motion; what is left out, the data decides. What was done is printed.
-# Distance from the rows around, in usual ones, from which a value is bridged; or "keep".
-# outliers = 15.0
-# Rows that repeat the positions of the one before while the robot moves; or "keep".
-# repeats = "bridge"
-# Efforts that stay at a limit, and their surroundings; or "keep".
-# saturation = "leave_out"
-# Clock [Hz] that rows are brought to, and how: "cubic", "linear", "pchip" or "spline".
-# rate = 100.0
-# resampling = "cubic"
-# From positions to motion, and the low-pass before: "butterworth", "fir", "savitzky_golay", ...;
-# a table gives settings: {method = "savitzky_golay", degree = 3}.
-# motion = "butterworth"
-# motion_cutoff = 25.0
-# Efforts stay as logged otherwise.
-# effort = {method = "moving_average", span = 9}
-# Low-pass of regressor and effort alike [Hz], and the speed up to which a joint rests [rad/s; m/s].
-# matched_cutoff = 8.0
-# rest_speed = 0.01
-
-[prior]
-# Masses, centres and inertias before the data: those of the "model", or "none".
-# source = "model"
-# How far they may be off, relatively; found from the data if left out.
-# uncertainty = 0.3
-# Links whose mass is known better, or not at all.
-# [prior.links.NAME]
-# mass = 3.9
-# box = {size = [0.1, 0.1, 0.3], centre = [0.0, 0.0, 0.15]}
-# What holds in any case: kinds are "mass", "total_mass", "centre_in_box", "parameter", ...
-# [[knowledge]]
-# kind = "total_mass"
-# upper = 31.0
-
-[validation]
-# Low-pass through which measured and predicted effort are compared [Hz].
-# cutoff = 8.0"""
