@@ -6,7 +6,7 @@ from pathlib import Path
 from steelyard.cli.evidence import Subject, diagnosed
 from steelyard.cli.river import LogArgument
 from steelyard.diagnosis.examine import Diagnosis
-from steelyard.diagnosis.finding import Finding, Judgement
+from steelyard.diagnosis.finding import Judgement
 from steelyard.errors import DataError
 from steelyard.progress import Progress
 from steelyard.report.findings import lines, place
@@ -25,7 +25,8 @@ def checked(
     path = Path(robot)
     text = robot_text(path) if path.suffix.lower() == ".toml" else ""
     diagnosis = diagnosed(Subject(path, text, loaded), files, None, progress, quick=True)
-    _refuse([f for f in _wrong(diagnosis) if f.mend is not None and f.mend.edits], robot)
+    mendable = [f for f in diagnosis.findings if f.mend is not None and f.mend.edits]
+    _refuse(Diagnosis(tuple(mendable)), robot)
     return diagnosis
 
 
@@ -35,17 +36,26 @@ def passed(diagnosis: Diagnosis, robot: str) -> tuple[str, ...]:
     Raises:
         DataError: Something is wrong.
     """
-    _refuse(_wrong(diagnosis), robot)
+    _refuse(diagnosis, robot)
     return notes(diagnosis)
 
 
-def _wrong(diagnosis: Diagnosis) -> list[Finding]:
-    return [f for f in diagnosis.findings if f.judgement == Judgement.WRONG]
+def _refuse(diagnosis: Diagnosis, robot: str) -> None:
+    error = refusal(diagnosis, robot)
+    if error is not None:
+        raise error
 
 
-def _refuse(wrong: Sequence[Finding], robot: str) -> None:
+def refusal(diagnosis: Diagnosis, robot: str) -> DataError | None:
+    """Why an identification stops at what is wrong; `None` if nothing is.
+
+    Args:
+        diagnosis: What was found.
+        robot: The robot file's name, for the advice.
+    """
+    wrong = [f for f in diagnosis.findings if f.judgement == Judgement.WRONG]
     if not wrong:
-        return
+        return None
     places = [f"{place(f)} ({f.figure})" if place(f) else f.figure for f in wrong]
     mends = [f.mend for f in wrong if f.mend is not None]
     edits = Diagnosis(tuple(wrong)).edits
@@ -56,7 +66,7 @@ def _refuse(wrong: Sequence[Finding], robot: str) -> None:
         )
     else:
         advice += f"; `steelyard check {robot} LOG...` shows the evidence; "
-    raise DataError(
+    return DataError(
         f"the log is wrong, {', '.join(dict.fromkeys(f.suspicion for f in wrong))}: "
         + "; ".join(dict.fromkeys(f.says for f in wrong)),
         where="; ".join(dict.fromkeys(places)),

@@ -31,6 +31,8 @@ def confirmed(case: Case, evidence: Evidence, edits: Sequence[Edit], held: Verdi
     source = case.loaded.sources[0] if case.loaded.sources else None
     if not edits or source is None or source.path.suffix.lower() != ".toml":
         return True
+    if not source.path.is_file():
+        return True
     try:
         text = robot_text(source.path)
         if hashlib.sha256(text.encode()).hexdigest() != source.sha256:
@@ -42,11 +44,11 @@ def confirmed(case: Case, evidence: Evidence, edits: Sequence[Edit], held: Verdi
 
 
 def _reads_alike(evidence: Evidence, held: Verdict, mended: LoadedRobot) -> bool:
-    """Whether signals and gravity give the misfit of the last winner."""
+    """Whether signals and gravity give the misfit of the last winner that is to be written."""
     signals = mended.signals
     if signals is None:
         return False
-    trial, last = held.ranking.trial, held.winners[-1][0]
+    trial, last = held.ranking.trial, held.written[-1]
     recording = replace(evidence.recording, signals=signals)
     excerpt = excerpt_of(recording, evidence.processing, trial.excerpt.cutoff)
     if excerpt is None:
@@ -55,4 +57,4 @@ def _reads_alike(evidence: Evidence, held: Verdict, mended: LoadedRobot) -> bool
     gains = np.where(unknown, trial.gains, signals.gains)
     again = trial_of(excerpt, signals, trial.knowledge, mended.robot, gains)
     score = again.score(again.declared.changed(payload=last.reading.payload))
-    return float(score.percent[0]) <= CLOSE * last.percent + SLACK
+    return float(score.percent[0]) <= CLOSE * float(trial.score(last.reading).percent[0]) + SLACK

@@ -26,6 +26,10 @@ class Rival:
         joints: Indices of the joints concerned.
         score: How well it agrees.
         spread: Standard deviation of the number that was fitted, if one was.
+        fixed: Whether the robot file may be changed to say so; not where its numbers are poorly
+            identifiable.
+        compared: What the misfits are of, and the misfit before [%]; the nominal model or the
+            reference, and that of the explanation before, if `None`.
     """
 
     cause: str
@@ -35,6 +39,8 @@ class Rival:
     joints: tuple[int, ...]
     score: Score
     spread: float = 0.0
+    fixed: bool = True
+    compared: tuple[str, float] | None = None
 
     @property
     def log_likelihood(self) -> float:

@@ -13,6 +13,7 @@ from steelyard.diagnosis.rival import Rival
 from steelyard.diagnosis.sight import once
 from steelyard.diagnosis.velocities import velocity_edits
 from steelyard.diagnosis.verdict import CLEAN, ROUGH, Verdict, verdict
+from steelyard.diagnosis.ways import ways
 
 HALF = 0.5
 """Typical misfit of a reading that predicts next to nothing."""
@@ -22,7 +23,7 @@ POINTS = 1500
 UNEXPLAINED = "effort kind"
 """The suspicion that says so where nothing explains the efforts."""
 LOST = (
-    "nothing that was tried explains these efforts: check columns, kind, unit and gains, and which "
+    "no single reading explains these efforts: check columns, kind, unit and gains, and which "
     "joints are locked where; a model from clean runs (--model) tells more"
 )
 UNKNOWN = "cannot be told: the robot's model gives no masses; give --model"
@@ -32,10 +33,10 @@ UNKNOWN = "cannot be told: the robot's model gives no masses; give --model"
 def edits(case: Case, evidence: Evidence) -> tuple[Edit, ...]:
     """All edits that mend the robot file for one log; none if they do not do what they should."""
     held = verdict(case, evidence)
-    if held is None or not held.winners:
+    if held is None or not held.written:
         return ()
-    last = held.winners[-1][0].reading
-    causes = dict.fromkeys(rival.cause for rival, _ in held.winners)
+    last = held.written[-1].reading
+    causes = dict.fromkeys(rival.cause for rival in held.written)
     found = [e for c in causes for e in edits_of(c, held.ranking.trial, last, case.loaded)]
     found += velocity_edits(evidence, held.ranking.trial, last)
     whole = tuple({edit.path: edit for edit in found}.values())
@@ -89,14 +90,15 @@ def _of_log(
         return
     number, (rival, judgement) = mine[-1]
     before = held.winners[number - 1][0] if number else held.ranking.declared
+    known, then = rival.compared or (_known(held), before.percent)
     mend, judgement = _mend(case, evidence, held, rival, judgement, advice)
     yield Finding(
         cause,
         evidence.name,
         judgement,
-        f"{rival.says}: agrees with {_known(held)} to {rival.percent:.1f} %, "
-        f"{'as declared' if number == 0 else 'without'} {before.percent:.1f} %",
-        f"misfit {before.percent:.1f} % falls to {rival.percent:.1f} %, "
+        f"{rival.says}: agrees with {known} to {rival.percent:.1f} %, "
+        f"{'without' if number and rival.compared is None else 'as declared'} {then:.1f} %",
+        f"misfit {then:.1f} % falls to {rival.percent:.1f} %, "
         f"log-likelihood rises by {rival.log_likelihood - before.log_likelihood:.0f}",
         tuple(case.joints[j] for j in rival.joints),
         mend,
@@ -114,7 +116,9 @@ def _mend(
     advice: Callable[[Rival], str],
 ) -> tuple[Mend, Judgement]:
     """The advice with its edits, which the first finding of a log carries for the velocities."""
-    last, trial = held.winners[-1][0].reading, held.ranking.trial
+    if not rival.fixed:
+        return Mend(ways(case, rival)), judgement
+    last, trial = held.written[-1].reading, held.ranking.trial
     wanted = edits_of(rival.cause, trial, last, case.loaded)
     whole = edits(case, evidence)
     if wanted and not whole:

@@ -1,5 +1,6 @@
 """What a ranking says: which explanations are beyond doubt, and the findings that tell them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,7 @@ from steelyard.diagnosis.rival import Rival
 from steelyard.diagnosis.rivals_effort import OWN
 from steelyard.diagnosis.rivals_world import SHARP, delay_rivals
 from steelyard.diagnosis.sight import once
+from steelyard.diagnosis.support import supported
 
 MARGIN = {True: 20.0, False: 60.0}
 """Log-likelihood by which an explanation must beat the declared reading, with and without a
@@ -50,9 +52,14 @@ class Verdict:
     explained: bool
 
     @property
+    def written(self) -> tuple[Rival, ...]:
+        """Those of the winners that the robot file may be changed to say."""
+        return tuple(rival for rival, _ in self.winners if rival.fixed)
+
+    @property
     def alien(self) -> bool:
         """Whether another suspicion's cause is the first to be mended."""
-        return any(rival.cause in ALIEN for rival, _ in self.winners)
+        return alien(self.winners)
 
 
 @once
@@ -73,7 +80,15 @@ def verdict(case: Case, evidence: Evidence) -> Verdict | None:
         late = _delay(found, len(winners), before)
         if late is not None and _late(found, before, late):
             winners.append((late, Judgement.WRONG))
-    return Verdict(found, tuple(winners), not bad(found.trial, before))
+    if found.trial.knowledge.identified or alien(winners):
+        return Verdict(found, tuple(winners), not bad(found.trial, before))
+    held = supported(found.trial, winners)
+    return Verdict(found, held, not bad(found.trial, held[-1][0] if held else before))
+
+
+def alien(winners: Sequence[tuple[Rival, Judgement]]) -> bool:
+    """Whether another suspicion's cause is the first to be mended."""
+    return any(rival.cause in ALIEN for rival, _ in winners)
 
 
 def positions_at_fault(case: Case, evidence: Evidence) -> bool:

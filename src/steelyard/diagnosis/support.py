@@ -1,0 +1,186 @@
+"""What the data of a log say by themselves, where nothing but a nominal model is known.
+
+That links are heavier or lighter than a model file says is always a rival. So an explanation is
+beyond doubt only if bodies that can exist, whatever they weigh, fit the log clearly better under it
+than as declared. Orders, signs and directions show so; a factor on all efforts never does, for
+bodies of as many times the mass make it.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from steelyard.diagnosis.finding import Judgement
+from steelyard.diagnosis.possible import Possible, possible
+from steelyard.diagnosis.reading import Reading
+from steelyard.diagnosis.rival import FREE, Rival, one_of
+from steelyard.diagnosis.rivals_together import combined_rivals
+from steelyard.diagnosis.rivals_world import SHARP
+from steelyard.diagnosis.trial import FLOOR, Trial
+
+MARGIN, FALL = 60.0, 2.0
+"""Log-likelihood that bodies of the log's own must gain, and the factor by which the misfit of some
+joint must fall, for the data to contradict what is declared."""
+LATE = 12.0
+"""The same for a delay, with a sharper likelihood."""
+HEAVIEST = 6.0
+"""Factor by which all efforts may be off a nominal model's before its links are no excuse."""
+POOR, ROUGH = 10.0, 25.0
+"""Misfit of bodies of the log's own [%] from which on other orders and signs are tried, and up to
+which they are proposed."""
+CLOSE = 3.0
+"""Log-likelihood within which two explanations agree equally well."""
+
+
+def contradicted(trial: Trial, before: Reading, winner: Rival) -> bool:
+    """Whether the data, whatever the bodies weigh, speak for an explanation."""
+    then, now = possible(trial, before), possible(trial, winner.reading)
+    if then is None or now is None:
+        return False
+    if winner.cause == "effort delay":
+        gain = now.score.likelihood(SHARP, np.inf) - then.score.likelihood(SHARP, np.inf)
+        return bool(gain > LATE)
+    return better(now, then, winner.cost)
+
+
+def better(now: Possible, then: Possible, cost: float) -> bool:
+    """Whether one reading fits bodies of the log's own clearly better than another."""
+    gain = float(now.score.log_likelihood - then.score.log_likelihood) - cost
+    falls = then.score.misfits / np.maximum(now.score.misfits, FLOOR)
+    return gain >= MARGIN and float(np.max(falls)) >= FALL
+
+
+def supported(
+    trial: Trial, winners: Sequence[tuple[Rival, Judgement]]
+) -> tuple[tuple[Rival, Judgement], ...]:
+    """What holds of a log, from what a nominal model asks for and what the data say of it.
+
+    Args:
+        trial: The log.
+        winners: What the nominal model asks for, in the order in which it was found.
+    """
+    kept: list[tuple[Rival, Judgement]] = []
+    reading, asked = trial.declared, False
+    for rival, judgement in winners:
+        if rival.cause == "payload" or contradicted(trial, reading, rival):
+            kept.append((replace(rival, fixed=not _fitted(reading, rival)), judgement))
+        elif _only_factor(reading, rival):
+            asked = asked or not _of_unit(trial, reading, rival)
+            if asked:
+                break
+            kept.append((rival, judgement))
+        else:
+            kept.append((replace(rival, fixed=False), Judgement.DOUBTFUL))
+            break
+        reading = rival.reading
+    bodies = possible(trial, reading)
+    if bodies is None or bodies.percent > POOR:
+        whole = _combined(trial, bodies)
+        if whole:
+            kept, reading = list(whole), whole[-1][0].reading
+    scale = _scale(trial, reading, asked)
+    return (*kept, scale) if scale is not None else tuple(kept)
+
+
+def _only_factor(reading: Reading, rival: Rival) -> bool:
+    """Whether an explanation does nothing but multiply efforts by positive factors."""
+    after = rival.reading
+    factors = after.effort_scale / reading.effort_scale
+    return bool(
+        np.all(factors > 0.0)
+        and (after.position, after.effort) == (reading.position, reading.effort)
+        and np.array_equal(after.gravity, reading.gravity)
+        and np.array_equal(after.position_scale, reading.position_scale)
+        and (after.delay, after.time) == (reading.delay, reading.time)
+        and np.array_equal(after.ratios, reading.ratios)
+    )
+
+
+def _fitted(reading: Reading, rival: Rival) -> bool:
+    """Whether an explanation's gains are those at which a nominal model agrees best."""
+    return _only_factor(reading, rival) and rival.cost >= FREE
+
+
+def _of_unit(trial: Trial, reading: Reading, rival: Rival) -> bool:
+    """Whether a known factor, not a fitted one, brings bodies from absurd masses to likely ones."""
+    then, now = possible(trial, reading), possible(trial, rival.reading)
+    known = not _fitted(reading, rival)
+    return known and then is not None and now is not None and _far(then) and not _far(now)
+
+
+def _far(found: Possible) -> bool:
+    return max(found.scale, 1.0 / found.scale) > HEAVIEST
+
+
+def _combined(trial: Trial, now: Possible | None) -> tuple[tuple[Rival, Judgement], ...]:
+    """Order and signs of all columns at once, if the data speak for another than is declared."""
+    found = combined_rivals(trial)
+    if not found:
+        return ()
+    best, bodies = found[0]
+    own = possible(trial, trial.declared)
+    if now is None or own is None or not better(bodies, now, best.cost):
+        return ()
+    near = [r for r, _ in found[1:] if r.log_likelihood > best.log_likelihood - CLOSE]
+    sure = not near and bodies.percent <= ROUGH
+    judgement = Judgement.WRONG if sure else Judgement.DOUBTFUL
+    compared = "bodies of any mass", own.percent
+    return tuple(
+        (replace(part, fixed=sure, compared=compared), judgement) for part in _parts(trial, best)
+    )
+
+
+def _parts(trial: Trial, best: Rival) -> Iterator[Rival]:
+    """One explanation per cause, all of the same reading."""
+    names, before, after = trial.knowledge.robot.joint_names, trial.declared, best.reading
+    if (after.position, after.effort) != (before.position, before.effort):
+        says = f"the columns of positions are those of {_inverse(names, after.position)}"
+        if after.position == before.position:
+            moved = ", ".join(str(k + 1) for k in after.effort)
+            says = f"efforts in the order {moved}"
+        elif after.effort == after.position:
+            says = f"the columns are in the order {_inverse(names, after.position)}"
+        yield replace(best, cause="joint order", says=says)
+    for cause, says, then, now in (
+        ("position sign", "{} counts the other way", before.position_scale, after.position_scale),
+        ("effort sign", "effort of {} has the other sign", before.effort_scale, after.effort_scale),
+    ):
+        turned = np.flatnonzero(np.sign(then) != np.sign(now))
+        if len(turned):
+            who = ", ".join(f"'{names[j]}'" for j in turned)
+            joints = tuple(int(j) for j in turned)
+            yield replace(best, cause=cause, says=says.format(who), joints=joints)
+
+
+def _inverse(names: Sequence[str], order: Sequence[int]) -> str:
+    """Which joint every column belongs to, in the order of the columns."""
+    return ", ".join(f"'{names[list(order).index(k)]}'" for k in range(len(order)))
+
+
+def _scale(trial: Trial, reading: Reading, asked: bool) -> tuple[Rival, Judgement] | None:
+    """A factor on all efforts, or bodies lighter or heavier than the nominal ones.
+
+    Beyond `HEAVIEST` something is wrong with the efforts, whatever it is; below, only where the
+    nominal model asks for it.
+
+    Args:
+        trial: The log.
+        reading: What the data support.
+        asked: Whether the nominal model speaks for other gains.
+    """
+    found = possible(trial, reading)
+    if found is None or not (asked or (_far(found) and found.percent <= ROUGH)):
+        return None
+    factor, far = 1.0 / found.scale, _far(found)
+    lighter = "lighter" if factor > 1.0 else "heavier"
+    says = (
+        f"either efforts are off by a factor of about {factor:.2g}, or the links are "
+        f"{max(factor, found.scale):.2g} times {lighter} than the model file says"
+    )
+    changed = reading.with_factors(np.full(trial.signals.n, factor))
+    cause = "gain" if "A" in trial.signals.effort_units else "effort kind"
+    score = one_of(trial.score(changed), 0)
+    joints = tuple(range(trial.signals.n))
+    rival = Rival(cause, says, changed, FREE, joints, score, fixed=False)
+    return rival, Judgement.WRONG if far else Judgement.DOUBTFUL

@@ -1,0 +1,78 @@
+"""What may be said where nothing but a nominal model is known, which may be far off."""
+
+import re
+
+import numpy as np
+import pytest
+
+from diagnosis.test_model_based import DQ, GAINS, TAU, Q, edits, names, wrong
+from steelyard.diagnosis import Judgement
+from steelyard.diagnosis.possible import possible
+from steelyard.diagnosis.ranking import ranking
+
+
+def nominal_times(arm, factor: float) -> None:
+    """Make all links of the URDF heavier."""
+    urdf = arm.path.parent / "demo_arm.urdf"
+    text = urdf.read_text()
+    for number in ("mass value", "ixx", "iyy", "izz", "ixy", "ixz", "iyz"):
+        text = re.sub(
+            rf'{number}="([^"]+)"',
+            lambda found, number=number: f'{number}="{factor * float(found[1])!r}"',
+            text,
+        )
+    urdf.write_text(text)
+
+
+@pytest.mark.parametrize("factor", [0.3, 3.5])
+def test_a_clean_log_is_not_refused_for_wrong_masses(arm, factor):
+    nominal_times(arm, factor)
+    found = arm.examined(arm.table, known=False)
+    assert found.judgement <= Judgement.DOUBTFUL and not found.edits
+    for doubtful in (f for f in found.findings if f.judgement):
+        assert "links are" in doubtful.says and "efforts are off" in doubtful.says
+    case = arm.case(arm.table, known=False)
+    held = ranking(case, case.logs[0])
+    bodies = possible(held.trial, held.declared.reading)
+    assert bodies.scale * factor == pytest.approx(1.0, rel=0.3)
+    assert bodies.percent < 4.0 < held.declared.percent
+
+
+def test_currents_as_torques_are_refused_without_numbers(arm):
+    table = arm.table.copy()
+    table[:, arm.at(TAU)] /= GAINS
+    found = arm.examined(table, known=False)
+    assert wrong(found) == ["effort kind"] and not found.edits
+    mend = next(f.mend for f in found.findings if f.judgement)
+    assert mend is not None and 'gain = "identify"' in mend.says and "--loaded" in mend.says
+
+
+@pytest.mark.parametrize("order", [[2, 1, 0, 3, 4, 5], [1, 2, 0, 3, 5, 4]])
+def test_order_and_kind_are_searched_together(arm, order):
+    table = arm.table.copy()
+    for pattern in (Q, DQ, TAU):
+        table[:, arm.at(pattern)] = arm.table[:, np.array(arm.at(pattern))[order]]
+    table[:, arm.at(TAU)] /= GAINS[order]
+    found = arm.examined(table, known=False)
+    assert wrong(found) == ["joint order", "effort kind"]
+    back = np.argsort(order)
+    assert edits(found) == {
+        "signals.position": names(Q, back),
+        "signals.velocity": names(DQ, back),
+        "signals.effort.columns": names(TAU, back),
+    }
+
+
+def test_all_signs_of_efforts_and_a_unit_are_found_together(arm):
+    table = arm.table.copy()
+    table[:, arm.at(TAU)] *= -1000.0
+    found = arm.examined(table, known=False)
+    assert "effort sign" in wrong(found)
+    assert edits(found)["signals.effort.gain"] == [-1.0] * 6
+
+
+def test_a_gain_of_one_joint_is_found_but_not_written(arm):
+    table = arm.table.copy()
+    table[:, arm.at(TAU)[1]] *= 0.02
+    found = arm.examined(table, known=False)
+    assert wrong(found) == ["effort kind"] and not found.edits
