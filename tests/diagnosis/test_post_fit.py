@@ -40,3 +40,20 @@ def test_a_limitation_lowers_the_level_and_stands_beside_the_headline() -> None:
     assert judged.limitations == (("run 1: this is wrong (3 Nm). A.", "poor"),)
     doubtful = examine_fit(cast(FittedCase, None), checks=[Says(Judgement.DOUBTFUL)])
     assert verdict(ReportContent("title", "robot", limitations=doubtful)).level == "fair"
+
+
+def test_a_remark_stands_beside_the_headline_and_leaves_the_level() -> None:
+    remark = Finding("says", "", Judgement.OK, "residuals are 2 x the noise", "", headline=True)
+    plain = Finding("says", "", Judgement.OK, "all is well", "")
+
+    class Both:
+        name: ClassVar[str] = "both"
+
+        def __call__(self, case: FittedCase) -> tuple[Finding, ...]:
+            return plain, remark
+
+    found = examine_fit(cast(FittedCase, None), checks=[Both()])
+    assert found == (remark,)
+    judged = verdict(ReportContent("title", "robot", limitations=found))
+    assert judged.level == verdict(ReportContent("title", "robot")).level
+    assert judged.limitations == (("residuals are 2 x the noise", "none"),)

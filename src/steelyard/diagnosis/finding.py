@@ -101,6 +101,7 @@ class Finding:
         picture: The evidence as a plot, if there is one to show.
         hypotheses: Explanations that were compared, the likeliest first.
         answered: Whether the question could be answered; what is open is not suspicious.
+        headline: Whether it stands beside the headline of a fit though it is ok.
     """
 
     suspicion: str
@@ -113,3 +114,4 @@ class Finding:
     picture: Picture | None = None
     hypotheses: tuple[Hypothesis, ...] = ()
     answered: bool = True
+    headline: bool = False

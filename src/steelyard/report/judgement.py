@@ -33,8 +33,8 @@ FAIR = 30.0
 SEVERITY: tuple[Level, ...] = ("good", "none", "fair", "poor")
 """Levels, the best first."""
 
-LIMITED: dict[str, Level] = {"doubtful": "fair", "wrong": "poor"}
-"""The best level that a limitation of this severity leaves."""
+LIMITED: dict[str, Level] = {"ok": "none", "doubtful": "fair", "wrong": "poor"}
+"""The best level that a limitation of this severity leaves; one that is ok leaves every level."""
 
 HOW_TO_VALIDATE = "steelyard identify ROBOT LOG... --validate OTHER_LOG"
 
@@ -67,7 +67,7 @@ def verdict(content: ReportContent) -> Verdict:
     """The verdict of a report, no better than its limitations allow."""
     plain = _of_scores(content)
     found = tuple((_sentence(f), LIMITED[f.judgement.word]) for f in content.limitations)
-    levels = (plain.level, *(level for _, level in found))
+    levels = (plain.level, *(LIMITED[f.judgement.word] for f in content.limitations if f.judgement))
     return replace(plain, level=max(levels, key=SEVERITY.index), limitations=found)
 
 
