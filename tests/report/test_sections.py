@@ -7,7 +7,7 @@ import pytest
 
 from steelyard.parameters import Parameters
 from steelyard.report import ReportContent
-from steelyard.report.judgement import level_of, verdict
+from steelyard.report.judgement import exit_code, level_of, verdict
 from steelyard.report.sections.register import SECTIONS
 from steelyard.report.sections.section import Section
 from steelyard.report.table import rows
@@ -40,10 +40,9 @@ def test_the_headline_is_pooled_with_its_kind_and_its_band(usual):
         "(pooled over 2 joints, where they move)"
     )
     assert judged.detail == (
-        "9.0\u00a0% pooled over 2 joints, whole log; 7.5\u00a0% mean over 2 joints, where they "
-        "move; 10.0\u00a0% mean over 2 joints, whole log. Run points, not fitted. The band was "
-        "chosen from the fitted runs; [validation] cutoff in the robot file keeps it the same for "
-        "every model."
+        "9.0\u00a0% pooled, whole log; 7.5\u00a0% mean, where they move; 10.0\u00a0% mean, whole "
+        "log. Run points, not fitted. The band was chosen from the fitted runs; [validation] "
+        "cutoff in the robot file keeps it the same for every model."
     )
     assert judged.level == "good"
     assert "6.5\u00a0%" in verdict(usual).headline
@@ -80,7 +79,7 @@ def test_joints_that_never_move_are_not_counted(usual):
     still = replace(score.joints[1], relative_percent_moving=None)
     content = replace(usual, scores=(replace(score, joints=(score.joints[0], still)),))
     assert "pooled over the 1 of 2 joints that move, where they move" in verdict(content).headline
-    assert "5.0\u00a0% mean over the 1 of 2 joints that move" in verdict(content).detail
+    assert "5.0\u00a0% mean, where they move" in verdict(content).detail
     joints = tuple(replace(j, relative_percent_moving=None) for j in score.joints)
     motionless = replace(score, joints=joints, pooled_percent_moving=None)
     headline = verdict(replace(usual, scores=(motionless,))).headline
@@ -111,6 +110,13 @@ def test_no_verdict_without_an_unseen_run(usual):
     assert "below 8 Hz (pooled over 2 joints, where they move)" in judged.detail
     assert "--validate OTHER_LOG" in judged.detail
     assert judged.level == "none"
+
+
+def test_a_poor_verdict_is_exit_code_1(usual):
+    poor = replace(usual.scores[0], pooled_percent_moving=31.0)
+    untested = replace(usual, scores=())
+    bad = (replace(usual, scores=(poor,)), usual, untested)
+    assert [exit_code(content) for content in bad] == [1, 0, 0]
 
 
 def test_levels():

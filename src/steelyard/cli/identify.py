@@ -66,12 +66,15 @@ def identify(
 ) -> None:
     """Identify a robot's dynamics from logs of its motion.
 
+    The exit code is 1 if the verdict is poor: the model is written, but not to be relied on.
+
     Example: steelyard identify ur10e.toml run1.parquet run2.parquet --validate run3.parquet
     """
     from rich.console import Console
 
     from steelyard.cli.show import progress_bar
     from steelyard.report.bootstrap_terminal import bootstrap_lines
+    from steelyard.report.judgement import exit_code
     from steelyard.report.sensitivity_terminal import sensitivity_lines
     from steelyard.report.terminal import summary
 
@@ -92,13 +95,14 @@ def identify(
         )
     if as_json:
         typer.echo(json.dumps(results(content, folder), allow_nan=False))
-        return
-    summary(content, Console())
-    if content.sensitivity is not None:
-        sensitivity_lines(content.sensitivity, Console())
-    if content.bootstrap is not None:
-        bootstrap_lines(content, Console())
-    typer.echo(f"\nmodel   {folder / 'model.json'}\nreport  {folder / 'report.html'}")
+    else:
+        summary(content, Console())
+        if content.sensitivity is not None:
+            sensitivity_lines(content.sensitivity, Console())
+        if content.bootstrap is not None:
+            bootstrap_lines(content, Console())
+        typer.echo(f"\nmodel   {folder / 'model.json'}\nreport  {folder / 'report.html'}")
+    raise typer.Exit(exit_code(content))
 
 
 def run_identify(

@@ -34,21 +34,26 @@ def validate(
 ) -> None:
     """Score an identified model on logs that it was not fitted to.
 
+    The exit code is 1 if the verdict is poor: the error is above 30 %, or a check of the model on
+    these logs finds something wrong. A score itself is no failure.
+
     Example: steelyard validate steelyard-ur10e other_motion.parquet
     """
     from rich.console import Console
 
     from steelyard.cli.show import progress_bar
+    from steelyard.report.judgement import exit_code
     from steelyard.report.terminal import summary
 
     with progress_bar() as progress:
         content = run_validate(model, logs, output, progress)
     if as_json:
         typer.echo(json.dumps(results(content), allow_nan=False))
-        return
-    summary(content, Console())
-    if output is not None:
-        typer.echo(f"\nreport  {output / 'report.html'}")
+    else:
+        summary(content, Console())
+        if output is not None:
+            typer.echo(f"\nreport  {output / 'report.html'}")
+    raise typer.Exit(exit_code(content))
 
 
 def run_validate(

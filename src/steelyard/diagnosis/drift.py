@@ -76,7 +76,7 @@ def _level(case: Case, evidence: Evidence) -> _Level | None:
     if held is None or held.winners:
         return None
     trial = held.ranking.trial
-    score = _free(trial).score(trial.declared)
+    score = unbounded(trial).score(trial.declared)
     c, v, _, _ = score.nuisances[0].T
     speed = np.quantile(np.abs(trial.driven(trial.motion(trial.declared)[1])), 0.98, axis=1)
     friction = c + 0.5 * v * speed
@@ -84,7 +84,7 @@ def _level(case: Case, evidence: Evidence) -> _Level | None:
     return _Level(friction, told & (friction > SHARE * trial.size))
 
 
-def _free(trial: Trial) -> Trial:
+def unbounded(trial: Trial) -> Trial:
     """The trial with friction unbounded."""
     lower, upper = (x.copy() for x in trial.bounds)
     lower[:, :3], upper[:, :3] = -np.inf, np.inf

@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from steelyard.diagnosis.finding import Finding
 from steelyard.diagnosis.fitted_case import FittedCase as FittedCase
 from steelyard.diagnosis.fitted_case import PostFitCheck as PostFitCheck
+from steelyard.diagnosis.unseen_reason import UnseenReason
 from steelyard.progress import Progress, silent, tell
 
-
-POST_FIT: tuple[PostFitCheck, ...] = ()
+POST_FIT: tuple[PostFitCheck, ...] = (UnseenReason(),)
 
 
 def examine_fit(

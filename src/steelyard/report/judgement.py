@@ -71,6 +71,11 @@ def verdict(content: ReportContent) -> Verdict:
     return replace(plain, level=max(levels, key=SEVERITY.index), limitations=found)
 
 
+def exit_code(content: ReportContent) -> int:
+    """Of a command that did its work: 1 if the verdict is poor, so that scripts stop there."""
+    return int(verdict(content).level == "poor")
+
+
 def _sentence(finding: Finding) -> str:
     """What was found, where, and the evidence."""
     where = f"{finding.log}: " if finding.log else ""

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from steelyard.estimation.identified import IdentifiedModel
     from steelyard.validation.score import JointScore, RunScore
 
+MOVING, WHOLE = "where they move", "whole log"
+
 NAMED = 3
 """Most joints that are named one by one."""
 
@@ -24,16 +26,25 @@ class Figure:
 
     Attributes:
         value: Mean over the runs [%].
-        kind: How it was computed: over which joints and samples.
+        norm: `pooled` or `mean`: norms over all joints together, or the mean of their errors.
+        joints: Over how many joints, like `6 joints`.
+        samples: Over which samples: `where they move` or `whole log`.
     """
 
     value: float
-    kind: str
+    norm: str
+    joints: str
+    samples: str
+
+    @property
+    def kind(self) -> str:
+        """Like `pooled over 7 joints, where they move`."""
+        return f"{self.norm} over {self.joints}, {self.samples}"
 
     @property
     def words(self) -> str:
-        """Like `1.5 % pooled over 7 joints, where they move`."""
-        return f"{percent(self.value)} {self.kind}"
+        """Like `1.5 % pooled, where they move`."""
+        return f"{percent(self.value)} {self.norm}, {self.samples}"
 
 
 def figures(scores: Sequence[RunScore]) -> list[Figure]:
@@ -45,17 +56,18 @@ def figures(scores: Sequence[RunScore]) -> list[Figure]:
     """
     if not scores:
         return []
-    kinds: tuple[tuple[Callable[[RunScore], float | None], str], ...] = (
-        (lambda s: s.pooled_percent_moving, f"pooled over {_moving(scores)}, where they move"),
-        (lambda s: s.pooled_percent, f"pooled over {_joints(scores)}, whole log"),
-        (lambda s: s.mean_percent_moving, f"mean over {_moving(scores)}, where they move"),
-        (lambda s: s.mean_percent, f"mean over {_joints(scores)}, whole log"),
+    moving, every = _moving(scores), count(len(scores[0].joints), "joint")
+    kinds: tuple[tuple[Callable[[RunScore], float | None], str, str, str], ...] = (
+        (lambda s: s.pooled_percent_moving, "pooled", moving, MOVING),
+        (lambda s: s.pooled_percent, "pooled", every, WHOLE),
+        (lambda s: s.mean_percent_moving, "mean", moving, MOVING),
+        (lambda s: s.mean_percent, "mean", every, WHOLE),
     )
     found = []
-    for of, kind in kinds:
+    for of, *kind in kinds:
         known = [value for value in map(of, scores) if value is not None]
         if known and len(known) == len(scores):
-            found.append(Figure(fmean(known), kind))
+            found.append(Figure(fmean(known), *kind))
     return found
 
 
@@ -96,10 +108,6 @@ def relative(joint: JointScore) -> float:
     return joint.relative_percent if moving is None else moving
 
 
-def _joints(scores: Sequence[RunScore]) -> str:
-    return count(len(scores[0].joints), "joint")
-
-
 def _moving(scores: Sequence[RunScore]) -> str:
     joints = scores[0].joints
     moving = sum(
@@ -108,4 +116,4 @@ def _moving(scores: Sequence[RunScore]) -> str:
     )
     if moving < len(joints):
         return f"the {moving} of {len(joints)} joints that move"
-    return _joints(scores)
+    return count(len(joints), "joint")

@@ -1,0 +1,67 @@
+"""The most likely reason of a large error on a log that was not fitted."""
+
+import numpy as np
+import pytest
+
+from steelyard.arrays import Array
+from steelyard.diagnosis import Finding, Judgement
+from steelyard.diagnosis.post_fit import FittedCase, examine_fit
+from steelyard.diagnosis.unseen_reason import UnseenReason
+from steelyard.robot.inertia import Inertia
+from steelyard.terms.rigid_body import RigidBody
+from steelyard.validation.score import score
+from steelyard.virtual.invent import random_truth
+from steelyard.virtual.truth import Truth
+
+
+def found_in(arm, table: Array) -> tuple[Finding, ...]:
+    evidence = arm.case(table).logs[0]
+    run, model = evidence.run, arm.reference
+    scored = score(model.valued, run, model.signals.gains, model.cutoffs.score)
+    return examine_fit(FittedCase(model, unseen=(run,), unseen_scores=(scored,)))
+
+
+def of(arm, truth: Truth) -> Array:
+    """The log as another truth would have written it."""
+    table = arm.table.copy()
+    torque = truth.model.at(truth.values).torque(arm.motion)
+    noise = 0.01 * torque.std(axis=0) * np.random.default_rng(4).standard_normal(torque.shape)
+    table[:, arm.at("tau{}_Nm")] = torque + noise
+    return table
+
+
+def test_a_clean_log_needs_no_reason(arm):
+    assert found_in(arm, arm.table) == ()
+
+
+@pytest.mark.parametrize("mass", [1.0, 3.0])
+def test_a_load_is_named_with_its_mass(arm, mass):
+    names = [p.name for p in RigidBody().parameters(arm.robot)][-10:]
+    load = Inertia.about_com(mass, [0.02, -0.01, 0.08], np.eye(3) * 0.0025 * mass).ten
+    values = dict(zip(names, (arm.truth.inertial[-1] + load).tolist(), strict=True))
+    (found,) = found_in(arm, of(arm, arm.truth.changed(**values)))
+    assert f"most likely reason of the error: the arm carries {mass:.2g} kg" in found.says
+    assert found.suspicion == UnseenReason.name and found.log == "log"
+    assert found.mend is not None and "steelyard payload" in found.mend.says
+
+
+def test_another_robot_is_not_called_a_gain(arm):
+    (found,) = found_in(arm, of(arm, random_truth(arm.robot, 80)))
+    assert found.judgement == Judgement.WRONG and "another robot" in found.says
+    assert "times the residuals of the fit" in found.figure
+
+
+def test_friction_that_changed_is_named_with_what_is_left(arm):
+    names = [n for n in arm.truth.values.names if n.startswith(("coulomb.", "viscous."))]
+    much = {name: 6.0 * arm.truth.values[name] for name in names}
+    (found,) = found_in(arm, of(arm, arm.truth.changed(**much)))
+    assert found.judgement == Judgement.DOUBTFUL
+    assert found.says.startswith("friction or offsets are not those of the fitted logs")
+
+
+def test_a_sign_is_a_reason(arm):
+    table = arm.table.copy()
+    table[:, arm.at("tau{}_Nm")[1]] *= -1.0
+    (found,) = found_in(arm, table)
+    assert "effort of 'shoulder_lift' has the other sign" in found.says
+    assert found.joints == ("shoulder_lift",)
