@@ -172,7 +172,9 @@ def run_score(
             predicted,
             moving,
             0.1 + 0.1 * np.abs(measured) / 5.0,
+            np.abs(measured),
             0.2 * np.ones(len(joints)),
+            1.96 * np.hypot(0.1 + 0.1 * np.abs(measured) / 5.0, 0.2),
         ),
     )
 

@@ -47,14 +47,14 @@ def test_bands_lie_around_the_prediction(usual):
     assert np.nanmax(model) == pytest.approx(sure[:, 1].max(), rel=1e-3)
     assert np.nanmax(residual) == pytest.approx(-np.nanmin(residual))
     inside = np.abs(traces.measured - traces.predicted) <= traces.band
-    share = 100.0 * inside[traces.moving[:, 0], 0].mean()
+    share = 100.0 * inside[:, 0].mean()
     first = EffortSection().numbers(usual)["figures"][0]
     assert first["held"] == f"{share:.1f}\u00a0% in the band" and not first["few"]
 
 
 def test_a_score_without_bands_is_drawn_without(usual):
     score = usual.scores[0]
-    bare = replace(score, traces=replace(score.traces, model_std=None, sigma=None))
+    bare = replace(score, traces=replace(score.traces, model_std=None, sigma=None, band=None))
     numbers = EffortSection().numbers(replace(usual, scores=(bare,), fitted=()))
     assert not numbers["bands"] and numbers["figures"][0]["bands"] == []
     assert "effort-bands" not in EffortSection().show(numbers)
@@ -203,9 +203,7 @@ def test_a_bound_of_the_user_keeps_its_value(usual):
 
 def test_a_band_that_holds_too_few_is_marked(browse, usual):
     score = usual.scores[0]
-    narrow = replace(
-        score.traces, sigma=np.array([0.01, 0.2]), model_std=score.traces.model_std / 50
-    )
+    narrow = replace(score.traces, band=score.traces.band * [0.02, 1.0])
     content = replace(usual, scores=(replace(score, traces=narrow),), fitted=(), diagnosis=None)
     numbers = EffortSection().numbers(content)
     assert [figure["few"] for figure in numbers["figures"]] == [True, False]
@@ -220,7 +218,7 @@ def test_a_band_that_holds_too_few_is_marked(browse, usual):
 def test_a_joint_without_samples_has_no_band(browse, usual):
     sigma = np.array([np.nan, 0.2])
     score = usual.scores[0]
-    traces = replace(score.traces, sigma=sigma)
+    traces = replace(score.traces, sigma=sigma, band=score.traces.band * [np.nan, 1.0])
     content = with_estimate(usual, sigma=sigma, n_samples=np.array([0.0, 4200.0]))
     content = replace(content, scores=(replace(score, traces=traces),), fitted=(), diagnosis=None)
     still, moved = EffortSection().numbers(content)["figures"]

@@ -24,6 +24,7 @@ from steelyard.regression.regressor import base_regressor
 from steelyard.robot.robot_file import LoadedRobot
 from steelyard.robot.schema import PriorSection
 from steelyard.terms.rigid_body import RigidBody
+from steelyard.validation.calibrate import calibrate
 from steelyard.validation.friction import FrictionChoice
 
 
@@ -119,6 +120,33 @@ def fit(
         estimator,
     )
 
+
+def calibrated(found: Fit, threads: int, progress: Progress) -> Fit:
+    """The fit with bands of predicted efforts that are calibrated on left-out motion.
+
+    Args:
+        found: The fit.
+        threads: Native threads.
+        progress: Told about every fit to the rest.
+    """
+    identified = found.identified
+    calibration = calibrate(
+        identified,
+        found.runs,
+        found.information,
+        found.estimator,
+        threads=threads,
+        progress=progress,
+    )
+    if calibration is not None:
+        return replace(found, identified=replace(identified, calibration=calibration))
+    return replace(found, notes=(*found.notes, NOT_CALIBRATED))
+
+
+NOT_CALIBRATED = (
+    "the 95 % bands of efforts count noise only: without a part of the logs the rest is too little "
+    "to fit, so nothing could be left out to calibrate them"
+)
 
 LeastSquares = OrdinaryLeastSquares | WeightedLeastSquares
 

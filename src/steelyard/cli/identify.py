@@ -129,7 +129,7 @@ def run_identify(
     from steelyard.cli import describe, interrupt, river
     from steelyard.cli.before import checked, passed
     from steelyard.cli.drawn_again import drawn_again
-    from steelyard.cli.fitting import Payload, fit
+    from steelyard.cli.fitting import Payload, calibrated, fit
     from steelyard.cli.repeats import refuse_same_rows
     from steelyard.cli.sensitivity import varied
     from steelyard.files import whole_folder
@@ -154,6 +154,7 @@ def run_identify(
         origin = describe.provenance(file, known, carrying, unknown, fitted, notes)
         payload = Payload(payload_mass, payload_frame)
         found = fit(model, file, fitted, loaded_runs, payload, origin, threads, progress)
+        found = calibrated(found, threads, progress)
         unseen = tuple(found.alike(run) for run in unseen)
         notes += (*found.notes, *describe.dropped(model, (*clean, *unseen)))
         content = report_of(found, unseen, (*clean, *unseen), notes, progress)

@@ -9,6 +9,7 @@ from typing import Any
 
 from steelyard.arrays import Array
 from steelyard.errors import ModelError
+from steelyard.estimation.calibration import Calibration
 from steelyard.estimation.estimate import Estimate
 from steelyard.measurement.motion_samples import MotionSamples
 from steelyard.measurement.processing import Processing
@@ -61,6 +62,8 @@ class IdentifiedModel:
         provenance: Inputs and settings.
         processing: The chain from rows to motion that logs of the robot go through.
         motions: Rows of the fitted runs, to recognise their motions in other logs.
+        calibration: How wide bands of predicted efforts are; `None` where nothing could be left
+            out, or nothing was.
     """
 
     model: Model
@@ -72,6 +75,7 @@ class IdentifiedModel:
     provenance: Provenance
     processing: Processing = Processing()
     motions: tuple[MotionSamples, ...] = ()
+    calibration: Calibration | None = None
 
     @cached_property
     def valued(self) -> ValuedModel:
@@ -99,6 +103,7 @@ class IdentifiedModel:
             "cutoffs_hz": vars(self.cutoffs),
             "processing": self.processing.to_dict(),
             "motions": [samples.to_dict() for samples in self.motions],
+            "calibration": None if self.calibration is None else self.calibration.to_dict(),
             "provenance": {
                 "version": self.provenance.version,
                 "inputs": dict(self.provenance.inputs),
@@ -110,7 +115,7 @@ class IdentifiedModel:
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "IdentifiedModel":
         """The identified model that `to_dict` wrote."""
-        origin = data["provenance"]
+        origin, calibrated = data["provenance"], data.get("calibration")
         return cls(
             model=Model.from_dict(data["model"]),
             base=BaseMap.from_dict(data["base"]),
@@ -126,6 +131,7 @@ class IdentifiedModel:
                 tuple(origin["runs"]),
                 tuple(origin["notes"]),
             ),
+            calibration=None if calibrated is None else Calibration.from_dict(calibrated),
         )
 
     def text(self) -> str:

@@ -12,6 +12,7 @@ from steelyard.report import causes
 from steelyard.report.content import ReportContent
 from steelyard.report.judgement import Level, level_of, verdict
 from steelyard.report.score_words import relative
+from steelyard.report.sections.effort import band_text
 from steelyard.report.table import Row, rows
 from steelyard.report.words import count, percent, significant
 
@@ -65,6 +66,9 @@ def summary(content: ReportContent, console: Console) -> None:
     for score in content.scores or content.fitted:
         console.print()
         console.print(_table(score, bool(content.scores)))
+        if score.coverage_percent is not None:
+            inside = f"{percent(score.coverage_percent)} of this log inside"
+            console.print(Text(f"95 % bands {band_text(content.identified)}; {inside}"))
     for table in causes.tables(content):
         console.print()
         console.print(table)

@@ -15,6 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from steelyard.arrays import Array, frozen
+from steelyard.estimation.calibration import Calibration
+from steelyard.estimation.estimate import Z95
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.measurement.lowpass import butterworth
 from steelyard.measurement.run import Block
@@ -37,11 +39,13 @@ class Bands:
         factor: `F`, with `F @ F.T` the covariance of the base parameters, shape `(p, k)`.
         sigma: Standard deviation of the residuals per row behind the score's low-pass, in the
             unit of the joint's effort, shape `(n,)`; NaN of a joint without samples.
+        calibration: Half-widths of 95 % bands; those of noise alone if `None`.
     """
 
     regressor: Regressor
     factor: Array
     sigma: Array
+    calibration: Calibration | None = None
 
     @classmethod
     def of(cls, identified: IdentifiedModel) -> "Bands":
@@ -52,7 +56,24 @@ class Bands:
             base_regressor(identified.model),
             frozen(_root(_covariance(identified))),
             frozen(_sigma(identified) * np.sqrt(ratio)),
+            identified.calibration,
         )
+
+    def half_width(self, block: Block, model_std: Array) -> Array:
+        """Half-width of the band that holds 95 % of new measurements, in the effort's unit.
+
+        Args:
+            block: Samples.
+            model_std: Standard deviation of their predicted efforts.
+
+        Returns:
+            Shape `(n, B)`; NaN of a joint whose `sigma` is.
+        """
+        std = np.sqrt(np.square(model_std) + np.square(self.sigma)[:, None])
+        if self.calibration is None:
+            return np.asarray(Z95 * std)
+        n = len(self.sigma)
+        return np.asarray(std * self.calibration.factor(block.dq[:n], block.moving[:n]))
 
     def model_std(self, block: Block, step: int = 1) -> Array:
         """Standard deviation of the predicted effort, in the unit of the joint's effort.

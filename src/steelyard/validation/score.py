@@ -82,6 +82,13 @@ class RunScore:
         known = [x for x in moving if x is not None]
         return float(np.mean(known)) if known else None
 
+    @property
+    def coverage_percent(self) -> float | None:
+        """Share of the measurements in their 95 % bands, over all joints with a band [%]."""
+        shares = self.traces.coverage
+        known = np.empty(0) if shares is None else shares[np.isfinite(shares)]
+        return 100.0 * float(known.mean()) if len(known) else None
+
     def to_dict(self) -> dict[str, Any]:
         """As JSON values, without the traces; an error without a finite percentage is `None`."""
         figures = {
@@ -93,6 +100,7 @@ class RunScore:
             "mean_percent_moving": self.mean_percent_moving,
             "pooled_percent": self.pooled_percent,
             "pooled_percent_moving": self.pooled_percent_moving,
+            "band_coverage_percent": self.coverage_percent,
         }
         return _finite(figures) | {"joints": [_finite(vars(joint)) for joint in self.joints]}
 

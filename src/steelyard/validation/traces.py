@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.estimation.estimate import Z95
 from steelyard.measurement.run import Block
 from steelyard.regression.gather import Mask
 from steelyard.validation.bands import Bands
@@ -28,8 +27,11 @@ class Traces:
         moving: Whether each joint moves.
         model_std: Standard deviation of the prediction, by what is open of the parameters; `None`
             without bands.
+        speed: Size of each joint's velocity [rad/s; m/s]; `None` without bands.
         sigma: Standard deviation of a measurement around the model, shape `(n,)`; NaN of a joint
             that had no samples to be fitted to.
+        band: Half-width of the band that holds 95 % of new measurements; NaN of a joint whose
+            `sigma` is: it has no band.
     """
 
     t: Array
@@ -37,40 +39,42 @@ class Traces:
     predicted: Array
     moving: Mask
     model_std: Array | None = None
+    speed: Array | None = None
     sigma: Array | None = None
+    band: Array | None = None
 
     @property
-    def band(self) -> Array | None:
-        """Half-width of the band that holds 95 % of new measurements, shape `(N, n)`.
-
-        NaN of a joint whose `sigma` is: it has no band.
-        """
-        if self.model_std is None or self.sigma is None:
+    def coverage(self) -> Array | None:
+        """Share of the measurements in the band per joint, shape `(n,)`; NaN without a band."""
+        if self.band is None:
             return None
-        return np.asarray(Z95 * np.sqrt(np.square(self.model_std) + np.square(self.sigma)))
+        inside = np.abs(self.measured - self.predicted) <= self.band
+        known = np.isfinite(self.band).all(axis=0)
+        return np.where(known, inside.mean(axis=0), np.nan)
 
 
 class Sure:
-    """Blocks passed on, with the standard deviation of the model's prediction kept for later."""
+    """Blocks passed on, with what goes with them kept for later: deviation, speed, half-width."""
 
     def __init__(
         self, blocks: Iterable[Block], bands: Bands | None, gains: Array, step: int
     ) -> None:
         self._blocks, self._bands, self._gains, self._step = blocks, bands, gains, step
-        self._kept = np.empty((len(gains) if bands else 0, 0))
+        self._kept = np.empty((3 if bands else 0, len(gains), 0))
 
     def __iter__(self) -> Iterator[Block]:
         for block in self._blocks:
-            std = np.empty((0, len(block.t)))
             if self._bands is not None:
-                std = self._bands.model_std(block, self._step) / np.abs(self._gains)[:, None]
-            self._kept = np.concatenate((self._kept, std), axis=1)
+                std, gains = self._bands.model_std(block, self._step), np.abs(self._gains)[:, None]
+                half, speed = self._bands.half_width(block, std), np.abs(block.dq[: len(gains)])
+                some = np.stack([std / gains, speed, half / gains])
+                self._kept = np.concatenate((self._kept, some), axis=-1)
             yield block
 
     def next(self, count: int) -> Array:
-        """Of the next `count` samples, shape `(n, count)`; `(0, count)` without bands."""
-        std, self._kept = self._kept[:, :count], self._kept[:, count:]
-        return std
+        """Of the next `count` samples, shape `(3, n, count)`; `(0, n, 0)` without bands."""
+        known, self._kept = self._kept[..., :count], self._kept[..., count:]
+        return known
 
 
 class Thinned:
@@ -80,11 +84,11 @@ class Thinned:
         self._parts: list[tuple[Array, ...]] = []
         self._step, self._seen = 1, 0
 
-    def add(self, t: Array, moving: Mask, efforts: Array, std: Array) -> None:
+    def add(self, t: Array, moving: Mask, efforts: Array, known: Array) -> None:
         """Take in the next samples; kept are those whose number is a multiple of the step."""
         at = slice(-self._seen % self._step, None, self._step)
         self._seen += len(t)
-        self._parts.append(tuple(x[..., at].copy() for x in (t, moving, *efforts[:2], std)))
+        self._parts.append(tuple(x[..., at].copy() for x in (t, moving, *efforts[:2], known)))
         while self._seen > self._step * MOST_DRAWN:
             self._parts = [tuple(x[..., ::2].copy() for x in self._joined())]
             self._step *= 2
@@ -98,6 +102,7 @@ class Thinned:
         Args:
             sigma: See `Traces`; `None` without bands.
         """
-        t, moving, measured, predicted, std = self._joined()
-        known = None if sigma is None else std.T
-        return Traces(t, measured.T, predicted.T, moving.T.astype(bool), known, sigma)
+        t, moving, measured, predicted, known = self._joined()
+        std, speed, band = (None, None, None) if sigma is None else (x.T for x in known)
+        seen = moving.T.astype(bool)
+        return Traces(t, measured.T, predicted.T, seen, std, speed, sigma, band)

@@ -16,6 +16,7 @@ from steelyard.report.thin import drawn, outline
 from steelyard.report.words import percent, significant
 
 if TYPE_CHECKING:
+    from steelyard.estimation.identified import IdentifiedModel
     from steelyard.validation.score import RunScore, Traces
 
 POINTS = 2000
@@ -32,6 +33,8 @@ DRAWN = 6
 
 FEW = 80.0
 """Share of the samples [%] in the 95 % band below which it is marked."""
+
+NOISE_ONLY = "not calibrated: they count noise only"
 
 RESTS = 80
 """Most rests that are shaded in one plot."""
@@ -61,6 +64,7 @@ class EffortSection:
             "points": points,
             "rests": RESTS,
             "bands": any(figure["bands"] for figure in figures),
+            "calibration": band_text(content.identified),
             "cutoffs": sorted({score.cutoff for score, _ in chosen}),
             "few": FEW if any(figure["few"] for figure in figures) else None,
             "figures": figures,
@@ -74,6 +78,12 @@ class EffortSection:
             for index, figure in enumerate(numbers["figures"])
         ]
         return fill("effort.html", {**numbers, "data": data})
+
+
+def band_text(identified: IdentifiedModel | None) -> str:
+    """What the bands of a model's efforts rest on, for people to read."""
+    calibration = None if identified is None else identified.calibration
+    return NOISE_ONLY if calibration is None else calibration.text
 
 
 def _figure(score: RunScore, joint: int, points: int) -> dict[str, Any]:
@@ -100,12 +110,10 @@ def _figure(score: RunScore, joint: int, points: int) -> dict[str, Any]:
 
 
 def _held(traces: Traces, joint: int) -> float | None:
-    """The share of the measured effort that lies in the band, where the joint moves [%]."""
-    moving = traces.moving[:, joint]
-    if not _banded(traces, joint) or traces.band is None or not moving.any():
+    """The share of the measured effort that lies in the band [%]."""
+    if not _banded(traces, joint) or traces.coverage is None:
         return None
-    away = np.abs(traces.measured - traces.predicted)[moving, joint]
-    return 100.0 * float(np.mean(away <= traces.band[moving, joint]))
+    return 100.0 * float(traces.coverage[joint])
 
 
 def _banded(traces: Traces, joint: int) -> bool:

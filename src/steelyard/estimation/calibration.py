@@ -1,0 +1,94 @@
+r"""How wide the 95 % band of a predicted effort must be, from runs that were left out.
+
+Noise gives a predicted effort the standard deviation $s$. What a model lacks adds to it, and only
+motion that was not fitted shows how much: the 95 % quantile of $|e| / s$ over left-out samples, per
+joint and per range of its speed, takes the place of 1.96 (split conformal prediction, every run
+left out in turn [Vovk2005] [Barber2021]).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.arrays import Array, frozen
+
+Kind = Literal["runs", "stretches"]
+
+EDGES = (0.25, 1.0)
+"""Where slow, medium and fast meet, in root mean squares of a joint's speed while fitting."""
+
+BINS = 2 + len(EDGES)
+"""Ranges of speed: at rest, slow, medium, fast."""
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """Half-widths of 95 % bands in standard deviations, by joint and speed.
+
+    Attributes:
+        kind: Whether whole runs were left out, or stretches of one motion.
+        count: How many of them.
+        edges: Speeds at which slow, medium and fast meet, shape `(n, 2)` [rad/s; m/s].
+        factors: Half-width in standard deviations at rest, slow, medium and fast, shape `(n, 4)`;
+            1.96 of a joint that no left-out motion could test.
+    """
+
+    kind: Kind
+    count: int
+    edges: Array
+    factors: Array
+
+    def __post_init__(self) -> None:
+        n = len(self.edges)
+        object.__setattr__(self, "edges", frozen(self.edges, (n, len(EDGES))))
+        object.__setattr__(self, "factors", frozen(self.factors, (n, BINS)))
+
+    @property
+    def text(self) -> str:
+        """What it rests on, for people to read."""
+        if self.kind == "runs":
+            return f"calibrated on {self.count} left-out runs"
+        return f"calibrated on {self.count} left-out stretches of one motion"
+
+    def factor(self, speed: Array, moving: NDArray[np.bool_]) -> Array:
+        """Half-width in standard deviations, shape `(n, B)`.
+
+        Args:
+            speed: Velocities, shape `(n, B)` [rad/s; m/s].
+            moving: Whether each joint moves, likewise.
+        """
+        return np.take_along_axis(self.factors, bins(speed, moving, self.edges), axis=1)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values."""
+        return {
+            "left_out": self.kind,
+            "count": self.count,
+            "speed_edges": self.edges.tolist(),
+            "factors": self.factors.tolist(),
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> "Calibration":
+        """The calibration that `to_dict` wrote."""
+        factors = np.array(data["factors"], dtype=np.float64)
+        if not (np.isfinite(factors).all() and (factors > 0.0).all()):
+            raise ValueError("a factor of the band's calibration is not a number above zero")
+        if data["left_out"] not in ("runs", "stretches"):
+            raise ValueError(f"a band cannot be calibrated on left-out '{data['left_out']}'")
+        return cls(data["left_out"], int(data["count"]), np.array(data["speed_edges"]), factors)
+
+
+def bins(speed: Array, moving: NDArray[np.bool_], edges: Array) -> NDArray[np.intp]:
+    """Range of speed of every sample: 0 at rest, then 1 to 3, shape `(n, B)`.
+
+    Args:
+        speed: Velocities, shape `(n, B)`.
+        moving: Whether each joint moves, likewise.
+        edges: See `Calibration`.
+    """
+    found = 1 + np.sum(np.abs(speed)[:, None, :] > edges[:, :, None], axis=1)
+    return np.asarray(np.where(moving, found, 0), dtype=np.intp)

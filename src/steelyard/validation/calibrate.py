@@ -1,0 +1,186 @@
+r"""Bands of predicted efforts, calibrated on motion that the fit did not see.
+
+Every run is left out in turn, the others are fitted, and the left-out run is predicted: its errors
+$e$ in the standard deviations $s$ of the prediction hold noise, model error, drift from run to run
+and extrapolation alike. Where all runs are of one motion, stretches of it are left out instead.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.arrays import Array
+from steelyard.errors import DataError, LogError
+from steelyard.estimation.calibration import BINS, EDGES, Calibration, Kind, bins
+from steelyard.estimation.estimate import Z95, Estimate, Estimator
+from steelyard.estimation.fields import said_by
+from steelyard.estimation.identified import IdentifiedModel
+from steelyard.measurement.run import Run
+from steelyard.progress import Progress, silent, tell
+from steelyard.regression.information import Information
+from steelyard.regression.regressor import base_regressor
+from steelyard.validation.bands import Bands
+from steelyard.validation.cross import FOLDS
+from steelyard.validation.left_out import LeftOut, runs_left_out, stretches_left_out
+from steelyard.validation.mixes import remembers
+from steelyard.validation.score import score
+
+LEVEL = 0.95
+"""Share of new measurements that a band holds."""
+
+FEWEST = 2
+"""Stretches that must be left out."""
+
+ENOUGH = 40.0
+"""Independent samples that a range of speeds needs for a factor of its own."""
+
+MOST = 20
+"""Runs that are left out at most."""
+
+PER_STRETCH = 8.0
+"""Windows per stretch."""
+
+
+def calibrate(
+    identified: IdentifiedModel,
+    runs: Sequence[Run],
+    information: Information,
+    estimator: Estimator[Information],
+    *,
+    threads: int = 1,
+    progress: Progress = silent,
+) -> Calibration | None:
+    """Half-widths of 95 % bands from runs, or stretches, that are left out in turn.
+
+    Args:
+        identified: The model, fitted to all runs.
+        runs: These runs.
+        information: What they say about the model's columns, in the joints' units.
+        estimator: What made the estimate.
+        threads: Native threads.
+        progress: Told about every fit.
+
+    Returns:
+        `None` where less than two stretches can be left out.
+
+    Raises:
+        Stopped: `progress` asked to stop.
+    """
+    kind: Kind = "runs"
+    chosen = runs_left_out(runs, information)[:MOST]
+    if len(chosen) < FEWEST:
+        kind, information = "stretches", _shorter(identified, runs, threads, progress)
+        chosen = stretches_left_out(runs, information)
+    found = []
+    for number, one in enumerate(chosen):
+        tell(progress, "calibrating bands", number, len(chosen))
+        errors = _errors(identified, runs, information, estimator, one)
+        found += [] if errors is None else [errors]
+    return _calibration(kind, found) if len(found) >= FEWEST else None
+
+
+def _shorter(
+    identified: IdentifiedModel, runs: Sequence[Run], threads: int, progress: Progress
+) -> Information:
+    """What the runs say, in windows shorter than a stretch."""
+    model, longest = identified.model, max(run.duration for run in runs)
+    said = said_by(
+        runs,
+        rests=remembers(model.terms),
+        longest=longest / (PER_STRETCH * FOLDS),
+        threads=threads,
+        progress=progress,
+    )
+    return said(base_regressor(model))
+
+
+@dataclass(frozen=True, eq=False)
+class _Errors:
+    """Errors of a left-out stretch.
+
+    Attributes:
+        sizes: In standard deviations, shape `(n, N)`; NaN where a joint could not be predicted.
+        speed: Of each joint, shape `(n, N)`.
+        moving: Whether it moves, shape `(n, N)`.
+        worth: Independent samples per sample.
+    """
+
+    sizes: Array
+    speed: Array
+    moving: NDArray[np.bool_]
+    worth: float
+
+
+def _errors(
+    identified: IdentifiedModel,
+    runs: Sequence[Run],
+    information: Information,
+    estimator: Estimator[Information],
+    one: LeftOut,
+) -> _Errors | None:
+    """How a fit to all else predicts a stretch; `None` where it cannot."""
+    run, cutoff = replace(runs[one.run], span=one.span), identified.cutoffs.score
+    try:
+        estimate = estimator(information.of(one.fitted))
+        other = replace(identified, estimate=estimate, calibration=None)
+        traces = score(other.valued, run, other.signals.gains, cutoff, bands=Bands.of(other)).traces
+    except (DataError, LogError):
+        return None
+    if traces.band is None or traces.speed is None:
+        return None
+    sizes = Z95 * np.abs(traces.measured - traces.predicted) / traces.band
+    sizes[:, _blind(identified.estimate, estimate, information)] = np.nan
+    duration = one.span[1] - one.span[0]
+    worth = min(1.0, 2.0 * cutoff * duration / max(len(traces.t), 1))
+    return _Errors(sizes.T, traces.speed.T, traces.moving.T, worth)
+
+
+def _blind(whole: Estimate, part: Estimate, information: Information) -> list[int]:
+    """Rows with a parameter that all runs show and the fitted part does not."""
+    lost = set(whole.parameters.names) - set(part.parameters.names)
+    layout = information.layout
+    return [
+        row
+        for row, seen in enumerate(layout.sees)
+        if not lost.isdisjoint(layout.columns[k] for k in seen)
+    ]
+
+
+def _calibration(kind: Kind, found: Sequence[_Errors]) -> Calibration:
+    """Quantiles of the errors by joint and speed."""
+    sizes = np.concatenate([errors.sizes for errors in found], axis=1)
+    speed = np.concatenate([errors.speed for errors in found], axis=1)
+    moving = np.concatenate([errors.moving for errors in found], axis=1)
+    worth = np.concatenate([np.full(e.sizes.shape[1], e.worth) for e in found])
+    typical = np.sqrt(np.mean(np.square(speed), axis=1))
+    edges = typical[:, None] * EDGES
+    factors = [_factors(*row, worth) for row in zip(sizes, bins(speed, moving, edges), strict=True)]
+    return Calibration(kind, len(found), edges, np.array(factors))
+
+
+def _factors(sizes: Array, at: NDArray[np.intp], worth: Array) -> Array:
+    """Factors of one joint; at speeds with few samples that of all, at rest no less than slow."""
+    known = np.isfinite(sizes)
+    if not known.any():
+        return np.full(BINS, Z95)
+    factors = np.full(BINS, quantile(sizes[known], float(worth[known].sum())))
+    for number in range(BINS):
+        mine = known & (at == number)
+        if worth[mine].sum() >= ENOUGH:
+            factors[number] = quantile(sizes[mine], float(worth[mine].sum()))
+    if worth[known & (at == 0)].sum() < ENOUGH:
+        factors[0] = max(factors[0], factors[1])
+    return factors
+
+
+def quantile(sizes: Array, independent: float) -> float:
+    """The size that a new one exceeds in 5 % of cases.
+
+    Args:
+        sizes: Sizes of errors, at least one.
+        independent: How many of them are independent; of few, a higher quantile is taken.
+    """
+    level = min(1.0, LEVEL * (1.0 + 1.0 / max(independent, 1.0)))
+    return max(float(np.quantile(sizes, level)), np.finfo(np.float64).tiny)
