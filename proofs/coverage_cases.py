@@ -50,7 +50,7 @@ class Row:
         lag: Time constant of torque noise [s]; white if zero.
         encoder: Step of the encoder [rad].
         step: Step of the logged torque over the typical torque.
-        cooling: Share by which friction falls from the first sample to the last.
+        warming: Share by which friction falls from the first sample of a log to its last.
         periods: Periods of 10 s per run.
         harmonics: Harmonics of the motion.
         rate: Rows per second [Hz].
@@ -63,7 +63,7 @@ class Row:
     lag: float = 0.0
     encoder: float = 2.0 * np.pi / 2**20
     step: float = 0.0
-    cooling: float = 0.0
+    warming: float = 0.0
     periods: int = 2
     harmonics: int = 5
     rate: float = 250.0
@@ -79,7 +79,7 @@ ROWS = (
     Row("smooth friction", right=False, terms=SMOOTH),
     Row("Stribeck friction outside the model", right=False, terms=(*DEFAULT_TERMS, Stribeck(0.2))),
     Row("load-dependent friction", right=False, terms=(*DEFAULT_TERMS, LoadDependent(1e-3))),
-    Row("friction falls by 30 %", right=False, cooling=0.3),
+    Row("friction falls by 30 % in every log", right=False, warming=0.3),
     Row("velocity by backward difference", right=False, backward=True, rate=100.0),
 )
 
@@ -111,8 +111,7 @@ def case_of(row: Row, seed: int) -> Case:
     """The runs of one draw."""
     robot = robot_file().robot
     truth = random_truth(robot, seed, terms=row.terms)
-    count = FITTED + 1
-    logs = [recording_of(robot, truth, row, 100 * seed + k, k / count, count) for k in range(count)]
+    logs = [recording_of(robot, truth, row, 100 * seed + k) for k in range(FITTED + 1)]
     first = [prepare(log) for log in logs[:-1]]
     common = Processing(
         motion_cutoff=max(run.motion_cutoff for run in first),
@@ -123,19 +122,8 @@ def case_of(row: Row, seed: int) -> Case:
     return Case(truth, tuple(named[:-1]), named[-1])
 
 
-def recording_of(
-    robot: Robot, truth: Truth, row: Row, seed: int, since: float = 0.0, count: int = 1
-) -> Recording:
-    """A log in memory.
-
-    Args:
-        robot: The robot.
-        truth: What makes the torque.
-        row: The disturbance.
-        seed: Of motion and noise.
-        since: Share of the session that has passed when the log begins.
-        count: Logs of the session.
-    """
+def recording_of(robot: Robot, truth: Truth, row: Row, seed: int) -> Recording:
+    """A log in memory; the seed is that of motion and noise."""
     rng = np.random.default_rng(seed)
     trajectory = random_fourier(
         robot, seed=seed, period=10.0, periods=row.periods, harmonics=row.harmonics
@@ -144,9 +132,8 @@ def recording_of(
     motion = trajectory.sample(t)
     scale = typical_torque(robot, build(robot, truth.inertial, truth.rotors))
     torque = truth.model.at(truth.values).torque(motion)
-    if row.cooling:
-        passed = since + t / t[-1] / count
-        torque = torque - (row.cooling * passed)[:, None] * friction_of(truth, motion)
+    if row.warming:
+        torque = torque - (row.warming * t / t[-1])[:, None] * friction_of(truth, motion)
     torque = torque + NOISE * scale * noise(rng, torque.shape, row)
     if row.step:
         torque = row.step * scale * np.round(torque / (row.step * scale))
