@@ -225,7 +225,7 @@ def _add_tool(draft: _Draft) -> None:
         workspace["keep_out"] = [dict(zip("xyz", span, strict=True)) for span in spans]
         draft.keep(keep_out=tuple(boxes))
     if set(workspace) & {"box", "planes", "keep_out"}:
-        draft.tables["workspace"] = workspace
+        draft.tables["workspace"] = {"only_tool": True, **workspace}
 
 
 def _box_beside(

@@ -18,7 +18,8 @@ from excitation.tabled import OPEN, QUICK, arm
 from steelyard.cli.app import app, expanded
 from steelyard.excitation.files import read_motion
 
-ANY = f'{OPEN}[excitation.limits]\neffort = "any"\n'
+FREE = f'{OPEN}without = ["tool"]\n[excitation.limits]\neffort = "any"\n'
+ANY = f"{FREE}[excitation.workspace]\nfloor = -5.0\n"
 ONE = ("--searches", "1", "--processes", "1", "--budget", "60")
 
 
@@ -66,7 +67,7 @@ def test_the_certificate_is_of_this_trajectory(made: Path) -> None:
     assert certificate["trajectory_sha256"] == hashlib.sha256(text.encode()).hexdigest()
     assert certificate["holds"] is True
     assert any("accelerations are kept below" in note for note in certificate["notes"])
-    assert "Not looked at / assumed" in (made / "out" / "report.html").read_text()
+    assert "<h3>Assumed</h3>" in (made / "out" / "report.html").read_text()
 
 
 def test_simulate_follows_the_design(made: Path) -> None:
@@ -137,7 +138,7 @@ def test_options_that_do_not_fit(made: Path, options: tuple[str, ...], words: st
 
 
 def test_a_planned_motion_that_does_not_keep_everything(tmp_path: Path) -> None:
-    box = "[excitation.workspace]\nbox = {z = [0.5, 0.6]}\n"
+    box = "box = {z = [0.5, 0.6]}\n"
     arm(tmp_path, f'{ANY}{box}[excitation.motion]\nkind = "postures"\ncount = 3\n')
     done = run("excite", tmp_path / "arm.toml", "--format", "ros2", "-o", tmp_path / "out")
     assert done.exit_code == 1
@@ -145,6 +146,30 @@ def test_a_planned_motion_that_does_not_keep_everything(tmp_path: Path) -> None:
     assert not (tmp_path / "out" / "trajectory.yaml").exists()
     assert "not proven" in done.output and (tmp_path / "out" / "report.html").is_file()
     assert "z of 'tool' above 0.5 m" in (tmp_path / "out" / "certificate.json").read_text()
+
+
+def test_what_is_not_covered_has_an_exit_code_of_its_own(tmp_path: Path) -> None:
+    arm(tmp_path, f'{FREE}[excitation.motion]\nkind = "sweeps"\n')
+    done = run("excite", tmp_path / "arm.toml", "--format", "ros2", "-o", tmp_path / "out")
+    assert done.exit_code == 3 and (tmp_path / "out" / "trajectory.yaml").is_file()
+    words = " ".join(done.output.split())
+    assert "every limit looked at is proven" in words
+    assert "not covered: no floor or cell is given for the links" in words
+    as_json = run("excite", tmp_path / "arm.toml", "--json", "-o", tmp_path / "json")
+    found = json.loads(as_json.stdout)
+    assert as_json.exit_code == 3 and found["certified"] is True
+    (gap,) = found["not_covered"]
+    assert "floor = 0.0" in gap and len(found["not_covered_as_asked"]) == 2
+    assert "start posture is not covered" in found["covers"]
+
+
+def test_the_headline_says_what_the_box_is_about(made: Path) -> None:
+    box = "box = {z = [-3.0, 3.0]}\n[excitation.motion]\nkind = 'sweeps'\n"
+    arm(made, ANY + box)
+    found = json.loads(ran("excite", made / "arm.toml", "--json", "-o", made / "boxed").stdout)
+    arm(made, ANY + QUICK)
+    assert "tool box: tool point only" in found["headline"]
+    assert "floor, planes and boxes: all links, tool and loads" in found["headline"]
 
 
 SIGNALS = """

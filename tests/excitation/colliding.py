@@ -88,6 +88,20 @@ SNAKE = urdf(
 """A chain with a slide, a follower and two shapes on one link."""
 
 
+ARM_WITHOUT = urdf(
+    link("base"),
+    link("tower"),
+    link("boom"),
+    link("stick"),
+    '<link name="tool"/>',
+    joint("base", "tower", "0 0 0.12"),
+    joint("tower", "boom", "0 0.15 0.2", "0 1 0"),
+    joint("boom", "stick", "0.3 0 0", "0 1 0"),
+    joint("stick", "tool", "0.35 0 0.02", kind="fixed", rpy="0 0.5 0"),
+)
+"""An arm of three joints that has no shapes."""
+
+
 def written(folder: Path, text: str, name: str = "arm.urdf") -> Path:
     """A file with that text."""
     path = folder / name

@@ -124,7 +124,8 @@ def test_a_start_in_collision_or_out_of_its_box(
         (f"{FREE}[excitation.workspace]\nbox = {{z = [{{}}, 3.0]}}\n", 2.0, "z of 'tool' above"),
         (f"{FREE}[excitation.workspace]\nbox = {{x = [{{}}, 3.0]}}\n", 1.2, "x of 'tool' above"),
         (
-            f"{FREE}[[excitation.workspace.planes]]\nnormal = [0, 0, 1]\nabove = {{}}\n",
+            f"{FREE}[excitation.workspace]\nonly_tool = true\n"
+            "planes = [{normal = [0, 0, 1], above = {}}]\n",
             1.5,
             "'tool' above plane 1",
         ),
@@ -201,7 +202,7 @@ def test_ends_too_far_apart_for_the_time(tmp_path: Path, kind: str) -> None:
         (
             "[[excitation.workspace.planes]]\nnormal = [0, 0, 0]\nabove = 0\n",
             "workspace] planes",
-            "not zero",
+            "there is room",
         ),
         ("[excitation.collision]\nworld = 'nowhere.urdf'\n", "nowhere.urdf", "path"),
         ("[excitation.collision]\nignore = [['bom', 'stick']]\n", "'bom', 'stick'", "'boom'"),

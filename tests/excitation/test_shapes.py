@@ -201,7 +201,7 @@ def test_links_without_shapes_and_outside_the_base_are_noted(tmp_path: Path) -> 
     )
     path = written(tmp_path, bare)
     notes = robot_shapes(load_robot(path).robot, path).notes
-    assert notes == ("no collision shape in the model: base, arm",)
+    assert notes == ("no collision shape in the model, so no clearance is kept for: base, arm",)
 
 
 def test_things_are_attached_where_they_are_said_to_be(tmp_path: Path) -> None:

@@ -171,7 +171,7 @@ def test_the_tool_in_its_box(
 
 
 def test_planes(tmp_path: Path) -> None:
-    tables = "planes = [{normal = [0.0, 3.0, 4.0], above = -1.0}]\n"
+    tables = "planes = [{normal = [0.0, 3.0, 4.0], above = -1.0}]\nonly_tool = true\n"
     at = place(arm(tmp_path).robot, "tool", np.zeros(3))
     values = only(tmp_path, ANY + tables).margins(Q, DQ, DDQ).values[0]
     np.testing.assert_allclose(values, [0.6 * at[1] + 0.8 * at[2] + 0.2], atol=1e-12)
@@ -180,7 +180,9 @@ def test_planes(tmp_path: Path) -> None:
 def test_boxes_to_keep_out_of(tmp_path: Path) -> None:
     at = place(arm(tmp_path).robot, "tool", np.zeros(3))
     spans = [f"{axis} = [{x - 0.9:.6f}, {x - 0.3:.6f}]" for axis, x in zip("xyz", at, strict=True)]
-    far = only(tmp_path, f"{ANY}radius = 0.05\nkeep_out = [{{{', '.join(spans)}}}]\n")
+    far = only(
+        tmp_path, f"{ANY}only_tool = true\nradius = 0.05\nkeep_out = [{{{', '.join(spans)}}}]\n"
+    )
     assert far.margins(Q, DQ, DDQ).values[0, 0] == pytest.approx(0.3 * 3**0.5 - 0.05, abs=1e-5)
 
 

@@ -95,11 +95,11 @@ def test_speeds_above_the_robots_own_are_noted(tmp_path: Path) -> None:
     assert not any(words in n for n in problem_of(tmp_path, f"{OPEN}{LIMITS}velocity = 3").notes)
 
 
-def test_loads_without_shape_are_noted_where_shapes_matter(tmp_path: Path) -> None:
-    note = "loads have no shape: clearance and the workspace do not see them"
+def test_loads_without_radius_are_noted_where_links_are_looked_at(tmp_path: Path) -> None:
+    note = "loads without a radius are not looked at beside the robot's own links: load 1"
     box = "[excitation.workspace]\nbox = {z = [-2.0, 2.0]}\n"
     assert note in problem_of(tmp_path, LOAD).notes
-    assert note in problem_of(tmp_path, OPEN + box + LOAD).notes
+    assert note not in problem_of(tmp_path, f"{LOAD}radius = 0.1\n").notes
     assert note not in problem_of(tmp_path, OPEN + LOAD).notes
     assert note not in problem_of(tmp_path, OPEN + box).notes
 

@@ -63,16 +63,18 @@ def test_margins_are_distances_from_the_walls() -> None:
 
 def test_labels_say_what_every_margin_is() -> None:
     box, walls, boxes = constraints(tree())
+    ball = "'tip' + (0.02, -0.03, 0.1) (ball of 70 mm)"
     assert box.labels[:4] == (
-        "x of 'tip' + (0.02, -0.03, 0.1) above -0.3 m",
-        "x of 'tip' + (0.02, -0.03, 0.1) below 0.4 m",
-        "y of 'tip' + (0.02, -0.03, 0.1) below 0.5 m",
-        "z of 'tip' + (0.02, -0.03, 0.1) above 0.1 m",
+        f"x of {ball} above -0.3 m",
+        f"x of {ball} below 0.4 m",
+        f"y of {ball} below 0.5 m",
+        f"z of {ball} above 0.1 m",
     )
     assert box.labels[4] == "x of 'slider' above -0.3 m" and box.unit == "m"
     assert walls.labels[3] == "'slider' above plane 2"
     assert boxes.labels[3] == "'slider' out of box 2"
     for constraint in (box, walls, boxes):
+        assert constraint.scope == "tool point only"
         assert len(constraint.labels) == len(constraint.room)
 
 

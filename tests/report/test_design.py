@@ -16,6 +16,7 @@ from report.designed import REACH, designed_for, renamed
 from report.test_page import own_html
 from steelyard.excitation.advice import Advice
 from steelyard.excitation.designed import Designed
+from steelyard.excitation.gap import Declined, Gap
 from steelyard.report import ReportContent, render
 from steelyard.report.design_terminal import design_summary
 from steelyard.report.design_words import (
@@ -117,9 +118,28 @@ def test_the_limit_that_is_used_most(designed: Designed) -> None:
             assert used(one) is None
     top = hardest(designed)
     assert top is not None and 0.85 < top[1] <= 0.91
-    lines = tightest(designed)
-    assert re.fullmatch(r"\w+ of (shoulder|elbow): \d\d\.\d % of its limit used", lines[0])
-    assert re.fullmatch(r"tool box: . of 'tip' (above|below) -?1 m by [\d.]+ m", lines[1])
+
+
+def test_only_what_is_near_its_limit_is_tight(designed: Designed) -> None:
+    assert tightest(designed) == []
+    certificate = designed.certificate
+    (box,) = certificate.proofs
+    extremes = tuple(
+        replace(one, upper=1.05 * max(abs(one.least), one.greatest), lower=-1e3)
+        if one.quantity == "velocity"
+        else one
+        for one in certificate.extremes
+    )
+    near = replace(box, room=(10.0,) * len(box.labels))
+    close = replace(certificate, extremes=extremes, proofs=(near,))
+    lines = tightest(replace(designed, certificate=close))
+    assert re.fullmatch(r"tool box: . of 'tip' (above|below) -?1 m by [\d.]+ m", lines[-1])
+    symmetric = tuple(
+        replace(one, lower=-one.upper) if one.quantity == "velocity" else one for one in extremes
+    )
+    tight = replace(certificate, extremes=symmetric)
+    lines = tightest(replace(designed, certificate=tight))
+    assert re.fullmatch(r"velocity of (shoulder|elbow): 9\d\.\d % of its limit used", lines[0])
 
 
 def test_margins_have_a_unit_for_people() -> None:
@@ -132,20 +152,22 @@ def test_margins_have_a_unit_for_people() -> None:
 
 def test_a_motion_that_is_not_proven_is_called_so_everywhere(beyond: Designed) -> None:
     assert level(beyond) == "poor"
-    assert "but is not safe" in headline(beyond)
+    assert "not safe" in headline(beyond)
     words = text(render(content(beyond)))
     assert "Not proven: do not run this motion" in words
     assert re.search(r"tool box: z of 'tip' (below|above) -?0\.3 m: missed by 0\.\d+ m", words)
     assert "This motion is not proven to keep its limits: do not run it." in words
     lines = printed(beyond)
-    assert "but is not safe" in " ".join(lines.split())
+    assert "not safe" in " ".join(lines.split())
     assert "not proven: tool box: z of 'tip'" in lines
 
 
 def test_a_safe_motion_says_what_it_shows_and_that_it_is_proven(designed: Designed) -> None:
     every = len(designed.shown.names)
     assert headline(designed).startswith(f"Shows all {every} base parameters")
-    assert headline(designed).endswith("every limit is proven for all times")
+    limits = "every limit is proven for all times from its start to its end"
+    assert headline(designed).endswith(f"; {limits} (tool box: tool point only)")
+    assert level(designed) == "good"
     words = text(render(content(designed)))
     figure = f"condition number (raw) {designed.shown.raw:.3g}"
     assert f"4 s, Fourier series from rest to rest; {figure}, best of 7 searches in 2.5 s" in words
@@ -157,14 +179,40 @@ def test_a_safe_motion_says_what_it_shows_and_that_it_is_proven(designed: Design
 
 
 def test_what_was_not_looked_at_is_said(designed: Designed) -> None:
-    notes = ("torque is not limited: nothing is known <b>", "the acceleration is a guess")
-    told = replace(designed, certificate=replace(designed.certificate, notes=notes))
-    assert headline(told).endswith("; every limit looked at is proven for all times")
+    gap = Gap("torque is not limited: nothing is known <b>")
+    told = _noted(designed, gap, "the acceleration is a guess")
+    assert "; every limit looked at is proven for all times" in headline(told)
+    assert level(told) == "fair"
     words = text(render(content(told)))
-    assert "Not looked at / assumed torque is not limited: nothing is known <b>" in words
-    guess = replace(designed, certificate=replace(designed.certificate, notes=notes[1:]))
-    assert headline(guess).endswith("; every limit is proven for all times")
-    assert "Not looked at / assumed" not in text(render(content(designed)))
+    assert "Not covered: torque is not limited: nothing is known <b>" in words
+    assert "Assumed the acceleration is a guess" in words
+    lines = " ".join(printed(told).split())
+    assert "not covered: torque is not limited: nothing is known <b>" in lines
+    guess = _noted(designed, "the acceleration is a guess")
+    assert "; every limit is proven for all times" in headline(guess) and level(guess) == "good"
+    assert "Not covered:" not in text(render(content(designed)))
+
+
+def test_what_is_left_out_as_asked_is_said_but_no_reason_to_doubt(designed: Designed) -> None:
+    told = _noted(designed, Declined("collisions are not looked at, as asked"))
+    assert "; every limit looked at is proven" in headline(told) and level(told) == "good"
+    assert "not covered: collisions are not looked at" in " ".join(printed(told).split())
+
+
+def test_no_search_that_ended_is_said(designed: Designed) -> None:
+    told = replace(designed, searches=0)
+    assert ", but no search came to an end; every limit" in headline(told)
+    assert level(told) == "fair"
+    assert level(replace(told, kind="sweeps")) == "good"
+
+
+def test_the_way_to_the_start_is_said_not_to_be_covered(designed: Designed) -> None:
+    said = "the way from where the robot stands to the start posture is not covered"
+    assert said in text(render(content(designed))) and said in " ".join(printed(designed).split())
+
+
+def _noted(designed: Designed, *notes: str) -> Designed:
+    return replace(designed, notes=notes, certificate=replace(designed.certificate, notes=notes))
 
 
 def test_advice_tells_from_where_to_where(designed: Designed) -> None:

@@ -146,11 +146,27 @@ def test_walls_and_the_cell_are_drawn(pair: Path) -> None:
     assert stage.tool.frame == "bare"
     (inside, room), (outside, box) = stage.walls
     assert (inside, outside) == (False, True)
-    assert room[..., 2].min() == 0.0 and room[..., 2].max() == 1.5
-    assert room[..., 0].min() == pytest.approx(stage.path[:, 0].min())
-    assert set(box[..., 0].ravel()) == {0.5, 0.6} and box.shape == (12, 2, 3)
-    lengths = sorted(np.linalg.norm(box[:, 1] - box[:, 0], axis=1))
-    np.testing.assert_allclose(lengths, [0.1] * 4 + [1.0] * 8)
+    assert set(room[..., 2].ravel()) == {0.0, 1.5}, "there is no wall in x or y"
+    low, high = stage.path.min(axis=0), stage.path.max(axis=0)
+    assert room[..., 0].min() < low[0] and room[..., 0].max() > high[0]
+    for line in room:  # none along the end of a wall that goes on
+        along = np.argmax(np.abs(line[1] - line[0]))
+        across = 1 - along
+        assert room[..., across].min() < line[0, across] < room[..., across].max()
+    np.testing.assert_allclose(box.min(axis=(0, 1)), [0.5, 0.0, 0.0])
+    np.testing.assert_allclose(box.max(axis=(0, 1)), [0.6, 1.0, 1.0])
+
+
+def test_a_floor_and_planes_are_drawn_where_they_are(pair: Path) -> None:
+    file = pair.parent / "floor.toml"
+    file.write_text(
+        '[robot]\nurdf = "pair.urdf"\n[excitation.workspace]\nfloor = -0.2\n'
+        "planes = [{ normal = [0.0, 3.0, 4.0], above = -1.0 }]\n"
+    )
+    ((forbidden, lines),) = stage_of(file).walls
+    floor = np.isclose(lines[..., 2], -0.2).all(axis=1)
+    plane = np.isclose(lines @ [0.0, 3.0, 4.0], -1.0).all(axis=1)
+    assert not forbidden and floor.any() and plane.any() and np.all(floor | plane)
 
 
 @pytest.mark.parametrize("make", [five_bar, slider_crank, spatial])

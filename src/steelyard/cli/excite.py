@@ -25,6 +25,13 @@ BUDGET = 10.0
 UNPROVEN = 1
 """Exit code where a limit or a constraint is not proven."""
 
+UNCOVERED = 3
+"""Exit code where all that was looked at is proven, but not everything was looked at."""
+
+
+EXITS = {"good": 0, "fair": UNCOVERED, "poor": UNPROVEN}
+"""Exit code by how good the certificate is."""
+
 
 @guarded
 def excite(
@@ -100,7 +107,9 @@ def excite(
     Limits, tool box, obstacles and what is to be shown stand in the robot file, in its
     excitation tables. Writes trajectory.json, certificate.json, trajectory.csv and report.html.
     Ctrl-C ends the search and keeps the best motion so far. Exit code 1: a planned motion does not
-    keep everything; it is written, but no program for a controller.
+    keep everything; it is written, but no program for a controller. Exit code 3: all that was
+    looked at is proven, but something was not looked at (a floor, links without shapes, torques),
+    or no search came to an end; everything is written, and the summary says what is not covered.
 
     Example: steelyard excite panda.toml --budget 20 -o panda-motion
     """
@@ -116,6 +125,7 @@ def excite(
     from steelyard.model import Model
     from steelyard.progress import Stopped
     from steelyard.report.design_terminal import design_summary
+    from steelyard.report.design_words import level
     from steelyard.robot.robot_file import load_robot
 
     begun = time.monotonic()
@@ -167,8 +177,8 @@ def excite(
             typer.echo(
                 f"not written  {', '.join(withheld)}: the motion is not proven, do not run it"
             )
-    if not designed.certificate.holds:
-        raise typer.Exit(UNPROVEN)
+    if code := EXITS[level(designed)]:
+        raise typer.Exit(code)
 
 
 def write_design(
@@ -212,6 +222,9 @@ def results(designed: "Designed") -> dict[str, Any]:
     """A design as values for JSON."""
     from math import isfinite
 
+    from steelyard.excitation.certificate import COVERS
+    from steelyard.report.design_words import headline
+
     shown = designed.shown
     std = shown.std(designed.prior)
     return {
@@ -223,6 +236,10 @@ def results(designed: "Designed") -> dict[str, Any]:
         "condition": shown.raw if isfinite(shown.raw) else None,
         "condition_normalised": shown.normalised if isfinite(shown.normalised) else None,
         "certified": designed.certificate.holds,
+        "headline": headline(designed),
+        "covers": COVERS,
+        "not_covered": list(designed.certificate.gaps),
+        "not_covered_as_asked": list(designed.certificate.declined),
         "failures": list(designed.certificate.failures),
         "searches": designed.searches,
         "seconds": designed.seconds,

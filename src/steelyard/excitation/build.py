@@ -13,6 +13,7 @@ from steelyard.excitation.criteria import KINDS
 from steelyard.excitation.criteria_measure import Measure
 from steelyard.excitation.earlier import Earlier
 from steelyard.excitation.families import basis_of, per_joint
+from steelyard.excitation.gap import Gap
 from steelyard.excitation.limits import DEFAULT_ACCELERATION, MotionLimits, motion_limits
 from steelyard.excitation.load import load_numbers
 from steelyard.excitation.objective import Case
@@ -94,7 +95,7 @@ def build(loaded: LoadedRobot, model: Model, earlier: Earlier | None = None) -> 
     constraints, more = constraints_of(loaded, model, earlier)
     model, notes = memoryless(model)
     if loaded.robot.passive:
-        more += ("that the loops close is looked at at samples, not proven between them",)
+        more += (Gap("that the loops close is looked at at samples, not proven between them"),)
     return Problem(
         loaded.robot,
         basis,

@@ -5,22 +5,19 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
-
-import numpy as np
+from typing import Any
 
 from steelyard.arrays import Array
 from steelyard.errors import DataError
 from steelyard.excitation.constraint import Constraint
 from steelyard.excitation.exact import ORDERS, ExactTrajectory
+from steelyard.excitation.gap import Declined, Gap
 from steelyard.excitation.jumps import Jump, unrest, velocity_jumps
 from steelyard.excitation.limits import MotionLimits
+from steelyard.excitation.proof import Proof, proof_of
 from steelyard.files import write_json
 from steelyard.progress import Progress, silent, tell
 from steelyard.robot.robot import Robot
-
-SAMPLES = 1000
-"""Samples of a motion whose least margins stand beside the proven ones."""
 
 EXTREMES = (
     "extremes over all times from the motion's own polynomials, enlarged by what rounding may "
@@ -28,17 +25,11 @@ EXTREMES = (
 )
 """How limits of single joints are proven."""
 
-BOUNDS = "bounds over stretches of time that leave no time out"
-"""How a constraint is proven that does not say more."""
-
-
-@runtime_checkable
-class Explained(Protocol):
-    """A constraint that says how it is proven."""
-
-    @property
-    def how(self) -> str:
-        """One sentence."""
+COVERS = (
+    "the motion from its start posture to its end; the way from where the robot stands to the "
+    "start posture is not covered"
+)
+"""What a certificate is about."""
 
 
 @dataclass(frozen=True)
@@ -72,28 +63,6 @@ class Extreme:
 
 
 @dataclass(frozen=True)
-class Proof:
-    """Margins of one constraint.
-
-    Attributes:
-        name: Of the constraint.
-        unit: Of the margins.
-        how: How they were proven, in one sentence.
-        labels: What each margin is.
-        proven: A lower bound of each that holds at all times.
-        sampled: The least of each at samples; from the constraint's `room` on it may be less, as
-            the constraint tells no more there, but it is never less than `proven`.
-    """
-
-    name: str
-    unit: str
-    how: str
-    labels: tuple[str, ...]
-    proven: tuple[float, ...]
-    sampled: tuple[float, ...]
-
-
-@dataclass(frozen=True)
 class Certificate:
     """What is proven of one motion of one robot.
 
@@ -121,6 +90,16 @@ class Certificate:
     def holds(self) -> bool:
         """Whether no limit is passed, no velocity jumps, and no proven margin is negative."""
         return not self.failures
+
+    @property
+    def gaps(self) -> tuple[str, ...]:
+        """What is not covered, though nobody asked to leave it out, one sentence each."""
+        return tuple(n for n in self.notes if isinstance(n, Gap) and not isinstance(n, Declined))
+
+    @property
+    def declined(self) -> tuple[str, ...]:
+        """What is not covered because the user asked for it, one sentence each."""
+        return tuple(n for n in self.notes if isinstance(n, Declined))
 
     @property
     def failures(self) -> tuple[str, ...]:
@@ -151,10 +130,13 @@ class Certificate:
             "robot": self.robot,
             "trajectory_sha256": self.trajectory,
             "duration_s": self.duration,
+            "covers": COVERS,
+            "not_covered": list(self.gaps),
+            "not_covered_as_asked": list(self.declined),
             "how": self.how,
             "extremes": [{**vars(x), "margin": x.margin} for x in self.extremes],
             "jumps": [dict(vars(x)) for x in self.jumps],
-            "constraints": [_proof_to_dict(proof) for proof in self.proofs],
+            "constraints": [proof.to_dict() for proof in self.proofs],
             "notes": list(self.notes),
         }
 
@@ -170,9 +152,16 @@ class Certificate:
                 Extreme(**{key: x for key, x in extreme.items() if key != "margin"})
                 for extreme in values["extremes"]
             ),
-            proofs=tuple(_proof_from_dict(proof) for proof in values["constraints"]),
+            proofs=tuple(Proof.from_dict(proof) for proof in values["constraints"]),
             jumps=tuple(Jump(**jump) for jump in values.get("jumps", ())),
-            notes=tuple(values.get("notes", ())),
+            notes=tuple(
+                Declined(note)
+                if note in values.get("not_covered_as_asked", ())
+                else Gap(note)
+                if note in values.get("not_covered", ())
+                else note
+                for note in values.get("notes", ())
+            ),
         )
 
     def write(self, path: Path) -> None:
@@ -220,7 +209,7 @@ def certify(
     proofs = []
     for number, constraint in enumerate(constraints):
         tell(progress, "certificate", number, len(constraints))
-        proofs.append(_proof(trajectory, constraint, progress))
+        proofs.append(proof_of(trajectory, constraint, progress))
     return Certificate(
         robot=robot.name,
         trajectory=trajectory_hash(trajectory),
@@ -262,39 +251,4 @@ def _extremes(
         for quantity, power, (least, greatest), ends in zip(
             ORDERS, ("", "/s", "/s²", "/s³"), found, allowed, strict=True
         )
-    )
-
-
-def _proof(trajectory: ExactTrajectory, constraint: Constraint, progress: Progress) -> Proof:
-    proven = constraint.proven(trajectory, progress)
-    motion = trajectory.sample(np.linspace(0.0, trajectory.duration, SAMPLES))
-    sampled = constraint.margins(motion.q, motion.dq, motion.ddq).values.min(axis=0)
-    sampled = np.where(sampled >= constraint.room, np.maximum(sampled, proven), sampled)
-    return Proof(
-        constraint.name,
-        constraint.unit,
-        constraint.how if isinstance(constraint, Explained) else BOUNDS,
-        tuple(constraint.labels),
-        tuple(float(x) for x in proven),
-        tuple(float(x) for x in sampled),
-    )
-
-
-def _proof_to_dict(proof: Proof) -> dict[str, Any]:
-    margins = [
-        {"label": label, "proven": least if np.isfinite(least) else None, "sampled": seen}
-        for label, least, seen in zip(proof.labels, proof.proven, proof.sampled, strict=True)
-    ]
-    return {"name": proof.name, "unit": proof.unit, "how": proof.how, "margins": margins}
-
-
-def _proof_from_dict(values: Mapping[str, Any]) -> Proof:
-    margins = values["margins"]
-    return Proof(
-        values["name"],
-        values["unit"],
-        values["how"],
-        tuple(x["label"] for x in margins),
-        tuple(-np.inf if x["proven"] is None else float(x["proven"]) for x in margins),
-        tuple(float(x["sampled"]) for x in margins),
     )

@@ -66,6 +66,7 @@ class Clearance:
         notes: What the user should know, one sentence each.
         name: For certificates and messages.
         unit: Of the margins.
+        scope: What it covers, for certificates.
     """
 
     robot: Robot
@@ -76,6 +77,7 @@ class Clearance:
     notes: tuple[str, ...] = ()
     name: str = "clearance"
     unit: str = "m"
+    scope: str = ""
     _owner: Indices = field(init=False)
     _sides: Array = field(init=False)
 
@@ -198,7 +200,7 @@ def clearance(
             cell overlaps a link at all postures tried or is never `margin` away from it.
     """
     shapes = (*geometry.shapes, *others)
-    pairs, notes = candidate_pairs(robot, geometry, shapes, ignore, bodies)
+    pairs, notes, left = candidate_pairs(robot, geometry, shapes, ignore, bodies)
     _check_pairs(robot, pairs)
     count = len(pairs)
     whole = _built(robot, shapes, pairs, np.full(count, margin), np.full(count, room))
@@ -206,7 +208,9 @@ def clearance(
     kept, wanted, more = separable(shapes, pairs, farthest, margin)
     _check_pairs(robot, kept)
     built = _built(robot, shapes, kept, wanted, np.full(len(kept), room))
-    return replace(built, notes=(*geometry.notes, *notes, *more))
+    left += count - len(kept)
+    scope = f"{len(kept)} pairs" + (f", {left} left out" if left else "")
+    return replace(built, notes=(*geometry.notes, *notes, *more), scope=scope)
 
 
 def self_clearance(

@@ -16,6 +16,7 @@ from steelyard.excitation.earlier import Earlier
 from steelyard.excitation.exact import ExactTrajectory
 from steelyard.excitation.families import FAMILIES
 from steelyard.excitation.finish import finished
+from steelyard.excitation.gap import Gap
 from steelyard.excitation.limits import MotionLimits
 from steelyard.excitation.markers import points_of
 from steelyard.excitation.objective import Case
@@ -25,8 +26,9 @@ from steelyard.excitation.register import method_of
 from steelyard.excitation.runner import Effort, Harvest, harvested
 from steelyard.excitation.shown import Shown, shown
 from steelyard.excitation.starts import NoMotion
-from steelyard.excitation.walled import constraints_of, tool_of
+from steelyard.excitation.walled import constraints_of
 from steelyard.excitation.widening import explained
+from steelyard.excitation.workspace_tables import tool_of
 from steelyard.model import Model
 from steelyard.progress import Progress, silent
 from steelyard.robot.robot_file import LoadedRobot
@@ -201,15 +203,17 @@ def _cell(loaded: LoadedRobot, trajectory: ExactTrajectory) -> tuple[str, ...]:
     """That nobody has said where the floor is, if so, and how low the tool goes."""
     section, robot = loaded.excitation, loaded.robot
     space, collision = section.workspace, section.collision
-    bounded = space is not None and bool(space.planes or space.keep_out or space.box.bounded)
-    if bounded or robot.passive or (collision is not None and collision.world is not None):
+    walled = space is not None and space.walled
+    if walled or robot.passive or (collision is not None and collision.world is not None):
         return ()
     tool = tool_of(space, robot)
     q = trajectory.derivative(np.linspace(0.0, trajectory.duration, _LOOKS), 0)
     lowest = float(points_of(robot, [tool], "tool").positions(q)[:, 0, 2].min())
     return (
-        f"no floor or cell is given: '{tool.frame}' goes down to z = {lowest:.2f} m; "
-        "[excitation.workspace] says where it may be",
+        Gap(
+            f"no floor or cell is given for the links: '{tool.frame}' goes down to z = "
+            f"{lowest:.2f} m; floor = 0.0 in [excitation.workspace] keeps all links above it"
+        ),
     )
 
 
@@ -217,7 +221,9 @@ def _few(harvest: Harvest, effort: Effort) -> tuple[str, ...]:
     """That the time was short, if it was."""
     if harvest.stopped or harvest.searches >= min(FEW, effort.searches or FEW):
         return ()
-    whole = "no search came" if harvest.searches == 0 else f"only {harvest.searches} searches came"
+    whole = {0: "no search came", 1: "only 1 search came"}.get(
+        harvest.searches, f"only {harvest.searches} searches came"
+    )
     return (f"{whole} to an end in the time: a longer --budget finds better motions",)
 
 

@@ -11,7 +11,15 @@ from steelyard.errors import ModelError
 from steelyard.excitation.bounding import Stretches, proven_minimum
 from steelyard.excitation.constraint import Margins
 from steelyard.excitation.exact import ExactTrajectory
-from steelyard.excitation.markers import PROOF, ROOM, TOLERANCE, Marker, paths, points_of
+from steelyard.excitation.markers import (
+    PROOF,
+    ROOM,
+    TOLERANCE,
+    TOOL_ONLY,
+    Marker,
+    paths,
+    points_of,
+)
 from steelyard.kernel.kinematics import Points
 from steelyard.progress import Progress, silent
 from steelyard.robot.robot import Robot
@@ -45,6 +53,11 @@ class KeepOut:
     def how(self) -> str:
         """How it is proven, in one sentence."""
         return PROOF
+
+    @property
+    def scope(self) -> str:
+        """What of the robot it is about."""
+        return TOOL_ONLY
 
     @property
     def unit(self) -> str:
@@ -102,16 +115,7 @@ def keep_out(
     Raises:
         ModelError: A box is empty, or a frame does not exist.
     """
-    low = frozen(lower, (None, 3))
-    high = frozen(upper, low.shape)
-    if not len(low) or not np.all(low < high):
-        raise ModelError(
-            f"box {int(np.argmin((low < high).all(axis=1))) + 1} is empty"
-            if len(low)
-            else "there are no boxes",
-            where=name,
-            mend="give every box a lower corner below its upper one in x, y and z",
-        )
+    low, high = checked_boxes(lower, upper, name)
     every = [(k, m, b) for k, m in enumerate(markers) for b in range(len(low))]
     boxes = [b for _, _, b in every]
     return KeepOut(
@@ -124,6 +128,25 @@ def keep_out(
         centres=(0.5 * (low + high))[boxes],
         halves=(0.5 * (high - low))[boxes],
     )
+
+
+def checked_boxes(lower: ArrayLike, upper: ArrayLike, name: str) -> tuple[Array, Array]:
+    """Corners of boxes, shape `(b, 3)` each [m].
+
+    Raises:
+        ModelError: There is none, or one is empty.
+    """
+    low = frozen(lower, (None, 3))
+    high = frozen(upper, low.shape)
+    if not len(low) or not np.all(low < high):
+        raise ModelError(
+            f"box {int(np.argmin((low < high).all(axis=1))) + 1} is empty"
+            if len(low)
+            else "there are no boxes",
+            where=name,
+            mend="give every box a lower corner below its upper one in x, y and z",
+        )
+    return low, high
 
 
 def box_distance(beyond: Array) -> Array:

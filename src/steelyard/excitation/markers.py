@@ -29,6 +29,9 @@ PROOF = (
 )
 """How margins of spheres are proven."""
 
+TOOL_ONLY = "tool point only"
+"""What of a robot such margins are about."""
+
 _ROUNDING = 1e-12
 
 
@@ -54,11 +57,17 @@ class Marker:
             raise ValueError(f"a sphere of radius {radius} m")
 
     @property
+    def ball(self) -> str:
+        """Such as `ball of 50 mm`, the radius."""
+        return f"ball of {1e3 * self.radius:.3g} mm"
+
+    @property
     def title(self) -> str:
-        """Name for labels, such as `'hand' + (0, 0, 0.1)`."""
-        if not self.offset.any():
-            return f"'{self.frame}'"
-        return f"'{self.frame}' + ({', '.join(f'{x:g}' for x in self.offset)})"
+        """Name for labels, such as `'hand' + (0, 0, 0.1) (ball of 50 mm)`."""
+        name = f"'{self.frame}'"
+        if self.offset.any():
+            name += f" + ({', '.join(f'{x:g}' for x in self.offset)})"
+        return f"{name} ({self.ball})" if self.radius > 0.0 else name
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,12 +2,16 @@
 
 import math
 from collections.abc import Collection
+from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import ModelError
+from steelyard.excitation.gap import Declined, Gap
 from steelyard.excitation.meshes import WITHOUT, find_mesh, mesh_points
 from steelyard.excitation.shapes import Geometry, Shape, placed
 from steelyard.excitation.solids import Ball, Box, Capsule, Cylinder, Hull, Solid
@@ -17,6 +21,9 @@ from steelyard.robot.model_source import read_mechanism
 from steelyard.robot.nearest import advice, listing
 from steelyard.robot.robot import Frame, Robot
 from steelyard.robot.xml_reader import Element, read_xml
+
+Kind = Literal["collision", "visual"]
+"""What a URDF gives shapes for."""
 
 
 def robot_shapes(robot: Robot, model: Path, skip: Collection[str] = ()) -> Geometry:
@@ -126,28 +133,53 @@ def _notes(
 ) -> tuple[str, ...]:
     """Links that clearances know nothing of."""
     shaped = {shape.name for shape in shapes}
-    notes = []
+    notes = list[str]()
     if skip:
-        notes.append(f"no clearance is kept for the links {', '.join(skip)}, as asked")
-    heavy = [link.name for link in mechanism.links if link.inertia is not None]
+        notes.append(Declined(f"no clearance is kept for the links {', '.join(skip)}, as asked"))
+    heavy = [k.name for k in mechanism.links if k.inertia is not None and k.inertia.mass > 0.0]
     bare = [name for name in heavy if name in frames and name not in shaped and name not in skip]
     if bare:
-        notes.append(f"no collision shape in the model: {', '.join(bare)}")
+        said = f"no collision shape in the model, so no clearance is kept for: {', '.join(bare)}"
+        notes.append(Gap(said))
     outside = [link.name for link in mechanism.links if link.name not in frames]
     if outside:
-        notes.append(f"not carried by the base, so left out: {', '.join(outside)}")
+        notes.append(Gap(f"not carried by the base, so left out: {', '.join(outside)}"))
     return tuple(notes)
 
 
+def readable_shapes(
+    robot: Robot, model: Path, links: Collection[str], kind: Kind = "collision"
+) -> tuple[Shape, ...]:
+    """The shapes of some links, of those whose shapes can all be read; an MJCF draws none."""
+    root, frames = read_xml(model), {frame.name: frame for frame in robot.frames}
+    found = list[Shape]()
+    if root.tag == "mujoco":
+        from steelyard.excitation.mujoco_geometry import mjcf_shapes
+
+        with suppress(ModelError):
+            every = mjcf_shapes(model, frames, ())[0] if kind == "collision" else ()
+            found += [shape for shape in every if shape.name in links]
+        return tuple(found)
+    for link in root.all("link"):
+        if link.attributes["name"].strip() in links:
+            with suppress(ModelError):
+                found += _shapes(link, frames, model, (), kind)
+    return tuple(found)
+
+
 def _shapes(
-    link: Element, frames: dict[str, Frame], model: Path, skip: Collection[str]
+    link: Element,
+    frames: dict[str, Frame],
+    model: Path,
+    skip: Collection[str],
+    kind: Kind = "collision",
 ) -> list[Shape]:
-    """The shapes of one link of a URDF."""
+    """The shapes of one link of a URDF, to collide with or to be seen."""
     name = link.attributes["name"].strip()
     if name in skip or name not in frames:
         return []
     shapes = []
-    for collision in link.all("collision"):
+    for collision in link.all(kind):
         position, rotation = np.zeros(3), np.eye(3)
         for origin in collision.all("origin"):
             position = _vector(origin, "xyz", 3)
@@ -199,9 +231,15 @@ def _mesh(element: Element, link: str, model: Path) -> Hull:
             "put the file where the model names it (a package:// path is looked for in the "
             f"model's folder and those above it), or {WITHOUT}",
         )
-    points = mesh_points(path, f"{element.where} of link '{link}'")
     scale = _vector(element, "scale", 3) if "scale" in element.attributes else np.ones(3)
-    return Hull(points * scale)
+    x, y, z = (float(factor) for factor in scale)
+    return _hull(path, path.stat().st_mtime_ns, (x, y, z), f"{element.where} of link '{link}'")
+
+
+@lru_cache(maxsize=256)
+def _hull(path: Path, changed: int, scale: tuple[float, float, float], where: str) -> Hull:
+    """The hull of a mesh's file as it was when it changed last."""
+    return Hull(mesh_points(path, where) * scale)
 
 
 def _vector(element: Element, attribute: str, count: int) -> Array:

@@ -38,7 +38,7 @@ def candidate_pairs(
     shapes: Sequence[Shape],
     ignore: Sequence[tuple[str, str]] = (),
     bodies: bool = True,
-) -> tuple[tuple[Pair, ...], tuple[str, ...]]:
+) -> tuple[tuple[Pair, ...], tuple[str, ...], int]:
     """All pairs that move against each other, less those that may touch.
 
     Links may touch where the model says so, and where a joint, or several in one place, connects
@@ -53,7 +53,7 @@ def candidate_pairs(
         bodies: Whether pairs count that are no part of the cell.
 
     Returns:
-        The pairs, and notes on those left out.
+        The pairs, notes on those left out, and how many these are.
 
     Raises:
         ModelError: A name in `ignore` does not exist, or two things have one name.
@@ -61,7 +61,8 @@ def candidate_pairs(
     groups = _groups(shapes)
     _check(groups, shapes, ignore)
     ignored = {frozenset(pair) for pair in ignore}
-    names, pairs, modelled = list(groups), [], 0
+    names, pairs = list(groups), list[Pair]()
+    modelled, near, asked = list[str](), list[str](), list[str]()
     for k, first in enumerate(names):
         for second in names[k + 1 :]:
             both = frozenset((first, second))
@@ -69,19 +70,28 @@ def candidate_pairs(
             ways = tuple((i, j) for i in mine for j in theirs if _can_touch(shapes[i], shapes[j]))
             origins = {shapes[mine[0]].origin, shapes[theirs[0]].origin}
             links = origins == {"link"}
-            if not ways or both in ignored or not (bodies or "world" in origins):
+            if not ways or not (bodies or "world" in origins):
                 continue
-            if links and both in geometry.never:
-                modelled += 1
-            elif not (links and _neighbours(robot, geometry, shapes[mine[0]], shapes[theirs[0]])):
+            said = f"{first} and {second}"
+            if both in ignored:
+                asked.append(said)
+            elif links and both in geometry.never:
+                modelled.append(said)
+            elif links and _neighbours(robot, geometry, shapes[mine[0]], shapes[theirs[0]]):
+                near.append(said)
+            else:
                 pairs.append(Pair(first, second, ways))
-    notes = []
-    if modelled:
-        notes.append(f"{modelled} pairs of links may touch, as the model or its SRDF says")
-    if ignored:
-        listed = ", ".join(f"{a} and {b}" for a, b in ignore)
-        notes.append(f"pairs that may touch, as asked: {listed}")
-    return tuple(pairs), tuple(notes)
+    reasons = {
+        "links that meet at their joint": near,
+        "which may touch as the model or its SRDF says": modelled,
+        "which may touch as asked": asked,
+    }
+    notes = tuple(
+        f"no clearance of {len(left)} pair{'s' * (len(left) > 1)}, {why}: {', '.join(left)}"
+        for why, left in reasons.items()
+        if left
+    )
+    return tuple(pairs), notes, len(near) + len(modelled) + len(asked)
 
 
 def _groups(shapes: Sequence[Shape]) -> dict[str, list[int]]:

@@ -18,7 +18,7 @@ from steelyard.excitation.process import Box, PickAndPlace, Process, Square, Way
 from steelyard.excitation.slowed import SlowedMotion
 from steelyard.excitation.sweeps import friction_sweeps, static_postures
 from steelyard.excitation.tour import Manner
-from steelyard.excitation.walled import tool_of
+from steelyard.excitation.workspace_tables import tool_of
 from steelyard.kernel.kinematics import frame_of
 from steelyard.robot.excitation_schema import BoxSpans
 from steelyard.robot.model_source import beside

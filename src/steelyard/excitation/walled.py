@@ -1,8 +1,6 @@
 """Constraints from the `[excitation]` tables."""
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from itertools import combinations
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -12,33 +10,21 @@ from steelyard.excitation.collision import self_clearance
 from steelyard.excitation.constraint import Constraint
 from steelyard.excitation.earlier import Earlier
 from steelyard.excitation.families import per_joint
-from steelyard.excitation.keep_out import keep_out
-from steelyard.excitation.markers import Marker
-from steelyard.excitation.model_shapes import robot_shapes, world_shapes
+from steelyard.excitation.gap import Declined, Gap
 from steelyard.excitation.shapes import Shape
 from steelyard.excitation.torque import EffortLimit, power_limit, torque_limit
 from steelyard.excitation.torque import loaded as loaded_with
-from steelyard.excitation.workspace import planes, tool_box
-from steelyard.kernel.kinematics import frame_of, last_frame
+from steelyard.excitation.whole_robot import load_balls
+from steelyard.excitation.workspace_tables import Walled, workspace_of, world_of, written
+from steelyard.kernel.kinematics import last_frame
 from steelyard.model import Model, ValuedModel
 from steelyard.parameters import Parameters
-from steelyard.robot.excitation_schema import (
-    BoxSpans,
-    CollisionSection,
-    ExcitationSection,
-    WorkspaceSection,
-)
+from steelyard.robot.excitation_schema import ExcitationSection
 from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
-from steelyard.robot.model_source import beside
 from steelyard.robot.robot import Robot
 from steelyard.robot.robot_file import LoadedRobot
 from steelyard.terms.rigid_body import RigidBody
 from steelyard.terms.term import Remembering
-
-_AXES = "xyz"
-
-_LEAST = 1e-12
-"""Length of a normal that has no direction, and is refused."""
 
 
 def constraints_of(
@@ -56,27 +42,28 @@ def constraints_of(
     """
     section = loaded.excitation
     found, notes = list[Constraint](), list[str]()
-    if section.workspace is not None:
-        found += workspace_of(section.workspace, loaded.robot)
-        if section.workspace.radius > 0.0 and not found:
-            notes.append("the tool's radius changes nothing: it has no box, plane or keep_out")
+    world = world_of(loaded)
     for part, said in (
+        workspace_of(loaded, world),
         efforts_of(loaded, model, earlier),
-        clearance_of(section.collision, loaded),
+        clearance_of(loaded, world),
     ):
         found += part
         notes += said
-    if section.loads and not (
-        section.criterion.relative or any(isinstance(c, EffortLimit) for c in found)
-    ):
-        notes.append("loads change nothing: torque is not limited, and the criterion not relative")
-    if section.loads and any(not isinstance(c, EffortLimit) for c in found):
-        notes.append("loads have no shape: clearance and the workspace do not see them")
+    idle = not (section.criterion.relative or _seen(section) or _limited(found))
+    if section.loads and idle:
+        notes.append("loads change nothing: no torque and no wall is kept, no criterion relative")
     return tuple(found), tuple(notes)
 
 
-Walled = tuple[list[Constraint], list[str]]
-"""Constraints, and what was assumed."""
+def _limited(found: Sequence[Constraint]) -> bool:
+    return any(isinstance(constraint, EffortLimit) for constraint in found)
+
+
+def _seen(section: ExcitationSection) -> bool:
+    """Whether walls or the cell see loads."""
+    walled = section.workspace is not None and section.workspace.walled
+    return walled or (section.collision is not None and section.collision.world is not None)
 
 
 def efforts_of(loaded: LoadedRobot, model: Model, earlier: Earlier | None) -> Walled:
@@ -94,7 +81,7 @@ def efforts_of(loaded: LoadedRobot, model: Model, earlier: Earlier | None) -> Wa
     powers = per_joint(wanted.power, robot, "power", np.full(robot.n, np.inf))
     asked = given is None or wanted.power is not None or wanted.total_power is not None
     limited = wanted.effort != "any" and bool(np.isfinite(efforts).any())
-    free = ["torque is not limited, as asked"]
+    free: list[str] = [Declined("torque is not limited, as asked")]
     notes = free if wanted.effort == "any" else _unlimited(robot, efforts)
     if not (limited or asked):
         return [], notes
@@ -106,7 +93,7 @@ def efforts_of(loaded: LoadedRobot, model: Model, earlier: Earlier | None) -> Wa
                 where="[excitation.limits]",
                 mend='leave out effort and power, or say effort = "any"',
             )
-        return [], [f"torque is not limited: {why}"]
+        return [], [Gap(f"torque is not limited: {why}")]
     cases = _cases(section, _memoryless(model), earlier)
     found: list[Constraint] = []
     if limited:
@@ -124,7 +111,8 @@ def _unlimited(robot: Robot, efforts: Array) -> list[str]:
     """A note that names the joints without a limit of effort, if there are any."""
     joints = zip(robot.joint_names, efforts, strict=True)
     free = ", ".join(f"'{name}'" for name, most in joints if not np.isfinite(most))
-    return [f"torque is not limited where the model file gives no limit: {free}"] if free else []
+    said = f"torque is not limited where the model file gives no limit: {free}"
+    return [Gap(said)] if free else []
 
 
 def _memoryless(model: Model) -> Model:
@@ -172,81 +160,45 @@ def _cases(
     for number, load in enumerate(section.loads, start=1):
         frame = load.frame or last_frame(model.robot)
         mass = Inertia.about_com(load.mass, load.com, np.zeros((3, 3)))
-        with _written("loads] frame"):
+        with written("loads] frame"):
             cases[f"with load {number}, {load.mass:g} kg"] = loaded_with(arm, frame, mass)
     return cases
 
 
-def clearance_of(section: CollisionSection | None, loaded: LoadedRobot) -> Walled:
-    """That bodies do not touch each other or the world, where shapes say what they are."""
+def clearance_of(loaded: LoadedRobot, world: tuple[Shape, ...] = ()) -> Walled:
+    """That bodies do not touch each other or the world, where shapes say what they are.
+
+    Loads whose radius is given are bodies, too.
+    """
+    section, loads = loaded.excitation.collision, loaded.excitation.loads
+    bare = [f"{number}" for number, load in enumerate(loads, start=1) if load.radius is None]
+    notes = list[str]()
+    if bare and (section is None or section.bodies):
+        notes.append(
+            Gap(
+                "loads without a radius are not looked at beside the robot's own links: load "
+                + ", ".join(bare)
+            )
+        )
+    balls = tuple(ball for ball, load in zip(load_balls(loaded), loads, strict=True) if load.radius)
     if section is None:
         try:
-            found = self_clearance(loaded)
+            found = self_clearance(loaded, others=balls)
         except ModelError as error:
             why = error.wrong[:1].lower() + error.wrong[1:]
-            return [], [f"collisions of the robot with itself are not looked at: {why}"]
-        return [found], list(found.notes)
-    others: tuple[Shape, ...] = ()
-    if section.world is not None:
-        where = "[excitation.collision] world"
-        others = world_shapes(beside(loaded.sources[0].path, section.world, where))
-    if not section.bodies and not others:
-        return [], ["collisions are not looked at, as asked"]
-    ignore = list(section.ignore)
+            return [], [Gap(f"collisions of the robot with itself are not looked at: {why}")]
+        return [found], [*found.notes, *notes]
     if not section.bodies:
-        own = robot_shapes(loaded.robot, loaded.sources[-1].path, section.without).shapes
-        ignore += combinations(sorted({shape.name for shape in own}), 2)
+        asked = "collisions of the robot with itself are not looked at, as asked"
+        notes.append(Declined(asked))
+    if not section.bodies and not world:
+        return [], notes
     found = self_clearance(
-        loaded, skip=section.without, margin=section.margin, others=others, ignore=ignore
+        loaded,
+        skip=section.without,
+        margin=section.margin,
+        others=(*balls, *world),
+        ignore=section.ignore,
+        bodies=section.bodies,
     )
-    return [found], list(found.notes)
-
-
-def tool_of(section: WorkspaceSection | None, robot: Robot) -> Marker:
-    """The tool: the named frame, or the last one of the robot."""
-    section = WorkspaceSection() if section is None else section
-    with _written("workspace] frame"):
-        frame = frame_of(robot, section.frame or last_frame(robot))
-    return Marker(frame.name, section.point, section.radius)
-
-
-def workspace_of(section: WorkspaceSection, robot: Robot) -> list[Constraint]:
-    """Box, planes and forbidden boxes."""
-    tool, found = [tool_of(section, robot)], list[Constraint]()
-    lower, upper = _sides(section.box)
-    if any(x is not None for x in (*lower, *upper)):
-        with _written("workspace] box"):
-            found.append(tool_box(robot, tool, lower, upper))
-    if section.planes:
-        normals = [plane.normal for plane in section.planes]
-        sizes = np.maximum(np.linalg.norm(normals, axis=1), _LEAST)
-        levels = np.array([plane.above for plane in section.planes]) / sizes
-        with _written("workspace] planes"):
-            found.append(planes(robot, tool, normals, levels))
-    if section.keep_out:
-        boxes = [_sides(box) for box in section.keep_out]
-        if any(None in low or None in high for low, high in boxes):
-            raise ModelError(
-                "a box to keep out of is open",
-                where="[excitation.workspace] keep_out",
-                mend="give x, y and z of each, with two numbers each",
-            )
-        low, high = zip(*boxes, strict=True)
-        with _written("workspace] keep_out"):
-            found.append(keep_out(robot, tool, np.array(low), np.array(high)))
-    return found
-
-
-@contextmanager
-def _written(key: str) -> Iterator[None]:
-    """Errors inside say which key of the tables they are about."""
-    try:
-        yield
-    except ModelError as error:
-        where = f"[excitation.{key}"
-        raise ModelError(error.wrong, where=where, mend=error.mend) from None
-
-
-def _sides(box: BoxSpans) -> tuple[list[float | None], list[float | None]]:
-    spans = [getattr(box, axis) for axis in _AXES]
-    return [s and s[0] for s in spans], [s and s[1] for s in spans]
+    return [found], [*found.notes, *notes]

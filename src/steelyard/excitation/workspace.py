@@ -11,7 +11,15 @@ from steelyard.errors import ModelError
 from steelyard.excitation.bounding import Stretches, proven_minimum
 from steelyard.excitation.constraint import Margins
 from steelyard.excitation.exact import ExactTrajectory
-from steelyard.excitation.markers import PROOF, ROOM, TOLERANCE, Marker, paths, points_of
+from steelyard.excitation.markers import (
+    PROOF,
+    ROOM,
+    TOLERANCE,
+    TOOL_ONLY,
+    Marker,
+    paths,
+    points_of,
+)
 from steelyard.kernel.kinematics import Points
 from steelyard.progress import Progress, silent
 from steelyard.robot.robot import Robot
@@ -45,6 +53,11 @@ class HalfSpaces:
     def how(self) -> str:
         """How it is proven, in one sentence."""
         return PROOF
+
+    @property
+    def scope(self) -> str:
+        """What of the robot it is about."""
+        return TOOL_ONLY
 
     @property
     def unit(self) -> str:

@@ -1,29 +1,107 @@
-"""Boxes of the tool's room, for pictures."""
+"""Walls of the robot's room, for pictures: only where there are some."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from steelyard.arrays import Array
+from steelyard.excitation.assumed_shapes import along
+from steelyard.excitation.workspace_tables import up_of
 
 if TYPE_CHECKING:
     from steelyard.robot.excitation_schema import BoxSpans, WorkspaceSection
+    from steelyard.robot.robot import Robot
 
 AXES = "xyz"
 
-Wall = tuple[bool, "BoxSpans"]
-"""Whether it is forbidden to be inside, and the box."""
+BEYOND = 0.1
+"""A wall without an end is drawn so far beyond what is seen [m]."""
+
+LINES = 7
+"""Lines of a face each way."""
 
 
-def walls_of(workspace: WorkspaceSection | None) -> list[Wall]:
-    """The box of the tool, if it has a wall at all, and those to keep out of."""
+@dataclass(frozen=True, eq=False)
+class Face:
+    """A rectangle of a wall.
+
+    Attributes:
+        corner: Shape `(3,)` [m].
+        edges: From the corner along its two sides, shape `(2, 3)` [m].
+        ends: Per side whether the wall ends at its beginning and at its end, shape `(2, 2)`.
+        forbidden: Whether it belongs to a box that is kept out of.
+    """
+
+    corner: Array
+    edges: Array
+    ends: tuple[tuple[bool, bool], tuple[bool, bool]]
+    forbidden: bool
+
+    @property
+    def normal(self) -> Array:
+        """Of length one, shape `(3,)`."""
+        normal = np.cross(self.edges[0], self.edges[1])
+        return np.asarray(normal / np.linalg.norm(normal))
+
+    def lines(self) -> Array:
+        """Lines across the face, none where it goes on, shape `(L, 2, 3)` [m]."""
+        found, shares = [], np.linspace(0.0, 1.0, LINES)
+        for side, (begins, stops) in enumerate(self.ends):
+            own = shares[0 if begins else 1 : LINES if stops else -1]
+            for share in own:
+                first = self.corner + share * self.edges[side]
+                found.append((first, first + self.edges[1 - side]))
+        return np.array(found)
+
+
+def faces_of(workspace: WorkspaceSection | None, robot: Robot, seen: Array) -> tuple[Face, ...]:
+    """All walls of a room.
+
+    Args:
+        workspace: Its tables.
+        robot: Says where up is.
+        seen: What else is drawn, shape `(N, 3)` [m], NaN for gaps.
+    """
     if workspace is None:
-        return []
-    spans = [getattr(workspace.box, axis) for axis in AXES]
-    inside: list[Wall] = [(False, workspace.box)] if any(spans) else []
-    return inside + [(True, box) for box in workspace.keep_out]
+        return ()
+    found = [*_of_box(workspace.box, seen, forbidden=False)]
+    for box in workspace.keep_out:
+        found += _of_box(box, seen, forbidden=True)
+    planes = [(np.array(p.normal), p.above) for p in workspace.planes]
+    if workspace.floor is not None:
+        planes.append((up_of(robot), workspace.floor))
+    return (*found, *(_of_plane(normal, above, seen) for normal, above in planes))
+
+
+def _of_box(box: BoxSpans, seen: Array, *, forbidden: bool) -> Iterator[Face]:
+    """The faces that a box has."""
+    low, high = corners(box, seen)
+    spans = [getattr(box, axis) for axis in AXES]
+    for axis, span in enumerate(spans):
+        u, v = (k for k in range(3) if k != axis)
+        size = np.zeros((2, 3))
+        size[0, u], size[1, v] = high[u] - low[u], high[v] - low[v]
+        closed = [spans[k] is not None for k in (u, v)]
+        for level in span or ():
+            corner = low.copy()
+            corner[axis] = level
+            ends = ((closed[0], closed[0]), (closed[1], closed[1]))
+            yield Face(corner, size, ends, forbidden)
+
+
+def _of_plane(normal: Array, above: float, seen: Array) -> Face:
+    """A piece of a plane beside what is seen."""
+    length = float(np.linalg.norm(normal))
+    axes = along(normal / length)
+    inside = (seen @ axes)[:, :2]
+    low, high = np.nanmin(inside, axis=0) - BEYOND, np.nanmax(inside, axis=0) + BEYOND
+    corner = axes @ np.array([*low, above / length])
+    edges = (axes[:, :2] * (high - low)).T
+    return Face(corner, edges, ((False, False), (False, False)), False)
 
 
 def corners(box: BoxSpans, seen: Array) -> tuple[Array, Array]:
@@ -31,9 +109,9 @@ def corners(box: BoxSpans, seen: Array) -> tuple[Array, Array]:
 
     Args:
         box: The box.
-        seen: What is drawn, shape `(N, 3)` [m]; where the box is open, it ends with that.
+        seen: What is drawn, shape `(N, 3)` [m]; an open side goes beyond that.
     """
-    low, high = np.nanmin(seen, axis=0), np.nanmax(seen, axis=0)
+    low, high = np.nanmin(seen, axis=0) - BEYOND, np.nanmax(seen, axis=0) + BEYOND
     for k, axis in enumerate(AXES):
         span = getattr(box, axis)
         if span is not None:
@@ -41,15 +119,18 @@ def corners(box: BoxSpans, seen: Array) -> tuple[Array, Array]:
     return low, high
 
 
-def edges(low: Array, high: Array) -> Array:
-    """The twelve edges of a box, shape `(12, 2, 3)`."""
-    found = []
-    for axis in range(3):
-        u, v = (k for k in range(3) if k != axis)
-        for p in (low, high):
-            for r in (low, high):
-                ends = np.empty((2, 3))
-                ends[:, axis] = low[axis], high[axis]
-                ends[:, u], ends[:, v] = p[u], r[v]
-                found.append(ends)
-    return np.array(found)
+def segment(face: Face, a: int, b: int) -> Array | None:
+    """The face as a line in the plane of two axes, shape `(2, 2)` [m]; `None` if seen flat on."""
+    across = 3 - a - b
+    if abs(face.normal[across]) > 1e-9:
+        return None
+    ends = [face.corner, *(face.corner + edge for edge in (*face.edges, face.edges.sum(axis=0)))]
+    flat = np.array(ends)[:, [a, b]]
+    way = flat - flat[0]
+    far = int(np.argmax(np.linalg.norm(way, axis=1)))
+    return flat[[0, far]]
+
+
+def all_lines(faces: Sequence[Face]) -> Array:
+    """The lines of faces, shape `(L, 2, 3)` [m]."""
+    return np.concatenate([face.lines() for face in faces]) if faces else np.zeros((0, 2, 3))

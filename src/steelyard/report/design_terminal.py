@@ -5,6 +5,7 @@ from __future__ import annotations
 from math import isfinite
 from typing import TYPE_CHECKING
 
+from steelyard.excitation.certificate import COVERS
 from steelyard.report.design_words import (
     brings,
     detail,
@@ -14,6 +15,7 @@ from steelyard.report.design_words import (
     level,
     spread_words,
     tightest,
+    uncovered,
     unseen,
 )
 from steelyard.report.terminal import COLOURS
@@ -54,6 +56,9 @@ def design_summary(designed: Designed, console: Console) -> None:
         console.print(Text(f"not proven: {line}", style="red"))
     if len(failures) > FAILED:
         console.print(Text(f"not proven: {len(failures) - FAILED} more", style="red"))
+    console.print(Text(f"covered: {COVERS}"))
+    for line in uncovered(designed):
+        console.print(Text(f"not covered: {line}", style="yellow"))
     for line in tightest(designed):
         console.print(Text(f"tight: {line}"))
     console.print()
@@ -69,6 +74,8 @@ def design_summary(designed: Designed, console: Console) -> None:
             Text(f"would help: {one.what}, {one.seconds:.3g} s: {brings(designed, one, 1)}")
         )
     for note in designed.notes:
+        if note in uncovered(designed):
+            continue
         console.print(Text(f"note: {note}"))
 
 

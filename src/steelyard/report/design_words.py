@@ -10,13 +10,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from steelyard.excitation.advice import HELPS
+from steelyard.excitation.families import FAMILIES
 from steelyard.report.judgement import Level
 from steelyard.report.words import NONE, count, significant
 
 if TYPE_CHECKING:
     from steelyard.excitation.advice import Advice
-    from steelyard.excitation.certificate import Extreme, Proof
+    from steelyard.excitation.certificate import Extreme
     from steelyard.excitation.designed import Designed
+    from steelyard.excitation.proof import Proof
 
 KINDS = {
     "fourier": "Fourier series from rest to rest",
@@ -40,8 +42,11 @@ MILLIMETRES = 0.1
 NAMED = 3
 """Most parameters that a line of advice names."""
 
-UNSEEN = ("not looked at", "not limited", "cannot be limited", "left out", "not proven", "loops")
-"""Words of notes on what a certificate does not speak of."""
+TIGHT = 0.9
+"""Share of a joint's limit from which on it is tight."""
+
+CLOSE = 0.2
+"""Margins below this share of where they begin to matter are tight."""
 
 HARDLY = 50.0
 """Std over what it were with all other parameters known: above it others hide a parameter."""
@@ -123,17 +128,26 @@ def least(proof: Proof) -> tuple[str, float] | None:
 
 
 def tightest(designed: Designed) -> list[str]:
-    """The joint limit that is used most and the least margin of every constraint, a line each."""
+    """The joint limit that is used most and the least margin of every constraint, if tight."""
     lines = []
     top = hardest(designed)
-    if top is not None:
+    if top is not None and top[1] >= TIGHT:
         one, share = top
         lines.append(f"{one.quantity} of {one.joint}: {100.0 * share:.1f} % of its limit used")
     for proof in designed.certificate.proofs:
-        pair = least(proof)
+        pair = closest(proof)
         if pair is not None:
             lines.append(f"{proof.name}: {pair[0]} by {margin(pair[1], proof.unit)}")
     return lines
+
+
+def closest(proof: Proof) -> tuple[str, float] | None:
+    """The margin that is least in units of where it begins to matter, if it is tight."""
+    rooms = proof.room or (inf,) * len(proof.labels)
+    margins = zip(proof.labels, proof.proven, rooms, strict=True)
+    tight = [(label, own, own / room) for label, own, room in margins if own < CLOSE * room]
+    best = min(tight, key=lambda one: one[2], default=None)
+    return None if best is None else best[:2]
 
 
 def margin(value: float, unit: str) -> str:
@@ -151,12 +165,19 @@ def capital(words: str) -> str:
 
 
 def level(designed: Designed) -> Level:
-    """Good if all is proven."""
-    return "good" if designed.certificate.holds else "poor"
+    """Good if all is proven and looked at, fair if something is not, or no search ended."""
+    if not designed.certificate.holds:
+        return "poor"
+    return "fair" if designed.certificate.gaps or unended(designed) else "good"
+
+
+def unended(designed: Designed) -> bool:
+    """Whether a motion that is searched comes from no search that came to its end."""
+    return designed.kind in FAMILIES and designed.searches == 0
 
 
 def headline(designed: Designed) -> str:
-    """What the motion shows, and whether it is safe, in a line."""
+    """What the motion shows, whether it is safe, and of what that is proven, in a line."""
     std = designed.shown.std(designed.prior)
     unseen, every = int(np.sum(~np.isfinite(std))), len(std)
     shows = f"Shows all {every} base parameters"
@@ -165,17 +186,20 @@ def headline(designed: Designed) -> str:
     alone = 1.0 / np.sqrt(np.maximum(np.diagonal(designed.shown.gram), 1e-300))
     if hardly := int(np.sum(np.isfinite(std) & (std > HARDLY * alone))):
         shows += f", {hardly} of them hardly"
-    failures = designed.certificate.failures
-    if failures:
-        return f"{shows}, but is not safe: {count(len(failures), 'limit')} not proven"
-    limits = "every limit looked at" if unlooked(designed) else "every limit"
-    return f"{shows}; {limits} is proven for all times"
+    if unended(designed):
+        shows += ", but no search came to an end"
+    certificate = designed.certificate
+    if certificate.failures:
+        return f"{shows}; not safe: {count(len(certificate.failures), 'limit')} not proven"
+    limits = "every limit looked at" if uncovered(designed) else "every limit"
+    words = f"{shows}; {limits} is proven for all times from its start to its end"
+    scopes = [f"{proof.name}: {proof.scope}" for proof in certificate.proofs if proof.scope]
+    return words + (f" ({'; '.join(scopes)})" if scopes else "")
 
 
-def unlooked(designed: Designed) -> tuple[str, ...]:
-    """Notes of the certificate that say what was not looked at."""
-    notes = designed.certificate.notes
-    return tuple(note for note in notes if any(word in note for word in UNSEEN))
+def uncovered(designed: Designed) -> tuple[str, ...]:
+    """What was not looked at, one sentence each."""
+    return (*designed.certificate.gaps, *designed.certificate.declined)
 
 
 def figure_of(designed: Designed) -> str:

@@ -160,13 +160,13 @@ def _quiet() -> AbstractContextManager[object]:
 
 
 def _scene(replay: Replay) -> None:
-    """Floor, links, cell, path and walls."""
+    """A grid at the base, links, cell, path and walls."""
     stage, scene = replay.stage, replay.server.scene
     scene.set_up_direction("+z")
     drawn = np.concatenate([stage.path, np.zeros((1, 3))])
     low, high = drawn.min(axis=0), drawn.max(axis=0)
     wide = max(2.0, 2.5 * float(np.abs(drawn).max()))
-    scene.add_grid("/floor", width=wide, height=wide, cell_size=0.1, section_size=0.5)
+    scene.add_grid("/grid", width=wide, height=wide, cell_size=0.1, section_size=0.5)
     scene.add_frame("/base", axes_length=0.15, axes_radius=0.006)
     links = list(dict.fromkeys(shape.body for shape in stage.shapes))
     for number, shape in enumerate(stage.shapes):

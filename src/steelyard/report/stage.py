@@ -11,12 +11,13 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import ModelError
+from steelyard.excitation.assumed_shapes import along
 from steelyard.excitation.model_shapes import robot_shapes, world_shapes
 from steelyard.excitation.poses import ShapeKinematics
 from steelyard.excitation.shapes import Shape
 from steelyard.excitation.solids import Ball, Cylinder
-from steelyard.excitation.walled import tool_of
-from steelyard.report.boxes import corners, edges, walls_of
+from steelyard.excitation.workspace_tables import tool_of
+from steelyard.report.boxes import all_lines, faces_of
 from steelyard.report.skeleton import all_joints, tool_frame, way_of
 from steelyard.robot.loops import closest
 from steelyard.robot.robot import Robot
@@ -52,7 +53,8 @@ class Stage:
         t: Times of the path, shape `(F,)` [s].
         joints: Positions of all joints there, shape `(F, n_joints)`.
         path: The tool there, shape `(F, 3)` [m].
-        walls: Edges of boxes, shape `(12, 2, 3)` each [m], and whether being inside is forbidden.
+        walls: Lines of walls, shape `(L, 2, 3)` each [m], and whether they are of boxes that are
+            kept out of.
         notes: What the user should know, one sentence each.
     """
 
@@ -110,7 +112,7 @@ def staged(loaded: LoadedRobot, trajectory: ExactTrajectory) -> Stage:
     shapes, notes = _shapes(loaded)
     bare = sticks(robot, tool, {shape.body for shape in shapes})
     cell = _cell(loaded)
-    walls = _walls(section.workspace, path)
+    walls = _walls(section.workspace, robot, path)
     everything = (*shapes, *bare, *cell)
     return Stage(robot, trajectory, everything, tool, t, joints, path, walls, notes)
 
@@ -157,19 +159,15 @@ def sticks(robot: Robot, tool: Marker, shaped: set[int]) -> tuple[Shape, ...]:
     for carrier, name, end in ends:
         length = float(np.linalg.norm(end))
         if carrier not in shaped and length > SHORT:
-            turned = _along(end / length)
+            turned = along(end / length)
             stick = Cylinder(radius, length)
             found.append(Shape(f"to {name}", carrier, turned, 0.5 * end, stick))
     return tuple(found)
 
 
-def _along(z: Array) -> Array:
-    """Axes whose third one is `z`."""
-    side = np.eye(3)[np.argmin(np.abs(z))]
-    x = np.cross(side, z)
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(z, x), z])
-
-
-def _walls(workspace: WorkspaceSection | None, path: Array) -> tuple[tuple[bool, Array], ...]:
-    return tuple((bad, edges(*corners(box, path))) for bad, box in walls_of(workspace))
+def _walls(
+    workspace: WorkspaceSection | None, robot: Robot, path: Array
+) -> tuple[tuple[bool, Array], ...]:
+    faces = faces_of(workspace, robot, path)
+    kinds = {bad: [face for face in faces if face.forbidden == bad] for bad in (False, True)}
+    return tuple((bad, all_lines(own)) for bad, own in kinds.items() if own)

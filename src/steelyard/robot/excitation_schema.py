@@ -1,5 +1,6 @@
 """The `[excitation]` tables of the robot file: which motion is wanted, and what it must keep."""
 
+from math import pi
 from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError
@@ -12,6 +13,9 @@ PerJoint = Positive | Annotated[tuple[Positive, ...], Field(strict=False)] | dic
 Pairs = Annotated[
     tuple[Annotated[tuple[Name, Name], Field(strict=False)], ...], Field(strict=False)
 ]
+
+WATER = 1000.0
+"""Density that a load without a radius is taken to have [kg/m³]."""
 
 
 class MotionLimitsSection(Section):
@@ -35,14 +39,25 @@ class PlaneSection(Section):
 
 
 class WorkspaceSection(Section):
-    """Where the tool may be, in the frame of the base."""
+    """Where the robot may be, in the frame of its base.
+
+    `floor`, `planes` and `keep_out` hold for all links, the tool and the loads; with `only_tool`,
+    planes and boxes hold for the tool's ball alone. `box` is always of the tool's ball alone.
+    """
 
     frame: Name | None = None
     point: Vector = (0.0, 0.0, 0.0)
     radius: Annotated[float, Field(ge=0.0)] = 0.0
+    floor: float | None = None
     box: BoxSpans = BoxSpans()
     planes: Annotated[tuple[PlaneSection, ...], Field(strict=False)] = ()
     keep_out: Annotated[tuple[BoxSpans, ...], Field(strict=False)] = ()
+    only_tool: bool = False
+
+    @property
+    def walled(self) -> bool:
+        """Whether anything keeps all links away from something."""
+        return self.floor is not None or bool(not self.only_tool and (self.planes or self.keep_out))
 
 
 class CollisionSection(Section):
@@ -71,11 +86,20 @@ class CriterionSection(Section):
 
 
 class LoadSection(Section):
-    """A load that may hang on the robot: a point mass, or a ball."""
+    """A load that may hang on the robot: a point mass to torques, a ball to walls.
+
+    Without a radius the ball is that of as much water.
+    """
 
     mass: Positive
     frame: Name | None = None
     com: Vector = (0.0, 0.0, 0.0)
+    radius: Positive | None = None
+
+    @property
+    def ball(self) -> float:
+        """Radius of the ball that walls see [m]."""
+        return self.radius or float((0.75 * self.mass / (pi * WATER)) ** (1.0 / 3.0))
 
 
 class SearchSection(Section):

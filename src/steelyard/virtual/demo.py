@@ -51,7 +51,7 @@ acceleration = 8.0
 [excitation.workspace]
 frame = "tool"
 radius = 0.05
-box = { z = [0.0, 1.5] } # it stands on a table
+floor = 0.0 # it stands on a table: no link, no tool goes below
 """
 
 

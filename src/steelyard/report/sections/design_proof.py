@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from steelyard.excitation.certificate import COVERS
 from steelyard.report.content import ReportContent
-from steelyard.report.design_words import least, margin, used
+from steelyard.report.design_words import least, margin, uncovered, used
 from steelyard.report.html import fill
 from steelyard.report.sections.section import Numbers
 from steelyard.report.sections.tables import PlainTable, Row
 from steelyard.report.words import count, significant
 
 if TYPE_CHECKING:
-    from steelyard.excitation.certificate import Certificate, Extreme, Proof
+    from steelyard.excitation.certificate import Certificate, Extreme
+    from steelyard.excitation.proof import Proof
 
 CALLED = {"velocity": "speed"}
 """Quantities by another name."""
@@ -37,7 +39,9 @@ class DesignProofSection:
             "quantities": list(dict.fromkeys(one.quantity for one in certificate.extremes)),
             "called": CALLED,
             "joints": _joints(certificate),
-            "notes": certificate.notes,
+            "covers": COVERS,
+            "uncovered": uncovered(content.design),
+            "notes": [n for n in certificate.notes if n not in uncovered(content.design)],
             "constraints": [_constraint(proof) for proof in certificate.proofs],
         }
 
@@ -83,6 +87,7 @@ def _constraint(proof: Proof) -> dict[str, Any]:
     return {
         "name": proof.name,
         "how": proof.how,
+        "scope": proof.scope,
         "least": None if tightest is None else margin(tightest[1], proof.unit),
         "label": "" if tightest is None else tightest[0],
         "level": "good" if tightest is None or tightest[1] >= 0.0 else "poor",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.report.boxes import AXES, Wall, corners, edges, walls_of
+from steelyard.report.boxes import AXES, Face, all_lines, corners, faces_of, segment
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill, packed, rounded, script_json
 from steelyard.report.sections.section import Numbers
@@ -16,7 +16,7 @@ from steelyard.report.skeleton import all_joints, skeleton, way_of
 from steelyard.report.words import significant
 
 if TYPE_CHECKING:
-    from steelyard.robot.excitation_schema import BoxSpans
+    from steelyard.robot.excitation_schema import WorkspaceSection
 
 POINTS = 1500
 """Points of the path."""
@@ -42,14 +42,19 @@ class DesignToolSection:
         joints = all_joints(robot, designed.trajectory.derivative(t, 0))
         path = way_of(robot, tool, joints)
         arm = skeleton(robot, tool, joints[0])
-        walls = walls_of(content.workspace)
+        drawn = np.concatenate([path, arm])
+        faces = faces_of(content.workspace, robot, drawn)
+        boxes = _forbidden(content.workspace, drawn)
         return {
             "tool": designed.tool.title,
             "spans": _spans(path),
             "length": significant(float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())),
-            "walls": bool(walls),
-            "space": script_json(_space(t, path, arm, walls)),
-            "views": [(words, script_json(_view(path, arm, walls, a, b))) for words, a, b in VIEWS],
+            "walls": bool(faces),
+            "space": script_json(_space(t, path, arm, faces)),
+            "views": [
+                (words, script_json(_view(path, arm, faces, boxes, (a, b))))
+                for words, a, b in VIEWS
+            ],
         }
 
     def show(self, numbers: Numbers) -> str:
@@ -63,7 +68,7 @@ def _spans(path: Array) -> str:
     return ", ".join(f"{axis} from {a:.3f} to {b:.3f} m" for axis, a, b in ends)
 
 
-def _space(t: Array, path: Array, arm: Array, walls: Sequence[Wall]) -> dict[str, Any]:
+def _space(t: Array, path: Array, arm: Array, faces: Sequence[Face]) -> dict[str, Any]:
     """Path and arm in space, coloured by time."""
     x, y, z = (packed(axis) for axis in path.T)
     way = {
@@ -98,7 +103,10 @@ def _space(t: Array, path: Array, arm: Array, walls: Sequence[Wall]) -> dict[str
             "hoverinfo": "skip",
         },
     }
-    edges = [_edges(box, path, arm, forbidden=bad) for bad, box in walls]
+    walls = [
+        _walls([face for face in faces if face.forbidden == bad], forbidden=bad)
+        for bad in dict.fromkeys(face.forbidden for face in faces)
+    ]
     axes = {
         f"{axis}axis": {"title": {"text": f"{axis} [m]"}, "backgroundcolor": "#f7f8fa"}
         for axis in AXES
@@ -106,15 +114,20 @@ def _space(t: Array, path: Array, arm: Array, walls: Sequence[Wall]) -> dict[str
     camera = {"eye": {"x": 1.3, "y": -1.4, "z": 0.7}, "center": {"x": 0.0, "y": 0.0, "z": -0.12}}
     scene = {**axes, "aspectmode": "data", "camera": camera}
     layout = {"scene": scene, "showlegend": False, "margin": {"l": 0, "r": 0, "t": 0, "b": 0}}
-    return {"x": "", "y": "", "traces": [way, body, *edges], "layout": layout}
+    return {"x": "", "y": "", "traces": [way, body, *walls], "layout": layout}
 
 
-def _edges(box: BoxSpans, path: Array, arm: Array, *, forbidden: bool) -> dict[str, Any]:
-    """The edges of a box as one broken line."""
-    lines = edges(*corners(box, np.concatenate([path, arm])))
+def _forbidden(workspace: WorkspaceSection | None, seen: Array) -> list[tuple[Array, Array]]:
+    """Corners of the boxes to keep out of [m]."""
+    return [] if workspace is None else [corners(box, seen) for box in workspace.keep_out]
+
+
+def _walls(faces: Sequence[Face], *, forbidden: bool) -> dict[str, Any]:
+    """Faces as one broken line."""
+    lines = all_lines(faces)
     points = np.concatenate([lines, np.full((len(lines), 1, 3), np.nan)], axis=1).reshape(-1, 3)
     return {
-        "name": "box to keep out of" if forbidden else "box",
+        "name": "box to keep out of" if forbidden else "wall",
         "kind": "line",
         "x": packed(points[:, 0]),
         "y": packed(points[:, 1]),
@@ -122,14 +135,21 @@ def _edges(box: BoxSpans, path: Array, arm: Array, *, forbidden: bool) -> dict[s
             "type": "scatter3d",
             "mode": "lines",
             "z": packed(points[:, 2]),
-            "line": {"color": WALL if forbidden else ARM, "width": 2},
+            "line": {"color": WALL if forbidden else PALE, "width": 2},
             "hoverinfo": "skip",
         },
     }
 
 
-def _view(path: Array, arm: Array, walls: Sequence[Wall], a: int, b: int) -> dict[str, Any]:
+def _view(
+    path: Array,
+    arm: Array,
+    faces: Sequence[Face],
+    boxes: Sequence[tuple[Array, Array]],
+    axes: tuple[int, int],
+) -> dict[str, Any]:
     """What is seen along one axis, both scales alike."""
+    a, b = axes
 
     def line(name: str, points: Array, colour: str, width: float, **more: Any) -> dict[str, Any]:
         own = {"line": {"color": colour, "width": width}, **more}
@@ -142,19 +162,9 @@ def _view(path: Array, arm: Array, walls: Sequence[Wall], a: int, b: int) -> dic
         line("tool", path, PATH, 1.3, hovertemplate="%{x:.3f}, %{y:.3f} m<extra></extra>"),
         line("start", path[:1], START, 1.0, mode="markers", marker={"color": START, "size": 8}),
     ]
-    shapes = []
-    for bad, box in walls:
-        low, high = corners(box, np.concatenate([path, arm]))
-        fill = {"fillcolor": FORBIDDEN, "layer": "below"} if bad else {}
-        shapes.append(
-            {
-                "type": "rect",
-                **{"x0": rounded(low[a]), "x1": rounded(high[a])},
-                **{"y0": rounded(low[b]), "y1": rounded(high[b])},
-                "line": {"color": WALL, "width": 1.2, "dash": "dot"},
-                **fill,
-            }
-        )
+    shapes = [_rectangle(low[[a, b]], high[[a, b]]) for low, high in boxes]
+    seen = [segment(face, a, b) for face in faces if not face.forbidden]
+    shapes += [_line(ends) for ends in seen if ends is not None]
     return {
         "x": f"{AXES[a]} [m]",
         "y": f"{AXES[b]} [m]",
@@ -165,4 +175,23 @@ def _view(path: Array, arm: Array, walls: Sequence[Wall], a: int, b: int) -> dic
             "shapes": shapes,
             "showlegend": False,
         },
+    }
+
+
+def _rectangle(low: Array, high: Array) -> dict[str, Any]:
+    """A box to keep out of, from its corners `(2,)` [m]."""
+    return _line(np.stack([low, high])) | {
+        "type": "rect",
+        "fillcolor": FORBIDDEN,
+        "layer": "below",
+    }
+
+
+def _line(ends: Array) -> dict[str, Any]:
+    """A wall from end to end, shape `(2, 2)` [m]."""
+    return {
+        "type": "line",
+        **{"x0": rounded(ends[0, 0]), "x1": rounded(ends[1, 0])},
+        **{"y0": rounded(ends[0, 1]), "y1": rounded(ends[1, 1])},
+        "line": {"color": WALL, "width": 1.2, "dash": "dot"},
     }

@@ -4,8 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
+from steelyard.excitation.certificate import COVERS
 from steelyard.report.content import ReportContent
-from steelyard.report.design_words import detail, hardest, headline, level, tightest, unseen
+from steelyard.report.design_words import (
+    detail,
+    hardest,
+    headline,
+    level,
+    tightest,
+    uncovered,
+    unseen,
+)
 from steelyard.report.html import fill
 from steelyard.report.sections.section import Numbers
 from steelyard.report.words import NONE, significant
@@ -32,7 +41,13 @@ class DesignVerdictSection:
             "facts": _facts(designed),
             "failures": designed.certificate.failures,
             "tight": tightest(designed),
-            "notes": (*designed.notes, *content.notes),
+            "covers": COVERS,
+            "uncovered": uncovered(designed),
+            "notes": [
+                note
+                for note in (*designed.notes, *content.notes)
+                if note not in uncovered(designed)
+            ],
         }
 
     def show(self, numbers: Numbers) -> str:
