@@ -3,10 +3,11 @@
 from typing import ClassVar
 
 from steelyard.diagnosis.case import Case
-from steelyard.diagnosis.finding import Finding
+from steelyard.diagnosis.finding import Finding, Judgement
+from steelyard.diagnosis.residual_delay import residual_delay
 from steelyard.diagnosis.rival import Rival
 from steelyard.diagnosis.telling import agrees, findings
-from steelyard.diagnosis.verdict import Verdict
+from steelyard.diagnosis.verdict import Verdict, verdict
 
 
 class EffortDelay:
@@ -17,8 +18,18 @@ class EffortDelay:
     quick: ClassVar[bool] = True
 
     def __call__(self, case: Case) -> tuple[Finding, ...]:
-        """One finding per log that moves."""
-        return findings(case, self.name, _fine, _advice)
+        """One finding per log that moves; a short delay is sought in the residuals of a fit."""
+        found = findings(case, self.name, _fine, _advice)
+        judged = [verdict(case, evidence) for evidence in case.logs]
+        if any(held is not None and _wrong(held) for held in judged):
+            return found
+        late = residual_delay(case, self.name)
+        return found if late is None else (late, *(f for f in found if f.log))
+
+
+def _wrong(held: Verdict) -> bool:
+    """Whether a delay is known already, or another cause is to be mended first."""
+    return any(r.cause == EffortDelay.name or j is Judgement.WRONG for r, j in held.winners)
 
 
 def _fine(held: Verdict) -> str:

@@ -1,0 +1,44 @@
+"""A delay of efforts shows in the residuals of a fit, if it is the same in all joints."""
+
+import numpy as np
+import pytest
+
+from diagnosis.conftest import Arm
+from steelyard.arrays import Array
+from steelyard.diagnosis.effort_delay import EffortDelay
+from steelyard.diagnosis.finding import Judgement
+from steelyard.diagnosis.residual_delay import residual_delay
+
+
+def late(arm: Arm, seconds: Array) -> Array:
+    """The log with each joint's effort logged that much later."""
+    table = arm.table.copy()
+    t = table[:, 0]
+    for column, delay in zip(arm.at("tau{}_Nm"), seconds, strict=True):
+        table[:, column] = np.interp(t - delay, t, arm.table[:, column])
+    return table
+
+
+@pytest.mark.parametrize("delay", [-0.02, 0.004, 0.012, 0.03])
+def test_a_short_delay_is_found_without_a_reference(arm: Arm, delay: float) -> None:
+    case = arm.case(late(arm, np.full(6, delay)), known=False)
+    finding, *others = EffortDelay()(case)
+    assert all(other.judgement == Judgement.OK for other in others)
+    assert finding.judgement == Judgement.WRONG and finding.mend is not None
+    (edit,) = finding.mend.edits
+    assert edit.path == ("signals", "effort", "delay")
+    assert edit.value == pytest.approx(delay, abs=3e-4)
+    assert ("early" if delay < 0.0 else "late") in finding.says
+
+
+def test_efforts_in_time_and_lags_that_differ_are_no_delay(arm: Arm) -> None:
+    assert residual_delay(arm.case(arm.table, known=False), "effort delay") is None
+    lags = np.array([0.002, 0.011, 0.01, 0.02, 0.03, 0.018])
+    assert residual_delay(arm.case(late(arm, lags), known=False), "effort delay") is None
+
+
+def test_a_declared_delay_is_counted_in(arm: Arm) -> None:
+    text = arm.text.replace('unit = "Nm"', 'unit = "Nm"\ndelay = 0.01')
+    finding = residual_delay(arm.case(late(arm, np.full(6, 0.014)), text, known=False), "x")
+    assert finding is not None and finding.mend is not None
+    assert finding.mend.edits[0].value == pytest.approx(0.014, abs=3e-4)
