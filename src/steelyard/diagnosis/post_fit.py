@@ -9,10 +9,11 @@ from collections.abc import Sequence
 from steelyard.diagnosis.finding import Finding
 from steelyard.diagnosis.fitted_case import FittedCase as FittedCase
 from steelyard.diagnosis.fitted_case import PostFitCheck as PostFitCheck
+from steelyard.diagnosis.model_error import ModelError
 from steelyard.diagnosis.unseen_reason import UnseenReason
 from steelyard.progress import Progress, silent, tell
 
-POST_FIT: tuple[PostFitCheck, ...] = (UnseenReason(),)
+POST_FIT: tuple[PostFitCheck, ...] = (ModelError(), UnseenReason())
 
 
 def examine_fit(

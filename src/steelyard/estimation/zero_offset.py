@@ -53,6 +53,7 @@ class ZeroOffsets:
         joints: Names of all joints.
         units: `rad` or `m` per joint.
         values: Shape `(n,)`; of joints that are not identifiable as they were given.
+        start: What was given, shape `(n,)`.
         std: Their standard deviations, shape `(n,)`; NaN of what was not estimated.
         wanted: Whether each was to be estimated.
         converged: Whether the search converged.
@@ -61,6 +62,7 @@ class ZeroOffsets:
     joints: tuple[str, ...]
     units: tuple[str, ...]
     values: Array
+    start: Array
     std: Array
     wanted: tuple[bool, ...]
     converged: bool
@@ -143,8 +145,8 @@ def find_offsets(
         moved = np.nan_to_num(step)
         values += moved * min(1.0, LONGEST / max(float(np.abs(moved).max()), 1e-300))
         if np.all(np.abs(moved) <= CONVERGED * np.nan_to_num(spread, nan=np.inf)):
-            return _found(model, values, spread, wanted, True)
-    return _found(model, values, spread, wanted, False)
+            return _found(model, values, start, spread, wanted, True)
+    return _found(model, values, start, spread, wanted, False)
 
 
 def offset_step(
@@ -183,7 +185,13 @@ def offset_step(
 
 
 def _found(
-    model: Model, values: Array, std: Array, wanted: Sequence[bool], converged: bool
+    model: Model,
+    values: Array,
+    start: Array,
+    std: Array,
+    wanted: Sequence[bool],
+    converged: bool,
 ) -> ZeroOffsets:
     joints, units = model.robot.joint_names, tuple(c.unit for c in model.robot.coordinates)
-    return ZeroOffsets(joints, units, frozen(values), frozen(std), tuple(wanted), converged)
+    arrays = frozen(values), frozen(start), frozen(std)
+    return ZeroOffsets(joints, units, *arrays, tuple(wanted), converged)

@@ -1,6 +1,7 @@
 """Torques of a tree whose joints lie a little beside where the model file places them."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,7 @@ def torque_slope(
     return np.asarray((ahead - behind) / (2.0 * STEP))
 
 
+@lru_cache(maxsize=4)
 def placement_code(robot: Robot) -> Code:
     """Machine code; inputs are motion, ten numbers and `MOVES` displacements per body."""
 

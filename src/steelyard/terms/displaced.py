@@ -14,11 +14,11 @@ from steelyard.arrays import Array
 from steelyard.kernel.dynamics import JointState
 from steelyard.kernel.placement import MOVES, torque_slope
 from steelyard.parameters import Parameter
-from steelyard.robot.robot import Body, Robot
+from steelyard.robot.robot import Robot
 from steelyard.terms.rigid_body import RigidBody
 from steelyard.terms.term import Columns, Samples
 
-Which = Literal["zero_offset", "position", "axis"]
+Which = Literal["zero_offset", "compliance", "position", "axis"]
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,8 @@ class Displaced:
     r"""Errors of the geometry, $\partial \tau / \partial x$ at a reference model.
 
     Per joint its `zero_offset` [rad; m], per body the `position` of its joint in the parent
-    [m; three numbers in the joint's frame] and the tilt of its `axis` [rad; two numbers].
+    [m; three numbers in the joint's frame] and the tilt of its `axis` [rad; two numbers], and per
+    joint its `compliance` [rad/Nm; m/N]: the offset per torque, against which it turns.
     Trees only: closed chains have no columns.
 
     Attributes:
@@ -61,36 +62,46 @@ class Displaced:
         names, values = [p.name for p in RigidBody().parameters(robot)], dict(self.reference)
         tens = np.array([values.get(name, 0.0) for name in names])
         motion = samples.q, samples.dq, samples.ddq
-        found = [torque_slope(robot, motion, tens, move) for _, _, move in self._moves(robot)]
+        found = []
+        for name, _, move in self._moves(robot):
+            slope = torque_slope(robot, motion, tens, move)
+            kind, _, joint = name.partition(".")
+            if kind == "compliance":
+                slope = -samples.rigid_torque(tens)[_number(robot, joint)] * slope
+            found.append(slope)
         return np.concatenate(found), None
 
     def _moves(self, robot: Robot) -> Iterator[tuple[str, str, Array]]:
         """Name, unit and direction `(MOVES n_bodies,)` of every parameter."""
         if robot.passive:
             return
-        if "zero_offset" in self.which:
-            for number, joint in enumerate(robot.joints):
-                mine = np.zeros((len(robot.bodies), MOVES))
-                for k, body in enumerate(robot.bodies):
-                    if body.coordinate == number:
-                        mine[k, _along(body)] = body.ratio * body.axis
-                yield f"zero_offset.{joint.name}", joint.unit, mine.ravel()
+        for kind, unit in (("zero_offset", "{0}"), ("compliance", "{0}/{1}")):
+            for joint in robot.joints if kind in self.which else ():
+                units = unit.format(joint.unit, joint.effort_unit)
+                yield f"{kind}.{joint.name}", units, _own(robot, joint.name)
         for k, body in enumerate(robot.bodies):
             if "position" in self.which:
                 for number, axis in enumerate("xyz"):
-                    yield (
-                        f"position_{axis}.{body.joint}",
-                        "m",
-                        _one(robot, k, np.eye(MOVES)[number]),
-                    )
+                    move = np.eye(MOVES)[number]
+                    yield f"position_{axis}.{body.joint}", "m", _one(robot, k, move)
             if "axis" in self.which:
                 for number, across in enumerate(_across(body.axis), start=1):
                     move = np.concatenate((np.zeros(3), across))
                     yield f"axis_{number}.{body.joint}", "rad", _one(robot, k, move)
 
 
-def _along(body: Body) -> slice:
-    return slice(0, 3) if body.kind == "prismatic" else slice(3, 6)
+def _number(robot: Robot, joint: str) -> int:
+    return [coordinate.name for coordinate in robot.joints].index(joint)
+
+
+def _own(robot: Robot, joint: str) -> Array:
+    """What a joint's own motion displaces: its body, and those that mimic it."""
+    moves = np.zeros((len(robot.bodies), MOVES))
+    for k, body in enumerate(robot.bodies):
+        if body.coordinate == _number(robot, joint):
+            along = slice(0, 3) if body.kind == "prismatic" else slice(3, 6)
+            moves[k, along] = body.ratio * body.axis
+    return moves.ravel()
 
 
 def _one(robot: Robot, body: int, move: Array) -> Array:

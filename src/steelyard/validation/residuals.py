@@ -1,0 +1,118 @@
+r"""Residuals beside the measurement noise: whether a model lacks something.
+
+The residuals of a fit went through the matched filter. What the motion demands ends at its band;
+above it, the spectrum of measured minus predicted effort holds noise: that of the effort, and of
+the measured motion as far as its own filter lets it through. Noise that is white keeps
+$\sum_k h_k^2$ of its variance behind the filter, with $h$ its taps. Taken from the loudest octave
+above the band, resonances and the tails of model errors included, it is an upper bound: residuals
+are at least that many times the noise.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from steelyard.arrays import Array, frozen
+from steelyard.measurement.run import Run
+from steelyard.measurement.spectrum import welch
+from steelyard.model import ValuedModel
+from steelyard.regression.gather import along
+from steelyard.regression.matched import MatchedFilter
+
+CLEAR = 2.0
+"""Frequencies from that many matched cut-offs on hold none of what is fitted."""
+
+TOP = 0.4
+"""Share of the sampling rate up to which the spectrum is read: resampling bends it above."""
+
+SPECTRUM = 4.0
+"""Length of the spectrum's windows [s]."""
+
+LINES = 4
+"""Least number of frequencies of a band."""
+
+LONGEST = 60.0
+"""Time of each run that is looked at [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualNoise:
+    """Residuals and measurement noise behind the matched filter.
+
+    Attributes:
+        joints: Names of the effort rows.
+        residual: Standard deviation of the residuals, shape `(n,)` [Nm; N].
+        noise: Upper bound of the measurement noise's, shape `(n,)`; NaN where no band above the
+            motion's tells it.
+    """
+
+    joints: tuple[str, ...]
+    residual: Array
+    noise: Array
+
+    @property
+    def ratios(self) -> Array:
+        """Residual over noise, at least, shape `(n,)`; NaN where the noise is not known."""
+        known = np.isfinite(self.noise) & (self.noise > 0.0)
+        return np.where(known, self.residual / np.where(known, self.noise, 1.0), np.nan)
+
+
+def residual_noise(
+    valued: ValuedModel, runs: Sequence[Run], sigma: Array, gains: Array
+) -> ResidualNoise:
+    """Measurement noise of runs behind their matched filter, beside a fit's residuals.
+
+    Args:
+        valued: The fitted model.
+        runs: The fitted runs.
+        sigma: Standard deviation of the filtered residuals per joint [Nm; N].
+        gains: Joint effort per logged unit, shape `(n,)`.
+    """
+    variances, seconds = np.zeros(len(gains)), 0.0
+    for run in runs:
+        taps = MatchedFilter.design(run.matched_cutoff, run.rate).taps
+        rest = _unexplained(valued, run, gains)
+        density = noise_floor(rest, run.rate, run.matched_cutoff)
+        least = np.square(np.asarray(run.quality.effort_resolution) * gains) / 12.0
+        own = np.fmax(0.5 * run.rate * density, np.where(np.isnan(density), np.nan, least))
+        variances += own * np.sum(np.square(taps)) * run.duration
+        seconds += run.duration
+    noise = np.sqrt(variances / seconds)
+    return ResidualNoise(valued.model.robot.joint_names, frozen(sigma), frozen(noise))
+
+
+def noise_floor(signals: Array, rate: float, cutoff: float) -> Array:
+    """Largest noise density above a band, one-sided, shape `(n,)`; NaN where nothing is above.
+
+    Of octaves from `CLEAR` times the cut-off to `TOP` times the rate, the median density of the
+    loudest.
+
+    Args:
+        signals: Shape `(n, N)`, uniformly sampled.
+        rate: [Hz].
+        cutoff: Edge of the band [Hz].
+    """
+    frequency, density = welch(signals, rate, SPECTRUM)
+    best, low = np.full(len(signals), np.nan), CLEAR * cutoff
+    while low < TOP * rate:
+        high = min(2.0 * low, TOP * rate)
+        inside = (frequency >= low) & (frequency < high)
+        if inside.sum() >= LINES:
+            best = np.fmax(best, np.median(density[:, inside], axis=1))
+        low = high
+    return best
+
+
+def _unexplained(valued: ValuedModel, run: Run, gains: Array) -> Array:
+    """Measured minus predicted effort of the longest stretch without a gap, `(n, N)`."""
+    stretches: dict[int, list[Array]] = {}
+    start: float | None = None
+    for block in along(run.blocks(), valued.model):
+        start = float(block.t[0]) if start is None else start
+        if block.t[0] - start > LONGEST:
+            break
+        predicted = valued.block(block.q, block.dq, block.ddq, block.channels)
+        stretches.setdefault(block.segment, []).append(gains[:, None] * block.effort - predicted)
+    longest = max(stretches.values(), key=lambda parts: sum(p.shape[1] for p in parts))
+    return np.concatenate(longest, axis=1)

@@ -1,0 +1,38 @@
+"""Columns of errors of how efforts are read, against the torque that they scale."""
+
+import numpy as np
+
+from invented import dh_arm
+from steelyard.kernel.dynamics import JointState
+from steelyard.model import Model
+from steelyard.parameters import Parameters
+from steelyard.terms.misread import Misread
+from steelyard.terms.rigid_body import RigidBody
+
+ROBOT = dh_arm()
+
+
+def test_gain_and_saturation_scale_the_torque_of_their_own_joint() -> None:
+    motion = np.random.default_rng(3).normal(size=(3, ROBOT.n, 20))
+    bodies = Model(ROBOT, (RigidBody(),))
+    nominal = ROBOT.nominal.ravel()
+    torque = bodies.at(Parameters(bodies.names, bodies.units, nominal)).block(*motion)
+    reference = tuple(zip(bodies.names, nominal.tolist(), strict=True))
+    term = Misread(reference, scale=(2.0, 4.0, 8.0))
+    model = Model(ROBOT, (term,))
+    channels = model.scan()(*motion)
+    columns = term.columns(ROBOT, JointState(*map(list, motion), list(channels)))
+    assert len(columns) == 2 * ROBOT.n
+    for (row, k), column in columns.items():
+        kind, _, joint = model.names[k].partition(".")
+        assert joint == ROBOT.joint_names[row]
+        scale = (2.0, 4.0, 8.0)[row]
+        wanted = torque[row] if kind == "gain" else torque[row] * np.abs(torque[row]) / scale
+        np.testing.assert_allclose(column, wanted)
+
+
+def test_a_closed_chain_has_no_columns() -> None:
+    closed = ROBOT.changed(
+        coordinates=ROBOT.coordinates[:2], passive=ROBOT.coordinates[2:], assembly=np.zeros(3)
+    )
+    assert Misread().parameters(closed) == () and Misread().n_channels(closed) == 0
