@@ -1,6 +1,6 @@
 """One ranking of all explanations of a log, so that one fault raises one alarm."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -10,7 +10,7 @@ from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.excerpt import excerpt_of
 from steelyard.diagnosis.knowledge import Knowledge, knowledge_of
 from steelyard.diagnosis.rival import AS_DECLARED, Rival, one_of
-from steelyard.diagnosis.rivals_effort import PERCENT, Other, effort_rivals
+from steelyard.diagnosis.rivals_effort import PERCENT, Other, best_factors, effort_rivals
 from steelyard.diagnosis.rivals_position import deep_rivals, position_rivals
 from steelyard.diagnosis.rivals_ratio import ratio_rivals
 from steelyard.diagnosis.rivals_world import world_rivals
@@ -70,6 +70,8 @@ def ranking(case: Case, evidence: Evidence) -> Ranking | None:
     if excerpt is None:
         return None
     trial = trial_of(excerpt, signals, knowledge, case.loaded.robot, gains)
+    if any(signals.unknown_gains) and not knowledge.identified:
+        trial = _with_free_gains(trial)
     found = ranked(trial, _others(trial, case.reference))
     return found if np.any(found.declared.score.counts > 0.0) else None
 
@@ -92,14 +94,22 @@ def _known(case: Case) -> Knowledge | None:
 
 
 def _gains(case: Case, evidence: Evidence) -> Array | None:
-    """Gains of the efforts; those to be identified are the reference's."""
+    """Gains of the efforts; those to be identified are the reference's, without one 1."""
     signals = evidence.recording.signals
     gains = np.array(signals.gains)
-    if not any(signals.unknown_gains):
+    if not any(signals.unknown_gains) or case.reference is None:
         return gains
-    if case.reference is None or case.reference.model.robot.joint_names != case.joints:
+    if case.reference.model.robot.joint_names != case.joints:
         return None
     return np.where(signals.unknown_gains, case.reference.signals.gains, gains)
+
+
+def _with_free_gains(trial: Trial) -> Trial:
+    """The log with those gains that are to be identified at which the nominal bodies agree best."""
+    declared, unknown = trial.declared, np.array(trial.signals.unknown_gains)
+    sums = trial.sums([declared])
+    best = best_factors(trial, sums, list(declared.effort), declared.effort_scale)
+    return replace(trial, gains=trial.gains * np.where(unknown, best, 1.0))
 
 
 def _others(trial: Trial, reference: IdentifiedModel | None) -> tuple[Other, ...]:

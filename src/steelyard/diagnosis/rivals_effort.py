@@ -136,6 +136,15 @@ def _told(
     return (np.minimum(less, more) > bound) & inside, (one > bound) & inside
 
 
+def poorly_shown(trial: Trial, reading: Reading) -> tuple[str, ...]:
+    """Joints whose effort agrees about as well with quite another gain than that of a reading."""
+    sums, names = trial.sums([reading]), trial.knowledge.robot.joint_names
+    ones = np.ones(len(names))
+    shown = _told(trial, sums, list(reading.effort), reading.effort_scale, ones)[0]
+    seen = sums.count[0] > 0.0
+    return tuple(n for n, well, moves in zip(names, shown, seen, strict=True) if moves and not well)
+
+
 def _orders(trial: Trial, reading: Reading, sums: Sums) -> Iterator[Rival]:
     """The order of effort columns that agrees best, found as an assignment."""
     from scipy.optimize import linear_sum_assignment

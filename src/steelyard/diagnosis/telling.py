@@ -117,7 +117,7 @@ def _mend(
 ) -> tuple[Mend, Judgement]:
     """The advice with its edits, which the first finding of a log carries for the velocities."""
     if not rival.fixed:
-        return Mend(ways(case, rival)), judgement
+        return ways(case, rival), judgement
     last, trial = held.written[-1].reading, held.ranking.trial
     wanted = edits_of(rival.cause, trial, last, case.loaded)
     whole = edits(case, evidence)
@@ -198,11 +198,12 @@ def agrees(held: Verdict, what: str) -> str:
             f"cannot be told: {_known(held)} disagrees by {ranked.declared.percent:.0f} % and no "
             "explanation is clear" + ("" if ranked.trial.knowledge.identified else "; give --model")
         )
-    percent = _last(held).percent
+    percent = last_of(held).percent
     once = ", once the rest is mended" if held.winners else ""
     close = "agrees to" if percent <= CLEAN else "comes only within"
     return f"{what} ({_known(held)} {close} {percent:.1f} %{once})"
 
 
-def _last(held: Verdict) -> Rival:
+def last_of(held: Verdict) -> Rival:
+    """The last winner, or the declared reading."""
     return held.winners[-1][0] if held.winners else held.ranking.declared

@@ -1,19 +1,45 @@
 """What to do where a number is poorly identifiable from a log: where to take it from, in order."""
 
 from steelyard.diagnosis.case import Case
+from steelyard.diagnosis.controller_gains import ControllerGains, controller_gains
+from steelyard.diagnosis.finding import Edit, Mend
 from steelyard.diagnosis.rival import Rival
 
 FACTORS = ("gain", "effort kind", "effort unit")
 """Causes that are a factor on efforts."""
 
 
-def ways(case: Case, rival: Rival) -> str:
+def ways(case: Case, rival: Rival) -> Mend:
     """What to do about an explanation whose numbers are not written."""
     if rival.cause not in FACTORS:
-        return (
+        return Mend(
             f"{rival.says}, or the bodies are others than the model file says: the log alone "
             "cannot decide; look at both, or give a model from clean runs (--model)"
         )
+    gains = controller_gains(case) if rival.cause == "gain" else None
+    return Mend(_listed(case)) if gains is None else _of_controller(case, gains)
+
+
+def _of_controller(case: Case, gains: ControllerGains) -> Mend:
+    """The controller's own gains; those that its targets do not show are left to be identified."""
+    pairs = zip(case.joints, gains.values, gains.half_widths, gains.known, strict=True)
+    shown = ", ".join(f"{name} {g:.4g} ± {w:.2g}" for name, g, w, known in pairs if known)
+    says = (
+        "gains and masses cannot be identified together from this log; the controller's target "
+        f"torque over its target current ({gains.columns[0]} over {gains.columns[1]}, friction "
+        f"taken out) gives the gains {shown} (95 %)"
+    )
+    unknown = [f"'{n}'" for n, known in zip(case.joints, gains.known, strict=True) if not known]
+    if unknown:
+        says += (
+            f"; those of {', '.join(unknown)} are poorly identifiable from it: take them from the "
+            'data sheet, or leave them at "identify", relative to the others'
+        )
+    return Mend(says, (Edit(("signals", "effort", "gain"), gains.entries),))
+
+
+def _listed(case: Case) -> str:
+    """The ways to gains, in order."""
     source = case.loaded.sources[0].path.name if case.loaded.sources else "ROBOT"
     robot = source if source.endswith(".toml") else "ROBOT.toml"
     log = " ".join(e.log.path.name for e in case.logs)
