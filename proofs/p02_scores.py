@@ -51,7 +51,9 @@ def identified(
         command = [sys.executable, "-m", "steelyard", "identify", str(named), *logs]
         command += ["--validate", *validation] if validation else []
         command += ["-o", str(output or Path(folder) / "out"), "--json"]
-        done = subprocess.run(command, capture_output=True, text=True, check=True)
+        done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode not in (0, 1):
+        raise RuntimeError(done.stderr)
     result: dict[str, Any] = json.loads(done.stdout)
     return result
 
