@@ -15,6 +15,7 @@ from steelyard.measurement import Recording, Run, prepare
 from steelyard.measurement.processing import Processing
 from steelyard.measurement.recording import HeldLog
 from steelyard.motion import Motion
+from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
 from steelyard.robot.robot import Robot
 from steelyard.robot.robot_file import LoadedRobot, load_robot
 from steelyard.robot.signals import Signals
@@ -55,6 +56,8 @@ class Row:
         harmonics: Harmonics of the motion.
         rate: Rows per second [Hz].
         backward: Whether a velocity column holds backward differences of positions.
+        thin: Side to which every true body is flattened along a random direction, relative to the
+            nominal one; such bodies are at the edge of what can exist.
     """
 
     name: str
@@ -68,14 +71,17 @@ class Row:
     harmonics: int = 5
     rate: float = 250.0
     backward: bool = False
+    thin: float = 1.0
 
 
 ROWS = (
     Row("white noise"),
     Row("coarse encoder", encoder=2.0 * np.pi / 2**13),
-    Row("quantised torque", step=0.1),
+    Row("quantised torque", step=0.05),
     Row("short and poor logs", periods=1, harmonics=3),
     Row("noise correlated over 0.5 s", lag=0.5),
+    Row("bodies at the edge of what can exist", thin=0.05),
+    Row("the same, short and poor logs", thin=0.05, periods=1, harmonics=3),
     Row("smooth friction", right=False, terms=SMOOTH),
     Row("Stribeck friction outside the model", right=False, terms=(*DEFAULT_TERMS, Stribeck(0.2))),
     Row("load-dependent friction", right=False, terms=(*DEFAULT_TERMS, LoadDependent(1e-3))),
@@ -110,7 +116,7 @@ def robot_file() -> LoadedRobot:
 def case_of(row: Row, seed: int) -> Case:
     """The runs of one draw."""
     robot = robot_file().robot
-    truth = random_truth(robot, seed, terms=row.terms)
+    truth = flattened(robot, random_truth(robot, seed, terms=row.terms), row.thin, seed)
     logs = [recording_of(robot, truth, row, 100 * seed + k) for k in range(FITTED + 1)]
     first = [prepare(log) for log in logs[:-1]]
     common = Processing(
@@ -120,6 +126,21 @@ def case_of(row: Row, seed: int) -> Case:
     runs = [prepare(log, common) for log in logs]
     named = [replace(run, name=f"run{k}") for k, run in enumerate(runs)]
     return Case(truth, tuple(named[:-1]), named[-1])
+
+
+def flattened(robot: Robot, truth: Truth, thin: float, seed: int) -> Truth:
+    """The truth with every body flattened along a random direction, relative to its prior."""
+    rng, values = np.random.default_rng(seed), truth.values.as_dict()
+    for body in robot.bodies if thin < 1.0 else ():
+        names = [f"{name}.{body.name}" for name in INERTIAL_NAMES]
+        root = np.linalg.cholesky(body.inertia.pseudo)
+        direction = rng.standard_normal(4)
+        direction /= np.linalg.norm(direction)
+        press = root @ (np.eye(4) - (1.0 - thin) * np.outer(direction, direction))
+        press = press @ np.linalg.inv(root)
+        pseudo = press @ Inertia.from_ten([values[name] for name in names]).pseudo @ press.T
+        values |= dict(zip(names, Inertia.from_pseudo(pseudo).ten.tolist(), strict=True))
+    return replace(truth, values=replace(truth.values, values=np.array(list(values.values()))))
 
 
 def recording_of(robot: Robot, truth: Truth, row: Row, seed: int) -> Recording:

@@ -3,7 +3,9 @@ r"""Physically consistent parameters: bodies that can exist, near their priors [
 The data come whitened and compressed, bodies in the scale of their prior, friction, rotor inertia
 and stiffness within their bounds; the program is convex: Clarabel comes near its optimum, Newton's
 method gets there. Its curvature at the optimum is the posterior's precision (Laplace), so intervals
-count data and prior alike, and each parameter tells how much of it is data.
+count data and prior alike, and each parameter tells how much of it is data. Near the edge of what
+can exist the penalty is steep, which makes no parameter better known: the prior counts there with
+the curvature that it has at its own values.
 """
 
 from contextlib import suppress
@@ -217,6 +219,8 @@ class Consistent:
                 k, own = place[name], estimate.parameters.names.index(name)
                 full[k], learned[k] = estimate.parameters.values[own], 1.0
                 covariance[k, k] = estimate.covariance[own, own]
+        # what the wishes give has no variance, but for rounding
+        np.fill_diagonal(covariance, np.maximum(np.diag(covariance), 0.0))
         return Standard(
             Parameters(self.base.names, self.base.units, full),
             frozen(0.5 * (covariance + covariance.T)),
@@ -230,7 +234,7 @@ def _covariances(data: Whitened, program: Program, tried: Tried) -> tuple[Array,
     Where rows do not weigh by their noise, that of the data is between the inverses.
     """
     known, free = program.unknowns, program.wishes.free
-    prior = program.precision(tried.u, tried.gamma)
+    prior = program.stated_precision(tried.u, tried.gamma)
     after, before = (
         free @ _inverse(free.T @ precision @ free) @ free.T
         for precision in (prior + known.matrix.T @ known.matrix, prior)

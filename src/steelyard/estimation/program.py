@@ -164,9 +164,24 @@ class Program:
 
     def precision(self, u: Array, gamma: float) -> Array:
         """Second derivative of the objective without the data, shape `(m, m)`."""
+        return self._precision(self.unknowns.pseudo(u), gamma)
+
+    def stated_precision(self, u: Array, gamma: float) -> Array:
+        r"""The same without what is gained by being near the edge of possible bodies.
+
+        Where an eigenvalue $\lambda$ of $X$ nears zero, the penalty's curvature grows with
+        $\lambda^{-2}$: it keeps the body possible, but knows the parameters no better. There the
+        curvature at $\lambda = 1$ counts, the prior's own.
+        """
+        values, vectors = np.linalg.eigh(self.unknowns.pseudo(u))
+        lifted = (vectors * np.maximum(values, 1.0)[:, None, :]) @ vectors.transpose(0, 2, 1)
+        return self._precision(lifted, gamma)
+
+    def _precision(self, bodies: Array, gamma: float) -> Array:
+        """Second derivative of the objective without the data, at bodies `X`, `(bodies, 4, 4)`."""
         known = self.unknowns
         matrix = np.diag(known.weak)
-        for body, (x, prior) in enumerate(zip(known.pseudo(u), known.priors, strict=True)):
+        for body, (x, prior) in enumerate(zip(bodies, known.priors, strict=True)):
             part = slice(10 * body, 10 * body + 10)
             matrix[part, part] += self._weight(prior, gamma) * self._form(prior).curvature(x)
         return matrix

@@ -1,0 +1,83 @@
+"""Intervals of bodies at the edge of what can exist: the penalty is steep there."""
+
+import numpy as np
+import pytest
+
+from in_amperes import GAINS, ROBOT, run_of
+from steelyard.estimation.consistent import Consistent
+from steelyard.estimation.estimate import Z95
+from steelyard.estimation.physics import Entropic, Pullback
+from steelyard.estimation.prior import default_knowledge
+from steelyard.estimation.program import Program, wishes
+from steelyard.estimation.unknowns import unknowns
+from steelyard.estimation.whitened import whitened
+from steelyard.measurement import Processing
+from steelyard.model import Model
+from steelyard.parameters import Parameters
+from steelyard.regression.gather import gather
+from steelyard.regression.information import Information
+from steelyard.regression.regressor import base_regressor
+from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
+from steelyard.virtual.invent import random_truth
+from steelyard.virtual.truth import Truth
+
+MODEL = Model(ROBOT)
+REGRESSOR = base_regressor(MODEL)
+KNOWN = default_knowledge(MODEL)
+CUTOFFS = Processing(motion_cutoff=17.0, matched_cutoff=5.5)
+
+
+def thin_truth(seed: int) -> Truth:
+    """Every body pressed to a twentieth of its width along a random direction."""
+    truth, rng = random_truth(ROBOT, seed), np.random.default_rng(seed)
+    values = truth.values.as_dict()
+    for body in ROBOT.bodies:
+        names = [f"{name}.{body.name}" for name in INERTIAL_NAMES]
+        root = np.linalg.cholesky(body.inertia.pseudo)
+        direction = rng.standard_normal(4)
+        direction /= np.linalg.norm(direction)
+        press = root @ (np.eye(4) - 0.95 * np.outer(direction, direction)) @ np.linalg.inv(root)
+        pseudo = press @ Inertia.from_ten([values[name] for name in names]).pseudo @ press.T
+        values |= dict(zip(names, Inertia.from_pseudo(pseudo).ten.tolist(), strict=True))
+    known = Parameters(truth.values.names, truth.values.units, list(values.values()))
+    return Truth(truth.model, known, truth.smoothing)
+
+
+def said(seed: int) -> Information:
+    truth, units = thin_truth(seed), ROBOT.effort_units
+    runs = [run_of(truth, 10 * seed + k, wanted=CUTOFFS) for k in range(2)]
+    first, second = (gather(REGRESSOR, run).scaled(GAINS, units) for run in runs)
+    return first + second
+
+
+def test_intervals_hold_where_bodies_are_at_the_edge(monkeypatch: pytest.MonkeyPatch) -> None:
+    estimator, edge, steep = Consistent(REGRESSOR.base, KNOWN), [], []
+    for seed in range(9):
+        information, values = said(seed), thin_truth(seed).values.values
+        true = dict(zip(REGRESSOR.base.base_names, REGRESSOR.base.base_values(values), strict=True))
+        estimate = estimator(information)
+        with monkeypatch.context() as patch:
+            patch.setattr(Program, "stated_precision", Program.precision)
+            before = estimator(information)
+        assert np.array_equal(estimate.parameters.values, before.parameters.values)
+        error = np.abs(
+            estimate.parameters.values - [true[name] for name in estimate.parameters.names]
+        )
+        there = estimate.std > 1.1 * before.std
+        edge += (error <= Z95 * estimate.std)[there].tolist()
+        steep += (error <= Z95 * before.std)[there].tolist()
+    assert len(edge) > 20
+    assert np.mean(edge) >= 0.9 > 0.87 >= np.mean(steep)
+
+
+@pytest.mark.parametrize("form", [Entropic(), Pullback()], ids=lambda form: form.name)
+def test_the_edge_adds_nothing_to_what_is_known(form: Entropic | Pullback) -> None:
+    known = unknowns(whitened(said(0)), REGRESSOR.base, KNOWN)
+    program = Program(known, wishes(known, KNOWN), form)
+    at_prior = program.stated_precision(known.start, 2.0)
+    assert np.allclose(at_prior, program.precision(known.start, 2.0), rtol=1e-12)
+    u = known.start
+    u[0] = 0.01
+    assert np.allclose(program.stated_precision(u, 2.0), at_prior, rtol=1e-12)
+    u[0] = 3.0
+    assert np.allclose(program.stated_precision(u, 2.0), program.precision(u, 2.0), rtol=1e-12)
