@@ -6,6 +6,7 @@ They complete the checks before a fit: what they find qualifies the headline of 
 
 from collections.abc import Sequence
 
+from steelyard.diagnosis.change_in_run import ChangeInRun
 from steelyard.diagnosis.finding import Finding
 from steelyard.diagnosis.fitted_case import FittedCase as FittedCase
 from steelyard.diagnosis.fitted_case import PostFitCheck as PostFitCheck
@@ -13,7 +14,7 @@ from steelyard.diagnosis.model_error import ModelError
 from steelyard.diagnosis.unseen_reason import UnseenReason
 from steelyard.progress import Progress, silent, tell
 
-POST_FIT: tuple[PostFitCheck, ...] = (ModelError(), UnseenReason())
+POST_FIT: tuple[PostFitCheck, ...] = (ChangeInRun(), ModelError(), UnseenReason())
 
 
 def examine_fit(

@@ -1,0 +1,75 @@
+"""A load that is picked up and an offset that jumps in the middle of a run are found."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from diagnosis.conftest import Arm
+from steelyard.arrays import Array
+from steelyard.diagnosis.change_in_run import ChangeInRun
+from steelyard.diagnosis.finding import Finding, Judgement
+from steelyard.diagnosis.fitted_case import FittedCase
+from steelyard.estimation.fields import said_by
+from steelyard.measurement import Processing, Recording, prepare
+from steelyard.measurement.recording import HeldLog
+from steelyard.regression.regressor import base_regressor
+from steelyard.robot.inertia import Inertia
+
+HALF = 2300
+"""Row at which something changes: in the middle of a window, after 11.5 of 20 s."""
+
+
+def found(arm: Arm, table: Array, *, fitted: bool = True) -> tuple[Finding, ...]:
+    signals = arm.reference.signals
+    run = prepare(Recording(HeldLog(Path("log"), arm.columns, table), signals), Processing())
+    if not fitted:
+        return ChangeInRun()(FittedCase(arm.reference, unseen=(run,)))
+    information = said_by([run])(base_regressor(arm.reference.model))
+    return ChangeInRun()(FittedCase(arm.reference, fitted=(run,), information=information))
+
+
+def with_load(arm: Arm, mass: float) -> Array:
+    """The log with a load at the last link from the middle on."""
+    ten = Inertia.about_com(mass, [0.02, -0.01, 0.08], np.eye(3) * 0.0025 * mass).ten
+    last = arm.robot.bodies[-1].name
+    names = [name for name in arm.truth.values.names if name.endswith(f".{last}")][:10]
+    values = {name: arm.truth.values[name] + x for name, x in zip(names, ten, strict=True)}
+    loaded = arm.truth.changed(**values)
+    more = loaded.model.at(loaded.values).torque(arm.motion)
+    more -= arm.truth.model.at(arm.truth.values).torque(arm.motion)
+    table = arm.table.copy()
+    table[HALF:, arm.at("tau{}_Nm")] += more[HALF:]
+    return table
+
+
+@pytest.mark.parametrize("fitted", [True, False])
+def test_a_load_that_is_picked_up_is_weighed(arm: Arm, fitted: bool) -> None:
+    (finding,) = found(arm, with_load(arm, 1.2), fitted=fitted)
+    assert finding.judgement == Judgement.WRONG and finding.log == "log"
+    assert "picks up a load of 1.2" in finding.says
+    start, stop = (
+        float(x) for x in finding.says.split("between ")[1].split(" s")[0].split(" and ")
+    )
+    assert start <= 11.5 <= stop <= start + 6.0
+    assert finding.mend is not None and f"@{stop:.3g}:" in finding.mend.says
+
+
+def test_an_offset_that_jumps_is_found_with_its_joint(arm: Arm) -> None:
+    table = arm.table.copy()
+    column = arm.at("tau{}_Nm")[1]
+    jump = 0.2 * float(np.std(table[:, column]))
+    table[HALF:, column] += jump
+    (finding,) = found(arm, table)
+    assert finding.joints == (arm.robot.joint_names[1],) and finding.judgement
+    value = float(finding.says.split("jumps by ")[1].split(" ")[0])
+    assert value == pytest.approx(jump, rel=0.03)
+
+
+def test_a_sound_log_and_slow_drift_are_no_change(arm: Arm) -> None:
+    assert found(arm, arm.table) == ()
+    drift = arm.table.copy()
+    efforts = arm.at("tau{}_Nm")
+    ramp = np.linspace(-0.05, 0.05, len(drift))[:, None] * drift[:, efforts].std(axis=0)
+    drift[:, efforts] += ramp * np.sign(arm.motion.dq)
+    assert found(arm, drift) == ()
