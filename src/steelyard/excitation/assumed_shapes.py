@@ -53,14 +53,15 @@ def assumed_shapes(
         links: Its links.
         shaped: Links that have shapes, or are to go without.
         ends: Frames that something real is fixed to, such as the tool's, and where on their
-            bodies, each of shape `(3,)` [m].
+            bodies, each of shape `(3,)` [m]; a link that is more than a frame reaches there.
     """
     real = _carrying(robot, links, {*shaped, *links.inertias, *ends})
-    usual = SLENDER * reach(robot)
+    usual, bodies = SLENDER * reach(robot), {body.name for body in robot.bodies}
     found = []
     for name, frame in links.frames.items():
         if frame.body >= 0 and name in real and name not in shaped:
-            found += _link_shapes(robot, links, name, real, usual, ends.get(name, ()))
+            more = ends.get(name, ()) if name in bodies else ()
+            found += _link_shapes(robot, links, name, real, usual, more)
     return tuple(found)
 
 
