@@ -11,12 +11,14 @@ from excitation.tabled import OPEN, arm, model_of, problem_of, some_motion
 from steelyard.errors import ModelError
 from steelyard.excitation.build import build
 from steelyard.excitation.certificate import Certificate, certify
+from steelyard.excitation.exact import ExactTrajectory
 from steelyard.excitation.gap import Declined, Gap
+from steelyard.excitation.random_fourier import random_fourier
 from steelyard.excitation.room import RESERVE, Room
 from steelyard.excitation.solids import Ball, Box, Capsule
 from steelyard.excitation.workspace_tables import up_of
 from steelyard.robot.robot_file import load_robot
-from steelyard.virtual.demo import write_demo_arm
+from steelyard.virtual.demo import _above_table, write_demo_arm
 
 ANY = f'{OPEN}[excitation.limits]\neffort = "any"\n[excitation.workspace]\n'
 WALLS = """floor = -0.1
@@ -288,6 +290,21 @@ def test_the_demo_arm_stays_above_its_table(tmp_path: Path) -> None:
     (found,) = [c for c in problem.constraints if isinstance(c, Room)]
     assert {pair.second for pair in found.pairs} == {"floor"}
     assert {"upper_arm", "forearm", "wrist", "hand", "flange"} <= {p.first for p in found.pairs}
+    below = 0
+    for seed in range(3):
+        free = random_fourier(loaded.robot, seed=seed, period=10.0)
+        kept = _above_table(loaded, seed, 10.0)
+        least = [_lowest(found, motion) for motion in (free, kept)]
+        assert least[1] > 0.0
+        below += least[0] < 0.0
+    assert below > 0, "no motion needed the table"
+
+
+def _lowest(found: Room, motion: ExactTrajectory) -> float:
+    """Least height of all that moves above its floor, by coal [m]."""
+    q = motion.derivative(np.linspace(0.0, motion.duration, 500), 0)
+    ways = [way for pair in found.pairs for way in pair.shapes]
+    return min(distances(found.robot, found.scene.shapes, way, q).min() for way in ways)
 
 
 def test_a_motion_that_is_proven_keeps_every_link_off_its_walls(tmp_path: Path) -> None:

@@ -5,10 +5,14 @@ from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 
+import numpy as np
+
 from steelyard.excitation.chained import repeated
 from steelyard.excitation.exact import ExactTrajectory
 from steelyard.excitation.files import write_motion
+from steelyard.excitation.fourier import FourierMotion
 from steelyard.excitation.random_fourier import random_fourier
+from steelyard.excitation.workspace_tables import workspace_of
 from steelyard.files import whole_folder, write_json
 from steelyard.motion import run
 from steelyard.progress import Progress, silent
@@ -16,6 +20,9 @@ from steelyard.robot.robot_file import LoadedRobot, load_robot
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.robot import VirtualRobot
 from steelyard.virtual.simulate import customary_sensors
+
+LARGEST = 0.9
+"""Share of the limits that a random motion uses, where the table leaves room for it."""
 
 _URDF = "demo_arm.urdf"
 _ROBOT_FILE = """\
@@ -104,7 +111,7 @@ def demo_runs(
         sensors = customary_sensors(robot, truth)
         rig = VirtualRobot(robot, truth, sensors, seed=seed, progress=progress)
         for number, name in enumerate(names):
-            motion: ExactTrajectory = random_fourier(robot, seed=2 * seed + number, period=period)
+            motion: ExactTrajectory = _above_table(loaded, 2 * seed + number, period)
             if name == "identification":
                 motion = repeated(motion, 2) if designed is None else designed
             run(rig, motion, part / f"{name}.parquet")
@@ -112,6 +119,16 @@ def demo_runs(
         write_json(part / "truth.json", truth.to_dict())
     identification, validation = (folder / f"{name}.parquet" for name in names)
     return DemoFiles(folder / "demo_arm.toml", identification, validation, folder / "truth.json")
+
+
+def _above_table(loaded: LoadedRobot, seed: int, period: float) -> FourierMotion:
+    """A random motion, as large as the limits and the table allow."""
+    walls, _ = workspace_of(loaded, ())
+    for share in np.linspace(LARGEST, 0.1, 9):
+        motion = random_fourier(loaded.robot, seed=seed, period=period, limits_fraction=share)
+        if all(wall.proven(motion).min() >= 0.0 for wall in walls):
+            break
+    return motion
 
 
 def write_demo_arm(folder: Path) -> LoadedRobot:
