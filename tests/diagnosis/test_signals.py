@@ -310,6 +310,29 @@ def test_the_lag_of_velocities_that_are_left_out_is_a_fact(tmp_path: Path) -> No
     assert np.all(agreed.lag_std < 2e-3)
 
 
+@pytest.mark.parametrize("rate", [100.0, 1000.0])
+@pytest.mark.parametrize("kind", ["backward", "backward, even steps", "forward", "central"])
+def test_velocities_that_are_differences_of_positions_are_doubtful(
+    tmp_path: Path, kind: str, rate: float
+) -> None:
+    table = sound(rate)
+    t, q = table[:, :1], table[:, Q]
+    slope = np.diff(q, axis=0) / np.diff(t, axis=0)
+    if kind == "backward, even steps":
+        slope = np.diff(q, axis=0) * rate
+    if kind == "central":
+        table[:, DQ] = np.gradient(q, axis=0) * rate
+    else:
+        rows = slice(-1) if kind == "forward" else slice(1, None)
+        table[rows, DQ] = slope
+    (found,) = Velocity()(case_of(tmp_path, table))
+    differ = "differences of each position" in found.says
+    assert (found.judgement, differ) == (
+        (Judgement.OK, False) if kind == "central" else (Judgement.DOUBTFUL, True)
+    )
+    assert kind == "central" or {e.path[-1] for e in found.mend.edits} >= {"velocity"}
+
+
 def test_the_standard_error_of_the_lag_is_honest(tmp_path: Path) -> None:
     off = []
     for seed in range(20):

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from steelyard.diagnosis.agreement import Agreement
 from steelyard.diagnosis.case import Case, Evidence
+from steelyard.diagnosis.differences import one_sided
 from steelyard.diagnosis.finding import Edit, Finding, Judgement, Mend, Picture
 from steelyard.diagnosis.pictures import trace
 from steelyard.diagnosis.sight import look
@@ -38,6 +39,7 @@ class _Faults:
         scaled: They are off by a factor that is no unit's.
         strange: They are not the derivative of any position.
         late: They lag.
+        differenced: They are differences of a row's position and its neighbour's.
     """
 
     swapped: NDArray[np.bool_]
@@ -46,6 +48,7 @@ class _Faults:
     scaled: NDArray[np.bool_]
     strange: NDArray[np.bool_]
     late: NDArray[np.bool_]
+    differenced: NDArray[np.bool_]
 
     @property
     def grave(self) -> NDArray[np.bool_]:
@@ -92,9 +95,9 @@ def _found(
         said.append("it is the positions that are wrong")
     elif declared and faults.grave.any():
         judgement, mend = Judgement.WRONG, _mended(case, evidence, columns, units, faults)
-    elif declared and faults.late.any():
+    elif declared and (faults.late | faults.differenced).any():
         judgement, mend = Judgement.DOUBTFUL, Mend(WITHOUT, REMOVED)
-    bad = faults.grave | faults.late
+    bad = faults.grave | faults.late | faults.differenced
     facts = _facts(agreed)
     left_out = "" if declared else f"velocities ({columns[0]} ...) are logged but left out; "
     return Finding(
@@ -130,7 +133,21 @@ def _faults(case: Case, evidence: Evidence, units: Reading, agreed: Agreement) -
         off,
         driven(case, evidence) & ~told,
         told & late,
+        _differenced(case, evidence, units),
     )
+
+
+def _differenced(case: Case, evidence: Evidence, units: Reading) -> NDArray[np.bool_]:
+    """Velocities that are differences of positions, once all units are right."""
+    sight, logged = look(case, evidence), velocities(case, evidence)
+    if logged is None:
+        return np.zeros(sight.channels.joints, dtype=np.bool_)
+    q, dq = (
+        np.array([getattr(joint, f"{name}_scale") for joint in units.joints])
+        for name in ("position", "velocity")
+    )
+    alike = one_sided(units.second * sight.t, q * sight.q, dq * logged[1])
+    return alike & driven(case, evidence)
 
 
 def _said(
@@ -165,6 +182,12 @@ def _said(
     if faults.late.any():
         used = "" if declared else ", but are not used"
         said.append(f"velocities of {_names(case, faults.late)} are late{used}")
+    if faults.differenced.any():
+        used = "" if declared else ", but are not used"
+        said.append(
+            f"velocities of {_names(case, faults.differenced)} are differences of each position "
+            f"and its neighbour's: half a row late, with twice the noise{used}"
+        )
     return said
 
 
