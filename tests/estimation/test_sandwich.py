@@ -171,3 +171,44 @@ def test_runs_of_their_own_keep_their_windows() -> None:
     whole = sandwich(fit)
     assert whole.shape == (len(fit.solution.kept),) * 2
     assert np.linalg.eigvalsh(whole).min() > -1e-9 * np.abs(whole).max()
+
+
+def runs_apart(seed: int, apart: float, count: int = 4) -> tuple[Information, np.ndarray]:
+    """Runs of motions of their own whose parameters scatter around a common truth."""
+    rng = np.random.default_rng(seed)
+    truth = rng.normal(size=len(REGRESSOR.layout.columns))
+    parts = []
+    for number in range(count):
+        t = np.arange(800) / 40.0
+        rates, phases = rng.uniform(0.2, 1.5, (4, 3, 1)), rng.uniform(0, 6, (4, 3, 1))
+        wave = rates * t + phases
+        q = np.sin(wave).sum(axis=1)
+        dq, ddq = (rates * np.cos(wave)).sum(axis=1), -(rates**2 * np.sin(wave)).sum(axis=1)
+        own = truth + apart * rng.normal(size=len(truth))
+        effort = REGRESSOR.dense(q, dq, ddq) @ own + SIZES[:, None] * rng.normal(size=q.shape)
+        cuts = [slice(a, a + 100) for a in range(0, 800, 100)]
+        sums = [
+            Accumulator(REGRESSOR)(Stretch(*(x[:, cut].copy() for x in (q, dq, ddq, effort))))
+            for cut in cuts
+        ]
+        windows = tuple(Window(f"run{number}", float(k), k + 1.0) for k in range(len(cuts)))
+        stamp = Stamp(MODEL.fingerprint, REGRESSOR.layout.columns, ("Nm",) * 4, "none")
+        arrays = (np.array([getattr(s, f) for s in sums]) for f in ("grams", "absolute", "counts"))
+        parts.append(Information(REGRESSOR.layout, stamp, windows, *arrays))
+    return sum(parts[1:], parts[0]), truth
+
+
+@pytest.mark.parametrize("apart", [0.0, 0.3])
+def test_intervals_hold_where_runs_disagree(apart: float) -> None:
+    inside: list[bool] = []
+    of_windows: list[bool] = []
+    for seed in range(20):
+        information, truth = runs_apart(seed, apart)
+        estimate = WeightedLeastSquares()(information)
+        error = np.abs(estimate.parameters.values - truth)
+        inside += (error <= estimate.half_width).tolist()
+        one = [replace(w, run="one") for w in information.windows]
+        joined = WeightedLeastSquares()(replace(information, windows=tuple(one)))
+        of_windows += (error <= joined.half_width).tolist()
+    assert 0.92 <= np.mean(inside) <= 0.99
+    assert np.mean(of_windows) < 0.89 if apart else np.mean(of_windows) > 0.92

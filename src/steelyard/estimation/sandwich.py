@@ -17,6 +17,10 @@ C = K \Big(\sum_j \varphi_j G_j\Big) K,$$
 with $G_{wj} = A_{wj}^T A_{wj} / \sigma_j^2$; the square is what the fit took from the scores. Its
 intervals hold in 93 to 96 % of cases, from white noise to drift over seconds. It is never below
 one: chance must not narrow an interval.
+
+What changes from run to run (another day, a motion that the model describes less well) scatters
+between runs more than between windows. With several runs, the larger of the two factors counts:
+that of windows, and that of whole runs.
 """
 
 from collections.abc import Iterator, Sequence
@@ -51,9 +55,15 @@ def inflations(fit: Fit) -> Array:
     Returns:
         Shape `(rows,)`, at least 1; 1 where the windows are too few to tell.
     """
-    found, expected = np.zeros(len(fit.variances)), np.zeros(len(fit.variances))
     runs = len({window.run for window in fit.data.whole.windows})
-    for part in _parts(fit, max(FEWEST, WINDOWS // max(runs, 1))):
+    factors = _scatter(fit, max(FEWEST, WINDOWS // max(runs, 1)))
+    return np.maximum(factors, _scatter(fit, 1)) if runs > 1 else factors
+
+
+def _scatter(fit: Fit, most: int) -> Array:
+    r"""$\varphi_j$ of scores in at most so many windows per run, shape `(rows,)`, at least 1."""
+    found, expected = np.zeros(len(fit.variances)), np.zeros(len(fit.variances))
+    for part in _parts(fit, most):
         place = {column: k for k, column in enumerate(part.columns)}
         for row, seen in enumerate(part.windows.layout.sees):
             mine = [k for k, column in enumerate(seen) if column in place]
@@ -129,8 +139,8 @@ def note_of(rows: Sequence[str], factors: Array) -> tuple[str, ...]:
     if not wide:
         return ()
     return (
-        "residuals are alike for longer than the filter (model error, drift), so intervals are "
-        f"wider: {', '.join(wide)}",
+        "residuals are alike for longer than the filter, or runs disagree (model error, drift), so "
+        f"intervals are wider: {', '.join(wide)}",
     )
 
 
