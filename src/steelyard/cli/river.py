@@ -104,9 +104,9 @@ def sha256(path: Path) -> str:
 
 
 def recording_of(argument: LogArgument, signals: Signals) -> Recording:
-    """The recording that an argument names."""
+    """The recording that an argument names, wrapped positions made continuous."""
     path, cut = parse_log_argument(argument.text)
-    return Recording(open_log(path), signals, cut)
+    return Recording(open_log(path), signals, cut).unwrapped()
 
 
 def sample_of(path: Path) -> tuple[tuple[str, ...], dict[str, np.ndarray]]:

@@ -150,6 +150,8 @@ def _by_velocity(units: Reading, joint: int) -> str:
 def _facts(case: Case, evidence: Evidence) -> str:
     signals, gears = evidence.recording.signals, case.loaded.robot.transmission
     units = " and ".join(sorted(set(declared_units(evidence, case))))
+    if wrapped := evidence.recording.wrapped:
+        units += f" ({', '.join(wrapped)} wrap at a turn: made continuous)"
     if signals.position_map is None or gears is None:
         return f"positions in {units}, within the joints' limits"
     ratios = " ".join(f"{r:g}" for r in np.diag(gears.matrix))

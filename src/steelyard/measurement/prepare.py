@@ -252,10 +252,17 @@ def _quality(
         resolution=frozen(found.resolution[c.q]),
         effort_resolution=frozen(found.resolution[c.effort]),
         max_speed=frozen(highest),
-        losses=_losses(found, segments, marked),
+        losses=(*_unwrapped(recording), *_losses(found, segments, marked)),
         notes=_choices(found, chain, asked, rest_speed, marked),
         marked=marked,
     )
+
+
+def _unwrapped(recording: Recording) -> tuple[str, ...]:
+    """Which positions were logged modulo a turn."""
+    if not recording.wrapped:
+        return ()
+    return (f"positions {', '.join(recording.wrapped)} wrap at a turn: made continuous",)
 
 
 def _losses(found: Survey, segments: tuple[Segment, ...], marked: Marked) -> tuple[str, ...]:

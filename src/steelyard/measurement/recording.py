@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from steelyard.arrays import Array
+from steelyard.arrays import Array, frozen
 from steelyard.errors import LogError
 from steelyard.formats.cut import Cut
 from steelyard.formats.log import PART, Log, Rows, require_columns
+from steelyard.measurement.wrapped import ROWS, continuous, wrapped_middles
 from steelyard.robot.signals import Signals
 
 
@@ -71,14 +72,32 @@ class Recording:
         log: The table on disk.
         signals: Which columns hold what, and in which units.
         cut: The window that is meant.
+        middles: Middle of the positions of each joint that is logged modulo a turn, NaN of others,
+            shape `(n,)` [rad]; see `unwrapped`.
     """
 
     log: Log
     signals: Signals
     cut: Cut = field(default_factory=Cut)
+    middles: Array | None = None
 
     def __post_init__(self) -> None:
         require_columns(self.log.path, self.log.columns, self.signals.columns)
+
+    def unwrapped(self) -> "Recording":
+        """The same, with positions that jump by a turn made continuous."""
+        if self.signals.position_map is not None:
+            return self
+        plain = replace(self, middles=None)
+        middles = wrapped_middles(x[:, self.channels.q] for _, x in plain.raw((0, ROWS)))
+        return replace(self, middles=None if np.isnan(middles).all() else frozen(middles))
+
+    @property
+    def wrapped(self) -> tuple[str, ...]:
+        """Columns of the positions that are made continuous."""
+        if self.middles is None:
+            return ()
+        return tuple(self.signals.position[j] for j in np.flatnonzero(~np.isnan(self.middles)))
 
     @property
     def name(self) -> str:
@@ -100,9 +119,19 @@ class Recording:
         s = self.signals
         velocity_scale = () if s.velocity_scale is None else (s.velocity_scale,)
         scale = np.concatenate((s.position_scale, *velocity_scale, s.effort_scale))
+        last = None if self.middles is None else self.middles.copy()
         with np.errstate(over="ignore", invalid="ignore"):
             for part in self.log.parts(s.columns, rows, size):
-                yield part[:, 0] * s.time_scale, self._of_joints(part[:, 1:] * scale)
+                x = self._of_joints(part[:, 1:] * scale)
+                if last is not None:
+                    x = self._continuous(x, last)
+                yield part[:, 0] * s.time_scale, x
+
+    def _continuous(self, x: Array, last: Array) -> Array:
+        """Channels with wrapped positions made continuous; `last` is where each joint was."""
+        for j in np.flatnonzero(~np.isnan(last)):
+            x[:, j], last[j] = continuous(x[:, j], float(last[j]))
+        return x
 
     def _of_joints(self, logged: Array) -> Array:
         """Channels of the joints from those logged at motors, or from another zero."""
