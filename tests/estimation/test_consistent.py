@@ -1,5 +1,6 @@
 """The consistent estimate: validity, optimality, weights of the prior, wishes, honest endings."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -27,13 +28,20 @@ FORMS: list[Form] = [Entropic(), Pullback(), Free()]
 TRUTH = {p.name: p.prior if p.prior is not None else 0.4 for p in MODEL.parameters}
 
 
-def said(noise: float, *, seed: int = 0, count: int = 600, still: int | None = None) -> Information:
+def said(
+    noise: float,
+    *,
+    seed: int = 0,
+    count: int = 600,
+    still: int | None = None,
+    truth: Mapping[str, float] = TRUTH,
+) -> Information:
     """What a random motion of the invented arm says; its truth is its model file's."""
     rng = np.random.default_rng(seed)
     q, dq, ddq = rng.normal(size=(3, 4, count))
     if still is not None:
         q[still], dq[still], ddq[still] = 0.3, 0.0, 0.0
-    values = REGRESSOR.base.base_values([TRUTH[name] for name in MODEL.names])
+    values = REGRESSOR.base.base_values([truth[name] for name in MODEL.names])
     effort = REGRESSOR.dense(q, dq, ddq) @ values
     effort = effort + noise * np.sqrt(np.square(effort).mean(axis=1))[:, None] * rng.normal(
         size=effort.shape
@@ -310,3 +318,27 @@ def test_the_estimate_survives_json() -> None:
 def test_a_weight_of_nothing_is_refused() -> None:
     with pytest.raises(ValueError, match="weight of the prior is positive"):
         Consistent(REGRESSOR.base, known(), gamma=0.0)
+
+
+def test_active_bounds_of_friction_are_named_with_what_they_cost() -> None:
+    friction = {name: -1.0 for name in MODEL.names if name.startswith("coulomb.")}
+    notes = Consistent(REGRESSOR.base, known())(said(0.1, truth=TRUTH | friction)).notes
+    note = next(note for note in notes if "physical constraints" in note)
+    assert "active: bounds of" in note and "coulomb.*" in note and "inertia of" not in note
+    some = dict(list(friction.items())[:1])
+    notes = Consistent(REGRESSOR.base, known())(said(0.1, truth=TRUTH | some)).notes
+    note = next(note for note in notes if "physical constraints" in note)
+    assert next(iter(some)) in note and "coulomb.*" not in note
+
+
+def test_bodies_that_cannot_be_are_named_with_what_they_cost() -> None:
+    body = MODEL.robot.bodies[-1].name
+    light = {f"Ixx.{body}": -1.0, f"Iyy.{body}": -1.0, f"Izz.{body}": -1.0}
+    notes = Consistent(REGRESSOR.base, known())(said(0.1, truth=TRUTH | light)).notes
+    note = next(note for note in notes if "physical constraints" in note)
+    assert "active: valid inertia of" in note and body in note and "coulomb" not in note
+
+
+def test_data_that_fit_say_nothing_of_constraints() -> None:
+    notes = Consistent(REGRESSOR.base, known())(said(0.05)).notes
+    assert not any("physical constraints" in note for note in notes)

@@ -14,18 +14,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from steelyard.arrays import Array, frozen
-from steelyard.errors import DataError
 from steelyard.estimation.conic import MOST_ITERATIONS, Infeasible, Unsolved, solved
 from steelyard.estimation.contradictions import refuse_contradictions
+from steelyard.estimation.costs import cost_notes
 from steelyard.estimation.estimate import Estimate, Standard
-from steelyard.estimation.held import contradicted, far_wishes, held
+from steelyard.estimation.held import far_wishes, held
 from steelyard.estimation.knowledge import Knowledge
 from steelyard.estimation.normal_equations import Solution, Spread, described
 from steelyard.estimation.physics import Entropic, Form
 from steelyard.estimation.polish import polished
 from steelyard.estimation.program import Program, wishes
 from steelyard.estimation.unknowns import unknowns
-from steelyard.estimation.weight import LEAST, Tried, Weighed, weighed
+from steelyard.estimation.weight import Tried, Weighed, weighed
 from steelyard.estimation.whitened import Whitened, whitened
 from steelyard.parameters import Parameters
 from steelyard.regression.base import BaseMap
@@ -173,41 +173,14 @@ class Consistent:
         return (
             *_told(self.knowledge),
             *_weight_note(found, self, len(program.unknowns.vector), any(program.unknowns.priors)),
-            *self._cost_notes(data, program, found),
+            *cost_notes(
+                program,
+                self.knowledge,
+                found,
+                self._tried,
+                lambda some, tried: _covariances(data, some, tried)[0],
+            ),
         )
-
-    def _cost_notes(self, data: Whitened, program: Program, found: Weighed) -> tuple[str, ...]:
-        """What contradicts the data: wishes, the prior, or that bodies can exist."""
-        rank, gamma, rise = len(program.unknowns.vector), found.tried.gamma, found.tried.rise
-        physics, notes = found.physics, []
-        if self.knowledge.rows:
-            bare = replace(
-                program, wishes=wishes(program.unknowns, replace(self.knowledge, rows=()))
-            )
-            try:
-                free = self._tried(bare, gamma)
-                physics = self._tried(bare, LEAST).rise if physics else 0.0
-            except DataError:
-                return ()
-            against = contradicted(program, free.u, _covariances(data, bare, free)[0])
-            if against:
-                cost = rise - free.rise
-                notes.append(
-                    f"the data contradict what is known, which costs {cost:.4g} in chi²: "
-                    f"{'; '.join(against)}"
-                )
-            rise = free.rise
-        if physics > rank:
-            notes.append(
-                f"bodies that can exist cost {physics:.4g} in chi² even without a prior, more "
-                "than noise explains: the model lacks something"
-            )
-        elif rise > 2.0 * rank and any(program.unknowns.priors):
-            notes.append(
-                f"a prior as sure as that costs {rise:.4g} in chi², where noise explains {rank}: "
-                "the data contradict it"
-            )
-        return tuple(notes)
 
     def _standard(self, estimate: Estimate, values: Array, spread: Array, share: Array) -> Standard:
         """All standard parameters; what every run has for itself is as a new run is expected."""
