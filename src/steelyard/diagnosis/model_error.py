@@ -11,7 +11,11 @@ from steelyard.diagnosis.causes import Cause, causes, wide_model
 from steelyard.diagnosis.finding import Edit, Finding, Judgement, Mend
 from steelyard.diagnosis.fitted_case import FittedCase
 from steelyard.estimation.fields import said_by
+from steelyard.estimation.least_squares import WeightedLeastSquares
+from steelyard.estimation.per_run import own_columns
+from steelyard.estimation.sandwich import inflations
 from steelyard.estimation.zero_offset import ZeroOffsets, find_offsets, with_offsets
+from steelyard.regression.base import base_map
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot.signals import Signals
 from steelyard.validation.mixes import remembers
@@ -30,8 +34,9 @@ CLEAR = 1.5
 """How many times more than a lack of friction an error of the geometry or of an effort must
 explain to be blamed: on five real robots friction explains more than any such error."""
 
-LEAST, EACH, PART = 60.0, 10.0, 0.02
-"""Chi square that it must explain: a number, more per column, and a share of all of it."""
+LEAST, EACH = 25.0, 3.0
+"""Chi square that it must explain, and more per column, over the factor by which the estimate
+scatters more than by white residuals: noise reaches 25 once in a million, friction that lacks 30."""
 
 ALIKE = 0.8
 """Rank over the first's from which on another error is named beside it."""
@@ -68,22 +73,24 @@ class ModelError:
         wide = base_regressor(wide_model(model, identified.estimate))
         information = said_by(case.fitted, rests=remembers(model.terms))(wide)
         found, total = causes(model, information, sigma, beside.ratios), information.n_samples.sum()
-        blamed = _blamed(found, float(total))
+        own = information.select(base_map(model).base_names)
+        fit = WeightedLeastSquares(per_run=own_columns(model)).fit(own)
+        blamed = _blamed(found, float(inflations(fit).max()))
         if blamed:
             return (_doubtful(case, beside, blamed, float(total)),)
         worst = float(np.nanmax(beside.ratios, initial=0.0))
         return (_remark(beside, found),) if worst >= FAR else ()
 
 
-def _blamed(found: Sequence[Cause], total: float) -> list[Cause]:
+def _blamed(found: Sequence[Cause], inflation: float) -> list[Cause]:
     """Errors of geometry or efforts that explain much more than a lack of friction, best first."""
     terms = max((cause.rank for cause in found if cause.of_friction), default=0.0)
     others = [cause for cause in found if not cause.of_friction]
     if not others:
         return []
     first = others[0]
-    enough = max(LEAST + EACH * first.columns, PART * total)
-    if first.chi2 < enough or first.rank < CLEAR * terms:
+    enough = LEAST + EACH * first.columns
+    if first.chi2 / inflation < enough or first.rank < CLEAR * terms:
         return []
     return [cause for cause in others if cause.rank >= ALIKE * first.rank][:NAMED]
 
@@ -110,12 +117,11 @@ def _doubtful(
         found = far_offsets(offsets, case.identified.signals)
         if found.any():
             words, mend = numbers(offsets, found), correction(offsets, found)
-    times = f"{_residuals(beside)}, intervals do not cover that"
     return Finding(
         ModelError.name,
         "",
         Judgement.DOUBTFUL,
-        f"{times}: they fit an error of the model, {words}",
+        f"{_residuals(beside)}: they fit an error of the model that intervals do not cover, {words}",
         f"{100.0 * first.chi2 / total:.2g} % of chi²",
         joints=tuple(j for j in beside.joints if j == first.joint),
         mend=mend,
