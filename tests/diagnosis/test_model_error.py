@@ -1,76 +1,27 @@
 """What residuals say of a model: errors planted into simulated logs are named, noise is not."""
 
-import shutil
 from collections.abc import Sequence
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import polars as pl
 import pytest
 
-from steelyard.cli import river
+from diagnosis.fitted import case, demo_arm, log
 from steelyard.diagnosis import Finding, Judgement
-from steelyard.diagnosis.fitted_case import FittedCase
 from steelyard.diagnosis.model_error import ModelError
-from steelyard.estimation.fields import said_by
-from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
-from steelyard.estimation.least_squares import WeightedLeastSquares
-from steelyard.measurement import Run
-from steelyard.motion import Motion
-from steelyard.regression.base import base_map
-from steelyard.regression.regressor import base_regressor
 from steelyard.robot.robot import Body, Robot
-from steelyard.robot.robot_file import LoadedRobot, load_robot
+from steelyard.robot.robot_file import LoadedRobot
 from steelyard.terms.load_dependent import LoadDependent
 from steelyard.terms.register import DEFAULT_TERMS
 from steelyard.terms.stribeck import Stribeck
 from steelyard.terms.term import Term
-from steelyard.virtual.demo import _ROBOT_FILE
 from steelyard.virtual.invent import random_truth
-
-RATE, SECONDS = 250.0, 20.0
 
 
 @pytest.fixture(scope="module")
 def loaded(tmp_path_factory: pytest.TempPathFactory) -> LoadedRobot:
-    folder = tmp_path_factory.mktemp("arm")
-    shutil.copy(str(files("steelyard.virtual") / "demo_arm.urdf"), folder / "demo_arm.urdf")
-    (folder / "arm.toml").write_text(_ROBOT_FILE)
-    return load_robot(folder / "arm.toml")
-
-
-def motion(robot: Robot, seed: int) -> Motion:
-    """Five harmonics of 0.1 Hz."""
-    rng, t = np.random.default_rng(seed), np.arange(int(RATE * SECONDS)) / RATE
-    q, dq, ddq = np.zeros((3, len(t), robot.n))
-    for k in range(1, 6):
-        w = 0.2 * np.pi * k
-        a, b = 0.8 * rng.normal(size=(2, robot.n)) / k
-        s, c = np.sin(w * t)[:, None], np.cos(w * t)[:, None]
-        q, dq, ddq = q + a * s + b * c, dq + w * (a * c - b * s), ddq - w * w * (a * s + b * c)
-    return Motion(t, q, dq, ddq)
-
-
-def log(
-    path: Path, robot: Robot, seed: int, terms: Sequence[Term], offset: Sequence[float]
-) -> None:
-    """A run of the true robot, with 1 % noise on its torques."""
-    truth, rng, moved = random_truth(robot, 1, terms=terms), np.random.default_rng(seed), motion
-    path_of = moved(robot, seed)
-    tau = truth.model.at(truth.values).torque(path_of)
-    tau = tau + 0.01 * np.sqrt(np.mean(tau**2, axis=0)) * rng.normal(size=tau.shape)
-    q = path_of.q + 2e-5 * rng.normal(size=tau.shape) - np.array(offset)
-    dq = path_of.dq + 1e-3 * rng.normal(size=tau.shape)
-    named = {"time_s": path_of.t}
-    for k in range(robot.n):
-        named |= {
-            f"q{k + 1}_rad": q[:, k],
-            f"dq{k + 1}_rad_s": dq[:, k],
-            f"tau{k + 1}_Nm": tau[:, k],
-        }
-    pl.DataFrame(named).write_parquet(path)
+    return demo_arm(tmp_path_factory.mktemp("arm"))
 
 
 def found(
@@ -82,22 +33,10 @@ def found(
 ) -> tuple[Finding, ...]:
     """The check of a plain fit of two runs of a robot that is not what its file says."""
     paths = [folder / f"run{seed}.parquet" for seed in (1, 2)]
+    truth = random_truth(loaded.robot if robot is None else robot, 1, terms=terms)
     for seed, path in enumerate(paths, start=1):
-        log(path, loaded.robot if robot is None else robot, seed, terms, offset)
+        log(path, truth, seed, offset)
     return ModelError()(case(loaded, paths))
-
-
-def case(loaded: LoadedRobot, paths: Sequence[Path]) -> FittedCase:
-    signals, model = loaded.signals, river.model_of(loaded)
-    assert signals is not None
-    runs: Sequence[Run] = river.runs_of(
-        loaded, signals, river.log_files([str(p) for p in paths]), (), lambda _: True
-    )[0]
-    estimate = WeightedLeastSquares()(said_by(runs)(base_regressor(model)))
-    cutoffs = Cutoffs(runs[0].motion_cutoff, runs[0].matched_cutoff, runs[0].matched_cutoff)
-    origin = Provenance("0", {}, (), ())
-    identified = IdentifiedModel(model, base_map(model), estimate, (), signals, cutoffs, origin)
-    return FittedCase(identified, tuple(runs))
 
 
 def with_body(robot: Robot, index: int, **fields: Any) -> Robot:

@@ -36,7 +36,7 @@ explain to be blamed: on five real robots friction explains more than any such e
 
 LEAST, EACH = 25.0, 3.0
 """Chi square that it must explain, and more per column, over the factor by which the estimate
-scatters more than by white residuals: noise reaches 25 once in a million, friction that lacks 30."""
+scatters more than by white residuals: a single column reaches 25 by noise once in a million."""
 
 ALIKE = 0.8
 """Rank over the first's from which on another error is named beside it."""
@@ -117,11 +117,12 @@ def _doubtful(
         found = far_offsets(offsets, case.identified.signals)
         if found.any():
             words, mend = numbers(offsets, found), correction(offsets, found)
+    says = "they fit an error of the model that intervals do not cover"
     return Finding(
         ModelError.name,
         "",
         Judgement.DOUBTFUL,
-        f"{_residuals(beside)}: they fit an error of the model that intervals do not cover, {words}",
+        f"{_residuals(beside)}: {says}, {words}",
         f"{100.0 * first.chi2 / total:.2g} % of chi²",
         joints=tuple(j for j in beside.joints if j == first.joint),
         mend=mend,

@@ -10,11 +10,19 @@ from steelyard.diagnosis.change_in_run import ChangeInRun
 from steelyard.diagnosis.finding import Finding
 from steelyard.diagnosis.fitted_case import FittedCase as FittedCase
 from steelyard.diagnosis.fitted_case import PostFitCheck as PostFitCheck
+from steelyard.diagnosis.last_link import LastLink
 from steelyard.diagnosis.model_error import ModelError
+from steelyard.diagnosis.runs_disagree import RunsDisagree
 from steelyard.diagnosis.unseen_reason import UnseenReason
 from steelyard.progress import Progress, silent, tell
 
-POST_FIT: tuple[PostFitCheck, ...] = (ChangeInRun(), ModelError(), UnseenReason())
+POST_FIT: tuple[PostFitCheck, ...] = (
+    RunsDisagree(),
+    ChangeInRun(),
+    ModelError(),
+    LastLink(),
+    UnseenReason(),
+)
 
 
 def examine_fit(
