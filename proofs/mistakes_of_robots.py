@@ -193,7 +193,8 @@ ZERO = r"zero[_ ](offset|position)|zeros? of|joint zeros?"
 LOAD = r"(headline|refusal|check wrong|validate).*(payload|carries|load)"
 REPEATED = r"(headline|validate|note|refusal|check).*(repeat|same motion|same samples|is fitted)"
 OTHER = r"(another|other|different) robot|not the same robot|robots? differ|two robots"
-LACKS = r"(headline|refusal).*(the noise|link|lacks|model file|URDF|axis|geometry)"
+LACKS = r"headline.*(link length|axis of joint|geometry)"
+RESIDUALS = r"headline.*residuals.*noise.*friction"
 
 ROBOTS: list[Mistake] = [
     Mistake("clean, model file 3 x too heavy", heavier(3.0)),
@@ -280,8 +281,8 @@ ROBOTS: list[Mistake] = [
         by_torque(lambda arm, k, m: arm.torque(m) - friction(arm, m)),
         untold="a robot without friction could be real; friction comes out as zero",
     ),
-    Mistake("friction falls by 60 %", by_torque(warming), "drift|lacks|the noise"),
-    Mistake("friction with Stribeck effect", by_torque(stribeck), "friction|lacks|the noise"),
-    Mistake("friction grows with load", by_torque(load_dependent), "friction|lacks|the noise"),
+    Mistake("friction falls by 60 %", by_torque(warming), RESIDUALS + "|drift"),
+    Mistake("friction with Stribeck effect", by_torque(stribeck), RESIDUALS),
+    Mistake("friction grows with load", by_torque(load_dependent), RESIDUALS),
     Mistake("columns tau, no robot file", tau_columns, "note: .*(behind the gears|rotor|motor)"),
 ]

@@ -46,8 +46,15 @@ class Outcome:
         return tuple(line for line in self.said if line.startswith("check wrong"))
 
 
-def outcome(arm: Arm, job: Job, folder: Path, *, fixes: bool = True) -> Outcome:
-    """Everything that the commands say of a job."""
+def said_of(arm: Arm, job: Job, folder: Path, *, validated: bool = True) -> Outcome:
+    """Everything that the commands say of a job.
+
+    Args:
+        arm: The arm as it really is.
+        job: What the commands get.
+        folder: To work in; it is made.
+        validated: Whether `validate` is asked too, beside `identify --validate`.
+    """
     robot, logs = written(job, folder)
     try:
         files = log_files(logs)
@@ -63,14 +70,8 @@ def outcome(arm: Arm, job: Job, folder: Path, *, fixes: bool = True) -> Outcome:
     else:
         said += sentences(content, "headline")
         error = true_error(arm, content)
-        try:
-            again = run_validate(str(folder / "model"), logs[-1:], None, silent)
-            said += sentences(again, "validate")
-        except SteelyardError as wrong:
-            said.append(f"validate refusal: {wrong}")
-    both, changes = (
-        fix_of(arm, robot, logs, diagnosis, folder) if fixes and diagnosis.edits else (None, ())
-    )
+        said += validation(folder / "model", logs[-1]) if validated else []
+    both, changes = fix_of(arm, robot, logs, diagnosis, folder) if diagnosis.edits else (None, ())
     return Outcome(tuple(said), error, both, changes)
 
 
@@ -95,6 +96,14 @@ def identified(
         return run_identify(robot, logs[:-1], logs[-1:], folder, 1, silent, check=check)[0]
     except SteelyardError as error:
         return str(error)
+
+
+def validation(model: Path, log: str) -> list[str]:
+    """What `validate` says of a log."""
+    try:
+        return sentences(run_validate(str(model), [log], None, silent), "validate")
+    except SteelyardError as error:
+        return [f"validate refusal: {error}"]
 
 
 def findings(diagnosis: Diagnosis) -> list[str]:
