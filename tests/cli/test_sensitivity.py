@@ -26,7 +26,7 @@ def test_fits_with_other_cutoffs_are_compared(swept: tuple[str, Path]) -> None:
     assert [fit["factor"] for fit in fits] == [0.5, 0.71, 1.0, 1.41, 2.0]
     (result,) = [fit for fit in fits if fit["factor"] == 1.0]
     assert result["median_shift_in_std"] == 0.0
-    mean = found["validation"][0]["mean_percent"]
+    mean = found["validation"][0]["pooled_percent_moving"]
     assert result["validation_percent"] == pytest.approx(mean, rel=1e-12)
     for fit in fits:
         if fit is result or fit["failed"]:

@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from steelyard.cli.fitting import Fit
 from steelyard.cli.river import LogArgument, processing_of, recording_of, scored
 from steelyard.errors import LogError
@@ -14,6 +12,7 @@ from steelyard.measurement.defaults import MATCHED_HIGHEST, NYQUIST_SHARE, round
 from steelyard.progress import Progress
 from steelyard.regression.regressor import base_regressor
 from steelyard.report import ReportContent
+from steelyard.report.score_words import figures
 from steelyard.validation.mixes import remembers
 from steelyard.validation.score import RunScore
 from steelyard.validation.sensitivity import FACTORS, Sensitivity, Variation
@@ -51,7 +50,7 @@ def sensitivity(
         threads: Native threads.
         progress: Told about every pass.
     """
-    known, new = (_mean(some) for some in scores)
+    known, new = (_error(some) for some in scores)
     identified = fit.identified
     now = identified.cutoffs
     estimate = identified.estimate
@@ -74,7 +73,7 @@ def sensitivity(
             variations.append(Variation(factor, motion, matched, None, failed=error.wrong))
             continue
         values = again.identified.estimate.parameters.values
-        known, new = _mean(of_runs[: len(fitted)]), _mean(of_runs[len(fitted) :])
+        known, new = _error(of_runs[: len(fitted)]), _error(of_runs[len(fitted) :])
         variations.append(Variation(factor, motion, matched, values, known, new))
     return Sensitivity(estimate.parameters, estimate.std, result, tuple(variations))
 
@@ -99,5 +98,6 @@ def _refitted(
     return replace(fit, identified=again, runs=tuple(runs), information=information)
 
 
-def _mean(scores: Sequence[RunScore]) -> float | None:
-    return float(np.mean([score.mean_percent for score in scores])) if scores else None
+def _error(scores: Sequence[RunScore]) -> float | None:
+    """The error that the verdict's headline gives, of these runs [%]."""
+    return figures(scores)[0].value if scores else None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from steelyard.report.content import ReportContent
+from steelyard.report.sections.friction import ERROR
 from steelyard.report.words import significant
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ def _mixes(choice: FrictionChoice) -> Table:
     from rich.text import Text
 
     table = _table(f"Friction laws, one {choice.left_out} left out in turn")
+    table.caption, table.caption_justify = Text(f"error: {ERROR}"), "left"
     table.add_column("mix", overflow="fold")
     for heading in ("error", "gain", "spread"):
         table.add_column(heading, justify="right")

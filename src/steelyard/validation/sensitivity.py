@@ -22,8 +22,8 @@ class Variation:
         motion: Cut-off of the motion [Hz].
         matched: Matched cut-off [Hz].
         values: Its parameters, in the result's order, shape `(p,)`; `None` if it failed.
-        fitted: Mean error on the runs that were fitted [%].
-        unseen: Mean error on runs that were not [%]; `None` without any.
+        fitted: Error on the runs that were fitted, of the headline's kind [%].
+        unseen: The same on runs that were not; `None` without any.
         failed: Why there is no fit; empty if there is one.
     """
 

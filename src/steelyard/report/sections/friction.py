@@ -10,6 +10,9 @@ from steelyard.report.sections.tables import PlainTable, Row
 from steelyard.report.words import significant
 from steelyard.validation.friction import FrictionChoice
 
+ERROR = "geometric mean of a typical joint's and of all joints' together, behind the matched filter"
+"""What an error of a mix is."""
+
 
 class FrictionSection:
     """The mixes that were compared, and the fields that were found."""
@@ -47,7 +50,8 @@ def _mixes(choice: FrictionChoice) -> PlainTable:
     ]
     return PlainTable(
         "Mixes compared",
-        f"Error on one {choice.left_out} from a fit to all others, each {choice.left_out} in turn; "
+        f"Error on one {choice.left_out} from a fit to all others, each {choice.left_out} in turn: "
+        f"{ERROR}; "
         "the gain is against the first mix. A simpler mix is preferred to a better one whose gain "
         "over it lies within the spread of that gain.",
         ("Friction laws", "Error", "Gain", "Spread", ""),

@@ -49,7 +49,8 @@ def fits_table(found: Sensitivity) -> PlainTable:
         rows.append(Row(cells, v is found.result))
     return PlainTable(
         "Fits with other cut-offs",
-        "The same laws, fields and gains; errors are compared at one cut-off. A result that other "
+        "The same laws, fields and gains; errors are of the kind and the band of the verdict's "
+        "headline in every row. A result that other "
         "cut-offs move by many standard deviations hangs on a choice, not on the data alone.",
         ("Cut-offs", "Motion", "Matched", "Error fitted", "Error unseen", "Median shift [std]"),
         rows,
