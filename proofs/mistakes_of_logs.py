@@ -24,6 +24,7 @@ from mistakes_planted import (
     without_velocities,
 )
 
+GAIN = "(wrong|doubtful) gain|headline.*gain or scale of the effort"
 LATE = r"(wrong|doubtful) effort delay|late by|delay of"
 
 LOGS: list[Mistake] = [
@@ -36,8 +37,8 @@ LOGS: list[Mistake] = [
     Mistake("degrees, one joint", scaled("q", 180 / np.pi, 0), "wrong position: .*deg", "velocity"),
     Mistake("rpm", scaled("dq", 30 / np.pi), "(wrong|doubtful) velocity: .*rpm"),
     Mistake("velocity in deg/s", scaled("dq", 180 / np.pi), "(wrong|doubtful) velocity: .*deg"),
-    Mistake("effort in mNm", scaled("tau", 1e3), "wrong effort unit"),
-    Mistake("effort in kNm", scaled("tau", 1e-3), "wrong effort unit"),
+    Mistake("effort in mNm", scaled("tau", 1e3), "wrong effort (unit|kind)"),
+    Mistake("effort in kNm", scaled("tau", 1e-3), "wrong effort (unit|kind)"),
     Mistake(
         "effort in percent",
         efforts(lambda log: log.tau / [0.8, 0.8, 0.5, 0.2, 0.15, 0.08]),
@@ -56,8 +57,8 @@ LOGS: list[Mistake] = [
         "wrong (effort kind|effort unit|gain)",
         "effort|gain",
     ),
-    Mistake("gear ratio, a joint twice", scaled("tau", 2.0, 1), "wrong gain"),
-    Mistake("gear ratio, a joint 0.6", scaled("tau", 0.6, 0), "wrong gain"),
+    Mistake("gear ratio, a joint twice", scaled("tau", 2.0, 1), GAIN),
+    Mistake("gear ratio, a joint 0.6", scaled("tau", 0.6, 0), GAIN),
     Mistake("time in ms", clock(1e3), "wrong clock: .*ms", "velocity"),
     Mistake("time in us", clock(1e6), "wrong clock: .*us", "velocity"),
     Mistake("time in ns", clock(1e9), "wrong clock: .*ns", "velocity"),
