@@ -310,6 +310,26 @@ def test_the_lag_of_velocities_that_are_left_out_is_a_fact(tmp_path: Path) -> No
     assert np.all(agreed.lag_std < 2e-3)
 
 
+@pytest.mark.parametrize(
+    ("places", "judgement"), [(0, Judgement.OK), (8, Judgement.DOUBTFUL), (40, Judgement.WRONG)]
+)
+def test_rows_lost_before_stamps_were_made_even_are_found(
+    tmp_path: Path, places: int, judgement: Judgement
+) -> None:
+    table = sound(200.0)
+    keep = np.ones(len(table), dtype=np.bool_)
+    for start in np.linspace(450, len(table) - 460, places).astype(int):
+        keep[start : start + 8] = False
+    stamps = table[: np.count_nonzero(keep), 0].copy()
+    table = table[keep]
+    table[:, 0] = stamps
+    found = diagnosis(tmp_path, table)
+    assert of(found, "clock").judgement == judgement
+    assert of(found, "velocity").judgement == Judgement.OK
+    assert ("leap" in of(found, "clock").says) == (places > 0)
+    assert not found.edits
+
+
 @pytest.mark.parametrize("rate", [100.0, 1000.0])
 @pytest.mark.parametrize("kind", ["backward", "backward, even steps", "forward", "central"])
 def test_velocities_that_are_differences_of_positions_are_doubtful(

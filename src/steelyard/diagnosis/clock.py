@@ -8,14 +8,18 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.finding import Edit, Finding, Judgement, Mend, Picture
+from steelyard.diagnosis.lost_rows import Leaps, leaps
 from steelyard.diagnosis.pictures import histogram, trace
-from steelyard.diagnosis.sight import JITTER, LATE, look
+from steelyard.diagnosis.sight import JITTER, LATE, look, once
 from steelyard.diagnosis.unit_costs import LONGEST_STEP, SHORTEST_STEP
 from steelyard.diagnosis.units import reading
 from steelyard.measurement.clock import GAP_SECONDS, GAP_STEPS
 
 GAPS, GAPS_PER_ROW = 5, 2.5e-4
 """Short gaps of a doubtful clock: so many, or three that are so frequent."""
+LEAPS, LOST, MUCH_LOST = 5, 0.005, 0.05
+"""Leaps of all joints, and share of rows missing at them, from which on a clock that is even is
+doubtful, and wrong. Sound logs of seven real robots have at most 4 leaps and 0.1 %."""
 REPEATS, BACKWARD = 0.01, 0.05
 """Shares of stamps that repeat (doubtful) or run backward (wrong)."""
 
@@ -75,6 +79,9 @@ class Clock:
         if units.second != 1.0:
             return _other_unit(evidence, units.time_unit, steps, sight.step)
         judgement, says, figure, mend = _judged(steps)
+        gone = lost(case, evidence)
+        if judgement is Judgement.OK and gone is not None:
+            return _leaps(evidence, gone, steps.step)
         return Finding(
             self.name,
             evidence.name,
@@ -84,6 +91,32 @@ class Clock:
             mend=None if mend is None else Mend(mend),
             picture=_picture(steps, sight.stamps),
         )
+
+
+@once
+def lost(case: Case, evidence: Evidence) -> Leaps | None:
+    """Where rows are missing though stamps go on evenly; `None` if there are hardly any."""
+    sight = look(case, evidence)
+    if not sight.moves:
+        return None
+    found = leaps(sight.t, sight.q)
+    often = len(found.rows) >= LEAPS and found.missing.sum() >= LOST * found.moving
+    return found if often else None
+
+
+def _leaps(evidence: Evidence, found: Leaps, step: float) -> Finding:
+    share = float(found.missing.sum()) / max(found.moving, 1)
+    typical = float(np.median(found.missing))
+    return Finding(
+        Clock.name,
+        evidence.name,
+        Judgement.WRONG if share >= MUCH_LOST else Judgement.DOUBTFUL,
+        f"rows are missing though stamps go on evenly: at {len(found.rows)} places all joints leap "
+        f"ahead at once, by {typical:.2g} rows typically; {_time(step * found.missing.sum())} in "
+        "all. Stamps were made evenly after rows got lost",
+        f"{100.0 * share:.2g} % of the rows in motion are missing (bound {100.0 * LOST:g} %)",
+        mend=Mend("log the controller's own stamps, and keep them as they are"),
+    )
 
 
 def _stands(evidence: Evidence) -> Finding:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from steelyard.diagnosis.agreement import Agreement
 from steelyard.diagnosis.case import Case, Evidence
+from steelyard.diagnosis.clock import lost
 from steelyard.diagnosis.differences import one_sided
 from steelyard.diagnosis.finding import Edit, Finding, Judgement, Mend, Picture
 from steelyard.diagnosis.pictures import trace
@@ -90,8 +91,10 @@ def _found(
     declared = evidence.recording.signals.velocity is not None
     faults = _faults(case, evidence, units, agreed)
     said = _said(case, columns, units, agreed, faults, declared)
-    judgement, mend = Judgement.OK, None
-    if declared and faults.misplaced and positions_at_fault(case, evidence):
+    judgement, mend, answered = Judgement.OK, None, True
+    if lost(case, evidence) is not None:
+        said, answered = ["rows are missing, which breaks d(q)/dt: see clock"], False
+    elif declared and faults.misplaced and positions_at_fault(case, evidence):
         said.append("it is the positions that are wrong")
     elif declared and faults.grave.any():
         judgement, mend = Judgement.WRONG, _mended(case, evidence, columns, units, faults)
@@ -109,6 +112,7 @@ def _found(
         joints=tuple(case.joints[j] for j in np.flatnonzero(bad)),
         mend=mend,
         picture=_picture(case, agreed, _worst(agreed, bad)),
+        answered=answered,
     )
 
 
