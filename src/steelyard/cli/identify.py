@@ -132,6 +132,7 @@ def run_identify(
     from steelyard.cli.fitting import Payload, calibrated, fit
     from steelyard.cli.repeats import refuse_same_rows
     from steelyard.cli.sensitivity import varied
+    from steelyard.diagnosis.absurd import refuse_absurd
     from steelyard.files import whole_folder
     from steelyard.robot.robot_file import load_robot
 
@@ -154,6 +155,8 @@ def run_identify(
         origin = describe.provenance(file, known, carrying, unknown, fitted, notes)
         payload = Payload(payload_mass, payload_frame)
         found = fit(model, file, fitted, loaded_runs, payload, origin, threads, progress)
+        if check:
+            refuse_absurd(found.identified, robot)
         found = calibrated(found, threads, progress)
         unseen = tuple(found.alike(run) for run in unseen)
         notes += (*found.notes, *describe.dropped(model, (*clean, *unseen)))

@@ -6,6 +6,7 @@ They complete the checks before a fit: what they find qualifies the headline of 
 
 from collections.abc import Sequence
 
+from steelyard.diagnosis.absurd import AbsurdBodies
 from steelyard.diagnosis.change_in_run import ChangeInRun
 from steelyard.diagnosis.finding import Finding
 from steelyard.diagnosis.fitted_case import FittedCase as FittedCase
@@ -17,6 +18,7 @@ from steelyard.diagnosis.unseen_reason import UnseenReason
 from steelyard.progress import Progress, silent, tell
 
 POST_FIT: tuple[PostFitCheck, ...] = (
+    AbsurdBodies(),
     RunsDisagree(),
     ChangeInRun(),
     ModelError(),

@@ -98,23 +98,29 @@ def solved(
     ends = []
     for scaling in WAYS:
         end = _clarabel(program, scaling, most_iterations, aim)
-        if "PrimalInfeasible" in end.status:
-            raise Infeasible(
-                "no parameters satisfy all that is wished of them",
-                where=where,
-                mend="loosen or remove wishes that contradict each other",
-            )
+        if end.status == "PrimalInfeasible":
+            raise _infeasible(where)
         ends.append(end)
         if end.error <= GOOD or end.status == "MaxIterations":
             break
     best = min(ends, key=lambda end: end.error)
     if best.error <= FAIR or (best.gap <= enough and best.infeasibility <= FAIR):
         return best.x
+    if any(end.status == "AlmostPrimalInfeasible" for end in ends):
+        raise _infeasible(where)
     raise Unsolved(
         f"the solver stopped before the optimum ({best.status}, off by {best.error:.1g})",
         where=where,
         mend="log a motion that shows more, give a prior or a smaller uncertainty of it, "
         "or use least squares",
+    )
+
+
+def _infeasible(where: str) -> Infeasible:
+    return Infeasible(
+        "no parameters satisfy all that is wished of them",
+        where=where,
+        mend="loosen or remove wishes that contradict each other",
     )
 
 

@@ -24,7 +24,7 @@ from steelyard.estimation.normal_equations import Solution, Spread, described
 from steelyard.estimation.physics import Entropic, Form
 from steelyard.estimation.polish import polished
 from steelyard.estimation.program import Program, wishes
-from steelyard.estimation.unknowns import unknowns
+from steelyard.estimation.unknowns import Unknowns, unknowns
 from steelyard.estimation.weight import Tried, Weighed, weighed
 from steelyard.estimation.whitened import Whitened, whitened
 from steelyard.parameters import Parameters
@@ -33,6 +33,13 @@ from steelyard.regression.information import Information
 
 ROUGH = 1e-8
 """Gap and infeasibility that the solver is asked for where Newton's method does the rest."""
+
+UNITS = (1e4, 1e6)
+"""Units of the squares that are tried where the solver stops in that of the noise, before that of
+the whole effort."""
+
+SHARE = 1e-5
+"""Gap that is enough in such a unit: of squares that are nearly all of the effort's."""
 
 ENOUGH = 5e-5
 """Gap of the objective that moves no value by more than 0.01 standard deviations: within a gap `g`
@@ -107,12 +114,31 @@ class Consistent:
         """Near it by the solver and to the end by Newton's method, or all by the solver."""
         conic, m = program.conic(gamma), len(program.unknowns.weak)
         if self.form.penalises and all(program.unknowns.priors):
-            with suppress(Unsolved):
+            with suppress(Infeasible, Unsolved):
                 near = solved(conic, self._where, self.iterations, aim=ROUGH, enough=ENOUGH)[:m]
                 end = polished(program, near, gamma)
                 if end is not None:
                     return end
-        return solved(conic, self._where, self.iterations, enough=ENOUGH)[:m]
+        try:
+            return solved(conic, self._where, self.iterations, enough=ENOUGH)[:m]
+        except (Infeasible, Unsolved):
+            found = self._rescaled(program, gamma)
+            if found is None:
+                raise
+            return found
+
+    def _rescaled(self, program: Program, gamma: float) -> Array | None:
+        """The optimum in other units of the squares; `None` where they do not help either.
+
+        Where possible bodies contradict the data, the squares are so many times the prior's
+        penalty that the solver loses the latter's digits.
+        """
+        for unit in units_of(program.unknowns):
+            with suppress(Infeasible, Unsolved):
+                conic = program.conic(gamma, unit=unit)
+                near = solved(conic, self._where, self.iterations, aim=ROUGH, enough=SHARE)
+                return near[: len(program.unknowns.weak)]
+        return None
 
     @property
     def _where(self) -> str:
@@ -199,6 +225,12 @@ class Consistent:
             frozen(0.5 * (covariance + covariance.T)),
             frozen(learned),
         )
+
+
+def units_of(unknowns: Unknowns) -> tuple[float, ...]:
+    """Units of the squares to be tried, up to that of the whole effort."""
+    whole = float(unknowns.vector @ unknowns.vector)
+    return tuple(unit for unit in (*UNITS, whole) if 1.0 < unit <= whole)
 
 
 def _covariances(data: Whitened, program: Program, tried: Tried) -> tuple[Array, Array]:

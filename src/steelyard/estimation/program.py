@@ -94,11 +94,12 @@ class Program:
     wishes: Wishes
     form: Form
 
-    def conic(self, gamma: float, *, data: bool = True) -> Conic:
+    def conic(self, gamma: float, *, data: bool = True, unit: float = 1.0) -> Conic:
         """The program with a weight.
 
         Args:
             gamma: Weight of the prior.
+            unit: Of the squares, in that of the noise; the optimum does not depend on it.
             data: Whether the data play a part; without them it asks whether the wishes can hold.
         """
         known = self.unknowns
@@ -108,7 +109,8 @@ class Program:
         if data:
             columns = np.arange(m + rank)
             matrix = np.hstack([known.matrix, -np.eye(rank)])
-            blocks.insert(0, Block("zero", columns, matrix, known.vector))
+            matrix[:, :m] /= np.sqrt(unit)
+            blocks.insert(0, Block("zero", columns, matrix, known.vector / np.sqrt(unit)))
         total = m + rank
         for body, prior in enumerate(known.priors):
             part = self._form(prior).part(gamma)
@@ -122,6 +124,8 @@ class Program:
                 Block(b.kind, place[b.columns], b.matrix, b.offset, b.order) for b in part.blocks
             ]
             total += helpers
+        square[:1] = [square[0] / unit]
+        square[2:], linear = [x / unit for x in square[2:]], [x / unit for x in linear]
         return Conic(np.concatenate(square), np.concatenate(linear), tuple(blocks))
 
     def cost(self, u: Array, gamma: float) -> float:

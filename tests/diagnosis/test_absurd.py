@@ -1,0 +1,66 @@
+"""Estimates that no robot can have are found, those of real and rough models are not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from steelyard.diagnosis.absurd import AbsurdBodies, absurdities, heaviest, refuse_absurd
+from steelyard.diagnosis.finding import Judgement
+from steelyard.diagnosis.fitted_case import FittedCase
+from steelyard.errors import DataError
+from steelyard.estimation.consistent import Consistent
+from steelyard.estimation.prior import default_knowledge
+from steelyard.measurement import Processing, Recording, prepare
+from steelyard.measurement.recording import HeldLog
+from steelyard.regression.gather import gather
+from steelyard.regression.regressor import base_regressor
+
+
+def identified(arm, factor: float):
+    """The consistent estimate of the arm's log with efforts times a factor."""
+    table = arm.table.copy()
+    for j in range(arm.motion.n_joints):
+        table[:, arm.columns.index(f"tau{j + 1}_Nm")] *= factor
+    log = HeldLog(arm.path, arm.columns, table)
+    run = prepare(Recording(log, arm.reference.signals), Processing())
+    regressor = base_regressor(arm.reference.model)
+    information = gather(regressor, run)
+    estimator = Consistent(regressor.base, default_knowledge(regressor.model))
+    plain = arm.reference.estimate
+    parameters = replace(plain.parameters, values=factor * plain.parameters.values)
+    return replace(
+        arm.reference,
+        estimate=estimator(information),
+        reference=(replace(plain, parameters=parameters),),
+    )
+
+
+@pytest.mark.parametrize("factor", [0.4, 1.0, 3.0])
+def test_an_arm_of_other_masses_is_possible(arm, factor):
+    assert absurdities(identified(arm, factor)) == ()
+
+
+def test_efforts_in_millinewton_metres_are_absurd(arm):
+    model = identified(arm, 1000.0)
+    said = absurdities(model)
+    assert any("denser than tungsten" in x for x in said)
+    assert any("all links together" in x for x in said)
+    with pytest.raises(DataError, match="physically absurd") as error:
+        refuse_absurd(model, "arm.toml")
+    assert "--no-check" in error.value.mend
+
+
+def test_reversed_efforts_give_an_estimate_and_their_reason(arm):
+    model = identified(arm, -1.0)
+    (finding,) = AbsurdBodies()(FittedCase(model, fitted=(None,)))
+    assert finding.judgement == Judgement.WRONG
+    assert "friction of all joints comes out negative: efforts have the wrong sign" in finding.says
+    assert AbsurdBodies()(FittedCase(model)) == ()
+
+
+def test_a_link_of_tungsten_is_the_heaviest(arm):
+    robot = arm.robot
+    masses = np.array([heaviest(robot, k) for k in range(len(robot.bodies))])
+    nominal = np.array([body.inertia.mass for body in robot.bodies])
+    assert np.all(masses > 8.0 * nominal) and np.all(masses < 1000.0)
