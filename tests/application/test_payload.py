@@ -1,5 +1,6 @@
 """Payloads of an invented arm: exact without noise, within their intervals with it."""
 
+from dataclasses import replace
 from functools import reduce
 from operator import add
 
@@ -30,15 +31,15 @@ SIGNALS = Signals(
 )  # fmt: skip
 
 
-def model_of(*runs: Information) -> IdentifiedModel:
+def model_of(*runs: Information, gains: np.ndarray = GAINS) -> IdentifiedModel:
     """The model that unloaded runs give."""
-    information = reduce(add, runs).scaled(GAINS, MODEL.robot.effort_units)
+    information = reduce(add, runs).scaled(gains, MODEL.robot.effort_units)
     return IdentifiedModel(
         MODEL,
         REGRESSOR.base,
         WeightedLeastSquares()(information),
         (),
-        SIGNALS,
+        replace(SIGNALS, gains=gains),
         Cutoffs(20.0, 8.0, 5.0),
         Provenance("0", {}, (), ()),
     )
@@ -143,8 +144,31 @@ def test_an_arm_never_seen_moving_without_its_payload_hides_it() -> None:
         identify_payload(EXACT, [run(2, LOAD)], "left", unloaded=[run(3, still=posture)])
 
 
+def test_intervals_hold_the_error_of_the_gains() -> None:
+    inside, exact = [], []
+    for seed in range(30):
+        wrong = GAINS * (1.0 + 0.02 * np.random.default_rng(seed).standard_normal(4))
+        model = model_of(run(2 * seed + 100, noise=0.01), gains=wrong)
+        said = [run(2 * seed + 101, LOAD, noise=0.01)]
+        found, naive = (identify_payload(model, said, "tool", gain=g) for g in (0.02, 0.0))
+        assert found.mass == naive.mass
+        inside.append(abs(found.mass - LOAD.mass) <= found.half_width[0])
+        exact.append(abs(found.mass - LOAD.mass) <= naive.half_width[0])
+    assert np.mean(inside) >= 0.87 and np.mean(exact) < 0.6
+
+
+def test_what_the_model_lacks_widens_the_intervals() -> None:
+    plain = [run(2, LOAD, noise=0.05)]
+    heavier = run(3, LOAD + ball(4), noise=0.05)
+    apart, alike = (
+        identify_payload(EXACT, [*plain, other], "tool", gain=0.0)
+        for other in (heavier, run(3, LOAD, noise=0.05))
+    )
+    assert apart.half_width[0] > 2.0 * alike.half_width[0]
+
+
 def test_remarks_tell_a_seen_inertia_from_a_poor_one() -> None:
-    good = identify_payload(EXACT, [run(2, LOAD, noise=0.01)], "tool")
+    good = identify_payload(EXACT, [run(2, LOAD, noise=0.01)], "tool", gain=0.0)
     assert good.remarks[0] == "the inertia is seen: no interval of a moment of inertia holds zero"
     poor = identify_payload(model_of(run(1, noise=2.0)), [run(2, LOAD, noise=2.0)], "tool")
     assert poor.remarks[0].startswith("the inertia is poorly seen: the interval of ")
@@ -153,7 +177,9 @@ def test_remarks_tell_a_seen_inertia_from_a_poor_one() -> None:
 def test_a_body_that_cannot_be_is_told() -> None:
     ten = np.array([1.0, 0.0, 0.0, 0.0, -0.1, 0.0, 0.2, 0.0, 0.0, 0.2])
     found = PayloadEstimate("f", "b", ten, 1e-6 * np.eye(10), np.ones(1), np.ones(1))
-    assert found.remarks[-1].endswith("a principal moment of inertia is negative (-0.1 kg m²)")
+    assert found.flaw == "a principal moment of inertia is negative (-0.1 kg m²)"
+    assert found.to_dict()["possible_body"] is False and found.to_dict()["flaw"] == found.flaw
+    assert identify_payload(EXACT, [run(2, LOAD)], "tool").to_dict()["possible_body"] is True
 
 
 @pytest.mark.parametrize(
@@ -183,4 +209,5 @@ def test_runs_of_another_kind_are_refused() -> None:
     assert "unequal filters" in str(refusal(mixed))
     assert "no run with the payload" in str(refusal([]))
     assert "drift of friction is -1" in str(refusal([run(2)], drift=-1.0))
+    assert "drive gains is 2" in str(refusal([run(2)], gain=2.0))
     assert "it has no window" in str(refusal([run(2).of(())]))

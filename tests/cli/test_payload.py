@@ -8,6 +8,7 @@ import pytest
 
 from cli.conftest import Command
 from cli.mistakes import leftovers
+from steelyard.estimation.load import PayloadEstimate
 from steelyard.excitation.random_fourier import random_fourier
 from steelyard.motion import run
 from steelyard.robot.inertia import Inertia
@@ -119,3 +120,16 @@ def test_a_misspelt_frame_gets_the_nearest(
 
 def test_help_shows_an_example(command: Command) -> None:
     assert "Example: steelyard payload" in command("payload", "--help").stdout
+
+
+def test_an_impossible_body_is_the_headline(
+    loaded: Path, identified: Path, command: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ten = np.array([1.0, 0.0, 0.0, 0.0, -0.1, 0.0, 0.2, 0.0, 0.0, 0.2])
+    wrong = PayloadEstimate("tool", "tip", ten, 1e-6 * np.eye(10), np.ones(6), np.ones(6))
+    monkeypatch.setattr("steelyard.cli.payload._estimated", lambda *_: wrong)
+    done = command("payload", identified, loaded)
+    assert done.exit_code == 0, done.output
+    assert done.stdout.startswith("NOT A POSSIBLE BODY: a principal moment of inertia is negative")
+    told = json.loads(command("payload", identified, loaded, "--json").stdout)
+    assert told["possible_body"] is False and "negative" in told["flaw"]

@@ -6,7 +6,12 @@ run's friction and offset, which drift from day to day, and the payload's ten,
 $$ \min \sum_j \frac{\|r_j\|^2}{\sigma_j^2} + \|\phi - \hat\phi\|^2_{\Sigma^{-1}}
    + \sum_r \|\delta_r\|^2_{D^{-1}} $$
 
-so the payload's intervals hold the model's uncertainty and that of friction.
+so the payload's intervals hold the model's uncertainty and that of friction. What the model lacks
+shows as residuals that are alike within windows of time and runs: they widen the covariance as they
+do a model's (see `sandwich`). Where efforts are currents, an error $\epsilon_j$ of the gain of a
+joint scales what the payload adds to its effort, $\epsilon_j B_j \phi_L$; fitted, it moves the
+payload by $\epsilon_j v_j$, and the covariance grows by $\sum_j s^2 v_j v_j^T$ with the gains'
+relative deviation $s$. The arm's own part was identified with the same gains.
 """
 
 from collections.abc import Sequence
@@ -26,6 +31,12 @@ from steelyard.robot.efforts import WITHOUT_TORQUE
 DRIFT = 0.5
 """Drift of friction and offset from run to run, relative to the effort they make in each joint."""
 
+GAIN = 0.02
+"""Relative standard deviation of drive gains that are given without one."""
+
+FREEDOM = 2.0
+"""Expected squares of scores below which they tell nothing."""
+
 ROUNDS = 50
 SETTLED = 1e-6
 """Relative change of the rows' variances at which they are settled."""
@@ -38,6 +49,7 @@ def identify_payload(
     *,
     unloaded: Sequence[Information] = (),
     drift: float = DRIFT,
+    gain: float = GAIN,
 ) -> PayloadEstimate:
     """Weigh what a robot carries.
 
@@ -49,12 +61,13 @@ def identify_payload(
         unloaded: What runs without the payload say, one by one.
         drift: Standard deviation of each run's friction and offset, relative to the effort that
             they make together in a joint; with 0 they are those of the model.
+        gain: Relative standard deviation of each drive gain, where efforts are currents.
 
     Raises:
         ModelError: There is no such frame, or it does not move.
         DataError: The runs were gathered with another model, or see nothing of the payload.
     """
-    _refuse_unanswerable(loaded, drift)
+    _refuse_unanswerable(loaded, drift, gain)
     refuse_foreign(identified.model, (*unloaded, *loaded))
     carries = carrier(identified.model.robot, frame)
     gains, units = identified.signals.gains, identified.model.robot.effort_units
@@ -69,22 +82,22 @@ def identify_payload(
     )
     mean, precision = _prior(identified, case, bool(unloaded), drift)
     fit = _fitted(case.information, mean, precision)
+    currents = not WITHOUT_TORQUE.keys().isdisjoint(identified.signals.effort_units)
+    covariance = covariance_of(fit.matrix, case.payload) + _of_model(case, fit)
+    if currents:
+        covariance = covariance + _of_gains(case, fit, gain)
     return payload_of(
         carries,
         identified.model.robot,
         fit.values[-10:],
-        covariance_of(fit.matrix, case.payload),
+        covariance,
         np.sqrt(fit.variances),
         case.information.n_samples,
-        _notes(
-            bool(unloaded),
-            drift,
-            not WITHOUT_TORQUE.keys().isdisjoint(identified.signals.effort_units),
-        ),
+        _notes(bool(unloaded), drift, gain if currents else None),
     )
 
 
-def _refuse_unanswerable(loaded: Sequence[Information], drift: float) -> None:
+def _refuse_unanswerable(loaded: Sequence[Information], drift: float, gain: float) -> None:
     if not loaded:
         raise DataError(
             "there is no run with the payload",
@@ -96,6 +109,12 @@ def _refuse_unanswerable(loaded: Sequence[Information], drift: float) -> None:
             f"the drift of friction is {drift:g}",
             where="identification of a payload",
             mend="give 0 for friction as the model has it, or a share such as 0.5",
+        )
+    if not 0.0 <= gain < 1.0:
+        raise DataError(
+            f"the relative uncertainty of the drive gains is {gain:g}",
+            where="identification of a payload",
+            mend="give 0 for exact gains, or a share such as 0.02",
         )
 
 
@@ -113,9 +132,14 @@ def _prior(
     return mean, precision
 
 
-def _notes(jointly: bool, drift: float, currents: bool) -> tuple[str, ...]:
-    """What the numbers rest on."""
-    gains = "drive gains are taken as exact: an error of 1 % in them is about 1 % of the mass"
+def _notes(jointly: bool, drift: float, gain: float | None) -> tuple[str, ...]:
+    """What the numbers rest on; `gain` is `None` where efforts are no currents."""
+    share = 0.0 if gain is None else 100.0 * gain
+    gains = (
+        f"drive gains are taken as known within {share:g} % each (one standard deviation)"
+        if gain
+        else "drive gains are taken as exact: an error of 1 % in them is about 1 % of the mass"
+    )
     return (
         "the arm's parameters are found from the unloaded and loaded runs together"
         if jointly
@@ -123,7 +147,7 @@ def _notes(jointly: bool, drift: float, currents: bool) -> tuple[str, ...]:
         f"friction and offset are each run's own, within about {100.0 * drift:g} % of the model's"
         if drift
         else "friction and offset are those of the model",
-        *((gains,) if currents else ()),
+        *(() if gain is None else (gains,)),
     )
 
 
@@ -191,6 +215,47 @@ def _fitted(information: Information, mean: Array, precision: Array) -> _Fit:
         if change < SETTLED:
             break
     return _Fit(values, matrix, variances)
+
+
+def _of_model(case: LoadCase, fit: _Fit) -> Array:
+    """Covariance of the payload by residuals alike for longer than the filter, `(10, 10)`."""
+    information, covariance = case.information, inverse(fit.matrix)
+    factors = _scatter(information, fit, covariance)
+    runs = information.merged(1)
+    if len(runs.windows) > 1:
+        factors = np.maximum(factors, _scatter(runs, fit, covariance))
+    more, _vector, _square = information.normal((np.maximum(factors, 1.0) - 1.0) / fit.variances)
+    some = covariance[list(case.payload)]
+    return np.asarray(some @ more @ some.T)
+
+
+def _scatter(windows: Information, fit: _Fit, covariance: Array) -> Array:
+    """How many times more scores of windows scatter than by white residuals, shape `(rows,)`."""
+    factors = np.ones(len(fit.variances))
+    for row, seen in enumerate(windows.layout.sees):
+        columns = list(seen)
+        grams = windows.row_grams(row) / fit.variances[row]
+        scores = grams[:, :-1] @ np.append(-fit.values[columns], 1.0)
+        inner = covariance[np.ix_(columns, columns)]
+        taken = inner @ grams[:, :-1, :-1]
+        expected = np.trace(taken, axis1=1, axis2=2).sum() - np.sum(taken * taken.swapaxes(1, 2))
+        if expected >= FREEDOM:
+            factors[row] = np.sum((scores @ inner) * scores) / expected
+    return factors
+
+
+def _of_gains(case: LoadCase, fit: _Fit, gain: float) -> Array:
+    """Covariance of the payload by independent relative errors of the gains, shape `(10, 10)`."""
+    information, payload = case.information, list(case.payload)
+    load, covariance = np.zeros(case.size), inverse(fit.matrix)
+    load[payload] = fit.values[payload]
+    total = np.zeros((10, 10))
+    for row, seen in enumerate(information.layout.sees):
+        columns = list(seen)
+        gram = information.row_gram(row)[:-1, :-1] / fit.variances[row]
+        moved = covariance[np.ix_(payload, columns)] @ (gram @ load[columns])
+        total += gain**2 * np.outer(moved, moved)
+    return total
 
 
 def _used(information: Information, row: int, covariance: Array) -> float:

@@ -21,6 +21,12 @@ if TYPE_CHECKING:
     from steelyard.progress import Progress
 
 
+IMPOSSIBLE = (
+    "The mass and the centre stand with their intervals; do not use the inertia: its interval "
+    "counts more than possible bodies."
+)
+
+
 @guarded
 def payload(
     model: Annotated[
@@ -42,6 +48,16 @@ def payload(
             help="Logs without the payload: all is then found from the logs together, "
             "and the model gives its equations only.",
             metavar="LOG...",
+        ),
+    ] = None,
+    gain_uncertainty: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0,
+            max=0.5,
+            help="Relative standard deviation of each drive gain, where efforts are currents; "
+            "0.02 if unset.",
+            metavar="SHARE",
         ),
     ] = None,
     output: Annotated[
@@ -69,7 +85,7 @@ def payload(
     with_it, without = river.log_files(logs), river.log_files(unloaded or [])
     river.refuse_overlaps([*with_it, *without], [])
     with progress_bar() as progress:
-        estimate = _estimated(identified, with_it, without, frame, progress)
+        estimate = _estimated(identified, with_it, without, frame, gain_uncertainty, progress)
     notes = (*estimate.notes, *_fitted_before(identified, with_it, bool(without)))
     result = estimate.to_dict() | {"notes": list(notes)}
     if folder is not None:
@@ -80,6 +96,9 @@ def payload(
         typer.echo(json.dumps(result, allow_nan=False))
         return
     console = Console()
+    if estimate.flaw is not None:
+        console.print(Text(f"NOT A POSSIBLE BODY: {estimate.flaw}", style="bold yellow"))
+        console.print(Text(IMPOSSIBLE))
     console.print(_table(estimate))
     for line in estimate.remarks:
         console.print(Text(line))
@@ -94,10 +113,11 @@ def _estimated(
     loaded: "list[LogArgument]",
     unloaded: "list[LogArgument]",
     frame: str | None,
+    gain: float | None,
     progress: "Progress",
 ) -> "PayloadEstimate":
     """Gather what the logs say, with the model's cut-offs, and weigh."""
-    from steelyard.application.payload import identify_payload
+    from steelyard.application.payload import GAIN, identify_payload
     from steelyard.cli import describe, river
     from steelyard.regression.gather import gather
     from steelyard.regression.regressor import base_regressor
@@ -109,7 +129,8 @@ def _estimated(
     rests = remembers(identified.model.terms)
     said = [gather(regressor, run, rests=rests, threads=threads, progress=progress) for run in runs]
     count = len(loaded)
-    found = identify_payload(identified, said[:count], frame, unloaded=said[count:])
+    share = GAIN if gain is None else gain
+    found = identify_payload(identified, said[:count], frame, unloaded=said[count:], gain=share)
     return replace(found, notes=(*found.notes, *describe.dropped(identified.model, runs)))
 
 

@@ -83,6 +83,13 @@ class PayloadEstimate:
         return bool(abs(self.mass) > self.half_width[0])
 
     @property
+    def flaw(self) -> str | None:
+        """Why no real body has these numbers; `None` if one can, or no payload is seen."""
+        if self.not_seen or not self.weighs:
+            return None
+        return self.inertia.flaw()
+
+    @property
     def remarks(self) -> tuple[str, ...]:
         """How far the numbers can be trusted, one sentence each."""
         found = []
@@ -100,9 +107,6 @@ class PayloadEstimate:
             if weak
             else "the inertia is seen: no interval of a moment of inertia holds zero"
         )
-        flaw = None if self.not_seen else self.inertia.flaw()
-        if flaw is not None:
-            found.append(f"as they stand, the numbers belong to no real body: {flaw}")
         return tuple(found)
 
     def to_dict(self) -> dict[str, Any]:
@@ -124,6 +128,8 @@ class PayloadEstimate:
             "ten": _plain(self.ten),
             "covariance": _plain(self.covariance),
             "not_seen": list(self.not_seen),
+            "possible_body": self.flaw is None if seen and not self.not_seen else None,
+            "flaw": self.flaw,
             "remarks": list(self.remarks),
             "notes": list(self.notes),
         }

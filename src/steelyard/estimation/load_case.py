@@ -23,6 +23,9 @@ from steelyard.robot.robot import Frame, Robot
 STEADY = ("rigid_body", "rotor_inertia", "spring", "gravity_compensator")
 """Laws whose parameters stay from day to day; friction and offset drift."""
 
+WINDOWS = 8
+"""Windows kept per run; they tell how long residuals are alike."""
+
 
 def carrier(robot: Robot, name: str | None = None) -> Frame:
     """The frame of that name; that of the last link if none is named.
@@ -139,7 +142,7 @@ def load_case(
         first_deviates: Whether the first run deviates from the arm's friction too.
         drifts: Whether friction and offset are each run's own.
     """
-    runs = (*unloaded, *loaded)
+    runs = tuple(run.merged(WINDOWS) for run in (*unloaded, *loaded))
     layout = runs[0].layout
     n_arm, drift = len(layout.columns), drifting(model, layout.columns) if drifts else ()
     deviating = range(0 if first_deviates else 1, len(runs))
@@ -155,7 +158,8 @@ def load_case(
             transform[list(drift), range(start, start + len(drift))] = 1.0
         if number >= len(unloaded):
             transform[:, -10:] = lift
-        parts.append(Part(run, transform))
+        pieces = [run.of([k]) for k in range(len(run.windows))] or [run]
+        parts += [Part(piece, transform) for piece in pieces]
     own = [
         (f"{layout.columns[k]} of run {r + 1}", layout.units[k]) for r in deviating for k in drift
     ]
