@@ -182,6 +182,55 @@ def test_what_is_not_proven_is_shrunk_until_it_is(share: float) -> None:
     assert best.figure == design.figure(best.x)
 
 
+@dataclass(frozen=True, eq=False)
+class Slab:
+    """Positions of the first joint that are forbidden, so few that samples may step over them."""
+
+    at: float
+    half: float
+    name: str = "slab"
+    labels: tuple[str, ...] = ("first joint off the slab",)
+    unit: str = "rad"
+
+    @property
+    def room(self) -> Array:
+        return np.array([0.3])
+
+    def margins(self, q: Array, dq: Array, ddq: Array) -> Margins:
+        by_q = np.zeros((len(q), 1, q.shape[1]))
+        by_q[:, 0, 0] = np.sign(q[:, 0] - self.at)
+        return Margins(np.abs(q[:, :1] - self.at) - self.half, by_q)
+
+    def proven(self, trajectory: ExactTrajectory, progress: Progress = silent) -> Array:
+        low, high = (float(ends[0]) for ends in trajectory.extremes(0))
+        return np.array([max(low - self.at, self.at - high) - self.half])
+
+
+def test_what_samples_step_over_is_optimised_again_at_closer_ones() -> None:
+    plain, x = swinging(())
+    places = np.sort(plain.walls.state(x)[0][:, 0])
+    widest = int(np.argmax(np.diff(places)[-20:])) + len(places) - 21
+    gap = places[widest + 1] - places[widest]
+    slab = Slab(0.5 * (places[widest] + places[widest + 1]), 0.2 * gap)
+    design = problem(plain.basis, [slab])
+    assert design.walls.worst(x) > 0.0 > slab.proven(design.basis.motion(x))[0]
+    again, smaller = (
+        finished(design, [x], deadline)
+        for deadline in (time.monotonic() + 60.0, time.monotonic() - 1.0)
+    )
+    for one in (again, smaller):
+        assert slab.proven(one.trajectory)[0] >= 0.0
+    assert again.figure < 0.8 * smaller.figure
+
+
+def test_closer_samples_lie_between() -> None:
+    walls = problem(FAMILIES["rest, from"]).walls
+    closer = walls.closer()
+    np.testing.assert_array_equal(closer.t[::2], walls.t)
+    np.testing.assert_allclose(closer.t[1::2] - walls.t, 0.5 * walls.t[1])
+    assert closer.t[-1] < walls.basis.duration
+
+
 def test_what_needs_no_shrinking_is_not_shrunk() -> None:
     plain, x = swinging(())
     reach = Reach(10.0)

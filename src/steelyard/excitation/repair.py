@@ -7,7 +7,7 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.excitation.newton import BACK, minimised
 from steelyard.excitation.problem import Problem
-from steelyard.excitation.walls import bounds
+from steelyard.excitation.walls import Walls, bounds
 from steelyard.progress import Progress, Stopped
 
 _TIMES = 12
@@ -16,6 +16,7 @@ _NEAR = 1e-4
 _EDGE = 0.05
 _HALF = 0.5
 _PLACES = 41
+_HALVINGS = 7
 
 FINEST = 1e-3
 """First share by which a motion is shrunk that cannot be proven."""
@@ -26,6 +27,9 @@ LEAST = 0.02
 REPAIRS = 5
 """Rounds of optimising again before a motion is made smaller."""
 
+CLOSER = 4
+"""Most samples of the walls while repairing, over those while searching."""
+
 MORE = 1.5
 """What is reserved for what a proof lacked."""
 
@@ -33,8 +37,8 @@ MORE = 1.5
 def repaired(problem: Problem, x: Array, deadline: float, progress: Progress) -> Array | None:
     """The motion with every constraint proven.
 
-    What a proof lacks is reserved, with some more, and the motion optimised again; after some
-    rounds, or without time, it is made smaller.
+    What a proof lacks is reserved, with some more, and the motion optimised again from inside walls
+    at closer samples; after some rounds, or without time, it is made smaller.
 
     Args:
         problem: What is designed.
@@ -48,7 +52,7 @@ def repaired(problem: Problem, x: Array, deadline: float, progress: Progress) ->
     kept = scaled(problem, x)
     if kept is None:
         return None
-    extra = [np.zeros(len(c.labels)) for c in problem.constraints]
+    extra, walls = [np.zeros(len(c.labels)) for c in problem.constraints], problem.walls
     for _ in range(REPAIRS if problem.constraints else 0):
         lacks = _lacks(problem, kept, progress)
         if not any(lack.any() for lack in lacks):
@@ -56,7 +60,8 @@ def repaired(problem: Problem, x: Array, deadline: float, progress: Progress) ->
         if time.monotonic() > deadline:
             break
         extra = [e + MORE * lack for e, lack in zip(extra, lacks, strict=True)]
-        x = _again(problem, x, extra, deadline)
+        walls = walls.closer() if len(walls.t) < CLOSER * len(problem.walls.t) else walls
+        x = _again(problem, walls, _within(problem, walls, x), extra, deadline)
         again = scaled(problem, x)
         if again is None:
             break
@@ -64,7 +69,23 @@ def repaired(problem: Problem, x: Array, deadline: float, progress: Progress) ->
     return _shrunk(problem, kept, progress)
 
 
-def _again(problem: Problem, x: Array, extra: list[Array], deadline: float) -> Array:
+def _within(problem: Problem, walls: Walls, x: Array) -> Array:
+    """The motion, or as much of it about one of its postures as is inside the walls' samples."""
+    if walls.worst(x) > 0.0:
+        return x
+    best, share = x, 0.0
+    for still in (_still(problem, x), _freest(problem, x)):
+        low, high = 0.0, 1.0
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            inside = walls.worst(still + middle * (x - still)) > 0.0
+            low, high = (middle, high) if inside else (low, middle)
+        if low > share:
+            best, share = still + low * (x - still), low
+    return np.asarray(best)
+
+
+def _again(problem: Problem, walls: Walls, x: Array, extra: list[Array], deadline: float) -> Array:
     """The minimum anew with these reserves, as far as there is time."""
     latest = [x]
 
@@ -74,7 +95,7 @@ def _again(problem: Problem, x: Array, extra: list[Array], deadline: float) -> A
             raise Stopped("the time is spent")
 
     try:
-        return minimised(problem.objective, problem.walls, x, stages=BACK, extra=extra, watch=watch)
+        return minimised(problem.objective, walls, x, stages=BACK, extra=extra, watch=watch)
     except Stopped:
         return latest[0]
 

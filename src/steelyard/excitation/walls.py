@@ -61,6 +61,12 @@ class Walls:
     reserves: Sequence[Array] = ()
     edge: Array | float = 0.0
 
+    def closer(self) -> "Walls":
+        """The same with twice the samples and no reserves."""
+        ends = np.append(self.t, 2.0 * self.t[-1] - self.t[-2])
+        t = np.sort(np.concatenate([self.t, 0.5 * (ends[1:] + ends[:-1])]))
+        return Walls(self.basis, self.limits, self.constraints, t)
+
     @cached_property
     def shapes(self) -> list[Array]:
         """The basis' functions and their derivatives at the samples, each `(N, m)`."""
