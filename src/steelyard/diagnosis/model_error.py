@@ -1,23 +1,25 @@
 """Residuals far above the measurement noise: the model lacks something, and what most likely."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from steelyard.arrays import Array
 from steelyard.diagnosis.causes import Cause, causes, wide_model
-from steelyard.diagnosis.finding import Edit, Finding, Judgement, Mend
+from steelyard.diagnosis.finding import Finding, Judgement, Mend
 from steelyard.diagnosis.fitted_case import FittedCase
+from steelyard.diagnosis.zero_offset import correction, estimated_offsets, far_offsets, numbers
+from steelyard.estimation.estimate import Estimate
 from steelyard.estimation.fields import said_by
 from steelyard.estimation.least_squares import WeightedLeastSquares
 from steelyard.estimation.per_run import own_columns
 from steelyard.estimation.sandwich import inflations
-from steelyard.estimation.zero_offset import ZeroOffsets, find_offsets, with_offsets
+from steelyard.measurement.run import Run
+from steelyard.model import Model
 from steelyard.regression.base import base_map
 from steelyard.regression.regressor import base_regressor
-from steelyard.robot.signals import Signals
+from steelyard.terms.rigid_body import RigidBody
 from steelyard.validation.mixes import remembers
 from steelyard.validation.residuals import ResidualNoise, residual_noise
 
@@ -41,9 +43,6 @@ scatters more than by white residuals: a single column reaches 25 by noise once 
 ALIKE = 0.8
 """Rank over the first's from which on another error is named beside it."""
 
-BEYOND = 4.0
-"""Standard deviations from what is given at which a zero offset is written as a number."""
-
 ADVICE = {
     "gain": "Check the gain and unit of this effort",
     "saturation": "Check the gain of this effort at large currents",
@@ -52,6 +51,23 @@ ADVICE = {
 """What to do about a cause, by its kind; of the geometry otherwise."""
 
 GEOMETRY = "Check the lengths and axes in the model file against the robot"
+
+
+@dataclass(frozen=True, eq=False)
+class Ranked:
+    """Residuals of a fit, and what may explain them.
+
+    Attributes:
+        beside: Residuals and measurement noise.
+        found: All causes, the most likely first.
+        blamed: Errors of geometry or efforts that explain much more than a lack of friction.
+        total: Chi square of the fit.
+    """
+
+    beside: ResidualNoise
+    found: tuple[Cause, ...]
+    blamed: tuple[Cause, ...]
+    total: float
 
 
 class ModelError:
@@ -65,71 +81,79 @@ class ModelError:
         None where residuals are noise, in `validate`, and for closed chains.
         """
         identified = case.identified
-        model, sigma = identified.model, identified.estimate.sigma
-        if not case.fitted or model.robot.passive:
+        if not case.fitted or not can_be_ranked(identified.model):
             return ()
-        gains = identified.signals.gains
-        beside = residual_noise(identified.valued, case.fitted, sigma, gains)
-        wide = base_regressor(wide_model(model, identified.estimate))
-        information = said_by(case.fitted, rests=remembers(model.terms))(wide)
-        found, total = causes(model, information, sigma, beside.ratios), information.n_samples.sum()
-        own = information.select(base_map(model).base_names)
-        fit = WeightedLeastSquares(per_run=own_columns(model)).fit(own)
-        blamed = _blamed(found, float(inflations(fit).max()))
-        if blamed:
-            return (_doubtful(case, beside, blamed, float(total)),)
-        worst = float(np.nanmax(beside.ratios, initial=0.0))
-        return (_remark(beside, found),) if worst >= FAR else ()
+        ranked = ranked_causes(identified.model, identified.estimate, case.fitted)
+        if ranked.blamed:
+            return (_doubtful(case, ranked),)
+        worst = float(np.nanmax(ranked.beside.ratios, initial=0.0))
+        return (_remark(ranked),) if worst >= FAR else ()
 
 
-def _blamed(found: Sequence[Cause], inflation: float) -> list[Cause]:
+def can_be_ranked(model: Model) -> bool:
+    """Whether causes have columns: an open chain with bodies."""
+    return not model.robot.passive and any(isinstance(term, RigidBody) for term in model.terms)
+
+
+def ranked_causes(model: Model, estimate: Estimate, runs: Sequence[Run]) -> Ranked:
+    """The causes of what a fit of runs leaves, and which of them stand out."""
+    gains = runs[0].recording.signals.gains
+    beside = residual_noise(model.at(estimate.values), runs, estimate.sigma, gains)
+    wide = base_regressor(wide_model(model, estimate))
+    information = said_by(runs, rests=remembers(model.terms))(wide)
+    found = causes(model, information, estimate.sigma, beside.ratios)
+    own = information.select(base_map(model).base_names)
+    fit = WeightedLeastSquares(per_run=own_columns(model)).fit(own)
+    blamed = _blamed(found, float(inflations(fit).max()))
+    return Ranked(beside, found, blamed, float(information.n_samples.sum()))
+
+
+def _blamed(found: Sequence[Cause], inflation: float) -> tuple[Cause, ...]:
     """Errors of geometry or efforts that explain much more than a lack of friction, best first."""
     terms = max((cause.rank for cause in found if cause.of_friction), default=0.0)
     others = [cause for cause in found if not cause.of_friction]
     if not others:
-        return []
+        return ()
     first = others[0]
     enough = LEAST + EACH * first.columns
     if first.chi2 / inflation < enough or first.rank < CLEAR * terms:
-        return []
-    return [cause for cause in others if cause.rank >= ALIKE * first.rank][:NAMED]
+        return ()
+    return tuple(cause for cause in others if cause.rank >= ALIKE * first.rank)[:NAMED]
 
 
-def _remark(beside: ResidualNoise, found: Sequence[Cause]) -> Finding:
+def _remark(ranked: Ranked) -> Finding:
     """What stands beside the headline where no single error is to blame."""
-    likely = [cause for cause in found if cause.share >= SHARE][:NAMED]
-    says = f"{_residuals(beside)}: the model lacks something, and intervals do not cover it"
+    likely = [cause for cause in ranked.found if cause.share >= SHARE][:NAMED]
+    says = f"{residuals(ranked.beside)}: the model lacks something, and intervals do not cover it"
     if likely:
         named = (f"{cause.says} {100.0 * cause.share:.0f} %" for cause in likely)
         says += f"; alone would explain of it: {', '.join(named)}"
     return Finding(ModelError.name, "", Judgement.OK, says, "", headline=True)
 
 
-def _doubtful(
-    case: FittedCase, beside: ResidualNoise, blamed: Sequence[Cause], total: float
-) -> Finding:
+def _doubtful(case: FittedCase, ranked: Ranked) -> Finding:
     """An error that stands out; zero offsets with their values."""
-    first = blamed[0]
-    words = " or ".join(cause.says for cause in blamed)
+    first = ranked.blamed[0]
+    words = " or ".join(cause.says for cause in ranked.blamed)
     mend = Mend(ADVICE.get(first.kind, GEOMETRY))
     if first.kind == "zero_offset":
-        offsets = offsets_of(case)
-        found = far_offsets(offsets, case.identified.signals)
-        if found.any():
+        offsets = estimated_offsets(case.identified.model, case.fitted)
+        found = None if offsets is None else far_offsets(offsets)
+        if offsets is not None and found is not None and found.any():
             words, mend = numbers(offsets, found), correction(offsets, found)
     says = "they fit an error of the model that intervals do not cover"
     return Finding(
         ModelError.name,
         "",
         Judgement.DOUBTFUL,
-        f"{_residuals(beside)}: {says}, {words}",
-        f"{100.0 * first.chi2 / total:.2g} % of chi²",
-        joints=tuple(j for j in beside.joints if j == first.joint),
+        f"{residuals(ranked.beside)}: {says}, {words}",
+        f"{100.0 * first.chi2 / ranked.total:.2g} % of chi²",
+        joints=tuple(j for j in ranked.beside.joints if j == first.joint),
         mend=mend,
     )
 
 
-def _residuals(beside: ResidualNoise) -> str:
+def residuals(beside: ResidualNoise) -> str:
     """The worst joint's residual in measurement noise."""
     if not np.isfinite(beside.ratios).any():
         return "residuals are not noise"
@@ -137,47 +161,3 @@ def _residuals(beside: ResidualNoise) -> str:
     ratio = float(beside.ratios[worst])
     times = f"{ratio:.0f}" if ratio >= 10.0 else f"{ratio:.1f}"
     return f"residuals are {times} x the measurement noise ({beside.joints[worst]})"
-
-
-def offsets_of(case: FittedCase) -> ZeroOffsets:
-    """Zero offsets of all joints, from the fitted runs."""
-    model, rests = case.identified.model, remembers(case.identified.model.terms)
-    return find_offsets(
-        model,
-        lambda offsets: said_by(with_offsets(case.fitted, offsets), rests=rests),
-        given_offsets(case.identified.signals),
-        [True] * model.robot.n,
-    )
-
-
-def given_offsets(signals: Signals) -> Array:
-    """The offsets that logs were read with, shape `(n,)`."""
-    given = signals.position_offset
-    return np.zeros(signals.n) if given is None else given.copy()
-
-
-def far_offsets(offsets: ZeroOffsets, signals: Signals) -> NDArray[np.bool_]:
-    """Which offsets differ clearly from those that are given, shape `(n,)`."""
-    spread = np.nan_to_num(offsets.std, nan=np.inf)
-    far = np.abs(offsets.values - given_offsets(signals)) > BEYOND * spread
-    return np.asarray(far & offsets.converged)
-
-
-def numbers(offsets: ZeroOffsets, chosen: NDArray[np.bool_]) -> str:
-    """Like `zero offset of elbow 0.4992 ± 0.0008 rad`."""
-    parts = [
-        f"{offsets.joints[k]} {offsets.values[k]:.4f} ± {offsets.half_width[k]:.4f} "
-        f"{offsets.units[k]}"
-        for k in np.flatnonzero(chosen)
-    ]
-    return f"zero offset of {', '.join(parts)}"
-
-
-def correction(offsets: ZeroOffsets, chosen: NDArray[np.bool_]) -> Mend:
-    """The line of the robot file that corrects offsets; others stay as they are given."""
-    values = [
-        round(float(value), 4) if far else float(start)
-        for value, start, far in zip(offsets.values, offsets.start, chosen, strict=True)
-    ]
-    says = f'Set position_offset = {values} in [signals], or position_offset = "identify"'
-    return Mend(says, (Edit(("signals", "position_offset"), values),))

@@ -11,6 +11,7 @@ from steelyard.diagnosis.excitation import Excitation
 from steelyard.diagnosis.gain import Gain
 from steelyard.diagnosis.identifiability import Identifiability
 from steelyard.diagnosis.joint_order import JointOrder
+from steelyard.diagnosis.joint_zeros import JointZeros
 from steelyard.diagnosis.mounting import Mounting
 from steelyard.diagnosis.noise import Noise
 from steelyard.diagnosis.payload_left import PayloadLeft
@@ -41,6 +42,7 @@ SUSPICIONS: tuple[Suspicion, ...] = (
     EffortKind(),
     Gain(),
     EffortDelay(),
+    JointZeros(),
     Mounting(),
     PayloadLeft(),
     Drift(),

@@ -1,0 +1,75 @@
+"""Do joints count their positions from where the model file says?"""
+
+from typing import ClassVar
+
+import numpy as np
+
+from steelyard.diagnosis.case import Case
+from steelyard.diagnosis.finding import Finding, Judgement
+from steelyard.diagnosis.identifiability import clean_runs, customary_model
+from steelyard.diagnosis.model_error import can_be_ranked, ranked_causes, residuals
+from steelyard.diagnosis.zero_offset import correction, estimated_offsets, far_offsets, numbers
+from steelyard.errors import SteelyardError
+from steelyard.estimation.fields import said_by
+from steelyard.estimation.least_squares import WeightedLeastSquares
+from steelyard.estimation.per_run import own_columns
+from steelyard.estimation.zero_offset import ZeroOffsets
+from steelyard.measurement.run import Run
+from steelyard.model import Model
+from steelyard.regression.regressor import base_regressor
+from steelyard.validation.mixes import remembers
+
+
+class JointZeros:
+    """Zero offsets that explain the residuals of a fit better than anything else."""
+
+    name: ClassVar[str] = "joint zeros"
+    asks: ClassVar[str] = "Do joints count from where the model file says?"
+    quick: ClassVar[bool] = False
+
+    def __call__(self, case: Case) -> tuple[Finding, ...]:
+        """One finding for all logs together; none where no run or no open chain is there."""
+        signals = case.logs[0].recording.signals if case.logs else None
+        if signals is None or any(signals.unknown_gains) or any(signals.unknown_offsets):
+            return ()
+        try:
+            runs, model = clean_runs(case), customary_model(case)
+            if not runs or not can_be_ranked(model):
+                return ()
+            return (_found(model, runs),)
+        except SteelyardError as error:
+            says = f"not estimated: {error.wrong}"
+            return (Finding(self.name, "", Judgement.OK, says, "", answered=False),)
+
+
+def _found(model: Model, runs: list[Run]) -> Finding:
+    said = said_by(runs, rests=remembers(model.terms))
+    estimate = WeightedLeastSquares(per_run=own_columns(model))(said(base_regressor(model)))
+    ranked = ranked_causes(model, estimate, runs)
+    offsets = estimated_offsets(model, runs)
+    if offsets is None:
+        says = "not estimated: too few samples"
+        return Finding(JointZeros.name, "", Judgement.OK, says, "", answered=False)
+    far = far_offsets(offsets)
+    if not ranked.blamed or ranked.blamed[0].kind != "zero_offset" or not far.any():
+        says = "no zero offset stands out"
+        return Finding(JointZeros.name, "", Judgement.OK, says, _figure(offsets))
+    return Finding(
+        JointZeros.name,
+        "",
+        Judgement.DOUBTFUL,
+        f"{numbers(offsets, far)} explains the residuals of a fit best",
+        f"{100.0 * ranked.blamed[0].chi2 / ranked.total:.2g} % of chi², {residuals(ranked.beside)}",
+        joints=tuple(j for j, wrong in zip(offsets.joints, far, strict=True) if wrong),
+        mend=correction(offsets, far),
+    )
+
+
+def _figure(offsets: ZeroOffsets) -> str:
+    """All offsets with their intervals, and those that these data do not identify."""
+    identified = np.isfinite(offsets.std)
+    text = numbers(offsets, identified) if identified.any() else "none is identifiable"
+    if identified.all() or not identified.any():
+        return text
+    left = (joint for joint, known in zip(offsets.joints, identified, strict=True) if not known)
+    return f"{text}; not identifiable: {', '.join(left)}"

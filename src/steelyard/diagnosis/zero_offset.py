@@ -1,0 +1,63 @@
+"""Estimated zero offsets of joints as evidence: which differ clearly, in words and as an edit."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.diagnosis.finding import Edit, Mend
+from steelyard.errors import DataError
+from steelyard.estimation.fields import said_by
+from steelyard.estimation.zero_offset import ZeroOffsets, find_offsets, with_offsets
+from steelyard.measurement.run import Run
+from steelyard.model import Model
+from steelyard.validation.mixes import remembers
+
+BEYOND = 4.0
+"""Standard deviations from what is given at which a zero offset is written as a number."""
+
+
+def estimated_offsets(model: Model, runs: Sequence[Run]) -> ZeroOffsets | None:
+    """Zero offsets of all joints, from those that the runs are read with; `None` of too few data.
+
+    The robot is an open chain.
+    """
+    given, rests = runs[0].recording.signals.position_offset, remembers(model.terms)
+    start = np.zeros(model.robot.n) if given is None else given
+    try:
+        return find_offsets(
+            model,
+            lambda offsets: said_by(with_offsets(runs, offsets), rests=rests),
+            start,
+            [True] * model.robot.n,
+        )
+    except DataError:
+        return None
+
+
+def far_offsets(offsets: ZeroOffsets) -> NDArray[np.bool_]:
+    """Which offsets differ clearly from those that were given, shape `(n,)`."""
+    spread = np.nan_to_num(offsets.std, nan=np.inf)
+    return np.asarray(
+        (np.abs(offsets.values - offsets.start) > BEYOND * spread) & offsets.converged
+    )
+
+
+def numbers(offsets: ZeroOffsets, chosen: NDArray[np.bool_]) -> str:
+    """Like `zero offset of elbow 0.4992 ± 0.0008 rad`."""
+    parts = [
+        f"{offsets.joints[k]} {offsets.values[k]:.4f} ± {offsets.half_width[k]:.4f} "
+        f"{offsets.units[k]}"
+        for k in np.flatnonzero(chosen)
+    ]
+    return f"zero offset of {', '.join(parts)}"
+
+
+def correction(offsets: ZeroOffsets, chosen: NDArray[np.bool_]) -> Mend:
+    """The line of the robot file that corrects offsets; others stay as they are given."""
+    values = [
+        round(float(value), 4) if far else float(start)
+        for value, start, far in zip(offsets.values, offsets.start, chosen, strict=True)
+    ]
+    says = f'Set position_offset = {values} in [signals], or position_offset = "identify"'
+    return Mend(says, (Edit(("signals", "position_offset"), values),))

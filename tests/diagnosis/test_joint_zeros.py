@@ -1,0 +1,47 @@
+"""Joints that do not count from where the model file says, as `check` finds them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from diagnosis.fitted import demo_arm, log
+from steelyard.cli.evidence import Subject, case_of
+from steelyard.cli.river import log_files
+from steelyard.diagnosis import Case, Judgement
+from steelyard.diagnosis.joint_zeros import JointZeros
+from steelyard.progress import silent
+from steelyard.robot.robot_file import load_robot
+from steelyard.virtual.invent import random_truth
+
+
+def case(folder: Path, offset: tuple[float, ...], line: str = "") -> Case:
+    """One log of the demo arm whose encoders are off, read with one more line of `[signals]`."""
+    robot, path = folder / "arm.toml", folder / "run.parquet"
+    loaded = demo_arm(folder)
+    text = robot.read_text().replace("[signals]\n", f"[signals]\n{line}\n")
+    log(path, random_truth(loaded.robot, 1), 1, offset)
+    subject = Subject(robot, text, load_robot(robot, text))
+    return case_of(subject, log_files([str(path)]), None, silent)[0]
+
+
+def test_an_offset_is_doubtful_with_the_line_that_corrects_it(tmp_path: Path) -> None:
+    (finding,) = JointZeros()(case(tmp_path, (0.0, 0.2, 0.0, 0.0, 0.0, 0.0)))
+    assert finding.judgement == Judgement.DOUBTFUL and finding.joints == ("shoulder_lift",)
+    assert finding.mend is not None
+    (edit,) = finding.mend.edits
+    assert edit.path == ("signals", "position_offset")
+    np.testing.assert_allclose(edit.value, [0.0, 0.2, 0.0, 0.0, 0.0, 0.0], atol=0.01)
+
+
+def test_with_that_line_no_offset_stands_out(tmp_path: Path) -> None:
+    line = "position_offset = [0.0, 0.2, 0.0, 0.0, 0.0, 0.0]"
+    (finding,) = JointZeros()(case(tmp_path, (0.0, 0.2, 0.0, 0.0, 0.0, 0.0), line))
+    assert finding.judgement == Judgement.OK and finding.says == "no zero offset stands out"
+    assert "zero offset of shoulder_lift 0.1998 ± 0.00" in finding.figure
+    assert "not identifiable: shoulder_turn, flange_roll" in finding.figure
+
+
+@pytest.mark.parametrize("line", ['position_offset = "identify"'])
+def test_what_is_to_be_identified_is_not_asked_about(line: str, tmp_path: Path) -> None:
+    assert JointZeros()(case(tmp_path, (0.0,) * 6, line)) == ()
