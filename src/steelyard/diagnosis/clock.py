@@ -11,6 +11,7 @@ from steelyard.diagnosis.finding import Edit, Finding, Judgement, Mend, Picture
 from steelyard.diagnosis.lost_rows import Leaps, leaps
 from steelyard.diagnosis.pictures import histogram, trace
 from steelyard.diagnosis.sight import JITTER, LATE, look, once
+from steelyard.diagnosis.time_scale import time_scale
 from steelyard.diagnosis.unit_costs import LONGEST_STEP, SHORTEST_STEP
 from steelyard.diagnosis.units import reading
 from steelyard.measurement.clock import GAP_SECONDS, GAP_STEPS
@@ -65,8 +66,12 @@ class Clock:
     quick: ClassVar[bool] = True
 
     def __call__(self, case: Case) -> tuple[Finding, ...]:
-        """One finding per log."""
-        return tuple(self._look(case, evidence) for evidence in case.logs)
+        """One finding per log; one more if a fit shows that the clock runs fast or slow."""
+        found = tuple(self._look(case, evidence) for evidence in case.logs)
+        if any(finding.judgement for finding in found):
+            return found
+        scale = time_scale(case, self.name)
+        return found if scale is None else (scale, *found)
 
     def _look(self, case: Case, evidence: Evidence) -> Finding:
         """One log's finding."""

@@ -1,0 +1,41 @@
+"""Without velocities a clock that runs wrong shows where accelerations and gravity disagree."""
+
+import numpy as np
+import pytest
+
+from diagnosis.conftest import Arm
+from steelyard.diagnosis.clock import Clock
+from steelyard.diagnosis.finding import Finding, Judgement
+
+WITHOUT = ('velocity = "dq{}_rad_s"\n', "")
+
+
+def found(arm: Arm, scale: float, *, velocities: bool = False) -> list[Finding]:
+    table = arm.table.copy()
+    table[:, 0] *= scale
+    text = arm.text if velocities else arm.text.replace(*WITHOUT)
+    return [f for f in Clock()(arm.case(table, text, known=False)) if f.judgement]
+
+
+@pytest.mark.parametrize("scale", [0.5, 0.93, 1.06, 2.0])
+def test_a_clock_that_runs_fast_or_slow_is_found_with_its_scale(arm: Arm, scale: float) -> None:
+    (finding,) = found(arm, scale)
+    value, half = (finding.says.split("stamps are ")[1].split(" times")[0]).split(" ± ")
+    assert float(value) == pytest.approx(scale, rel=0.005) and float(half) < 0.02
+    assert ("slow" if scale < 1.0 else "fast") in finding.says
+    assert finding.judgement == Judgement.WRONG or "length in the model file" in finding.says
+    assert 0.9 < scale < 1.1 or finding.judgement == Judgement.WRONG
+
+
+def test_the_right_clock_and_logged_velocities_are_left_alone(arm: Arm) -> None:
+    assert found(arm, 1.0) == []
+    assert found(arm, 2.0, velocities=True) == []
+
+
+def test_one_joint_alone_tells_nothing(arm: Arm) -> None:
+    table = arm.table.copy()
+    table[:, 0] *= 2.0
+    table[:, arm.at("q{}_rad")[1:]] = table[0, arm.at("q{}_rad")[1:]]
+    table[:, arm.at("tau{}_Nm")[1:]] += 1e-3 * np.sin(table[:, :1])
+    case = arm.case(table, arm.text.replace(*WITHOUT), known=False)
+    assert all(f.judgement == Judgement.OK for f in Clock()(case))
