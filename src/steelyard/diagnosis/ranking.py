@@ -105,11 +105,14 @@ def _gains(case: Case, evidence: Evidence) -> Array | None:
 
 
 def _with_free_gains(trial: Trial) -> Trial:
-    """The log with those gains that are to be identified at which the nominal bodies agree best."""
-    declared, unknown = trial.declared, np.array(trial.signals.unknown_gains)
+    """The log with the gains at which the nominal bodies agree best.
+
+    All of them: where some are to be identified, those that are given may be up to one scale.
+    """
+    declared = trial.declared
     sums = trial.sums([declared])
     best = best_factors(trial, sums, list(declared.effort), declared.effort_scale)
-    return replace(trial, gains=trial.gains * np.where(unknown, best, 1.0))
+    return replace(trial, gains=trial.gains * best)
 
 
 def _others(trial: Trial, reference: IdentifiedModel | None) -> tuple[Other, ...]:

@@ -51,6 +51,7 @@ def _listed(case: Case) -> str:
         '(2) write kind = "motor_current", unit = "A", gain = "identify" under [signals.effort] '
         f"and run `steelyard identify {robot} {log} --loaded LOADED_LOG --payload-mass KG` with a "
         "log that carries a known mass; "
-        "(3) the same without --loaded: results up to one scale. If masses are what is wrong in "
-        "the model file, go on: the efforts are then right as declared"
+        "(3) without its mass, write 1.0 for one joint's gain: results are then up to one scale. "
+        "If masses are what is wrong in the model file, go on: the efforts are then right as "
+        "declared"
     )
