@@ -22,7 +22,7 @@ BEYOND = 0.1
 """A wall without an end is drawn so far beyond what is seen [m]."""
 
 LINES = 7
-"""Lines of a face each way."""
+"""Lines each way of a face that goes on."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,10 +48,11 @@ class Face:
         return np.asarray(normal / np.linalg.norm(normal))
 
     def lines(self) -> Array:
-        """Lines across the face, none where it goes on, shape `(L, 2, 3)` [m]."""
-        found, shares = [], np.linspace(0.0, 1.0, LINES)
+        """Its outline, or lines across it with none where it goes on, shape `(L, 2, 3)` [m]."""
+        closed = all(end for side in self.ends for end in side)
+        found, shares = [], np.linspace(0.0, 1.0, 2 if closed else LINES)
         for side, (begins, stops) in enumerate(self.ends):
-            own = shares[0 if begins else 1 : LINES if stops else -1]
+            own = shares[0 if begins else 1 : len(shares) if stops else -1]
             for share in own:
                 first = self.corner + share * self.edges[side]
                 found.append((first, first + self.edges[1 - side]))
