@@ -1,6 +1,7 @@
 """What residuals say of a model: errors planted into simulated logs are named, noise is not."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import pytest
 
 from diagnosis.fitted import case, demo_arm, log
 from steelyard.diagnosis import Finding, Judgement
-from steelyard.diagnosis.model_error import ModelError
+from steelyard.diagnosis.model_error import ModelError, beginnings
 from steelyard.robot.robot import Body, Robot
 from steelyard.robot.robot_file import LoadedRobot
 from steelyard.terms.load_dependent import LoadDependent
@@ -91,3 +92,14 @@ def test_a_friction_law_that_lacks_is_a_remark(
     assert finding.judgement == Judgement.OK and finding.headline
     causes = finding.says.partition("explain of it: ")[2]
     assert f"(term {term.law})" in causes.split(",")[0]
+
+
+def test_many_and_long_runs_are_looked_at_in_part(loaded: LoadedRobot, tmp_path: Path) -> None:
+    path = tmp_path / "run.parquet"
+    log(path, random_truth(loaded.robot, 1), 1)
+    (run,) = case(loaded, [path]).fitted
+    assert beginnings([run])[0].span == run.span
+    long = replace(run, span=(run.span[0], run.span[0] + 1e6))
+    some = beginnings([long] * 90)
+    assert len(some) == 18
+    assert some[0].span[1] - some[0].span[0] == pytest.approx(200_000 / 18 / run.rate)

@@ -7,7 +7,12 @@ import numpy as np
 from steelyard.diagnosis.case import Case
 from steelyard.diagnosis.finding import Finding, Judgement
 from steelyard.diagnosis.identifiability import clean_runs, customary_model
-from steelyard.diagnosis.model_error import can_be_ranked, ranked_causes, residuals
+from steelyard.diagnosis.model_error import (
+    beginnings,
+    can_be_ranked,
+    ranked_causes,
+    residuals,
+)
 from steelyard.diagnosis.zero_offset import correction, estimated_offsets, far_offsets, numbers
 from steelyard.errors import SteelyardError
 from steelyard.estimation.fields import said_by
@@ -36,13 +41,13 @@ class JointZeros:
             runs, model = clean_runs(case), customary_model(case)
             if not runs or not can_be_ranked(model):
                 return ()
-            return (_found(model, runs),)
+            return (_found(model, beginnings(runs)),)
         except SteelyardError as error:
             says = f"not estimated: {error.wrong}"
             return (Finding(self.name, "", Judgement.OK, says, "", answered=False),)
 
 
-def _found(model: Model, runs: list[Run]) -> Finding:
+def _found(model: Model, runs: tuple[Run, ...]) -> Finding:
     said = said_by(runs, rests=remembers(model.terms))
     estimate = WeightedLeastSquares(per_run=own_columns(model))(said(base_regressor(model)))
     ranked = ranked_causes(model, estimate, runs)

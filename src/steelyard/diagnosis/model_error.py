@@ -1,7 +1,7 @@
 """Residuals far above the measurement noise: the model lacks something, and what most likely."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -43,6 +43,9 @@ scatters more than by white residuals: a single column reaches 25 by noise once 
 ALIKE = 0.8
 """Rank over the first's from which on another error is named beside it."""
 
+MOST_RUNS, MOST_SAMPLES = 20, 200_000
+"""Runs and samples that are looked at: more make no cause clearer, but take time."""
+
 ADVICE = {
     "gain": "Check the gain and unit of this effort",
     "saturation": "Check the gain of this effort at large currents",
@@ -83,9 +86,10 @@ class ModelError:
         identified = case.identified
         if not case.fitted or not can_be_ranked(identified.model):
             return ()
-        ranked = ranked_causes(identified.model, identified.estimate, case.fitted)
+        runs = beginnings(case.fitted)
+        ranked = ranked_causes(identified.model, identified.estimate, runs)
         if ranked.blamed:
-            return (_doubtful(case, ranked),)
+            return (_doubtful(identified.model, runs, ranked),)
         worst = float(np.nanmax(ranked.beside.ratios, initial=0.0))
         return (_remark(ranked),) if worst >= FAR else ()
 
@@ -93,6 +97,17 @@ class ModelError:
 def can_be_ranked(model: Model) -> bool:
     """Whether causes have columns: an open chain with bodies."""
     return not model.robot.passive and any(isinstance(term, RigidBody) for term in model.terms)
+
+
+def beginnings(runs: Sequence[Run]) -> tuple[Run, ...]:
+    """At most `MOST_RUNS` runs, spread over all, and of each no more than makes `MOST_SAMPLES`."""
+    step = -(-len(runs) // MOST_RUNS)
+    chosen = runs[::step]
+    most = MOST_SAMPLES / len(chosen)
+    return tuple(
+        replace(run, span=(run.span[0], min(run.span[1], run.span[0] + most / run.rate)))
+        for run in chosen
+    )
 
 
 def ranked_causes(model: Model, estimate: Estimate, runs: Sequence[Run]) -> Ranked:
@@ -131,13 +146,13 @@ def _remark(ranked: Ranked) -> Finding:
     return Finding(ModelError.name, "", Judgement.OK, says, "", headline=True)
 
 
-def _doubtful(case: FittedCase, ranked: Ranked) -> Finding:
+def _doubtful(model: Model, runs: Sequence[Run], ranked: Ranked) -> Finding:
     """An error that stands out; zero offsets with their values."""
     first = ranked.blamed[0]
     words = " or ".join(cause.says for cause in ranked.blamed)
     mend = Mend(ADVICE.get(first.kind, GEOMETRY))
     if first.kind == "zero_offset":
-        offsets = estimated_offsets(case.identified.model, case.fitted)
+        offsets = estimated_offsets(model, runs)
         found = None if offsets is None else far_offsets(offsets)
         if offsets is not None and found is not None and found.any():
             words, mend = numbers(offsets, found), correction(offsets, found)
