@@ -39,3 +39,11 @@ def test_one_joint_alone_tells_nothing(arm: Arm) -> None:
     table[:, arm.at("tau{}_Nm")[1:]] += 1e-3 * np.sin(table[:, :1])
     case = arm.case(table, arm.text.replace(*WITHOUT), known=False)
     assert all(f.judgement == Judgement.OK for f in Clock()(case))
+
+
+def test_efforts_that_no_clock_explains_have_none(arm: Arm) -> None:
+    table = arm.table.copy()
+    q, dq = arm.motion.q, arm.motion.dq
+    table[:, arm.at("tau{}_Nm")] = 20.0 * np.cos(q) + 3.0 * dq + 2.0 * np.sin(3.0 * q)
+    case = arm.case(table, arm.text.replace(*WITHOUT), known=False)
+    assert all(f.judgement == Judgement.OK for f in Clock()(case))

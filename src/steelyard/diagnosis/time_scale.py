@@ -32,6 +32,8 @@ GONE, SURE, LEAST = 0.5, 0.9, 0.005
 """Share of the typical squared residual that a scale must explain to be doubtful, and wrong, and
 its least distance from 1. Nine real robots have at most 0.04; a link that is 50 % longer than its
 model 0.8, for its length stands in the torque of accelerations alone."""
+SHARP = 0.01
+"""Largest standard deviation of a scale [relative]: where no scale fits, the residual falls on."""
 FEWEST = 2
 """Joints that must move."""
 ROUNDS = 10
@@ -105,7 +107,7 @@ def time_scale(case: Case, name: str) -> Finding | None:
         gone = 1.0 - float(np.exp(search(x) - search(0.0)))
     except (SteelyardError, TypeError):
         return None
-    if gone < GONE or abs(x) < max(LEAST, 4.0 * std):
+    if gone < GONE or std > SHARP or abs(x) < max(LEAST, 4.0 * std):
         return None
     return _off(evidence.name, name, x, std, gone)
 
