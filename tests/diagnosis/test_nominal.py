@@ -76,3 +76,21 @@ def test_a_gain_of_one_joint_is_found_but_not_written(arm):
     table[:, arm.at(TAU)[1]] *= 0.02
     found = arm.examined(table, known=False)
     assert wrong(found) == ["effort kind"] and not found.edits
+
+
+def test_one_sign_is_not_hidden_by_wrong_masses(arm):
+    nominal_times(arm, 0.65)
+    table = arm.table.copy()
+    table[:, arm.at(TAU)[1]] *= -1.0
+    found = arm.examined(table, known=False)
+    assert wrong(found) == ["effort sign"]
+    assert edits(found)["signals.effort.gain"] == [1.0, -1.0, 1.0, 1.0, 1.0, 1.0]
+
+
+def test_efforts_alone_in_another_order_are_not_hidden_by_wrong_masses(arm):
+    nominal_times(arm, 0.65)
+    order, table = [0, 2, 1, 3, 4, 5], arm.table.copy()
+    table[:, arm.at(TAU)] = arm.table[:, np.array(arm.at(TAU))[order]]
+    found = arm.examined(table, known=False)
+    assert wrong(found) == ["joint order"]
+    assert edits(found) == {"signals.effort.columns": names(TAU, order)}

@@ -56,14 +56,16 @@ def _rival(trial: Trial, reading: Reading, bodies: Possible) -> Rival:
 
 
 def _orders(reading: Reading) -> Iterator[Reading]:
-    """Joints in every order, efforts with them or as declared."""
+    """Joints in every order, efforts with them or as declared; and efforts alone."""
     n = len(reading.position)
     for order in permutations(range(n)):
         position = tuple(reading.position[k] for k in order)
         moved = reading.changed(position=position)
         yield moved
         if position != reading.position:
-            yield moved.changed(effort=tuple(reading.effort[k] for k in order))
+            effort = tuple(reading.effort[k] for k in order)
+            yield moved.changed(effort=effort)
+            yield reading.changed(effort=effort)
 
 
 def _signs(reading: Reading) -> Iterator[Reading]:

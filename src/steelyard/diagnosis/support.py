@@ -75,12 +75,18 @@ def supported(
             break
         reading = rival.reading
     bodies = possible(trial, reading)
-    if bodies is None or bodies.percent > POOR:
+    if bodies is None or bodies.percent > POOR or _worst(bodies) > ROUGH:
         whole = _combined(trial, bodies)
         if whole:
             kept, reading = list(whole), whole[-1][0].reading
     scale = _scale(trial, reading, asked)
     return (*kept, scale) if scale is not None else tuple(kept)
+
+
+def _worst(bodies: Possible) -> float:
+    """Misfit of the joint that bodies of the log's own fit least [%]."""
+    seen = bodies.score.counts > 0.0
+    return 100.0 * float(np.max(bodies.score.misfits[seen], initial=0.0))
 
 
 def _only_factor(reading: Reading, rival: Rival) -> bool:
