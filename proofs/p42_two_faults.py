@@ -189,10 +189,26 @@ def alphabetical(folder: Path) -> list[Claim]:
     ]
 
 
+def reversed_signs(folder: Path) -> list[Claim]:
+    """KUKA med7, whose torques all count against its URDF."""
+    robot, data = folder / "fixed.toml", data_folder() / "med7"
+    log = data / "med7_measurements.parquet"
+    run("check", data / "med7dock.urdf", log, "--quick", "--fix", robot)
+    gains = effort_of(robot).get("gain") if robot.exists() else None
+    return [
+        Claim(
+            "med7, torques against the URDF: gains written by check --fix",
+            f"{gains}",
+            "-1 for all joints",
+            gains == [-1.0] * 7,
+        )
+    ]
+
+
 def main() -> list[Claim]:
-    """Both cases."""
+    """Both cases, and a log whose signs are all reversed."""
     claims = []
-    for case in (currents, ways, alphabetical):
+    for case in (currents, ways, alphabetical, reversed_signs):
         with tempfile.TemporaryDirectory() as folder:
             claims += case(Path(folder))
     return claims

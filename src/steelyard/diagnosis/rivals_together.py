@@ -38,7 +38,7 @@ def combined_rivals(trial: Trial) -> list[tuple[Rival, Possible]]:
     best = _best(coarse, list(_orders(trial.declared)))
     best = _best(coarse, [r for one in best for r in _signs(one)])
     found = []
-    for reading in best:
+    for reading in (*best, *(turned for one in best for turned in _all_turned(trial, one))):
         bodies = possible(trial, reading)
         if bodies is not None:
             found.append((_rival(trial, reading, bodies), bodies))
@@ -49,10 +49,18 @@ def _rival(trial: Trial, reading: Reading, bodies: Possible) -> Rival:
     declared, n = trial.declared, trial.signals.n
     before, after = declared.effort_scale, reading.effort_scale
     turned = np.sign(declared.position_scale) != np.sign(reading.position_scale)
-    signs = int(np.sum(turned)) + int(np.sum(np.sign(before) != np.sign(after)))
+    efforts = int(np.sum(np.sign(before) != np.sign(after)))
+    signs = int(np.sum(turned)) + (1 if efforts == n else efforts)
     moved = [j for j in range(n) if (reading.position[j], reading.effort[j]) != (j, j)]
     cost = choice(n) * (len(moved) + signs)
     return Rival("", "", reading, cost, tuple(moved), bodies.score)
+
+
+def _all_turned(trial: Trial, reading: Reading) -> Iterator[Reading]:
+    """All efforts of the other sign where most of them are: that of an unloaded joint is open."""
+    signs = np.sign(reading.effort_scale / trial.declared.effort_scale)
+    if 0.5 * len(signs) < np.sum(signs < 0.0) < len(signs):
+        yield reading.with_factors(-signs)
 
 
 def _orders(reading: Reading) -> Iterator[Reading]:

@@ -128,8 +128,10 @@ def _combined(trial: Trial, now: Possible | None) -> tuple[tuple[Rival, Judgemen
     own = possible(trial, trial.declared)
     if now is None or own is None or not better(bodies, now, best.cost):
         return ()
+    if bodies.percent > ROUGH:
+        return ()
     near = [r for r, _ in found[1:] if r.log_likelihood > best.log_likelihood - CLOSE]
-    sure = not near and bodies.percent <= ROUGH
+    sure = not near
     judgement = Judgement.WRONG if sure else Judgement.DOUBTFUL
     compared = "bodies of any mass", own.percent
     return tuple(
@@ -155,6 +157,7 @@ def _parts(trial: Trial, best: Rival) -> Iterator[Rival]:
         turned = np.flatnonzero(np.sign(then) != np.sign(now))
         if len(turned):
             who = ", ".join(f"'{names[j]}'" for j in turned)
+            who = "all joints" if len(turned) == len(names) > 1 else who
             joints = tuple(int(j) for j in turned)
             yield replace(best, cause=cause, says=says.format(who), joints=joints)
 
