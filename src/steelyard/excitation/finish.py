@@ -10,7 +10,7 @@ from steelyard.errors import DataError
 from steelyard.excitation.exact import ExactTrajectory
 from steelyard.excitation.newton import minimised
 from steelyard.excitation.problem import Problem
-from steelyard.excitation.repair import repaired, scaled
+from steelyard.excitation.repair import repaired, scaled, shrunk
 from steelyard.excitation.starts import NoMotion
 from steelyard.progress import Progress, Stopped, silent
 
@@ -53,16 +53,24 @@ def finished(
         Stopped: `progress` asked to stop.
     """
     best: tuple[float, Array] | None = None
+    lacking = list[Array]()
     for x in candidates:
         if best is not None and time.monotonic() > deadline:
             break
         for tried in sorted(_tries(problem, x, deadline), key=problem.figure):
             if best is not None and problem.figure(tried) >= best[0]:
                 break
-            proven = repaired(problem, tried, deadline, progress)
-            if proven is not None and (best is None or problem.figure(proven) < best[0]):
-                best = problem.figure(proven), proven
+            found = repaired(problem, tried, deadline, progress)
+            if found is None:
+                continue
+            kept, proven = found
+            if not proven:
+                lacking.append(kept)
+            elif best is None or problem.figure(kept) < best[0]:
+                best = problem.figure(kept), kept
                 break
+    if best is None:
+        best = _smaller(problem, lacking, deadline, progress)
     if best is not None and not math.isfinite(best[0]):
         raise DataError(
             "no motion was found that shows all parameters; a base parameter of the model may show "
@@ -78,6 +86,20 @@ def finished(
             mend="widen the boxes or the margins, or give a start posture with more room",
         )
     return Finished(best[1], problem.basis.motion(best[1]), best[0])
+
+
+def _smaller(
+    problem: Problem, lacking: list[Array], deadline: float, progress: Progress
+) -> tuple[float, Array] | None:
+    """Of motions that lack something, the best made smaller until it is proven; its figure."""
+    best: tuple[float, Array] | None = None
+    for x in sorted(lacking, key=problem.figure):
+        if best is not None and time.monotonic() > deadline:
+            break
+        less = shrunk(problem, x, progress)
+        if less is not None and (best is None or problem.figure(less) < best[0]):
+            best = problem.figure(less), less
+    return best
 
 
 def _tries(problem: Problem, x: Array, deadline: float) -> list[Array]:

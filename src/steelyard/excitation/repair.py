@@ -34,11 +34,13 @@ MORE = 1.5
 """What is reserved for what a proof lacked."""
 
 
-def repaired(problem: Problem, x: Array, deadline: float, progress: Progress) -> Array | None:
-    """The motion with every constraint proven.
+def repaired(
+    problem: Problem, x: Array, deadline: float, progress: Progress
+) -> tuple[Array, bool] | None:
+    """The motion with every constraint proven, as far as that can be had.
 
     What a proof lacks is reserved, with some more, and the motion optimised again from inside walls
-    at closer samples; after some rounds, or without time, it is made smaller.
+    at closer samples, some rounds long or until there is no time.
 
     Args:
         problem: What is designed.
@@ -47,7 +49,8 @@ def repaired(problem: Problem, x: Array, deadline: float, progress: Progress) ->
         progress: Told of the proofs.
 
     Returns:
-        Coefficients, shape `(n, m)`; `None` if nothing of the motion can be proven.
+        Coefficients, shape `(n, m)`, and whether they are proven; `None` if not even standing
+        keeps the limits of the joints.
     """
     kept = scaled(problem, x)
     if kept is None:
@@ -56,7 +59,7 @@ def repaired(problem: Problem, x: Array, deadline: float, progress: Progress) ->
     for _ in range(REPAIRS if problem.constraints else 0):
         lacks = _lacks(problem, kept, progress)
         if not any(lack.any() for lack in lacks):
-            return kept
+            return kept, True
         if time.monotonic() > deadline:
             break
         extra = [e + MORE * lack for e, lack in zip(extra, lacks, strict=True)]
@@ -66,7 +69,7 @@ def repaired(problem: Problem, x: Array, deadline: float, progress: Progress) ->
         if again is None:
             break
         kept = again
-    return _shrunk(problem, kept, progress)
+    return kept, _proven(problem, kept, progress)
 
 
 def _within(problem: Problem, walls: Walls, x: Array) -> Array:
@@ -172,13 +175,11 @@ def _still(problem: Problem, x: Array) -> Array:
     return basis.still(np.where(outside, inside, start))
 
 
-def _shrunk(problem: Problem, x: Array, progress: Progress) -> Array | None:
-    """The motion, or the most of it that is proven, smaller about standing at one of its postures.
+def shrunk(problem: Problem, x: Array, progress: Progress) -> Array | None:
+    """The most of a motion that is proven, smaller about standing at one of its postures.
 
     That is its start, or where not half of it is left so, its freest posture.
     """
-    if not problem.constraints or _proven(problem, x, progress):
-        return x
     best: tuple[float, Array] | None = None
     start, freest = _still(problem, x), _freest(problem, x)
     for still in (start,) if np.array_equal(start, freest) else (start, freest):
