@@ -32,6 +32,12 @@ def test_the_right_clock_and_logged_velocities_are_left_alone(arm: Arm) -> None:
     assert found(arm, 2.0, velocities=True) == []
 
 
+@pytest.mark.parametrize("scale", [0.95, 1.04])
+def test_logged_velocities_show_the_scale(arm: Arm, scale: float) -> None:
+    (finding,) = found(arm, scale, velocities=True)
+    assert finding.judgement == Judgement.DOUBTFUL and f"{scale:g} times d(q)/dt" in finding.says
+
+
 def test_one_joint_alone_tells_nothing(arm: Arm) -> None:
     table = arm.table.copy()
     table[:, 0] *= 2.0

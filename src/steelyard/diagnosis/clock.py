@@ -11,7 +11,7 @@ from steelyard.diagnosis.finding import Edit, Finding, Judgement, Mend, Picture
 from steelyard.diagnosis.lost_rows import Leaps, leaps
 from steelyard.diagnosis.pictures import histogram, trace
 from steelyard.diagnosis.sight import JITTER, LATE, look, once
-from steelyard.diagnosis.time_scale import time_scale
+from steelyard.diagnosis.time_scale import by_velocities, time_scale
 from steelyard.diagnosis.unit_costs import LONGEST_STEP, SHORTEST_STEP
 from steelyard.diagnosis.units import reading
 from steelyard.measurement.clock import GAP_SECONDS, GAP_STEPS
@@ -70,6 +70,8 @@ class Clock:
         found = tuple(self._look(case, evidence) for evidence in case.logs)
         if any(finding.judgement for finding in found):
             return found
+        off = [by_velocities(case, evidence, self.name) for evidence in case.logs]
+        found = tuple(o or f for o, f in zip(off, found, strict=True))
         scale = time_scale(case, self.name)
         return found if scale is None else (scale, *found)
 

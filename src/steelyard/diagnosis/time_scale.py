@@ -11,10 +11,10 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from steelyard.diagnosis.case import Case
+from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.finding import Finding, Judgement, Mend
 from steelyard.diagnosis.identifiability import clean_runs, customary_model
-from steelyard.diagnosis.units import driven
+from steelyard.diagnosis.units import driven, reading
 from steelyard.errors import SteelyardError
 from steelyard.estimation.least_squares import WeightedLeastSquares
 from steelyard.measurement.run import BLOCK, Block, Run
@@ -32,6 +32,9 @@ GONE, SURE, LEAST = 0.5, 0.9, 0.005
 """Share of the typical squared residual that a scale must explain to be doubtful, and wrong, and
 its least distance from 1. Nine real robots have at most 0.04; a link that is 50 % longer than its
 model 0.8, for its length stands in the torque of accelerations alone."""
+OFF, UNEVEN, MOST_OFF = 0.02, 0.005, 0.13
+"""Distance of velocities over d(q)/dt from 1 that is a clock's, if joints differ by no more; from
+the last on it is a wrong unit. Real robots' are off by 1 %, or differ by 1.5 % and more."""
 SHARP = 0.01
 """Largest standard deviation of a scale [relative]: where no scale fits, the residual falls on."""
 FEWEST = 2
@@ -128,4 +131,26 @@ def _off(log: str, name: str, x: float, std: float, gone: float) -> Finding:
             f"check the log's rate; divide the stamps by {scale:.4g} if it is so. If the clock is "
             "right, check gravity and lengths in the model file"
         ),
+    )
+
+
+def by_velocities(case: Case, evidence: Evidence, name: str) -> Finding | None:
+    """The scale of the clock that logged velocities ask for, if all joints agree on one but 1."""
+    units = reading(case, evidence)
+    if units.agreement is None or np.count_nonzero(units.agreement.told) < FEWEST:
+        return None
+    ratio = np.array([units.relative(int(j)) for j in np.flatnonzero(units.agreement.told)])
+    scale, spread = float(np.mean(ratio)), float(np.ptp(ratio))
+    if spread > UNEVEN or not OFF < abs(scale - 1.0) < MOST_OFF:
+        return None
+    way = "slow" if scale < 1.0 else "fast"
+    return Finding(
+        name,
+        evidence.name,
+        Judgement.DOUBTFUL,
+        f"velocities of all {len(ratio)} joints are {scale:.4g} times d(q)/dt: the clock runs "
+        f"{way}, or their unit is off",
+        f"{100.0 * abs(scale - 1.0):.2g} % from 1 (bound {100.0 * OFF:g} %), joints differ by "
+        f"{100.0 * spread:.1g} % (bound {100.0 * UNEVEN:g} %)",
+        mend=Mend("check the log's rate, and leave velocities out if the clock is right"),
     )
