@@ -1,4 +1,4 @@
-"""A point mass that hangs on a frame, as numbers of the body that carries it."""
+"""Loads that hang on a frame, as mass properties and as numbers of the body that carries them."""
 
 from collections.abc import Mapping
 
@@ -9,9 +9,29 @@ from steelyard.robot.excitation_schema import LoadSection
 from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
 from steelyard.robot.robot import Robot
 
+SHELL = 2.0 / 3.0
+"""Inertia of a hollow ball about its centre, over its mass and its radius squared."""
+
+COUNTED = (
+    "torques hold for loads of any inertia from a point mass to a hollow ball of the load's radius "
+    "about its centre of mass, alike about all axes; not for one that is long in one direction"
+)
+"""What torques count of loads."""
+
+
+def load_inertias(load: LoadSection) -> Mapping[str, Inertia]:
+    """Mass properties of a load in its frame, by what it is: between these torques are linear."""
+    shell = SHELL * load.mass * load.ball**2
+    return {
+        "as a point": Inertia.about_com(load.mass, load.com, np.zeros((3, 3))),
+        f"as a hollow ball of {1e3 * load.ball:.3g} mm": Inertia.about_com(
+            load.mass, load.com, shell * np.eye(3)
+        ),
+    }
+
 
 def load_numbers(load: LoadSection, robot: Robot) -> Mapping[str, float]:
-    """What a load adds to standard parameters, by name; nothing where the base carries it.
+    """What a point mass adds to standard parameters, by name; nothing where the base carries it.
 
     Raises:
         ModelError: Its frame does not exist.

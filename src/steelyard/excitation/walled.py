@@ -11,6 +11,7 @@ from steelyard.excitation.constraint import Constraint
 from steelyard.excitation.earlier import Earlier
 from steelyard.excitation.families import per_joint
 from steelyard.excitation.gap import Declined, Gap
+from steelyard.excitation.load import COUNTED, load_inertias
 from steelyard.excitation.shapes import Shape
 from steelyard.excitation.torque import EffortLimit, power_limit, torque_limit
 from steelyard.excitation.torque import loaded as loaded_with
@@ -20,7 +21,7 @@ from steelyard.kernel.kinematics import last_frame
 from steelyard.model import Model, ValuedModel
 from steelyard.parameters import Parameters
 from steelyard.robot.excitation_schema import ExcitationSection
-from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
+from steelyard.robot.inertia import INERTIAL_NAMES
 from steelyard.robot.robot import Robot
 from steelyard.robot.robot_file import LoadedRobot
 from steelyard.terms.rigid_body import RigidBody
@@ -104,7 +105,8 @@ def efforts_of(loaded: LoadedRobot, model: Model, earlier: Earlier | None) -> Wa
     source = (
         "the earlier model's" if earlier is not None else "those of the model file, no friction"
     )
-    return found, [f"torques are limited by a prior model, whose values are {source}", *notes]
+    notes = [f"torques are limited by a prior model, whose values are {source}", *notes]
+    return found, [*notes, COUNTED] if section.loads else notes
 
 
 def _unlimited(robot: Robot, efforts: Array) -> list[str]:
@@ -159,9 +161,10 @@ def _cases(
     cases = {"without load": arm}
     for number, load in enumerate(section.loads, start=1):
         frame = load.frame or last_frame(model.robot)
-        mass = Inertia.about_com(load.mass, load.com, np.zeros((3, 3)))
-        with written("loads] frame"):
-            cases[f"with load {number}, {load.mass:g} kg"] = loaded_with(arm, frame, mass)
+        for what, inertia in load_inertias(load).items():
+            with written("loads] frame"):
+                case = loaded_with(arm, frame, inertia)
+            cases[f"with load {number}, {load.mass:g} kg {what}"] = case
     return cases
 
 

@@ -86,7 +86,7 @@ class CriterionSection(Section):
 
 
 class LoadSection(Section):
-    """A load that may hang on the robot: a point mass to torques, a ball to walls.
+    """A load that may hang on the robot: a ball, to walls and for the inertia that torques count.
 
     Without a radius the ball is that of as much water.
     """
@@ -98,7 +98,7 @@ class LoadSection(Section):
 
     @property
     def ball(self) -> float:
-        """Radius of the ball that walls see [m]."""
+        """Radius of the ball [m]."""
         return self.radius or float((0.75 * self.mass / (pi * WATER)) ** (1.0 / 3.0))
 
 
