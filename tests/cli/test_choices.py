@@ -20,10 +20,12 @@ Told = Callable[..., tuple[dict[str, Any], Path]]
 def told(given: Path, tmp_path: Path, command: Command) -> Told:
     """`identify --json` with the demo arm's robot file changed, and the folder it wrote."""
 
-    def run(*changes: tuple[str, str]) -> tuple[dict[str, Any], Path]:
+    def run(
+        *changes: tuple[str, str], options: tuple[str, ...] = ()
+    ) -> tuple[dict[str, Any], Path]:
         robot, out = edited(given, tmp_path, *changes), tmp_path / "out"
         logs = given / "identification.parquet", "--validate", given / "validation.parquet"
-        done = command("identify", robot, *logs, "-o", out, "--json")
+        done = command("identify", robot, *logs, "-o", out, "--json", *options)
         assert done.exit_code in (0, 1), done.output
         return json.loads(done.stdout), out
 
@@ -94,8 +96,15 @@ def test_knowledge_that_plain_least_squares_passes_over_is_checked_and_told(
     assert done.exit_code == 2 and "'forarm'" in done.stderr
 
 
-def test_friction_that_drives_is_named(told: Told) -> None:
-    driven, _ = told(('unit = "Nm"', 'unit = "Nm"\ngain = -1.0'))
+def test_friction_that_drives_is_named(
+    told: Told, given: Path, tmp_path: Path, command: Command
+) -> None:
+    reversed_efforts = ('unit = "Nm"', 'unit = "Nm"\ngain = -1.0')
+    robot = edited(given, tmp_path, reversed_efforts)
+    done = command("identify", robot, given / "identification.parquet", "-o", tmp_path / "no")
+    assert done.exit_code == 2 and "efforts have the wrong sign" in done.stderr
+    assert not (tmp_path / "no").exists()
+    driven, _ = told(reversed_efforts, options=("--no-check",))
     (note,) = (note for note in driven["notes"] if "below what is physical" in note)
     assert "viscous.elbow" in note and "coulomb.elbow" in note
 

@@ -16,6 +16,7 @@ from steelyard.estimation.estimate import Blind, Estimate, OfRun, Standard
 from steelyard.estimation.fields import Finding
 from steelyard.estimation.gains import GainEstimate
 from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
+from steelyard.estimation.zero_offset import ZeroOffsets
 from steelyard.model import Model
 from steelyard.parameters import Parameters
 from steelyard.regression.base import BaseMap, base_map
@@ -294,11 +295,19 @@ def usual() -> ReportContent:
         friction=friction(),
         findings=findings(),
         gains=gains(),
+        offsets=offsets(),
         diagnosis=diagnosis(),
         sensitivity=sensitivity(),
         bootstrap=bootstrap(identified(robot())),
         comparison=comparison(),
     )
+
+
+def offsets(joints: tuple[str, str] = ("shoulder", "elbow")) -> ZeroOffsets:
+    """The first joint's is not identifiable."""
+    zero = np.zeros(2)
+    std = np.array([np.nan, 0.01])
+    return ZeroOffsets(joints, ("rad", "rad"), zero + 0.1, zero, std, (True, True), True)
 
 
 @pytest.fixture(scope="session")
@@ -341,6 +350,7 @@ def nasty(usual: ReportContent) -> ReportContent:
         findings=findings(EVIL, EVIL),
         diagnosis=diagnosis(EVIL, float("nan")),
         gains=replace(gains((EVIL, EVIL)), gains=np.array([np.nan, np.inf])),
+        offsets=replace(offsets((EVIL, EVIL)), values=np.array([np.nan, np.inf])),
         sensitivity=sensitivity(EVIL, float("nan")),
         bootstrap=bootstrap(evil),
         comparison=comparison(EVIL, float("inf")),
