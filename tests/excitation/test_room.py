@@ -240,9 +240,19 @@ def test_the_floor_is_level_where_the_robot_leans(tmp_path: Path) -> None:
 
 
 def test_links_to_go_without_are_named_as_asked(tmp_path: Path) -> None:
+    """Only where the walls' own table says so: that of clearance does not reach them."""
     tables = '[excitation.limits]\neffort = "any"\n[excitation.collision]\nwithout = ["stick"]\n'
-    notes = problem_of(tmp_path, f"{tables}[excitation.workspace]\nfloor = 0.0\n").notes
-    assert any(isinstance(note, Declined) and "walls do not see" in note for note in notes)
+    walls = f"{tables}[excitation.workspace]\nfloor = 0.0\n"
+    every = problem_of(tmp_path, walls)
+    (room,) = [c for c in every.constraints if isinstance(c, Room)]
+    assert any("'stick' clear of 'floor'" in label for label in room.labels)
+    assert room.scope.startswith("all links, tool")
+    less = problem_of(tmp_path, f'{walls}without = ["stick"]\n')
+    (room,) = [c for c in less.constraints if isinstance(c, Room)]
+    assert not any("'stick'" in label for label in room.labels)
+    assert room.scope.startswith("all links but stick, tool")
+    assert any(isinstance(note, Declined) and "walls do not see" in note for note in less.notes)
+    assert not any("walls do not see" in note for note in every.notes)
 
 
 @pytest.mark.parametrize(
@@ -252,12 +262,13 @@ def test_links_to_go_without_are_named_as_asked(tmp_path: Path) -> None:
         ("keep_out = [{x = [0, 1], y = [1, 0], z = [0, 1]}]", "keep_out", "box 1 is empty"),
         ("keep_out = [{x = [0, 1], y = [0, 1]}]", "keep_out", "is open"),
         ('frame = "tol"\nfloor = 0.0', "frame", "no frame 'tol'"),
+        ('floor = 0.0\nwithout = ["sick"]', "", "no link 'sick'"),
     ],
 )
 def test_walls_that_make_no_sense(tmp_path: Path, tables: str, where: str, wrong: str) -> None:
     with pytest.raises(ModelError, match=wrong) as caught:
         problem_of(tmp_path, f"{ANY}{tables}\n")
-    assert f"[excitation.workspace] {where}" in caught.value.where
+    assert f"[excitation.workspace] {where}".rstrip() in caught.value.where
 
 
 def test_closed_chains_are_refused(tmp_path: Path) -> None:

@@ -94,8 +94,9 @@ def room_of(
     if not kept:
         return None, notes
     wanted = np.array([RESERVE if pair.second in names else margin for pair in kept])
-    built = _built(robot, shapes, kept, wanted, names)
-    return built, notes
+    things = len({pair.first for pair in kept})
+    scope = f"{whole.scope}, tool and loads: {things} things that move"
+    return _built(robot, shapes, kept, wanted, names, scope), notes
 
 
 def _pairs(shapes: Sequence[Shape], movers: Sequence[int], stands: Sequence[int]) -> list[Pair]:
@@ -113,11 +114,10 @@ def _built(
     pairs: tuple[Pair, ...],
     wanted: Array,
     walls: frozenset[str],
+    scope: str = "",
 ) -> Room:
     ways = [way for pair in pairs for way in pair.shapes]
     room = np.full(len(pairs), ROOM)
-    things = len({pair.first for pair in pairs})
-    scope = f"all links, tool and loads: {things} things that move"
     scene = Scene(robot, shapes, ways)
     return Room(robot, scene, pairs, wanted, room, name=NAME, scope=scope, walls=walls)
 

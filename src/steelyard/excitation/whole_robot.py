@@ -16,6 +16,7 @@ from steelyard.excitation.shapes import Shape, placed
 from steelyard.excitation.solids import Ball, Capsule, HalfSpace
 from steelyard.kernel.kinematics import frame_of, last_frame
 from steelyard.robot.model_source import read_mechanism
+from steelyard.robot.nearest import advice
 from steelyard.robot.robot import Robot
 from steelyard.robot.robot_file import LoadedRobot
 
@@ -31,6 +32,7 @@ class WholeRobot:
         links: Shapes of the links.
         carried: Balls of the tool and of the loads.
         still: Names of links that the base carries: they do not move.
+        without: Names of links that were left out.
         notes: What the user should know, one sentence each.
     """
 
@@ -38,6 +40,12 @@ class WholeRobot:
     carried: tuple[Shape, ...]
     still: tuple[str, ...]
     notes: tuple[str, ...]
+    without: tuple[str, ...] = ()
+
+    @property
+    def scope(self) -> str:
+        """What it stands for."""
+        return f"all links{' but ' if self.without else ''}{', '.join(self.without)}"
 
 
 def whole_robot(loaded: LoadedRobot, tool: Marker, skip: Collection[str] = ()) -> WholeRobot:
@@ -49,7 +57,7 @@ def whole_robot(loaded: LoadedRobot, tool: Marker, skip: Collection[str] = ()) -
         skip: Links to go without.
 
     Raises:
-        ModelError: The robot has closed chains, or a frame does not exist.
+        ModelError: The robot has closed chains, or a frame or a link does not exist.
     """
     robot = loaded.robot
     if robot.loops:
@@ -60,6 +68,13 @@ def whole_robot(loaded: LoadedRobot, tool: Marker, skip: Collection[str] = ()) -
             "only_tool = true",
         )
     tree, model = _tree(loaded), loaded.sources[-1].path
+    for name in skip:
+        if name not in tree.frames:
+            raise ModelError(
+                f"there is no link '{name}' to go without",
+                where=f"robot '{robot.name}'",
+                mend=advice(name, tree.frames, "links"),
+            )
     wanted = [name for name in tree.frames if name not in skip]
     ends: dict[str, list[Array]] = {tool.frame: [_at(robot, tool.frame, tool.offset)]}
     for load in loaded.excitation.loads:
@@ -78,6 +93,7 @@ def whole_robot(loaded: LoadedRobot, tool: Marker, skip: Collection[str] = ()) -
         tuple(s for s in (*_tool(robot, tool), *load_balls(loaded)) if s.body >= 0),
         tuple(dict.fromkeys(shape.name for shape in links if shape.body < 0)),
         _notes(drawn, assumed, skip),
+        tuple(skip),
     )
 
 

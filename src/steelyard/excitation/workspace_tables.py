@@ -94,10 +94,9 @@ def _of_all(
 ) -> Walled:
     """What holds for all that the robot moves."""
     collision, loads = loaded.excitation.collision, loaded.excitation.loads
-    skip = () if collision is None else collision.without
     margin = 0.0 if collision is None else collision.margin
     with written("workspace]"):
-        whole = whole_robot(loaded, tool, skip)
+        whole = whole_robot(loaded, tool, section.without)
     walls = walls_of(section, loaded.robot)
     own = [ball.name for ball, load in zip(load_balls(loaded), loads, strict=True) if load.radius]
     built, notes = room_of(loaded.robot, whole, walls, world, margin, own)

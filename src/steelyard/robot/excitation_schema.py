@@ -41,8 +41,9 @@ class PlaneSection(Section):
 class WorkspaceSection(Section):
     """Where the robot may be, in the frame of its base.
 
-    `floor`, `planes` and `keep_out` hold for all links, the tool and the loads; with `only_tool`,
-    planes and boxes hold for the tool's ball alone. `box` is always of the tool's ball alone.
+    `floor`, `planes` and `keep_out` hold for all links but those in `without`, the tool and the
+    loads; with `only_tool`, planes and boxes hold for the tool's ball alone. `box` is always of the
+    tool's ball alone.
     """
 
     frame: Name | None = None
@@ -53,6 +54,7 @@ class WorkspaceSection(Section):
     planes: Annotated[tuple[PlaneSection, ...], Field(strict=False)] = ()
     keep_out: Annotated[tuple[BoxSpans, ...], Field(strict=False)] = ()
     only_tool: bool = False
+    without: Names = ()
 
     @property
     def walled(self) -> bool:
@@ -61,7 +63,7 @@ class WorkspaceSection(Section):
 
 
 class CollisionSection(Section):
-    """What may not touch: the robot's own bodies, and the world."""
+    """What may not touch: the robot's own bodies, and the world; walls do not ask `without`."""
 
     bodies: bool = True
     margin: Annotated[float, Field(ge=0.0)] = 0.01
