@@ -71,6 +71,27 @@ def test_a_motion_once_more_is_repeated_but_not_the_same_log(
     assert repeat.distance < 1e-3 and "repeats the motion of first" in repeat.words
 
 
+@pytest.mark.parametrize("noise", [0, 7])
+def test_a_motion_with_other_zeros_of_joints_is_repeated(
+    arm: LoadedRobot, known: tuple[MotionSamples, ...], noise: int
+) -> None:
+    table = rows(arm, 0, noise)[200:]
+    table[:, 1] += 0.7
+    table[:, 6] -= 0.6
+    repeat = repeat_of(known, run_of(arm, table))
+    assert repeat is not None and repeat.share > 0.9 and repeat.zeros
+    assert repeat.same == (noise == 0) and "with other zeros of joints" in repeat.words
+
+
+def test_a_motion_in_another_posture_is_another_one(
+    arm: LoadedRobot, known: tuple[MotionSamples, ...]
+) -> None:
+    table = rows(arm, 0, 7)
+    table[:, 1] += 0.7
+    table[:, 13:] *= -1.0  # other efforts: gravity of another posture
+    assert repeat_of(known, run_of(arm, table)) is None
+
+
 def test_a_part_that_is_repeated_has_its_share(
     arm: LoadedRobot, known: tuple[MotionSamples, ...]
 ) -> None:

@@ -2,11 +2,13 @@
 
 Some rows of the other run are looked for in the run: at the shift in time at which most of them
 are met by all joints at once. Repeated motion has other efforts, for it has noise of its own; rows
-with the same positions and efforts are the same log, trimmed, thinned, shifted or rounded.
+with the same positions and efforts are the same log, trimmed, thinned, shifted or rounded. Where
+joints were given other zeros meanwhile, or the base was turned, velocities meet and positions up to
+a constant per joint; efforts then tell whether it is the same motion of the same arm.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +30,9 @@ EXACT = 1e-5
 """Distance of channels of the same row, over their range: what float32 or six digits keep."""
 SAME = 0.03
 """Share of the rows that meet from which on they are rows of the same log."""
+ALIKE = 0.3
+"""Distance of the efforts of a motion with other zeros, over their standard deviation, at most: the
+same motion in another posture has other gravity."""
 AROUND = 3
 """Rows on each side among which the same one is looked for."""
 
@@ -42,6 +47,7 @@ class Repeat:
         shift: How much later it is [s].
         distance: Largest rms distance of a joint's positions, over its range.
         same: Whether rows are those of that run.
+        zeros: Whether positions meet only up to a constant per joint.
     """
 
     run: str
@@ -49,6 +55,7 @@ class Repeat:
     shift: float
     distance: float
     same: bool
+    zeros: bool = False
 
     @property
     def words(self) -> str:
@@ -56,7 +63,8 @@ class Repeat:
         what = "holds rows of" if self.same else "repeats the motion of"
         return (
             f"{what} {self.run} ({100.0 * self.share:.0f} % of its motion, "
-            f"{self.shift:.4g} s later, to {100.0 * self.distance:.1g} % of the joints' range)"
+            f"{self.shift:.4g} s later, to {100.0 * self.distance:.1g} % of the joints' range"
+            f"{', with other zeros of joints' if self.zeros else ''})"
         )
 
 
@@ -78,16 +86,16 @@ def _repeat(known: MotionSamples, rows: Rows) -> Repeat | None:
     """How far a run repeats one other."""
     if len(known.t) < FEWEST or known.q.shape[1] != rows.q.shape[1]:
         return None
-    span = np.ptp(known.q, axis=0)
+    span = np.maximum(np.ptp(known.q, axis=0), LEAST_NEAR)
     shift = _shift(known, rows, np.maximum(NEAR * span, LEAST_NEAR))
-    if shift is None:
-        return None
-    shift = _refined(known, rows, shift, np.maximum(span, LEAST_NEAR))
-    at = known.t + shift
-    off = _at(at, rows.t, rows.q) - known.q
-    close = np.maximum(CLOSE * span, LEAST_NEAR)
-    inside = (at >= rows.t[0]) & (at <= rows.t[-1])
-    met = np.flatnonzero(inside & (np.abs(off) <= close).all(axis=1))
+    found = None if shift is None else _met(known, rows, _refined(known, rows, shift, span))
+    return found or _with_other_zeros(known, rows)
+
+
+def _met(known: MotionSamples, rows: Rows, shift: float) -> Repeat | None:
+    """The repetition at one shift, if enough rows meet."""
+    span = np.ptp(known.q, axis=0)
+    at, off, met = _near(known, rows, shift)
     moving = float(np.count_nonzero(rows.moving)) * float(np.median(np.diff(rows.t)))
     share = min(1.0, len(met) * known.step / max(moving, 1e-9))
     if len(met) < FEWEST or share < SHARE:
@@ -95,6 +103,56 @@ def _repeat(known: MotionSamples, rows: Rows) -> Repeat | None:
     rms = np.sqrt(np.mean(np.square(off[met]), axis=0)) / np.maximum(span, LEAST_NEAR)
     same = _same_rows(known, rows, met, at) >= max(2.0, SAME * len(met))
     return Repeat(known.run, share, shift, float(rms.max()), same)
+
+
+def _near(
+    known: MotionSamples, rows: Rows, shift: float
+) -> tuple[Array, Array, NDArray[np.intp]]:
+    """Instants of the known rows in the run, distances of positions there, and rows that meet."""
+    at = known.t + shift
+    off = _at(at, rows.t, rows.q) - known.q
+    close = np.maximum(CLOSE * np.ptp(known.q, axis=0), LEAST_NEAR)
+    inside = (at >= rows.t[0]) & (at <= rows.t[-1])
+    return at, off, np.flatnonzero(inside & (np.abs(off) <= close).all(axis=1))
+
+
+def _with_other_zeros(known: MotionSamples, rows: Rows) -> Repeat | None:
+    """The same, of velocities: the zeros of positions may differ."""
+    steps = np.diff(known.t)
+    wide = float(np.median(steps))
+    pairs = np.flatnonzero(steps < 1.5 * wide)
+    if len(pairs) < FEWEST or wide <= 0.0:
+        return None
+    slopes = np.diff(known.q, axis=0)[pairs] / steps[pairs, None]
+    mean = replace(known, t=known.t[pairs] + 0.5 * steps[pairs], q=slopes)
+    late, early = (_at(rows.t + d, rows.t, rows.q) for d in (0.5 * wide, -0.5 * wide))
+    moved = replace(rows, q=(late - early) / wide)
+    least = LEAST_NEAR / wide
+    span = np.maximum(np.ptp(slopes, axis=0), least)
+    shift = _shift(mean, moved, np.maximum(NEAR * span, least))
+    if shift is None:
+        return None
+    shift = _refined(mean, moved, shift, span)
+    at = known.t + shift
+    inside = (at >= rows.t[0]) & (at <= rows.t[-1])
+    if np.count_nonzero(inside) < FEWEST:
+        return None
+    apart = np.median(_at(at, rows.t, rows.q)[inside] - known.q[inside], axis=0)
+    again = replace(known, q=known.q + apart)
+    found = _met(again, rows, shift)
+    if found is None or not _same_efforts(again, rows, shift):
+        return None
+    return replace(found, zeros=True)
+
+
+def _same_efforts(known: MotionSamples, rows: Rows, shift: float) -> bool:
+    """Whether efforts are alike where positions meet, root mean square over joints."""
+    at, _, met = _near(known, rows, shift)
+    off = _at(at[met], rows.t, rows.effort) - known.effort[met]
+    size = np.std(known.effort, axis=0)
+    moved = size > 0.0
+    parts = np.mean(np.square(off), axis=0)[moved] / np.square(size[moved])
+    return bool(moved.any()) and float(np.sqrt(parts.mean())) <= ALIKE
 
 
 def _shift(known: MotionSamples, rows: Rows, near: Array) -> float | None:
