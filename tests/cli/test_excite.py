@@ -19,7 +19,7 @@ from steelyard.cli.app import app, expanded
 from steelyard.excitation.files import read_motion
 
 FREE = f'{OPEN}without = ["tool"]\n[excitation.limits]\neffort = "any"\n'
-ANY = f"{FREE}[excitation.workspace]\nfloor = -5.0\n"
+ANY = f'{FREE}[excitation.workspace]\nwithout = ["tool"]\nfloor = -5.0\n'
 ONE = ("--searches", "1", "--processes", "1", "--budget", "60")
 
 
@@ -169,7 +169,7 @@ def test_the_headline_says_what_the_box_is_about(made: Path) -> None:
     found = json.loads(ran("excite", made / "arm.toml", "--json", "-o", made / "boxed").stdout)
     arm(made, ANY + QUICK)
     assert "tool box: tool point only" in found["headline"]
-    assert "floor, planes and boxes: all links, tool and loads" in found["headline"]
+    assert "floor, planes and boxes: all links but tool, tool and loads" in found["headline"]
 
 
 SIGNALS = """

@@ -11,8 +11,10 @@ from steelyard.cli.motion_wanted import refuse_formats
 from steelyard.errors import ModelError, OutputError
 from steelyard.excitation.build import build
 from steelyard.excitation.design import design
+from steelyard.excitation.gap import Declined
 from steelyard.excitation.problem import Problem
 from steelyard.excitation.runner import Effort
+from steelyard.excitation.torque import EffortLimit
 from steelyard.robot.robot_file import load_robot
 
 COMPENSATED = """[signals]
@@ -88,11 +90,16 @@ def test_joints_without_a_limit_of_effort_are_named(tmp_path: Path) -> None:
 
 def test_speeds_above_the_robots_own_are_noted(tmp_path: Path) -> None:
     notes = problem_of(tmp_path, f"{OPEN}{LIMITS}share = 1.0\nvelocity = {{boom_joint = 20}}").notes
-    words = "may move faster than the model file's limit"
-    assert [note for note in notes if words in note] == [
-        f"joint 'boom_joint' {words}: 20 against 3 rad/s"
-    ]
+    words = "the model file's speed limits are not kept"
+    (said,) = [note for note in notes if words in note]
+    assert said.endswith(": boom_joint 20 against 3 rad/s") and isinstance(said, Declined)
     assert not any(words in n for n in problem_of(tmp_path, f"{OPEN}{LIMITS}velocity = 3").notes)
+
+
+def test_the_headline_says_whose_torques_are_limited(tmp_path: Path) -> None:
+    (torque,) = problem_of(tmp_path, OPEN).constraints
+    assert isinstance(torque, EffortLimit)
+    assert torque.scope == "of the model file's masses, not of friction"
 
 
 def test_loads_without_radius_are_noted_where_links_are_looked_at(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from steelyard.excitation.criteria import KINDS
 from steelyard.excitation.criteria_measure import Measure
 from steelyard.excitation.earlier import Earlier
 from steelyard.excitation.families import basis_of, per_joint
-from steelyard.excitation.gap import Gap
+from steelyard.excitation.gap import Declined, Gap
 from steelyard.excitation.limits import DEFAULT_ACCELERATION, MotionLimits, motion_limits
 from steelyard.excitation.load import load_numbers
 from steelyard.excitation.objective import Case
@@ -152,13 +152,14 @@ def limits_of(robot: Robot, section: MotionLimitsSection) -> MotionLimits:
 
 
 def _faster(robot: Robot, velocity: Array) -> tuple[str, ...]:
-    """A note for every joint that may move faster than the robot's own limit."""
-    return tuple(
-        f"joint '{joint.name}' may move faster than the model file's limit: "
-        f"{most:.3g} against {joint.limits.velocity:.3g} {joint.unit}/s"
+    """That joints may move faster than the model file allows, if so: its limit is not kept."""
+    beyond = [
+        f"{joint.name} {most:.3g} against {joint.limits.velocity:.3g} {joint.unit}/s"
         for joint, most in zip(robot.coordinates, velocity, strict=True)
         if most > joint.limits.velocity > 0.0
-    )
+    ]
+    said = "the model file's speed limits are not kept, as velocity asks for more: "
+    return (Declined(said + ", ".join(beyond)),) if beyond else ()
 
 
 def cases_of(

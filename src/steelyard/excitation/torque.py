@@ -45,6 +45,7 @@ class EffortLimit:
         which: Numbers of those that have a limit.
         limits: Shape `(len(which),)`, positive.
         cases: Parameters of the model per case, each `(p,)`.
+        scope: Whose torques these are, for certificates.
     """
 
     name: str
@@ -54,6 +55,7 @@ class EffortLimit:
     which: tuple[int, ...]
     limits: Array
     cases: tuple[Array, ...]
+    scope: str = ""
 
     @property
     def how(self) -> str:

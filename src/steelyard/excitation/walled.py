@@ -1,6 +1,7 @@
 """Constraints from the `[excitation]` tables."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -96,7 +97,7 @@ def efforts_of(loaded: LoadedRobot, model: Model, earlier: Earlier | None) -> Wa
             )
         return [], [Gap(f"torque is not limited: {why}")]
     cases = _cases(section, _memoryless(model), earlier)
-    found: list[Constraint] = []
+    found = list[EffortLimit]()
     if limited:
         found.append(torque_limit(cases, efforts))
     if wanted.power is not None or wanted.total_power is not None:
@@ -105,8 +106,10 @@ def efforts_of(loaded: LoadedRobot, model: Model, earlier: Earlier | None) -> Wa
     source = (
         "the earlier model's" if earlier is not None else "those of the model file, no friction"
     )
+    scope = "of the model file's masses, not of friction" if earlier is None else ""
     notes = [f"torques are limited by a prior model, whose values are {source}", *notes]
-    return found, [*notes, COUNTED] if section.loads else notes
+    found = [replace(limit, scope=scope or "of the earlier model") for limit in found]
+    return list(found), [*notes, COUNTED] if section.loads else notes
 
 
 def _unlimited(robot: Robot, efforts: Array) -> list[str]:
