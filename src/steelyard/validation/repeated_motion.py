@@ -105,9 +105,7 @@ def _met(known: MotionSamples, rows: Rows, shift: float) -> Repeat | None:
     return Repeat(known.run, share, shift, float(rms.max()), same)
 
 
-def _near(
-    known: MotionSamples, rows: Rows, shift: float
-) -> tuple[Array, Array, NDArray[np.intp]]:
+def _near(known: MotionSamples, rows: Rows, shift: float) -> tuple[Array, Array, NDArray[np.intp]]:
     """Instants of the known rows in the run, distances of positions there, and rows that meet."""
     at = known.t + shift
     off = _at(at, rows.t, rows.q) - known.q
