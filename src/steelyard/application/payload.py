@@ -136,7 +136,9 @@ def _notes(jointly: bool, drift: float, gain: float | None) -> tuple[str, ...]:
     """What the numbers rest on; `gain` is `None` where efforts are no currents."""
     share = 0.0 if gain is None else 100.0 * gain
     gains = (
-        f"drive gains are taken as known within {share:g} % each (one standard deviation)"
+        f"drive gains are taken as known within {share:g} % each (one standard deviation); gains "
+        "that are off by more shift the mass by as much, which its interval does not cover "
+        "(--gain-uncertainty)"
         if gain
         else "drive gains are taken as exact: an error of 1 % in them is about 1 % of the mass"
     )

@@ -100,8 +100,14 @@ class PayloadEstimate:
         if not self.weighs:
             return (*found, "the interval of the mass holds zero: no payload is seen")
         moments, widths = np.diag(self.inertia_com), np.diag(self.inertia_com_half_width)
-        pairs = zip(("Ixx", "Iyy", "Izz"), moments, widths, strict=True)
+        pairs = list(zip(("Ixx", "Iyy", "Izz"), moments, widths, strict=True))
         weak = [name for name, value, width in pairs if not abs(value) > width]
+        below = [name for name, value, width in pairs if value < -width]
+        if below:
+            found.append(
+                f"{', '.join(below)} with the whole interval below zero: no body has that, so the "
+                "model or the gains are wrong by more than the intervals count"
+            )
         found.append(
             f"the inertia is poorly seen: the interval of {', '.join(weak)} holds zero"
             if weak
