@@ -1,5 +1,7 @@
 """The most likely reason of a large error on a log that was not fitted."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -14,11 +16,14 @@ from steelyard.virtual.invent import random_truth
 from steelyard.virtual.truth import Truth
 
 
-def found_in(arm, table: Array) -> tuple[Finding, ...]:
+def found_in(
+    arm, table: Array, fitted: tuple[str, ...] = (), doubts: tuple[Finding, ...] = ()
+) -> tuple[Finding, ...]:
     evidence = arm.case(table).logs[0]
-    run, model = evidence.run, arm.reference
+    origin = replace(arm.reference.provenance, runs=fitted)
+    run, model = evidence.run, replace(arm.reference, provenance=origin)
     scored = score(model.valued, run, model.signals.gains, model.cutoffs.score)
-    return examine_fit(FittedCase(model, unseen=(run,), unseen_scores=(scored,)))
+    return examine_fit(FittedCase(model, unseen=(run,), unseen_scores=(scored,), doubts=doubts))
 
 
 def of(arm, truth: Truth) -> Array:
@@ -47,8 +52,29 @@ def test_a_load_is_named_with_its_mass(arm, mass):
 
 def test_another_robot_is_not_called_a_gain(arm):
     (found,) = found_in(arm, of(arm, random_truth(arm.robot, 80)))
-    assert found.judgement == Judgement.WRONG and "another robot" in found.says
+    assert "the cause of the error was not found; tried: a load" in found.says
+    assert "may be of another robot" in found.says and found.judgement
     assert "times the residuals of the fit" in found.figure
+
+
+def test_windows_of_one_file_are_of_one_robot(arm):
+    (found,) = found_in(arm, of(arm, random_truth(arm.robot, 80)), fitted=("data/log@0:5",))
+    assert "was not found" in found.says and "another robot" not in found.says
+
+
+def test_a_doubt_about_the_fitted_log_comes_before_another_robot(arm):
+    doubt = Finding("effort sign", "first", Judgement.DOUBTFUL, "all joints turned", "")
+    (found,) = found_in(arm, of(arm, random_truth(arm.robot, 80)), doubts=(doubt,))
+    assert "doubtful about first: all joints turned" in found.says
+    assert "another robot" not in found.says and found.judgement == Judgement.DOUBTFUL
+
+
+def test_friction_that_would_not_dissipate_is_no_explanation(arm):
+    names = [n for n in arm.truth.values.names if n.startswith(("coulomb.", "viscous."))]
+    more = of(arm, arm.truth.changed(**{name: 6.0 * arm.truth.values[name] for name in names}))
+    table = 2.0 * of(arm, arm.truth) - more  # friction times -4
+    (found,) = found_in(arm, table)
+    assert "the cause of the error was not found" in found.says
 
 
 def test_friction_that_changed_is_named_with_what_is_left(arm):

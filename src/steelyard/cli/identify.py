@@ -14,7 +14,7 @@ from steelyard.cli.options import LOG_HELP, Json, Output, RobotArgument, Threads
 
 if TYPE_CHECKING:
     from steelyard.cli.fitting import Fit
-    from steelyard.diagnosis import Finding
+    from steelyard.diagnosis import Diagnosis, Finding
     from steelyard.estimation.identified import IdentifiedModel
     from steelyard.measurement import Run
     from steelyard.progress import Progress
@@ -161,11 +161,8 @@ def run_identify(
         unseen = tuple(found.alike(run) for run in unseen)
         notes += (*found.notes, *describe.dropped(model, (*clean, *unseen)))
         content = report_of(found, unseen, (*clean, *unseen), notes, progress)
-        content = replace(
-            content,
-            diagnosis=found_out,
-            limitations=limitations_of(found, unseen, content, progress),
-        )
+        content = replace(content, diagnosis=found_out)
+        content = replace(content, limitations=limitations_of(found, unseen, content, progress))
         if sensitivity:
             content = varied(content, found, (known, unknown), threads, progress)
         if bootstrap is not None:
@@ -224,8 +221,22 @@ def limitations_of(
         content.fitted,
         content.scores,
         fit.information,
+        doubts_of(content.diagnosis, fit.runs),
     )
     return examine_fit(case, progress)
+
+
+def doubts_of(diagnosis: "Diagnosis | None", fitted: "Sequence[Run]") -> "tuple[Finding, ...]":
+    """Other readings of the fitted runs that the check before found as good, or better."""
+    from steelyard.diagnosis import Judgement
+
+    names = {run.name for run in fitted}
+    found = () if diagnosis is None else diagnosis.findings
+    return tuple(
+        finding
+        for finding in found
+        if finding.judgement == Judgement.DOUBTFUL and finding.hypotheses and finding.log in names
+    )
 
 
 def write_results(identified: "IdentifiedModel", content: "ReportContent", folder: Path) -> None:

@@ -22,6 +22,7 @@ class FittedCase:
         unseen_scores: One score per unseen run.
         information: Information of the fitted runs on the base columns, by windows and runs;
             `None` in `validate`.
+        doubts: What the check before the fit is doubtful about in the fitted runs.
     """
 
     identified: IdentifiedModel
@@ -30,6 +31,7 @@ class FittedCase:
     fitted_scores: tuple[RunScore, ...] = ()
     unseen_scores: tuple[RunScore, ...] = ()
     information: Information | None = None
+    doubts: tuple[Finding, ...] = ()
 
 
 class PostFitCheck(Protocol):

@@ -1,19 +1,20 @@
 """Why a model does not predict a log that it was not fitted to.
 
 The log is read under the same explanations as in `check`, with the model as reference: a load, a
-sign, an order, a unit, a gain, a delay, another mounting. What none of them explains is friction
-that changed, if friction and offsets fitted to the log bring the error down, or else the bodies.
+sign, an order, a unit, a gain, a delay, another mounting, or else friction and offsets that
+changed. What none of them explains has no known cause, and that is what is said.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 
 from steelyard.diagnosis.case import Case, Evidence
-from steelyard.diagnosis.drift import unbounded
 from steelyard.diagnosis.finding import Finding, Judgement, Mend
 from steelyard.diagnosis.fitted_case import FittedCase
+from steelyard.diagnosis.trial import Trial
 from steelyard.diagnosis.verdict import Verdict, verdict
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.measurement.run import Run
@@ -33,8 +34,14 @@ LARGE = 10.0
 NEAR, LEAST = 3.0, 3.0
 """An explanation leaves no more than so many times the residuals of the fit, or this misfit [%]."""
 
-LEFT = 0.2
-"""Or, of friction and offsets fitted anew, this part of the error."""
+FRICTION, LEFT = 0.5, 0.2
+"""Friction and offsets fitted anew leave no more than `ABOVE` times the residuals of the fit, or
+`LEAST`, and at most the first part of the error, for they lower that of any log; or the second."""
+
+BODIES = 30.0
+"""Typical error [%] with friction and offsets fitted anew from which on bodies are wrong."""
+
+TRIED = "a load, signs, orders, units, gains, a delay, the mounting, friction and offsets"
 
 ADVICE = {
     "payload": "weigh it with `steelyard payload`, or validate on a log without load",
@@ -53,7 +60,7 @@ class UnseenReason:
         for run, score in zip(case.unseen, case.unseen_scores, strict=True):
             ratio = excess(case.identified, score)
             if ratio > ABOVE:
-                found.append(_reason(case.identified, run, score, ratio))
+                found.append(_reason(case, run, score, ratio))
         return tuple(finding for finding in found if finding is not None)
 
 
@@ -66,48 +73,66 @@ def excess(identified: IdentifiedModel, score: RunScore) -> float:
     return float(np.sqrt(np.mean(np.square(rmse[seen] / sigma[seen])))) if seen.any() else 0.0
 
 
-def _reason(identified: IdentifiedModel, run: Run, score: RunScore, ratio: float) -> Finding | None:
+def _reason(fit: FittedCase, run: Run, score: RunScore, ratio: float) -> Finding | None:
     """The explanation that the data support, or that there is none."""
-    case, evidence = _case_of(identified, run)
+    case, evidence = _case_of(fit.identified, run)
     held = verdict(case, evidence)
-    typical = _typical(score)
-    limit = _explained_limit(identified, score)
-    if held is not None and held.winners and held.winners[-1][0].percent <= limit:
-        return _explained(run, held)
+    typical, own = _typical(score), _own(fit.identified, score)
+    if held is not None and held.winners:
+        if held.winners[-1][0].percent <= max(LEAST, NEAR * own):
+            return _explained(run, held)
     if ratio < FAR or typical < LARGE:
         return None
     times = f"{ratio:.0f}" if ratio >= 10.0 else f"{ratio:.1f}"
     figure = f"RMS error {times} times the residuals of the fit, typical error {typical:.1f} %"
-    anew = None if held is None else _with_other_friction(held)
-    if anew is not None and anew <= max(limit, LEFT * typical):
+    left = typical if held is None else _with_other_friction(held.ranking.trial)
+    enough = max(min(max(LEAST, ABOVE * own), FRICTION * typical), LEFT * typical)
+    if left <= enough:
         return Finding(
             UnseenReason.name,
             run.name,
             Judgement.DOUBTFUL,
             "friction or offsets are not those of the fitted logs: fitted anew to this log, they "
-            f"bring the typical error from {typical:.1f} % to {anew:.1f} %",
+            f"bring the typical error from {typical:.1f} % to {left:.1f} %",
             figure,
-            mend=Mend("identify from logs of one day and temperature, or give terms per_run"),
+            mend=Mend("identify from logs of one temperature, or give terms per_run"),
         )
-    return Finding(
-        UnseenReason.name,
-        run.name,
-        Judgement.WRONG,
-        "this log does not fit the model, and neither a load, sign, order, unit, gain, delay, "
-        "mounting nor other friction explains it: most likely another robot, or one that was "
-        "changed",
-        figure,
-        mend=Mend("make sure that all logs are of one robot, or identify this one by itself"),
-    )
+    return _unexplained(fit, run, left, figure)
 
 
-def _explained_limit(identified: IdentifiedModel, score: RunScore) -> float:
-    """Typical misfit [%] that an explanation may leave: about what the fit left of its own runs."""
+def _unexplained(fit: FittedCase, run: Run, left: float, figure: str) -> Finding:
+    """That no cause was found, and what is to be looked at first."""
+    says = f"the cause of the error was not found; tried: {TRIED} (these leave {left:.1f} %)"
+    mend = Mend("`steelyard check ROBOT LOG --model MODEL` shows what was compared")
+    same = _stem(run.name) in {_stem(name) for name in _fitted_names(fit)}
+    if fit.doubts:
+        doubt = fit.doubts[0]
+        says += f". The check before the fit is doubtful about {doubt.log}: {doubt.says}"
+        mend = Mend("settle that first")
+    elif not same:
+        says += ". The log may be of another robot, or of one that was changed"
+        mend = Mend("make sure that all logs are of one robot, or identify this one by itself")
+    wrong = not same and not fit.doubts and left > BODIES
+    judgement = Judgement.WRONG if wrong else Judgement.DOUBTFUL
+    return Finding(UnseenReason.name, run.name, judgement, says, figure, mend=mend)
+
+
+def _fitted_names(fit: FittedCase) -> Sequence[str]:
+    """Names of the fitted runs; in `validate`, as the model has them."""
+    return [run.name for run in fit.fitted] or list(fit.identified.provenance.runs)
+
+
+def _stem(name: str) -> str:
+    """A run's name without folder and window: windows of one file have one."""
+    return name.rpartition("/")[2].partition("@")[0]
+
+
+def _own(identified: IdentifiedModel, score: RunScore) -> float:
+    """Typical misfit [%] that the fit left of its own runs, relative to this run's efforts."""
     gains = np.abs(np.asarray(identified.signals.gains))
     size = np.array([max(joint.predict_zero, 1e-12) for joint in score.joints])
     shares = np.asarray(identified.estimate.sigma) / gains / size
-    own = 100.0 * float(np.exp(np.mean(np.log(np.maximum(shares, 1e-6)))))
-    return max(LEAST, NEAR * own)
+    return 100.0 * float(np.exp(np.mean(np.log(np.maximum(shares, 1e-6)))))
 
 
 def _explained(run: Run, held: Verdict) -> Finding:
@@ -128,10 +153,15 @@ def _explained(run: Run, held: Verdict) -> Finding:
     )
 
 
-def _with_other_friction(held: Verdict) -> float:
-    """Typical misfit [%] with friction and offsets fitted to the log, whatever they come to."""
-    trial = held.ranking.trial
-    return float(unbounded(trial).score(trial.declared).percent[0])
+def _with_other_friction(trial: Trial) -> float:
+    """Typical misfit [%] with friction and offsets fitted to the log; friction dissipates."""
+    lower, upper = (bound.copy() for bound in trial.bounds)
+    lower[:, :3], upper[:, :3] = -np.inf, np.inf
+    if trial.signals.effort_map is None:
+        turned = np.diag(trial.into_logged(trial.declared)) < 0.0
+        lower[~turned, :2], upper[turned, :2] = 0.0, 0.0
+    anew = replace(trial, bounds=(lower, upper))
+    return float(anew.score(trial.declared).percent[0])
 
 
 def _typical(score: RunScore) -> float:
