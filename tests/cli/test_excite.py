@@ -4,6 +4,7 @@ import hashlib
 import json
 import os
 import pty
+import re
 import signal
 import subprocess
 import sys
@@ -161,6 +162,19 @@ def test_what_is_not_covered_has_an_exit_code_of_its_own(tmp_path: Path) -> None
     (gap,) = found["not_covered"]
     assert "floor = 0.0" in gap and len(found["not_covered_as_asked"]) == 2
     assert "start posture is not covered" in found["covers"]
+
+
+def test_too_few_points_for_a_wall_are_not_covered(tmp_path: Path) -> None:
+    wall = "box = {z = [-0.34, 3.0]}\n[excitation.motion]\nkind = 'sweeps'\nspeeds = 2\n"
+    arm(tmp_path, ANY + wall)
+    start = ("excite", tmp_path / "arm.toml", "--json")
+    few = run(*start, "--rate", "1", "-o", tmp_path / "few")
+    assert few.exit_code == 3, few.output
+    (gap,) = json.loads(few.stdout)["not_covered"]
+    assert re.search(r"csv has 1 points a second; .* mm short of: .*; --rate \d+ is enough", gap)
+    assert gap in json.loads((tmp_path / "few" / "certificate.json").read_text())["not_covered"]
+    enough = gap.split("--rate ")[1].split()[0]
+    ran(*start, "--rate", enough, "-o", tmp_path / "enough")
 
 
 def test_the_headline_says_what_the_box_is_about(made: Path) -> None:

@@ -31,6 +31,7 @@ def demo(output: Output = None, seed: Seed = 0, as_json: Json = False) -> None:
     from steelyard.cli.excite import write_design
     from steelyard.cli.identify import results, run_identify
     from steelyard.cli.show import progress_bar
+    from steelyard.excitation.between_points import gaps_of_files
     from steelyard.excitation.design import design
     from steelyard.excitation.runner import Effort
     from steelyard.files import whole_folder
@@ -45,7 +46,8 @@ def demo(output: Output = None, seed: Seed = 0, as_json: Json = False) -> None:
         def designed(loaded: "LoadedRobot") -> "ExactTrajectory":
             effort = Effort(DESIGN, processes=os.cpu_count() or 1, seed=seed)
             model = river.model_of(loaded)
-            found.append(design(loaded, model, effort, progress=progress))
+            motion = design(loaded, model, effort, progress=progress)
+            found.append(motion.with_gaps(gaps_of_files(motion, ("csv",), None)))
             (part / "motion").mkdir()
             write_design(found[0], loaded, part / "motion", ("csv",), None)
             return found[0].trajectory

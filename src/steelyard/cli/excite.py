@@ -118,6 +118,7 @@ def excite(
     from steelyard.cli import interrupt, river
     from steelyard.cli.motion_wanted import asked, earlier_of, identified_before, refuse_formats
     from steelyard.cli.show import progress_bar
+    from steelyard.excitation.between_points import gaps_of_files
     from steelyard.excitation.design import design
     from steelyard.excitation.families import FAMILIES
     from steelyard.excitation.runner import Effort
@@ -160,6 +161,8 @@ def excite(
                 )
                 if not designed.stopped:
                     interrupt.answered()
+            gaps = gaps_of_files(designed, may_write(designed, forms), rate)
+            designed = designed.with_gaps(gaps)
             files = write_design(designed, loaded, part, forms, rate)
             interrupt.too_late()
     except Stopped:

@@ -13,7 +13,7 @@ from steelyard.excitation.exact import ExactTrajectory
 from steelyard.excitation.model_shapes import robot_shapes
 from steelyard.excitation.pairs import Pair, candidate_pairs, disabled_pairs, find_srdf
 from steelyard.excitation.poses import Poses
-from steelyard.excitation.reach import sides
+from steelyard.excitation.reach import rates, sides
 from steelyard.excitation.scene import Indices, Scene
 from steelyard.excitation.separable import random_postures, separable
 from steelyard.excitation.shapes import Geometry, Shape
@@ -168,6 +168,13 @@ class Clearance:
             self.robot, self.scene, trajectory, self._owner, enough, self.wanted, progress=progress
         )
         return found - self.wanted
+
+    def reaches(self, lower: Array, upper: Array) -> Array:
+        """Change of every margin per change of each joint within bounds, `(k, n)` [m/rad; 1]."""
+        shapes, most = self.scene.shapes, np.zeros((len(self.pairs), self.robot.n))
+        for k, (a, b) in zip(self._owner, self.scene.ways, strict=True):
+            most[k] = np.maximum(most[k], rates(self.robot, shapes[a], shapes[b], lower, upper))
+        return most
 
 
 def clearance(

@@ -196,6 +196,7 @@ def _described(
         advice=_advice(seen, motion, weights, prior),
         tool=tool_of(section.workspace, robot),
         notes=(*loaded.notes, *said, *motion.hints),
+        constraints=tuple(motion.constraints),
     )
 
 

@@ -1,12 +1,14 @@
 """A designed motion and all that is to be said of it."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from steelyard.arrays import Array
 from steelyard.excitation.advice import Advice
 from steelyard.excitation.certificate import Certificate
+from steelyard.excitation.constraint import Constraint
 from steelyard.excitation.exact import ExactTrajectory
+from steelyard.excitation.gap import Gap
 from steelyard.excitation.limits import MotionLimits
 from steelyard.excitation.markers import Marker
 from steelyard.excitation.shown import Shown
@@ -36,6 +38,7 @@ class Designed:
         advice: What else would help.
         tool: The point whose path is shown.
         notes: What was assumed and decided, one sentence each.
+        constraints: What the certificate's proofs are of, in their order.
     """
 
     robot: Robot
@@ -56,3 +59,9 @@ class Designed:
     advice: tuple[Advice, ...]
     tool: Marker
     notes: tuple[str, ...]
+    constraints: tuple[Constraint, ...] = ()
+
+    def with_gaps(self, gaps: Sequence[Gap]) -> "Designed":
+        """The same with more that is not covered."""
+        more = replace(self.certificate, notes=(*self.certificate.notes, *gaps))
+        return replace(self, certificate=more, notes=(*self.notes, *gaps))

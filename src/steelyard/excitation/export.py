@@ -24,20 +24,25 @@ class Export:
         file: Name of the file.
         text: The file's content, from a motion, its robot and points a second.
         rate: Points a second, if none is asked for.
+        between: What a controller does between points, see `between_points`; `None` if the file
+            is for none.
     """
 
     title: str
     file: str
     text: Callable[[ExactTrajectory, Robot, float], str]
     rate: float
+    between: str | None = None
 
 
 EXPORTS: dict[str, Export] = {
-    "csv": Export("CSV table", "trajectory.csv", csv_of, 500.0),
-    "ros2": Export("ROS 2 JointTrajectory", "trajectory.yaml", joint_trajectory_of, 20.0),
-    "urscript": Export("URScript", "trajectory.script", urscript_of, 500.0),
-    "krl": Export("KUKA KRL", "trajectory.src", krl_of, 10.0),
-    "rapid": Export("ABB RAPID", "trajectory.mod", rapid_of, 10.0),
+    "csv": Export("CSV table", "trajectory.csv", csv_of, 500.0, "lines"),
+    "ros2": Export(
+        "ROS 2 JointTrajectory", "trajectory.yaml", joint_trajectory_of, 20.0, "quintic splines"
+    ),
+    "urscript": Export("URScript", "trajectory.script", urscript_of, 500.0, "lines"),
+    "krl": Export("KUKA KRL", "trajectory.src", krl_of, 10.0, "cubic spline"),
+    "rapid": Export("ABB RAPID", "trajectory.mod", rapid_of, 10.0, "rounded lines"),
     "mujoco": Export("MuJoCo keyframes", "trajectory.xml", keyframes_of, 50.0),
 }
 """Formats by the name that asks for them."""

@@ -20,6 +20,7 @@ from steelyard.excitation.markers import (
     paths,
     points_of,
 )
+from steelyard.excitation.reach import point_rates
 from steelyard.kernel.kinematics import Points
 from steelyard.progress import Progress, silent
 from steelyard.robot.robot import Robot
@@ -80,6 +81,10 @@ class KeepOut:
         return proven_minimum(
             trajectory, self._bound, np.full(len(self.which), TOLERANCE), progress, self.name
         )
+
+    def reaches(self, lower: Array, upper: Array) -> Array:
+        """Change of every margin per change of each joint within bounds, `(k, n)` [m/rad; 1]."""
+        return point_rates(self.points.robot, self.points, lower, upper)[list(self.which)]
 
     def _bound(self, stretches: Stretches) -> tuple[Array, Array]:
         path = paths(self.points, stretches)

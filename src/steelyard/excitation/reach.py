@@ -16,7 +16,11 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.excitation.shapes import Shape
+from steelyard.excitation.solids import Ball
+from steelyard.kernel.kinematics import Points
 from steelyard.robot.robot import Robot
+
+_POINT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +70,16 @@ def rates(robot: Robot, first: Shape, second: Shape, lower: Array, upper: Array)
         reach = 1.0 if body.kind == "prismatic" else min(mine[index], theirs[index])
         bound[body.coordinate] += abs(body.ratio) * reach
     return bound
+
+
+def point_rates(robot: Robot, points: Points, lower: Array, upper: Array) -> Array:
+    """How far each point moves at most per change of each coordinate, shape `(m, n)` [m/rad; 1]."""
+    base = Shape("base", -1, np.eye(3), np.zeros(3), Ball(_POINT))
+    own = [
+        Shape("point", body, np.eye(3), place, Ball(_POINT))
+        for body, place in zip(points.carriers, points.places, strict=True)
+    ]
+    return np.array([rates(robot, base, shape, lower, upper) for shape in own])
 
 
 def _to_base(robot: Robot, body: int, ways: NDArray[np.int8]) -> list[int]:
