@@ -5,10 +5,12 @@ import re
 import numpy as np
 import pytest
 
-from diagnosis.test_model_based import DQ, GAINS, TAU, Q, edits, names, wrong
+from diagnosis.test_model_based import DQ, GAINS, TAU, Q, edits, names, with_payload, wrong
 from steelyard.diagnosis import Judgement
+from steelyard.diagnosis.knowledge import knowledge_of
 from steelyard.diagnosis.possible import possible
 from steelyard.diagnosis.ranking import ranking
+from steelyard.report.findings import headline
 
 
 def nominal_times(arm, factor: float) -> None:
@@ -94,3 +96,33 @@ def test_efforts_alone_in_another_order_are_not_hidden_by_wrong_masses(arm):
     found = arm.examined(table, known=False)
     assert wrong(found) == ["joint order"]
     assert edits(found) == {"signals.effort.columns": names(TAU, order)}
+
+
+def open_ones(found) -> list[str]:
+    return [f.suspicion for f in found.findings if not f.answered]
+
+
+@pytest.mark.parametrize("factor", [0.65, 1.0])
+def test_a_nominal_model_does_not_say_that_a_loaded_arm_is_empty(arm, factor):
+    nominal_times(arm, factor)
+    found = arm.examined(with_payload(arm, 1.0), known=False)
+    finding = next(f for f in found.findings if f.suspicion == "payload")
+    assert finding.judgement or not finding.answered
+    assert "nothing suspicious" not in headline(found)
+
+
+def test_a_right_nominal_model_answers_what_a_wrong_one_leaves_open(arm):
+    m, known = arm.motion, knowledge_of(None, arm.robot)
+    torque = known.torque(m.q.T, m.dq.T, m.ddq.T, arm.robot.gravity).T
+    table, noise = arm.table.copy(), np.random.default_rng(0).standard_normal(torque.shape)
+    table[:, arm.at(TAU)] = torque + m.dq + 0.01 * torque.std(axis=0) * noise
+    found = arm.examined(table, known=False)
+    assert found.judgement == Judgement.OK
+    assert not {"payload", "mounting", "joint order", "effort sign"} & set(open_ones(found))
+
+
+def test_efforts_that_are_off_leave_unit_gain_and_payload_open(arm):
+    table = arm.table.copy()
+    table[:, arm.at(TAU)] /= GAINS
+    found = arm.examined(table, known=False)
+    assert {"effort unit", "gain", "payload"} <= set(open_ones(found))

@@ -45,7 +45,7 @@ def test_a_load_is_named_with_its_mass(arm, mass):
     load = Inertia.about_com(mass, [0.02, -0.01, 0.08], np.eye(3) * 0.0025 * mass).ten
     values = dict(zip(names, (arm.truth.inertial[-1] + load).tolist(), strict=True))
     (found,) = found_in(arm, of(arm, arm.truth.changed(**values)))
-    assert f"most likely reason of the error: the arm carries {mass:.2g} kg" in found.says
+    assert f"most likely reason of the error: the arm carries about {mass:.2g} kg" in found.says
     assert found.suspicion == UnseenReason.name and found.log == "log"
     assert found.mend is not None and "steelyard payload" in found.mend.says
 

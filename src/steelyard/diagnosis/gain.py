@@ -5,8 +5,7 @@ from typing import ClassVar
 from steelyard.diagnosis.case import Case
 from steelyard.diagnosis.finding import Finding
 from steelyard.diagnosis.rival import Rival
-from steelyard.diagnosis.rivals_effort import poorly_shown
-from steelyard.diagnosis.telling import agrees, findings, last_of, told
+from steelyard.diagnosis.telling import agrees, findings
 from steelyard.diagnosis.verdict import Verdict
 
 
@@ -26,10 +25,6 @@ def _fine(held: Verdict) -> str:
     trial = held.ranking.trial
     if any(trial.signals.unknown_gains):
         return "gains are to be identified, and are not compared with the model file"
-    weak = () if trial.knowledge.identified else poorly_shown(trial, last_of(held).reading)
-    if weak and told(held):
-        listed = ", ".join(f"'{name}'" for name in weak)
-        return f"gains agree with the nominal model; those of {listed} are poorly identifiable"
     return agrees(held, "gains and gear ratios are right")
 
 

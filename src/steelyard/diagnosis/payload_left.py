@@ -3,6 +3,7 @@
 from typing import ClassVar
 
 from steelyard.diagnosis.case import Case
+from steelyard.diagnosis.decided import least_mass
 from steelyard.diagnosis.finding import Finding
 from steelyard.diagnosis.rival import Rival
 from steelyard.diagnosis.telling import agrees, findings
@@ -22,7 +23,11 @@ class PayloadLeft:
 
 
 def _fine(held: Verdict) -> str:
-    return agrees(held, "the arm carries nothing")
+    trial = held.ranking.trial
+    if trial.knowledge.identified:
+        return agrees(held, "the arm carries nothing")
+    mass = least_mass(trial)
+    return agrees(held, f"no load of {mass:.2g} kg or more, if the model file's masses are right")
 
 
 def _advice(rival: Rival) -> str:

@@ -79,7 +79,9 @@ def payload_rivals(trial: Trial, reading: Reading) -> Iterator[Rival]:
         return
     mass, std = fitted.values[0], np.sqrt(fitted.covariance[0, 0])
     loaded = reading.changed(payload=fitted.values)
-    says = f"the arm carries {mass:.2g} kg (± {2.0 * std:.1g})"
+    says = f"the arm carries about {mass:.2g} kg"
+    if not trial.knowledge.identified:
+        says += " (if the model file's masses are right)"
     yield _world("payload", says, trial, loaded, 10.0 * FREE, float(std))
 
 

@@ -6,13 +6,14 @@ import numpy as np
 
 from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.confirm import confirmed
+from steelyard.diagnosis.decided import undecided
 from steelyard.diagnosis.finding import Edit, Finding, Hypothesis, Judgement, Mend, Picture, Trace
 from steelyard.diagnosis.mends import edits_of
 from steelyard.diagnosis.ranking import HOPELESS, known_of
 from steelyard.diagnosis.rival import Rival
 from steelyard.diagnosis.sight import once
 from steelyard.diagnosis.velocities import velocity_edits
-from steelyard.diagnosis.verdict import CLEAN, ROUGH, Verdict, verdict
+from steelyard.diagnosis.verdict import CLEAN, ROUGH, Verdict, last_of, verdict
 from steelyard.diagnosis.ways import ways
 
 HALF = 0.5
@@ -77,15 +78,16 @@ def _of_log(
     mine = [(number, w) for number, w in enumerate(held.winners) if w[0].cause == cause]
     if not mine:
         lost = cause == UNEXPLAINED and hopeless(held)
+        unclear = undecided(held, cause) if told(held) else ""
         yield Finding(
             cause,
             evidence.name,
             Judgement.DOUBTFUL if lost else Judgement.OK,
-            fine(held),
+            unclear or fine(held),
             _worst(case, held) if lost else figure(held, cause),
             mend=Mend(LOST) if lost else None,
             hypotheses=shown,
-            answered=told(held),
+            answered=told(held) and not unclear,
         )
         return
     number, (rival, judgement) = mine[-1]
@@ -198,12 +200,10 @@ def agrees(held: Verdict, what: str) -> str:
             f"cannot be told: {_known(held)} disagrees by {ranked.declared.percent:.0f} % and no "
             "explanation is clear" + ("" if ranked.trial.knowledge.identified else "; give --model")
         )
-    percent = last_of(held).percent
-    once = ", once the rest is mended" if held.winners else ""
+    percent = float(ranked.trial.score(last_of(held).reading).percent[0])
+    once = ""
+    if held.winners:
+        written = all(rival.fixed for rival, _ in held.winners)
+        once = ", once the rest is mended" if written else ", if the rest is as said"
     close = "agrees to" if percent <= CLEAN else "comes only within"
     return f"{what} ({_known(held)} {close} {percent:.1f} %{once})"
-
-
-def last_of(held: Verdict) -> Rival:
-    """The last winner, or the declared reading."""
-    return held.winners[-1][0] if held.winners else held.ranking.declared

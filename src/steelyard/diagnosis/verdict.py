@@ -86,6 +86,11 @@ def verdict(case: Case, evidence: Evidence) -> Verdict | None:
     return Verdict(found, held, not bad(found.trial, held[-1][0] if held else before))
 
 
+def last_of(held: Verdict) -> Rival:
+    """The last winner, or the declared reading."""
+    return held.winners[-1][0] if held.winners else held.ranking.declared
+
+
 def alien(winners: Sequence[tuple[Rival, Judgement]]) -> bool:
     """Whether another suspicion's cause is the first to be mended."""
     return any(rival.cause in ALIEN for rival, _ in winners)

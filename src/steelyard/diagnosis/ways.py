@@ -11,6 +11,11 @@ FACTORS = ("gain", "effort kind", "effort unit")
 
 def ways(case: Case, rival: Rival) -> Mend:
     """What to do about an explanation whose numbers are not written."""
+    if rival.cause == "payload":
+        return Mend(
+            f"{rival.says}, or the bodies are others than the model file says: weigh it with "
+            "steelyard payload, against a model from clean runs, or give that here (--model)"
+        )
     if rival.cause not in FACTORS:
         return Mend(
             f"{rival.says}, or the bodies are others than the model file says: the log alone "
