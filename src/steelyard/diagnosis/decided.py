@@ -55,6 +55,8 @@ def undecided(held: Verdict, cause: str) -> str:
     misfit = f"the nominal model comes only within {float(score.percent[0]):.1f} %"
     if cause in ("payload", "mounting"):
         return _hidden(trial, last.reading, score, cause, misfit)
+    if cause == "gain" and any(trial.signals.unknown_gains):
+        return ""
     if cause == "gain":
         return _gains(trial, last.reading, misfit)
     if cause == "effort delay":

@@ -4,6 +4,7 @@ from typing import ClassVar
 
 from steelyard.diagnosis.case import Case
 from steelyard.diagnosis.finding import Finding
+from steelyard.diagnosis.gains_left import gains_left
 from steelyard.diagnosis.rival import Rival
 from steelyard.diagnosis.telling import agrees, findings
 from steelyard.diagnosis.verdict import Verdict
@@ -17,8 +18,11 @@ class Gain:
     quick: ClassVar[bool] = True
 
     def __call__(self, case: Case) -> tuple[Finding, ...]:
-        """One finding per log that moves."""
-        return findings(case, self.name, _fine, _advice)
+        """One finding per log that moves, or that no log shows a gain that is to be identified."""
+        found = findings(case, self.name, _fine, _advice)
+        if any(finding.judgement for finding in found):
+            return found
+        return gains_left(case, self.name) or found
 
 
 def _fine(held: Verdict) -> str:

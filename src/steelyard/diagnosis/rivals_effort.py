@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
+from steelyard.diagnosis.evidence_kept import keeps_evidence
 from steelyard.diagnosis.reading import Reading
 from steelyard.diagnosis.rival import FREE, Rival, choice, one_of
 from steelyard.diagnosis.trial import Sums, Trial
@@ -157,7 +158,7 @@ def _orders(trial: Trial, reading: Reading, sums: Sums) -> Iterator[Rival]:
     score = trial.scored(many, columns, np.tile(reading.effort_scale, (n, 1)))
     costs = score.counts * np.log(np.square(score.misfits) + 1e-3)
     order = tuple(int(c) for c in linear_sum_assignment(costs.T)[1])
-    if order == reading.effort:
+    if order == reading.effort or not keeps_evidence(trial, reading.changed(effort=order)):
         return
     moved = tuple(j for j in range(n) if order[j] != reading.effort[j])
     cost = 2.0 * choice(n) if len(moved) == 2 else n * choice(n)

@@ -7,6 +7,7 @@ from math import pi
 
 import numpy as np
 
+from steelyard.diagnosis.evidence_kept import keeps_evidence
 from steelyard.diagnosis.reading import Reading
 from steelyard.diagnosis.rival import Rival, choice, one_of
 from steelyard.diagnosis.trial import Trial
@@ -55,10 +56,11 @@ def deep_rivals(trial: Trial, reading: Reading) -> Iterator[Rival]:
 
 
 def judged(trial: Trial, drafts: Sequence[Draft]) -> Iterator[Rival]:
-    """Drafts with their scores, many at a time."""
+    """Drafts with their scores, many at a time; orders that leave efforts out have none."""
+    whole = [d for d in drafts if d.cause != "joint order" or keeps_evidence(trial, d.reading)]
     size = max(1, BATCH // len(trial.excerpt.t))
-    for start in range(0, len(drafts), size):
-        part = drafts[start : start + size]
+    for start in range(0, len(whole), size):
+        part = whole[start : start + size]
         readings = [d.reading for d in part]
         efforts = np.array([r.effort for r in readings])
         scales = np.array([r.effort_scale for r in readings])

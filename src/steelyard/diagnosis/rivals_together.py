@@ -12,6 +12,7 @@ from itertools import permutations, product
 import numpy as np
 
 from steelyard.arrays import Array
+from steelyard.diagnosis.evidence_kept import keeps_evidence
 from steelyard.diagnosis.possible import Possible, possible
 from steelyard.diagnosis.reading import Reading
 from steelyard.diagnosis.rival import Rival, choice
@@ -35,7 +36,8 @@ def combined_rivals(trial: Trial) -> list[tuple[Rival, Possible]]:
     if not 2 <= n <= DEEPEST:
         return []
     coarse = replace(trial, excerpt=trial.excerpt.thinned(COARSE))
-    best = _best(coarse, list(_orders(trial.declared)))
+    orders = [r for r in _orders(trial.declared) if keeps_evidence(trial, r)]
+    best = _best(coarse, orders)
     best = _best(coarse, [r for one in best for r in _signs(one)])
     found = []
     for reading in (*best, *(turned for one in best for turned in _all_turned(trial, one))):

@@ -16,6 +16,9 @@ NEAR = np.deg2rad(8.0)
 LONGEST = 0.3
 """Largest delay that is looked for [s]."""
 DELAYS = 31
+EARLIEST, INSIDE = -0.1, 0.95
+"""Delay before which none is proposed [s], and the share of the range that is searched up to which:
+at its edge the minimum may lie outside."""
 SHARP = 0.002
 """Floor of misfits where two delays of one model are compared."""
 HEAVY = np.array([30.0, *[10.0] * 3, *[3.0] * 6])
@@ -99,15 +102,17 @@ def delay_rivals(trial: Trial, reading: Reading) -> Iterator[Rival]:
     delay = delay_fit(trial, reading)
     if delay is None:
         return
-    changed = reading.changed(delay=delay.value)
     more = delay.value - reading.delay
+    if more < EARLIEST or abs(more) > INSIDE * _longest(trial):
+        return
+    changed = reading.changed(delay=delay.value)
     says = f"efforts are {abs(1e3 * more):.3g} ms {'late' if more > 0 else 'early'}"
     yield _world("effort delay", says, trial, changed, FREE, delay.std)
 
 
 def delay_fit(trial: Trial, reading: Reading) -> Found | None:
     """The delay at which the log agrees best, and its standard deviation."""
-    most = min(LONGEST, 0.1 * float(trial.excerpt.t[-1] - trial.excerpt.t[0]))
+    most = _longest(trial)
     grid = reading.delay + np.linspace(-most, most, DELAYS)
     values = _at_delays(trial, reading, grid)
     for _ in range(3):
@@ -121,6 +126,10 @@ def delay_fit(trial: Trial, reading: Reading) -> Found | None:
         return None
     best = grid[k] - 0.5 * (values[k + 1] - values[k - 1]) / step / bend
     return Found(float(best), float(1.0 / np.sqrt(-bend)))
+
+
+def _longest(trial: Trial) -> float:
+    return min(LONGEST, 0.1 * float(trial.excerpt.t[-1] - trial.excerpt.t[0]))
 
 
 def _at_delays(trial: Trial, reading: Reading, delays: Array) -> Array:

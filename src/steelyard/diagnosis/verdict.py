@@ -192,5 +192,7 @@ def _late(found: Ranking, before: Rival, rival: Rival) -> bool:
     sure, x = found.trial.knowledge.identified, found.trial.excerpt
     delay = abs(rival.reading.delay - before.reading.delay)
     least = max(LEAST_DELAY[sure], DELAY_ROWS / x.log_rate)
+    if not sure and rival.log_likelihood - before.log_likelihood < DELAY_MARGIN:
+        return False
     gain = float(rival.score.likelihood(SHARP, np.inf) - before.score.likelihood(SHARP, np.inf))
     return delay >= least and gain > DELAY_MARGIN and not disagrees(found.trial, rival)
