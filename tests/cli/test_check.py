@@ -196,6 +196,48 @@ def test_a_robot_file_without_signals_gets_them(
     assert signals is not None and signals.effort[5] == "tau6_Nm"
 
 
+@dataclass(frozen=True)
+class Unmendable:
+    """Finds wrong what is said, by whether positions are in degrees."""
+
+    name: ClassVar[str] = "gain"
+    asks: ClassVar[str] = "Are gains right?"
+    quick: ClassVar[bool] = False
+    wrong_before: bool
+
+    def __call__(self, case: Case) -> tuple[Finding, ...]:
+        assert case.loaded.signals is not None
+        fixed = float(case.loaded.signals.position_scale[0]) != 1.0
+        judgement = Judgement.WRONG if fixed or self.wrong_before else Judgement.OK
+        return (Finding(self.name, "", judgement, "gains", "none"),)
+
+
+@pytest.mark.parametrize("wrong_before", [True, False])
+def test_a_fix_that_makes_something_wrong_is_not_written(
+    wrong_before: bool,
+    robot: Path,
+    degrees: Path,
+    command: Command,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    stubs = (Unit(), Unmendable(wrong_before))
+    monkeypatch.setattr(sys.modules["steelyard.diagnosis.examine"], "SUSPICIONS", stubs)
+    done = command("check", robot, degrees, "--fix")
+    assert done.exit_code == 2
+    assert (robot.parent / "arm-fixed.toml").exists() == wrong_before
+    assert ("No robot file is written" in done.stdout) != wrong_before
+    assert ("the check finds gain wrong" in words(done.stdout)) != wrong_before
+
+
+def test_what_has_no_line_is_named(
+    robot: Path, given: Path, command: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stubs = (Unmendable(True),)
+    monkeypatch.setattr(sys.modules["steelyard.diagnosis.examine"], "SUSPICIONS", stubs)
+    done = command("check", robot, given / "identification.parquet", "--fix")
+    assert "gain: no line of the robot file is known to mend it" in words(done.stdout)
+
+
 def test_nothing_to_mend_writes_no_file(
     slow: Slow, robot: Path, command: Command, given: Path
 ) -> None:

@@ -5,12 +5,24 @@ import re
 import numpy as np
 import pytest
 
-from diagnosis.test_model_based import DQ, GAINS, TAU, Q, edits, names, with_payload, wrong
-from steelyard.diagnosis import Judgement
+from diagnosis.test_model_based import (
+    DQ,
+    GAINS,
+    TAU,
+    Q,
+    edits,
+    in_amperes,
+    names,
+    with_payload,
+    wrong,
+)
+from steelyard.diagnosis import Edit, Judgement
+from steelyard.diagnosis.evidence_kept import keeps_evidence
 from steelyard.diagnosis.knowledge import knowledge_of
 from steelyard.diagnosis.possible import possible
 from steelyard.diagnosis.ranking import ranking
 from steelyard.report.findings import headline
+from steelyard.robot.edits import edited
 
 
 def nominal_times(arm, factor: float) -> None:
@@ -126,3 +138,36 @@ def test_efforts_that_are_off_leave_unit_gain_and_payload_open(arm):
     table[:, arm.at(TAU)] /= GAINS
     found = arm.examined(table, known=False)
     assert {"effort unit", "gain", "payload"} <= set(open_ones(found))
+
+
+def test_an_order_that_rests_the_joint_in_motion_is_no_explanation(arm):
+    table = arm.table.copy()
+    still = [j for j in range(6) if j != 1]
+    for pattern, value in ((Q, 0.3), (DQ, 0.0)):
+        table[:, np.array(arm.at(pattern))[still]] = value
+    table[:, arm.at(TAU)] *= -40.0
+    case = arm.case(table, known=False)
+    trial = ranking(case, case.logs[0]).trial
+    for order in ((0, 1, 2, 3, 5, 4), (5, 1, 2, 3, 4, 0)):
+        assert keeps_evidence(trial, trial.declared.changed(position=order))
+    assert not keeps_evidence(trial, trial.declared.changed(position=(1, 0, 2, 3, 4, 5)))
+    assert not keeps_evidence(trial, trial.declared.changed(effort=(0, 5, 2, 3, 4, 1)))
+    found = arm.examined(table, known=False)
+    assert "joint order" not in wrong(found)
+    assert not {"signals.position", "signals.effort.columns"} & set(edits(found))
+
+
+def test_gains_that_no_log_fixes_are_doubtful(arm):
+    text = edited(in_amperes(arm), [Edit(("signals", "effort", "gain"), "identify")])
+    found = arm.examined(arm.table, text, known=False)
+    finding = next(f for f in found.findings if f.suspicion == "gain")
+    assert finding.judgement == Judgement.DOUBTFUL and "nothing fixes the scale" in finding.says
+    assert finding.mend is not None and "--payload-mass" in finding.mend.says
+    one = ["identify", 12.0, *["identify"] * 4]
+    text = edited(in_amperes(arm), [Edit(("signals", "effort", "gain"), one)])
+    table = arm.table.copy()
+    table[:, arm.at(TAU)] /= GAINS
+    finding = next(
+        f for f in arm.examined(table, text, known=False).findings if f.suspicion == "gain"
+    )
+    assert finding.judgement == Judgement.OK or "do not show the gain" in finding.says

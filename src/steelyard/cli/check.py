@@ -154,7 +154,9 @@ def show(content: "CheckContent", mended: "Fixed | None", folder: Path | None) -
     if mended is not None:
         console.print()
         if not mended.changes:
-            console.print(Text("No robot file is written: no line of one would mend anything."))
+            console.print(Text("No robot file is written" + (":" if mended.reasons else ".")))
+            for reason in mended.reasons:
+                console.print(Text(f"  {reason}"), soft_wrap=True)
         else:
             console.print(Text(f"{mended.subject.path} says otherwise:", style="bold"))
             for change in mended.changes:

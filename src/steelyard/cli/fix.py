@@ -10,7 +10,7 @@ from typing import Any
 from steelyard.cli.evidence import Subject, diagnosed
 from steelyard.cli.river import LogArgument
 from steelyard.diagnosis.examine import Diagnosis
-from steelyard.diagnosis.finding import Edit, Finding
+from steelyard.diagnosis.finding import Edit, Finding, Judgement
 from steelyard.errors import ModelError, OutputError
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.progress import Progress
@@ -48,11 +48,13 @@ class Fixed:
         subject: The file; written only if there are changes.
         changes: What was changed, in this order.
         diagnosis: What is found with it.
+        reasons: Why nothing is written, where there is no change.
     """
 
     subject: Subject
     changes: tuple[Change, ...]
     diagnosis: Diagnosis
+    reasons: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values."""
@@ -60,6 +62,7 @@ class Fixed:
 
         return {
             "robot_file": str(self.subject.path) if self.changes else None,
+            "reasons": list(self.reasons),
             "changes": [
                 {
                     **edit_dict(change.edit),
@@ -106,9 +109,12 @@ def fixed(
     *,
     quick: bool,
 ) -> Fixed:
-    """Change what findings ask for, and look again, as long as they ask for more."""
+    """Change what findings ask for, and look again, as long as they ask for more.
+
+    Nothing is written with which the check finds wrong what it found ok, or as much as before.
+    """
     changes: list[Change] = []
-    new = subject
+    new, first = subject, diagnosis
     for _ in range(ROUNDS):
         text = new.text if changes else _moved(subject, target)
         asked = [c for c in _asked(diagnosis, changes) if edited(text, [c.edit]) != text]
@@ -117,7 +123,36 @@ def fixed(
         changes += asked
         new = _loaded(new, edited(text, [change.edit for change in asked]), target)
         diagnosis = diagnosed(new, files, reference, progress, quick=quick)
-    return Fixed(new, tuple(changes), diagnosis)
+    worse = sorted(_wrong(diagnosis) & {f.suspicion for f in first.findings if _fine(f)})
+    if changes and (worse or _wrong(diagnosis) == _wrong(first) != set()):
+        names = ", ".join(worse or sorted(_wrong(first)))
+        why = f"with {'; '.join(c.line for c in changes)} the check finds {names} wrong"
+        return Fixed(subject, (), first, (why,))
+    return Fixed(new, tuple(changes), diagnosis, () if changes else _unwritten(first))
+
+
+def _wrong(diagnosis: Diagnosis) -> set[str]:
+    return {f.suspicion for f in diagnosis.findings if f.judgement == Judgement.WRONG}
+
+
+def _fine(finding: Finding) -> bool:
+    return finding.answered and finding.judgement == Judgement.OK
+
+
+def _unwritten(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """Why what is not ok has no line in a new robot file, once per suspicion."""
+    reasons = {}
+    for finding in diagnosis.findings:
+        if not finding.judgement:
+            continue
+        if finding.mend is None or not finding.mend.edits:
+            why = "no line of the robot file is known to mend it"
+        elif finding.judgement < diagnosis.judgement:
+            why = f"its lines are not written before what is {diagnosis.judgement.word} is mended"
+        else:
+            why = "the robot file says so already"
+        reasons[finding.suspicion] = f"{finding.suspicion}: {why}"
+    return tuple(reasons.values())
 
 
 def _loaded(subject: Subject, text: str, target: Path) -> Subject:

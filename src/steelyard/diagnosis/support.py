@@ -170,8 +170,8 @@ def _inverse(names: Sequence[str], order: Sequence[int]) -> str:
 def _scale(trial: Trial, reading: Reading, asked: bool) -> tuple[Rival, Judgement] | None:
     """A factor on all efforts, or bodies lighter or heavier than the nominal ones.
 
-    Beyond `HEAVIEST` something is wrong with the efforts, whatever it is; below, only where the
-    nominal model asks for it.
+    Beyond `HEAVIEST` something is wrong with the efforts, if the factor makes the nominal model
+    agree clearly better; below, only where the nominal model asks for it.
 
     Args:
         trial: The log.
@@ -190,6 +190,8 @@ def _scale(trial: Trial, reading: Reading, asked: bool) -> tuple[Rival, Judgemen
     changed = reading.with_factors(np.full(trial.signals.n, factor))
     cause = "gain" if "A" in trial.signals.effort_units else "effort kind"
     score = one_of(trial.score(changed), 0)
+    if not asked and float(score.percent) * FALL > float(trial.score(reading).percent[0]):
+        return None
     joints = tuple(range(trial.signals.n))
     rival = Rival(cause, says, changed, FREE, joints, score, fixed=False)
     return rival, Judgement.WRONG if far else Judgement.DOUBTFUL
