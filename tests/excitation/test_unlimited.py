@@ -102,6 +102,15 @@ def test_the_headline_says_whose_torques_are_limited(tmp_path: Path) -> None:
     assert torque.scope == "of the model file's masses, not of friction"
 
 
+def test_limits_that_nobody_gave_are_assumed(tmp_path: Path) -> None:
+    names = {"tower_joint", "boom_joint", "stick_joint"}
+    every = {("acceleration", name) for name in names}
+    assert problem_of(tmp_path, OPEN).limits.assumed == every
+    one = problem_of(tmp_path, f"{OPEN}{LIMITS}acceleration = {{boom_joint = 2.0}}").limits
+    assert one.assumed == every - {("acceleration", "boom_joint")} and one.share == 0.95
+    assert not problem_of(tmp_path, f"{OPEN}{LIMITS}acceleration = 2.0").limits.assumed
+
+
 def test_loads_without_radius_are_noted_where_links_are_looked_at(tmp_path: Path) -> None:
     note = "loads without a radius are not looked at beside the robot's own links: load 1"
     box = "[excitation.workspace]\nbox = {z = [-2.0, 2.0]}\n"

@@ -21,6 +21,7 @@ from steelyard.report import ReportContent, render
 from steelyard.report.design_terminal import design_summary
 from steelyard.report.design_words import (
     brings,
+    detail,
     expected,
     hardest,
     headline,
@@ -133,13 +134,25 @@ def test_only_what_is_near_its_limit_is_tight(designed: Designed) -> None:
     near = replace(box, room=(10.0,) * len(box.labels))
     close = replace(certificate, extremes=extremes, proofs=(near,))
     lines = tightest(replace(designed, certificate=close))
-    assert re.fullmatch(r"tool box: . of 'tip' (above|below) -?1 m by [\d.]+ m", lines[-1])
+    one = r". of 'tip' (above|below) -?1 m by [\d.]+ m"
+    assert re.fullmatch(rf"tool box: {one}; {one}; {one}; \d more", lines[-1])
     symmetric = tuple(
         replace(one, lower=-one.upper) if one.quantity == "velocity" else one for one in extremes
     )
     tight = replace(certificate, extremes=symmetric)
     lines = tightest(replace(designed, certificate=tight))
-    assert re.fullmatch(r"velocity of (shoulder|elbow): 9\d\.\d % of its limit used", lines[0])
+    both = r"velocity of 2 joints: 9\d\.\d to 9\d\.\d % of their limits used: shoulder, elbow"
+    assert re.fullmatch(both, lines[0])
+    limits = replace(designed.limits, share=0.95, assumed=frozenset({("velocity", "elbow")}))
+    first, second, *_ = tightest(replace(designed, certificate=tight, limits=limits))
+    used = r"9\d\.\d % of its limit used, which is 95 % of"
+    assert re.fullmatch(rf"velocity of shoulder: {used} the given one", first)
+    assert re.fullmatch(rf"velocity of elbow: {used} an assumed one", second)
+
+
+def test_a_search_that_did_not_end_is_no_best_of_none(designed: Designed) -> None:
+    said = detail(replace(designed, searches=0))
+    assert "best of" not in said and "the best that an unfinished search found in 2.5 s" in said
 
 
 def test_margins_have_a_unit_for_people() -> None:
@@ -169,7 +182,7 @@ def test_a_safe_motion_says_what_it_shows_and_that_it_is_proven(designed: Design
     assert headline(designed).endswith(f"; {limits} (tool box: tool point only)")
     assert level(designed) == "good"
     words = text(render(content(designed)))
-    figure = f"condition number (raw) {designed.shown.raw:.3g}"
+    figure = f"condition number (raw) {designed.shown.raw:.3g} (smaller is better)"
     assert f"4 s, Fourier series from rest to rest; {figure}, best of 7 searches in 2.5 s" in words
     assert "the acceleration is a guess" in words and "Assumed: something" in words
     assert "7 searches came to an end in 2.5 s" in words and "improved 2 times" in words

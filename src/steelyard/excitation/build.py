@@ -147,8 +147,37 @@ def limits_of(robot: Robot, section: MotionLimitsSection) -> MotionLimits:
     if section.jerk is not None:
         jerk = section.share * per_joint(section.jerk, robot, "jerk", np.full(robot.n, 1e6))
     return MotionLimits(
-        lower, upper, section.share * velocity, section.share * acceleration, notes, jerk
+        lower,
+        upper,
+        section.share * velocity,
+        section.share * acceleration,
+        notes,
+        jerk,
+        section.share,
+        _assumed(robot, section),
     )
+
+
+def _assumed(robot: Robot, section: MotionLimitsSection) -> frozenset[tuple[str, str]]:
+    """Quantity and joint of every limit that neither the tables nor the model file give."""
+    named = robot.joint_names
+    rest = {
+        quantity: set(named)
+        if given is None
+        else set(named) - set(given)
+        if isinstance(given, dict)
+        else set[str]()
+        for quantity, given in (
+            ("velocity", section.velocity),
+            ("acceleration", section.acceleration),
+        )
+    }
+    known = {j.name for j in robot.coordinates if 0.0 < j.limits.velocity < np.inf}
+    rest["velocity"] -= known
+    rest["position"] = {
+        j.name for j in robot.coordinates if not np.isfinite([j.limits.lower, j.limits.upper]).all()
+    }
+    return frozenset((quantity, joint) for quantity, joints in rest.items() for joint in joints)
 
 
 def _faster(robot: Robot, velocity: Array) -> tuple[str, ...]:

@@ -23,6 +23,8 @@ class MotionLimits:
         acceleration: Highest accelerations, shape `(n,)` [rad/s²; m/s²].
         notes: One line for everything that was assumed.
         jerk: Highest jerks, shape `(n,)` [rad/s³; m/s³]; `None` for any.
+        share: What speeds, accelerations and jerks are of the limits that were given or assumed.
+        assumed: Quantity and joint of every limit that nobody has given.
     """
 
     lower: Array
@@ -31,6 +33,8 @@ class MotionLimits:
     acceleration: Array
     notes: tuple[str, ...] = ()
     jerk: Array | None = None
+    share: float = 1.0
+    assumed: frozenset[tuple[str, str]] = frozenset()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "lower", frozen(self.lower, (None,)))

@@ -128,26 +128,46 @@ def least(proof: Proof) -> tuple[str, float] | None:
 
 
 def tightest(designed: Designed) -> list[str]:
-    """The joint limit that is used most and the least margin of every constraint, if tight."""
-    lines = []
-    top = hardest(designed)
-    if top is not None and top[1] >= TIGHT:
-        one, share = top
-        lines.append(f"{one.quantity} of {one.joint}: {100.0 * share:.1f} % of its limit used")
+    """All limits of joints that are nearly used up, and the least margins of every constraint."""
+    groups: dict[tuple[str, bool], list[tuple[str, float]]] = {}
+    for one in designed.certificate.extremes:
+        share = used(one)
+        if share is not None and share >= TIGHT:
+            own = (one.quantity, (one.quantity, one.joint) in designed.limits.assumed)
+            groups.setdefault(own, []).append((one.joint, share))
+    lines = [_nearly(designed, *group, joints) for group, joints in groups.items()]
     for proof in designed.certificate.proofs:
-        pair = closest(proof)
-        if pair is not None:
-            lines.append(f"{proof.name}: {pair[0]} by {margin(pair[1], proof.unit)}")
+        near = closest(proof)
+        said = [f"{label} by {margin(value, proof.unit)}" for label, value in near[:NAMED]]
+        said += [f"{len(near) - NAMED} more"] if len(near) > NAMED else []
+        lines += [f"{proof.name}: {'; '.join(said)}"] if said else []
     return lines
 
 
-def closest(proof: Proof) -> tuple[str, float] | None:
-    """The margin that is least in units of where it begins to matter, if it is tight."""
+def _nearly(
+    designed: Designed, quantity: str, assumed: bool, joints: Sequence[tuple[str, float]]
+) -> str:
+    """Joints that nearly use up their limits of one quantity, and where these come from."""
+    shares = sorted(100.0 * share for _, share in joints)
+    names = ", ".join(name for name, _ in joints)
+    share = 1.0 if quantity == "position" else designed.limits.share
+    origin = f"{100.0 * share:g} % of " if share < 1.0 else ""
+    if len(joints) == 1:
+        given = "an assumed one" if assumed else "the given one" if origin else ""
+        which = f", which is {origin}{given}" if given else ""
+        return f"{quantity} of {names}: {shares[0]:.1f} % of its limit used{which}"
+    given = "assumed ones" if assumed else "the given ones" if origin else ""
+    which = f", which are {origin}{given}" if given else ""
+    spread = f"{shares[0]:.1f} to {shares[-1]:.1f} %"
+    return f"{quantity} of {len(joints)} joints: {spread} of their limits used{which}: {names}"
+
+
+def closest(proof: Proof) -> list[tuple[str, float]]:
+    """The tight margins, the least in units of where it begins to matter first."""
     rooms = proof.room or (inf,) * len(proof.labels)
     margins = zip(proof.labels, proof.proven, rooms, strict=True)
     tight = [(label, own, own / room) for label, own, room in margins if own < CLOSE * room]
-    best = min(tight, key=lambda one: one[2], default=None)
-    return None if best is None else best[:2]
+    return [(label, own) for label, own, _ in sorted(tight, key=lambda one: one[2])]
 
 
 def margin(value: float, unit: str) -> str:
@@ -212,8 +232,10 @@ def detail(designed: Designed) -> str:
     """Which motion it is and how it was found."""
     kind = KINDS.get(designed.kind, designed.kind)
     words = f"{designed.trajectory.duration:.4g} s, {kind}; {designed.criterion} "
-    words += figure_of(designed)
-    if designed.course:
+    words += f"{figure_of(designed)} (smaller is better)"
+    if unended(designed):
+        words += f", the best that an unfinished search found in {designed.seconds:.3g} s"
+    elif designed.course:
         words += f", best of {searches(designed)} in {designed.seconds:.3g} s"
     if designed.stopped:
         words += ", stopped early"
