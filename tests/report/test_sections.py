@@ -36,8 +36,8 @@ def test_the_verdict_comes_first_and_titles_differ():
 def test_the_headline_is_pooled_with_its_kind_and_its_band(usual):
     judged = verdict(replace(usual, scores=usual.scores[:1]))
     assert judged.headline == (
-        "Predicts unseen motion within 5.0\u00a0% of the measured effort below 8 Hz "
-        "(pooled over 2 joints, where they move)"
+        "Predicts unseen motion with an error of 5.0\u00a0% of the measured effort (RMS below "
+        "8 Hz, pooled over 2 joints, where they move)"
     )
     assert judged.detail == (
         "9.0\u00a0% pooled, whole log; 7.5\u00a0% mean, where they move; 10.0\u00a0% mean, whole "
@@ -62,15 +62,15 @@ def test_a_joint_that_carries_nothing_is_named_and_does_not_rule(usual):
     score = usual.scores[0]
     idle = replace(score.joints[1], relative_percent_moving=83.0, rmse=0.05)
     judged = verdict(replace(usual, scores=(replace(score, joints=(score.joints[0], idle)),)))
-    assert "within 5.0\u00a0%" in judged.headline and judged.level == "good"
+    assert "error of 5.0\u00a0%" in judged.headline and judged.level == "good"
     assert "Poorly predicted by themselves: elbow 83.0\u00a0% (RMSE 0.050 A)." in judged.detail
 
 
 def test_where_units_differ_the_mean_is_in_front(usual):
     score = replace(usual.scores[0], pooled_percent=None, pooled_percent_moving=None)
     judged = verdict(replace(usual, scores=(score,)))
-    assert "within 7.5\u00a0%" in judged.headline
-    assert "(mean over 2 joints, where they move)" in judged.headline
+    assert "error of 7.5\u00a0%" in judged.headline
+    assert "mean over 2 joints, where they move)" in judged.headline
     assert "pooled" not in judged.detail
 
 
@@ -83,7 +83,7 @@ def test_joints_that_never_move_are_not_counted(usual):
     joints = tuple(replace(j, relative_percent_moving=None) for j in score.joints)
     motionless = replace(score, joints=joints, pooled_percent_moving=None)
     headline = verdict(replace(usual, scores=(motionless,))).headline
-    assert "within 9.0\u00a0%" in headline and "whole log" in headline
+    assert "error of 9.0\u00a0%" in headline and "whole log" in headline
 
 
 def test_a_useless_model_is_called_so(usual):
@@ -106,8 +106,8 @@ def test_no_percentage_without_measured_effort(usual, strange):
 def test_no_verdict_without_an_unseen_run(usual):
     judged = verdict(replace(usual, scores=()))
     assert judged.headline == "Not tested on unseen motion"
-    assert "1 fitted run within 3.0\u00a0%" in judged.detail
-    assert "below 8 Hz (pooled over 2 joints, where they move)" in judged.detail
+    assert "1 fitted run with an error of 3.0\u00a0%" in judged.detail
+    assert "RMS below 8 Hz, pooled over 2 joints, where they move" in judged.detail
     assert "--validate OTHER_LOG" in judged.detail
     assert judged.level == "none"
 

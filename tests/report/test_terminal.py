@@ -17,7 +17,7 @@ def printed(content: ReportContent, width: int = 120) -> str:
 
 def test_the_summary_says_what_matters(usual):
     text = printed(usual)
-    assert "Predicts unseen motion within 6.5\u00a0% of the measured effort" in text
+    assert "Predicts unseen motion with an error of 6.5\u00a0% of the measured effort" in text
     assert "points (not fitted, below 8 Hz)" in text and "run1" not in text
     line = next(line for line in text.splitlines() if "elbow" in line)
     assert [c.strip() for c in line.split("│")[1:-1]] == [
@@ -38,10 +38,10 @@ def test_the_summary_says_what_matters(usual):
 def test_unseen_runs_alone_make_the_headline_where_others_repeat_a_motion(usual):
     again = replace(usual.scores[0], run="again", repeats="run1")
     both = printed(replace(usual, scores=(*usual.scores, again)))
-    assert "Predicts unseen motion within 6.5" in both
+    assert "Predicts unseen motion with an error of 6.5" in both
     assert "again (not fitted, repeats the motion of run1, below 8 Hz)" in both
     alone = replace(usual, scores=(again,))
-    assert "Predicts repeated motion within" in printed(alone)
+    assert "Predicts repeated motion with an error of" in printed(alone)
     assert verdict(alone).level == "none" and verdict(usual).level == "good"
 
 

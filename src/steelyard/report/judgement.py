@@ -100,7 +100,7 @@ def _of_scores(content: ReportContent) -> Verdict:
             f"zero or not a number. See the table. {detail}",
             "none",
         )
-    error = f"{percent(first.value)} of the measured effort {band(scores)} ({first.kind})"
+    error = f"{percent(first.value)} of the measured effort (RMS {band(scores)}, {first.kind})"
     if first.value >= 100.0:
         return Verdict(
             f"Predicts {motion} no better than predicting zero: the error is {error}",
@@ -110,7 +110,7 @@ def _of_scores(content: ReportContent) -> Verdict:
     level = level_of(first.value)
     if scores[0].repeats:
         level = max(level, "none", key=SEVERITY.index)
-    return Verdict(f"Predicts {motion} within {error}", detail, level)
+    return Verdict(f"Predicts {motion} with an error of {error}", detail, level)
 
 
 def _untested(content: ReportContent) -> Verdict:
@@ -120,9 +120,9 @@ def _untested(content: ReportContent) -> Verdict:
     described = (
         ""
         if fit is None or not isfinite(fit.value)
-        else f"The model describes {count(len(fitted), 'fitted run')} within {percent(fit.value)} "
-        f"of the measured effort {band(fitted)} ({fit.kind}), which says nothing yet about other "
-        "motions. "
+        else f"The model describes {count(len(fitted), 'fitted run')} with an error of "
+        f"{percent(fit.value)} of the measured effort (RMS {band(fitted)}, {fit.kind}), which says "
+        "nothing yet about other motions. "
     )
     return Verdict(
         "Not tested on unseen motion",
