@@ -10,6 +10,7 @@ import pytest
 
 from diagnosis.fitted import case, demo_arm, log
 from steelyard.diagnosis import Finding, Judgement
+from steelyard.diagnosis.fitted_case import FittedCase
 from steelyard.diagnosis.model_error import ModelError, beginnings
 from steelyard.robot.robot import Body, Robot
 from steelyard.robot.robot_file import LoadedRobot
@@ -17,6 +18,8 @@ from steelyard.terms.load_dependent import LoadDependent
 from steelyard.terms.register import DEFAULT_TERMS
 from steelyard.terms.stribeck import Stribeck
 from steelyard.terms.term import Term
+from steelyard.validation import residuals
+from steelyard.validation.score import RunScore, score
 from steelyard.virtual.invent import random_truth
 
 
@@ -89,9 +92,32 @@ def test_a_friction_law_that_lacks_is_a_remark(
     term: Term, loaded: LoadedRobot, tmp_path: Path
 ) -> None:
     (finding,) = found(loaded, tmp_path, terms=(*DEFAULT_TERMS, term))
+    assert "(worst joint: " in finding.says and "joints above 1.5 x)" in finding.says
     assert finding.judgement == Judgement.OK and finding.headline
-    causes = finding.says.partition("explain of it: ")[2]
+    causes = finding.says.partition("do not add them): ")[2]
     assert f"(term {term.law})" in causes.split(",")[0]
+
+
+def test_large_residuals_beside_unknown_noise_are_said(
+    loaded: LoadedRobot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(residuals, "CLEAR", 1e3)
+    path = tmp_path / "run.parquet"
+    log(path, random_truth(loaded.robot, 1, terms=(*DEFAULT_TERMS, LoadDependent())), 1)
+    fitted = case(loaded, [path])
+    small, large = (
+        ModelError()(replace(fitted, fitted_scores=(scored(fitted, percent),)))
+        for percent in (5.0, 29.0)
+    )
+    assert small == () and large[0].headline and large[0].judgement == Judgement.OK
+    assert "not known" in large[0].says and "29 %" in large[0].says
+
+
+def scored(fitted: FittedCase, percent: float) -> RunScore:
+    """The score of the first run, with another error."""
+    run, model = fitted.fitted[0], fitted.identified
+    found = score(model.valued, run, model.signals.gains, model.cutoffs.score)
+    return replace(found, pooled_percent=percent)
 
 
 def test_many_and_long_runs_are_looked_at_in_part(loaded: LoadedRobot, tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ from rich.console import Console
 
 from steelyard.report import ReportContent, parameters_csv, summary
 from steelyard.report.judgement import verdict
+from steelyard.report.score_words import coverage_words
 from steelyard.report.terminal import CSV_COLUMNS
 
 
@@ -75,3 +76,8 @@ def test_the_csv_of_broken_numbers_has_empty_cells(nasty):
     assert table[0]["std"] == "" and table[0]["value"] != ""
     assert "nan" not in parameters_csv(nasty.identified).lower()
     assert "inf" not in parameters_csv(nasty.identified).lower()
+
+
+def test_bands_that_hold_less_than_they_promise_are_named():
+    assert coverage_words(85.0, True) == "85.0\u00a0% of this log inside: less than promised"
+    assert "less" not in coverage_words(92.0, True) + coverage_words(85.0, False)

@@ -26,6 +26,12 @@ from steelyard.validation.residuals import ResidualNoise, residual_noise
 FAR = 2.0
 """Residual over the noise's upper bound from which on the model lacks something."""
 
+ABOVE = 1.5
+"""Residual over noise from which on a joint is counted among those that are above it."""
+
+LARGE = 10.0
+"""Error of the fitted runs [%] from which on it is said that noise is not known."""
+
 SHARE = 0.2
 """Share of what noise does not explain from which on a cause is named."""
 
@@ -90,8 +96,10 @@ class ModelError:
         ranked = ranked_causes(identified.model, identified.estimate, runs)
         if ranked.blamed:
             return (_doubtful(identified.model, runs, ranked),)
-        worst = float(np.nanmax(ranked.beside.ratios, initial=0.0))
-        return (_remark(ranked),) if worst >= FAR else ()
+        ratios = ranked.beside.ratios
+        if not np.isfinite(ratios).any():
+            return _not_looked_at(case, runs)
+        return (_remark(ranked),) if float(np.nanmax(ratios)) >= FAR else ()
 
 
 def can_be_ranked(model: Model) -> bool:
@@ -142,8 +150,23 @@ def _remark(ranked: Ranked) -> Finding:
     says = f"{residuals(ranked.beside)}: the model lacks something, and intervals do not cover it"
     if likely:
         named = (f"{cause.says} {100.0 * cause.share:.0f} %" for cause in likely)
-        says += f"; alone would explain of it: {', '.join(named)}"
+        says += f"; each tried alone removes (do not add them): {', '.join(named)}"
     return Finding(ModelError.name, "", Judgement.OK, says, "", headline=True)
+
+
+def _not_looked_at(case: FittedCase, runs: Sequence[Run]) -> tuple[Finding, ...]:
+    """That residuals could not be compared with noise, where they are large."""
+    errors = [score.pooled_percent or score.mean_percent for score in case.fitted_scores]
+    error = max(errors, default=0.0)
+    if not error > LARGE:
+        return ()
+    run = runs[0]
+    says = (
+        f"whether residuals are noise is not known: the matched cut-off of {run.matched_cutoff:g} "
+        f"Hz leaves no band above it at {run.rate:g} Hz, and the fitted runs have errors up to "
+        f"{error:.0f} %"
+    )
+    return (Finding(ModelError.name, "", Judgement.OK, says, "", headline=True),)
 
 
 def _doubtful(model: Model, runs: Sequence[Run], ranked: Ranked) -> Finding:
@@ -175,4 +198,8 @@ def residuals(beside: ResidualNoise) -> str:
     worst = int(np.nanargmax(beside.ratios))
     ratio = float(beside.ratios[worst])
     times = f"{ratio:.0f}" if ratio >= 10.0 else f"{ratio:.1f}"
-    return f"residuals are {times} x the measurement noise ({beside.joints[worst]})"
+    above, known = (int(np.sum(test)) for test in (beside.ratios > ABOVE, beside.ratios > 0.0))
+    return (
+        f"residuals are up to {times} x the measurement noise (worst joint: {beside.joints[worst]};"
+        f" {above} of {known} joints above {ABOVE:g} x)"
+    )

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
 MOVING, WHOLE = "where they move", "whole log"
 
+PROMISED = 90.0
+"""Share of a log that was not fitted [%] below which 95 % bands hold less than they promise."""
+
 NAMED = 3
 """Most joints that are named one by one."""
 
@@ -100,6 +103,12 @@ def poorly_predicted(scores: Sequence[RunScore], limit: float) -> str:
     listed.sort(reverse=True)
     more = f" and {len(listed) - NAMED} more" if len(listed) > NAMED else ""
     return ", ".join(words for _, words in listed[:NAMED]) + more
+
+
+def coverage_words(inside: float, unseen: bool) -> str:
+    """How much of a log lies in its 95 % bands [%], and whether that is less than they promise."""
+    less = ": less than promised" if unseen and inside < PROMISED else ""
+    return f"{percent(inside)} of this log inside{less}"
 
 
 def relative(joint: JointScore) -> float:

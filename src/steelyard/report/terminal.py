@@ -11,7 +11,7 @@ from steelyard.regression.customary import symbols
 from steelyard.report import causes
 from steelyard.report.content import ReportContent
 from steelyard.report.judgement import Level, level_of, verdict
-from steelyard.report.score_words import relative
+from steelyard.report.score_words import coverage_words, relative
 from steelyard.report.sections.effort import band_text
 from steelyard.report.table import Row, rows
 from steelyard.report.words import count, percent, significant
@@ -67,7 +67,7 @@ def summary(content: ReportContent, console: Console) -> None:
         console.print()
         console.print(_table(score, bool(content.scores)))
         if score.coverage_percent is not None:
-            inside = f"{percent(score.coverage_percent)} of this log inside"
+            inside = coverage_words(score.coverage_percent, bool(content.scores))
             console.print(Text(f"95 % bands {band_text(content.identified)}; {inside}"))
     for table in causes.tables(content):
         console.print()
