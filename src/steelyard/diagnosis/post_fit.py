@@ -7,6 +7,7 @@ They complete the checks before a fit: what they find qualifies the headline of 
 from collections.abc import Sequence
 
 from steelyard.diagnosis.absurd import AbsurdBodies
+from steelyard.diagnosis.below_nominal import BelowNominal
 from steelyard.diagnosis.change_in_run import ChangeInRun
 from steelyard.diagnosis.finding import Finding
 from steelyard.diagnosis.fitted_case import FittedCase as FittedCase
@@ -23,6 +24,7 @@ POST_FIT: tuple[PostFitCheck, ...] = (
     ChangeInRun(),
     ModelError(),
     LastLink(),
+    BelowNominal(),
     UnseenReason(),
 )
 
