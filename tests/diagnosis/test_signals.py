@@ -169,6 +169,11 @@ def noisy(table: Array) -> Array:
     return table
 
 
+def constant(table: Array) -> Array:
+    table[:, 8] = 0.0
+    return table
+
+
 def clipped(table: Array) -> Array:
     table[:, 9] = np.minimum(table[:, 9], np.quantile(table[:, 9], 0.95))
     return table
@@ -200,6 +205,7 @@ FAULTS: dict[str, tuple[Change, str, Judgement, dict[str, Any], tuple[int, ...]]
     "corrupt rows": (corrupt, "rows", DOUBTFUL, {}, ()),
     "repeated rows": (read_too_often, "repeats", DOUBTFUL, {}, ()),
     "few levels": (coarse, "noise", DOUBTFUL, {}, (2,)),
+    "constant": (constant, "noise", WRONG, {}, (2,)),
     "noise": (noisy, "noise", DOUBTFUL, {}, (1,)),
     "cut off": (clipped, "saturation", DOUBTFUL, {}, (3,)),
     "mostly rest": (resting, "rests", DOUBTFUL, {}, ()),
@@ -494,3 +500,15 @@ def test_a_declared_delay_of_velocities_is_held_against_the_log(tmp_path: Path) 
     assert of(diagnosis(tmp_path, late(sound()), declared), "velocity").judgement == Judgement.OK
     found = of(diagnosis(tmp_path, sound(), declared), "velocity")
     assert found.judgement == Judgement.DOUBTFUL and "late" in found.says
+
+
+def test_other_effort_columns_are_named(tmp_path: Path) -> None:
+    table = sound()
+    names = (*COLUMNS, *(f"current{k}_A" for k in (1, 2, 3)), "tau_des1")
+    wide = np.concatenate((constant(table.copy()), table[:, TAU], table[:, :1]), axis=1)
+    case = case_of(tmp_path, table)
+    (evidence,) = case.logs
+    recording = replace(evidence.recording, log=HeldLog(Path("log"), names, wide))
+    (finding,) = Noise()(replace(case, logs=(replace(evidence, recording=recording),)))
+    assert finding.judgement == WRONG and finding.joints == ("joint_2",)
+    assert finding.mend is not None and finding.mend.says.endswith("has 'current{}_A' too")

@@ -12,6 +12,7 @@ from steelyard.arrays import Array
 from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.finding import Finding, Judgement, Mend
 from steelyard.diagnosis.identifiability import clean_runs, customary_model
+from steelyard.diagnosis.other_efforts import with_others
 from steelyard.diagnosis.sight import look, with_rows
 from steelyard.diagnosis.smoothness import noise_levels
 from steelyard.diagnosis.units import driven, reading
@@ -84,7 +85,7 @@ def _smooth(evidence: Evidence, figure: str, measured: bool) -> Finding:
         Judgement.DOUBTFUL if measured else Judgement.OK,
         says,
         figure,
-        mend=MEASURE if measured else None,
+        mend=with_others(MEASURE, evidence) if measured else None,
         answered=measured,
     )
 
@@ -100,7 +101,14 @@ def _computed(evidence: Evidence, figure: str, measured: bool) -> Finding:
         "fit finds the parameters of that computation"
     )
     judgement = Judgement.WRONG if measured else Judgement.DOUBTFUL
-    return Finding(ComputedEfforts.name, evidence.name, judgement, says, figure, mend=MEASURE)
+    return Finding(
+        ComputedEfforts.name,
+        evidence.name,
+        judgement,
+        says,
+        figure,
+        mend=with_others(MEASURE, evidence),
+    )
 
 
 def _percent(share: float) -> str:

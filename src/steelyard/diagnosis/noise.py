@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array
 from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.finding import Finding, Judgement, Mend, Picture
+from steelyard.diagnosis.other_efforts import with_others
 from steelyard.diagnosis.pictures import trace
 from steelyard.diagnosis.sight import Sight, look, with_rows
 from steelyard.diagnosis.slopes import noise_of
@@ -20,13 +21,15 @@ ROWS = 500
 """Rows below which levels are not counted."""
 NOISY = 0.7
 """Noise from row to row over all that varies, from which on an effort is doubtful."""
+FINER = Mend("leave these joints out (joints = [...], [robot.locked]), or log them finer")
+CONSTANT = Mend("declare the columns that hold measured efforts under [signals.effort]")
 BUSY = 20.0
 """Length of the picture [s]."""
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Resolution and noise of every signal; efforts of few levels are doubtful."""
+    """Resolution and noise of every signal; efforts of few levels are doubtful, of one wrong."""
 
     name: ClassVar[str] = "noise"
     asks: ClassVar[str] = "Are signals fine and quiet enough?"
@@ -43,27 +46,35 @@ class Noise:
         noise = noise_of(sight.effort)
         spread = sight.effort.std(axis=0)
         share = np.divide(noise, spread, out=np.zeros_like(noise), where=spread > 0.0)
-        coarse = move & (levels < LEVELS) & (len(sight.t) >= ROWS)
+        constant = move & (levels == 1)
+        coarse = move & (levels < LEVELS) & (len(sight.t) >= ROWS) & ~constant
         loud = move & (share > NOISY) & ~coarse
-        bad = np.flatnonzero(coarse | loud)
+        bad = np.flatnonzero(constant | coarse | loud)
         seen = np.flatnonzero(move) if move.any() else np.arange(len(move))
         least, loudest = seen[np.argmin(levels[seen])], seen[np.argmax(share[seen])]
         units = evidence.recording.signals.effort_units
         return Finding(
             self.name,
             evidence.name,
-            Judgement.DOUBTFUL if len(bad) else Judgement.OK,
+            Judgement.WRONG if constant.any() else Judgement(int(len(bad) > 0)),
             "; ".join(
-                [*_blamed(case, sight, coarse, loud, levels), _facts(case, sight, noise, units)]
+                [
+                    *_constant(case, constant),
+                    *_blamed(case, sight, coarse, loud, levels),
+                    _facts(case, sight, noise, units),
+                ]
             ),
             f"{levels[least]} different efforts of {case.joints[least]} (bound {LEVELS}), noise "
             f"{100.0 * share[loudest]:.2g} % of {case.joints[loudest]} (bound {100.0 * NOISY:g} %)",
             joints=tuple(case.joints[j] for j in bad),
-            mend=Mend("leave these joints out (joints = [...], [robot.locked]), or log them finer")
-            if len(bad)
-            else None,
+            mend=with_others(CONSTANT if constant.any() else FINER, evidence) if len(bad) else None,
             picture=_picture(case, evidence, sight, int(bad[0] if len(bad) else least)),
         )
+
+
+def _constant(case: Case, constant: NDArray[np.bool_]) -> list[str]:
+    names = ", ".join(case.joints[j] for j in np.flatnonzero(constant))
+    return [f"the effort of {names} never changes: it is not measured"] if names else []
 
 
 def _blamed(

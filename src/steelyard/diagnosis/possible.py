@@ -75,7 +75,7 @@ def _possible(trial: Trial, reading: Reading) -> Possible | None:
     thin = replace(trial, excerpt=trial.excerpt.thinned(SAMPLES))
     bare = reading.changed(payload=None)
     columns, efforts, moving = _rows(thin, bare)
-    if not (np.isfinite(columns).all() and moving.any()):
+    if not (np.isfinite(columns).all() and moving.any() and efforts.any()):
         return None
     whole = np.maximum(np.sum(np.square(efforts), axis=1), 1e-30)
     counts = moving.sum(axis=1) * thin.excerpt.worth

@@ -21,6 +21,8 @@ HALF = 0.5
 SHOWN = 6
 """Rivals that are shown."""
 POINTS = 1500
+MUCH = 1000.0
+"""Misfit beyond which the number says no more [%]."""
 UNEXPLAINED = "effort kind"
 """The suspicion that says so where nothing explains the efforts."""
 LOST = (
@@ -147,7 +149,11 @@ def _worst(case: Case, held: Verdict) -> str:
     """The joint that disagrees most."""
     misfits = held.ranking.declared.misfits
     joint = int(np.argmax(misfits))
-    return f"misfit of {case.joints[joint]} {100.0 * misfits[joint]:.0f} %, bound 90 %"
+    return f"misfit of {case.joints[joint]} {_percent(100.0 * misfits[joint])}, bound 90 %"
+
+
+def _percent(value: float) -> str:
+    return f"{value:.0f} %" if value < MUCH else f"more than {MUCH:.0f} %"
 
 
 def figure(held: Verdict, cause: str) -> str:
@@ -196,9 +202,9 @@ def agrees(held: Verdict, what: str) -> str:
     """What to say where nothing is wrong, or where nothing can be said."""
     ranked = held.ranking
     if not told(held):
-        return (
-            f"cannot be told: {_known(held)} disagrees by {ranked.declared.percent:.0f} % and no "
-            "explanation is clear" + ("" if ranked.trial.knowledge.identified else "; give --model")
+        much = _percent(ranked.declared.percent)
+        return f"cannot be told: {_known(held)} disagrees by {much} and no explanation is clear" + (
+            "" if ranked.trial.knowledge.identified else "; give --model"
         )
     percent = float(ranked.trial.score(last_of(held).reading).percent[0])
     once = ""

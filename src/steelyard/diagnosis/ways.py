@@ -48,6 +48,9 @@ def _listed(case: Case) -> str:
     source = case.loaded.sources[0].path.name if case.loaded.sources else "ROBOT"
     robot = source if source.endswith(".toml") else "ROBOT.toml"
     log = " ".join(e.log.path.name for e in case.logs)
+    entries = ['"identify"'] * len(case.joints)
+    entries[min(1, len(entries) - 1)] = "1.0"
+    one = f"[{', '.join(entries)}]"
     return (
         "gains and masses cannot be identified together from this log, and no number is written. "
         "In this order: "
@@ -56,7 +59,8 @@ def _listed(case: Case) -> str:
         '(2) write kind = "motor_current", unit = "A", gain = "identify" under [signals.effort] '
         f"and run `steelyard identify {robot} {log} --loaded LOADED_LOG --payload-mass KG` with a "
         "log that carries a known mass; "
-        "(3) without its mass, write 1.0 for one joint's gain: results are then up to one scale. "
+        f"(3) without its mass, write gain = {one}, and run the same without --payload-mass: "
+        "results are then up to one scale. "
         "If masses are what is wrong in the model file, go on: the efforts are then right as "
         "declared"
     )
