@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from in_amperes import GAINS, RATE, ROBOT, run_of
+from steelyard.estimation.calibration import Calibration
 from steelyard.estimation.estimate import Standard
 from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimation.least_squares import WeightedLeastSquares
@@ -85,6 +86,21 @@ def test_its_width_is_that_of_the_covariance() -> None:
     thinned = bands.model_std(block, 5)
     assert np.allclose(thinned[:, ::5], wanted[:, ::5], rtol=1e-6, atol=1e-12)
     assert np.abs(thinned - wanted).max() < 0.3 * wanted.max()
+
+
+@pytest.mark.parametrize(("factor", "of_model"), [(3.0, 3.0), (0.5, 1.96)])
+def test_a_calibration_does_not_make_parameters_surer(factor: float, of_model: float) -> None:
+    """What left-out stretches of one motion show of noise says nothing of other motions."""
+    model, truth = identified()
+    block = next(along(run_of(truth, 300).blocks(), model.model))
+    n = model.model.robot.n
+    edges = np.tile([0.1, 0.5], (n, 1))
+    calibration = Calibration("stretches", 5, edges, np.full((n, 4), factor))
+    bands = Bands.of(replace(model, calibration=calibration))
+    std = bands.model_std(block)
+    found = bands.half_width(block, std)
+    wanted = np.hypot(of_model * std, factor * bands.sigma[:, None])
+    np.testing.assert_allclose(found, wanted, rtol=1e-4)
 
 
 def test_standard_parameters_bring_their_prior_into_the_band() -> None:

@@ -33,7 +33,8 @@ class Calibration:
         count: How many of them.
         edges: Speeds at which slow, medium and fast meet, shape `(n, 2)` [rad/s; m/s].
         factors: Half-width in standard deviations at rest, slow, medium and fast, shape `(n, 4)`;
-            1.96 of a joint that no left-out motion could test.
+            1.96 of a joint that no left-out motion could test. What parameters leave open counts
+            with 1.96 at least.
     """
 
     kind: Kind

@@ -62,6 +62,9 @@ class Bands:
     def half_width(self, block: Block, model_std: Array) -> Array:
         """Half-width of the band that holds 95 % of new measurements, in the effort's unit.
 
+        A calibration below 1.96 says that residuals are smaller than their standard deviation; it
+        does not make parameters surer, whose errors show in motions unlike those left out.
+
         Args:
             block: Samples.
             model_std: Standard deviation of their predicted efforts.
@@ -69,11 +72,12 @@ class Bands:
         Returns:
             Shape `(n, B)`; NaN of a joint whose `sigma` is.
         """
-        std = np.sqrt(np.square(model_std) + np.square(self.sigma)[:, None])
+        noise = np.broadcast_to(self.sigma[:, None], model_std.shape)
         if self.calibration is None:
-            return np.asarray(Z95 * std)
+            return np.asarray(Z95 * np.hypot(model_std, noise))
         n = len(self.sigma)
-        return np.asarray(std * self.calibration.factor(block.dq[:n], block.moving[:n]))
+        factor = self.calibration.factor(block.dq[:n], block.moving[:n])
+        return np.asarray(np.hypot(np.maximum(factor, Z95) * model_std, factor * noise))
 
     def model_std(self, block: Block, step: int = 1) -> Array:
         """Standard deviation of the predicted effort, in the unit of the joint's effort.
