@@ -216,7 +216,7 @@ def clearance(
     _check_pairs(robot, kept)
     built = _built(robot, shapes, kept, wanted, np.full(len(kept), room))
     left += count - len(kept)
-    scope = f"{len(kept)} pairs" + (f", {left} left out" if left else "")
+    scope = f"{len(kept)} pair{'s' * (len(kept) != 1)}" + (f", {left} left out" if left else "")
     return replace(built, notes=(*geometry.notes, *notes, *more), scope=scope)
 
 

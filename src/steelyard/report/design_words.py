@@ -158,7 +158,8 @@ def _nearly(
         return f"{quantity} of {names}: {shares[0]:.1f} % of its limit used{which}"
     given = "assumed ones" if assumed else "the given ones" if origin else ""
     which = f", which are {origin}{given}" if given else ""
-    spread = f"{shares[0]:.1f} to {shares[-1]:.1f} %"
+    ends = dict.fromkeys(f"{share:.1f}" for share in (shares[0], shares[-1]))
+    spread = f"{' to '.join(ends)} %"
     return f"{quantity} of {len(joints)} joints: {spread} of their limits used{which}: {names}"
 
 
