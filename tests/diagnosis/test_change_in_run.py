@@ -73,3 +73,24 @@ def test_a_sound_log_and_slow_drift_are_no_change(arm: Arm) -> None:
     ramp = np.linspace(-0.05, 0.05, len(drift))[:, None] * drift[:, efforts].std(axis=0)
     drift[:, efforts] += ramp * np.sign(arm.motion.dq)
     assert found(arm, drift) == ()
+
+
+def test_a_scale_that_drifts_is_named_with_its_joints(arm: Arm) -> None:
+    table = arm.table.copy()
+    efforts = arm.at("tau{}_Nm")
+    table[:, efforts] *= np.linspace(1.0, 1.3, len(table))[:, None]
+    (finding,) = found(arm, table)
+    assert finding.judgement == Judgement.DOUBTFUL and finding.log == "log"
+    assert "the scale of efforts drifts" in finding.says and len(finding.joints) >= 2
+    changes = [float(part.split(" %")[0]) for part in finding.says.split("by about ")[1:]]
+    assert changes == pytest.approx([26.0] * len(changes), abs=6.0)
+
+
+def test_friction_that_falls_is_no_drift_of_the_scale(arm: Arm) -> None:
+    names = [n for n in arm.truth.values.names if n.startswith(("coulomb.", "viscous."))]
+    less = arm.truth.changed(**{name: 0.5 * arm.truth.values[name] for name in names})
+    change = less.model.at(less.values).torque(arm.motion)
+    change -= arm.truth.model.at(arm.truth.values).torque(arm.motion)
+    table = arm.table.copy()
+    table[:, arm.at("tau{}_Nm")] += np.linspace(0.0, 1.0, len(table))[:, None] * change
+    assert all("scale" not in finding.says for finding in found(arm, table))

@@ -1,10 +1,11 @@
-"""Whether the load, or the offset of a joint, changes in the middle of a run."""
+"""Whether the load, the scale of efforts, or the offset of a joint changes within a run."""
 
 from collections.abc import Iterator
 from typing import ClassVar
 
 from steelyard.diagnosis.finding import Finding, Judgement, Mend
 from steelyard.diagnosis.fitted_case import FittedCase
+from steelyard.diagnosis.gain_drift import Drift, scale_drifts, together
 from steelyard.diagnosis.mid_log import Change, load_change, offset_steps
 from steelyard.errors import SteelyardError
 from steelyard.estimation.estimate import Z95
@@ -18,6 +19,9 @@ LOAD, OFFSET = 0.5, 0.85
 most 0.14 (those shorter than 8 s aside) and 0.43; friction that falls by 60 % has up to 0.78."""
 RISES = {"load": 200.0, "offset": 100.0}
 """Least rise of the squared residual over noise; at most 92 in those logs, both."""
+DRIFTS, DRIFT_RISES, LEAST_DRIFT = 0.3, 100.0, 0.05
+"""Least share of a joint's squared residual that a drift of its scale explains, least rise, and
+least change; in sound logs of ten real robots the rise is at most 44."""
 SURE = 5.0
 """Standard deviations that a load or a step must have."""
 
@@ -28,15 +32,20 @@ class ChangeInRun:
     name: ClassVar[str] = "change within a run"
 
     def __call__(self, case: FittedCase) -> tuple[Finding, ...]:
-        """One finding per run whose load changes, or else per joint whose offset jumps."""
+        """Per run one finding of its load, or else its offsets that jump, or else its scale."""
         found: list[Finding] = []
         for run in _runs(case):
             load = load_change(run, case.identified.model.robot, case.identified.base)
-            if load is not None and _certain(load, LOAD, RISES["load"]):
+            rows = scale_drifts(run)
+            drifts = [drift for drift in rows if _sure_drift(drift)]
+            picked = load is not None and _certain(load, LOAD, RISES["load"])
+            if load is not None and picked and not (drifts and together(rows) > load.explained):
                 found.append(_of_load(load))
                 continue
-            steps = [s for s in offset_steps(run) if _certain(s, OFFSET, RISES["offset"])]
+            steps = _likelier(offset_steps(run), drifts)
             found += [_of_offset(step, case) for step in steps]
+            if drifts and not steps:
+                found.append(_of_drift(drifts, case))
         return tuple(sorted(found, key=lambda finding: -finding.judgement))
 
 
@@ -56,6 +65,18 @@ def _runs(case: FittedCase) -> Iterator[Information]:
 def _certain(change: Change, share: float, rise: float) -> bool:
     sure = abs(change.value) > SURE * change.std
     return sure and change.explained >= share and change.rise >= rise
+
+
+def _likelier(steps: list[Change], drifts: list[Drift]) -> list[Change]:
+    """Steps of offsets that are certain, and explain more than the drift of their row."""
+    rows = {drift.row: drift.explained for drift in drifts}
+    certain = [step for step in steps if _certain(step, OFFSET, RISES["offset"])]
+    return [step for step in certain if step.explained > rows.get(step.row, 0.0)]
+
+
+def _sure_drift(drift: Drift) -> bool:
+    large = abs(drift.change) > max(LEAST_DRIFT, SURE * drift.std)
+    return large and drift.explained >= DRIFTS and drift.rise >= DRIFT_RISES
 
 
 def _when(change: Change) -> str:
@@ -99,4 +120,24 @@ def _of_offset(change: Change, case: FittedCase) -> Finding:
         _explains(change, OFFSET),
         (joint.name,),
         mend=_cut(change),
+    )
+
+
+def _of_drift(drifts: list[Drift], case: FittedCase) -> Finding:
+    names = [case.identified.model.robot.coordinates[drift.row].name for drift in drifts]
+    changes = ", ".join(
+        f"'{name}' by about {100.0 * drift.change:+.0f} %"
+        for name, drift in zip(names, drifts, strict=True)
+    )
+    least = min(drift.explained for drift in drifts)
+    return Finding(
+        ChangeInRun.name,
+        drifts[0].run,
+        Judgement.DOUBTFUL,
+        "the scale of efforts drifts from start to end of the log, as a gain or a sensor that "
+        f"warms does: {changes}",
+        f"this explains {100.0 * least:.0f} % of the squared residual or more, bound "
+        f"{100.0 * DRIFTS:.0f} %",
+        tuple(names),
+        mend=Mend("log once the drives are warm, or cut the log into parts: LOG@START:STOP"),
     )
