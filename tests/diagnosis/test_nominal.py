@@ -16,11 +16,12 @@ from diagnosis.test_model_based import (
     with_payload,
     wrong,
 )
-from steelyard.diagnosis import Edit, Judgement
+from steelyard.diagnosis import Edit, Judgement, support
 from steelyard.diagnosis.evidence_kept import keeps_evidence
 from steelyard.diagnosis.knowledge import knowledge_of
 from steelyard.diagnosis.possible import possible
 from steelyard.diagnosis.ranking import ranking
+from steelyard.diagnosis.verdict import verdict
 from steelyard.report.findings import headline
 from steelyard.robot.edits import edited
 
@@ -171,3 +172,30 @@ def test_gains_that_no_log_fixes_are_doubtful(arm):
         f for f in arm.examined(table, text, known=False).findings if f.suspicion == "gain"
     )
     assert finding.judgement == Judgement.OK or "do not show the gain" in finding.says
+
+
+def test_an_order_of_positions_or_of_efforts_is_written_with_a_margin_only(arm, monkeypatch):
+    order, table = [0, 2, 1, 3, 4, 5], arm.table.copy()
+    table[:, arm.at(TAU)] = arm.table[:, np.array(arm.at(TAU))[order]]
+    case = arm.case(table, known=False)
+    held = verdict(case, case.logs[0])
+    ((rival, judgement),) = held.winners
+    assert rival.fixed and judgement == Judgement.WRONG
+    trial = held.ranking.trial
+    assert support._unrivalled(trial, [(rival, judgement)]) == [(rival, judgement)]
+    monkeypatch.setattr(support, "MARGIN", 1e9)
+    ((rival, judgement),) = support._unrivalled(trial, [(rival, judgement)])
+    assert not rival.fixed and judgement == Judgement.DOUBTFUL
+    assert "efforts in the order" in rival.says and "columns of positions are" in rival.says
+
+
+def test_the_mirror_of_an_order_pairs_the_same_columns(arm):
+    case = arm.case(arm.table, known=False)
+    before = ranking(case, case.logs[0]).declared.reading
+    moved = before.changed(position=(1, 2, 0, 3, 5, 4))
+    for after in (moved, before.changed(effort=(1, 2, 0, 3, 5, 4))):
+        mirror = support._mirror(before, after)
+        assert set(zip(mirror.position, mirror.effort, strict=True)) == set(
+            zip(after.position, after.effort, strict=True)
+        )
+        assert mirror.position != after.position and mirror.effort != after.effort

@@ -79,8 +79,48 @@ def supported(
         whole = _combined(trial, bodies)
         if whole:
             kept, reading = list(whole), whole[-1][0].reading
+    kept = _unrivalled(trial, kept)
     scale = _scale(trial, reading, asked)
     return (*kept, scale) if scale is not None else tuple(kept)
+
+
+def _unrivalled(trial: Trial, kept: list[tuple[Rival, Judgement]]) -> list[tuple[Rival, Judgement]]:
+    """Nothing is written where positions in another order do as well as efforts, or the reverse."""
+    before = trial.declared
+    for number, (rival, _) in enumerate(kept):
+        after = rival.reading
+        alone = (after.position == before.position) != (after.effort == before.effort)
+        if rival.cause != "joint order" or not rival.fixed or not alone:
+            continue
+        mirror = _mirror(before, after)
+        mine, other = possible(trial, after), possible(trial, mirror)
+        if mine is None or other is None:
+            continue
+        if float(mine.score.log_likelihood - other.score.log_likelihood) < MARGIN:
+            says = f"{rival.says}, or {_order_of(trial, mirror)}: the log alone cannot decide"
+            kept[number] = replace(rival, says=says), Judgement.DOUBTFUL
+            return [(replace(r, fixed=False), Judgement.DOUBTFUL) for r, _ in kept]
+    return kept
+
+
+def _mirror(before: Reading, after: Reading) -> Reading:
+    """The same pairs of positions and efforts, as an order of the others."""
+    n = range(len(after.position))
+    if after.effort == before.effort:
+        effort = tuple(before.effort[after.position.index(before.position[j])] for j in n)
+        return after.changed(position=before.position, effort=effort)
+    position = tuple(before.position[after.effort.index(before.effort[j])] for j in n)
+    return after.changed(position=position, effort=before.effort)
+
+
+def _order_of(trial: Trial, reading: Reading) -> str:
+    """The order of the columns in a few words."""
+    if reading.position == trial.declared.position:
+        return f"efforts in the order {', '.join(str(k + 1) for k in reading.effort)}"
+    names = trial.knowledge.robot.joint_names
+    if reading.effort == reading.position:
+        return f"the columns are in the order {_inverse(names, reading.position)}"
+    return f"the columns of positions are those of {_inverse(names, reading.position)}"
 
 
 def _worst(bodies: Possible) -> float:
@@ -143,12 +183,7 @@ def _parts(trial: Trial, best: Rival) -> Iterator[Rival]:
     """One explanation per cause, all of the same reading."""
     names, before, after = trial.knowledge.robot.joint_names, trial.declared, best.reading
     if (after.position, after.effort) != (before.position, before.effort):
-        says = f"the columns of positions are those of {_inverse(names, after.position)}"
-        if after.position == before.position:
-            moved = ", ".join(str(k + 1) for k in after.effort)
-            says = f"efforts in the order {moved}"
-        elif after.effort == after.position:
-            says = f"the columns are in the order {_inverse(names, after.position)}"
+        says = _order_of(trial, after)
         yield replace(best, cause="joint order", says=says)
     for cause, says, then, now in (
         ("position sign", "{} counts the other way", before.position_scale, after.position_scale),
