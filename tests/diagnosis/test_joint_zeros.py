@@ -1,5 +1,6 @@
 """Joints that do not count from where the model file says, as `check` finds them."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from diagnosis.fitted import demo_arm, log
 from steelyard.cli.evidence import Subject, case_of
 from steelyard.cli.river import log_files
-from steelyard.diagnosis import Case, Judgement
+from steelyard.diagnosis import Case, Judgement, joint_zeros
 from steelyard.diagnosis.joint_zeros import JointZeros
 from steelyard.progress import silent
 from steelyard.robot.robot_file import load_robot
@@ -37,7 +38,9 @@ def test_an_offset_is_doubtful_with_the_line_that_corrects_it(tmp_path: Path) ->
 def test_with_that_line_no_offset_stands_out(tmp_path: Path) -> None:
     line = "position_offset = [0.0, 0.2, 0.0, 0.0, 0.0, 0.0]"
     (finding,) = JointZeros()(case(tmp_path, (0.0, 0.2, 0.0, 0.0, 0.0, 0.0), line))
-    assert finding.judgement == Judgement.OK and finding.says == "no zero offset stands out"
+    assert finding.judgement == Judgement.OK and finding.says.startswith(
+        "no zero offset stands out"
+    )
     assert "zero offset of shoulder_lift 0.1998 ± 0.00" in finding.figure
     assert "not identifiable: shoulder_turn, flange_roll" in finding.figure
 
@@ -45,3 +48,14 @@ def test_with_that_line_no_offset_stands_out(tmp_path: Path) -> None:
 @pytest.mark.parametrize("line", ['position_offset = "identify"'])
 def test_what_is_to_be_identified_is_not_asked_about(line: str, tmp_path: Path) -> None:
     assert JointZeros()(case(tmp_path, (0.0,) * 6, line)) == ()
+
+
+def test_an_offset_that_other_errors_explain_as_well_is_open(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = joint_zeros.ranked_causes
+    monkeypatch.setattr(joint_zeros, "ranked_causes", lambda *a: replace(found(*a), blamed=()))
+    (finding,) = JointZeros()(case(tmp_path, (0.0, 0.2, 0.0, 0.0, 0.0, 0.0)))
+    assert finding.judgement == Judgement.OK and not finding.answered
+    assert "zero offset of shoulder_lift 0.1998 ± 0.00" in finding.says
+    assert "not decided" in finding.says

@@ -56,9 +56,15 @@ def _found(model: Model, runs: tuple[Run, ...]) -> Finding:
         says = "not estimated: too few samples"
         return Finding(JointZeros.name, "", Judgement.OK, says, "", answered=False)
     far = far_offsets(offsets)
-    if not ranked.blamed or ranked.blamed[0].kind != "zero_offset" or not far.any():
-        says = "no zero offset stands out"
+    if not far.any():
+        says = f"no zero offset stands out{_hidden(offsets)}"
         return Finding(JointZeros.name, "", Judgement.OK, says, _figure(offsets))
+    if not ranked.blamed or ranked.blamed[0].kind != "zero_offset":
+        says = (
+            f"{numbers(offsets, far)} is not decided: other errors of the model explain as much; "
+            f"compare the zeros with the robot{_hidden(offsets)}"
+        )
+        return Finding(JointZeros.name, "", Judgement.OK, says, _figure(offsets), answered=False)
     return Finding(
         JointZeros.name,
         "",
@@ -76,5 +82,11 @@ def _figure(offsets: ZeroOffsets) -> str:
     text = numbers(offsets, identified) if identified.any() else "none is identifiable"
     if identified.all() or not identified.any():
         return text
-    left = (joint for joint, known in zip(offsets.joints, identified, strict=True) if not known)
-    return f"{text}; not identifiable: {', '.join(left)}"
+    return f"{text}{_hidden(offsets)}"
+
+
+def _hidden(offsets: ZeroOffsets) -> str:
+    """Joints whose offsets these data do not identify; empty if there are none."""
+    known = np.isfinite(offsets.std)
+    left = [joint for joint, sure in zip(offsets.joints, known, strict=True) if not sure]
+    return f"; not identifiable: {', '.join(left)}" if left else ""
