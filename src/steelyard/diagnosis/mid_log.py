@@ -199,10 +199,16 @@ def _load(border: _Border, rows: list[tuple[_Row, Array]]) -> Change:
 
 
 def _load_columns(run: Information, robot: Robot, base: BaseMap) -> Array:
-    """Ten numbers of the last link to the information's columns, shape `(columns, 10)`."""
-    numbers = [base.names.index(f"{kind}.{robot.bodies[-1].name}") for kind in INERTIAL_NAMES]
+    """Ten numbers of the last link to the information's columns, shape `(columns, 10)`.
+
+    Zero where the model has no rigid bodies.
+    """
+    names = [f"{kind}.{robot.bodies[-1].name}" for kind in INERTIAL_NAMES]
+    found = np.zeros((len(run.layout.columns), len(names)))
+    if not set(names) <= set(base.names):
+        return found
+    numbers = [base.names.index(name) for name in names]
     lift, place = base.lift, {name: k for k, name in enumerate(run.layout.columns)}
-    found = np.zeros((len(run.layout.columns), len(numbers)))
     for row, name in zip(lift, base.base_names, strict=True):
         if name in place:
             found[place[name]] = row[numbers]
