@@ -19,6 +19,8 @@ from steelyard.robot.edits import edited, lines_of
 
 ROUNDS = 4
 """Checks at most: one thing that is wrong can hide another."""
+REFINED = ("signals", "effort", "delay")
+"""The key that may change again: residuals show a delay more exactly once most of it is out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +122,8 @@ def fixed(
         asked = [c for c in _asked(diagnosis, changes) if edited(text, [c.edit]) != text]
         if not asked:
             break
-        changes += asked
+        anew = {change.edit.path for change in asked}
+        changes = [c for c in changes if c.edit.path not in anew] + asked
         new = _loaded(new, edited(text, [change.edit for change in asked]), target)
         diagnosis = diagnosed(new, files, reference, progress, quick=quick)
     worse = sorted(_wrong(diagnosis) & {f.suspicion for f in first.findings if _fine(f)})
@@ -167,8 +170,8 @@ def _loaded(subject: Subject, text: str, target: Path) -> Subject:
 
 
 def _asked(diagnosis: Diagnosis, changes: Sequence[Change]) -> list[Change]:
-    """The edits that are asked for and of keys not changed before."""
-    before = {change.edit.path for change in changes}
+    """The edits that are asked for and of keys not changed before, or refined."""
+    before = {change.edit.path for change in changes} - {REFINED}
     return [
         Change(edit, _asking(diagnosis, edit))
         for edit in diagnosis.edits
