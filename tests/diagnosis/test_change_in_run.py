@@ -66,13 +66,14 @@ def test_an_offset_that_jumps_is_found_with_its_joint(arm: Arm) -> None:
     assert value == pytest.approx(jump, rel=0.03)
 
 
-def test_a_sound_log_and_slow_drift_are_no_change(arm: Arm) -> None:
+def test_a_sound_log_is_no_change_and_slow_drift_is_of_friction(arm: Arm) -> None:
     assert found(arm, arm.table) == ()
     drift = arm.table.copy()
     efforts = arm.at("tau{}_Nm")
     ramp = np.linspace(-0.05, 0.05, len(drift))[:, None] * drift[:, efforts].std(axis=0)
     drift[:, efforts] += ramp * np.sign(arm.motion.dq)
-    assert found(arm, drift) == ()
+    (finding,) = found(arm, drift)
+    assert finding.judgement == Judgement.OK and "friction drifts" in finding.says
 
 
 def test_a_scale_that_drifts_is_named_with_its_joints(arm: Arm) -> None:
@@ -93,4 +94,6 @@ def test_friction_that_falls_is_no_drift_of_the_scale(arm: Arm) -> None:
     change -= arm.truth.model.at(arm.truth.values).torque(arm.motion)
     table = arm.table.copy()
     table[:, arm.at("tau{}_Nm")] += np.linspace(0.0, 1.0, len(table))[:, None] * change
-    assert all("scale" not in finding.says for finding in found(arm, table))
+    (finding,) = found(arm, table)
+    assert finding.judgement == Judgement.OK and finding.headline
+    assert "friction drifts" in finding.says and "scale" not in finding.says

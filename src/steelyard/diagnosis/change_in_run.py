@@ -46,6 +46,9 @@ class ChangeInRun:
             found += [_of_offset(step, case) for step in steps]
             if drifts and not steps:
                 found.append(_of_drift(drifts, case))
+            warm = [drift for drift in scale_drifts(run, friction=True) if _sure_drift(drift)]
+            if warm and not drifts and not steps:
+                found.append(_of_friction(warm, case))
         return tuple(sorted(found, key=lambda finding: -finding.judgement))
 
 
@@ -123,21 +126,41 @@ def _of_offset(change: Change, case: FittedCase) -> Finding:
     )
 
 
-def _of_drift(drifts: list[Drift], case: FittedCase) -> Finding:
-    names = [case.identified.model.robot.coordinates[drift.row].name for drift in drifts]
-    changes = ", ".join(
+def _changes(drifts: list[Drift], case: FittedCase) -> tuple[tuple[str, ...], str]:
+    """Names of the joints, and by how much each changes."""
+    names = tuple(case.identified.model.robot.coordinates[drift.row].name for drift in drifts)
+    words = ", ".join(
         f"'{name}' by about {100.0 * drift.change:+.0f} %"
         for name, drift in zip(names, drifts, strict=True)
     )
+    return names, words
+
+
+def _of_friction(drifts: list[Drift], case: FittedCase) -> Finding:
+    names, words = _changes(drifts, case)
+    return Finding(
+        ChangeInRun.name,
+        drifts[0].run,
+        Judgement.OK,
+        f"friction drifts from start to end of the log, as it does while gears warm: {words}",
+        "",
+        names,
+        mend=Mend("Log once the gears are warm"),
+        headline=True,
+    )
+
+
+def _of_drift(drifts: list[Drift], case: FittedCase) -> Finding:
+    names, words = _changes(drifts, case)
     least = min(drift.explained for drift in drifts)
     return Finding(
         ChangeInRun.name,
         drifts[0].run,
         Judgement.DOUBTFUL,
         "the scale of efforts drifts from start to end of the log, as a gain or a sensor that "
-        f"warms does: {changes}",
+        f"warms does: {words}",
         f"this explains {100.0 * least:.0f} % of the squared residual or more, bound "
         f"{100.0 * DRIFTS:.0f} %",
-        tuple(names),
+        names,
         mend=Mend("log once the drives are warm, or cut the log into parts: LOG@START:STOP"),
     )

@@ -43,17 +43,18 @@ class Drift:
     rise: float
 
 
-def scale_drifts(run: Information) -> tuple[Drift, ...]:
-    """The drift of every row whose bodies show one.
+def scale_drifts(run: Information, *, friction: bool = False) -> tuple[Drift, ...]:
+    """The drift of every row whose bodies, or whose friction, show one.
 
     Args:
         run: Information of one run, by windows.
+        friction: Of friction and offsets instead of bodies and rotors.
     """
     if len(run.windows) < WINDOWS:
         return ()
     middle = np.array([0.5 * (window.start + window.stop) for window in run.windows])
     time = (middle - middle.mean()) / (run.windows[-1].stop - run.windows[0].start)
-    found = (_of_row(run, row, time) for row in range(len(run.layout.rows)))
+    found = (_of_row(run, row, time, friction) for row in range(len(run.layout.rows)))
     return tuple(drift for drift in found if drift is not None)
 
 
@@ -63,14 +64,14 @@ def together(rows: Sequence[Drift]) -> float:
     return 1.0 - float(np.exp(np.mean(left))) if left else 0.0
 
 
-def _of_row(run: Information, row: int, time: Array) -> Drift | None:
+def _of_row(run: Information, row: int, time: Array, friction: bool) -> Drift | None:
     names = [run.layout.columns[c] for c in run.layout.sees[row]]
-    bodies = np.array([name.split(".")[0] not in OWN for name in names])
+    chosen = np.array([(name.split(".")[0] in OWN) == friction for name in names])
     grams = run.row_grams(row)
     whole, once, twice = (np.tensordot(time**k, grams, 1) for k in (0, 1, 2))
     own = _whitened(whole[:-1, :-1])
     effort = own.T @ whole[:-1, -1]
-    torque = np.where(bodies, own @ effort, 0.0)
+    torque = np.where(chosen, own @ effort, 0.0)
     left = float(whole[-1, -1] - effort @ effort)
     freedom = float(run.counts[:, row].sum()) - own.shape[1] - 1.0
     shared = own.T @ once[:-1, :-1] @ torque
