@@ -37,7 +37,7 @@ def test_an_effort_that_never_changes_is_no_effort(
     table.with_columns(pl.lit(7.0).alias("tau3_Nm")).write_csv(tmp_path / "dead.csv")
     done = command("identify", ROBOT, tmp_path / "dead.csv", "-o", tmp_path / "o")
     assert done.exit_code == 2
-    assert "column 'tau3_Nm' never changes" in done.stderr
+    assert "effort of elbow (column 'tau3_Nm') never changes" in done.stderr
 
 
 def test_a_simulated_log_looks_as_the_robot_file_says(

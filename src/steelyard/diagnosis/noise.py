@@ -59,7 +59,7 @@ class Noise:
             Judgement.WRONG if constant.any() else Judgement(int(len(bad) > 0)),
             "; ".join(
                 [
-                    *_constant(case, constant),
+                    *_constant(case, evidence, constant),
                     *_blamed(case, sight, coarse, loud, levels),
                     _facts(case, sight, noise, units),
                 ]
@@ -72,8 +72,9 @@ class Noise:
         )
 
 
-def _constant(case: Case, constant: NDArray[np.bool_]) -> list[str]:
-    names = ", ".join(case.joints[j] for j in np.flatnonzero(constant))
+def _constant(case: Case, evidence: Evidence, constant: NDArray[np.bool_]) -> list[str]:
+    columns = evidence.recording.signals.effort
+    names = ", ".join(f"{case.joints[j]} (column '{columns[j]}')" for j in np.flatnonzero(constant))
     return [f"the effort of {names} never changes: it is not measured"] if names else []
 
 
