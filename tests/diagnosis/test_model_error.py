@@ -6,7 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 import pytest
+from scipy.signal import lfilter
 
 from diagnosis.fitted import case, demo_arm, log
 from steelyard.diagnosis import Finding, Judgement
@@ -96,6 +98,23 @@ def test_a_friction_law_that_lacks_is_a_remark(
     assert finding.judgement == Judgement.OK and finding.headline
     causes = finding.says.partition("do not add them): ")[2]
     assert f"(term {term.law})" in causes.split(",")[0]
+
+
+def test_slow_noise_is_named_where_no_cause_explains_the_residuals(
+    loaded: LoadedRobot, tmp_path: Path
+) -> None:
+    paths = [tmp_path / f"run{k}.parquet" for k in (1, 2)]
+    for k, path in enumerate(paths):
+        log(path, random_truth(loaded.robot, 1), k)
+        table, rng = pl.read_parquet(path), np.random.default_rng(k)
+        efforts = [name for name in table.columns if name.startswith("tau")]
+        slow = lfilter([1.0], [1.0, -0.99], rng.standard_normal((table.height, len(efforts))), 0)
+        noisy = table[efforts].to_numpy() + 0.01 * slow
+        table.with_columns(
+            pl.Series(name, noisy[:, j]) for j, name in enumerate(efforts)
+        ).write_parquet(path)
+    (finding,) = ModelError()(case(loaded, paths))
+    assert finding.headline and "or the noise varies slowly" in finding.says
 
 
 def test_large_residuals_beside_unknown_noise_are_said(

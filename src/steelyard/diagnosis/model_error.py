@@ -147,8 +147,11 @@ def _blamed(found: Sequence[Cause], inflation: float) -> tuple[Cause, ...]:
 def _remark(ranked: Ranked) -> Finding:
     """What stands beside the headline where no single error is to blame."""
     likely = [cause for cause in ranked.found if cause.share >= SHARE][:NAMED]
-    says = f"{residuals(ranked.beside)}: the model lacks something, and intervals do not cover it"
-    if likely:
+    says = f"{residuals(ranked.beside)}: the model lacks something"
+    if not likely:
+        says += ", which intervals do not cover, or the noise varies slowly"
+    else:
+        says += ", and intervals do not cover it"
         named = (f"{cause.says} {100.0 * cause.share:.0f} %" for cause in likely)
         says += f"; each tried alone removes (do not add them): {', '.join(named)}"
     return Finding(ModelError.name, "", Judgement.OK, says, "", headline=True)
