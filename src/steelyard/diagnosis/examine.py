@@ -7,7 +7,7 @@ from steelyard.diagnosis.case import Case
 from steelyard.diagnosis.finding import Edit, Finding, Judgement
 from steelyard.diagnosis.register import SUSPICIONS
 from steelyard.diagnosis.suspicion import Suspicion
-from steelyard.diagnosis.together import together
+from steelyard.diagnosis.together import together, whole
 from steelyard.progress import tell
 
 
@@ -59,4 +59,4 @@ def examine(
     for number, suspicion in enumerate(asked):
         tell(case.progress, f"checking: {suspicion.name}", number, len(asked))
         findings += together(suspicion(case))
-    return Diagnosis(tuple(findings))
+    return Diagnosis(whole(findings))

@@ -40,10 +40,13 @@ class Mend:
     Attributes:
         says: In one sentence.
         edits: What to change in the robot file; none where the file cannot mend it.
+        jointly: Whether all such edits of a log were tried as one change: one without the others
+            is untested, and none is written where another one cannot be.
     """
 
     says: str
     edits: tuple[Edit, ...] = ()
+    jointly: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -131,7 +131,8 @@ def _mend(
     paths = {edit.path for edit in wanted}
     if rival.cause in ("joint order", "position sign"):
         paths |= {("signals", "velocity"), ("signals", "velocity_sign")}
-    return Mend(advice(rival), tuple(e for e in whole if e.path in paths)), judgement
+    mine = tuple(edit for edit in whole if edit.path in paths)
+    return Mend(advice(rival), mine, bool(mine)), judgement
 
 
 def hypotheses(held: Verdict, cause: str) -> tuple[Hypothesis, ...]:

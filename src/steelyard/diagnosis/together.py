@@ -34,9 +34,29 @@ def _shared(
     if mend is None or not mend.edits:
         return finding
     if contradicted and finding.log and finding.judgement == Judgement.WRONG:
-        return replace(finding, mend=Mend(f"{mend.says}; {APART}"))
+        return replace(finding, mend=_apart(mend))
     edits = tuple(Edit(edit.path, _middle(wanted[edit.path])) for edit in mend.edits)
-    return replace(finding, mend=Mend(mend.says, edits))
+    return replace(finding, mend=replace(mend, edits=edits))
+
+
+def whole(findings: Sequence[Finding]) -> tuple[Finding, ...]:
+    """The findings of all suspicions; edits that were tried as one change stay together or go.
+
+    Args:
+        findings: What `together` made of the findings of each suspicion.
+    """
+    lost = {f.log for f in findings if f.mend is not None and f.mend.jointly and not f.mend.edits}
+    return tuple(
+        replace(f, mend=_apart(f.mend))
+        if f.mend is not None and f.mend.jointly and f.mend.edits and f.log in lost
+        else f
+        for f in findings
+    )
+
+
+def _apart(mend: Mend) -> Mend:
+    """The advice without edits: the robot file that the logs share cannot be changed so."""
+    return replace(mend, says=f"{mend.says}; {APART}", edits=())
 
 
 def _middle(values: Sequence[Any]) -> Any:
