@@ -241,10 +241,10 @@ def all_found(seeds: range) -> Found:
     return total
 
 
-def main() -> list[Claim]:
+def main(drawn: int = DRAWN) -> list[Claim]:
     """What holds over all cells."""
     begun = time.monotonic()
-    found = all_found(range(int(sys.argv[1]) if len(sys.argv) > 1 else DRAWN))
+    found = all_found(range(drawn))
     for word in ("refused", "violations", "above", "uncovered"):
         for line in getattr(found, word):
             print(f"{word}: {line}", file=sys.stderr)
@@ -286,4 +286,4 @@ def main() -> list[Claim]:
 
 
 if __name__ == "__main__":
-    main_of(main)
+    main_of(lambda: main(int(sys.argv[1]) if len(sys.argv) > 1 else DRAWN))
