@@ -199,3 +199,24 @@ def test_the_mirror_of_an_order_pairs_the_same_columns(arm):
             zip(after.position, after.effort, strict=True)
         )
         assert mirror.position != after.position and mirror.effort != after.effort
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+@pytest.mark.parametrize("gravity", ["[0.0, 0.0, 9.81]", "[3.355, 0.0, -9.218]"])
+def test_gravity_declared_elsewhere_is_found_whatever_links_weigh(arm, gravity, factor):
+    nominal_times(arm, factor)
+    text = arm.text.replace("[robot]", f"[robot]\ngravity = {gravity}", 1)
+    found = arm.examined(arm.table, text, known=False)
+    assert wrong(found) == ["mounting"]
+    direction = np.array(edits(found)["robot.gravity"])
+    assert direction @ [0.0, 0.0, -1.0] / np.linalg.norm(direction) > np.cos(np.deg2rad(1.0))
+
+
+@pytest.mark.parametrize("factor", [0.7, 1.5])
+def test_efforts_in_kilonewtonmetres_are_a_unit_not_a_gain(arm, factor):
+    nominal_times(arm, factor)
+    table = arm.table.copy()
+    table[:, arm.at(TAU)] *= 1e-3
+    found = arm.examined(table, known=False)
+    assert wrong(found) == ["effort unit"]
+    assert edits(found) == {"signals.effort.gain": [1000.0] * 6}

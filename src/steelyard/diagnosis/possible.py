@@ -74,7 +74,7 @@ def possible(trial: Trial, reading: Reading) -> Possible | None:
 def _possible(trial: Trial, reading: Reading) -> Possible | None:
     thin = replace(trial, excerpt=trial.excerpt.thinned(SAMPLES))
     bare = reading.changed(payload=None)
-    columns, efforts, moving = _rows(thin, bare)
+    columns, efforts, moving = rows_of(thin, bare)
     if not (np.isfinite(columns).all() and moving.any() and efforts.any()):
         return None
     whole = np.maximum(np.sum(np.square(efforts), axis=1), 1e-30)
@@ -93,7 +93,7 @@ def _possible(trial: Trial, reading: Reading) -> Possible | None:
     return Possible(score, problem.typical(u))
 
 
-def _rows(trial: Trial, reading: Reading) -> tuple[Array, Array, Array]:
+def rows_of(trial: Trial, reading: Reading) -> tuple[Array, Array, Array]:
     """Columns of bodies and nuisances `(n, N, k)`, efforts and where joints move `(n, N)`."""
     q, dq, ddq = trial.motion(reading)
     bodies = columns_of(trial.knowledge, q, dq, ddq, reading.gravity)

@@ -55,8 +55,7 @@ def effort_rivals(
     n = len(names)
     effort = list(reading.effort)
     yield from _factors(trial, reading, sums, _signs(n, names), "effort sign")
-    units = {f"efforts are {says}": np.full(n, f) for says, f in THOUSAND.items()}
-    yield from _factors(trial, reading, sums, units, "effort unit")
+    yield from unit_rivals(trial, reading, sums)
     for other in others:
         changed = reading.changed(kind=other.kind)
         found = {other.says: other.factors}
@@ -81,6 +80,13 @@ def effort_rivals(
     changed = reading if kind == "gain" else reading.changed(kind="motor_current")
     yield from _factors(trial, changed, sums, every, kind, n * OWN, tuple(range(n)))
     yield from _orders(trial, reading, sums)
+
+
+def unit_rivals(trial: Trial, reading: Reading, sums: Sums) -> Iterator[Rival]:
+    """Efforts in a thousandth or a thousand times the declared unit."""
+    n = trial.signals.n
+    units = {f"efforts are {says}": np.full(n, f) for says, f in THOUSAND.items()}
+    yield from _factors(trial, reading, sums, units, "effort unit")
 
 
 def _signs(n: int, names: tuple[str, ...]) -> dict[str, Array]:

@@ -52,13 +52,9 @@ def gravity_rivals(trial: Trial, reading: Reading) -> Iterator[Rival]:
         length = float(np.linalg.norm(fitted.values))
         if 0.3 * size < length < 3.0 * size:
             direction = fitted.values / length
-            axis = np.zeros(3)
-            k = int(np.argmax(np.abs(direction)))
-            axis[k] = np.sign(direction[k])
-            if direction @ axis > np.cos(NEAR):
-                tried[f"gravity along {_name(axis)}"] = size * axis, FREE
-            else:
-                tried["gravity along " + _shown(direction)] = size * direction, 2.0 * FREE
+            axis = axis_near(direction)
+            cost = 2.0 * FREE if axis is None else FREE
+            tried[gravity_words(direction)] = size * (direction if axis is None else axis), cost
     for says, (gravity, cost) in tried.items():
         if not np.allclose(gravity, reading.gravity):
             yield _world("mounting", says, trial, reading.changed(gravity=gravity), cost)
@@ -164,10 +160,18 @@ def _fit(
     return shared_fit(residual, columns, y[:, :4], trial.bounds, size, trial.excerpt.worth, prior)
 
 
-def _name(axis: Array) -> str:
+def axis_near(direction: Array) -> Array | None:
+    """The axis of the base frame along which gravity is taken to lie; `None` if none is near."""
+    axis = np.zeros(3)
+    k = int(np.argmax(np.abs(direction)))
+    axis[k] = np.sign(direction[k])
+    return axis if direction @ axis > np.cos(NEAR) else None
+
+
+def gravity_words(direction: Array) -> str:
+    """A direction of gravity in a few words."""
+    axis = axis_near(direction)
+    if axis is None:
+        return "gravity along (" + ", ".join(f"{x:.2f}" for x in direction) + ")"
     k = int(np.argmax(np.abs(axis)))
-    return f"{'+' if axis[k] > 0 else '-'}{'xyz'[k]}"
-
-
-def _shown(direction: Array) -> str:
-    return "(" + ", ".join(f"{x:.2f}" for x in direction) + ")"
+    return f"gravity along {'+' if axis[k] > 0 else '-'}{'xyz'[k]}"

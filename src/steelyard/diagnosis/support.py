@@ -15,6 +15,8 @@ from steelyard.diagnosis.finding import Judgement
 from steelyard.diagnosis.possible import Possible, possible
 from steelyard.diagnosis.reading import Reading
 from steelyard.diagnosis.rival import FREE, Rival, one_of
+from steelyard.diagnosis.rivals_effort import unit_rivals
+from steelyard.diagnosis.rivals_mounting import mounting_rivals
 from steelyard.diagnosis.rivals_together import combined_rivals
 from steelyard.diagnosis.rivals_world import SHARP
 from steelyard.diagnosis.trial import FLOOR, Trial
@@ -29,6 +31,11 @@ HEAVIEST = 6.0
 POOR, ROUGH = 10.0, 25.0
 """Misfit of bodies of the log's own [%] from which on other orders and signs are tried, and up to
 which they are proposed."""
+FAIR = 5.0
+"""The same from which on other directions of gravity are tried."""
+KILO = 2.5
+"""Factor up to which links may differ from a model file's for efforts to be in a unit that is a
+thousand times the declared one: no gain is as large."""
 CLOSE = 3.0
 """Log-likelihood within which two explanations agree equally well."""
 
@@ -63,6 +70,11 @@ def supported(
     kept: list[tuple[Rival, Judgement]] = []
     reading, asked = trial.declared, False
     for rival, judgement in winners:
+        thousand = _as_thousand(trial, reading, rival)
+        if thousand is not None:
+            kept.append((thousand, judgement))
+            reading = thousand.reading
+            break
         if rival.cause == "payload" or contradicted(trial, reading, rival):
             kept.append((replace(rival, fixed=not _fitted(reading, rival)), judgement))
         elif _only_factor(reading, rival):
@@ -74,11 +86,9 @@ def supported(
             kept.append((replace(rival, fixed=False), Judgement.DOUBTFUL))
             break
         reading = rival.reading
-    bodies = possible(trial, reading)
-    if bodies is None or bodies.percent > POOR or _worst(bodies) > ROUGH:
-        whole = _combined(trial, bodies)
-        if whole:
-            kept, reading = list(whole), whole[-1][0].reading
+    whole = _combined(trial, possible(trial, reading))
+    if whole:
+        kept, reading = list(whole), whole[-1][0].reading
     kept = _unrivalled(trial, kept)
     scale = _scale(trial, reading, asked)
     return (*kept, scale) if scale is not None else tuple(kept)
@@ -155,20 +165,39 @@ def _of_unit(trial: Trial, reading: Reading, rival: Rival) -> bool:
     return known and then is not None and now is not None and _far(then) and not _far(now)
 
 
+def _as_thousand(trial: Trial, reading: Reading, rival: Rival) -> Rival | None:
+    """The unit that a fitted factor is near, if it leaves likely masses; `None` otherwise."""
+    factors = rival.reading.effort_scale / reading.effort_scale
+    near = np.all((factors > 1e3 / KILO) & (factors < 1e3 * KILO))
+    if not near or not _fitted(reading, rival) or "A" in trial.signals.effort_units:
+        return None
+    rivals = unit_rivals(trial, reading, trial.sums([reading]))
+    unit = max(rivals, key=lambda r: float(np.sum(r.reading.effort_scale)))
+    return unit if _of_unit(trial, reading, unit) else None
+
+
 def _far(found: Possible) -> bool:
     return max(found.scale, 1.0 / found.scale) > HEAVIEST
 
 
 def _combined(trial: Trial, now: Possible | None) -> tuple[tuple[Rival, Judgement], ...]:
-    """Order and signs of all columns at once, if the data speak for another than is declared."""
-    found = combined_rivals(trial)
+    """Order and signs of all columns, or gravity, if the data speak for another than is declared.
+
+    So much is changed at once that the misfit must fall in the typical joint, or be small in all.
+    """
+    own = possible(trial, trial.declared)
+    if now is None or own is None:
+        return ()
+    poor = now.percent > POOR or _worst(now) > ROUGH
+    found = combined_rivals(trial) if poor else []
+    found += mounting_rivals(trial) if now.percent > FAIR or _worst(now) > POOR else []
     if not found:
         return ()
+    found.sort(key=lambda pair: -pair[0].log_likelihood)
     best, bodies = found[0]
-    own = possible(trial, trial.declared)
-    if now is None or own is None or not better(bodies, now, best.cost):
+    if not better(bodies, now, best.cost):
         return ()
-    if bodies.percent > ROUGH:
+    if bodies.percent > ROUGH or (FALL * bodies.percent > now.percent and _worst(bodies) > POOR):
         return ()
     near = [r for r, _ in found[1:] if r.log_likelihood > best.log_likelihood - CLOSE]
     sure = not near
@@ -182,6 +211,9 @@ def _combined(trial: Trial, now: Possible | None) -> tuple[tuple[Rival, Judgemen
 def _parts(trial: Trial, best: Rival) -> Iterator[Rival]:
     """One explanation per cause, all of the same reading."""
     names, before, after = trial.knowledge.robot.joint_names, trial.declared, best.reading
+    if best.cause:
+        yield best
+        return
     if (after.position, after.effort) != (before.position, before.effort):
         says = _order_of(trial, after)
         yield replace(best, cause="joint order", says=says)
