@@ -22,6 +22,8 @@ RISES = {"load": 200.0, "offset": 100.0}
 DRIFTS, DRIFT_RISES, LEAST_DRIFT = 0.3, 100.0, 0.05
 """Least share of a joint's squared residual that a drift of its scale explains, least rise, and
 least change; in sound logs of ten real robots the rise is at most 44."""
+ABSURD = 3.0
+"""Relative change beyond which the number says no more than that it is large."""
 SURE = 5.0
 """Standard deviations that a load or a step must have."""
 
@@ -130,10 +132,16 @@ def _changes(drifts: list[Drift], case: FittedCase) -> tuple[tuple[str, ...], st
     """Names of the joints, and by how much each changes."""
     names = tuple(case.identified.model.robot.coordinates[drift.row].name for drift in drifts)
     words = ", ".join(
-        f"'{name}' by about {100.0 * drift.change:+.0f} %"
-        for name, drift in zip(names, drifts, strict=True)
+        f"'{name}' by {_size(drift.change)}" for name, drift in zip(names, drifts, strict=True)
     )
     return names, words
+
+
+def _size(change: float) -> str:
+    """A relative change in a few words."""
+    if abs(change) <= ABSURD:
+        return f"about {100.0 * change:+.0f} %"
+    return f"more than {'+' if change > 0.0 else '-'}{100.0 * ABSURD:.0f} %"
 
 
 def _of_friction(drifts: list[Drift], case: FittedCase) -> Finding:

@@ -38,6 +38,8 @@ FRICTION, LEFT = 0.5, 0.2
 """Friction and offsets fitted anew leave no more than `ABOVE` times the residuals of the fit, or
 `LEAST`, and at most the first part of the error, for they lower that of any log; or the second."""
 
+RESTING = 1e-6
+"""Residual, relative to the largest, up to which a joint was not fitted as it did not move."""
 BODIES = 30.0
 """Typical error [%] with friction and offsets fitted anew from which on bodies are wrong."""
 
@@ -65,11 +67,11 @@ class UnseenReason:
 
 
 def excess(identified: IdentifiedModel, score: RunScore) -> float:
-    """RMS error of a run over the residuals of the fit, root mean square over joints."""
+    """RMS error of a run over the residuals of the fit, root mean square over joints that moved."""
     gains = np.abs(np.asarray(identified.signals.gains))
     sigma = np.asarray(identified.estimate.sigma) / gains
     rmse = np.array([joint.rmse for joint in score.joints])
-    seen = sigma > 0.0
+    seen = sigma > RESTING * sigma.max(initial=0.0)
     return float(np.sqrt(np.mean(np.square(rmse[seen] / sigma[seen])))) if seen.any() else 0.0
 
 
@@ -87,7 +89,7 @@ def _reason(fit: FittedCase, run: Run, score: RunScore, ratio: float) -> Finding
     figure = f"RMS error {times} times the residuals of the fit, typical error {typical:.1f} %"
     left = typical if held is None else _with_other_friction(held.ranking.trial)
     enough = max(min(max(LEAST, ABOVE * own), FRICTION * typical), LEFT * typical)
-    if left <= enough:
+    if left <= min(enough, BODIES):
         return Finding(
             UnseenReason.name,
             run.name,
