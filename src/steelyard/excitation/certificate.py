@@ -27,7 +27,8 @@ EXTREMES = (
 
 COVERS = (
     "the motion from its start posture to its end; the way from where the robot stands to the "
-    "start posture is not covered"
+    "start posture is not covered, nor are accelerations and torques that a controller adds "
+    "between the points of a file"
 )
 """What a certificate is about."""
 
