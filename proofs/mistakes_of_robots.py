@@ -189,7 +189,7 @@ def tau_columns(arm: Arm) -> Job:
 
 UPPER, FOREARM = '"0 0 0.360"', '"0 -0.060 0.260"'
 COMPUTED = r"(check|headline|refusal).*(noise-free|computed|no noise|without noise)"
-ZERO = r"zero[_ ](offset|position)|zeros? of|joint zeros?"
+ZERO = r"(check|headline|refusal).*zero offset of \w+ -?\d"
 LOAD = r"(headline|refusal|check wrong|validate).*(payload|carries|load)"
 REPEATED = r"(headline|validate|note|refusal|check).*(repeat|same motion|same samples|is fitted)"
 OTHER = r"(another|other|different) robot|not the same robot|robots? differ|two robots"

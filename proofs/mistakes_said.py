@@ -107,12 +107,12 @@ def validation(model: Path, log: str) -> list[str]:
 
 
 def findings(diagnosis: Diagnosis) -> list[str]:
-    """What `check` says that is not ok."""
+    """What `check` says that is not ok, or that it leaves open."""
     return [
-        f"check {f.judgement.word} {f.suspicion}: {f.log}: {', '.join(f.joints)}: {f.says} "
-        f"({f.figure}) {'' if f.mend is None else f.mend.says}"
-        for f in diagnosis.findings
-        if f.judgement
+        f"check {f.judgement.word if f.judgement else 'open'} {f.suspicion}: {f.log}: "
+        f"{', '.join(f.joints)}: {f.says} ({f.figure}) {'' if f.mend is None else f.mend.says}"
+        for f in sorted(diagnosis.findings, key=lambda f: -f.judgement)
+        if f.judgement or not f.answered
     ]
 
 
