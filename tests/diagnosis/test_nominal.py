@@ -213,10 +213,50 @@ def test_gravity_declared_elsewhere_is_found_whatever_links_weigh(arm, gravity, 
 
 
 @pytest.mark.parametrize("factor", [0.7, 1.5])
-def test_efforts_in_kilonewtonmetres_are_a_unit_not_a_gain(arm, factor):
+@pytest.mark.parametrize("mounted", ["", "\ngravity = [9.81, 0.0, 0.0]"])
+def test_efforts_in_kilonewtonmetres_are_a_unit_not_a_gain(arm, factor, mounted):
     nominal_times(arm, factor)
     table = arm.table.copy()
     table[:, arm.at(TAU)] *= 1e-3
-    found = arm.examined(table, known=False)
+    text = arm.text.replace("[robot]", "[robot]" + mounted, 1)
+    found = arm.examined(table, text, known=False)
+    if mounted:
+        assert set(wrong(found)) == {"mounting", "effort unit"}
+        assert edits(found)["signals.effort.gain"] == [1000.0] * 6
+        return
     assert wrong(found) == ["effort unit"]
     assert edits(found) == {"signals.effort.gain": [1000.0] * 6}
+
+
+@pytest.mark.parametrize("declared", [True, False])
+def test_a_placeholder_for_speed_makes_no_degrees(arm, declared):
+    urdf = arm.path.parent / "demo_arm.urdf"
+    urdf.write_text(re.sub(r'velocity="[^"]*"', 'velocity="0.1"', urdf.read_text()))
+    text = re.sub(r"\n\[robot\.limits.*?(?=\n\[)", "", arm.text, flags=re.DOTALL)
+    if not declared:
+        text = re.sub(r"\nvelocity = .*", "", text)
+    found = arm.examined(arm.table, text, known=False)
+    assert not {"position", "velocity", "excitation"} & {
+        f.suspicion for f in found.findings if f.judgement
+    }
+
+
+def test_a_constant_pull_is_not_called_a_mounting(arm):
+    case = arm.case(arm.table, known=False)
+    trial = ranking(case, case.logs[0]).trial
+    pulls = np.linalg.norm(trial.size) * np.array([0.5, 0.0, 0.3, 0.1, 0.2, 0.0])
+    table = arm.table.copy()
+    q = table[:, arm.at(Q)]
+    table[:, arm.at(TAU)] += pulls * np.cos(2.0 * q + 0.7)
+    found = arm.examined(table, known=False)
+    assert not any(
+        f.suspicion == "mounting" and f.judgement is Judgement.WRONG for f in found.findings
+    )
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-12])
+def test_efforts_of_no_size_end_in_a_finding(arm, size):
+    table = arm.table.copy()
+    table[:, arm.at(TAU)] *= size
+    found = arm.examined(table, known=False)
+    assert not found.edits and found.judgement

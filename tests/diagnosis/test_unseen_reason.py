@@ -91,3 +91,31 @@ def test_a_sign_is_a_reason(arm):
     (found,) = found_in(arm, table)
     assert "effort of 'shoulder_lift' has the other sign" in found.says
     assert found.joints == ("shoulder_lift",)
+
+
+def test_what_explains_nothing_is_no_reason_however_bad_the_fit(arm, monkeypatch):
+    noise = arm.table.copy()
+    efforts = arm.at("tau{}_Nm")
+    noise[:, efforts] = 5.0 * np.random.default_rng(1).standard_normal(noise[:, efforts].shape)
+    monkeypatch.setattr("steelyard.diagnosis.unseen_reason._own", lambda *_: 90.0)
+    assert not [f for f in found_in(arm, noise) if "most likely reason" in f.says]
+
+
+def test_a_doubt_about_a_fitted_log_comes_before_a_reason(arm):
+    names = [p.name for p in RigidBody().parameters(arm.robot)][-10:]
+    load = Inertia.about_com(3.0, [0.02, -0.01, 0.08], np.eye(3) * 0.0075).ten
+    values = dict(zip(names, (arm.truth.inertial[-1] + load).tolist(), strict=True))
+    doubt = Finding("effort kind", "fit1", Judgement.DOUBTFUL, "no reading explains it", "")
+    (found,) = found_in(arm, of(arm, arm.truth.changed(**values)), doubts=(doubt,))
+    assert found.says.startswith("the check before the fit is doubtful about fit1: no reading")
+    assert "the most likely reason of the error: the arm carries about 3 kg" in found.says
+    assert found.judgement is Judgement.DOUBTFUL
+
+
+def test_efforts_at_a_limit_are_named_where_the_error_counts_them(arm):
+    table = arm.table.copy()
+    for k in arm.at("tau{}_Nm"):
+        most = 0.6 * np.abs(table[:, k]).max()
+        table[:, k] = np.clip(table[:, k], -most, most)
+    (found,) = [f for f in found_in(arm, table) if f.suspicion == "clipped efforts"]
+    assert "are at their limit: the error counts them" in found.says and found.headline

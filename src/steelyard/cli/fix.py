@@ -113,7 +113,8 @@ def fixed(
 ) -> Fixed:
     """Change what findings ask for, and look again, as long as they ask for more.
 
-    Nothing is written with which the check finds wrong what it found ok, or as much as before.
+    Nothing is written with which the check finds wrong what it found ok, or as much as before, or
+    with which it answers fewer questions.
     """
     changes: list[Change] = []
     new, first = subject, diagnosis
@@ -131,11 +132,22 @@ def fixed(
         names = ", ".join(worse or sorted(_wrong(first)))
         why = f"with {'; '.join(c.line for c in changes)} the check finds {names} wrong"
         return Fixed(subject, (), first, (why,))
+    lost = sorted(_settled(first) - _settled(diagnosis))
+    if changes and len(_settled(diagnosis)) < len(_settled(first)):
+        lines = "; ".join(c.line for c in changes)
+        why = f"with {lines} the check can no longer tell what it found ok: {', '.join(lost)}"
+        return Fixed(subject, (), first, (why,))
     return Fixed(new, tuple(changes), diagnosis, () if changes else _unwritten(first))
 
 
 def _wrong(diagnosis: Diagnosis) -> set[str]:
     return {f.suspicion for f in diagnosis.findings if f.judgement == Judgement.WRONG}
+
+
+def _settled(diagnosis: Diagnosis) -> set[str]:
+    """Suspicions that are answered, in all logs, and not doubtful."""
+    every = {f.suspicion for f in diagnosis.findings}
+    return every - {f.suspicion for f in diagnosis.findings if not _fine(f)}
 
 
 def _fine(finding: Finding) -> bool:

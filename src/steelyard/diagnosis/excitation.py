@@ -30,7 +30,8 @@ class _Motion:
     """What each joint does, in true units.
 
     Attributes:
-        range: From lowest to highest position, shape `(n,)` [rad; m].
+        range: From lowest to highest position, in true units or, if that is more, as declared,
+            shape `(n,)` [rad; m].
         fast: Nearly its highest speed, shape `(n,)` [rad/s; m/s].
         moves: Whether it moves enough, shape `(n,)`.
         band: Frequency below which each joint's motion lives, shape `(n,)` [Hz]; 0 at rest.
@@ -112,7 +113,7 @@ def _motion(case: Case, evidence: Evidence) -> _Motion:
     if len(sight.q) < 2:
         return _Motion(np.zeros(n), np.zeros(n), np.zeros(n, dtype=np.bool_), np.zeros(n))
     low, high = np.quantile(sight.q, [QUANTILE, 1.0 - QUANTILE], axis=0)
-    reach = (high - low) * scale
+    reach = (high - low) * np.maximum(scale, 1.0)
     enough = reach >= [LITTLE[c.kind] for c in coordinates]
     moves = enough & slope.moving
     fast = np.zeros(n)

@@ -11,7 +11,7 @@ from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.finding import Edit, Finding, Judgement, Mend, Picture
 from steelyard.diagnosis.pictures import of_joints
 from steelyard.diagnosis.sight import look, with_rows
-from steelyard.diagnosis.unit_costs import beyond
+from steelyard.diagnosis.unit_costs import SAME, beyond
 from steelyard.diagnosis.units import Reading, declared_units, motion, reading, unit_value
 from steelyard.robot.column_words import Column
 from steelyard.robot.signals import POSITION_UNITS
@@ -120,31 +120,36 @@ def _other_unit(
     gain = min(units.as_declared[j].cost - units.joints[j].cost for j in other)
     unit = " and ".join(sorted({units.joints[j].position_unit for j in other}))
     value = unit_value([j.position_unit for j in units.joints], case, POSITION_UNITS)
-    fast = motion(case, evidence)
-    speed = np.quantile(np.abs(fast.v), 0.995, axis=1) if fast.v.shape[1] else np.zeros(len(off))
-    limit = case.loaded.robot.coordinates[other[0]].limits
+    sure = gain >= SURE
+    edit = Edit(("signals", "position_unit"), value)
+    says = f"say that these positions are in {unit}"
     return Finding(
         Position.name,
         evidence.name,
-        Judgement.WRONG if gain >= SURE else Judgement.DOUBTFUL,
-        f"positions of {', '.join(names)} are in {unit}: as declared, {names[0]} would get "
-        f"{off[other[0]]:.2g} times as far as its limits, at {speed[other[0]]:.2g} (limit "
-        f"{limit.velocity:.2g})" + _by_velocity(units, other[0]),
+        Judgement.WRONG if sure else Judgement.DOUBTFUL,
+        f"positions of {', '.join(names)} {'are' if sure else 'may be'} in {unit}: as declared, "
+        f"{names[0]} would {_reasons(case, evidence, units, other[0], off)}",
         _figure(case, off),
         joints=names,
-        mend=Mend(
-            f"say that these positions are in {unit}",
-            (Edit(("signals", "position_unit"), value),),
-        ),
+        mend=Mend(says, (edit,)) if sure else Mend(f"look at the log, and {says} if they are"),
         picture=picture,
     )
 
 
-def _by_velocity(units: Reading, joint: int) -> str:
-    if units.agreement is None or not units.agreement.told[joint]:
-        return ""
-    scale = abs(float(units.agreement.scale[joint]))
-    return f", and its logged velocity is {scale:.3g} times the derivative"
+def _reasons(case: Case, evidence: Evidence, units: Reading, joint: int, off: Array) -> str:
+    """What speaks against the declared unit: range, speed and logged velocities."""
+    fast, limit = motion(case, evidence), case.loaded.robot.coordinates[joint].limits.velocity
+    speed = np.quantile(np.abs(fast.v[joint]), 0.995) if fast.v.shape[1] else 0.0
+    found = []
+    if off[joint] > OUTSIDE:
+        found.append(f"get {off[joint]:.2g} times as far as its limits")
+    if speed > 0.0:
+        found.append(f"move at {speed:.2g} (limit {limit:.2g})")
+    if units.agreement is not None and units.agreement.told[joint]:
+        scale = abs(float(units.agreement.scale[joint]))
+        if abs(np.log(scale)) > np.log(SAME):
+            found.append(f"have logged velocities {scale:.3g} times the derivative")
+    return ", ".join(found) or "hardly move"
 
 
 def _facts(case: Case, evidence: Evidence) -> str:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from steelyard.diagnosis.absurd import AbsurdBodies
 from steelyard.diagnosis.below_nominal import BelowNominal
 from steelyard.diagnosis.change_in_run import ChangeInRun
+from steelyard.diagnosis.clipped import Clipped
 from steelyard.diagnosis.finding import Finding
 from steelyard.diagnosis.fitted_case import FittedCase as FittedCase
 from steelyard.diagnosis.fitted_case import PostFitCheck as PostFitCheck
@@ -26,6 +27,7 @@ POST_FIT: tuple[PostFitCheck, ...] = (
     LastLink(),
     BelowNominal(),
     UnseenReason(),
+    Clipped(),
 )
 
 

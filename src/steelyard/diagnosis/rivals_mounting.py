@@ -23,18 +23,22 @@ RIDGE = 1e-4
 """What keeps columns that a motion does not excite at zero, relative to their length."""
 
 
-def mounting_rivals(trial: Trial) -> list[tuple[Rival, Possible]]:
-    """Readings that differ in gravity alone, the likeliest first, with the bodies of each."""
-    declared = trial.declared
-    size = float(np.linalg.norm(declared.gravity))
+def mounting_rivals(trial: Trial, now: Reading) -> list[tuple[Rival, Possible]]:
+    """Readings that differ in gravity alone, the likeliest first, with the bodies of each.
+
+    Args:
+        trial: The log.
+        now: The reading that they start from.
+    """
+    size = float(np.linalg.norm(now.gravity))
     if size == 0.0:
         return []
     found = []
-    for direction in _directions(trial, declared)[:FEW]:
+    for direction in _directions(trial, now)[:FEW]:
         axis = axis_near(direction)
         gravity = size * (direction if axis is None else axis)
         cost = 2.0 * FREE if axis is None else FREE
-        reading = declared.changed(gravity=gravity)
+        reading = now.changed(gravity=gravity)
         bodies = possible(trial, reading)
         if bodies is not None:
             says = gravity_words(direction)
@@ -42,15 +46,15 @@ def mounting_rivals(trial: Trial) -> list[tuple[Rival, Possible]]:
     return sorted(found, key=lambda pair: -pair[0].log_likelihood)
 
 
-def _directions(trial: Trial, declared: Reading) -> list[Array]:
-    """Unit vectors that fit, the best first, none near another or the declared one."""
+def _directions(trial: Trial, now: Reading) -> list[Array]:
+    """Unit vectors that fit, the best first, none near another or the reading's own."""
     from scipy.optimize import least_squares
 
     thin = replace(trial, excerpt=trial.excerpt.thinned(SAMPLES))
-    left = _Left(thin, declared)
+    left = _Left(thin, now)
     axes = np.concatenate((np.eye(3), -np.eye(3)))
     fits = [least_squares(left, start + 0.05, max_nfev=30) for start in axes]
-    known = declared.gravity / np.linalg.norm(declared.gravity)
+    known = now.gravity / np.linalg.norm(now.gravity)
     found: list[Array] = []
     for fit in sorted(fits, key=lambda fit: float(fit.cost)):
         direction = fit.x / np.linalg.norm(fit.x)
@@ -62,12 +66,10 @@ def _directions(trial: Trial, declared: Reading) -> list[Array]:
 class _Left:
     """What is left of the efforts under a direction of gravity, any bodies taken."""
 
-    def __init__(self, trial: Trial, declared: Reading) -> None:
-        size = float(np.linalg.norm(declared.gravity))
-        free, efforts, _ = rows_of(trial, declared.changed(gravity=np.zeros(3)))
-        pulls = [
-            rows_of(trial, declared.changed(gravity=size * axis))[0] - free for axis in np.eye(3)
-        ]
+    def __init__(self, trial: Trial, now: Reading) -> None:
+        size = float(np.linalg.norm(now.gravity))
+        free, efforts, _ = rows_of(trial, now.changed(gravity=np.zeros(3)))
+        pulls = [rows_of(trial, now.changed(gravity=size * axis))[0] - free for axis in np.eye(3)]
         whole = np.sqrt(np.maximum(np.mean(np.square(efforts), axis=1), 1e-30))
         blocks = np.concatenate((free, *pulls, efforts[..., None]), axis=-1) / whole[:, None, None]
         triangle = np.asarray(np.linalg.qr(blocks.reshape(-1, blocks.shape[-1]), mode="r"))

@@ -157,7 +157,11 @@ def _fit(
     size = FLOOR * np.sqrt(np.mean(np.square(e), axis=1))
     size = np.maximum(size, 1e-9 * max(float(size.max()), 1e-3))
     residual = (e - predicted) * moving
-    return shared_fit(residual, columns, y[:, :4], trial.bounds, size, trial.excerpt.worth, prior)
+    try:
+        worth = trial.excerpt.worth
+        return shared_fit(residual, columns, y[:, :4], trial.bounds, size, worth, prior)
+    except np.linalg.LinAlgError:
+        return None
 
 
 def axis_near(direction: Array) -> Array | None:

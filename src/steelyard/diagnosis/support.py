@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from steelyard.arrays import Array
 from steelyard.diagnosis.finding import Judgement
 from steelyard.diagnosis.possible import Possible, possible
 from steelyard.diagnosis.reading import Reading
@@ -18,7 +19,7 @@ from steelyard.diagnosis.rival import FREE, Rival, one_of
 from steelyard.diagnosis.rivals_effort import unit_rivals
 from steelyard.diagnosis.rivals_mounting import mounting_rivals
 from steelyard.diagnosis.rivals_together import combined_rivals
-from steelyard.diagnosis.rivals_world import SHARP
+from steelyard.diagnosis.rivals_world import SHARP, axis_near
 from steelyard.diagnosis.trial import FLOOR, Trial
 
 MARGIN, FALL = 60.0, 2.0
@@ -86,9 +87,10 @@ def supported(
             kept.append((replace(rival, fixed=False), Judgement.DOUBTFUL))
             break
         reading = rival.reading
-    whole = _combined(trial, possible(trial, reading))
+    whole = _combined(trial, reading)
     if whole:
-        kept, reading = list(whole), whole[-1][0].reading
+        kept = [*(kept if whole[0][0].cause == "mounting" else ()), *whole]
+        reading = whole[-1][0].reading
     kept = _unrivalled(trial, kept)
     scale = _scale(trial, reading, asked)
     return (*kept, scale) if scale is not None else tuple(kept)
@@ -168,29 +170,43 @@ def _of_unit(trial: Trial, reading: Reading, rival: Rival) -> bool:
 def _as_thousand(trial: Trial, reading: Reading, rival: Rival) -> Rival | None:
     """The unit that a fitted factor is near, if it leaves likely masses; `None` otherwise."""
     factors = rival.reading.effort_scale / reading.effort_scale
-    near = np.all((factors > 1e3 / KILO) & (factors < 1e3 * KILO))
-    if not near or not _fitted(reading, rival) or "A" in trial.signals.effort_units:
+    if not _fitted(reading, rival) or not _near_thousand(trial, factors):
         return None
-    rivals = unit_rivals(trial, reading, trial.sums([reading]))
-    unit = max(rivals, key=lambda r: float(np.sum(r.reading.effort_scale)))
+    unit = _thousand(trial, reading)
     return unit if _of_unit(trial, reading, unit) else None
+
+
+def _near_thousand(trial: Trial, factors: Array) -> bool:
+    near = np.all((factors > 1e3 / KILO) & (factors < 1e3 * KILO))
+    return bool(near) and "A" not in trial.signals.effort_units
+
+
+def _thousand(trial: Trial, reading: Reading) -> Rival:
+    """Efforts in a unit that is a thousand times the declared one."""
+    rivals = unit_rivals(trial, reading, trial.sums([reading]))
+    return max(rivals, key=lambda r: float(np.sum(np.abs(r.reading.effort_scale))))
 
 
 def _far(found: Possible) -> bool:
     return max(found.scale, 1.0 / found.scale) > HEAVIEST
 
 
-def _combined(trial: Trial, now: Possible | None) -> tuple[tuple[Rival, Judgement], ...]:
+def _combined(trial: Trial, reading: Reading) -> tuple[tuple[Rival, Judgement], ...]:
     """Order and signs of all columns, or gravity, if the data speak for another than is declared.
 
     So much is changed at once that the misfit must fall in the typical joint, or be small in all.
+
+    Args:
+        trial: The log.
+        reading: As it is read so far; orders and signs are searched from the declared reading.
     """
-    own = possible(trial, trial.declared)
+    now, own = possible(trial, reading), possible(trial, trial.declared)
     if now is None or own is None:
         return ()
     poor = now.percent > POOR or _worst(now) > ROUGH
     found = combined_rivals(trial) if poor else []
-    found += mounting_rivals(trial) if now.percent > FAIR or _worst(now) > POOR else []
+    fair = now.percent > FAIR or _worst(now) > POOR
+    found += mounting_rivals(trial, reading) if fair else []
     if not found:
         return ()
     found.sort(key=lambda pair: -pair[0].log_likelihood)
@@ -200,12 +216,23 @@ def _combined(trial: Trial, now: Possible | None) -> tuple[tuple[Rival, Judgemen
     if bodies.percent > ROUGH or (FALL * bodies.percent > now.percent and _worst(bodies) > POOR):
         return ()
     near = [r for r, _ in found[1:] if r.log_likelihood > best.log_likelihood - CLOSE]
-    sure = not near
+    sure = not near and bodies.percent <= _enough(best)
     judgement = Judgement.WRONG if sure else Judgement.DOUBTFUL
-    compared = "bodies of any mass", own.percent
+    compared = "bodies of any mass", (now if best.cause else own).percent
     return tuple(
         (replace(part, fixed=sure, compared=compared), judgement) for part in _parts(trial, best)
     )
+
+
+def _enough(rival: Rival) -> float:
+    """Misfit [%] up to which an explanation may be sure.
+
+    A direction of gravity that lies along no axis may as well be a force from outside.
+    """
+    if rival.cause != "mounting":
+        return ROUGH
+    gravity = rival.reading.gravity
+    return FAIR if axis_near(gravity / np.linalg.norm(gravity)) is None else POOR
 
 
 def _parts(trial: Trial, best: Rival) -> Iterator[Rival]:
@@ -254,11 +281,15 @@ def _scale(trial: Trial, reading: Reading, asked: bool) -> tuple[Rival, Judgemen
         f"either efforts are off by a factor of about {factor:.2g}, or the links are "
         f"{max(factor, found.scale):.2g} times {lighter} than the model file says"
     )
+    if found.percent > FAIR:
+        says += f", or lengths and axes are others: bodies of any mass leave {found.percent:.0f} %"
     changed = reading.with_factors(np.full(trial.signals.n, factor))
     cause = "gain" if "A" in trial.signals.effort_units else "effort kind"
     score = one_of(trial.score(changed), 0)
     if not asked and float(score.percent) * FALL > float(trial.score(reading).percent[0]):
         return None
+    if far and _near_thousand(trial, np.array([factor])):
+        return _thousand(trial, reading), Judgement.WRONG
     joints = tuple(range(trial.signals.n))
     rival = Rival(cause, says, changed, FREE, joints, score, fixed=False)
     return rival, Judgement.WRONG if far else Judgement.DOUBTFUL

@@ -21,6 +21,8 @@ HALF = 0.5
 SHOWN = 6
 """Rivals that are shown."""
 POINTS = 1500
+WHOLE = 100.0
+"""Misfit from which on no decimals are printed [%]."""
 MUCH = 1000.0
 """Misfit beyond which the number says no more [%]."""
 UNEXPLAINED = "effort kind"
@@ -94,21 +96,30 @@ def _of_log(
         return
     number, (rival, judgement) = mine[-1]
     before = held.winners[number - 1][0] if number else held.ranking.declared
-    known, then = rival.compared or (_known(held), before.percent)
+    known, then, rise = _compared(held, rival, before)
     mend, judgement = _mend(case, evidence, held, rival, judgement, advice)
     yield Finding(
         cause,
         evidence.name,
         judgement,
-        f"{rival.says}: agrees with {known} to {rival.percent:.1f} %, "
-        f"{'without' if number and rival.compared is None else 'as declared'} {then:.1f} %",
-        f"misfit {then:.1f} % falls to {rival.percent:.1f} %, "
-        f"log-likelihood rises by {rival.log_likelihood - before.log_likelihood:.0f}",
+        f"{rival.says}: agrees with {known} to {_percent(rival.percent)}, "
+        f"{'without' if number and rival.compared is None else 'as declared'} {_percent(then)}",
+        f"misfit {_percent(then)} falls to {_percent(rival.percent)}{rise}",
         tuple(case.joints[j] for j in rival.joints),
         mend,
         picture(held, before, rival),
         shown,
     )
+
+
+def _compared(held: Verdict, rival: Rival, before: Rival) -> tuple[str, float, str]:
+    """What a winner agrees with, the misfit before it [%], both of the same, and the gain."""
+    if rival.compared is not None:
+        return *rival.compared, ""
+    score = held.ranking.trial.score(before.reading)
+    rise = rival.log_likelihood - float(score.log_likelihood[0])
+    percent = float(score.percent[0])
+    return _known(held), percent, f", log-likelihood rises by {rise:.0f}" * (rise > 0.0)
 
 
 def _mend(
@@ -121,7 +132,7 @@ def _mend(
 ) -> tuple[Mend, Judgement]:
     """The advice with its edits, which the first finding of a log carries for the velocities."""
     if not rival.fixed:
-        return ways(case, rival), judgement
+        return ways(case, rival, sure=judgement is Judgement.WRONG), judgement
     last, trial = held.written[-1].reading, held.ranking.trial
     wanted = edits_of(rival.cause, trial, last, case.loaded)
     whole = edits(case, evidence)
@@ -154,7 +165,9 @@ def _worst(case: Case, held: Verdict) -> str:
 
 
 def _percent(value: float) -> str:
-    return f"{value:.0f} %" if value < MUCH else f"more than {MUCH:.0f} %"
+    if value >= MUCH:
+        return f"more than {MUCH:.0f} %"
+    return f"{value:.1f} %" if value < WHOLE else f"{value:.0f} %"
 
 
 def figure(held: Verdict, cause: str) -> str:

@@ -12,6 +12,9 @@ IMPLAUSIBLE_STEP, CHANGED, OUTSIDE, TOO_FAST, TOO_SLOW, DISAGREE = 4.0, 1.0, 3.0
 """What a reading costs: a step that no log has; a unit that is not the declared one; positions far
 beyond their limits; speeds beyond theirs, and per decade below a tenth of theirs; velocities that
 are not the derivative."""
+OVER_LIMIT = 0.8
+"""What a speed beyond the limit of the model file costs that a robot can have: limits there are
+often placeholders."""
 NAMED = 0.3
 """What a unit costs that is not the one in the column's name."""
 FAST, SLOW = 1.5, 0.1
@@ -113,12 +116,14 @@ class JointFacts:
         return OUTSIDE * min(1.0, max(0.0, log(max(off, 1.0) / BEYOND) / log(FAR_BEYOND)))
 
     def _speed(self, speed: float) -> float:
-        limit = self.coordinate.limits.velocity
-        limit = limit if isfinite(limit) else SPEED[self.coordinate.kind]
+        limit, usual = self.coordinate.limits.velocity, SPEED[self.coordinate.kind]
+        limit = limit if isfinite(limit) else usual
         if not self.moves or speed <= 0.0:
             return 0.0
+        if speed > FAST * max(limit, usual):
+            return TOO_FAST + log10(speed / max(limit, usual))
         if speed > FAST * limit:
-            return TOO_FAST + log10(speed / limit)
+            return OVER_LIMIT
         return TOO_SLOW * max(0.0, log10(SLOW * limit / speed))
 
 

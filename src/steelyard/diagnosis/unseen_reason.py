@@ -34,6 +34,8 @@ LARGE = 10.0
 NEAR, LEAST = 3.0, 3.0
 """An explanation leaves no more than so many times the residuals of the fit, or this misfit [%]."""
 
+MOST, FALL = 20.0, 1.3
+"""No explanation leaves more than this misfit [%], or lowers it by a smaller factor."""
 FRICTION, LEFT = 0.5, 0.2
 """Friction and offsets fitted anew leave no more than `ABOVE` times the residuals of the fit, or
 `LEAST`, and at most the first part of the error, for they lower that of any log; or the second."""
@@ -80,9 +82,8 @@ def _reason(fit: FittedCase, run: Run, score: RunScore, ratio: float) -> Finding
     case, evidence = _case_of(fit.identified, run)
     held = verdict(case, evidence)
     typical, own = _typical(score), _own(fit.identified, score)
-    if held is not None and held.winners:
-        if held.winners[-1][0].percent <= max(LEAST, NEAR * own):
-            return _explained(run, held)
+    if held is not None and held.winners and _explains(held, own):
+        return _explained(fit, run, held)
     if ratio < FAR or typical < LARGE:
         return None
     times = f"{ratio:.0f}" if ratio >= 10.0 else f"{ratio:.1f}"
@@ -100,6 +101,12 @@ def _reason(fit: FittedCase, run: Run, score: RunScore, ratio: float) -> Finding
             mend=Mend("identify from logs of one temperature, or give terms per_run"),
         )
     return _unexplained(fit, run, left, figure)
+
+
+def _explains(held: Verdict, own: float) -> bool:
+    """Whether the winners bring the misfit down, to about what the fit left of its own runs."""
+    left, before = held.winners[-1][0].percent, held.ranking.declared.percent
+    return left <= min(max(LEAST, NEAR * own), MOST) and left * FALL <= before
 
 
 def _unexplained(fit: FittedCase, run: Run, left: float, figure: str) -> Finding:
@@ -137,18 +144,26 @@ def _own(identified: IdentifiedModel, score: RunScore) -> float:
     return 100.0 * float(np.exp(np.mean(np.log(np.maximum(shares, 1e-6)))))
 
 
-def _explained(run: Run, held: Verdict) -> Finding:
-    """The winners as one sentence."""
+def _explained(fit: FittedCase, run: Run, held: Verdict) -> Finding:
+    """The winners as one sentence, and what is to be settled before they can be believed."""
     causes = tuple(rival for rival, _ in held.winners)
     says = ", and ".join(rival.says for rival in causes)
     before, after = held.ranking.declared, causes[-1]
     first = causes[0].cause
     names = held.ranking.trial.knowledge.robot.joint_names
+    judgement = max(judgement for _, judgement in held.winners)
+    reason = f"most likely reason of the error: {says}"
+    if fit.doubts:
+        judgement, doubt = Judgement.DOUBTFUL, fit.doubts[0]
+        reason = (
+            f"the check before the fit is doubtful about {doubt.log}: {doubt.says}. If that log is "
+            f"as declared, the {reason}"
+        )
     return Finding(
         UnseenReason.name,
         run.name,
-        max(judgement for _, judgement in held.winners),
-        f"most likely reason of the error: {says}",
+        judgement,
+        reason,
         f"misfit {before.percent:.1f} %, so explained {after.percent:.1f} %",
         tuple(names[j] for j in causes[0].joints),
         Mend(ADVICE.get(first, f"`steelyard check ROBOT LOG --model MODEL` shows the {first}")),

@@ -5,12 +5,26 @@ from steelyard.diagnosis.controller_gains import ControllerGains, controller_gai
 from steelyard.diagnosis.finding import Edit, Mend
 from steelyard.diagnosis.rival import Rival
 
+GO_ON = (
+    ". If masses are what is wrong in the model file, go on: the efforts are then right as declared"
+)
 FACTORS = ("gain", "effort kind", "effort unit")
 """Causes that are a factor on efforts."""
 
 
-def ways(case: Case, rival: Rival) -> Mend:
-    """What to do about an explanation whose numbers are not written."""
+def ways(case: Case, rival: Rival, *, sure: bool) -> Mend:
+    """What to do about an explanation whose numbers are not written.
+
+    Args:
+        case: What there is.
+        rival: The explanation.
+        sure: Whether it is beyond doubt that efforts are wrong.
+    """
+    if rival.cause == "mounting":
+        return Mend(
+            f"{rival.says}, or something pulls at the arm (a cable, a balancer), or lengths and "
+            "axes are others than the model file says: the log alone cannot decide"
+        )
     if rival.cause == "payload":
         return Mend(
             f"{rival.says}, or the bodies are others than the model file says: weigh it with "
@@ -22,7 +36,7 @@ def ways(case: Case, rival: Rival) -> Mend:
             "cannot decide; look at both, or give a model from clean runs (--model)"
         )
     gains = controller_gains(case) if rival.cause == "gain" else None
-    return Mend(_listed(case)) if gains is None else _of_controller(case, gains)
+    return Mend(_listed(case, sure=sure)) if gains is None else _of_controller(case, gains)
 
 
 def _of_controller(case: Case, gains: ControllerGains) -> Mend:
@@ -43,7 +57,7 @@ def _of_controller(case: Case, gains: ControllerGains) -> Mend:
     return Mend(says, (Edit(("signals", "effort", "gain"), gains.entries),))
 
 
-def _listed(case: Case) -> str:
+def _listed(case: Case, *, sure: bool) -> str:
     """The ways to gains, in order."""
     source = case.loaded.sources[0].path.name if case.loaded.sources else "ROBOT"
     robot = source if source.endswith(".toml") else "ROBOT.toml"
@@ -60,7 +74,5 @@ def _listed(case: Case) -> str:
         f"and run `steelyard identify {robot} {log} --loaded LOADED_LOG --payload-mass KG` with a "
         "log that carries a known mass; "
         f"(3) without its mass, write gain = {one}, and run the same without --payload-mass: "
-        "results are then up to one scale. "
-        "If masses are what is wrong in the model file, go on: the efforts are then right as "
-        "declared"
-    )
+        "results are then up to one scale"
+    ) + ("" if sure else GO_ON)

@@ -22,6 +22,8 @@ SHORTEST_CHAIN = 10
 """Rows that must follow each other plausibly before a new segment is believed."""
 HEAD = 20_000
 """Rows from which the clock's step is learnt."""
+FORWARD = 0.9
+"""Share of the steps of a clock that are forward."""
 GAP_STEPS, GAP_SECONDS = 5.0, 0.05
 """A longer step than both (5 steps, 0.05 s) is a gap. Shorter ones, such as lost packets of a 1 kHz
 log, are bridged by the interpolation, whose error there is that of a 20 Hz log."""
@@ -65,8 +67,7 @@ def learn_clock(recording: Recording) -> Clock:
     Raises:
         LogError: Time does not increase.
     """
-    times = np.concatenate([t for t, _ in recording.raw((0, HEAD))])
-    steps = np.diff(times[np.isfinite(times)])
+    steps = np.diff(_head_times(recording))
     forward = steps[steps > 0.0]
     if len(forward) == 0 or 2 * len(forward) < np.count_nonzero(steps):
         raise not_increasing(recording)
@@ -76,6 +77,12 @@ def learn_clock(recording: Recording) -> Clock:
     for piece in scan.pieces((0, HEAD)):
         return Clock(clock.step, clock.gap, float(piece.t[0]))
     raise nothing_left(recording, scan.counts)
+
+
+def _head_times(recording: Recording) -> Array:
+    """Times of the first rows that have one [s]."""
+    times = np.concatenate([t for t, _ in recording.raw((0, HEAD))])
+    return np.asarray(times[np.isfinite(times)])
 
 
 def nice_rate(mean_step: float) -> float:
@@ -246,12 +253,26 @@ def nothing_left(recording: Recording, counts: NDArray[np.int64]) -> LogError:
         )
     worst = Verdict(int(np.argmax(lost)))
     if worst in (Verdict.REPEATED, Verdict.BACKWARD, Verdict.JUMP):
-        return not_increasing(recording)
+        return not_followed(recording, lost)
     return LogError(
         f"every row of the log is broken: {lost[worst]} of {lost.sum()} rows hold {worst.reason}",
         where=recording.where,
         mend="check that the columns under [signals] of the robot file hold numbers, and their "
         "units",
+    )
+
+
+def not_followed(recording: Recording, counts: NDArray[np.int64]) -> LogError:
+    """The error for a recording most rows of which do not follow from those before."""
+    steps = np.diff(_head_times(recording))
+    if np.count_nonzero(steps > 0.0) < FORWARD * len(steps):
+        return not_increasing(recording)
+    return LogError(
+        f"in {counts[Verdict.JUMP]} rows of {counts.sum()} time or positions jump farther than a "
+        "robot gets",
+        where=recording.where,
+        mend="check time_unit, position_unit, and whether positions are of motors (coordinates = "
+        '"motor"), under [signals] of the robot file',
     )
 
 

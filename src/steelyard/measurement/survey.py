@@ -15,7 +15,7 @@ from steelyard.measurement.clock import (
     Scan,
     learn_clock,
     nice_rate,
-    not_increasing,
+    not_followed,
     nothing_left,
 )
 from steelyard.measurement.marking import Marking, Suspicion, suspicion
@@ -92,7 +92,7 @@ def survey(recording: Recording, processing: Processing | None = None) -> Survey
     if counts[Verdict.KEPT] == 0:
         raise nothing_left(recording, counts)
     if counts[[Verdict.REPEATED, Verdict.BACKWARD, Verdict.JUMP]].sum() > counts[Verdict.KEPT]:
-        raise not_increasing(recording)
+        raise not_followed(recording, counts)
     if tally.count < SHORTEST_CHAIN:
         raise LogError(
             f"the log is shorter than any filter: {counts[Verdict.KEPT]} rows can be used",
