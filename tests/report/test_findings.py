@@ -181,6 +181,15 @@ def test_it_is_said_why_a_finding_is_ok_though_a_rival_fits_better() -> None:
     assert "Still ok: as declared" in render_check(content_of)
 
 
+def test_open_questions_stand_on_the_page_before_what_is_ok() -> None:
+    left = Finding("gain", "run", Judgement.OK, "cannot be told", "", answered=False)
+    fine = Finding("clock", "run", Judgement.OK, "200 Hz", "")
+    said = Diagnosis((fine, left))
+    page = render_check(CheckContent("r", "r.toml", ("run",), None, said, {}, ()))
+    assert page.index("cannot be told") < page.index("200 Hz")
+    assert '<span class="tag open">open</span>' in page
+
+
 def test_ok_findings_are_folded_by_suspicion() -> None:
     html = CheckSection().show(findings_of(many(Judgement.OK, 18)))
     assert html.count("<details") == 2 and "<details open" not in html

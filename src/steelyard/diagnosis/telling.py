@@ -188,7 +188,7 @@ def picture(held: Verdict, before: Rival, after: Rival) -> Picture:
     name = trial.knowledge.robot.joint_names[joint]
     traces = [Trace("measured", t[::step], e[::step]), Trace(before.says, t[::step], wrong[::step])]
     if not np.allclose(mended, e):
-        traces.append(Trace("measured, mended", t[::step], mended[::step]))
+        traces.append(Trace("measured, corrected", t[::step], mended[::step]))
     traces.append(Trace(after.says, t[::step], right[::step]))
     return Picture("time [s]", f"effort of '{name}'", tuple(traces))
 
@@ -224,6 +224,6 @@ def agrees(held: Verdict, what: str) -> str:
     once = ""
     if held.winners:
         written = all(rival.fixed for rival, _ in held.winners)
-        once = ", once the rest is mended" if written else ", if the rest is as said"
+        once = ", once the rest is corrected" if written else ", if the rest is as said"
     close = "agrees to" if percent <= CLEAN else "comes only within"
     return f"{what} ({_known(held)} {close} {percent:.1f} %{once})"

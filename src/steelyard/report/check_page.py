@@ -43,7 +43,7 @@ def render_check(content: CheckContent) -> str:
     """The page as HTML text, to be written as UTF-8."""
     found = findings_of(content.diagnosis)
     rows = [row for group in groups(content.diagnosis) for row in _rows(group)]
-    rows.sort(key=lambda row: ("poor", "fair", "good").index(row["level"]))
+    rows.sort(key=lambda row: ("poor", "fair", OPEN, "good").index(row["level"]))
     numbers = {**found, "alone": False, "rows": rows, "content": content}
     sections = [
         Shown("verdict", "Verdict", fill("check_verdict.html", numbers)),
