@@ -105,6 +105,16 @@ def test_what_the_base_carries_is_left_out_and_named(tmp_path: Path) -> None:
     assert said.endswith("links: base") and not isinstance(said, Gap)
 
 
+def test_a_floor_without_gravity_is_a_gap(tmp_path: Path) -> None:
+    problem = problem_of(tmp_path, f"{ANY}floor = -0.2\n")
+    assert not [note for note in problem.notes if "no gravity is declared" in note]
+    text = (tmp_path / "arm.toml").read_text().replace("[robot]", "[robot]\ngravity = [0, 0, 0]")
+    floating = load_robot(written(tmp_path, text, "floating.toml"))
+    notes = build(floating, model_of(floating)).notes
+    (said,) = [note for note in notes if "no gravity is declared" in note]
+    assert isinstance(said, Gap) and "level across z" in said
+
+
 def test_a_link_that_no_joint_brings_out_of_a_wall_is_a_gap(tmp_path: Path) -> None:
     tables = f"{ANY}floor = 0.13\n"
     notes = problem_of(tmp_path, tables).notes

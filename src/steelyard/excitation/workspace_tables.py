@@ -8,6 +8,7 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.errors import ModelError
 from steelyard.excitation.constraint import Constraint
+from steelyard.excitation.gap import Gap
 from steelyard.excitation.keep_out import checked_boxes, keep_out
 from steelyard.excitation.markers import Marker
 from steelyard.excitation.model_shapes import world_shapes
@@ -26,6 +27,9 @@ _AXES = "xyz"
 
 _LEAST = 1e-12
 """Length of a normal that has no direction, and is refused."""
+
+LEVEL = "no gravity is declared: the floor was taken level across z of the base"
+"""What is said of a floor where nothing tells where up is."""
 
 Walled = tuple[list[Constraint], list[str]]
 """Constraints, and what was assumed."""
@@ -100,7 +104,8 @@ def _of_all(
     walls = walls_of(section, loaded.robot)
     own = [ball.name for ball, load in zip(load_balls(loaded), loads, strict=True) if load.radius]
     built, notes = room_of(loaded.robot, whole, walls, world, margin, own)
-    return [*found, *([] if built is None else [built])], list(notes)
+    level = [Gap(LEVEL)] if section.floor is not None and not loaded.robot.gravity.any() else []
+    return [*found, *([] if built is None else [built])], [*notes, *level]
 
 
 def walls_of(section: WorkspaceSection, robot: Robot) -> tuple[Shape, ...]:
