@@ -22,6 +22,25 @@ def test_welch_is_scipys() -> None:
     np.testing.assert_allclose(density[:, 1:-1], expected[:, 1:-1], rtol=1e-3)
 
 
+def test_welch_with_the_mean_is_scipys() -> None:
+    x = 3.0 + np.random.default_rng(0).standard_normal((2, 5000)).cumsum(axis=1)
+    density = welch(x, 100.0, 10.0, detrend=False)[1]
+    expected = signal.welch(x, 100.0, "hann", 1000, 500, detrend=False)[1]
+    np.testing.assert_allclose(density[:, 1:-1], expected[:, 1:-1], rtol=1e-3)
+
+
+@pytest.mark.parametrize("resting", [0, 3])
+@pytest.mark.parametrize("shake", [0.0, 1e-5])
+def test_a_slow_move_rules_the_band_not_what_shakes_or_rests(resting: int, shake: float) -> None:
+    rng = np.random.default_rng(2)
+    t = np.arange(6000) / 1000.0
+    move = np.clip((t - 0.5) * 0.5, 0.0, 2.5) + shake * np.sin(2.0 * np.pi * 70.0 * t)
+    noise = 1e-7 * rng.standard_normal((1 + resting, len(t)))
+    humming = 1e-6 * np.sin(2.0 * np.pi * 190.0 * t)
+    q = noise + np.concatenate((move[None], np.tile(humming, (resting, 1))))
+    assert motion_band(q, 1000.0).frequency < 1.0
+
+
 @pytest.mark.parametrize("noise", [0.0, 1e-5, 1e-3])
 def test_the_band_is_the_motions_whatever_the_noise(noise: float) -> None:
     rng = np.random.default_rng(1)

@@ -34,13 +34,16 @@ class Band:
     floor: float = 0.0
 
 
-def welch(x: Array, rate: float, window: float = WINDOW) -> tuple[Array, Array]:
-    """Power density by Welch's method: Hann windows, half overlapping, trend removed.
+def welch(
+    x: Array, rate: float, window: float = WINDOW, *, detrend: bool = True
+) -> tuple[Array, Array]:
+    """Power density by Welch's method: Hann windows, half overlapping.
 
     Args:
         x: Shape `(C, N)`.
         rate: [Hz].
         window: Length of the windows [s].
+        detrend: Whether mean and trend of each window are removed.
 
     Returns:
         Frequencies `(F,)` [Hz] and one-sided densities `(C, F)`.
@@ -52,8 +55,9 @@ def welch(x: Array, rate: float, window: float = WINDOW) -> tuple[Array, Array]:
     starts = range(0, x.shape[1] - length + 1, max(1, length // 2))
     for start in starts:
         piece = x[:, start : start + length]
-        piece = piece - piece.mean(axis=1, keepdims=True)
-        piece -= (piece @ ramp / (ramp @ ramp))[:, None] * ramp
+        if detrend:
+            piece = piece - piece.mean(axis=1, keepdims=True)
+            piece -= (piece @ ramp / (ramp @ ramp))[:, None] * ramp
         density += np.abs(np.fft.rfft(piece * hann)) ** 2
     density *= 2.0 / (rate * (hann @ hann) * len(starts))
     frequency = np.arange(length // 2 + 1) * (rate / length)
@@ -63,7 +67,8 @@ def welch(x: Array, rate: float, window: float = WINDOW) -> tuple[Array, Array]:
 def motion_band(q: Array, rate: float) -> Band:
     """Band of the motion and noise of the positions.
 
-    The noise is the median density of the upper half of the spectrum. From the peak of a joint's
+    The noise is the median density of the upper half of the spectrum. Velocities are differences
+    of positions, their mean included: a trapezoidal move is little else. From the peak of a joint's
     velocity density upwards, its motion ends where the position's density sinks to `AUDIBLE`
     times the noise, and its band holds `SHARE` of the velocity power up to there.
 
@@ -73,7 +78,8 @@ def motion_band(q: Array, rate: float) -> Band:
     """
     frequency, position = welch(q, rate)
     noise = np.median(position[:, position.shape[1] // 2 :], axis=1)
-    velocity = position * (2.0 * np.pi * frequency) ** 2
+    beyond = 2.0 * q[:, -1:] - q[:, -2:-1]
+    velocity = welch(rate * np.diff(q, axis=1, append=beyond), rate, detrend=False)[1]
     bands, powers, floors = [], [], []
     for joint in range(len(q)):
         smooth = np.convolve(position[joint], np.full(5, 0.2), mode="same")
