@@ -26,6 +26,10 @@ def init(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Robot file to write; must not exist.")
     ] = None,
+    rate: Annotated[
+        float | None,
+        typer.Option(help="Rate of the log's rows [Hz], if it has no column of time.", min=1e-6),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Write a commented robot file: columns guessed, fingers locked, limits taken over.
@@ -49,7 +53,7 @@ def init(
             mend="name another one with --output, or remove it",
         )
     columns, sample = (None, None) if log is None else river.sample_of(log)
-    draft = drafted(model, loaded, columns, sample, target)
+    draft = drafted(model, loaded, columns, sample, target, rate)
     with whole_file(target) as part:
         part.write_text(draft.text, encoding="utf-8")
         interrupt.too_late()

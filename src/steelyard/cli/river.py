@@ -11,6 +11,7 @@ import numpy as np
 from steelyard.errors import LogError, ModelError, OutputError
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.formats import Cut, open_log, parse_log_argument
+from steelyard.formats.numbered import Numbered
 from steelyard.measurement import Processing, Recording, Run, prepare
 from steelyard.measurement.processing import asked
 from steelyard.model import Model
@@ -18,7 +19,7 @@ from steelyard.progress import Progress, tell
 from steelyard.robot.guess import guess_signals
 from steelyard.robot.robot import Robot
 from steelyard.robot.robot_file import LoadedRobot
-from steelyard.robot.signals import Signals
+from steelyard.robot.signals import ROW, Signals
 from steelyard.terms.coulomb import Coulomb
 from steelyard.terms.register import DEFAULT_TERMS, refuse_unfit, term_of
 from steelyard.terms.rotor_inertia import RotorInertia
@@ -106,7 +107,9 @@ def sha256(path: Path) -> str:
 def recording_of(argument: LogArgument, signals: Signals) -> Recording:
     """The recording that an argument names, wrapped positions made continuous."""
     path, cut = parse_log_argument(argument.text)
-    return Recording(open_log(path), signals, cut).unwrapped()
+    log = open_log(path)
+    read = Numbered(log) if signals.time == ROW else log
+    return Recording(read, signals, cut).unwrapped()
 
 
 def sample_of(path: Path) -> tuple[tuple[str, ...], dict[str, np.ndarray]]:

@@ -15,6 +15,7 @@ from steelyard.diagnosis.time_scale import by_velocities, time_scale
 from steelyard.diagnosis.unit_costs import LONGEST_STEP, SHORTEST_STEP
 from steelyard.diagnosis.units import reading
 from steelyard.measurement.clock import GAP_SECONDS, GAP_STEPS
+from steelyard.robot.signals import ROW
 
 GAPS, GAPS_PER_ROW = 5, 2.5e-4
 """Short gaps of a doubtful clock: so many, or three that are so frequent."""
@@ -86,6 +87,8 @@ class Clock:
         if units.second != 1.0:
             return _other_unit(evidence, units.time_unit, steps, sight.step)
         judgement, says, figure, mend = _judged(steps)
+        if evidence.recording.signals.time == ROW:
+            says += ", as declared: the log has no column of time"
         gone = lost(case, evidence)
         if judgement is Judgement.OK and gone is not None:
             return _leaps(evidence, gone, steps.step)

@@ -21,7 +21,7 @@ from steelyard.diagnosis.sight import Sight, look, once
 from steelyard.diagnosis.slopes import Slopes, slopes
 from steelyard.diagnosis.unit_costs import CHANGED, JointFacts, JointReading, step_cost
 from steelyard.robot.column_words import Column
-from steelyard.robot.signals import POSITION_UNITS, TIME_UNITS, VELOCITY_UNITS
+from steelyard.robot.signals import POSITION_UNITS, VELOCITY_UNITS
 
 FASTEST_SHARE = 0.995
 """Quantile of a joint's speed that is held against its limit."""
@@ -117,16 +117,17 @@ def unit_value(
 @once
 def reading(case: Case, evidence: Evidence) -> Reading:
     """The cheapest reading of a log."""
-    sight, time_scale = look(case, evidence), evidence.recording.signals.time_scale
+    sight, signals = look(case, evidence), evidence.recording.signals
+    time_scale, units = signals.time_scale, signals.time_units
     looked = min(
-        (s / time_scale for s in TIME_UNITS.values()),
+        (s / time_scale for s in units.values()),
         key=lambda second: (step_cost(sight.step * second), second != 1.0),
     )
     logged = velocities(case, evidence)
     agreed = None if logged is None else agreement(sight, logged[1], looked)
     facts = _facts(case, evidence, sight, looked, agreed)
     found = []
-    for unit, scale in TIME_UNITS.items():
+    for unit, scale in units.items():
         second = scale / time_scale
         joints = tuple(f.cheapest(second / looked) for f in facts)
         changed = CHANGED if abs(second - 1.0) > 1e-9 else 0.0

@@ -70,7 +70,10 @@ def guess_signals(
 
 
 def guess_columns(
-    coordinates: Sequence[Coordinate], columns: Sequence[str], sample: Sample | None = None
+    coordinates: Sequence[Coordinate],
+    columns: Sequence[str],
+    sample: Sample | None = None,
+    rate: float | None = None,
 ) -> Guess:
     """The columns of time, positions and efforts, and their units.
 
@@ -86,16 +89,14 @@ def guess_columns(
         if column.quantity is not None:
             kinds.setdefault(column.quantity, []).append(column)
     joints, position, effort, how = _matched(coordinates, kinds, columns)
-    time = _time(_beside(position, kinds.get("time", [])), columns, values)
+    clock, time_reason = _clock(_beside(position, kinds.get("time", [])), columns, values, rate)
     if motors := [c.name for c in position if c.has("motor", "motors")]:
         _give_up(f"positions are of motors, not of joints: {', '.join(motors)}", columns)
     effort_words, units = _effort(effort, joints, values)
     position_unit, position_reason = _position_unit(position, joints, values)
-    time_unit, time_reason = _time_unit(time, values)
     section = SignalsSection.model_validate(
         {
-            "time": time.name,
-            "time_unit": time_unit,
+            **clock,
             "position": _short(position, joints),
             "position_unit": position_unit,
             "effort": {
@@ -107,7 +108,7 @@ def guess_columns(
     )
     velocity = _velocity(joints, kinds.get("velocity", []), how)
     reasons = [
-        f"time is '{time.name}' in {time_unit}, {time_reason}",
+        time_reason,
         f"positions are {_listed(position)}, told {how}; {position_reason}",
         f"efforts are {_listed(effort)}, told {how}; {effort_words}",
     ]
@@ -142,12 +143,17 @@ def velocities_beside(position: Sequence[str], columns: Sequence[str]) -> tuple[
     return tuple(names[0] for names in beside) if all(len(n) == 1 for n in beside) else ()
 
 
-def _give_up(wrong: str, columns: Sequence[str]) -> NoReturn:
+IN_FILE = (
+    'say it in a robot file: [signals] time = "...", position = ["...", ...] and '
+    "[signals.effort] columns = [...], kind = ..., unit = ... (`steelyard init` writes one)"
+)
+
+
+def _give_up(wrong: str, columns: Sequence[str], mend: str = IN_FILE) -> NoReturn:
     raise LogError(
         f"the log's columns cannot be told: {wrong}",
         where=f"columns {', '.join(columns)}",
-        mend='say it in a robot file: [signals] time = "...", position = ["...", ...] and '
-        "[signals.effort] columns = [...], kind = ..., unit = ... (`steelyard init` writes one)",
+        mend=mend,
     )
 
 
@@ -178,8 +184,28 @@ def _time(
 
     rising = [c for c in candidates if rises(c)]
     if not rising:
-        _give_up("none looks like time", columns)
+        _give_up(
+            "none looks like time",
+            columns,
+            "say the log's rate: `steelyard init URDF LOG --rate HZ` writes a robot file with "
+            '[signals] rate = HZ instead of time = "..."',
+        )
     return min(rising, key=lambda c: (_topic(c) != _topic(rising[0]), len(c.words)))
+
+
+def _clock(
+    candidates: Sequence[Column],
+    columns: Sequence[str],
+    values: Mapping[str, Array],
+    rate: float | None,
+) -> tuple[dict[str, Any], str]:
+    """What the robot file says of time, and why."""
+    if rate is not None:
+        return {"rate": rate}, f"time is the number of the row at the {rate:g} Hz that were given"
+    time = _time(candidates, columns, values)
+    unit, reason = _time_unit(time, values)
+    said = f"time is '{time.name}' in {unit}, {reason}"
+    return {"time": time.name, "time_unit": unit}, said
 
 
 def _beside(position: Sequence[Column], candidates: Sequence[Column]) -> Sequence[Column]:

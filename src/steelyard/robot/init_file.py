@@ -17,6 +17,7 @@ from steelyard.robot.guess import Guess, Sample, guess_columns
 from steelyard.robot.init_settings import SETTINGS
 from steelyard.robot.robot import Coordinate, Robot
 from steelyard.robot.robot_file import LoadedRobot
+from steelyard.robot.schema import SignalsSection
 from steelyard.robot.signals import expanded
 from steelyard.robot.xml_reader import read_xml
 
@@ -46,6 +47,7 @@ def drafted(
     columns: Sequence[str] | None,
     sample: Sample | None,
     output_path: Path,
+    rate: float | None = None,
 ) -> Draft:
     """A commented robot file, which `load_robot` reads.
 
@@ -58,6 +60,7 @@ def drafted(
         columns: Names of the log's columns; `None` without a log.
         sample: Some values of the columns, for their units.
         output_path: Where the text will be written: the model's path is given from there.
+        rate: Of the log's rows [Hz], if it has no column of time.
     """
     if model_path.suffix.lower() == ".toml":
         raise ModelError(
@@ -70,7 +73,7 @@ def drafted(
     guess, problem = None, ""
     if columns is not None:
         try:
-            guess = guess_columns(free, columns, sample)
+            guess = guess_columns(free, columns, sample, rate)
         except LogError as error:
             problem = error.wrong
     moving = [c for c in free if guess is None or c.name in guess.joints]
@@ -223,8 +226,7 @@ def _signals_part(guess: Guess, moving: Sequence[Coordinate]) -> str:
 # CHECK: which columns of the log are what. Guessed so:
 {reasons}
 [signals]
-time = {_text(section.time)}
-time_unit = {_text(section.time_unit)}  # "s", "ms", "us" or "ns"
+{_clock_lines(section)}
 # One column per joint, or a pattern: "q{{}}" for q1, q2, ..., "{{joint}}_q" for the joints' names.
 position = {_text(section.position)}
 position_unit = {_text(position_unit)}  # "rad", "deg", "m" or "mm"; or one per joint
@@ -243,6 +245,14 @@ unit = {_text(effort.unit)}  # "A", "mA", "Nm", "N" or "%"; or one per joint
 # delay = 0.0"""
 
 
+def _clock_lines(section: SignalsSection) -> str:
+    if section.rate is not None:
+        why = "# The log has no column of time: rows come at this rate [Hz]."
+        return f"{why}\nrate = {section.rate!r}"
+    unit = f'{_text(section.time_unit)}  # "s", "ms", "us" or "ns"'
+    return f"time = {_text(section.time)}\ntime_unit = {unit}"
+
+
 def _signals_template(
     columns: Sequence[str] | None, problem: str, moving: Sequence[Coordinate]
 ) -> str:
@@ -254,7 +264,7 @@ def _signals_template(
     lines = [
         "[signals]",
         'time = "time"',
-        'time_unit = "s"  # "s", "ms", "us" or "ns"',
+        'time_unit = "s"  # "s", "ms", "us" or "ns"; without a clock, rate = 100.0 [Hz] for both',
         f'position = {listed}  # or a pattern: "q{{}}", "{{joint}}_q"',
         f'position_unit = {_text([c.unit for c in moving])}  # "rad", "deg", "m" or "mm"',
         "[signals.effort]",

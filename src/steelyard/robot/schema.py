@@ -24,6 +24,7 @@ TimeUnit = Literal["s", "ms", "us", "ns"]
 
 Gain = float | Literal["identify"]
 ZeroOffset = float | Literal["identify"]
+Rate = Annotated[float, Field(gt=0.0, le=1e6)]
 Delay = Annotated[float, Field(ge=-2.0, le=2.0)]
 Six = Annotated[tuple[float, float, float, float, float, float], Field(strict=False)]
 
@@ -140,8 +141,9 @@ class EffortSection(Section):
 class SignalsSection(Section):
     """Which columns of a log are what."""
 
-    time: Name
+    time: Name | None = None
     time_unit: TimeUnit = "s"
+    rate: Rate | None = None
     coordinates: Side = "joint"
     position: Name | Names
     position_unit: (

@@ -35,12 +35,16 @@ VELOCITY_UNITS = {
 }
 
 
+ROW = "row number"
+"""Column that a log without a clock is read with: the numbers of its rows, from zero."""
+
+
 @dataclass(frozen=True, eq=False)
 class Signals:
     """Columns of a log and how to read them; entries are in the order of the coordinates.
 
     Attributes:
-        time: Time column.
+        time: Time column; `ROW` where a rate is declared instead.
         time_scale: Seconds per logged unit.
         position: Position columns.
         position_scale: rad or m per logged unit, negative where a column counts the other way,
@@ -91,6 +95,11 @@ class Signals:
         return (self.time, *self.position, *(self.velocity or ()), *self.effort)
 
     @property
+    def time_units(self) -> Mapping[str, float]:
+        """Seconds per unit that time may be logged in; rows come at the rate that is declared."""
+        return {"row": self.time_scale} if self.time == ROW else TIME_UNITS
+
+    @property
     def n(self) -> int:
         """Number of joints."""
         return len(self.position)
@@ -121,7 +130,8 @@ def build_signals(
         velocity = _columns(section.velocity, coordinates, locate("signals", "velocity"))
     else:
         _refuse_without_velocity(section, locate)
-    _check_distinct((section.time, *position, *(velocity or ()), *effort), locate("signals"))
+    time, time_scale = _clock(section, locate)
+    _check_distinct((time, *position, *(velocity or ()), *effort), locate("signals"))
     position_scale, velocity_scale = _motion_scales(section, coordinates, locate)
     units, effort_scale = effort_units_of(section.effort, coordinates, locate)
     gains, unknown = gains_of(section.effort, effort, units, coordinates, locate)
@@ -136,8 +146,8 @@ def build_signals(
     turned = gears is not None and section.coordinates == "motor"
     position_offset, unknown_offsets = _position_offset(section, coordinates, locate)
     return Signals(
-        time=section.time,
-        time_scale=TIME_UNITS[section.time_unit],
+        time=time,
+        time_scale=time_scale,
         position=position,
         position_scale=position_scale,
         velocity=velocity,
@@ -154,6 +164,28 @@ def build_signals(
         velocity_delay=section.velocity_delay,
         effort_delay=section.effort.delay,
         unknown_offsets=unknown_offsets,
+    )
+
+
+def _clock(section: SignalsSection, locate: Locate) -> tuple[str, float]:
+    """Column of time and seconds per its unit: of the rows' numbers, if only their rate is said.
+
+    Raises:
+        ModelError: There are both, or none.
+    """
+    if section.rate is None and section.time is not None:
+        return section.time, TIME_UNITS[section.time_unit]
+    if section.rate is not None and section.time is None:
+        return ROW, 1.0 / section.rate
+    wrong = (
+        "both a column of time and a rate"
+        if section.rate
+        else "neither a column of time nor a rate"
+    )
+    raise ModelError(
+        f"there is {wrong}",
+        where=locate("signals"),
+        mend='say time = "..." for the log\'s clock, or rate = ... [Hz] if it has none',
     )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.arrays import Array
-from steelyard.robot.signals import Signals
+from steelyard.robot.signals import ROW, Signals
 from steelyard.virtual.sensors import Reading
 
 
@@ -25,7 +25,7 @@ def as_declared(
         velocity: Whether there are velocities at all.
         gains: True drive gains, for those that the file leaves to be identified; 1 if not given.
     """
-    named = {signals.time: reading.t / signals.time_scale}
+    named = {} if signals.time == ROW else {signals.time: reading.t / signals.time_scale}
     offset = 0.0 if signals.position_offset is None else signals.position_offset
     q = _before(reading.q - offset, signals.position_map)
     named |= _scaled(signals.position, q, signals.position_scale)

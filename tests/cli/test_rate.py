@@ -1,0 +1,86 @@
+"""Logs without a column of time: the robot file says their rate."""
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+import steelyard
+from cli.conftest import Command
+from cli.river_files import edited
+
+RATE = 250.0
+
+
+@pytest.fixture
+def timeless(given: Path, tmp_path: Path) -> Path:
+    table = pl.read_parquet(given / "identification.parquet")
+    even = pl.Series("time_s", np.arange(len(table)) / RATE)
+    table.with_columns(even).write_csv(tmp_path / "timed.csv")
+    table.drop("time_s").write_csv(tmp_path / "run.csv")
+    return tmp_path / "run.csv"
+
+
+def base(folder: Path) -> dict[str, float]:
+    return steelyard.load_model(folder).estimate.parameters.as_dict()
+
+
+def test_init_takes_a_rate_and_the_estimate_is_that_of_the_timed_log(
+    command: Command, given: Path, timeless: Path, tmp_path: Path
+) -> None:
+    robot, timed = tmp_path / "arm.toml", timeless.with_name("timed.csv")
+    urdf = given / "demo_arm.urdf"
+    shown = command("init", urdf, timeless, "--rate", RATE, "-o", robot)
+    assert shown.exit_code == 0, shown.output
+    assert "time is the number of the row at the 250 Hz that were given" in shown.stdout
+    signals = tomllib.loads(robot.read_text())["signals"]
+    assert signals["rate"] == RATE and "time" not in signals
+    checked = " ".join(command("check", robot, timeless, "--quick").stdout.split())
+    assert "250 Hz, steps of 4 ms, even, as declared: the log has no column of time" in checked
+    done = command("identify", robot, timeless, "-o", tmp_path / "a")
+    assert done.exit_code == 0, done.output
+    assert command("identify", urdf, timed, "-o", tmp_path / "b").exit_code == 0
+    mine, other = base(tmp_path / "a"), base(tmp_path / "b")
+    assert mine.keys() == other.keys()
+    for name, value in mine.items():
+        assert value == pytest.approx(other[name], rel=1e-3, abs=1e-4)
+    pl.read_parquet(given / "validation.parquet").drop("time_s").write_csv(tmp_path / "next.csv")
+    done = command("validate", tmp_path / "a" / "model.json", f"{tmp_path / 'next.csv'}@0.1:1.5")
+    assert done.exit_code == 0, done.output
+
+
+def test_without_a_rate_it_is_asked_for(
+    command: Command, given: Path, timeless: Path, tmp_path: Path
+) -> None:
+    done = command("identify", given / "demo_arm.urdf", timeless, "-o", tmp_path / "o")
+    assert done.exit_code == 2
+    words = " ".join(done.output.split())
+    assert "none looks like time" in words and "steelyard init URDF LOG --rate HZ" in words
+
+
+@pytest.mark.parametrize(
+    ("clock", "said"),
+    [
+        ("", "neither a column of time nor a rate"),
+        ('time = "time_s"\nrate = 250.0', "both a column of time and a rate"),
+        ("rate = -250.0", "rate"),
+    ],
+)
+def test_one_clock_is_declared(
+    command: Command, given: Path, timeless: Path, tmp_path: Path, clock: str, said: str
+) -> None:
+    robot = edited(given, tmp_path, ('time = "time_s"', clock))
+    done = command("identify", robot, timeless, "-o", tmp_path / "o")
+    assert done.exit_code == 2 and said in " ".join(done.output.split())
+
+
+def test_a_log_that_is_simulated_has_no_clock_either(
+    command: Command, given: Path, tmp_path: Path
+) -> None:
+    robot = edited(given, tmp_path, ('time = "time_s"', "rate = 200.0"))
+    done = command("simulate", robot, "--period", "1", "-o", tmp_path / "s", "--json")
+    assert done.exit_code == 0, done.output
+    log = next((tmp_path / "s").glob("*.parquet"))
+    assert not [c for c in pl.read_parquet(log).columns if "row" in c or "time" in c]
