@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -57,6 +59,9 @@ def test_names_are_read_as_words(name: str, words: str) -> None:
         ("ddq3", "acceleration"),
         ("joint_torque_2", "effort"),
         ("i_3", "effort"),
+        ("eff_panda_joint1", "effort"),
+        ("TorqueCur1", "effort"),
+        ("Cur1", "effort"),
         ("target_q_0", None),
         ("tau_des1_Nm", None),
         ("q_d[3]", None),
@@ -158,7 +163,14 @@ def test_millimetres_by_range() -> None:
 
 @pytest.mark.parametrize(
     ("stem", "reach", "unit"),
-    [("i_#", 5.0, "A"), ("i_#", 5000.0, "mA"), ("current#_mA", 5.0, "mA"), ("tau#", 500.0, "Nm")],
+    [
+        ("Cur#", 5.0, "A"),
+        ("TorqueCur#", 5.0, "Nm"),
+        ("i_#", 5.0, "A"),
+        ("i_#", 5000.0, "mA"),
+        ("current#_mA", 5.0, "mA"),
+        ("tau#", 500.0, "Nm"),
+    ],
 )
 def test_effort_unit(stem: str, reach: float, unit: str) -> None:
     columns = numbered(stem)
@@ -196,6 +208,10 @@ def test_a_log_of_some_joints_needs_a_robot_file() -> None:
         (["t", *numbered("q#")], "none look like the efforts of 2 joints"),
         (["t", *numbered("q#", "tau#", count=3)], "none look like the positions of 2 joints"),
         (["t", *numbered("q_motor#", "tau#")], "positions are of motors"),
+        (
+            ["t", *numbered("q#", "torque_counts#")],
+            "efforts are in counts, which have no unit: torque_counts1",
+        ),
     ],
 )
 def test_what_cannot_be_told_is_an_error(columns: list[str], words: str) -> None:
@@ -221,3 +237,28 @@ def test_velocities_that_stand_beside_positions(
     position: tuple[str, ...], columns: str, found: tuple[str, ...]
 ) -> None:
     assert velocities_beside(position, columns.split()) == found
+
+
+def test_efforts_that_change_are_preferred_and_others_listed() -> None:
+    """As of a driver that leaves its torques at zero, and logs currents too."""
+    columns = numbered("Torque#", "TorqueCur#", "Cur#")
+    rows = np.sin(np.arange(99.0))
+    sample = {name: 0.0 * rows if name.startswith("Torque#"[:-1]) else rows for name in columns}
+    sample |= {name: rows for name in numbered("TorqueCur#")}
+    guess = guess_columns(TWO, ["t", *numbered("q#"), *columns], sample)
+    assert guess.section.effort.columns == "TorqueCur{}" and guess.section.effort.unit == "Nm"
+    said = next(reason for reason in guess.reasons if reason.startswith("efforts are"))
+    assert "other columns that may be efforts: Torque1, Torque2, Cur1, Cur2" in said
+    both = guess_columns(TWO, ["t", *numbered("q#", "current#", "tau#")])
+    assert both.section.effort.columns == "tau{}"
+    plain = guess_columns(TWO, ["t", *numbered("q#", "tau#")])
+    assert not any("other columns" in reason for reason in plain.reasons)
+
+
+def test_names_of_joints_behind_their_quantity() -> None:
+    names = [f"panda_joint{k}" for k in (1, 2)]
+    robot = tuple(replace(c, name=name) for c, name in zip(TWO, names, strict=True))
+    columns = ["t", *(f"{what}_{name}" for what in ("pos", "eff") for name in reversed(names))]
+    guess = guess_columns(robot, columns)
+    assert guess.section.effort.columns == "eff_panda_joint{}"
+    assert guess.section.position == "pos_panda_joint{}"

@@ -17,7 +17,8 @@ _QUANTITIES: dict[Quantity, frozenset[str]] = {
     "velocity": frozenset("dq qd qdot vel velocity velocities speed speeds".split()),
     "acceleration": frozenset("ddq qdd qddot acc accel acceleration".split()),
     "effort": frozenset(
-        "tau torque torques effort efforts moment current currents curr i force forces".split()
+        "tau torque torques trq effort efforts eff moment current currents curr cur i force "
+        "forces".split()
     ),
 }
 _AVOIDED = frozenset(
@@ -28,6 +29,8 @@ _MOTION_UNITS = frozenset("rad rads deg degs m mm s rpm".split())
 _OF_MESSAGES = re.compile(
     r"/.*/(stamp|log_time|(?P<quantity>position|velocity|effort)/(?P<joint>.+))"
 )
+TORQUES = frozenset("tau torque torques trq".split())
+CURRENTS = frozenset("current currents curr cur i".split())
 FINGERS = frozenset("finger fingers gripper knuckle fingertip hand".split())
 
 
@@ -149,7 +152,8 @@ def by_number(count: int, columns: Iterable[Column]) -> list[tuple[Column, ...]]
     return [tuple(group[k] for k in sorted(group)) for _, group in fitting]
 
 
-def _rank(stem: tuple[str, ...]) -> tuple[bool, bool, int]:
-    """Measured before unsaid, joint before motor, short before long."""
+def _rank(stem: tuple[str, ...]) -> tuple[bool, bool, bool, int]:
+    """Joint before motor, torque before current, measured before unsaid, short before long."""
     measured = {"actual", "measured", "meas", "sensor"} & set(stem)
-    return "motor" in stem, not measured, len(stem)
+    current = CURRENTS & set(stem) and not TORQUES & set(stem)
+    return "motor" in stem, bool(current), not measured, len(stem)

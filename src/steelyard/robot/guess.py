@@ -10,15 +10,12 @@ from numpy.typing import ArrayLike
 from steelyard.arrays import Array
 from steelyard.errors import LogError
 from steelyard.robot.column_words import Column, Quantity, by_name, by_number, like_finger
+from steelyard.robot.guess_efforts import COUNTS, changes, effort_units, others, reach
 from steelyard.robot.robot import Coordinate, Robot
 from steelyard.robot.schema import SignalsSection
 from steelyard.robot.signals import Signals, build_signals, expanded
 
 Sample = Mapping[str, ArrayLike]
-TORQUE = (
-    "torque by their names, which do not say of which side of the gears: taken as joint torque "
-    'with rotor inertia in it; of sensors behind the gears say kind = "link_torque"'
-)
 _BY_NAME = "by the joints' names"
 
 
@@ -88,11 +85,13 @@ def guess_columns(
     for column in map(Column, columns):
         if column.quantity is not None:
             kinds.setdefault(column.quantity, []).append(column)
-    joints, position, effort, how = _matched(coordinates, kinds, columns)
+    joints, position, effort, how = _matched(coordinates, kinds, columns, values)
     clock, time_reason = _clock(_beside(position, kinds.get("time", [])), columns, values, rate)
     if motors := [c.name for c in position if c.has("motor", "motors")]:
         _give_up(f"positions are of motors, not of joints: {', '.join(motors)}", columns)
-    effort_words, units = _effort(effort, joints, values)
+    if counted := [c.name for c in effort if c.has(*COUNTS)]:
+        _give_up(f"efforts are in counts, which have no unit: {', '.join(counted)}", columns)
+    effort_words, units = effort_units(effort, joints, values)
     position_unit, position_reason = _position_unit(position, joints, values)
     section = SignalsSection.model_validate(
         {
@@ -110,7 +109,8 @@ def guess_columns(
     reasons = [
         time_reason,
         f"positions are {_listed(position)}, told {how}; {position_reason}",
-        f"efforts are {_listed(effort)}, told {how}; {effort_words}",
+        f"efforts are {_listed(effort)}, told {how}; {effort_words}"
+        + others(effort, kinds.get("effort", [])),
     ]
     if velocity:
         reasons.append(f"velocities ({', '.join(velocity)}) are left out, as they are often late")
@@ -163,14 +163,6 @@ def _finite(values: ArrayLike) -> Array:
     return finite
 
 
-def _reach(name: str, values: Mapping[str, Array]) -> float:
-    """How far from zero a column goes, a few broken values aside; zero if not sampled."""
-    sampled = values.get(name)
-    if sampled is None or not len(sampled):
-        return 0.0
-    return float(np.quantile(np.abs(sampled), 0.98))
-
-
 def _listed(columns: Sequence[Column]) -> str:
     return ", ".join(c.name for c in columns)
 
@@ -188,7 +180,7 @@ def _time(
             "none looks like time",
             columns,
             "say the log's rate: `steelyard init URDF LOG --rate HZ` writes a robot file with "
-            '[signals] rate = HZ instead of time = "..."',
+            f'[signals] rate = HZ instead of time = "..."; or {IN_FILE}',
         )
     return min(rising, key=lambda c: (_topic(c) != _topic(rising[0]), len(c.words)))
 
@@ -222,6 +214,7 @@ def _matched(
     coordinates: Sequence[Coordinate],
     kinds: Mapping[Quantity, Sequence[Column]],
     columns: Sequence[str],
+    values: Mapping[str, Array],
 ) -> tuple[list[Coordinate], list[Column], list[Column], str]:
     """Joints, their position and effort columns, and how they were told."""
     position, effort = kinds.get("position", ()), kinds.get("effort", ())
@@ -234,7 +227,8 @@ def _matched(
     for what, found_groups in (("positions", numbered_q), ("efforts", numbered_tau)):
         if not found_groups:
             _give_up(f"none look like the {what} of {len(joints)} joints", columns)
-    return joints, list(numbered_q[0]), list(numbered_tau[0]), "by their numbers"
+    alive = [g for g in numbered_tau if any(changes(c.name, values) for c in g)] or numbered_tau
+    return joints, list(numbered_q[0]), list(alive[0]), "by their numbers"
 
 
 def _velocity(joints: Sequence[Coordinate], columns: Sequence[Column], how: str) -> tuple[str, ...]:
@@ -268,7 +262,7 @@ def _position_unit(
 ) -> tuple[Any, str]:
     units, why = [], "in rad or m, as nothing else is known"
     for column, joint in zip(columns, joints, strict=True):
-        reach = _reach(column.name, values)
+        most = reach(column.name, values)
         si, other = ("rad", "deg") if joint.kind == "revolute" else ("m", "mm")
         if column.has(si, other, "degree", "degrees"):
             units.append(si if column.has(si) else other)
@@ -276,30 +270,12 @@ def _position_unit(
         else:
             limit = max(abs(joint.limits.lower), abs(joint.limits.upper))
             far = 4.0 * np.pi if joint.kind == "revolute" else 10.0 * min(limit, 1.0)
-            units.append(other if reach > far else si)
-            if reach > 0.0:
-                why = f"in {units[-1]} by their range (up to {reach:.3g})"
+            units.append(other if most > far else si)
+            if most > 0.0:
+                why = f"in {units[-1]} by their range (up to {most:.3g})"
     if set(units) <= {"rad", "m"}:
         return None, why
     return (units[0] if len(set(units)) == 1 else units), why
-
-
-def _effort(
-    columns: Sequence[Column], joints: Sequence[Coordinate], values: Mapping[str, Array]
-) -> tuple[str, list[str]]:
-    """Why, and the unit of each effort column."""
-    units, why = [], TORQUE
-    for column, joint in zip(columns, joints, strict=True):
-        if column.has("ma"):
-            units.append("mA")
-        elif column.has("a", "amp", "amps", "current", "currents", "curr", "i"):
-            far = _reach(column.name, values) > 200.0 and not column.has("a", "amp", "amps")
-            units.append("mA" if far else "A")
-        else:
-            units.append(joint.effort_unit)
-        if units[-1] in ("A", "mA"):
-            why = "motor current by their names"
-    return why, units
 
 
 def _short(columns: Sequence[Column], joints: Sequence[Coordinate]) -> Any:
