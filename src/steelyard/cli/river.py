@@ -28,7 +28,7 @@ from steelyard.terms.viscous import Viscous
 from steelyard.validation.bands import Bands
 from steelyard.validation.score import RunScore, score
 
-SAMPLE_ROWS = 2000
+SAMPLE_ROWS = 20_000
 """Rows read to guess units."""
 
 

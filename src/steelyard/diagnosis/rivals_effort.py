@@ -83,9 +83,14 @@ def effort_rivals(
 
 
 def unit_rivals(trial: Trial, reading: Reading, sums: Sums) -> Iterator[Rival]:
-    """Efforts in a thousandth or a thousand times the declared unit."""
+    """Efforts in a thousandth or a thousand times the declared unit; nobody logs kiloamperes."""
     n = trial.signals.n
-    units = {f"efforts are {says}": np.full(n, f) for says, f in THOUSAND.items()}
+    amperes = "A" in trial.signals.effort_units and np.max(np.abs(reading.effort_scale)) >= 1.0
+    units = {
+        f"efforts are {says}": np.full(n, f)
+        for says, f in THOUSAND.items()
+        if f < 1.0 or not amperes
+    }
     yield from _factors(trial, reading, sums, units, "effort unit")
 
 

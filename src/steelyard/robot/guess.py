@@ -11,6 +11,7 @@ from steelyard.arrays import Array
 from steelyard.errors import LogError
 from steelyard.robot.column_words import Column, Quantity, by_name, by_number, like_finger
 from steelyard.robot.guess_efforts import COUNTS, changes, effort_units, others, reach
+from steelyard.robot.guess_velocities import judged, rates
 from steelyard.robot.robot import Coordinate, Robot
 from steelyard.robot.schema import SignalsSection
 from steelyard.robot.signals import Signals, build_signals, expanded
@@ -75,7 +76,8 @@ def guess_columns(
     """The columns of time, positions and efforts, and their units.
 
     Columns are matched by the joints' names if they carry them, else by their numbers. Columns of
-    targets and commands are passed over; velocities are left out, as they are often late.
+    targets and commands are passed over; velocities are used if the sample shows that they are
+    worth it.
 
     Raises:
         LogError: They cannot be told.
@@ -93,11 +95,15 @@ def guess_columns(
         _give_up(f"efforts are in counts, which have no unit: {', '.join(counted)}", columns)
     effort_words, units = effort_units(effort, joints, values)
     position_unit, position_reason = _position_unit(position, joints, values)
+    velocity = _velocity(joints, kinds.get("velocity", []), how)
+    used, velocity_reason = judged(velocity, position, position_unit, clock, sample or {})
     section = SignalsSection.model_validate(
         {
             **clock,
             "position": _short(position, joints),
             "position_unit": position_unit,
+            **({"velocity": _short(used, joints)} if used else {}),
+            **({"velocity_unit": rates(position_unit)} if used and position_unit else {}),
             "effort": {
                 "columns": _short(effort, joints),
                 "kind": "motor_current" if {"A", "mA"} & set(units) else "joint_torque",
@@ -105,7 +111,6 @@ def guess_columns(
             },
         }
     )
-    velocity = _velocity(joints, kinds.get("velocity", []), how)
     reasons = [
         time_reason,
         f"positions are {_listed(position)}, told {how}; {position_reason}",
@@ -113,8 +118,9 @@ def guess_columns(
         + others(effort, kinds.get("effort", [])),
     ]
     if velocity:
-        reasons.append(f"velocities ({', '.join(velocity)}) are left out, as they are often late")
-    return Guess(section, tuple(c.name for c in joints), velocity, tuple(reasons))
+        reasons.append(velocity_reason)
+    left = () if used else tuple(c.name for c in velocity)
+    return Guess(section, tuple(c.name for c in joints), left, tuple(reasons))
 
 
 def guess_time(columns: Sequence[str], sample: Sample) -> tuple[str, str] | None:
@@ -231,13 +237,15 @@ def _matched(
     return joints, list(numbered_q[0]), list(alive[0]), "by their numbers"
 
 
-def _velocity(joints: Sequence[Coordinate], columns: Sequence[Column], how: str) -> tuple[str, ...]:
+def _velocity(
+    joints: Sequence[Coordinate], columns: Sequence[Column], how: str
+) -> tuple[Column, ...]:
     if how == _BY_NAME:
         named = by_name(joints, columns)
-        found = tuple(named[c.name].name for c in joints if c.name in named)
+        found = tuple(named[c.name] for c in joints if c.name in named)
         return found if len(found) == len(joints) else ()
     groups = by_number(len(joints), columns)
-    return tuple(c.name for c in groups[0]) if groups else ()
+    return groups[0] if groups else ()
 
 
 def _time_unit(time: Column, values: Mapping[str, Array]) -> tuple[str, str]:

@@ -213,15 +213,6 @@ def _signals_part(guess: Guess, moving: Sequence[Coordinate]) -> str:
             "# Torque at the joint per logged unit, if it is not one; -1.0 turns a sign.\n"
             f"# gain = {gain}"
         )
-    velocity = ""
-    if guess.velocity:
-        listed = _text(guess.velocity)
-        velocity = f"""
-# Measured velocities are often filtered and late; without them positions are differentiated.
-# velocity = {listed}
-# velocity_unit = "rad/s"  # or "deg/s", "rpm", "m/s", "mm/s"; or one per joint
-# How late they are, against the positions [s].
-# velocity_delay = 0.005"""
     return f"""\
 # CHECK: which columns of the log are what. Guessed so:
 {reasons}
@@ -231,7 +222,7 @@ def _signals_part(guess: Guess, moving: Sequence[Coordinate]) -> str:
 position = {_text(section.position)}
 position_unit = {_text(position_unit)}  # "rad", "deg", "m" or "mm"; or one per joint
 # Columns that count against their joint have -1.
-# position_sign = [{", ".join("1" * len(moving))}]{velocity}
+# position_sign = [{", ".join("1" * len(moving))}]{_velocity_lines(guess)}
 
 [signals.effort]
 columns = {_text(effort.columns)}
@@ -251,6 +242,21 @@ def _clock_lines(section: SignalsSection) -> str:
         return f"{why}\nrate = {section.rate!r}"
     unit = f'{_text(section.time_unit)}  # "s", "ms", "us" or "ns"'
     return f"time = {_text(section.time)}\ntime_unit = {unit}"
+
+
+def _velocity_lines(guess: Guess) -> str:
+    section = guess.section
+    if section.velocity is None and not guess.velocity:
+        return ""
+    mark = "" if section.velocity is not None else "# "
+    known = "" if section.velocity_unit is not None else "# "
+    listed, unit = section.velocity or guess.velocity, section.velocity_unit or "rad/s"
+    return f"""
+# Measured velocities are often filtered and late; without them positions are differentiated.
+{mark}velocity = {_text(listed)}
+{known}velocity_unit = {_text(unit)}  # or "deg/s", "rpm", "m/s", "mm/s"; or one per joint
+# How late they are, against the positions [s].
+# velocity_delay = 0.005"""
 
 
 def _signals_template(

@@ -1,0 +1,75 @@
+"""Velocities are used where a sample of the log shows that they are worth it."""
+
+import numpy as np
+import pytest
+
+from robot.test_guess import TWO, numbered
+from steelyard.robot.guess import guess_columns
+from steelyard.robot.guess_velocities import compared
+
+T = np.arange(4000) * 0.005
+
+
+def sampled(
+    *, noise: float = 1e-3, late: float = 0.0, scale: float = 1.0, reach: float = 1.0
+) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(0)
+    q = [reach * np.sin(2.0 * np.pi * f * T) for f in (0.3, 0.5)]
+    w = [2.0 * np.pi * f for f in (0.3, 0.5)]
+    v = [reach * x * np.cos(x * (T - late)) for x in w]
+    found = {"t": T} | {f"q{k + 1}": np.round(q[k] / 1e-3) * 1e-3 for k in range(2)}
+    return found | {
+        f"dq{k + 1}": scale * v[k] + noise * rng.standard_normal(len(T)) for k in range(2)
+    }
+
+
+def said(sample: dict[str, np.ndarray]) -> tuple[object, str]:
+    guess = guess_columns(TWO, ["t", *numbered("q#", "dq#", "tau#")], sample)
+    return guess.section.velocity, guess.reasons[-1]
+
+
+def test_good_velocities_are_used_beside_coarse_positions() -> None:
+    velocity, reason = said(sampled())
+    assert velocity == "dq{}" and "are used: they are the derivative of the positions" in reason
+
+
+@pytest.mark.parametrize(
+    ("sample", "words"),
+    [
+        (sampled(late=0.02), r"they are 20 ms late"),
+        (sampled(scale=1.1), "they are 1.1 times the derivative"),
+        (sampled(noise=0.3), "times that of differences of positions"),
+        (sampled(reach=1e-3), "the first 4000 rows do not show whether they are good"),
+    ],
+)
+def test_others_are_left_out_with_the_reason(sample: dict[str, np.ndarray], words: str) -> None:
+    velocity, reason = said(sample)
+    assert velocity is None and "are left out" in reason and words in reason
+
+
+def test_velocities_in_degrees_are_used_with_their_unit() -> None:
+    sample = sampled()
+    for name in sample.keys() - {"t"}:
+        sample[name] = np.rad2deg(sample[name])
+    guess = guess_columns(TWO, ["t", *numbered("q#", "dq#", "tau#")], sample)
+    assert (guess.section.position_unit, guess.section.velocity_unit) == ("deg", "deg/s")
+
+
+def test_backward_differences_are_no_velocities() -> None:
+    sample = sampled()
+    for k in (1, 2):
+        sample[f"dq{k}"] = np.diff(sample[f"q{k}"], prepend=sample[f"q{k}"][0]) / 0.005
+    assert said(sample)[0] is None
+
+
+def test_the_comparison_is_of_the_truth() -> None:
+    sample = sampled(late=0.012, scale=0.8)
+    q, v = ([sample[f"{what}{k}"] for k in (1, 2)] for what in ("q", "dq"))
+    found = compared(sample["t"], q, v)
+    assert found is not None
+    assert found.scale == pytest.approx(1.25, rel=2e-3)
+    assert found.late == pytest.approx(0.012, rel=0.1)
+    assert compared(sample["t"][::-1], q, v) is None
+    q[0][::50], v[1][7] = 1e300, np.nan
+    broken = compared(sample["t"], q, v)
+    assert broken is not None and broken.scale == pytest.approx(1.25, rel=2e-3)
