@@ -41,6 +41,17 @@ def test_a_slow_move_rules_the_band_not_what_shakes_or_rests(resting: int, shake
     assert motion_band(q, 1000.0).frequency < 1.0
 
 
+def test_logged_velocities_tell_the_band_where_positions_do_not() -> None:
+    rng = np.random.default_rng(3)
+    t = np.arange(5000) / 100.0
+    q = np.stack([np.sin(2.0 * np.pi * f * t) for f in (0.3, 0.4)])
+    dq = np.stack([2.0 * np.pi * f * np.cos(2.0 * np.pi * f * t) for f in (0.3, 0.4)])
+    shaken = q + 0.01 * np.sin(2.0 * np.pi * 8.0 * t)
+    noisy = dq + 1e-3 * rng.standard_normal(dq.shape)
+    assert motion_band(shaken, 100.0).frequency > 7.0
+    assert motion_band(shaken, 100.0, noisy).frequency < 0.6
+
+
 @pytest.mark.parametrize("noise", [0.0, 1e-5, 1e-3])
 def test_the_band_is_the_motions_whatever_the_noise(noise: float) -> None:
     rng = np.random.default_rng(1)

@@ -64,26 +64,34 @@ def welch(
     return frequency, density
 
 
-def motion_band(q: Array, rate: float) -> Band:
+def motion_band(q: Array, rate: float, dq: Array | None = None) -> Band:
     """Band of the motion and noise of the positions.
 
     The noise is the median density of the upper half of the spectrum. Velocities are differences
-    of positions, their mean included: a trapezoidal move is little else. From the peak of a joint's
-    velocity density upwards, its motion ends where the position's density sinks to `AUDIBLE`
-    times the noise, and its band holds `SHARE` of the velocity power up to there.
+    of positions, or those that are logged, their mean included: a trapezoidal move is little else.
+    From the peak of a joint's velocity density upwards, its motion ends where the position's (or
+    the logged velocity's) density sinks to `AUDIBLE` times the noise, and its band holds `SHARE` of
+    the velocity power up to there.
 
     Args:
         q: Positions, shape `(n, N)`, uniformly sampled.
         rate: [Hz].
+        dq: Logged velocities, whose spectrum and noise then count instead of the positions'.
     """
     frequency, position = welch(q, rate)
     noise = np.median(position[:, position.shape[1] // 2 :], axis=1)
-    beyond = 2.0 * q[:, -1:] - q[:, -2:-1]
-    velocity = welch(rate * np.diff(q, axis=1, append=beyond), rate, detrend=False)[1]
+    seen, level = position, noise
+    if dq is None:
+        beyond = 2.0 * q[:, -1:] - q[:, -2:-1]
+        dq = rate * np.diff(q, axis=1, append=beyond)
+        velocity = welch(dq, rate, detrend=False)[1]
+    else:
+        seen = velocity = welch(dq, rate, detrend=False)[1]
+        level = np.median(velocity[:, velocity.shape[1] // 2 :], axis=1)
     bands, powers, floors = [], [], []
     for joint in range(len(q)):
-        smooth = np.convolve(position[joint], np.full(5, 0.2), mode="same")
-        audible = smooth > AUDIBLE * noise[joint]
+        smooth = np.convolve(seen[joint], np.full(5, 0.2), mode="same")
+        audible = smooth > AUDIBLE * level[joint]
         peak = int(np.argmax(np.where(audible, velocity[joint], 0.0)))
         quiet = np.flatnonzero(~audible[peak:])
         end = peak + int(quiet[0]) if len(quiet) else len(frequency)

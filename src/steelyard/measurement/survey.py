@@ -134,8 +134,10 @@ def _spectra(even: Array, rate: float, channels: Channels) -> tuple[Band, Array 
     n = channels.joints
     if even.shape[1] < SHORTEST_CHAIN:
         return Band(0.0, np.zeros(n)), np.zeros(n) if channels.velocities else None
-    band = motion_band(even[channels.q], rate)
-    return band, motion_band(even[channels.dq], rate).noise if channels.velocities else None
+    if not channels.velocities:
+        return motion_band(even[channels.q], rate), None
+    band = motion_band(even[channels.q], rate, even[channels.dq])
+    return band, motion_band(even[channels.dq], rate).noise
 
 
 def _refuse_faster(rate: float, logged: float, recording: Recording) -> None:
