@@ -174,15 +174,15 @@ def test_validate_writes_a_report_only_if_asked(
 
 @pytest.mark.parametrize(
     "options",
-    [("--validate", OTHER, f"{LOG}@5:7"), ("--validate", OTHER, "--validate", f"{LOG}@5:7")],
+    [("--validate", OTHER, f"{LOG}@4.1:7"), ("--validate", OTHER, "--validate", f"{LOG}@4.1:7")],
 )
 def test_several_logs_to_validate(
     options: tuple[str, ...], command: Command, tmp_path: Path
 ) -> None:
-    done = command("identify", ROBOT, f"{LOG}#0:1200", *options, "-o", tmp_path / "o", "--json")
+    done = command("identify", ROBOT, f"{LOG}#0:1000", *options, "-o", tmp_path / "o", "--json")
     result = strict(done.stdout)
-    assert [run["run"] for run in result["validation"]] == ["validation", "identification@5:7"]
-    assert [run["run"] for run in result["identification"]] == ["identification#0:1200"]
+    assert [run["run"] for run in result["validation"]] == ["validation", "identification@4.1:7"]
+    assert [run["run"] for run in result["identification"]] == ["identification#0:1000"]
 
 
 def test_an_effort_that_is_always_zero_has_no_percentage(
