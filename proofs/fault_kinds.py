@@ -1,5 +1,6 @@
 """The kinds of fault, each a function of a clean log and chance."""
 
+import re
 from collections.abc import Callable
 
 import numpy as np
@@ -283,8 +284,7 @@ def _weighed(mass: float) -> Callable[[Clean, Diagnosis], bool]:
 
     def mended(_: Clean, found: Diagnosis) -> bool:
         told = [f for f in found.findings if f.suspicion == "payload"]
-        words = told[0].says.split() if told else []
-        masses = [float(words[k - 1]) for k, word in enumerate(words) if word == "kg"]
+        masses = [float(kg) for kg in re.findall(r"([\d.]+) kg", told[0].says)] if told else []
         return bool(masses) and abs(masses[0] - mass) <= 0.1 * mass and not found.edits
 
     return mended

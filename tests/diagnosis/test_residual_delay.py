@@ -42,3 +42,12 @@ def test_a_declared_delay_is_counted_in(arm: Arm) -> None:
     finding = residual_delay(arm.case(late(arm, np.full(6, 0.014)), text, known=False), "x")
     assert finding is not None and finding.mend is not None
     assert finding.mend.edits[0].value == pytest.approx(0.014, abs=3e-4)
+
+
+def test_a_log_with_a_gap_is_not_asked(arm: Arm) -> None:
+    table = late(arm, np.full(6, 0.012))
+    t = table[:, 0]
+    whole = arm.case(table, known=False)
+    assert residual_delay(whole, "effort delay") is not None
+    gap = np.abs(t - 0.5 * (t[0] + t[-1])) < 0.15
+    assert residual_delay(arm.case(table[~gap], known=False), "effort delay") is None

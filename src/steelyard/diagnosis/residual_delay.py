@@ -74,6 +74,8 @@ class Delays:
 def residual_delay(case: Case, name: str) -> Finding | None:
     """The delay that the longest log shows, for all logs together; `None` if it shows none.
 
+    A log with gaps is not looked at: what filters leave beside a gap may look late.
+
     Args:
         case: Robot and logs.
         name: Name of the suspicion.
@@ -84,6 +86,8 @@ def residual_delay(case: Case, name: str) -> Finding | None:
     evidence = case.logs[max(runs)[1]]
     try:
         (run,) = clean_runs(replace(case, logs=(evidence,)))
+        if len(run.segments) > 1:
+            return None
         regressor = base_regressor(customary_model(case))
         found = delays_of(regressor, run)
         for _ in range(RENEWED if found.alike(ROUGH) else 0):
