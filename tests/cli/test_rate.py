@@ -84,3 +84,23 @@ def test_a_log_that_is_simulated_has_no_clock_either(
     assert done.exit_code == 0, done.output
     log = next((tmp_path / "s").glob("*.parquet"))
     assert not [c for c in pl.read_parquet(log).columns if "row" in c or "time" in c]
+
+
+@pytest.mark.parametrize("rate", ["0", "-3", "nan", "inf", "1e9", "fast"])
+def test_a_rate_that_no_log_has_is_refused(
+    command: Command, given: Path, timeless: Path, tmp_path: Path, rate: str
+) -> None:
+    robot = tmp_path / "arm.toml"
+    done = command("init", given / "demo_arm.urdf", timeless, "--rate", rate, "-o", robot)
+    assert done.exit_code == 2 and "--rate" in done.output and not robot.exists()
+
+
+def test_a_rate_belongs_to_a_log_and_replaces_its_clock_by_name(
+    command: Command, given: Path, timeless: Path, tmp_path: Path
+) -> None:
+    urdf, robot = given / "demo_arm.urdf", tmp_path / "arm.toml"
+    alone = command("init", urdf, "--rate", 100, "-o", robot)
+    assert alone.exit_code == 2 and "no log whose rows" in alone.output and not robot.exists()
+    timed = timeless.with_name("timed.csv")
+    shown = command("init", urdf, timed, "--rate", RATE, "-o", robot)
+    assert "at the 250 Hz that were given, not time_s" in shown.stdout

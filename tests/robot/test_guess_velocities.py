@@ -55,6 +55,23 @@ def test_velocities_in_degrees_are_used_with_their_unit() -> None:
     assert (guess.section.position_unit, guess.section.velocity_unit) == ("deg", "deg/s")
 
 
+@pytest.mark.parametrize("factor", [-1.0, 0.0, 3.0])
+def test_one_joint_of_three_leaves_all_out(factor: float) -> None:
+    sample = sampled()
+    q, v = ([sample[f"{what}{k}"] for k in (1, 2, 1)] for what in ("q", "dq"))
+    good = compared(T, q, v)
+    assert good is not None and not good.faults
+    one = compared(T, q, [v[0], factor * v[1], v[2]])
+    assert one is not None and one.faults == ("one joint's are not the derivative of its position",)
+
+
+def test_a_short_sample_does_not_judge() -> None:
+    sample = sampled()
+    q, v = ([sample[f"{what}1"]] for what in ("q", "dq"))
+    assert compared(T, q, v) is not None
+    assert compared(T[:300] * 0.1, [q[0][:300]], [v[0][:300]]) is None
+
+
 def test_backward_differences_are_no_velocities() -> None:
     sample = sampled()
     for k in (1, 2):

@@ -28,7 +28,9 @@ def init(
     ] = None,
     rate: Annotated[
         float | None,
-        typer.Option(help="Rate of the log's rows [Hz], if it has no column of time.", min=1e-6),
+        typer.Option(
+            help="Rate of the log's rows [Hz], if it has no column of time.", min=1e-6, max=1e6
+        ),
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -37,9 +39,11 @@ def init(
     The exit code is 1 if the log has no columns for some joints, or its columns are unknown.
 
     Example: steelyard init panda.urdf run1.parquet -o panda.toml
+
+    Without a column of time: steelyard init panda.urdf run1.csv --rate 1000
     """
     from steelyard.cli import interrupt, river
-    from steelyard.errors import OutputError
+    from steelyard.errors import ModelError, OutputError
     from steelyard.files import whole_file
     from steelyard.robot.init_file import drafted
     from steelyard.robot.robot_file import load_robot
@@ -51,6 +55,12 @@ def init(
             "the robot file exists already",
             where=str(target),
             mend="name another one with --output, or remove it",
+        )
+    if rate is not None and log is None:
+        raise ModelError(
+            "there is a rate, but no log whose rows come at it",
+            where="--rate",
+            mend="name the log behind the model file, or leave --rate out",
         )
     columns, sample = (None, None) if log is None else river.sample_of(log)
     draft = drafted(model, loaded, columns, sample, target, rate)

@@ -29,7 +29,7 @@ from steelyard.validation.bands import Bands
 from steelyard.validation.score import RunScore, score
 
 SAMPLE_ROWS = 20_000
-"""Rows read to guess units."""
+"""Rows read to guess units, and whether velocities are good."""
 
 
 @dataclass(frozen=True)

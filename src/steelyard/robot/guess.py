@@ -199,7 +199,9 @@ def _clock(
 ) -> tuple[dict[str, Any], str]:
     """What the robot file says of time, and why."""
     if rate is not None:
-        return {"rate": rate}, f"time is the number of the row at the {rate:g} Hz that were given"
+        said = f"time is the number of the row at the {rate:g} Hz that were given"
+        beside = f", not {_listed(candidates)}" if candidates else ""
+        return {"rate": rate}, said + beside
     time = _time(candidates, columns, values)
     unit, reason = _time_unit(time, values)
     said = f"time is '{time.name}' in {unit}, {reason}"

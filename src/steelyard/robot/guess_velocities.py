@@ -2,7 +2,7 @@ r"""Whether logged velocities are worth using: compared with positions, in a sam
 
 If velocities $v$ have a scale $1/a$ and come late by $\delta$, positions are
 $q = c_0 + c_1 t + a \int v + a \delta v$, a linear fit that needs no derivative. They are used if
-they agree, are not late, and have less noise than differences of positions.
+they agree in every joint, are not late, and have less noise than differences of positions.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,11 +16,13 @@ from steelyard.arrays import Array
 from steelyard.robot.column_words import Column
 from steelyard.robot.signals import TIME_UNITS
 
-LEAST_ROWS, LEAST_RANGE = 200, 0.05
-"""Rows of a sample, and range of a joint [rad; m], from which on velocities can be judged."""
-SCALE, STEPS, SECONDS, NOISE = 0.02, 1.0, 0.01, 0.5
-"""Most that scales differ from 1, most steps of the clock and seconds that velocities are late, and
-most noise over that of differences of positions: with as much noise they are worth nothing."""
+LEAST_ROWS, LEAST_SECONDS, LEAST_RANGE = 200, 0.5, 0.05
+"""Rows and length of a sample [s], and range of a joint [rad; m], from which on velocities can be
+judged."""
+SCALE, OF_JOINT, STEPS, SECONDS, NOISE = 0.02, 0.1, 1.0, 0.01, 0.5
+"""Most that the median scale and that of any joint differ from 1, most steps of the clock and
+seconds that velocities are late, and most noise over that of differences of positions: with as
+much noise they are worth nothing."""
 ABSURD = 1e6
 """Values that no sensor has."""
 SMOOTHED = 0.1
@@ -39,12 +41,14 @@ class Comparison:
         late: How late velocities come [s].
         step: Of the clock [s].
         noise: Of the velocities over that of differences of positions.
+        farthest: The scale that differs most from 1, of any joint that moves.
     """
 
     scale: float
     late: float
     step: float
     noise: float
+    farthest: float
 
     @property
     def delay(self) -> str:
@@ -57,6 +61,8 @@ class Comparison:
         found = []
         if abs(self.scale - 1.0) > SCALE:
             found.append(f"they are {1.0 / self.scale:.3g} times the derivative")
+        elif abs(self.farthest - 1.0) > OF_JOINT:
+            found.append("one joint's are not the derivative of its position")
         if abs(self.late) > min(STEPS * self.step, SECONDS):
             found.append(f"they are {self.delay}")
         if self.noise > NOISE:
@@ -128,7 +134,8 @@ def compared(t: Array, q: Sequence[Array], v: Sequence[Array]) -> Comparison | N
     if len(t) < LEAST_ROWS or not (np.diff(t) >= 0.0).all():
         return None
     step = float(np.median(np.diff(t)))
-    if step <= 0.0 or t[-1] - t[0] > 2.0 * step * len(t):
+    length = t[-1] - t[0]
+    if step <= 0.0 or not LEAST_SECONDS <= length <= 2.0 * step * len(t):
         return None
     even = np.arange(t[0], t[-1], step)
     found = []
@@ -139,7 +146,8 @@ def compared(t: Array, q: Sequence[Array], v: Sequence[Array]) -> Comparison | N
     if not found:
         return None
     scale, late, noise = (float(x) for x in np.median(found, axis=0))
-    return Comparison(scale, late, step, noise)
+    farthest = max((one[0] for one in found), key=lambda scale: abs(scale - 1.0))
+    return Comparison(scale, late, step, noise, farthest)
 
 
 def _of_joint(t: Array, q: Array, v: Array) -> tuple[float, float, float]:
