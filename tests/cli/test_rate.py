@@ -1,5 +1,6 @@
 """Logs without a column of time: the robot file says their rate."""
 
+import json
 import tomllib
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 import steelyard
 from cli.conftest import Command
 from cli.river_files import edited
+from steelyard.robot.signals import ROW
 
 RATE = 250.0
 
@@ -76,14 +78,21 @@ def test_one_clock_is_declared(
     assert done.exit_code == 2 and said in " ".join(done.output.split())
 
 
-def test_a_log_that_is_simulated_has_no_clock_either(
+def test_a_simulated_log_without_a_clock_comes_at_the_declared_rate(
     command: Command, given: Path, tmp_path: Path
 ) -> None:
     robot = edited(given, tmp_path, ('time = "time_s"', "rate = 200.0"))
-    done = command("simulate", robot, "--period", "1", "-o", tmp_path / "s", "--json")
+    done = command("simulate", robot, "--period", "4", "-o", tmp_path / "s")
     assert done.exit_code == 0, done.output
-    log = next((tmp_path / "s").glob("*.parquet"))
-    assert not [c for c in pl.read_parquet(log).columns if "row" in c or "time" in c]
+    assert not {"time_s", ROW} & set(pl.read_parquet(tmp_path / "s" / "log.parquet").columns)
+    checked = command("check", robot, tmp_path / "s" / "log.parquet", "--json")
+    clock = next(f for f in json.loads(checked.stdout)["findings"] if f["suspicion"] == "clock")
+    assert (
+        clock["judgement"] == "ok" and "200 Hz, steps of 5 ms, even, as declared" in clock["says"]
+    )
+    odd = edited(given, tmp_path, ('time = "time_s"', "rate = 93.0"))
+    refused = command("simulate", odd, "--period", "1", "-o", tmp_path / "o")
+    assert refused.exit_code == 2 and "cannot have 93 rows a second" in refused.output
 
 
 @pytest.mark.parametrize("rate", ["0", "-3", "nan", "inf", "1e9", "fast"])

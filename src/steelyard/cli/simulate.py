@@ -78,6 +78,7 @@ def simulate(
     from steelyard.excitation.random_fourier import random_fourier
     from steelyard.files import whole_folder
     from steelyard.robot.robot_file import load_robot
+    from steelyard.robot.signals import ROW
     from steelyard.virtual.invent import random_truth
     from steelyard.virtual.simulate import customary_sensors
     from steelyard.virtual.simulate import simulate as run
@@ -99,6 +100,8 @@ def simulate(
     sensors = customary_sensors(loaded.robot, truth, noise)
     if loaded.signals is not None and any(loaded.signals.unknown_gains):
         sensors = sensors.with_random_gains(loaded.robot.n, seed)
+    if loaded.signals is not None and loaded.signals.time == ROW:
+        sensors = sensors.with_even_rows(1.0 / loaded.signals.time_scale)
     load = _payload(loaded.robot, payload_mass, payload_frame, attach, release)
     with progress_bar() as progress, whole_folder(folder) as part:
         files = run(

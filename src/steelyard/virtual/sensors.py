@@ -140,6 +140,18 @@ class Sensors:
         object.__setattr__(changed, "gains", gains)
         return changed
 
+    def with_even_rows(self, rate: float) -> "Sensors":
+        """The same sensors at a rate, without jitter: for logs whose stamps are not written.
+
+        Raises:
+            DataError: The rate does not divide the controller's.
+        """
+        _check_rate(rate)
+        changed = copy(self)
+        object.__setattr__(changed, "rate", float(rate))
+        object.__setattr__(changed, "clock_jitter", 0.0)
+        return changed
+
     def measure(
         self, run: TrueRun, rng: np.random.Generator, kind: EffortKind | None = None
     ) -> Reading:
