@@ -23,6 +23,7 @@ from steelyard.validation.cross import (
     left_out_errors,
     longest_window,
     per_fold,
+    values_by,
 )
 
 MODEL = Model(tree())
@@ -51,7 +52,7 @@ def part(seed: int, run: str) -> tuple[Information, np.ndarray, np.ndarray]:
 def test_errors_are_those_of_dense_fits_to_the_others() -> None:
     parts = [part(k, f"run{k}") for k in range(3)]
     whole = sum((p[0] for p in parts[1:]), parts[0][0])
-    found = left_out_errors(whole, whole, OrdinaryLeastSquares())
+    found = left_out_errors(whole, whole, values_by(OrdinaryLeastSquares()))
     assert found.shape == (3, 4)
     for fold in range(3):
         others = [p for k, p in enumerate(parts) if k != fold]
@@ -69,7 +70,7 @@ def test_what_is_tested_may_be_more_than_what_is_fitted() -> None:
     extra = [part(10 + k, f"run{k}") for k in range(3)]
     fitted = sum((p[0] for p in parts[1:]), parts[0][0])
     tested = sum((p[0] for p in extra[1:]), extra[0][0])
-    found = left_out_errors(fitted, tested, OrdinaryLeastSquares())
+    found = left_out_errors(fitted, tested, values_by(OrdinaryLeastSquares()))
     matrix = np.concatenate([p[1].reshape(-1, len(COLUMNS)) for p in parts[1:]])
     effort = np.concatenate([p[2].ravel() for p in parts[1:]])
     values = np.linalg.lstsq(matrix, effort, rcond=None)[0]
@@ -82,10 +83,10 @@ def test_columns_that_a_fold_does_not_see_are_left_at_zero_and_dead_rows_have_no
     parts = [part(k, f"run{k}") for k in range(2)]
     whole = parts[0][0] + parts[1][0]
     some = whole.select(COLUMNS[:4])
-    found = left_out_errors(some, some, WeightedLeastSquares())
+    found = left_out_errors(some, some, values_by(WeightedLeastSquares()))
     assert np.all(np.isfinite(found)) and found.min() > 0.0
     dead = whole.scaled(np.array([1.0, 0.0, 1.0, 1.0]), ("Nm",) * 4)
-    found = left_out_errors(dead, dead, OrdinaryLeastSquares())
+    found = left_out_errors(dead, dead, values_by(OrdinaryLeastSquares()))
     assert np.array_equal(found[:, 1], [0.0, 0.0]) and np.all(found[:, 0] > 0.0)
 
 

@@ -2,17 +2,21 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
+import numpy as np
+
+from steelyard.arrays import Array
 from steelyard.cli.ground import Payload as Payload
-from steelyard.cli.ground import grounded, own_columns
+from steelyard.cli.ground import consistent_of, grounded, own_columns
 from steelyard.cli.river import wanted_by
 from steelyard.estimation.consistent import Consistent
-from steelyard.estimation.estimate import Estimate, Estimator
+from steelyard.estimation.estimate import Z95, Estimate, Estimator
 from steelyard.estimation.fields import Finding
 from steelyard.estimation.gains import GainEstimate
 from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
+from steelyard.estimation.knowledge import Knowledge, Row
 from steelyard.estimation.least_squares import OrdinaryLeastSquares, WeightedLeastSquares
-from steelyard.estimation.wishes import knowledge_of
 from steelyard.estimation.zero_offset import ZeroOffsets
 from steelyard.measurement import Run
 from steelyard.measurement.motion_samples import motion_samples
@@ -25,6 +29,7 @@ from steelyard.robot.robot_file import LoadedRobot
 from steelyard.robot.schema import PriorSection
 from steelyard.terms.rigid_body import RigidBody
 from steelyard.validation.calibrate import calibrate
+from steelyard.validation.effort_scales import EffortScales, effort_scales
 from steelyard.validation.friction import FrictionChoice
 
 
@@ -39,6 +44,7 @@ class Fit:
         findings: Fields that were found.
         gains: Drive gains that were found, if any.
         offsets: Zero offsets that were estimated, if any.
+        scales: Scales of the efforts that were estimated, if any.
         notes: What was decided, for people to read.
         information: What the runs say about the model's columns.
         estimator: What made the estimate of it.
@@ -50,6 +56,7 @@ class Fit:
     findings: tuple[Finding, ...]
     gains: GainEstimate | None
     offsets: ZeroOffsets | None
+    scales: EffortScales | None
     notes: tuple[str, ...]
     information: Information
     estimator: Estimator[Information]
@@ -87,12 +94,25 @@ def fit(
     )
     model, runs = ground.model, ground.runs
     information = ground.said(base_regressor(model))
-    plain = least_squares(information)
     more = _least_squares_because(loaded_robot, ground.gains)
-    consistent = consistent_of(loaded_robot, model)
-    estimator = least_squares if more else consistent
+    consistent = consistent_of(loaded_robot, runs)(model, base_map(model))
+    estimator = least_squares if more else _of_runs(consistent, model)
+    scales = None
+    if not more and _may_scale(loaded_robot, ground.gains, information, model):
+        scales = effort_scales(consistent, information, progress=progress)
+    if scales is not None:
+        runs = [_scaled(run, scales.found.values) for run in runs]
+        information = information.scaled(1.0 / scales.found.values, information.stamp.effort)
+        estimator = partial(scales.scaled.estimate, scales=scales.found)
+    plain = least_squares(information)
     estimate, reference = (plain, other(information)) if more else (estimator(information), plain)
-    notes = (*ground.notes, *more, *estimate.notes, *_beyond(model, plain))
+    notes = (
+        *ground.notes,
+        *more,
+        *([] if scales is None else [scales.note]),
+        *estimate.notes,
+        *_beyond(model, consistent.knowledge, plain),
+    )
     identified = IdentifiedModel(
         model=model,
         base=base_map(model),
@@ -110,11 +130,12 @@ def fit(
     )
     return Fit(
         identified,
-        ground.runs,
+        tuple(runs),
         ground.choice,
         ground.findings,
         ground.gains,
         ground.offsets,
+        scales,
         notes,
         information,
         estimator,
@@ -157,10 +178,19 @@ def estimators(loaded: LoadedRobot) -> tuple[LeastSquares, LeastSquares]:
     return (noise, equal) if loaded.estimation.weights == "noise" else (equal, noise)
 
 
-def consistent_of(loaded: LoadedRobot, model: Model) -> Estimator[Information]:
-    """The consistent estimator with what the robot file knows of the robot."""
-    equal = loaded.estimation.weights == "equal"
-    return _of_runs(Consistent(base_map(model), knowledge_of(model, loaded), equal=equal), model)
+def _may_scale(
+    loaded: LoadedRobot, gains: GainEstimate | None, information: Information, model: Model
+) -> bool:
+    """Whether scales may be estimated: not beside gains, nor parameters of single runs."""
+    own = set(own_columns(model)) & set(information.layout.columns)
+    return loaded.estimation.effort_scales == "auto" and gains is None and not own
+
+
+def _scaled(run: Run, scales: Array) -> Run:
+    """The run with its efforts divided by scales."""
+    signals = run.recording.signals
+    signals = replace(signals, gains=signals.gains / scales)
+    return replace(run, recording=replace(run.recording, signals=signals))
 
 
 def _least_squares_because(loaded: LoadedRobot, gains: GainEstimate | None) -> tuple[str, ...]:
@@ -188,23 +218,28 @@ def _of_runs(estimator: LeastSquares | Consistent, model: Model) -> Estimator[In
     return estimate
 
 
-def _beyond(model: Model, estimate: Estimate) -> tuple[str, ...]:
-    """Parameters whose interval lies wholly beyond what is physical, bodies aside."""
-    lower = {
-        p.name: p.lower
-        for term in model.terms
-        if not isinstance(term, RigidBody)
-        for p in term.parameters(model.robot)
-    }
-    ends = estimate.parameters.values + estimate.half_width
-    found = [
-        name
-        for name, end in zip(estimate.parameters.names, ends, strict=True)
-        if end < lower.get(name, -float("inf"))
+def _beyond(model: Model, known: Knowledge, estimate: Estimate) -> tuple[str, ...]:
+    """Parameters and friction curves whose interval lies wholly beyond what is physical."""
+    place = {name: k for k, name in enumerate(estimate.parameters.names)}
+    bodies = {p.name for p in RigidBody().parameters(model.robot)}
+    alone = [
+        Row(name, {name: 1.0}, lower)
+        for name, lower in zip(known.names, known.lower.tolist(), strict=True)
+        if name not in bodies | known.shaped
     ]
+    found = []
+    for row in (*alone, *known.curves):
+        if not set(row.coefficients) <= set(place):
+            continue
+        at = [place[name] for name in row.coefficients]
+        factors = np.array(list(row.coefficients.values()))
+        value = factors @ estimate.parameters.values[at]
+        std = np.sqrt(max(factors @ estimate.covariance[np.ix_(at, at)] @ factors, 0.0))
+        if value + Z95 * std < row.lower:
+            found.append(row.label)
     if not found:
         return ()
     return (
-        f"least squares finds below what is physical: {', '.join(found)}; these terms fit the "
-        "data, but stand for something else",
+        f"least squares finds below what is physical: {', '.join(dict.fromkeys(found))}; these "
+        "terms fit the data, but stand for something else",
     )

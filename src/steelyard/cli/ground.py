@@ -5,14 +5,17 @@ from dataclasses import dataclass, replace
 
 from steelyard.cli.river import with_friction
 from steelyard.errors import DataError, ModelError
+from steelyard.estimation.consistent import Consistent
 from steelyard.estimation.estimate import Estimator
 from steelyard.estimation.field_passes import Said
 from steelyard.estimation.fields import Finding, find_fields, said_by
 from steelyard.estimation.gains import GainEstimate, identified_gains
 from steelyard.estimation.per_run import own_columns as own_columns
 from steelyard.estimation.reference import needs_reference, settled_reference
+from steelyard.estimation.wishes import knowledge_of
 from steelyard.estimation.zero_offset import ZeroOffsets, find_offsets, with_offsets
 from steelyard.measurement import Run
+from steelyard.measurement.run import fastest_of
 from steelyard.model import Model
 from steelyard.progress import Progress
 from steelyard.regression.base import base_map, refuse_twins
@@ -21,7 +24,12 @@ from steelyard.regression.information import Information
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot.robot_file import LoadedRobot
 from steelyard.terms.find import finds_of
-from steelyard.validation.friction import FrictionChoice, choose_friction, refuse_listed
+from steelyard.validation.friction import (
+    ConsistentOf,
+    FrictionChoice,
+    choose_friction,
+    refuse_listed,
+)
 from steelyard.validation.mixes import remembers
 
 _UNSETTLED = (
@@ -86,7 +94,7 @@ def grounded(
         runs: Runs without payload.
         carrying: Runs with it, for the gains.
         payload: What they carry.
-        estimator: How laws and references are fitted.
+        estimator: How references are fitted, and laws where the estimate is least squares.
         threads: Native threads.
         progress: Told about every pass.
     """
@@ -101,7 +109,8 @@ def grounded(
         runs = with_offsets(runs, offsets.values)
     choice = None
     if loaded_robot.friction:
-        choice = choose_friction(model, runs, estimator, threads=threads, progress=progress)
+        judge = _judge(loaded_robot, model, runs, gains)
+        choice = choose_friction(model, runs, estimator, judge, threads=threads, progress=progress)
         model = replace(model, terms=(*model.terms, *choice.terms))
     said = said_by(runs, rests=remembers(model.terms), threads=threads, progress=progress)
     found = find_fields(model, said, progress=progress)
@@ -117,6 +126,27 @@ def grounded(
         *([] if settled else [_UNSETTLED]),
     )
     return Ground(model, tuple(runs), said, choice, found.findings, gains, offsets, notes)
+
+
+def consistent_of(loaded: LoadedRobot, runs: Sequence[Run]) -> ConsistentOf:
+    """The consistent estimate with what the robot file knows, for models of the robot.
+
+    Args:
+        loaded: The robot file.
+        runs: The runs to be fitted, whose speeds friction is bounded for.
+    """
+    fastest, equal = fastest_of(runs), loaded.estimation.weights == "equal"
+    return lambda model, base: Consistent(base, knowledge_of(model, loaded, fastest), equal=equal)
+
+
+def _judge(
+    loaded: LoadedRobot, model: Model, runs: Sequence[Run], gains: GainEstimate | None
+) -> ConsistentOf | None:
+    """What judges friction laws: the consistent estimate, if the model is to be given it."""
+    unscaled = gains is not None and gains.relative
+    if loaded.estimation.method == "least_squares" or unscaled or own_columns(model):
+        return None
+    return consistent_of(loaded, runs)
 
 
 def _refuse_finds(model: Model) -> None:

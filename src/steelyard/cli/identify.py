@@ -202,6 +202,7 @@ def report_of(
         findings=fit.findings,
         gains=fit.gains,
         offsets=fit.offsets,
+        scales=fit.scales,
     )
 
 
@@ -276,6 +277,7 @@ def results(content: "ReportContent", folder: Path) -> dict[str, object]:
         "fields": [finding.to_dict() for finding in content.findings],
         "gains": None if content.gains is None else content.gains.to_dict(),
         "zero_offsets": None if content.offsets is None else content.offsets.to_dict(),
+        "effort_scales": None if content.scales is None else content.scales.to_dict(),
         "not_seen": [blind.name for blind in estimate.blind],
         "condition": estimate.condition,
         "condition_normalised": estimate.condition_normalised,

@@ -15,6 +15,7 @@ from steelyard.estimation.least_squares import WeightedLeastSquares
 from steelyard.estimation.register import ESTIMATORS, Context, Offer
 from steelyard.estimation.wishes import knowledge_of
 from steelyard.measurement import Run
+from steelyard.measurement.run import fastest_of
 from steelyard.progress import Progress
 from steelyard.regression.gather_samples import gather_samples
 from steelyard.regression.information import Information
@@ -151,7 +152,7 @@ def _given(
     information = said(regressor)
     own = set(own_columns(model))
     per_run = tuple(name for name in information.layout.columns if name in own)
-    knowledge = knowledge_of(model, file)
+    knowledge = knowledge_of(model, file, fastest_of(runs))
     sources = Sources(regressor, runs, rests, information, threads, progress)
     several = len(runs) > 1
     parts = Parts.of(

@@ -118,7 +118,8 @@ def _found(
 
 def _faults(case: Case, evidence: Evidence, units: Reading, agreed: Agreement) -> _Faults:
     n = len(agreed.order)
-    told = agreed.told
+    # what is only dragged along moves too little to tell a scale or a lag by
+    told = agreed.told & driven(case, evidence)
     relative = np.array([abs(units.relative(j)) for j in range(n)])
     step = look(case, evidence).step * units.second
     declared = [joint.velocity_unit for joint in units.as_declared]

@@ -87,6 +87,25 @@ class Consistent:
         found = self.weighed(program)
         return self._described(data, program, found)
 
+    def values(self, information: Information, gamma: float | None = None) -> tuple[Array, float]:
+        """Values of the information's columns, without all that tells how sure they are.
+
+        Args:
+            information: What the data say; no run has parameters of its own.
+            gamma: Weight of the prior; as of a call if `None`.
+
+        Returns:
+            The values, shape `(p,)`, zero of columns without a base parameter, and the weight.
+
+        Raises:
+            DataError: As of a call.
+        """
+        program = self.program(whitened(information, equal=self.equal))
+        tried = self.weighed(program).tried if gamma is None else self._tried(program, gamma)
+        lifted = self.base.lift @ program.unknowns.standard(tried.u)
+        known = dict(zip(self.base.base_names, lifted.tolist(), strict=True))
+        return np.array([known.get(c, 0.0) for c in information.layout.columns]), tried.gamma
+
     def program(self, data: Whitened) -> Program:
         """The convex program of whitened data."""
         known = unknowns(data, self.base, self.knowledge)

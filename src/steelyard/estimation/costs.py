@@ -76,6 +76,7 @@ def _physical(
         knowledge,
         lower=np.where(laws, -np.inf, knowledge.lower),
         upper=np.where(laws, np.inf, knowledge.upper),
+        curves=(),
     )
     alone = attempt(replace(program, wishes=wishes(program.unknowns, unbounded)), LEAST)
     at = held(program, whole.u, spread(program, whole)).names

@@ -1,7 +1,7 @@
 """What is known of a robot's parameters before its data: priors of bodies, bounds, rows."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -38,6 +38,9 @@ class Knowledge:
         lower: Lower bounds of the parameters, shape `(p,)`.
         upper: Upper bounds, shape `(p,)`.
         rows: Further wishes.
+        curves: Rows that bound the friction along a coordinate as a whole.
+        deviations: Standard deviations from zero that some parameters have, by name.
+        shaped: Parameters in them whose own lower bounds these rows replace.
         uncertainty: Relative uncertainty of the priors; found from the data if `None`.
         notes: What was assumed, for people to read.
     """
@@ -48,6 +51,9 @@ class Knowledge:
     lower: Array
     upper: Array
     rows: tuple[Row, ...] = ()
+    curves: tuple[Row, ...] = ()
+    shaped: frozenset[str] = frozenset()
+    deviations: Mapping[str, float] = field(default_factory=dict)
     uncertainty: float | None = None
     notes: tuple[str, ...] = ()
 

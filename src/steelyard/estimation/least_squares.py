@@ -10,9 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from steelyard.arrays import Array
 from steelyard.estimation.estimate import Estimate
 from steelyard.estimation.normal_equations import (
     Fit,
+    Solution,
     described,
     solve,
     spread_of,
@@ -21,6 +23,15 @@ from steelyard.estimation.normal_equations import (
 from steelyard.estimation.per_run import Runs
 from steelyard.estimation.sandwich import inflations, note_of
 from steelyard.regression.information import Information
+
+DEPTH = 4
+"""Earlier points that are mixed."""
+
+WORSE = 2.0
+"""Growth of the change at which earlier points are forgotten."""
+
+FARTHEST = 30.0
+"""Longest mixed step, in plain ones."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +65,7 @@ class WeightedLeastSquares:
         per_run: Columns whose parameters every run has for itself.
     """
 
-    rounds: int = 50
+    rounds: int = 100
     tolerance: float = 1e-6
     per_run: tuple[str, ...] = ()
 
@@ -69,13 +80,42 @@ class WeightedLeastSquares:
         """Values and settled weights, without covariances."""
         data = Runs.of(information, self.per_run)
         energy = information.effort_squares() / np.maximum(information.n_samples, 1.0)
-        variances = np.where(energy > 0.0, energy, 1.0)
+        logs, mixed = np.log(np.where(energy > 0.0, energy, 1.0)), Mixing()
+        before: Solution | None = None
         for _ in range(self.rounds):
-            weights = 1.0 / variances
-            solution = solve(data, weights)
-            settled = variances_of(data, solution, weights)
-            change = np.abs(settled / variances - 1.0).max()
-            variances = settled
-            if change < self.tolerance:
+            weights = np.exp(-logs)
+            solution = before = solve(data, weights, before)
+            variances = variances_of(data, solution, weights)
+            change = np.log(variances) - logs
+            if np.abs(change).max() < self.tolerance:
                 break
+            logs = mixed.next(logs, change)
         return Fit(data, solution, variances)
+
+
+class Mixing:
+    """Anderson's mixing: the next point of a fixed-point iteration from the last few."""
+
+    def __init__(self) -> None:
+        self._points: list[Array] = []
+        self._changes: list[Array] = []
+
+    def next(self, point: Array, change: Array) -> Array:
+        """The point at which a linear model of the changes is zero, or the plain next one.
+
+        Args:
+            point: Where the iteration stands.
+            change: What one plain step would add to it.
+        """
+        size = float(np.abs(change).max())
+        if size > WORSE * min((float(np.abs(x).max()) for x in self._changes), default=np.inf):
+            self._points, self._changes = [], []
+        self._points = [*self._points[-DEPTH:], point]
+        self._changes = [*self._changes[-DEPTH:], change]
+        slopes = np.diff(self._changes, axis=0).T
+        if not slopes.size:
+            return point + change
+        shares = np.linalg.lstsq(slopes, change, rcond=1e-8)[0]
+        step = change - (np.diff(self._points, axis=0).T + slopes) @ shares
+        longest = FARTHEST * size
+        return np.asarray(point + np.clip(step, -longest, longest))

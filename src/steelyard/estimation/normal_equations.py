@@ -57,8 +57,13 @@ class Fit:
     variances: Array
 
 
-def solve(data: Runs, weights: Array) -> Solution:
+def solve(data: Runs, weights: Array, before: Solution | None = None) -> Solution:
     """Least squares over all rows, each with a weight, shape `(rows,)`.
+
+    Args:
+        data: What the data say.
+        weights: One per row.
+        before: The solution with other weights, which mostly sees the same columns.
 
     Raises:
         DataError: The data show no parameter.
@@ -69,7 +74,10 @@ def solve(data: Runs, weights: Array) -> Solution:
     scale = np.where(lengths > 1e-12 * lengths.max(initial=1e-300), lengths, np.inf)
     scale[list(data.local)] = np.inf
     unit = matrix / scale[:, None] / scale
-    kept, blind = visible(unit, np.isfinite(scale), information.layout.columns)
+    if before is not None and _all_new(unit[np.ix_(before.kept, before.kept)]):
+        kept, blind = before.kept, before.blind
+    else:
+        kept, blind = visible(unit, np.isfinite(scale), information.layout.columns)
     blind = explained(blind, eliminated, lengths, information.layout.columns)
     if not kept:
         raise DataError(

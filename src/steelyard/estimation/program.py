@@ -51,7 +51,7 @@ class Wishes:
 
 def wishes(unknowns: Unknowns, knowledge: Knowledge) -> Wishes:
     """Bounds of the parameters and the user's rows; those that hold for any body are left out."""
-    rows = (*_bounds(unknowns, knowledge), *knowledge.rows)
+    rows = (*_bounds(unknowns, knowledge), *knowledge.curves, *knowledge.rows)
     place = {name: k for k, name in enumerate(unknowns.names)}
     matrix = np.zeros((len(rows), unknowns.scale.shape[1]))
     for number, row in enumerate(rows):
@@ -73,7 +73,7 @@ def _bounds(unknowns: Unknowns, knowledge: Knowledge) -> list[Row]:
     found = []
     for k, name in enumerate(unknowns.names):
         low, high = float(knowledge.lower[k]), float(knowledge.upper[k])
-        low = -np.inf if name in bodies and low == 0.0 else low
+        low = -np.inf if name in knowledge.shaped or (name in bodies and low == 0.0) else low
         if np.isfinite(low) or np.isfinite(high):
             label = f"{name} between {low:g} and {high:g}"
             found.append(Row(label, {name: 1.0}, low, high))

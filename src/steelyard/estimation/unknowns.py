@@ -2,9 +2,9 @@ r"""Standard parameters in the scale of their prior.
 
 A body's pseudo-inertia is $J = L X L^T$ with $J_0 = L L^T$ that of its prior: the prior is
 $X = 1$, and margins have no unit [Wensing2018]. A body's unknowns are the ten entries of the upper
-triangle of $X$, column by column; every other parameter is counted in the size that would make all
-of the effort, or, where the data do not see it, in what is
-wide in its SI unit.
+triangle of $X$, column by column; every other parameter is counted in the standard deviation that
+is known of it, else in the size that would make all of the effort, or, where the data do not see
+it, in what is wide in its SI unit.
 """
 
 from dataclasses import dataclass
@@ -111,12 +111,14 @@ def unknowns(data: Whitened, base: BaseMap, knowledge: Knowledge) -> Unknowns:
     sizes = np.divide(
         data.effort, strength, out=np.full(len(terms), UNKNOWN), where=strength > least
     )
+    stated = np.array([knowledge.deviations.get(base.names[k], np.nan) for k in terms])
+    sizes = np.where(np.isfinite(stated), stated, sizes)
     scale[list(terms), 10 * count + np.arange(len(terms))] = sizes
     matrix = data.matrix @ lift @ scale
     matrix[:, 10 * count + np.flatnonzero(strength <= least)] = 0.0
     weak = np.full(scale.shape[1], WIDEST**-2)
     weak[: 10 * count] = 0.0
-    weak[10 * count + np.flatnonzero(strength <= least)] = 1.0
+    weak[10 * count + np.flatnonzero((strength <= least) | np.isfinite(stated))] = 1.0
     return Unknowns(
         base.names,
         tuple(prior is not None for prior in knowledge.priors),

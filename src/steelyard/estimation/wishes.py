@@ -9,6 +9,7 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.errors import ModelError
 from steelyard.estimation.contradictions import refuse_contradictions
+from steelyard.estimation.friction_curves import friction_curves, shaped
 from steelyard.estimation.knowledge import Knowledge, Row
 from steelyard.estimation.per_run import own_columns
 from steelyard.estimation.prior_given import given_knowledge
@@ -46,7 +47,7 @@ WISHES: dict[str, type[Any]] = {
 }
 
 
-def knowledge_of(model: Model, loaded: LoadedRobot) -> Knowledge:
+def knowledge_of(model: Model, loaded: LoadedRobot, fastest: Array | None = None) -> Knowledge:
     """All that model and robot file say before the data.
 
     Wishes about friction that was chosen from the data, or is still to be, and is not in the
@@ -55,6 +56,8 @@ def knowledge_of(model: Model, loaded: LoadedRobot) -> Knowledge:
     Args:
         model: The model.
         loaded: The robot file.
+        fastest: Greatest speed of each joint in the data [rad/s; m/s], up to which and beyond
+            friction is bounded as a whole; without it, coefficient by coefficient.
 
     Raises:
         ModelError: A wish is no wish, names what is not there, or contradicts itself.
@@ -76,7 +79,17 @@ def knowledge_of(model: Model, loaded: LoadedRobot) -> Knowledge:
     notes += [f"'{name}' may be below zero, as the robot file says" for name in loosened]
     known = replace(known, lower=lower, rows=tuple(rows), notes=tuple(notes))
     refuse_contradictions(known)
-    return known
+    return known if fastest is None else _with_curves(known, model, fastest, loosened)
+
+
+def _with_curves(
+    known: Knowledge, model: Model, fastest: Array, loosened: Sequence[str]
+) -> Knowledge:
+    """The same with friction bounded as a whole, where the user has not set a bound lower."""
+    curves = tuple(
+        row for row in friction_curves(model, fastest) if not set(loosened) & set(row.coefficients)
+    )
+    return replace(known, curves=curves, shaped=shaped(model, curves))
 
 
 def _refuse_own(rows: Sequence[Row], own: Sequence[str], where: str) -> None:

@@ -211,6 +211,11 @@ class Run:
         )
 
 
+def fastest_of(runs: Sequence[Run]) -> Array:
+    """Greatest speed of each joint in any of the runs, shape `(n,)` [rad/s; m/s]."""
+    return np.asarray(np.max([run.quality.max_speed for run in runs], axis=0))
+
+
 def lost_ends(signals: Signals) -> tuple[float, float]:
     """How much of a segment's start and end has no value of every signal, for their delays [s]."""
     lags = signals.velocity_delay, signals.effort_delay

@@ -6,7 +6,7 @@ others, $\phi_\mathrm{base} = \phi_b + K \phi_d$ [Gautier1991]. Natural order is
 groupings come out the customary way: a link's mass joins the moments of the links before it.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -72,6 +72,18 @@ class BaseMap:
         matrix[range(len(self)), list(self.independent)] = 1.0
         matrix[:, list(self.dependent)] += self.coefficients
         return matrix
+
+    def beside(self, names: Sequence[str], units: Sequence[str]) -> "BaseMap":
+        """The map with further parameters that are base parameters by themselves."""
+        p, n = len(self.names), len(names)
+        return BaseMap(
+            (*self.names, *names),
+            (*self.units, *units),
+            (*self.independent, *range(p, p + n)),
+            self.dependent,
+            self.unseen,
+            np.vstack([self.coefficients, np.zeros((n, len(self.dependent)))]),
+        )
 
     def grouping(self, base: int) -> str:
         """A base parameter in full, like `Izz.link1 + Iyy.link2 + 0.25 m.link3`."""

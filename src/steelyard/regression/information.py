@@ -235,7 +235,7 @@ class Information:
             part[-1, -1] = 1.0
             width = self.layout.widths[row]
             grams = _unpacked(self.grams[:, self._packed(row)], width)
-            pieces.append(_packed(part.T @ grams @ part))
+            pieces.append(packed(part.T @ grams @ part))
         return Information(
             layout,
             Stamp(
@@ -308,7 +308,8 @@ def _places(width: int) -> NDArray[np.intp]:
     return places
 
 
-def _packed(matrices: Array) -> Array:
+def packed(matrices: Array) -> Array:
+    """Lower triangles `(..., size)` of symmetric matrices `(..., width, width)`."""
     rows, columns = np.tril_indices(matrices.shape[-1])
     return np.asarray(matrices[..., rows, columns])
 

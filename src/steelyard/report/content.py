@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from steelyard.estimation.zero_offset import ZeroOffsets
     from steelyard.excitation.designed import Designed
     from steelyard.robot.excitation_schema import WorkspaceSection
+    from steelyard.validation.effort_scales import EffortScales
     from steelyard.validation.friction import FrictionChoice
     from steelyard.validation.score import RunScore
     from steelyard.validation.sensitivity import Sensitivity
@@ -41,6 +42,7 @@ class ReportContent:
         findings: Fields of terms that were found.
         gains: Drive gains that were found, if any.
         offsets: Zero offsets of joints that were estimated, if any.
+        scales: Scales of the joints' efforts that were estimated, if any.
         diagnosis: What the logs were checked for before.
         limitations: What checks of the fitted model found; they qualify the headline.
         sensitivity: Fits with other cut-offs, if they were asked for.
@@ -63,6 +65,7 @@ class ReportContent:
     findings: tuple[FieldFinding, ...] = ()
     gains: GainEstimate | None = None
     offsets: ZeroOffsets | None = None
+    scales: EffortScales | None = None
     diagnosis: Diagnosis | None = None
     limitations: tuple[Finding, ...] = ()
     sensitivity: Sensitivity | None = None

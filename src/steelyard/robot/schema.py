@@ -195,10 +195,12 @@ class EstimationSection(Section):
 
     `method`: `consistent` with physics and what is known beforehand, or plain `least_squares`.
     `weights`: joints weigh by the `noise` of their own residuals, or are `equal`.
+    `effort_scales`: a scale of each joint's efforts, where the data ask for it; or none.
     """
 
     method: Literal["consistent", "least_squares"] = "consistent"
     weights: Literal["noise", "equal"] = "noise"
+    effort_scales: Literal["auto", "off"] = "auto"
 
 
 class BoxSection(Section):

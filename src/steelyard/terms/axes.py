@@ -8,13 +8,17 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from math import isfinite
-from typing import Any
+from typing import Any, ClassVar, Literal
 
 from steelyard.errors import ModelError
 from steelyard.kernel.dynamics import Scalar
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import JointKind, Robot
 from steelyard.terms.find import Find
+
+Dissipation = Literal["none", "each", "together"]
+"""What a law knows of energy: nothing; that each of its coefficients takes some; or that it takes
+some together with all others along the same coordinate, whatever the signs of its coefficients."""
 
 Along = tuple[tuple[str, tuple[tuple[str, float], ...]], ...]
 """Named coordinates, each the joints it is made of with their coefficients."""
@@ -84,6 +88,7 @@ class Acting:
         per_run: Whether every run has parameters of its own.
     """
 
+    dissipation: ClassVar[Dissipation] = "none"
     joints: tuple[str, ...] | None = None
     motors: tuple[str, ...] | None = None
     along: Along | None = None

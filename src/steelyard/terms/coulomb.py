@@ -10,7 +10,7 @@ from steelyard.errors import ModelError
 from steelyard.kernel.dynamics import JointState
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
-from steelyard.terms.axes import Acting, each, per_axis, spread
+from steelyard.terms.axes import Acting, Dissipation, each, per_axis, spread
 from steelyard.terms.direction import (
     SHAPES,
     Field,
@@ -37,6 +37,7 @@ class Coulomb(Acting):
     """
 
     law: ClassVar[str] = "coulomb"
+    dissipation: ClassVar[Dissipation] = "each"
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"smoothing": (1e-3, 1.0)}
     threshold: Field = 0.0
     smoothing: Field = 0.0

@@ -9,7 +9,7 @@ import numpy as np
 from steelyard.kernel.dynamics import JointState
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
-from steelyard.terms.axes import Acting, each, spread
+from steelyard.terms.axes import Acting, Dissipation, each, spread
 from steelyard.terms.direction import Field, directions, refuse_negative
 from steelyard.terms.term import Columns
 
@@ -27,6 +27,7 @@ class DirectionalCoulomb(Acting):
     """
 
     law: ClassVar[str] = "directional_coulomb"
+    dissipation: ClassVar[Dissipation] = "each"
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"smoothing": (1e-3, 1.0)}
     smoothing: Field = 0.0
 
@@ -56,6 +57,7 @@ class DirectionalViscous(Acting):
     r"""Viscous friction of its own in each direction, $f = f_+ \max(v, 0) + f_- \min(v, 0)$."""
 
     law: ClassVar[str] = "directional_viscous"
+    dissipation: ClassVar[Dissipation] = "each"
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """Forward and backward per coordinate, not negative."""

@@ -9,7 +9,7 @@ import numpy as np
 from steelyard.kernel.dynamics import JointState, Scalar
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
-from steelyard.terms.axes import Acting, each, spread
+from steelyard.terms.axes import Acting, Dissipation, each, spread
 from steelyard.terms.term import Columns
 
 CREEP = 1e-12
@@ -20,6 +20,7 @@ class _OfSpeed(Acting, ABC):
     """One parameter per coordinate, not negative, times a function of its speed."""
 
     law: ClassVar[str]
+    dissipation: ClassVar[Dissipation] = "together"
     per: ClassVar[str]
     """Unit of the function, with `{}` for that of speed."""
 

@@ -18,7 +18,7 @@ from steelyard.kernel.dynamics import JointState
 from steelyard.kernel.recurrence import recurrence
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
-from steelyard.terms.axes import Acting, Axis, each, per_axis, spread
+from steelyard.terms.axes import Acting, Axis, Dissipation, each, per_axis, spread
 from steelyard.terms.direction import Field, refuse_not_positive
 from steelyard.terms.term import Columns, Samples
 
@@ -84,6 +84,7 @@ class Dahl(OneState):
     """
 
     law: ClassVar[str] = "dahl"
+    dissipation: ClassVar[Dissipation] = "each"
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """One per coordinate, not negative."""
@@ -109,6 +110,7 @@ class MaxwellSlip(Acting):
     """
 
     law: ClassVar[str] = "maxwell_slip"
+    dissipation: ClassVar[Dissipation] = "together"
     aside: ClassVar[tuple[str, ...]] = ("lengths", "relaxing")
     lengths: tuple[float, ...] = (3e-4, 1e-3, 3e-3, 1e-2)
     relaxing: bool = False
@@ -178,6 +180,7 @@ class LuGre(Acting):
     """
 
     law: ClassVar[str] = "lugre"
+    dissipation: ClassVar[Dissipation] = "each"
     aside: ClassVar[tuple[str, ...]] = ("length", "breakaway", "speed")
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {
         "length": (1e-5, 3e-2),

@@ -9,7 +9,7 @@ import numpy as np
 from steelyard.kernel.dynamics import JointState, Scalar
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
-from steelyard.terms.axes import Acting, each, per_axis, spread
+from steelyard.terms.axes import Acting, Dissipation, each, per_axis, spread
 from steelyard.terms.direction import (
     Field,
     directions,
@@ -36,6 +36,7 @@ class Stribeck(Acting):
     """
 
     law: ClassVar[str] = "stribeck"
+    dissipation: ClassVar[Dissipation] = "together"
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"speed": (1e-3, 1.0)}
     speed: Field = 0.1
     exponent: int = 1

@@ -6,7 +6,7 @@ from typing import ClassVar
 from steelyard.kernel.dynamics import JointState
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
-from steelyard.terms.axes import Acting, each, spread
+from steelyard.terms.axes import Acting, Dissipation, each, spread
 from steelyard.terms.term import Columns
 
 
@@ -15,6 +15,7 @@ class Viscous(Acting):
     r"""Viscous friction, $f = f_v\,v$ [N m s/rad; N s/m if prismatic]."""
 
     law: ClassVar[str] = "viscous"
+    dissipation: ClassVar[Dissipation] = "each"
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """One per coordinate, not negative."""

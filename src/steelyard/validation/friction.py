@@ -9,14 +9,15 @@ All candidates' columns are gathered in one wide pass; a mix is a selection of t
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.errors import ModelError
+from steelyard.errors import DataError, ModelError
+from steelyard.estimation.consistent import Consistent
 from steelyard.estimation.estimate import Estimator
 from steelyard.estimation.fields import said_by
 from steelyard.estimation.reference import reference_of
@@ -28,12 +29,25 @@ from steelyard.regression.information import Information
 from steelyard.regression.regressor import Regressor, chosen_regressor
 from steelyard.terms.dictionary import Dictionary
 from steelyard.terms.load_dependent import LoadDependent
+from steelyard.terms.presliding import Dahl
 from steelyard.terms.term import Remembering, Term
-from steelyard.validation.cross import folds_of, left_out_errors, longest_window, per_fold
-from steelyard.validation.mixes import DIRECTION, LOAD, LOADED, SPEED, STAGES, mix_name, remembers
+from steelyard.validation.cross import (
+    LEAST,
+    folding,
+    left_out_errors,
+    logarithms,
+    per_fold,
+    standard_error,
+    too_short,
+    values_by,
+)
+from steelyard.validation.mixes import DIRECTION, LOAD, SPEED, mix_name, remembers, stages_of
 
-LEAST = 0.005
-"""Gain that is worth another parameter, relative to the error."""
+ConsistentOf = Callable[[Model, BaseMap], Consistent]
+"""The consistent estimate for a model and its base parameters."""
+
+PerJoint = Callable[[tuple[Term, ...]], list[tuple[tuple[Term, ...], Array]]]
+"""Mixes whose fields are of each joint, beside the laws that follow, with their errors."""
 
 
 @dataclass(frozen=True)
@@ -108,6 +122,7 @@ def choose_friction(
     model: Model,
     runs: Sequence[Run],
     estimator: Estimator[Information],
+    consistent: ConsistentOf | None = None,
     *,
     threads: int = 1,
     progress: Progress = silent,
@@ -118,6 +133,8 @@ def choose_friction(
         model: The robot and its causes of torque without the friction that is to be chosen.
         runs: The runs to be fitted.
         estimator: How each mix is fitted.
+        consistent: The consistent estimate, if the model is to be given that: each mix is then
+            fitted by it.
         threads: Native threads.
         progress: Told about the passes.
 
@@ -125,11 +142,12 @@ def choose_friction(
         DataError: The runs are too short to leave one out.
     """
     refuse_listed(model)
-    folds = folds_of(runs)
-    considered = STAGES if runs[0].recording.signals.effort_kind in LOADED else STAGES[:-1]
+    divided = folding(runs)
+    considered = stages_of(model, runs[0].recording.signals.effort_kind)
     said = said_by(runs, threads=threads, progress=progress)
     plain = replace(model, terms=(*model.terms, *DIRECTION[0], *SPEED[0]))
-    reference = reference_of(plain, said, estimator) if LOAD[-1] in considered[-1] else {}
+    loaded = any(isinstance(t, LoadDependent) for stage in considered for mix in stage for t in mix)
+    reference = reference_of(plain, said, estimator) if loaded else {}
     stages = tuple(
         tuple(tuple(_with_reference(term, reference) for term in mix) for mix in stage)
         for stage in considered
@@ -137,21 +155,116 @@ def choose_friction(
     wide = _Wide.of(model, stages)
 
     def gathered(rests: bool) -> Information:
-        window = longest_window(runs)
-        parts = said_by(runs, rests=rests, longest=window, threads=threads, progress=progress)
-        return per_fold(parts(wide.regressor), folds)
+        parts = said_by(
+            runs, rests=rests, longest=divided.longest, threads=threads, progress=progress
+        )
+        return parts(wide.regressor)
 
     moving, whole = gathered(False), gathered(True)
-    sizes = np.array([whole.of([k]).effort_squares() for k in range(len(folds))])
+    folds = divided.parts(moving)
+    moving, whole = per_fold(moving, folds), per_fold(whole, folds)
+    trials = _Trials(model, wide, moving, whole, estimator, consistent)
+    return _staged(stages, trials.errors, divided.left_out, trials.per_joint)
 
-    def errors(mix: tuple[Term, ...]) -> Array:
-        names = wide.columns_of(mix)
-        tested = whole.select(names)
-        fitted = tested if remembers(mix) else moving.select(names)
-        found = left_out_errors(fitted, tested, estimator)
-        return _logarithms(found, sizes)
 
-    return _staged(stages, errors, "run" if len(runs) > 1 else "stretch")
+@dataclass(frozen=True, eq=False)
+class _Trials:
+    """Errors of mixes on what was left out.
+
+    Attributes:
+        model: The model without friction.
+        wide: All candidates' columns.
+        moving: One window per fold, without rests.
+        whole: The same with rests.
+        estimator: How each mix is fitted.
+        consistent: Fits them in its place, if it is there.
+        known: Errors of the mixes that were tried, shape `(folds, rows)`.
+        gammas: Weights of the prior that were used; all are the first.
+    """
+
+    model: Model
+    wide: "_Wide"
+    moving: Information
+    whole: Information
+    estimator: Estimator[Information]
+    consistent: ConsistentOf | None
+    known: dict[tuple[Term, ...], Array] = field(default_factory=dict)
+    gammas: list[float] = field(default_factory=list)
+
+    @cached_property
+    def sizes(self) -> Array:
+        """Squares of the efforts, shape `(folds, rows)`."""
+        count = len(self.whole.windows)
+        return np.array([self.whole.of([k]).effort_squares() for k in range(count)])
+
+    def errors(self, mix: tuple[Term, ...]) -> Array | None:
+        """One figure per fold; `None` of a mix that the data are too few for.
+
+        Raises:
+            DataError: They are too few for the first.
+        """
+        names = self.wide.columns_of(mix)
+        tested = self.whole.select(names)
+        fitted = tested if remembers(mix) else self.moving.select(names)
+        try:
+            self.known[mix] = left_out_errors(fitted, tested, self.fitting(mix))
+        except DataError as error:
+            if self.known:
+                return None
+            raise too_short(self.whole) from error
+        return logarithms(self.known[mix], self.sizes)
+
+    def fitting(self, mix: tuple[Term, ...]) -> Callable[[Information], Array]:
+        """How the columns of a mix get their values."""
+        if self.consistent is None:
+            return values_by(self.estimator)
+        whole = replace(self.model, terms=(*self.model.terms, *mix))
+        added = whole.parameters[len(self.model.parameters) :]
+        base = self.wide.base.beside([p.name for p in added], [p.unit for p in added])
+        estimator = self.consistent(whole, base)
+
+        def fitted(information: Information) -> Array:
+            named = tuple(name.partition("@")[0] for name in information.layout.columns)
+            plain = replace(information, layout=replace(information.layout, columns=named))
+            values, gamma = estimator.values(plain, self.gammas[0] if self.gammas else None)
+            self.gammas.append(gamma)
+            return values
+
+        return fitted
+
+    def per_joint(self, following: tuple[Term, ...]) -> list[tuple[tuple[Term, ...], Array]]:
+        """Dahl friction with the best length of each joint.
+
+        The lengths are those of all folds; a fold is judged with those of the others.
+        """
+        tried = [mix for mix in self.known if isinstance(mix[0], Dahl) and mix[1:] == following]
+        if len(self.whole.layout.rows) < 2 or len(tried) < 2:
+            return []
+        logs = np.log(np.maximum([self.known[mix] for mix in tried], 1e-12))
+        logs = np.where(self.sizes > 0.0, logs, 0.0)
+        count = len(self.whole.windows)
+        found = []
+        for fold in range(count):
+            others = [k for k in range(count) if k != fold]
+            mix = self._with_lengths(tried, logs[:, others].sum(axis=1), following)
+            names = self.wide.columns_of(mix)
+            some = self.whole.select(names)
+            try:
+                errors = left_out_errors(some, some, self.fitting(mix), only=(fold,))
+            except DataError:
+                return []
+            found.append(errors[0])
+        best = self._with_lengths(tried, logs.sum(axis=1), following)
+        if best in self.known:
+            return []
+        return [(best, logarithms(np.array(found), self.sizes))]
+
+    def _with_lengths(
+        self, tried: Sequence[tuple[Term, ...]], logs: Array, following: tuple[Term, ...]
+    ) -> tuple[Term, ...]:
+        best = np.argmin(logs, axis=0).tolist()
+        lengths = tuple(_length(tried[k][0], joint) for joint, k in enumerate(best))
+        return (Dahl(length=lengths), *following)
 
 
 def refuse_listed(model: Model) -> None:
@@ -160,7 +273,8 @@ def refuse_listed(model: Model) -> None:
     Raises:
         ModelError: A parameter of the model is one of a candidate's.
     """
-    for term in (term for stage in STAGES for mix in stage for term in mix):
+    laws = (term for stage in (DIRECTION, SPEED, LOAD) for mix in stage for term in mix)
+    for term in laws:
         twice = [p.name for p in term.parameters(model.robot) if p.name in model.names]
         if twice:
             raise ModelError(
@@ -170,29 +284,11 @@ def refuse_listed(model: Model) -> None:
             )
 
 
-def _logarithms(errors: Array, sizes: Array) -> Array:
-    """One figure per fold: between the typical joint's error and that of all joints together.
-
-    The former alone would let joints that carry next to nothing decide, the latter would leave
-    all but the strongest out.
-
-    Args:
-        errors: Relative errors, shape `(folds, rows)`.
-        sizes: Squares of the efforts, shape `(folds, rows)`.
-
-    Returns:
-        Logarithms of relative errors, shape `(folds,)`.
-    """
-    least = 1e-12
-    typical = np.log(np.maximum(errors, least)).mean(axis=1)
-    pooled = np.sqrt((np.square(errors) * sizes).sum(axis=1) / sizes.sum(axis=1))
-    return np.asarray(0.5 * (typical + np.log(np.maximum(pooled, least))))
-
-
 def _staged(
     stages: Sequence[Sequence[tuple[Term, ...]]],
-    errors: Callable[[tuple[Term, ...]], Array],
+    errors: Callable[[tuple[Term, ...]], Array | None],
     left_out: str,
+    per_joint: PerJoint = lambda following: [],
 ) -> FrictionChoice:
     """Stage by stage the simplest mix within the spread of the best."""
     table: list[tuple[tuple[Term, ...], Array]] = []
@@ -202,7 +298,8 @@ def _staged(
         # viscous friction is there from the start: direction alone would be judged by its lack
         extra = following if number == 0 else ()
         mixes = [(*kept, *laws, *extra) for laws in stage]
-        found = [(mix, errors(mix)) for mix in mixes]
+        found = [(mix, error) for mix in mixes if (error := errors(mix)) is not None]
+        found += per_joint(extra) if number == 0 else []
         table += [pair for pair in found if pair[0] not in [mix for mix, _ in table]]
         chosen = _simplest(found)
         kept = chosen[: len(chosen) - len(extra)] if number == 0 else chosen
@@ -213,7 +310,7 @@ def _staged(
             mix,
             float(np.exp(error.mean())),
             100.0 * (1.0 - _ratio(error - first)),
-            100.0 * _ratio(error - first) * _spread(error - first),
+            100.0 * _ratio(error - first) * standard_error(error - first),
             mix == kept,
         )
         for mix, error in table
@@ -237,11 +334,7 @@ def _ratio(logarithms: Array) -> float:
 
 def _worse(error: Array, best: Array) -> bool:
     """Whether a mix loses more to the best than that loss spreads over the runs, and any worth."""
-    return bool((error - best).mean() > max(_spread(error - best), LEAST))
-
-
-def _spread(values: Array) -> float:
-    return float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else 0.0
+    return bool((error - best).mean() > max(standard_error(error - best), LEAST))
 
 
 def _with_reference(term: Term, reference: Mapping[str, float]) -> Term:
@@ -255,20 +348,20 @@ class _Wide:
     Attributes:
         model: The model with one dictionary per law.
         base: Base parameters of the model without friction.
-        candidates: Per law the terms in its dictionary.
+        candidates: Per law and coordinates the terms in their dictionary.
     """
 
     model: Model
     base: BaseMap
-    candidates: Mapping[str, tuple[Term, ...]]
+    candidates: Mapping[tuple[Any, ...], tuple[Term, ...]]
 
     @classmethod
     def of(cls, model: Model, stages: Sequence[Sequence[tuple[Term, ...]]]) -> "_Wide":
         """One dictionary per law, with every term of the stages once."""
-        by_law: dict[str, tuple[Term, ...]] = {}
+        by_law: dict[tuple[Any, ...], tuple[Term, ...]] = {}
         for term in (term for stage in stages for mix in stage for term in mix):
-            known = by_law.setdefault(term.law, ())
-            by_law[term.law] = known if term in known else (*known, term)
+            known = by_law.setdefault(_place(term), ())
+            by_law[_place(term)] = known if term in known else (*known, term)
         dictionaries = (
             Dictionary.of(model.robot, terms, max(terms, key=lambda t: _warm_up(t, model)))
             for terms in by_law.values()
@@ -287,9 +380,27 @@ class _Wide:
         """Names of the columns of a mix."""
         names = list(self.base.base_names)
         for term in mix:
-            number = self.candidates[term.law].index(term)
-            names += [f"{p.name}@{number}" for p in term.parameters(self.model.robot)]
+            known = self.candidates[_place(term)]
+            for k, parameter in enumerate(term.parameters(self.model.robot)):
+                number = known.index(term) if term in known else _with_length(known, term, k)
+                names.append(f"{parameter.name}@{number}")
         return tuple(names)
+
+
+def _with_length(known: Sequence[Term], term: Term, joint: int) -> int:
+    """Number of the candidate whose length of a joint is that of a term with one for each."""
+    wanted = cast(Any, term).length[joint]
+    return next(k for k, one in enumerate(known) if _length(one, joint) == wanted)
+
+
+def _length(term: Term, joint: int) -> float:
+    length = cast(Any, term).length
+    return float(length[joint] if isinstance(length, tuple) else length)
+
+
+def _place(term: Term) -> tuple[Any, ...]:
+    """What terms of one dictionary have in common."""
+    return (term.law, *(getattr(term, name, None) for name in ("joints", "motors", "along")))
 
 
 def _warm_up(term: Term, model: Model) -> float:

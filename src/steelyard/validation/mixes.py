@@ -1,12 +1,19 @@
 """Mixes of friction laws: candidates of `friction = "auto"`, stage by stage, and their names."""
 
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
+from itertools import groupby
+from typing import Any, cast
 
+from steelyard.model import Model
+from steelyard.robot.robot import Robot
+from steelyard.robot.schema import EffortKind
 from steelyard.terms.coulomb import Coulomb
 from steelyard.terms.load_dependent import LoadDependent
+from steelyard.terms.offset import Offset
 from steelyard.terms.powers import Cubic, Quadratic, Root
 from steelyard.terms.presliding import Dahl, LuGre, MaxwellSlip
+from steelyard.terms.spring import Spring
 from steelyard.terms.stribeck import Stribeck
 from steelyard.terms.term import Remembering, Term
 from steelyard.terms.viscous import Viscous
@@ -44,7 +51,60 @@ LOADED = ("motor_current", "motor_torque")
 LOAD: tuple[tuple[Term, ...], ...] = ((), (LoadDependent(length=1e-3),))
 """Whether friction grows with the load."""
 
-STAGES = (DIRECTION, SPEED, LOAD)
+LEVER = 0.1
+"""Arm at which a prismatic joint's speeds and lengths are those of a revolute one [m]."""
+
+SPRINGS: tuple[tuple[Term, ...], ...] = ((), (Spring(),))
+"""Whether cables or springs pull the joints."""
+
+
+def stages_of(model: Model, kind: EffortKind) -> tuple[tuple[tuple[Term, ...], ...], ...]:
+    """The candidates for a model, stage by stage.
+
+    Laws of speed are tried along further coordinates as well, where the model has viscous friction
+    along them. A spring that the model has is no candidate.
+
+    Args:
+        model: The model without the friction that is to be chosen.
+        kind: Of the efforts.
+    """
+    aside = [x for x in model.terms if isinstance(x, Viscous) and (x.along or x.motors)]
+    speed = [(*laws, *more) for laws in SPEED for more in ((), *_along(laws[1:], aside))]
+    stages = [_sized(DIRECTION, model.robot), _sized(speed, model.robot)]
+    if kind in LOADED:
+        stages.append(_sized(LOAD, model.robot))
+    if not any(isinstance(term, Spring) for term in model.terms):
+        free = any(isinstance(term, Offset) for term in model.terms)
+        stages.append(SPRINGS if free else ((), (Spring(free="unknown"),)))
+    return tuple(stages)
+
+
+def _sized(stage: Sequence[tuple[Term, ...]], robot: Robot) -> tuple[tuple[Term, ...], ...]:
+    """The candidates with speeds and lengths of prismatic joints as at a lever."""
+    sizes = [LEVER if c.kind == "prismatic" else 1.0 for c in robot.coordinates]
+    if LEVER not in sizes:
+        return tuple(stage)
+    return tuple(tuple(_with_sizes(term, sizes) for term in mix) for mix in stage)
+
+
+def _with_sizes(term: Term, sizes: Sequence[float]) -> Term:
+    if any(getattr(term, name, None) for name in ("joints", "motors", "along")):
+        return term
+    given = {name: getattr(term, name, None) for name in ("smoothing", "length", "speed")}
+    wanted = {name: tuple(value * x for x in sizes) for name, value in given.items() if value}
+    return cast(Term, replace(cast(Any, term), **wanted)) if wanted else term
+
+
+def _along(laws: Sequence[Term], aside: Sequence[Viscous]) -> tuple[tuple[Term, ...], ...]:
+    """The laws along the coordinates of others, if there are both."""
+    if not laws or not aside:
+        return ()
+    more = (
+        replace(cast(Any, law), joints=x.joints, motors=x.motors, along=x.along)
+        for law in laws
+        for x in aside
+    )
+    return (tuple(more),)
 
 
 def remembers(terms: Sequence[Term]) -> bool:
@@ -74,6 +134,9 @@ HIDDEN = ("reference", "joints", "per_run")
 
 
 def _short(value: object) -> str:
+    if isinstance(value, tuple) and value and isinstance(value[0], tuple):
+        return ", ".join(str(name) for name, _ in value)
     if isinstance(value, tuple):
-        return ", ".join(_short(x) for x in value)
+        alike = [(x, len(list(same))) for x, same in groupby(value)]
+        return ", ".join(_short(x) + (f" x {n}" if n > 1 else "") for x, n in alike)
     return f"{value:g}" if isinstance(value, float) else str(value)

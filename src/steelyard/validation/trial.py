@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
+from steelyard.validation.cross import standard_error
 
 ALIKE = 0.02
 """Loss against the best, relative to its error, that is not worth a choice."""
@@ -287,11 +288,6 @@ def mean_of(errors: Array, axis: int) -> Array:
     total = np.where(known, errors, 0.0).sum(axis=axis)
     count = known.sum(axis=axis)
     return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))
-
-
-def standard_error(values: Array) -> float:
-    """Standard error of a mean."""
-    return float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else 0.0
 
 
 def _json(value: float | None) -> float | None:

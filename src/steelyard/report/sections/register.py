@@ -16,6 +16,7 @@ from steelyard.report.sections.design_tool import DesignToolSection
 from steelyard.report.sections.design_verdict import DesignVerdictSection
 from steelyard.report.sections.drives import DrivesSection
 from steelyard.report.sections.effort import EffortSection
+from steelyard.report.sections.effort_scales import EffortScalesSection
 from steelyard.report.sections.friction import FrictionSection
 from steelyard.report.sections.parameters import ParametersSection
 from steelyard.report.sections.per_run import PerRunSection
@@ -32,6 +33,7 @@ SECTIONS: tuple[Section, ...] = (
     EffortSection(),
     FrictionSection(),
     DrivesSection(),
+    EffortScalesSection(),
     ZeroOffsetsSection(),
     ParametersSection(),
     BodiesSection(),

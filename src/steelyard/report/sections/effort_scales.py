@@ -1,0 +1,42 @@
+"""Scales of the logged efforts that were estimated."""
+
+from typing import ClassVar
+
+from steelyard.report.content import ReportContent
+from steelyard.report.html import fill
+from steelyard.report.sections.section import Numbers
+from steelyard.report.sections.tables import PlainTable, Row
+from steelyard.report.words import alike, significant
+from steelyard.validation.effort_scales import EffortScales
+
+
+class EffortScalesSection:
+    """Scales with intervals."""
+
+    name: ClassVar[str] = "effort_scales"
+    title: ClassVar[str] = "Scales of the efforts"
+
+    def numbers(self, content: ReportContent) -> Numbers | None:
+        """One table, if scales were estimated."""
+        if content.scales is None:
+            return None
+        return {"tables": [_scales(content.scales)], "title": self.title}
+
+    def show(self, numbers: Numbers) -> str:
+        """The numbers as safe HTML."""
+        return fill("tables.html", numbers)
+
+
+def _scales(scales: EffortScales) -> PlainTable:
+    words = (
+        "Logged effort over the effort that the bodies of all joints agree on, with 95 % "
+        f"intervals. Before the data each is 1 ± {2.0 * scales.scaled.deviation:.1g}. Error on "
+        f"left-out motion with them {significant(scales.error)} %, without "
+        f"{significant(scales.without)} %. Either a sensor or gain is off by so much, or the model "
+        "lacks something that looks like it; masses are as uncertain as the scales."
+    )
+    values = zip(
+        scales.joints, scales.found.values.tolist(), scales.half_width.tolist(), strict=True
+    )
+    rows = [Row((joint, alike(x, half), f"± {significant(half, 2)}")) for joint, x, half in values]
+    return PlainTable("", words, ("Joint", "Scale", "95 % interval"), rows, (0,))

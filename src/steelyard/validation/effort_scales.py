@@ -1,0 +1,135 @@
+"""Whether the data ask for a scale of each joint's efforts, and whether one predicts better.
+
+They ask where all scales being 1 is further from the estimate than chance explains. Whether that
+serves is judged by leaving one run out, one stretch of a single run: scales are found without it,
+and its efforts predicted.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.errors import DataError
+from steelyard.estimation.consistent import Consistent
+from steelyard.estimation.effort_scales import Scaled, Scales
+from steelyard.estimation.estimate import Z95
+from steelyard.progress import Progress, silent, tell
+from steelyard.regression.information import Information
+from steelyard.validation.cross import FEWEST, FOLDS, LEAST, logarithms
+
+CHANCE = 1e-3
+"""Probability of such a distance, or a greater one, below which the data ask for scales."""
+
+
+@dataclass(frozen=True, eq=False)
+class EffortScales:
+    """Scales of the logged efforts, estimated together with the parameters.
+
+    Attributes:
+        joints: Names of the effort rows.
+        found: The scales.
+        error: Relative error on what was left out, mean over parts: the geometric mean of a
+            typical joint's and of all joints' together [%].
+        without: The same with all scales 1 [%].
+        scaled: Estimates with scales.
+    """
+
+    joints: tuple[str, ...]
+    found: Scales
+    error: float
+    without: float
+    scaled: Scaled
+
+    @property
+    def half_width(self) -> Array:
+        """Half-widths of the 95 % intervals, shape `(rows,)`."""
+        return Z95 * self.found.std * self.found.values
+
+    @property
+    def note(self) -> str:
+        """Scales with their intervals and what they gain, for people to read."""
+        values = zip(self.joints, self.found.values, self.half_width, strict=True)
+        listed = ", ".join(f"{joint} {x:.2f} ± {half:.2f}" for joint, x, half in values)
+        return (
+            f"efforts are read with a scale per joint (logged over model, known to ± "
+            f"{100.0 * Z95 * self.scaled.deviation:.0f} % before the data): {listed}; error on "
+            f"left-out motion {self.error:.3g} % instead of {self.without:.3g} %; masses are as "
+            'sure as the scales; effort_scales = "off" in [estimation] keeps the gains as given'
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values."""
+        return {
+            "joints": list(self.joints),
+            "values": self.found.values.tolist(),
+            "half_width": self.half_width.tolist(),
+            "left_out_error_percent": self.error,
+            "left_out_error_without_percent": self.without,
+        }
+
+
+def effort_scales(
+    estimator: Consistent, information: Information, *, progress: Progress = silent
+) -> EffortScales | None:
+    """Scales, where the data ask for them and predict better with them.
+
+    Args:
+        estimator: The estimate without scales.
+        information: What the runs say, efforts in the model's units.
+        progress: Told about every part that is left out.
+
+    Returns:
+        `None` where scales are not asked for, gain nothing, or cannot be judged.
+
+    Raises:
+        Stopped: `progress` asked to stop.
+    """
+    scaled = Scaled(estimator, information.layout.rows)
+    try:
+        start = scaled.unscaled(information)
+        first = scaled.step(information, start)
+        if not _asked(first):
+            return None
+        found = scaled.converged(information, first, weigh=True)
+    except DataError:
+        return None
+    if not _asked(found):
+        return None
+    several = len({window.run for window in information.windows}) > 1
+    folds = information.merged(1 if several else FOLDS)
+    errors = []
+    for fold in range(len(folds.windows)):
+        tell(progress, "judging effort scales", fold, len(folds.windows))
+        rest = folds.of([k for k in range(len(folds.windows)) if k != fold])
+        held = folds.of([fold])
+        try:
+            plain = scaled.unscaled(rest, start.gamma)
+            with_scales = scaled.converged(rest, found)
+        except DataError:
+            continue
+        sizes = held.effort_squares()
+        errors.append([_errors(held, scales, sizes) for scales in (plain, with_scales)])
+    if len(errors) < FEWEST:
+        return None
+    plain_errors, scaled_errors = np.array(errors).T
+    if (plain_errors - scaled_errors).mean() <= LEAST:
+        return None
+    mean = np.exp([scaled_errors.mean(), plain_errors.mean()])
+    return EffortScales(information.layout.rows, found, float(mean[0]), float(mean[1]), scaled)
+
+
+def _asked(scales: Scales) -> bool:
+    """Whether scales of 1 are further away than chance explains."""
+    from scipy.stats import chi2
+
+    return bool(chi2.sf(scales.distance, len(scales.values)) < CHANCE)
+
+
+def _errors(held: Information, scales: Scales, sizes: Array) -> float:
+    """Logarithm of the error on what was left out, efforts as logged."""
+    logged = held.scaled(1.0 / scales.values, held.stamp.effort)
+    squares = logged.residual_squares(scales.parameters) * np.square(scales.values)
+    shares = 100.0 * np.sqrt(squares / np.where(sizes > 0.0, sizes, np.inf))
+    return float(logarithms(shares[None], sizes[None])[0])

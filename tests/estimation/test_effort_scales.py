@@ -1,0 +1,118 @@
+"""Scales of efforts: found where they are known, and as sure as they say."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from invented import tree
+from steelyard.estimation.consistent import Consistent
+from steelyard.estimation.effort_scales import DEVIATION, Scaled
+from steelyard.estimation.prior import default_knowledge
+from steelyard.model import Model
+from steelyard.motion import Motion
+from steelyard.parameters import Parameters
+from steelyard.regression.accumulate import Accumulator, Stretch
+from steelyard.regression.base import base_map
+from steelyard.regression.information import Information, Stamp, Window
+from steelyard.regression.predicted import with_predicted
+from steelyard.regression.regressor import base_regressor
+from steelyard.validation.effort_scales import effort_scales
+
+MODEL = Model(tree())
+REGRESSOR = base_regressor(MODEL)
+ROWS, N = REGRESSOR.layout.rows, 4
+PARTS, LENGTH = 5, 300
+OFF = np.array([0.8, 1.05, 1.0, 1.2])[: len(ROWS)]
+
+
+def said(scales: np.ndarray, seed: int, noise: float = 0.01) -> Information:
+    """What five stretches of random motion say of the nominal robot, efforts times scales."""
+    rng, n = np.random.default_rng(seed), MODEL.robot.n
+    values = np.array([p.prior or 0.0 for p in MODEL.parameters])
+    friction = [k for k, p in enumerate(MODEL.parameters) if p.prior is None]
+    values[friction] = rng.uniform(0.1, 1.0, len(friction))
+    valued = MODEL.at(Parameters(MODEL.names, MODEL.units, values))
+    stamp = Stamp(MODEL.fingerprint, REGRESSOR.layout.columns, MODEL.robot.effort_units, "none")
+    parts = []
+    for part in range(PARTS):
+        q, dq, ddq = (
+            rng.uniform(-1.5, 1.5, (3, LENGTH, n)) * np.array([1.0, 2.0, 6.0])[:, None, None]
+        )
+        torque = valued.torque(Motion(np.arange(LENGTH) * 0.01, q, dq, ddq)).T
+        size = np.sqrt(np.square(torque).mean(axis=1, keepdims=True))
+        effort = scales[:, None] * torque + noise * size * rng.normal(size=torque.shape)
+        sums = Accumulator(REGRESSOR)(Stretch(q.T, dq.T, ddq.T, effort))
+        parts.append(
+            Information(
+                REGRESSOR.layout,
+                stamp,
+                (Window("run", float(part), part + 1.0),),
+                sums.grams[None],
+                sums.absolute[None],
+                sums.counts[None],
+            )  # fmt: skip
+        )
+    return sum(parts[1:], parts[0])
+
+
+def consistent() -> Consistent:
+    return Consistent(base_map(MODEL), default_knowledge(MODEL))
+
+
+def test_the_predicted_effort_is_a_column() -> None:
+    information, rng = said(OFF, 0), np.random.default_rng(1)
+    values = rng.normal(size=len(information.layout.columns))
+    names, added = [f"s.{row}" for row in ROWS], rng.normal(size=len(ROWS))
+    wide = with_predicted(information, values, names, added)
+    assert wide.layout.columns == (*information.layout.columns, *names)
+    p = len(values)
+    other = rng.normal(size=p)
+    factor = rng.normal(size=len(ROWS))
+    # y + a A v - A o - f A v = y - A (o + (f - a) v), row by row
+    found = wide.residual_squares(np.concatenate([other, factor]))
+    for row in range(len(ROWS)):
+        wanted = information.residual_squares(other + (factor - added)[row] * values)[row]
+        assert found[row] == pytest.approx(wanted, rel=1e-9)
+
+
+def test_scales_are_found_within_their_intervals() -> None:
+    scaled, information = Scaled(consistent(), ROWS), said(OFF, 2)
+    start = scaled.unscaled(information)
+    np.testing.assert_array_equal(start.values, 1.0)
+    found = scaled.converged(information, start, weigh=True)
+    far = np.abs(np.log(found.values / OFF)) / found.std
+    assert far.max() < 3.0 and found.std.max() < DEVIATION
+    assert np.abs(found.values - 1.0).max() > 0.1
+    again = scaled.step(information, found)
+    np.testing.assert_allclose(again.values, found.values, rtol=2e-3)
+
+
+def test_the_estimate_is_that_of_efforts_in_the_right_scale_but_less_sure() -> None:
+    scaled, information = Scaled(consistent(), ROWS), said(OFF, 3)
+    found = scaled.converged(information, scaled.unscaled(information), weigh=True)
+    right = information.scaled(1.0 / found.values, information.stamp.effort)
+    estimate, plain = scaled.estimate(right, found), consistent()(right)
+    assert estimate.parameters.names == plain.parameters.names
+    assert estimate.standard is not None and plain.standard is not None
+    assert estimate.standard.parameters.names == plain.standard.parameters.names
+    far = np.abs(estimate.parameters.values - plain.parameters.values) / estimate.std
+    assert far.max() < 1.0
+    heavy = estimate.parameters.names.index(max(plain.parameters.names, key=lambda n: abs(
+        plain.parameters.as_dict()[n]) / plain.std[plain.parameters.names.index(n)]))  # fmt: skip
+    assert estimate.std[heavy] > 1.5 * plain.std[heavy]
+
+
+def test_efforts_that_agree_are_not_asked_for() -> None:
+    assert all(effort_scales(consistent(), said(np.ones(len(ROWS)), k)) is None for k in range(8))
+
+
+def test_efforts_that_are_off_are_scaled_and_predicted_better() -> None:
+    found = effort_scales(consistent(), said(OFF, 4))
+    assert found is not None and found.error < 0.9 * found.without
+    assert found.joints == ROWS and "effort_scales" in found.note
+    told = found.to_dict()
+    assert told["values"] == found.found.values.tolist()
+    assert np.all(np.abs(found.found.values - OFF) < 1.5 * found.half_width)
+    one = replace(found.found, values=np.ones(len(ROWS)))
+    assert one.distance == 0.0 < found.found.distance

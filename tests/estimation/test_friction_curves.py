@@ -1,0 +1,193 @@
+"""Friction that takes energy as a whole: rows against curves and cycles computed one by one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from invented import single, tree
+from steelyard.estimation.consistent import Consistent
+from steelyard.estimation.friction_curves import REACH, friction_curves, shaped
+from steelyard.estimation.knowledge import Knowledge, Row
+from steelyard.estimation.prior import default_knowledge
+from steelyard.model import Model
+from steelyard.motion import Motion
+from steelyard.parameters import Parameters
+from steelyard.regression.accumulate import Accumulator, Stretch
+from steelyard.regression.base import base_map
+from steelyard.regression.information import Information, Stamp, Window
+from steelyard.regression.regressor import base_regressor
+from steelyard.terms.coulomb import Coulomb
+from steelyard.terms.directional import DirectionalCoulomb, DirectionalViscous
+from steelyard.terms.offset import Offset
+from steelyard.terms.powers import Cubic, Quadratic, Root
+from steelyard.terms.presliding import Dahl, LuGre, MaxwellSlip
+from steelyard.terms.rigid_body import RigidBody
+from steelyard.terms.stribeck import Stribeck
+from steelyard.terms.term import Term
+from steelyard.terms.viscous import Viscous
+
+FASTEST = 2.0
+LENGTHS = (1e-3, 4e-3, 1e-2)
+
+
+def rows_of(*laws: Term) -> tuple[Row, ...]:
+    return friction_curves(Model(single(), laws), [FASTEST])
+
+
+def least(rows: tuple[Row, ...], values: dict[str, float]) -> float:
+    """The least of all rows."""
+    return min(sum(values[n] * a for n, a in row.coefficients.items()) for row in rows)
+
+
+def test_a_row_holds_the_curve_at_one_speed() -> None:
+    rows = rows_of(Coulomb(), Viscous(), Quadratic())
+    speeds = np.array(
+        [r.coefficients["viscous.hinge"] / r.coefficients["coulomb.hinge"] for r in rows]
+    )
+    squares = [r.coefficients["quadratic.hinge"] / r.coefficients["coulomb.hinge"] for r in rows]
+    np.testing.assert_allclose(squares, speeds**2, rtol=1e-5, atol=1e-9)
+    assert speeds.max() == pytest.approx(REACH * FASTEST, rel=1e-6) and speeds.min() < 1e-2
+    assert all(row.lower == 0.0 and row.upper == np.inf for row in rows)
+    assert "up to 3 rad/s" in rows[0].label and "'hinge'" in rows[0].label
+
+
+@pytest.mark.parametrize("law", [Quadratic(), Cubic(), Root(), Stribeck(speed=0.3)])
+def test_rows_hold_where_the_curve_takes_energy_and_only_there(law: Quadratic | Stribeck) -> None:
+    """Random coefficients, against the curve on a fine grid."""
+    rows, rng = rows_of(Coulomb(), Viscous(), law), np.random.default_rng(3)
+    v = np.linspace(1e-4, REACH * FASTEST, 4000)
+    other = {
+        "quadratic": v**2, "cubic": v**3, "root": np.sqrt(v), "stribeck": np.exp(-v / 0.3),
+    }[law.law]  # fmt: skip
+    outcomes = set()
+    for _ in range(300):
+        c, d, x = rng.uniform(0.0, 1.0), rng.uniform(0.0, 1.0), rng.uniform(-1.5, 0.5)
+        curve = c + d * v + x * other
+        values = {"coulomb.hinge": c, "viscous.hinge": d, f"{law.law}.hinge": x}
+        if abs(curve.min()) < 0.02:
+            continue
+        assert (least(rows, values) >= 0.0) == (curve.min() > 0.0)
+        outcomes.add(bool(curve.min() > 0.0))
+    assert outcomes == {True, False}
+
+
+def test_both_directions_are_asked() -> None:
+    rows = rows_of(DirectionalCoulomb(), DirectionalViscous(), Quadratic())
+    names = {frozenset(row.coefficients) for row in rows}
+    assert {"directional_coulomb_forward.hinge", "directional_viscous_forward.hinge",
+            "quadratic.hinge"} in names  # fmt: skip
+    assert {"directional_coulomb_backward.hinge", "directional_viscous_backward.hinge",
+            "quadratic.hinge"} in names  # fmt: skip
+
+
+def energy(forces: dict[str, float], path: np.ndarray) -> float:
+    """Energy that Coulomb friction and elements that slip take along a path, step by step."""
+    states, total = dict.fromkeys(LENGTHS, 0.0), 0.0
+    for step in np.diff(path):
+        total += forces["coulomb.hinge"] * abs(step)
+        for k, length in enumerate(LENGTHS):
+            before = states[length]
+            states[length] = float(np.clip(before + step / length, -1.0, 1.0))
+            total += forces[f"maxwell_slip{k + 1}.hinge"] * 0.5 * (before + states[length]) * step
+    return total
+
+
+def test_elements_that_slip_give_no_energy_in_any_closed_cycle() -> None:
+    """Some of them negative; random nested cycles, walked through until they repeat."""
+    rows = rows_of(Coulomb(), MaxwellSlip(lengths=LENGTHS))
+    rng, tried, negative = np.random.default_rng(5), 0, 0
+    while tried < 25:
+        values = {"coulomb.hinge": rng.uniform(0.0, 0.5)}
+        values |= {f"maxwell_slip{k}.hinge": rng.uniform(-1.0, 1.0) for k in (1, 2, 3)}
+        if least(rows, values) < 0.0:
+            continue
+        tried += 1
+        negative += min(values.values()) < 0.0
+        corners = rng.uniform(-1.5e-2, 1.5e-2, 6)
+        cycle = np.concatenate(
+            [
+                np.linspace(a, b, 200)[:-1]
+                for a, b in zip(corners, np.roll(corners, -1), strict=True)
+            ]
+        )
+        once, twice = (energy(values, np.tile(cycle, n)) for n in (3, 4))
+        assert twice - once > -1e-6
+    assert negative > 5
+
+
+def test_a_cycle_that_gives_energy_is_forbidden() -> None:
+    """Total friction is positive in full sliding, but small cycles would drive the joint."""
+    rows = rows_of(Coulomb(), MaxwellSlip(lengths=LENGTHS))
+    values = {"coulomb.hinge": 0.0, "maxwell_slip1.hinge": -1.0,
+              "maxwell_slip2.hinge": 0.0, "maxwell_slip3.hinge": 2.0}  # fmt: skip
+    assert sum(values.values()) > 0.0
+    path = 3e-3 * np.sin(np.linspace(0.0, 2.0 * np.pi, 400))
+    assert energy(values, np.tile(path, 4)) < energy(values, np.tile(path, 3))
+    assert least(rows, values) < 0.0
+
+
+def test_what_has_no_shape_needs_no_curve() -> None:
+    assert rows_of(Coulomb(), Viscous(), Offset()) == ()
+    assert rows_of(Dahl(length=1e-3), Viscous()) == ()
+    assert rows_of(Coulomb(), Quadratic(per_run=True)) == ()
+    assert friction_curves(Model(single(), (Coulomb(), Quadratic())), [0.0]) == ()
+
+
+def test_memory_counts_as_steady_sliding() -> None:
+    for law in (Dahl(length=1e-3), LuGre(length=1e-3, breakaway=1.5, speed=0.2)):
+        rows = rows_of(law, Quadratic())
+        ratios = {
+            round(r.coefficients["quadratic.hinge"] / r.coefficients[f"{law.law}.hinge"], 6)
+            for r in rows
+        }
+        assert max(ratios) == pytest.approx((REACH * FASTEST) ** 2, rel=1e-3)
+
+
+def test_only_laws_of_shape_may_be_negative() -> None:
+    model = Model(tree(), (Coulomb(), Viscous(), Quadratic(), Offset()))
+    rows = friction_curves(model, [1.0] * model.robot.n)
+    names = {name for row in rows for name in row.coefficients}
+    assert shaped(model, rows) == {n for n in names if n.startswith("quadratic.")}
+    assert any(n.startswith("coulomb.") for n in names)
+
+
+TRUTH = {"coulomb.hinge": 1.0, "viscous.hinge": 2.0, "quadratic.hinge": -0.5}
+
+
+def said() -> tuple[Model, Information]:
+    """A single joint whose friction grows less than in proportion to speed, with noise."""
+    model = Model(single(), (RigidBody(), Coulomb(), Viscous(), Quadratic()))
+    rng, t = np.random.default_rng(0), np.arange(0.0, 40.0, 0.01)
+    q = np.sin(1.3 * t) + 0.5 * np.sin(2.9 * t + 1.0)
+    dq = 1.3 * np.cos(1.3 * t) + 1.45 * np.cos(2.9 * t + 1.0)
+    ddq = -1.69 * np.sin(1.3 * t) - 4.205 * np.sin(2.9 * t + 1.0)
+    prior = {p.name: p.prior or 0.0 for p in model.parameters} | TRUTH
+    valued = model.at(Parameters(model.names, model.units, [prior[n] for n in model.names]))
+    effort = valued.torque(Motion(t, q[:, None], dq[:, None], ddq[:, None])).T
+    effort = effort + 0.02 * rng.normal(size=effort.shape)
+    accumulator = Accumulator(base_regressor(model))
+    sums = accumulator(Stretch(q[None], dq[None], ddq[None], effort))
+    stamp = Stamp(model.fingerprint, accumulator.regressor.layout.columns, ("Nm",), "none")
+    return model, Information(
+        accumulator.regressor.layout, stamp, (Window("run", 0.0, 40.0),),
+        sums.grams[None], sums.absolute[None], sums.counts[None],
+    )  # fmt: skip
+
+
+def test_a_curve_that_bends_down_is_found() -> None:
+    model, information = said()
+    plain = default_knowledge(model)
+    rows = friction_curves(model, [2.75])
+    curved = replace(plain, curves=rows, shaped=shaped(model, rows))
+
+    def values(knowledge: Knowledge) -> dict[str, float]:
+        found = Consistent(base_map(model), knowledge, gamma=1.0)(information)
+        return found.parameters.as_dict()
+
+    found = values(curved)
+    for name, wanted in TRUTH.items():
+        assert found[name] == pytest.approx(wanted, abs=0.02), name
+    assert values(plain)["quadratic.hinge"] == pytest.approx(0.0, abs=1e-6)
+    steep = {**found, "quadratic.hinge": -1.5}
+    assert least(rows, steep) < 0.0
