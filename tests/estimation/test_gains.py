@@ -130,10 +130,19 @@ def test_names_and_values_of_known_gains() -> None:
     assert "no frame 'tol'" in refusal(ModelError, UNLOADED, LOADED, mass=1.0, frame="tol")
 
 
-def test_a_gain_that_nothing_shows_is_named() -> None:
+def test_a_gain_that_nothing_shows_is_assumed_to_be_as_those_of_its_unit() -> None:
     """A branch that moves alone shares no parameter with the other joints."""
     still = {0: 0.3, 1: 0.1, 3: 0.2}
-    words = refusal(DataError, [run(1, still=still)], known={"trunk_joint": 12.0})
+    known = {"trunk_joint": 12.0, "slider_joint": 5.0, "left_joint": 1.0}
+    found = identified_gains(MODEL, [run(1, still=still)], known=known)
+    assert found.assumed == (False, False, False, True) and not found.known[3]
+    assert found.gains[3] == pytest.approx(12.0) and found.covariance[3, 3] == 0.0
+    assert found.to_dict()["assumed"] == list(found.assumed)
+
+
+def test_a_gain_that_nothing_shows_is_named_where_no_other_is_of_its_unit() -> None:
+    still = {0: 0.3, 1: 0.1, 3: 0.2}
+    words = refusal(DataError, [run(1, still=still)], known={"slider_joint": 12.0})
     assert "the data do not show the gain of joint '" in words
     assert "or give its gain" in words
 

@@ -12,10 +12,13 @@ from steelyard.diagnosis import Diagnosis, Edit, Judgement, Mend
 from steelyard.diagnosis import Finding as SaidFinding
 from steelyard.diagnosis.finding import Hypothesis, Picture, Trace
 from steelyard.estimation.bootstrap import Bootstrap
+from steelyard.estimation.consistent import Consistent
+from steelyard.estimation.effort_scales import Scaled, Scales
 from steelyard.estimation.estimate import Blind, Estimate, OfRun, Standard
 from steelyard.estimation.fields import Finding
 from steelyard.estimation.gains import GainEstimate
 from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
+from steelyard.estimation.knowledge import Knowledge
 from steelyard.estimation.zero_offset import ZeroOffsets
 from steelyard.model import Model
 from steelyard.parameters import Parameters
@@ -26,6 +29,7 @@ from steelyard.robot.robot import Body, Coordinate, Robot
 from steelyard.robot.signals import Signals
 from steelyard.terms.coulomb import Coulomb
 from steelyard.terms.viscous import Viscous
+from steelyard.validation.effort_scales import EffortScales
 from steelyard.validation.friction import FrictionChoice, MixScore
 from steelyard.validation.score import JointScore, RunScore, Traces
 from steelyard.validation.sensitivity import Sensitivity, Variation
@@ -231,7 +235,15 @@ def gains(joints: tuple[str, str] = ("shoulder", "elbow")) -> GainEstimate:
     covariance = np.diag([0.1**2, 0.0])
     values, sigma = np.array([11.98, 9.83]), np.array([0.1, 0.2])
     return GainEstimate(
-        joints, values, ("Nm/A", "Nm/A"), covariance, (False, True), False, None, sigma
+        joints,
+        values,
+        ("Nm/A", "Nm/A"),
+        covariance,
+        (False, True),
+        (False, False),
+        False,
+        None,
+        sigma,
     )
 
 
@@ -296,11 +308,21 @@ def usual() -> ReportContent:
         findings=findings(),
         gains=gains(),
         offsets=offsets(),
+        scales=scales(),
         diagnosis=diagnosis(),
         sensitivity=sensitivity(),
         bootstrap=bootstrap(identified(robot())),
         comparison=comparison(),
     )
+
+
+def scales(joints: tuple[str, str] = ("shoulder", "elbow")) -> EffortScales:
+    """One joint that is off, one that is not."""
+    values, covariance = np.array([0.72, 1.01]), np.diag([0.05**2, 0.04**2])
+    found = Scales(values, covariance, np.zeros(1), 1.0)
+    knowledge = Knowledge((), (), (), np.zeros(0), np.zeros(0))
+    base = BaseMap((), (), (), (), (), np.zeros((0, 0)))
+    return EffortScales(joints, found, 2.2, 2.6, Scaled(Consistent(base, knowledge), joints))
 
 
 def offsets(joints: tuple[str, str] = ("shoulder", "elbow")) -> ZeroOffsets:
@@ -351,6 +373,7 @@ def nasty(usual: ReportContent) -> ReportContent:
         diagnosis=diagnosis(EVIL, float("nan")),
         gains=replace(gains((EVIL, EVIL)), gains=np.array([np.nan, np.inf])),
         offsets=replace(offsets((EVIL, EVIL)), values=np.array([np.nan, np.inf])),
+        scales=scales((EVIL, EVIL)),
         sensitivity=sensitivity(EVIL, float("nan")),
         bootstrap=bootstrap(evil),
         comparison=comparison(EVIL, float("inf")),

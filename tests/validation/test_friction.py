@@ -225,6 +225,6 @@ def test_only_motors_are_asked_for_friction_that_grows_with_the_load() -> None:
 
 def test_a_run_too_short_is_refused() -> None:
     with pytest.raises(DataError) as caught:
-        choose_friction(MODEL, [logged(COULOMB, 0, 1.0)], WeightedLeastSquares())
+        choose_friction(MODEL, [logged(COULOMB, 0, 1.7)], WeightedLeastSquares())
     assert "too short to leave a part of it out" in caught.value.wrong
     assert "name the friction laws" in caught.value.mend

@@ -245,11 +245,25 @@ def _offsets(
 
 
 def _gain_note(gains: GainEstimate) -> str:
-    found = ", ".join(
-        f"{joint} {gain:.4g} ± {half:.2g} {unit}"
-        for joint, gain, half, unit, known in zip(
-            gains.joints, gains.gains, gains.half_width, gains.units, gains.known, strict=True
+    found, assumed = [], []
+    for joint, gain, half, unit, known, held in zip(
+        gains.joints,
+        gains.gains,
+        gains.half_width,
+        gains.units,
+        gains.known,
+        gains.assumed,
+        strict=True,
+    ):
+        if held:
+            assumed.append(f"{joint} {gain:.4g} {unit}")
+        elif not known:
+            found.append(f"{joint} {gain:.4g} ± {half:.2g} {unit}")
+    text = f"drive gains identified: {', '.join(found) or 'none'}"
+    if assumed:
+        text += (
+            "; not identifiable from these data, assumed to be the geometric mean of the others: "
+            f"{', '.join(assumed)}; efforts of these joints in Nm, their friction and rotors are "
+            "in that scale"
         )
-        if not known
-    )
-    return f"drive gains identified: {found}"
+    return text

@@ -7,7 +7,7 @@ are each run's own; the payload's mass, known, or a known gain fixes the scale.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -39,6 +39,8 @@ class GainEstimate:
         units: Their units.
         covariance: Shape `(n, n)`; zero for known gains.
         known: Whether each was given.
+        assumed: Whether the data do not show it: it is then the geometric mean of the others, and
+            counts for the joint's own friction and rotor only.
         relative: Whether gains, and with them all parameters, are known up to one scale only.
         payload: The payload that fixed the scale, or was found beside, in the scale of the gains;
             `None` without loaded runs.
@@ -50,6 +52,7 @@ class GainEstimate:
     units: tuple[str, ...]
     covariance: Array
     known: tuple[bool, ...]
+    assumed: tuple[bool, ...]
     relative: bool
     payload: PayloadEstimate | None
     sigma: Array
@@ -67,6 +70,7 @@ class GainEstimate:
             "units": list(self.units),
             "half_width": self.half_width.tolist(),
             "known": list(self.known),
+            "assumed": list(self.assumed),
             "relative": self.relative,
             "payload": None if self.payload is None else self.payload.to_dict(),
         }
@@ -94,9 +98,11 @@ def identified_gains(
         relative: Whether gains relative to the first joint's, which is called 1, will do where
             neither a mass nor a gain is known.
 
+    A gain that the data do not show is assumed to be the geometric mean of those of its unit.
+
     Raises:
         ModelError: There is no such frame or joint.
-        DataError: Nothing fixes the scale, or the data do not show a gain.
+        DataError: Nothing fixes the scale, or the data do not show a gain and no other of its unit.
     """
     given = _given(model, known or {})
     unscaled = mass is None and bool(np.isnan(given).all())
@@ -108,13 +114,19 @@ def identified_gains(
     case = load_case(model, base_map(model), carries, unloaded, loaded, first_deviates=False)
     problem = Bilinear.of(case, mass, given, bool(loaded))
     solution = solved(problem)
-    _refuse_unseen(problem, solution)
+    units = _units(model, case.information.stamp.effort)
+    assumed = np.zeros(len(given), dtype=np.bool_)
+    while (unseen := _least_seen(problem, solution)) is not None:
+        assumed[unseen] = True
+        problem = replace(problem, given=_assumed(problem, solution, unseen, units))
+        solution = solved(problem)
     return GainEstimate(
         joints=model.robot.joint_names,
         gains=frozen(1.0 / solution.rho),
-        units=_units(model, case.information.stamp.effort),
+        units=units,
         covariance=frozen(_covariance(problem, solution)),
         known=tuple(bool(x) for x in ~np.isnan(given)),
+        assumed=tuple(bool(x) for x in assumed),
         relative=unscaled,
         payload=_payload(problem, case, solution, model.robot, carries) if loaded else None,
         sigma=frozen(1.0 / np.sqrt(solution.weights)),
@@ -179,17 +191,41 @@ def _refuse_unanswerable(
             )
 
 
-def _refuse_unseen(problem: Bilinear, solution: Solution) -> None:
-    """Every gain must be seen, and its interval must not reach zero."""
-    for row, share in zip(problem.wanted, problem.deviation(solution), strict=True):
-        if share > LARGEST:
-            width = 100.0 * Z95 * share
-            by = f" (95 % interval of ± {width:.0f} %)" if width < 1e4 else ""
-            raise DataError(
-                f"the data do not show the gain of joint '{problem.names[row]}'{by}",
-                where="identification of drive gains",
-                mend="move it faster, together with the other joints, or give its gain",
-            )
+def _least_seen(problem: Bilinear, solution: Solution) -> int | None:
+    """The row whose gain is seen least, if its interval reaches zero."""
+    shares = problem.deviation(solution)
+    if not len(shares) or shares.max() <= LARGEST:
+        return None
+    return problem.wanted[int(np.argmax(shares))]
+
+
+def _assumed(problem: Bilinear, solution: Solution, row: int, units: Sequence[str]) -> Array:
+    """The given gains with that of a row, the geometric mean of the others of its unit.
+
+    Raises:
+        DataError: There is no other of its unit.
+    """
+    shares = dict(zip(problem.wanted, problem.deviation(solution), strict=True))
+    alike = [
+        k
+        for k in range(problem.n)
+        if k != row and units[k] == units[row] and shares.get(k, 0.0) <= LARGEST
+    ]
+    if not alike:
+        share = shares[row]
+        width = 100.0 * Z95 * share
+        by = f" (95 % interval of ± {width:.0f} %)" if width < 1e4 else ""
+        raise DataError(
+            f"the data do not show the gain of joint '{problem.names[row]}'{by}, nor another of "
+            "its unit",
+            where="identification of drive gains",
+            mend="move it faster, together with the other joints, or give its gain",
+        )
+    gains = 1.0 / solution.rho[alike]
+    sign = 1.0 if np.sum(np.sign(gains)) >= 0.0 else -1.0
+    given = problem.given.copy()
+    given[row] = sign * np.exp(np.log(np.abs(gains)).mean())
+    return given
 
 
 def _units(model: Model, logged: Sequence[str]) -> tuple[str, ...]:

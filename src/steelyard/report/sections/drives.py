@@ -32,14 +32,21 @@ def _gains(gains: GainEstimate) -> PlainTable:
     if gains.payload is not None:
         words += f" The payload of {significant(gains.payload.mass)} kg fixes their scale."
     rows = [
-        Row((joint, significant(gain), "given" if known else f"± {significant(half)}", unit))
-        for joint, gain, half, unit, known in zip(
+        Row((joint, significant(gain), _how(known, assumed, half), unit))
+        for joint, gain, half, unit, known, assumed in zip(
             gains.joints,
             gains.gains.tolist(),
             gains.half_width.tolist(),
             gains.units,
             gains.known,
+            gains.assumed,
             strict=True,
         )
     ]
     return PlainTable("", words, ("Joint", "Gain", "95 % interval", "Unit"), rows, (0, 3))
+
+
+def _how(known: bool, assumed: bool, half: float) -> str:
+    if assumed:
+        return "not identifiable, mean of the others"
+    return "given" if known else f"± {significant(half)}"
