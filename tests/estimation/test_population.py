@@ -111,7 +111,7 @@ def test_the_genetic_algorithm_comes_near_and_says_how_near() -> None:
     wanted = WeightedLeastSquares()(data)
     short, long = Genetic()(data), Genetic(generations=800)(data)
     assert distance(long, wanted) < distance(short, wanted)
-    assert distance(long, wanted) < 1.0
+    assert distance(long, wanted) < 1.5
     assert short.notes[0] == (
         "ended after 100 generations of 30, after 3000 evaluations of the criterion"
     )

@@ -27,11 +27,11 @@ from steelyard.regression.information import Information
 DEPTH = 4
 """Earlier points that are mixed."""
 
-WORSE = 2.0
-"""Growth of the change at which earlier points are forgotten."""
+NEAR = 0.1
+"""Change of a logarithm from which on earlier points are mixed."""
 
-FARTHEST = 30.0
-"""Longest mixed step, in plain ones."""
+LONGEST = 1.0
+"""Longest mixed step of a logarithm."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class WeightedLeastSquares:
         per_run: Columns whose parameters every run has for itself.
     """
 
-    rounds: int = 100
+    rounds: int = 50
     tolerance: float = 1e-6
     per_run: tuple[str, ...] = ()
 
@@ -108,8 +108,9 @@ class Mixing:
             change: What one plain step would add to it.
         """
         size = float(np.abs(change).max())
-        if size > WORSE * min((float(np.abs(x).max()) for x in self._changes), default=np.inf):
+        if size > NEAR:
             self._points, self._changes = [], []
+            return point + change
         self._points = [*self._points[-DEPTH:], point]
         self._changes = [*self._changes[-DEPTH:], change]
         slopes = np.diff(self._changes, axis=0).T
@@ -117,5 +118,4 @@ class Mixing:
             return point + change
         shares = np.linalg.lstsq(slopes, change, rcond=1e-8)[0]
         step = change - (np.diff(self._points, axis=0).T + slopes) @ shares
-        longest = FARTHEST * size
-        return np.asarray(point + np.clip(step, -longest, longest))
+        return np.asarray(point + np.clip(step, -LONGEST, LONGEST))

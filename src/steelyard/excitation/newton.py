@@ -104,7 +104,10 @@ def _step(
     """A step that lowers criterion and barrier, and the gain that its quadratic model foretold."""
     slope = (point.slope + weight * point.barrier.slope).ravel()
     full = curvature + weight * point.barrier.curvature
-    dx = np.asarray(np.linalg.solve(full, -slope)).reshape(point.x.shape)
+    try:
+        dx = np.asarray(np.linalg.solve(full, -slope)).reshape(point.x.shape)
+    except np.linalg.LinAlgError:  # curvatures too far apart for the digits there are
+        dx = np.linalg.lstsq(full, -slope, rcond=None)[0].reshape(point.x.shape)
     gain = -float(slope @ dx.ravel())
     now = point.value + weight * point.barrier.value
     margins, change = walls.linear(point.x), walls.away(dx)
