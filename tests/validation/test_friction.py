@@ -81,9 +81,19 @@ def test_a_simpler_mix_is_preferred_within_the_spread_of_the_gain() -> None:
     assert spring.spread == pytest.approx(wanted)
 
 
-def test_the_simplest_of_all_within_the_spread_comes_first() -> None:
+def test_of_laws_that_take_each_others_place_the_best_is_taken() -> None:
     found = chosen({BASE: [20.0, 20.0, 20.0], SMOOTHED: [10.0, 10.0, 10.0], DAHL: [9.0, 9.9, 10.2]})
+    assert found.name == DAHL
+    found = chosen({BASE: [20.0] * 3, SMOOTHED: [10.0] * 3, DAHL: [9.97, 9.98, 9.99]})
     assert found.name == SMOOTHED
+
+
+def test_what_is_added_must_gain_more_than_its_spread() -> None:
+    cubic, root = f"{BASE} + cubic", f"{BASE} + root"
+    found = chosen({BASE: [10.0] * 3, root: [10.2, 9.9, 8.0], cubic: [30.0] * 3})
+    assert found.name == BASE
+    found = chosen({BASE: [10.0] * 3, root: [9.0, 8.9, 8.8], cubic: [8.9, 9.3, 7.9]})
+    assert found.name == root
 
 
 def test_later_stages_build_on_what_was_chosen() -> None:

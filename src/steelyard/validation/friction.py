@@ -2,8 +2,9 @@
 
 Laws are compared in stages, each beside what the stage before has chosen: how friction turns round
 with the direction of motion, how it grows with speed, and whether it grows with the load. A mix is
-judged by leaving one run out (one stretch of a single run); a simpler one is preferred when the
-gain of a better one lies within the spread of its gain over the runs.
+judged by leaving one run out (one stretch of a single run). The law of direction with the least
+error is taken, if that is less than of plain Coulomb friction by more than the gain spreads over
+the runs; what is added later must gain more than that, too.
 
 All candidates' columns are gathered in one wide pass; a mix is a selection of them.
 """
@@ -143,7 +144,7 @@ def choose_friction(
     """
     refuse_listed(model)
     divided = folding(runs)
-    considered = stages_of(model, runs[0].recording.signals.effort_kind)
+    considered = stages_of(model, runs[0].recording.signals.effort_kind, divided.left_out)
     said = said_by(runs, threads=threads, progress=progress)
     plain = replace(model, terms=(*model.terms, *DIRECTION[0], *SPEED[0]))
     loaded = any(isinstance(t, LoadDependent) for stage in considered for mix in stage for t in mix)
@@ -290,7 +291,7 @@ def _staged(
     left_out: str,
     per_joint: PerJoint = lambda following: [],
 ) -> FrictionChoice:
-    """Stage by stage the simplest mix within the spread of the best."""
+    """The best law of direction; then the simplest mix of each stage within the spread."""
     table: list[tuple[tuple[Term, ...], Array]] = []
     kept: tuple[Term, ...] = ()
     following = stages[1][0]
@@ -301,7 +302,7 @@ def _staged(
         found = [(mix, error) for mix in mixes if (error := errors(mix)) is not None]
         found += per_joint(extra) if number == 0 else []
         table += [pair for pair in found if pair[0] not in [mix for mix, _ in table]]
-        chosen = _simplest(found)
+        chosen = _simplest(found) if number else _least(found)
         kept = chosen[: len(chosen) - len(extra)] if number == 0 else chosen
     first = table[0][1]
     rows = (
@@ -318,10 +319,21 @@ def _staged(
     return FrictionChoice(kept, tuple(rows), left_out)
 
 
-def _simplest(found: Sequence[tuple[tuple[Term, ...], Array]]) -> tuple[Term, ...]:
-    """The first mix of a stage that is not worse than the best, nor than the simplest of all.
+def _least(found: Sequence[tuple[tuple[Term, ...], Array]]) -> tuple[Term, ...]:
+    """The mix of least error, or one before it that is next to as good.
 
-    A mix whose errors scatter is not told from the best; that alone does not speak for it.
+    The first is preferred if its loss lies within the spread of that loss.
+    """
+    best = min((error for _, error in found), key=lambda error: float(error.mean()))
+    if not _worse(found[0][1], best):
+        return found[0][0]
+    return next(mix for mix, error in found if (error - best).mean() <= LEAST)
+
+
+def _simplest(found: Sequence[tuple[tuple[Term, ...], Array]]) -> tuple[Term, ...]:
+    """The first mix of a stage that is not worse than the best, nor than the first of all.
+
+    What is added to the first must gain more than the gain scatters.
     """
     best = min((error for _, error in found), key=lambda error: float(error.mean()))
     most = float(found[0][1].mean())

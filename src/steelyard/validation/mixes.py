@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from itertools import groupby
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 from steelyard.model import Model
 from steelyard.robot.robot import Robot
@@ -58,22 +58,26 @@ SPRINGS: tuple[tuple[Term, ...], ...] = ((), (Spring(),))
 """Whether cables or springs pull the joints."""
 
 
-def stages_of(model: Model, kind: EffortKind) -> tuple[tuple[tuple[Term, ...], ...], ...]:
+def stages_of(
+    model: Model, kind: EffortKind, left_out: Literal["run", "stretch"]
+) -> tuple[tuple[tuple[Term, ...], ...], ...]:
     """The candidates for a model, stage by stage.
 
-    Laws of speed are tried along further coordinates as well, where the model has viscous friction
-    along them. A spring that the model has is no candidate.
+    Laws of speed act along further coordinates as well, where the model has viscous friction along
+    them. A spring that the model has is no candidate.
 
     Args:
         model: The model without the friction that is to be chosen.
         kind: Of the efforts.
+        left_out: What is left out in turn: stretches of one motion share its postures, and cannot
+            tell a spring from what else depends on posture.
     """
     aside = [x for x in model.terms if isinstance(x, Viscous) and (x.along or x.motors)]
-    speed = [(*laws, *more) for laws in SPEED for more in ((), *_along(laws[1:], aside))]
+    speed = [(*laws, *_along(laws[1:], aside)) for laws in SPEED]
     stages = [_sized(DIRECTION, model.robot), _sized(speed, model.robot)]
     if kind in LOADED:
         stages.append(_sized(LOAD, model.robot))
-    if not any(isinstance(term, Spring) for term in model.terms):
+    if left_out == "run" and not any(isinstance(term, Spring) for term in model.terms):
         free = any(isinstance(term, Offset) for term in model.terms)
         stages.append(SPRINGS if free else ((), (Spring(free="unknown"),)))
     return tuple(stages)
@@ -95,16 +99,13 @@ def _with_sizes(term: Term, sizes: Sequence[float]) -> Term:
     return cast(Term, replace(cast(Any, term), **wanted)) if wanted else term
 
 
-def _along(laws: Sequence[Term], aside: Sequence[Viscous]) -> tuple[tuple[Term, ...], ...]:
-    """The laws along the coordinates of others, if there are both."""
-    if not laws or not aside:
-        return ()
-    more = (
+def _along(laws: Sequence[Term], aside: Sequence[Viscous]) -> tuple[Term, ...]:
+    """The laws along the coordinates of others."""
+    return tuple(
         replace(cast(Any, law), joints=x.joints, motors=x.motors, along=x.along)
         for law in laws
         for x in aside
     )
-    return (tuple(more),)
 
 
 def remembers(terms: Sequence[Term]) -> bool:
