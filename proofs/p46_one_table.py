@@ -25,7 +25,6 @@ from p42_two_faults import run
 
 Edit = Callable[[str], str]
 
-NOT_WORSE = 1.02
 AUTO = 1.05
 
 
