@@ -19,8 +19,11 @@ from steelyard.regression.regressor import base_regressor
 from steelyard.robot.signals import Signals
 from steelyard.validation.cross import (
     FOLDS,
+    Folding,
+    folding,
     folds_of,
     left_out_errors,
+    logarithms,
     longest_window,
     per_fold,
     values_by,
@@ -149,3 +152,37 @@ def test_runs_of_one_name_are_refused() -> None:
     with pytest.raises(DataError, match="2 runs are called 'a'") as caught:
         folds_of([swing("a", 6.0), swing("b", 6.0), swing("a", 6.0)])
     assert caught.value.mend == "give every run a name of its own"
+
+
+def test_where_a_joint_moves_in_one_run_only_stretches_are_left_out() -> None:
+    both = [swing("a", 20.0), swing("b", 20.0)]
+    assert folding(both).left_out == "run"
+    still = replace(both[1], quality=replace(both[1].quality, max_speed=np.array([0.01])))
+    found = folding([both[0], still])
+    assert found.left_out == "stretch" and found.longest == longest_window([both[0]])
+    regressor = base_regressor(Model(single()))
+    moving = gather(regressor, both[0], longest=found.longest)
+    moving += gather(regressor, both[1], longest=found.longest)
+    parts = found.parts(moving)
+    inside = np.array([[part(w) for w in moving.windows] for part in parts])
+    assert len(parts) == FOLDS and np.all(inside.sum(axis=0) == 1)
+    for part in inside:
+        assert {w.run for w, mine in zip(moving.windows, part, strict=True) if mine} == {"a", "b"}
+
+
+def test_stretches_have_as_much_motion_each() -> None:
+    """A long rest at the start is in the first of them."""
+    run = swing("a", 40.0)
+    moving = gather(base_regressor(Model(single())), run, longest=0.5)
+    late = moving.of([k for k, w in enumerate(moving.windows) if w.start > 30.0])
+    parts = Folding("stretch", 0.5).parts(late)
+    counts = per_fold(late, parts).counts[:, 0]
+    assert len(parts) == FOLDS and counts.max() < 1.7 * counts.min()
+    early = per_fold(moving, parts)
+    assert early.windows[0].start == moving.windows[0].start
+    np.testing.assert_allclose(early.counts.sum(), moving.counts.sum())
+
+
+def test_rows_that_do_not_count_have_no_say() -> None:
+    errors, sizes = np.array([[5.0, 0.0]]), np.array([[2.0, 0.0]])
+    assert np.exp(logarithms(errors, sizes))[0] == pytest.approx(5.0)

@@ -1,0 +1,63 @@
+"""Efforts whose scale is off: found with the parameters, said, and used for other logs."""
+
+import json
+from pathlib import Path
+
+import polars as pl
+import pytest
+
+from cli.conftest import Command
+from cli.river_files import edited
+
+OFF = {2: 1.25}
+
+
+def scaled(given: Path, name: str, folder: Path) -> Path:
+    """A log in which a torque sensor reads too much."""
+    path = folder / f"{name}.parquet"
+    table = pl.read_parquet(given / path.name)
+    table.with_columns(pl.col(f"tau{k}_Nm") * x for k, x in OFF.items()).write_parquet(path)
+    return path
+
+
+@pytest.fixture
+def logs(given: Path, tmp_path: Path) -> list[Path]:
+    return [scaled(given, name, tmp_path) for name in ("identification", "validation")]
+
+
+def test_scales_are_found_and_used_for_other_logs(
+    given: Path, command: Command, tmp_path: Path, logs: list[Path]
+) -> None:
+    robot, out = edited(given, tmp_path), tmp_path / "out"
+    done = command(
+        "identify", robot, logs[0], "--validate", logs[1], "-o", out, "--json", "--no-check"
+    )
+    assert done.exit_code in (0, 1), done.output
+    result = json.loads(done.stdout)
+    found = result["effort_scales"]
+    for k, (value, half) in enumerate(zip(found["values"], found["half_width"], strict=True), 1):
+        assert abs(value - OFF.get(k, 1.0)) < half
+    assert found["values"][1] - found["half_width"][1] > 1.0
+    assert found["left_out_error_percent"] < found["left_out_error_without_percent"]
+    assert any("a scale per joint" in note for note in result["notes"])
+    assert 'id="effort_scales"' in (out / "report.html").read_text()
+    gains = json.loads((out / "model.json").read_text())["signals"]["gains"]
+    assert gains == pytest.approx([1.0 / x for x in found["values"]])
+    again = command("validate", out, logs[1], "--json")
+    alone = json.loads(again.stdout)[0]["mean_percent"]
+    assert alone == pytest.approx(result["validation"][0]["mean_percent"])
+
+
+def test_scales_are_off_where_the_robot_file_says_so(
+    given: Path, command: Command, tmp_path: Path, logs: list[Path]
+) -> None:
+    robot = edited(given, tmp_path)
+    robot.write_text(robot.read_text() + '\n[estimation]\neffort_scales = "off"\n')
+    done = command("identify", robot, logs[0], "-o", tmp_path / "out", "--json", "--no-check")
+    assert json.loads(done.stdout)["effort_scales"] is None
+
+
+def test_a_clean_log_gets_none(given: Path, command: Command, tmp_path: Path) -> None:
+    log = given / "identification.parquet"
+    done = command("identify", edited(given, tmp_path), log, "-o", tmp_path / "out", "--json")
+    assert json.loads(done.stdout)["effort_scales"] is None
