@@ -23,7 +23,7 @@ ORDER = 4
 ENTRIES = tuple((i, j) for j in range(ORDER) for i in range(j + 1))
 """Places of the upper triangle, column by column."""
 
-WIDEST = 100.0
+WIDEST = 10.0
 """Standard deviation of a cause of torque that nothing is known of, in that of the whole effort."""
 
 UNSEEN = 1e-9
