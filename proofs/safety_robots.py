@@ -77,9 +77,9 @@ class Arm:
         return replace(self, links=tuple(replace(link, effort=float(e)) for link, e in links))
 
 
-def random_arm(random: np.random.Generator, shaped: bool) -> Arm:
-    """Two to seven joints, one in seven of them prismatic."""
-    count = int(random.integers(2, 8))
+def random_arm(random: np.random.Generator, shaped: bool, joints: tuple[int, int] = (2, 7)) -> Arm:
+    """An arm with a number of joints between two, one in seven of them prismatic."""
+    count = int(random.integers(joints[0], joints[1] + 1))
     spans = [_span(random) for _ in range(count + 1)]
     kinds = ["prismatic" if random.random() < 0.15 else "revolute" for _ in range(count)]
     places = [(0.0, 0.0, float(random.uniform(0.1, 0.4))), *spans]
