@@ -40,6 +40,8 @@ def test_scales_are_found_and_used_for_other_logs(
     assert found["values"][1] - found["half_width"][1] > 1.0
     assert found["left_out_error_percent"] < found["left_out_error_without_percent"]
     assert any("a scale per joint" in note for note in result["notes"])
+    remarks = [x["says"] for x in result["limitations"] if x["suspicion"] == "effort scales"]
+    assert len(remarks) == 1 and "shoulder_lift 1.2" in remarks[0]
     assert 'id="effort_scales"' in (out / "report.html").read_text()
     gains = json.loads((out / "model.json").read_text())["signals"]["gains"]
     assert gains == pytest.approx([1.0 / x for x in found["values"]])

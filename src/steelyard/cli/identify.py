@@ -223,6 +223,7 @@ def limitations_of(
         content.scores,
         fit.information,
         doubts_of(content.diagnosis, fit.runs),
+        fit.scales,
     )
     return examine_fit(case, progress)
 

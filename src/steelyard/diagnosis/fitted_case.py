@@ -7,6 +7,7 @@ from steelyard.diagnosis.finding import Finding
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.measurement.run import Run
 from steelyard.regression.information import Information
+from steelyard.validation.effort_scales import EffortScales
 from steelyard.validation.score import RunScore
 
 
@@ -23,6 +24,7 @@ class FittedCase:
         information: Information of the fitted runs on the base columns, by windows and runs;
             `None` in `validate`.
         doubts: What the check before the fit is doubtful about in the fitted runs.
+        scales: Scales of the efforts that were estimated, if any.
     """
 
     identified: IdentifiedModel
@@ -32,6 +34,7 @@ class FittedCase:
     unseen_scores: tuple[RunScore, ...] = ()
     information: Information | None = None
     doubts: tuple[Finding, ...] = ()
+    scales: EffortScales | None = None
 
 
 class PostFitCheck(Protocol):

@@ -16,6 +16,7 @@ from steelyard.diagnosis.fitted_case import PostFitCheck as PostFitCheck
 from steelyard.diagnosis.last_link import LastLink
 from steelyard.diagnosis.model_error import ModelError
 from steelyard.diagnosis.runs_disagree import RunsDisagree
+from steelyard.diagnosis.scaled_efforts import ScaledEfforts
 from steelyard.diagnosis.unseen_reason import UnseenReason
 from steelyard.progress import Progress, silent, tell
 
@@ -24,6 +25,7 @@ POST_FIT: tuple[PostFitCheck, ...] = (
     RunsDisagree(),
     ChangeInRun(),
     ModelError(),
+    ScaledEfforts(),
     LastLink(),
     BelowNominal(),
     UnseenReason(),
