@@ -260,7 +260,7 @@ def _covariances(data: Whitened, program: Program, tried: Tried) -> tuple[Array,
     known, free = program.unknowns, program.wishes.free
     prior = program.stated_precision(tried.u, tried.gamma)
     after, before = (
-        free @ _inverse(free.T @ precision @ free) @ free.T
+        free @ inverse_of(free.T @ precision @ free) @ free.T
         for precision in (prior + known.matrix.T @ known.matrix, prior)
     )
     if not np.array_equal(data.noise, np.eye(len(data.noise))):
@@ -273,7 +273,7 @@ def _alone(row: Array) -> bool:
     return int(np.count_nonzero(row)) == 1
 
 
-def _inverse(precision: Array) -> Array:
+def inverse_of(precision: Array) -> Array:
     """Inverse of a precision; of what nothing is known, a large variance."""
     values, vectors = np.linalg.eigh(precision)
     floor = 1e-14 * max(float(values.max(initial=0.0)), 1.0)

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from steelyard.arrays import Array, frozen
-from steelyard.estimation.consistent import Consistent
+from steelyard.estimation.consistent import Consistent, inverse_of
 from steelyard.estimation.estimate import Estimate
 from steelyard.estimation.whitened import whitened
 from steelyard.parameters import Parameters
@@ -112,7 +112,7 @@ class Scaled:
         precision = program.stated_precision(u, gamma)
         precision += program.unknowns.matrix.T @ program.unknowns.matrix
         n = len(self.rows)
-        spread = self.deviation**2 * np.asarray(np.linalg.inv(precision))[-n:, -n:]
+        spread = self.deviation**2 * inverse_of(precision)[-n:, -n:]
         return Scales(
             np.exp(logs),
             spread,
