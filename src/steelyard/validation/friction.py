@@ -3,8 +3,8 @@
 Laws are compared in stages, each beside what the stage before has chosen: how friction turns round
 with the direction of motion, how it grows with speed, and whether it grows with the load. A mix is
 judged by leaving one run out (one stretch of a single run). The law of direction with the least
-error is taken, if that is less than of plain Coulomb friction by more than the gain spreads over
-the runs; what is added later must gain more than that, too.
+error is taken, if that is less than of plain Coulomb friction by more than chance explains over the
+runs; what is added later must gain as surely.
 
 All candidates' columns are gathered in one wide pass; a mix is a selection of them.
 """
@@ -43,6 +43,9 @@ from steelyard.validation.cross import (
     values_by,
 )
 from steelyard.validation.mixes import DIRECTION, LOAD, SPEED, mix_name, remembers, stages_of
+
+SURE = 0.9
+"""Probability with which a loss over the parts must be one, by Student's distribution."""
 
 ConsistentOf = Callable[[Model, BaseMap], Consistent]
 """The consistent estimate for a model and its base parameters."""
@@ -291,7 +294,7 @@ def _staged(
     left_out: str,
     per_joint: PerJoint = lambda following: [],
 ) -> FrictionChoice:
-    """The best law of direction; then the simplest mix of each stage within the spread."""
+    """The best law of direction; then the simplest mix of each stage."""
     table: list[tuple[tuple[Term, ...], Array]] = []
     kept: tuple[Term, ...] = ()
     following = stages[1][0]
@@ -322,7 +325,7 @@ def _staged(
 def _least(found: Sequence[tuple[tuple[Term, ...], Array]]) -> tuple[Term, ...]:
     """The mix of least error, or one before it that is next to as good.
 
-    The first is preferred if its loss lies within the spread of that loss.
+    The first is preferred if chance explains its loss.
     """
     best = min((error for _, error in found), key=lambda error: float(error.mean()))
     if not _worse(found[0][1], best):
@@ -333,7 +336,7 @@ def _least(found: Sequence[tuple[tuple[Term, ...], Array]]) -> tuple[Term, ...]:
 def _simplest(found: Sequence[tuple[tuple[Term, ...], Array]]) -> tuple[Term, ...]:
     """The first mix of a stage that is not worse than the best, nor than the first of all.
 
-    What is added to the first must gain more than the gain scatters.
+    What is added to the first must gain more than chance explains.
     """
     best = min((error for _, error in found), key=lambda error: float(error.mean()))
     most = float(found[0][1].mean())
@@ -345,8 +348,12 @@ def _ratio(logarithms: Array) -> float:
 
 
 def _worse(error: Array, best: Array) -> bool:
-    """Whether a mix loses more to the best than that loss spreads over the runs, and any worth."""
-    return bool((error - best).mean() > max(standard_error(error - best), LEAST))
+    """Whether a mix loses more to the best than chance explains, and any worth."""
+    from scipy.stats import t
+
+    loss = error - best
+    times = float(t.ppf(SURE, len(loss) - 1)) if len(loss) > 1 else 0.0
+    return bool(loss.mean() > max(times * standard_error(loss), LEAST))
 
 
 def _with_reference(term: Term, reference: Mapping[str, float]) -> Term:
