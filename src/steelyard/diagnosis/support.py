@@ -17,6 +17,7 @@ from steelyard.diagnosis.possible import Possible, possible
 from steelyard.diagnosis.reading import Reading
 from steelyard.diagnosis.rival import FREE, Rival, one_of
 from steelyard.diagnosis.rivals_effort import unit_rivals
+from steelyard.diagnosis.rivals_friction import friction_alone
 from steelyard.diagnosis.rivals_mounting import mounting_rivals
 from steelyard.diagnosis.rivals_together import combined_rivals
 from steelyard.diagnosis.rivals_world import SHARP, axis_near
@@ -261,11 +262,18 @@ def _inverse(names: Sequence[str], order: Sequence[int]) -> str:
     return ", ".join(f"'{names[list(order).index(k)]}'" for k in range(len(order)))
 
 
+def no_bodies(trial: Trial, reading: Reading, found: Possible) -> bool:
+    """Whether friction alone fits a log about as well as with bodies: their size is open then."""
+    alone = Possible(friction_alone(trial, reading), 0.0)
+    return not better(found, alone, 0.0)
+
+
 def _scale(trial: Trial, reading: Reading, asked: bool) -> tuple[Rival, Judgement] | None:
     """A factor on all efforts, or bodies lighter or heavier than the nominal ones.
 
     Beyond `HEAVIEST` something is wrong with the efforts, if the factor makes the nominal model
-    agree clearly better; below, only where the nominal model asks for it.
+    agree clearly better; below, only where the nominal model asks for it. Nothing is said where
+    friction alone fits as well as bodies.
 
     Args:
         trial: The log.
@@ -274,6 +282,8 @@ def _scale(trial: Trial, reading: Reading, asked: bool) -> tuple[Rival, Judgemen
     """
     found = possible(trial, reading)
     if found is None or not (asked or (_far(found) and found.percent <= ROUGH)):
+        return None
+    if no_bodies(trial, reading, found):
         return None
     factor, far = 1.0 / found.scale, _far(found)
     lighter = "lighter" if factor > 1.0 else "heavier"

@@ -9,9 +9,12 @@ from steelyard.diagnosis.confirm import confirmed
 from steelyard.diagnosis.decided import undecided
 from steelyard.diagnosis.finding import Edit, Finding, Hypothesis, Judgement, Mend, Picture, Trace
 from steelyard.diagnosis.mends import edits_of
+from steelyard.diagnosis.possible import possible
 from steelyard.diagnosis.ranking import HOPELESS, known_of
 from steelyard.diagnosis.rival import Rival
+from steelyard.diagnosis.rivals_friction import friction_alone
 from steelyard.diagnosis.sight import once
+from steelyard.diagnosis.support import no_bodies
 from steelyard.diagnosis.velocities import velocity_edits
 from steelyard.diagnosis.verdict import CLEAN, ROUGH, Verdict, last_of, verdict
 from steelyard.diagnosis.ways import ways
@@ -193,6 +196,19 @@ def picture(held: Verdict, before: Rival, after: Rival) -> Picture:
     return Picture("time [s]", f"effort of '{name}'", tuple(traces))
 
 
+def _unclear(held: Verdict) -> str:
+    """Why nothing explains a log."""
+    trial, reading = held.ranking.trial, held.ranking.declared.reading
+    bodies = possible(trial, reading)
+    if bodies is None or not no_bodies(trial, reading, bodies):
+        return "no explanation is clear"
+    alone = float(friction_alone(trial, reading).percent)
+    return (
+        f"the efforts hardly show any bodies: friction alone leaves {_percent(alone)}, bodies of "
+        f"any mass beside it {_percent(bodies.percent)}"
+    )
+
+
 def _known(held: Verdict) -> str:
     identified = held.ranking.trial.knowledge.identified
     return "the reference" if identified else "the nominal model"
@@ -217,9 +233,10 @@ def agrees(held: Verdict, what: str) -> str:
     ranked = held.ranking
     if not told(held):
         much = _percent(ranked.declared.percent)
-        return f"cannot be told: {_known(held)} disagrees by {much} and no explanation is clear" + (
-            "" if ranked.trial.knowledge.identified else "; give --model"
-        )
+        why = f"cannot be told: {_known(held)} disagrees by {much} and "
+        if ranked.trial.knowledge.identified:
+            return f"{why}no explanation is clear"
+        return f"{why}{_unclear(held)}; give --model"
     percent = float(ranked.trial.score(last_of(held).reading).percent[0])
     once = ""
     if held.winners:

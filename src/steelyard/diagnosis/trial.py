@@ -173,7 +173,7 @@ class Trial:
         predicted = self.predicted(readings[0], q, dq, ddq).reshape(shape)
         q, u, du = (x.reshape(shape) for x in (q, self.driven(dq), self.driven(ddq)))
         y, moving = regressors(q, u, du, predicted)
-        return self._products(y, moving, self.excerpt.later([readings[0].delay]))
+        return self.products(y, moving, self.excerpt.later([readings[0].delay]))
 
     def sums_later(self, reading: Reading, delays: Sequence[float]) -> Sums:
         """Products of one reading with efforts at other delays than its own."""
@@ -181,9 +181,9 @@ class Trial:
         predicted = self.predicted(reading, q, dq, ddq)
         arrays = (x[:, None] for x in (q, self.driven(dq), self.driven(ddq), predicted))
         y, moving = regressors(*arrays)
-        return self._products(y, moving, self.excerpt.later(delays))
+        return self.products(y, moving, self.excerpt.later(delays))
 
-    def _products(self, y: Array, moving: Array, e: Array) -> Sums:
+    def products(self, y: Array, moving: Array, e: Array) -> Sums:
         """Products of columns `(n, h, 5, B)` with efforts `(h or 1, n, B)`."""
         y, moving = np.moveaxis(y, 0, 1), np.moveaxis(moving, 0, 1)
         yy, count = y @ y.swapaxes(-1, -2), moving.sum(axis=-1) * self.excerpt.worth

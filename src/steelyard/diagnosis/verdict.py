@@ -10,6 +10,7 @@ from steelyard.diagnosis.finding import Judgement
 from steelyard.diagnosis.ranking import ALIEN, Ranking, bad, disagrees, ranking
 from steelyard.diagnosis.rival import Rival
 from steelyard.diagnosis.rivals_effort import OWN
+from steelyard.diagnosis.rivals_friction import giving_way
 from steelyard.diagnosis.rivals_world import SHARP, delay_rivals
 from steelyard.diagnosis.sight import once
 from steelyard.diagnosis.support import supported
@@ -188,11 +189,19 @@ def payload_mass(rival: Rival) -> tuple[float, float]:
 
 
 def _late(found: Ranking, before: Rival, rival: Rival) -> bool:
-    """Whether a delay is long enough, and certain enough, to matter."""
+    """Whether a delay is long enough, and certain enough, to matter.
+
+    Of a nominal model, friction that gives way must not explain as much.
+    """
     sure, x = found.trial.knowledge.identified, found.trial.excerpt
     delay = abs(rival.reading.delay - before.reading.delay)
     least = max(LEAST_DELAY[sure], DELAY_ROWS / x.log_rate)
     if not sure and rival.log_likelihood - before.log_likelihood < DELAY_MARGIN:
         return False
-    gain = float(rival.score.likelihood(SHARP, np.inf) - before.score.likelihood(SHARP, np.inf))
-    return delay >= least and gain > DELAY_MARGIN and not disagrees(found.trial, rival)
+    if delay < least or disagrees(found.trial, rival):
+        return False
+    others = [before.score]
+    if not sure:
+        others.append(giving_way(found.trial, before.reading))
+    late = float(rival.score.likelihood(SHARP, np.inf))
+    return all(late - float(x.likelihood(SHARP, np.inf)) > DELAY_MARGIN for x in others)
