@@ -5,7 +5,8 @@ $v f(v) \ge 0$, not that each coefficient be positive: friction that grows less 
 to speed has a negative quadratic coefficient. The curve is linear in the coefficients, so a grid of
 speeds gives rows of a convex program. Laws that remember are asked for the energy of slow closed
 cycles as well: whatever a hysteresis of elements that slip runs through decomposes into such cycles
-[AlBender2005].
+[AlBender2005]. Nor may friction be a multiple of that of sliding on the way from one direction to
+the other.
 """
 
 from collections.abc import Sequence
@@ -35,6 +36,12 @@ SLID = 20.0
 
 STEPS = 100
 """Steps of half a cycle."""
+
+TURNED = 30
+"""Positions after a turn at which friction is bounded."""
+
+PEAK = 2.0
+"""Greatest friction on the way from one direction to the other, over that of slow sliding."""
 
 RANGES = 2.0 ** np.arange(-8.0, 3.0)
 """Ranges of cycles, over the greatest length of a law."""
@@ -102,11 +109,13 @@ def _rows(laws: Sequence[Law], robot: Robot, axis: Axis, top: float) -> list[Row
         steady = _along(law, robot, axis, *_sliding(law, robot, speeds))[at]
         sliding = np.sign(speeds) * steady[:, 2::2]
         cycles = [_work(law, robot, axis, reach, slow)[at] for reach in ranges]
-        columns += list(np.concatenate([sliding, np.array(cycles).T.reshape(len(at), -1)], axis=1))
+        turns = _turned(law, robot, axis, ranges, slow)[at]
+        parts = (sliding, np.array(cycles).T.reshape(len(at), -1), turns)
+        columns += list(np.concatenate(parts, axis=1))
     matrix = np.array(columns).T
     sizes = np.linalg.norm(matrix, axis=1)
     unit = np.unique(np.round(matrix[sizes > 0.0] / sizes[sizes > 0.0, None], 9), axis=0)
-    label = f"friction of '{axis.name}' takes energy up to {top:.3g} {axis.speed_unit}"
+    label = f"friction of '{axis.name}' up to {top:.3g} {axis.speed_unit}"
     return [
         Row(label, {n: float(x) for n, x in zip(names, row, strict=True) if x}, lower=0.0)
         for row in unit
@@ -147,6 +156,19 @@ def _work(law: Law, robot: Robot, axis: Axis, reach: float, speed: float) -> Arr
         return np.asarray(force[:, last] @ steps[last] / (2.0 * reach))
     before = force[:, len(x) - 2 * STEPS - 1 : -1]
     return np.asarray(0.5 * (force[:, last] + before) @ steps[last] / (2.0 * reach))
+
+
+def _turned(law: Law, robot: Robot, axis: Axis, ranges: Sequence[float], speed: float) -> Array:
+    """What is left below `PEAK` after a turn from sliding, on both sides, per parameter."""
+    if not ranges:
+        return np.zeros((len(law.parameters(robot)), 0))
+    far = SLID * ranges[-1]
+    travel = np.append(np.geomspace(0.05 * ranges[0], ranges[-1], TURNED), far)
+    x = np.concatenate([[far, 0.0], travel])
+    v = np.where(np.arange(len(x)) < 2, -speed, speed)
+    force = _along(law, robot, axis, x, v)[:, 2:]
+    sliding = PEAK * force[:, -1:]
+    return np.concatenate([sliding - force[:, :-1], sliding + force[:, :-1]], axis=1)
 
 
 def _along(law: Law, robot: Robot, axis: Axis, x: Array, v: Array) -> Array:
