@@ -19,23 +19,32 @@ from steelyard.estimation.knowledge import Row
 from steelyard.kernel.dynamics import JointState
 from steelyard.model import Model
 from steelyard.robot.robot import Robot
-from steelyard.terms.axes import Acting, Axis, Dissipation
+from steelyard.terms.axes import Acting, Axis, Dissipation, per_axis
 from steelyard.terms.term import Remembering, Samples, Term
 
 REACH = 1.5
 """Speed up to which friction takes energy, over the greatest of the data."""
 
-SPEEDS = np.concatenate([np.geomspace(1e-4, 0.03, 6), np.linspace(0.05, 1.0, 20)])
-"""Grid of speeds, over the greatest."""
+FARTHEST = 20.0
+"""Limit of a joint's speed that is believed, over the greatest of the data."""
 
-SLOW = 0.05
-"""Speed of cycles, over the greatest of the data."""
+STILL = 1e-9
+"""Speed that stands for one next to zero, over `REACH` times the greatest of the data."""
+
+SPEEDS = np.concatenate([[STILL], np.geomspace(1e-4, 0.03, 6), np.linspace(0.05, 1.0, 20)])
+"""Grid of speeds, over the same."""
+
+BEYOND = np.linspace(0.1, 1.0, 10)
+"""Grid of speeds that the data do not reach, over the limit of the joint."""
+
+CYCLES = (STILL, 0.01, 0.1, 1.0)
+"""Speeds of cycles, over the same as `SPEEDS`."""
 
 SLID = 20.0
 """Travel at a speed until memory is that of steady sliding, in lengths."""
 
-STEPS = 100
-"""Steps of half a cycle."""
+HALF = np.append(0.0, np.geomspace(1e-4, 1.0, 60))
+"""Positions of half a cycle, over its range."""
 
 TURNED = 30
 """Positions after a turn at which friction is bounded."""
@@ -77,8 +86,10 @@ def friction_curves(model: Model, fastest: Sequence[float] | Array) -> tuple[Row
         if any(axis.row[n:]) or not 0.0 < top < np.inf:
             continue
         mine = [law for law in laws if axis in law.axes(model.robot)]
+        limits = np.array([c.limits.velocity for c in model.robot.coordinates])
+        limit = float(np.abs(axis.row[:n]) @ np.where(axis.row[:n], limits[:n], 0.0))
         if any(law.dissipation == "together" for law in mine):
-            rows += _rows(mine, model.robot, axis, top)
+            rows += _rows(mine, model.robot, axis, top, max(top, _believed(limit, top)))
     return tuple(rows)
 
 
@@ -94,9 +105,25 @@ def shaped(model: Model, rows: Sequence[Row]) -> frozenset[str]:
     )
 
 
-def _rows(laws: Sequence[Law], robot: Robot, axis: Axis, top: float) -> list[Row]:
-    """The rows of one coordinate, each once."""
-    speeds = np.concatenate([top * SPEEDS, -top * SPEEDS])
+def _believed(limit: float, top: float) -> float:
+    """A limit of speed; zero if it is a mere placeholder."""
+    return limit if limit <= FARTHEST * top / REACH else 0.0
+
+
+def _rows(
+    laws: Sequence[Law], robot: Robot, axis: Axis, top: float, farthest: float
+) -> list[Row]:
+    """The rows of one coordinate, each once.
+
+    Args:
+        laws: Those that act along it.
+        robot: The robot.
+        axis: The coordinate.
+        top: Speed that the data reach, and a little more.
+        farthest: Speed up to which friction takes energy.
+    """
+    grid = np.append(top * SPEEDS, [v for v in farthest * BEYOND if v > top])
+    speeds = np.concatenate([grid, -grid])
     ranges = _ranges(laws, robot)
     names: list[str] = []
     columns: list[Array] = []
@@ -105,17 +132,16 @@ def _rows(laws: Sequence[Law], robot: Robot, axis: Axis, top: float) -> list[Row
             k for k, p in enumerate(law.parameters(robot)) if p.name.partition(".")[2] == axis.name
         ]
         names += [law.parameters(robot)[k].name for k in at]
-        slow = SLOW * top / REACH
         steady = _along(law, robot, axis, *_sliding(law, robot, speeds))[at]
         sliding = np.sign(speeds) * steady[:, 2::2]
-        cycles = [_work(law, robot, axis, reach, slow)[at] for reach in ranges]
-        turns = _turned(law, robot, axis, ranges, slow)[at]
+        cycles = [_work(law, robot, axis, r, top * v)[at] for r in ranges for v in CYCLES]
+        turns = _turned(law, robot, axis, ranges, top * STILL)[at]
         parts = (sliding, np.array(cycles).T.reshape(len(at), -1), turns)
         columns += list(np.concatenate(parts, axis=1))
     matrix = np.array(columns).T
     sizes = np.linalg.norm(matrix, axis=1)
     unit = np.unique(np.round(matrix[sizes > 0.0] / sizes[sizes > 0.0, None], 9), axis=0)
-    label = f"friction of '{axis.name}' up to {top:.3g} {axis.speed_unit}"
+    label = f"friction of '{axis.name}' up to {farthest:.3g} {axis.speed_unit}"
     return [
         Row(label, {n: float(x) for n, x in zip(names, row, strict=True) if x}, lower=0.0)
         for row in unit
@@ -123,14 +149,22 @@ def _rows(laws: Sequence[Law], robot: Robot, axis: Axis, top: float) -> list[Row
 
 
 def _ranges(laws: Sequence[Law], robot: Robot) -> list[float]:
-    """Ranges of cycles, where a law that remembers shapes the curve."""
+    """Ranges of cycles, around the lengths of the laws that remember."""
     found: set[float] = set()
     for law in laws:
-        if isinstance(law, Remembering) and law.dissipation == "together":
-            lengths = getattr(law, "lengths", ())
+        if isinstance(law, Remembering):
+            lengths = _lengths(law, robot)
             found |= {2.0 * length for length in lengths}
             found |= {float(max(lengths) * r) for r in RANGES}
     return sorted(found)
+
+
+def _lengths(law: Law, robot: Robot) -> Sequence[float]:
+    """Lengths over which friction that remembers turns, of all its coordinates."""
+    several: Sequence[float] | None = getattr(law, "lengths", None)
+    if several is not None:
+        return several
+    return per_axis(getattr(law, "length", ()), law.axes(robot), law.law)
 
 
 def _sliding(law: Law, robot: Robot, speeds: Array) -> tuple[Array, Array]:
@@ -146,15 +180,15 @@ def _sliding(law: Law, robot: Robot, speeds: Array) -> tuple[Array, Array]:
 
 def _work(law: Law, robot: Robot, axis: Axis, reach: float, speed: float) -> Array:
     """Energy of a closed cycle over its length, per unit of each parameter."""
-    half = np.linspace(0.0, reach, STEPS + 1)
-    once = np.concatenate([half[1:], half[-2::-1]])
+    half = reach * HALF[1:]
+    once = np.concatenate([half, reach - half])
     x = np.concatenate([[0.0], np.tile(once, 3)])
-    steps = np.diff(x, prepend=-reach / STEPS)
+    steps = np.diff(x, prepend=-reach)
     force = _along(law, robot, axis, x, np.sign(steps) * speed)
-    last = slice(len(x) - 2 * STEPS, None)
+    last = slice(len(x) - len(once), None)
     if not isinstance(law, Remembering):
         return np.asarray(force[:, last] @ steps[last] / (2.0 * reach))
-    before = force[:, len(x) - 2 * STEPS - 1 : -1]
+    before = force[:, len(x) - len(once) - 1 : -1]
     return np.asarray(0.5 * (force[:, last] + before) @ steps[last] / (2.0 * reach))
 
 
