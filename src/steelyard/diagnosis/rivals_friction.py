@@ -27,7 +27,7 @@ def friction_alone(trial: Trial, reading: Reading) -> Score:
 
 
 def giving_way(trial: Trial, reading: Reading) -> Score:
-    """The same of a reading's bodies, with friction that gives way, by the best length per joint."""
+    """The same of a reading's bodies, with friction that gives way by the best length of each."""
     q, dq, ddq = trial.motion(reading)
     u, predicted = trial.driven(dq), trial.predicted(reading, q, dq, ddq)
     y, moving = _columns(q, u, trial.driven(ddq), predicted)

@@ -40,6 +40,12 @@ BEYOND = np.linspace(0.1, 1.0, 10)
 CYCLES = (STILL, 0.01, 0.1, 1.0)
 """Speeds of cycles, over the same as `SPEEDS`."""
 
+OFTEN = 50.0
+"""Cycles per second that no arm exceeds [Hz]."""
+
+NOTHING = 1e-9
+"""Length of a row below which it is rounding."""
+
 SLID = 20.0
 """Travel at a speed until memory is that of steady sliding, in lengths."""
 
@@ -110,9 +116,7 @@ def _believed(limit: float, top: float) -> float:
     return limit if limit <= FARTHEST * top / REACH else 0.0
 
 
-def _rows(
-    laws: Sequence[Law], robot: Robot, axis: Axis, top: float, farthest: float
-) -> list[Row]:
+def _rows(laws: Sequence[Law], robot: Robot, axis: Axis, top: float, farthest: float) -> list[Row]:
     """The rows of one coordinate, each once.
 
     Args:
@@ -134,13 +138,19 @@ def _rows(
         names += [law.parameters(robot)[k].name for k in at]
         steady = _along(law, robot, axis, *_sliding(law, robot, speeds))[at]
         sliding = np.sign(speeds) * steady[:, 2::2]
-        cycles = [_work(law, robot, axis, r, top * v)[at] for r in ranges for v in CYCLES]
+        cycles = [
+            _work(law, robot, axis, reach, top * v)[at]
+            for reach in ranges
+            for v in CYCLES
+            if top * v <= 2.0 * reach * OFTEN
+        ]
         turns = _turned(law, robot, axis, ranges, top * STILL)[at]
         parts = (sliding, np.array(cycles).T.reshape(len(at), -1), turns)
         columns += list(np.concatenate(parts, axis=1))
     matrix = np.array(columns).T
     sizes = np.linalg.norm(matrix, axis=1)
-    unit = np.unique(np.round(matrix[sizes > 0.0] / sizes[sizes > 0.0, None], 9), axis=0)
+    kept = sizes > NOTHING
+    unit = np.unique(np.round(matrix[kept] / sizes[kept, None], 9), axis=0)
     label = f"friction of '{axis.name}' up to {farthest:.3g} {axis.speed_unit}"
     return [
         Row(label, {n: float(x) for n, x in zip(names, row, strict=True) if x}, lower=0.0)

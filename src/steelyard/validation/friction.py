@@ -24,9 +24,9 @@ from steelyard.estimation.fields import said_by
 from steelyard.estimation.reference import reference_of
 from steelyard.measurement.run import Run
 from steelyard.model import Model
-from steelyard.progress import Progress, silent
+from steelyard.progress import Progress, silent, tell
 from steelyard.regression.base import BaseMap, base_map
-from steelyard.regression.information import Information
+from steelyard.regression.information import Information, Window
 from steelyard.regression.regressor import Regressor, chosen_regressor
 from steelyard.terms.dictionary import Dictionary
 from steelyard.terms.load_dependent import LoadDependent
@@ -167,7 +167,10 @@ def choose_friction(
     moving, whole = gathered(False), gathered(True)
     folds = divided.parts(moving)
     moving, whole = per_fold(moving, folds), per_fold(whole, folds)
-    trials = _Trials(model, wide, moving, whole, estimator, consistent)
+    count = sum(len(stage) for stage in stages)
+    trials = _Trials(
+        model, wide, moving, whole, estimator, consistent, progress=progress, count=count
+    )
     return _staged(stages, trials.errors, divided.left_out, trials.per_joint)
 
 
@@ -183,7 +186,9 @@ class _Trials:
         estimator: How each mix is fitted.
         consistent: Fits them in its place, if it is there.
         known: Errors of the mixes that were tried, shape `(folds, rows)`.
-        gammas: Weights of the prior that were used; all are the first.
+        gammas: Weight of the prior for each set of windows that was fitted: that of its first mix.
+        progress: Told about every fit.
+        count: How many mixes there may be.
     """
 
     model: Model
@@ -193,7 +198,9 @@ class _Trials:
     estimator: Estimator[Information]
     consistent: ConsistentOf | None
     known: dict[tuple[Term, ...], Array] = field(default_factory=dict)
-    gammas: list[float] = field(default_factory=list)
+    gammas: dict[tuple[Window, ...], float] = field(default_factory=dict)
+    progress: Progress = silent
+    count: int = 1
 
     @cached_property
     def sizes(self) -> Array:
@@ -230,8 +237,9 @@ class _Trials:
         def fitted(information: Information) -> Array:
             named = tuple(name.partition("@")[0] for name in information.layout.columns)
             plain = replace(information, layout=replace(information.layout, columns=named))
-            values, gamma = estimator.values(plain, self.gammas[0] if self.gammas else None)
-            self.gammas.append(gamma)
+            tell(self.progress, "choosing friction laws", len(self.known), self.count)
+            values, gamma = estimator.values(plain, self.gammas.get(plain.windows))
+            self.gammas[plain.windows] = gamma
             return values
 
         return fitted
@@ -246,6 +254,9 @@ class _Trials:
             return []
         logs = np.log(np.maximum([self.known[mix] for mix in tried], 1e-12))
         logs = np.where(self.sizes > 0.0, logs, 0.0)
+        best = self._with_lengths(tried, logs.sum(axis=1), following)
+        if any(_same_lengths(best[0], mix[0], len(self.whole.layout.rows)) for mix in tried):
+            return []
         count = len(self.whole.windows)
         found = []
         for fold in range(count):
@@ -258,9 +269,6 @@ class _Trials:
             except DataError:
                 return []
             found.append(errors[0])
-        best = self._with_lengths(tried, logs.sum(axis=1), following)
-        if best in self.known:
-            return []
         return [(best, logarithms(np.array(found), self.sizes))]
 
     def _with_lengths(
@@ -415,6 +423,10 @@ def _with_length(known: Sequence[Term], term: Term, joint: int) -> int:
 def _length(term: Term, joint: int) -> float:
     length = cast(Any, term).length
     return float(length[joint] if isinstance(length, tuple) else length)
+
+
+def _same_lengths(one: Term, other: Term, joints: int) -> bool:
+    return all(_length(one, joint) == _length(other, joint) for joint in range(joints))
 
 
 def _place(term: Term) -> tuple[Any, ...]:
