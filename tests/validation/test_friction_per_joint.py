@@ -1,0 +1,97 @@
+"""`friction = "auto"` judged by the consistent estimate, of a robot with two joints."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from invented import ball
+from steelyard.estimation.consistent import Consistent
+from steelyard.estimation.least_squares import WeightedLeastSquares
+from steelyard.estimation.prior import default_knowledge
+from steelyard.measurement import Processing, Recording, Run, prepare
+from steelyard.measurement.recording import HeldLog
+from steelyard.model import Model
+from steelyard.motion import Motion
+from steelyard.parameters import Parameters
+from steelyard.progress import Event
+from steelyard.regression.base import BaseMap
+from steelyard.robot.robot import Body, Coordinate, Robot
+from steelyard.robot.signals import Signals
+from steelyard.terms.presliding import Dahl
+from steelyard.terms.rigid_body import RigidBody
+from steelyard.terms.viscous import Viscous
+from steelyard.validation.friction import FrictionChoice, choose_friction
+
+RATE = 100.0
+
+
+def arm() -> Robot:
+    """Two links that swing in a plane."""
+    bodies = tuple(
+        Body(n, f"{n}_joint", "revolute", i - 1, np.eye(3), [0.4 * i, 0.0, 0.0], [0.0, 1.0, 0.0], i)
+        for i, n in enumerate(("upper", "lower"))
+    )
+    known = tuple(replace(b, inertia=ball(i), known=True) for i, b in enumerate(bodies))
+    return Robot("arm", known, tuple(Coordinate(b.joint, "revolute") for b in bodies))
+
+
+MODEL = Model(arm(), (RigidBody(),))
+
+
+def logged(lengths: tuple[float, float], seed: int) -> Run:
+    """Swings with many reversals, small ones too; torque noise of 0.02 Nm."""
+    model = replace(MODEL, terms=(*MODEL.terms, Dahl(length=lengths), Viscous()))
+    values = {p.name: p.prior or 0.0 for p in model.parameters}
+    values |= {n: 1.0 if n.startswith("dahl") else 0.6 for n in values if "_joint" in n}
+    valued = model.at(Parameters(model.names, model.units, [values[n] for n in model.names]))
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, 30.0, 1.0 / RATE)
+    states = np.zeros((3, len(t), 2))
+    for w, size in ((0.6, 0.8), (2.1, 0.25), (5.3, 0.02)):
+        phase, w = rng.uniform(0.0, 6.0, 2), w * rng.uniform(0.9, 1.1, 2)
+        s, c = size * np.sin(np.outer(t, w) + phase), size * np.cos(np.outer(t, w) + phase)
+        states += [s, w * c, -w * w * s]
+    q, dq, ddq = states
+    effort = valued.torque(Motion(t, q, dq, ddq)) + 0.02 * rng.normal(size=q.shape)
+    ones = np.ones(2)
+    signals = Signals(
+        "t", 1.0, ("q1", "q2"), ones, ("v1", "v2"), ones, ("e1", "e2"), ones,
+        "joint_torque", ("Nm", "Nm"), ones,
+    )  # fmt: skip
+    table = np.column_stack([t, q, dq, effort])
+    log = HeldLog(Path(f"run{seed}"), ("t", "q1", "q2", "v1", "v2", "e1", "e2"), table)
+    return prepare(Recording(log, signals), Processing(20.0, 8.0))
+
+
+def consistent(model: Model, base: BaseMap) -> Consistent:
+    return Consistent(base, default_knowledge(model))
+
+
+def choose(runs: list[Run], events: list[Event]) -> FrictionChoice:
+    def watch(event: Event) -> bool:
+        events.append(event)
+        return True
+
+    return choose_friction(MODEL, runs, WeightedLeastSquares(), consistent, progress=watch)
+
+
+def test_every_joint_gets_its_length_whatever_the_order_of_the_logs() -> None:
+    runs = [logged((1e-3, 1e-2), seed) for seed in range(3)]
+    events: list[Event] = []
+    found = choose(runs, events)
+    (dahl,) = (term for term in found.terms if isinstance(term, Dahl))
+    assert dahl.length == (1e-3, 1e-2)
+    turned = choose(runs[::-1], [])
+    assert turned.name == found.name
+    for one, other in zip(found.table, turned.table, strict=True):
+        np.testing.assert_allclose(one.error, other.error, rtol=1e-6)
+    fits = [event for event in events if event.phase == "choosing friction laws"]
+    assert len({event.done for event in fits}) > 5
+    assert all(0.0 <= event.done <= event.total for event in fits)
+
+
+def test_no_length_per_joint_where_one_is_best_for_all() -> None:
+    found = choose([logged((1e-2, 1e-2), seed) for seed in range(3)], [])
+    lengths = [t.length for mix in found.table for t in mix.terms if isinstance(t, Dahl)]
+    assert lengths and not any(isinstance(length, tuple) for length in lengths)
