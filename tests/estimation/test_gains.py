@@ -104,6 +104,33 @@ def test_noise_does_not_bias_gains_as_it_does_with_efforts_among_the_columns() -
     assert np.min(np.mean(biased, axis=0)) < -0.15
 
 
+def problem(runs: Sequence[Information], laws: frozenset[str]) -> Bilinear:
+    frame = carrier(MODEL.robot, None)
+    case = load_case(MODEL, base_map(MODEL), frame, runs, (), first_deviates=False)
+    return Bilinear.of(case, None, np.array([12.0, *[np.nan] * 3]), False, laws)
+
+
+FRICTION = frozenset(f"{law}.{name}" for law in ("coulomb", "viscous") for name in JOINTS)
+
+
+def test_friction_tells_the_sign_of_a_gain_where_bodies_hardly_do() -> None:
+    """A last joint that hardly couples: its gain is poorly seen, but friction takes energy."""
+    for draw in range(6):
+        turned = GAINS * [1.0, 1.0, 1.0, -1.0]
+        runs = [run(draw, noise=2.0, gains=turned, friction=8.0)]
+        found = problem(runs, FRICTION)
+        np.testing.assert_array_equal(found.signs, np.sign(turned))
+        gains = identified_gains(MODEL, runs, known={JOINTS[0]: 12.0}).gains
+        np.testing.assert_array_equal(np.sign(gains), np.sign(turned))
+
+
+def test_friction_that_is_not_there_or_not_seen_alone_tells_no_sign() -> None:
+    assert not problem([run(1, noise=2.0, friction=0.0)], FRICTION).signs.any()
+    assert not problem([run(1, noise=2.0)], frozenset()).signs.any()
+    still = problem([run(1, noise=0.1, still={3: 0.4})], FRICTION)
+    assert still.signs[3] == 0.0 and np.all(still.signs[:3] == np.sign(GAINS[:3]))
+
+
 def refusal(kind: type[SteelyardError], *args: object, **options: object) -> str:
     with pytest.raises(kind) as caught:
         identified_gains(MODEL, *args, **options)  # type: ignore[arg-type]

@@ -6,6 +6,7 @@ weigh by their own residuals.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -27,6 +28,13 @@ DOUBTFUL = 0.3
 
 ROUNDING = 1e-16
 """Share of a row's energy that its sum of squared residuals cannot be known to fall below."""
+
+ALONE = 0.99
+"""Share of a column that others do not make up for, from which on its value is its own."""
+
+SURE = 20.0
+"""Friction over its standard deviation from which on it tells a gain's sign; filtered samples are
+alike, and count for less than their number."""
 
 LONGEST = 0.5
 """Most that a step may change `rho`, relative to it: signs are those of the start."""
@@ -56,6 +64,8 @@ class Bilinear:
         start: Parameters that are not free at their values, the others at zero.
         free: Numbers of the free parameters.
         given: Known gains; not a number where they are to be found.
+        dissipative: Numbers of columns whose parameters are not negative: friction, whose sign in
+            a row is that of the row's gain.
     """
 
     names: tuple[str, ...]
@@ -65,9 +75,17 @@ class Bilinear:
     start: Array
     free: tuple[int, ...]
     given: Array
+    dissipative: frozenset[int] = frozenset()
 
     @classmethod
-    def of(cls, case: LoadCase, mass: float | None, given: Array, loaded: bool) -> "Bilinear":
+    def of(
+        cls,
+        case: LoadCase,
+        mass: float | None,
+        given: Array,
+        loaded: bool,
+        dissipative: frozenset[str] = frozenset(),
+    ) -> "Bilinear":
         """The problem of runs; without loaded ones there is no payload."""
         information, start = case.information, np.zeros(case.size)
         held: tuple[int, ...] = () if loaded else case.payload
@@ -82,6 +100,7 @@ class Bilinear:
             start,
             tuple(k for k in range(case.size) if k not in held),
             given,
+            frozenset(k for k, name in enumerate(information.layout.columns) if name in dissipative),
         )
 
     @property
@@ -142,6 +161,22 @@ class Bilinear:
         found = np.sqrt(variances) / np.abs(solution.rho[list(self.wanted)])
         return np.where(np.isnan(found), np.inf, found)
 
+    @cached_property
+    def signs(self) -> Array:
+        """Signs of the gains that friction tells, zero where it does not, shape `(n,)`."""
+        found = np.zeros(self.n)
+        for row, (seen, gram) in enumerate(zip(self.sees, self.grams, strict=True)):
+            covariance = inverse(gram[:-1, :-1])
+            seen_alone = np.diag(covariance @ gram[:-1, :-1]) > ALONE
+            mine = [k for k in np.flatnonzero(seen_alone) if seen[k] in self.dissipative]
+            values = covariance @ gram[:-1, -1]
+            left = float(gram[-1, -1] - values @ gram[:-1, -1])
+            variance = max(left, ROUNDING * float(gram[-1, -1])) / max(self.counts[row], 1.0)
+            std = np.sqrt(np.maximum(variance * np.diag(covariance), 1e-300))
+            told = {np.sign(values[k]) for k in mine if abs(values[k]) > SURE * std[k]}
+            found[row] = told.pop() if len(told) == 1 else 0.0
+        return found
+
     def first(self) -> Array:
         r"""A start, right in sign and size: $\rho$ from gains on the side of the parameters.
 
@@ -159,17 +194,22 @@ class Bilinear:
         chosen = [*self.free, *(size + row for row in self.wanted)]
         values[chosen] = -inverse(matrix[np.ix_(chosen, chosen)]) @ (matrix @ values)[chosen]
         gains, sizes = values[size:], np.abs(values[size:])
+        signs = self.signs
+        gains = np.where(np.isnan(self.given) & (signs != 0.0), signs * sizes, gains)
         typical = float(np.median(sizes[sizes > 0.0])) if np.any(sizes > 0.0) else 1.0
         weak = np.isnan(self.given) & (sizes < WEAK * typical)
         return np.asarray(1.0 / np.where(weak, np.where(gains < 0.0, -typical, typical), gains))
 
 
 def solved(problem: Bilinear) -> Solution:
-    """Solve with weights from the residuals; a gain in doubt is tried with the other sign too."""
-    start = problem.first()
+    """Solve with weights from the residuals; a gain in doubt is tried with the other sign too.
+
+    Not so where friction tells it.
+    """
+    start, signs = problem.first(), problem.signs
     best = _settled(problem, start)
     for place, row in enumerate(problem.wanted):
-        if problem.deviation(best)[place] <= DOUBTFUL:
+        if signs[row] != 0.0 or problem.deviation(best)[place] <= DOUBTFUL:
             continue
         turned = start.copy()
         turned[row] *= -1.0

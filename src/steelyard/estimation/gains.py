@@ -3,7 +3,8 @@ r"""Drive gains from runs with and without a known payload, or from some known g
 Effort stays on the left as it was logged, $y_j = \rho_j Y_j \phi$ with $\rho_j = 1/k_j$, so its
 noise biases nothing; with noisy currents among the columns, gains of weakly moved joints come out
 several times too small. $\phi$ is one for all joints and runs, but for friction and offset, which
-are each run's own; the payload's mass, known, or a known gain fixes the scale.
+are each run's own; the payload's mass, known, or a known gain fixes the scale. Friction takes energy, so its sign
+in a row is that of the row's gain.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,6 +25,7 @@ from steelyard.regression.base import base_map
 from steelyard.regression.information import Information
 from steelyard.robot.nearest import advice
 from steelyard.robot.robot import Frame, Robot
+from steelyard.terms.axes import Acting
 
 LARGEST = 0.5
 """Largest relative standard deviation of a gain; beyond it the interval reaches zero."""
@@ -112,7 +114,7 @@ def identified_gains(
     refuse_foreign(model, (*unloaded, *loaded))
     carries = carrier(model.robot, frame)
     case = load_case(model, base_map(model), carries, unloaded, loaded, first_deviates=False)
-    problem = Bilinear.of(case, mass, given, bool(loaded))
+    problem = Bilinear.of(case, mass, given, bool(loaded), _dissipative(model))
     solution = solved(problem)
     units = _units(model, case.information.stamp.effort)
     assumed = np.zeros(len(given), dtype=np.bool_)
@@ -130,6 +132,16 @@ def identified_gains(
         relative=unscaled,
         payload=_payload(problem, case, solution, model.robot, carries) if loaded else None,
         sigma=frozen(1.0 / np.sqrt(solution.weights)),
+    )
+
+
+def _dissipative(model: Model) -> frozenset[str]:
+    """Names of parameters of friction that are not negative, whatever the other laws are."""
+    return frozenset(
+        p.name
+        for term in model.terms
+        if isinstance(term, Acting) and term.dissipation == "each"
+        for p in term.parameters(model.robot)
     )
 
 
@@ -202,6 +214,8 @@ def _least_seen(problem: Bilinear, solution: Solution) -> int | None:
 def _assumed(problem: Bilinear, solution: Solution, row: int, units: Sequence[str]) -> Array:
     """The given gains with that of a row, the geometric mean of the others of its unit.
 
+    Its sign is that which friction tells, or most of the others have.
+
     Raises:
         DataError: There is no other of its unit.
     """
@@ -222,7 +236,7 @@ def _assumed(problem: Bilinear, solution: Solution, row: int, units: Sequence[st
             mend="move it faster, together with the other joints, or give its gain",
         )
     gains = 1.0 / solution.rho[alike]
-    sign = 1.0 if np.sum(np.sign(gains)) >= 0.0 else -1.0
+    sign = problem.signs[row] or (1.0 if np.sum(np.sign(gains)) >= 0.0 else -1.0)
     given = problem.given.copy()
     given[row] = sign * np.exp(np.log(np.abs(gains)).mean())
     return given
