@@ -14,11 +14,13 @@ from closed_chains import CHAINS, slider_crank
 from invented import ROBOTS, mimic, tree
 from moving import geared
 from steelyard.application.export import exported, refuse_changed, unheld
-from steelyard.application.export_content import Format
+from steelyard.application.export_content import FIT, Format
 from steelyard.application.export_laws import PLACES
 from steelyard.errors import ModelError
+from steelyard.estimation.calibration import EDGES, Calibration
 from steelyard.estimation.estimate import Blind
 from steelyard.estimation.identified import IdentifiedModel
+from steelyard.measurement.motion_samples import MotionSamples
 from steelyard.model import Model
 from steelyard.motion import Motion
 from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
@@ -230,6 +232,8 @@ def test_what_is_left_out_is_said(term: Term) -> None:
     )
     identified = identified_of(robot, [RigidBody(), term], pushing)
     words = {
+        "root": FIT,
+        "stribeck": FIT,
         "rotor_inertia": "rotor inertia: fork",
         "gravity_compensator": "spring between 'base' and",
     }
@@ -379,13 +383,141 @@ def test_a_coordinate_without_a_joint_of_its_own_is_refused() -> None:
         exported(identified_of(slider_crank()), "mjcf")
 
 
-def test_friction_below_zero_is_left_out(tmp_path: Path) -> None:
+def test_friction_below_zero_is_zero(tmp_path: Path) -> None:
     values = {"coulomb.tip_joint": -0.5, "viscous.tip_joint": -1e-13}
     identified = identified_of(tree(), DEFAULT_TERMS, values)
-    assert "dry friction: tip_joint -0.5 Nm" in unheld(identified, "mjcf")
-    assert not any("viscous" in sentence for sentence in unheld(identified, "mjcf"))
+    assert said_off(identified, "mjcf") == {"tip_joint": (0.5, 1.0)}
     model = mujoco.MjModel.from_xml_path(str(written(identified, "mjcf", tmp_path)))
-    assert model.dof_frictionloss[model.joint("tip_joint").dofadr[0]] == 0.0
+    joint = model.joint("tip_joint").dofadr[0]
+    assert model.dof_frictionloss[joint] == model.dof_damping[joint] == 0.0
+
+
+def said_off(identified: IdentifiedModel, form: Format) -> dict[str, tuple[float, float]]:
+    """Per joint with fitted friction: how far it is off at most, up to which speed."""
+    said = [s for s in unheld(identified, form) if s.startswith(FIT)]
+    found = re.findall(r"(\w+) (\S+) Nm? \(rms \S+\) up to (\S+) ", "".join(said))
+    return {name: (float(off), float(top)) for name, off, top in found}
+
+
+def turning(robot: Robot, joint: str, speeds: np.ndarray) -> Motion:
+    """One joint moves at one speed after the other, both ways."""
+    dq = np.zeros((2 * len(speeds), robot.n))
+    dq[:, robot.joint_names.index(joint)] = np.concatenate([speeds, -speeds])
+    q = np.full_like(dq, 0.3)
+    return Motion(np.arange(len(dq)), q, dq, np.zeros_like(dq))
+
+
+def moved(identified: IdentifiedModel, speeds: list[float]) -> IdentifiedModel:
+    """The model as from a log in which each joint moved at one speed."""
+    t = np.linspace(0.0, 1.0, 11)
+    q = np.outer(t, speeds)
+    return replace(identified, motions=(MotionSamples("run", 0.1, t, q, np.zeros_like(q)),))
+
+
+TOGETHER: dict[str, tuple[list[Term], dict[str, float]]] = {
+    "a square below zero": (
+        [Coulomb(), Viscous(), Quadratic(), Cubic()],
+        {"coulomb": 3.0, "viscous": 6.0, "quadratic": -4.0, "cubic": 0.9},
+    ),
+    "a root below zero": ([Coulomb(), Viscous(), Root()], {"viscous": 4.0, "root": -0.5}),
+    "breakaway alone": ([Stribeck(speed=0.7)], {"stribeck": 2.0}),
+    "breakaway below zero": (
+        [MaxwellSlip(), Viscous(), Stribeck(speed=0.3)],
+        {"maxwell_slip1": 2.0, "maxwell_slip2": -0.5, "viscous": 1.0, "stribeck": -1.0},
+    ),
+}
+"""Laws of which one has no place, and what friction is made of along every joint."""
+
+TOP = 2.5
+
+
+@pytest.mark.parametrize("name", list(TOGETHER))
+def test_friction_is_near_as_a_whole(name: str, tmp_path: Path) -> None:
+    terms, wanted = TOGETHER[name]
+    robot = tree()
+    values = {f"{law}.{joint}": x for law, x in wanted.items() for joint in robot.joint_names}
+    identified = moved(identified_of(robot, [RigidBody(), *terms], values), [TOP] * robot.n)
+    path = written(identified, "mjcf", tmp_path)
+    off = said_off(identified, "mjcf")
+    assert list(off) == list(robot.joint_names)
+    for joint, (most, top) in off.items():
+        assert top == pytest.approx(TOP)
+        motion = turning(robot, joint, np.linspace(0.05, TOP, 20))
+        plain = Model(robot, (RigidBody(),)).prior
+        assert plain is not None
+        column = robot.joint_names.index(joint)
+        inertial = plain.torque(motion)[:, column]
+        found = mujoco_torque(path, robot, motion)[:, column] - inertial
+        sliding = friction_of(
+            terms, identified.valued.values.as_dict(), joint, motion.dq[:, column]
+        )
+        assert np.abs(found - sliding).max() < 1.01 * most
+        share = np.linalg.norm(found - sliding) / np.linalg.norm(sliding)
+        assert share < (0.75 if name == "breakaway alone" else 0.25)
+
+
+def friction_of(
+    terms: list[Term], values: dict[str, float], joint: str, v: np.ndarray
+) -> np.ndarray:
+    """Friction in full sliding, by hand."""
+    x = {law: values.get(f"{law}.{joint}", 0.0) for law in ("viscous", "quadratic", "cubic")}
+    total = x["viscous"] * v + x["quadratic"] * np.abs(v) * v + x["cubic"] * v**3
+    for term in terms:
+        if isinstance(term, Coulomb):
+            total += values[f"coulomb.{joint}"] * np.sign(v)
+        if isinstance(term, Root):
+            total += values[f"root.{joint}"] * np.sqrt(np.abs(v)) * np.sign(v)
+        if isinstance(term, Stribeck):
+            total += values[f"stribeck.{joint}"] * np.exp(-np.abs(v) / term.speed) * np.sign(v)
+        if isinstance(term, MaxwellSlip):
+            slips = [values[f"maxwell_slip{k}.{joint}"] for k in range(1, 5)]
+            total += sum(slips) * np.sign(v)
+    return total
+
+
+def test_a_urdf_has_the_whole_curve_in_what_it_knows(tmp_path: Path) -> None:
+    """Without a place for the square, dry and viscous friction take its share."""
+    robot = tree()
+    identified = moved(identified_of(robot, [RigidBody(), Viscous(), Quadratic()]), [TOP] * robot.n)
+    values = identified.valued.values.as_dict()
+    off = said_off(identified, "urdf")
+    model = pin.buildModelFromUrdf(str(written(identified, "urdf", tmp_path)))
+    v = np.linspace(0.05, TOP, 50)
+    for joint, (most, _) in off.items():
+        k = model.idx_vs[model.getJointId(joint)]
+        found = model.friction[k] + model.damping[k] * v
+        wanted = values[f"viscous.{joint}"] * v + values[f"quadratic.{joint}"] * v**2
+        assert np.abs(found - wanted).max() < 1.01 * most
+        assert most < 0.25 * wanted.max()
+
+
+def test_friction_that_is_nothing_beside_the_rest_is_zero() -> None:
+    robot = tree()
+    values = {"viscous.tip_joint": -1e-8, "coulomb.tip_joint": 2.0, "quadratic.tip_joint": 1e-7}
+    values |= {f"{law}.left_joint": 1e-11 for law in ("coulomb", "viscous", "quadratic")}
+    terms = [RigidBody(), Coulomb(), Viscous(), Quadratic()]
+    made = exported(identified_of(robot, terms, values), "mjcf")
+    place = dict(zip(robot.joint_names, made.content.joints, strict=True))
+    assert place["tip_joint"] == {"dry": 2.0}
+    assert place["left_joint"] == {}
+    assert said_off(identified_of(robot, terms, values), "mjcf") == {}
+
+
+def test_speeds_of_a_fit_are_those_of_the_logs() -> None:
+    robot = tree()
+    found = identified_of(robot, [RigidBody(), Stribeck()])
+    assert {top for _, top in said_off(found, "mjcf").values()} == {1.0}
+    limited = robot.changed(
+        coordinates=tuple(replace(c, limits=Limits(velocity=3.0)) for c in robot.coordinates)
+    )
+    without = identified_of(limited, [RigidBody(), Stribeck()])
+    assert {top for _, top in said_off(without, "mjcf").values()} == {3.0}
+    logged = moved(without, [1.0, 0.5, 2.0, 0.0])
+    assert [top for _, top in said_off(logged, "mjcf").values()] == [1.0, 0.5, 2.0, 3.0]
+    edges = 2.0 * np.array(EDGES) * np.ones((robot.n, 1))
+    rare = replace(logged, calibration=Calibration("runs", 3, edges, np.full((robot.n, 4), 2.0)))
+    tops = [top for _, top in said_off(rare, "mjcf").values()]
+    assert tops == pytest.approx([np.sqrt(8.0)] * 4, rel=1e-2)
 
 
 def test_the_head_says_where_the_numbers_come_from() -> None:

@@ -6,7 +6,14 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from steelyard.application.export_laws import Kind, Part, Placed, Pull, listed, placed
+from steelyard.application.export_axes import POWERS, Row, along, joint_axis, merged
+from steelyard.application.export_friction import (
+    FRICTION,
+    ROUNDING,
+    greatest_speed,
+    held_friction,
+)
+from steelyard.application.export_laws import Kind, Placed, Pull, listed, placed
 from steelyard.errors import ModelError
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
@@ -23,24 +30,13 @@ LEAST = 1e-12
 FLAT = 1e-13
 """A body is none if its mass is spread this little in a direction, of its inertia."""
 
-ROUNDING = 1e-9
-"""Friction this little below zero is a solver's rounding, and zero."""
-
 GRAVITY = (0.0, 0.0, -9.81)
 """What readers of a URDF take for granted, in the base frame [m/s²]."""
 
-POWERS: dict[Kind, tuple[str, int]] = {
-    "rotor": ("rotor inertia", 2),
-    "dry": ("dry friction", 1),
-    "viscous": ("viscous friction", 2),
-    "quadratic": ("friction with the square of speed", 3),
-    "cubic": ("friction with the cube of speed", 4),
-    "stiffness": ("stiffness of springs", 2),
-    "preload": ("preload of springs", 1),
-}
-"""Words, and with which power of `c` it acts on a joint `q` if it acts along `c q`."""
-
 HELD: dict[Format, tuple[Kind, ...]] = {"urdf": ("dry", "viscous"), "mjcf": tuple(POWERS)}
+
+FIT = "friction over speed as it is; a fit is held that is off by at most"
+"""Heads the joints where not every law has a place."""
 
 Effects = Mapping[Kind, float]
 
@@ -82,7 +78,7 @@ def content_of(identified: IdentifiedModel, form: Format) -> Content:
     model, robot = identified.model, identified.model.robot
     values = _standard(identified)
     terms = [placed(term, robot, values) for term in model.terms]
-    joints, sums, lost = _gathered(robot, [p for t in terms for p in t.parts], form)
+    joints, sums, lost = _gathered(identified, terms, form)
     pulls, slack = _pulls(terms, form)
     return Content(
         robot,
@@ -167,49 +163,52 @@ def _inertia(robot: Robot, index: int, values: Mapping[str, float]) -> Inertia:
 
 
 def _gathered(
-    robot: Robot, parts: Sequence[Part], form: Format
+    identified: IdentifiedModel, terms: Sequence[Placed], form: Format
 ) -> tuple[tuple[Effects, ...], tuple[Sum, ...], tuple[str, ...]]:
     """What acts along joints and along sums of them, and what is left out."""
-    axes: dict[tuple[float, ...], Axis] = {}
-    totals: dict[tuple[tuple[float, ...], Kind], float] = {}
-    for part in parts:
-        moving = [j for j, c in enumerate(part.axis.row) if c]
-        axis, factor = part.axis, 1.0
-        if len(moving) == 1:
-            c = axis.row[moving[0]]
-            factor = c if part.kind == "preload" else abs(c) ** POWERS[part.kind][1]
-            axis = _joint_axis(robot, moving[0])
-        axes.setdefault(axis.row, axis)
-        key = axis.row, part.kind
-        totals[key] = totals.get(key, 0.0) + factor * part.value
-    kept: dict[tuple[float, ...], dict[Kind, float]] = {row: {} for row in axes}
-    lost: dict[Kind, list[tuple[str, float, str]]] = {}
-    for (row, kind), value in totals.items():
-        spring = totals.get((row, "stiffness"), 0.0) > 0.0
-        if value != 0.0 and _fits(robot, axes[row], kind, value, spring, form):
-            kept[row][kind] = value
-        elif value > 0.0 or value < -ROUNDING or kind == "preload":
-            lost.setdefault(kind, []).append((axes[row].name, value, _unit(axes[row], kind)))
-    joints = [kept.get(_joint_axis(robot, k).row, {}) for k in range(robot.n_joints)]
+    robot = identified.model.robot
+    axes, totals, curves = merged(robot, terms)
+    kept: dict[Row, dict[Kind, float]] = {row: {} for row in axes}
+    lost: dict[str, list[str]] = {}
+    for row, axis in axes.items():
+        values = totals.get(row, {})
+        if form == "mjcf" or sum(map(bool, row)) == 1:
+            own = {kind: values.pop(kind) for kind in FRICTION if kind in values}
+            top = greatest_speed(identified, axis)
+            forces = [along(axis, curve) for curve in curves.get(row, [])]
+            held = held_friction(own, forces, HELD[form], top)
+            kept[row] = held.effects
+            if held.fit:
+                off = f"{axis.name} {held.largest:.3g} {axis.effort_unit} (rms {held.rms:.2g})"
+                lost.setdefault(FIT, []).append(f"{off} up to {top:.3g} {axis.speed_unit}")
+        else:
+            for curve in curves.get(row, []):
+                named = listed([(curve.axis.name, curve.value, curve.unit)])
+                lost.setdefault(curve.words, []).append(named)
+        for kind, value in values.items():
+            if value != 0.0 and _fits(robot, axis, kind, value, values, form):
+                kept[row][kind] = value
+            elif value > 0.0 or value < -ROUNDING or kind == "preload":
+                named = listed([(axis.name, value, _unit(axis, kind))])
+                lost.setdefault(POWERS[kind][0], []).append(named)
+    joints = [kept.get(joint_axis(robot, k).row, {}) for k in range(robot.n_joints)]
     sums = [Sum(axes[row], e) for row, e in kept.items() if sum(map(bool, row)) > 1 and e]
-    words = [f"{POWERS[kind][0]}: {named}" for kind, x in lost.items() if (named := listed(x))]
+    words = [
+        f"{what}: {named}" for what, x in lost.items() if (named := ", ".join(filter(None, x)))
+    ]
     return tuple(joints), tuple(sums), tuple(words)
 
 
-def _joint_axis(robot: Robot, index: int) -> Axis:
-    joint = robot.joints[index]
-    row = tuple(float(k == index) for k in range(robot.n_joints))
-    return Axis(joint.name, row, joint.kind)
-
-
-def _fits(robot: Robot, axis: Axis, kind: Kind, value: float, spring: bool, form: Format) -> bool:
+def _fits(
+    robot: Robot, axis: Axis, kind: Kind, value: float, beside: Effects, form: Format
+) -> bool:
     """Whether a format has a place for something along a coordinate."""
     if kind not in HELD[form] or (value < 0.0 and kind != "preload"):
         return False
     moving = [j for j, c in enumerate(axis.row) if c]
     if len(moving) > 1 and (form == "urdf" or (kind == "rotor" and not _chain(robot, moving))):
         return False
-    return kind != "preload" or spring
+    return kind != "preload" or beside.get("stiffness", 0.0) > 0.0
 
 
 def _chain(robot: Robot, joints: Iterable[int]) -> bool:

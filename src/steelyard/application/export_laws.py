@@ -1,9 +1,14 @@
 """Where model files have a place for each cause of torque: one line per law."""
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Literal, NamedTuple
 
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.kernel.dynamics import JointState
 from steelyard.robot.robot import Robot
 from steelyard.terms.axes import Axis
 from steelyard.terms.direction import is_zero
@@ -24,6 +29,24 @@ class Part(NamedTuple):
     value: float
 
 
+class Curve(NamedTuple):
+    """Friction over speed along one coordinate that is no power of speed.
+
+    Attributes:
+        axis: The coordinate.
+        words: What it is.
+        value: Its parameter.
+        unit: Unit of that.
+        force: Friction at speeds above zero [rad/s; m/s], in the unit of effort.
+    """
+
+    axis: Axis
+    words: str
+    value: float
+    unit: str
+    force: Callable[[Array], Array]
+
+
 class Pull(NamedTuple):
     """A spring between points of two links, of force `stiffness * length - preload` [N/m; N]."""
 
@@ -40,11 +63,13 @@ class Placed:
 
     Attributes:
         parts: What acts along coordinates.
+        curves: Friction along coordinates that is no power of speed.
         pulls: Springs between points.
         lost: What no model file has a place for, one sentence each.
     """
 
     parts: tuple[Part, ...] = ()
+    curves: tuple[Curve, ...] = ()
     pulls: tuple[Pull, ...] = ()
     lost: tuple[str, ...] = ()
 
@@ -58,7 +83,7 @@ def placed(term: Term, robot: Robot, values: Values) -> Placed:
     if not getattr(term, "per_run", False):
         return found
     own = f"values of single runs, their mean is held ({term.law})"
-    return Placed(found.parts, found.pulls, (*found.lost, own))
+    return replace(found, lost=(*found.lost, own))
 
 
 def listed(numbers: Iterable[tuple[str, float, str]]) -> str:
@@ -85,6 +110,33 @@ def _without(words: str) -> Place:
         return Placed(lost=(f"{words} ({term.law}): {named}",) if named else ())
 
     return place
+
+
+def _over_speed(words: str) -> Place:
+    """One parameter per coordinate, times a function of its speed."""
+
+    def place(term: Any, robot: Robot, values: Values) -> Placed:
+        named = f"{words} ({term.law})"
+        curves = []
+        for k, (axis, p) in enumerate(zip(term.axes(robot), term.parameters(robot), strict=True)):
+            force = partial(_friction, term, robot, axis, k, values[p.name])
+            curves.append(Curve(axis, named, values[p.name], p.unit, force))
+        return Placed(curves=tuple(curves))
+
+    return place
+
+
+def _friction(
+    term: Term, robot: Robot, axis: Axis, number: int, value: float, speeds: Array
+) -> Array:
+    """Force of one parameter along its coordinate, at speeds of that."""
+    row = np.array(axis.row)
+    direction = row / (row @ row)
+    rest = [np.zeros_like(speeds)] * len(row)
+    state = JointState(rest, list(np.outer(direction, speeds)), rest, [])
+    columns = term.columns(robot, state)
+    parts = [direction[joint] * x for (joint, k), x in columns.items() if k == number]
+    return np.asarray(value * np.sum(parts, axis=0))
 
 
 def _parts(
@@ -165,8 +217,8 @@ PLACES: dict[str, Place] = {
     "directional_viscous": _directional("viscous"),
     "quadratic": _held("quadratic"),
     "cubic": _held("cubic"),
-    "root": _without("friction with the root of speed"),
-    "stribeck": _without("excess of friction at breakaway"),
+    "root": _over_speed("friction with the root of speed"),
+    "stribeck": _over_speed("excess of friction at breakaway"),
     "coupled": _without("friction of one joint that loads another"),
     "load_dependent": _without("friction that grows with load"),
     "dahl": _sliding("dahl", lost="how friction gives way before it slides"),
