@@ -37,17 +37,17 @@ def butterworth(cutoff: float, rate: float, order: int = ORDER) -> Response:
     return response
 
 
-def settling(cutoff: float, rate: float, order: int = ORDER) -> int:
-    """Samples after which the impulse response of `butterworth` has died out to `TAIL`."""
+def settling(cutoff: float, rate: float, order: int = ORDER, tail: float = TAIL) -> int:
+    """Samples after which the impulse response of `butterworth` has died out to `tail`."""
     k = np.arange(order)
     poles = np.tan(np.pi * cutoff / rate) * np.exp(0.5j * np.pi * (2 * k + order + 1) / order)
     slowest = np.abs((1.0 + poles) / (1.0 - poles)).max()
-    return int(np.ceil(np.log(TAIL) / np.log(slowest))) + 1
+    return int(np.ceil(np.log(tail) / np.log(slowest))) + 1
 
 
-def low_pass(cutoff: float, rate: float, order: int = ORDER) -> Bank:
-    """The zero-phase low-pass as an operation with a halo."""
-    return Bank([butterworth(cutoff, rate, order)], settling(cutoff, rate, order))
+def low_pass(cutoff: float, rate: float, order: int = ORDER, tail: float = TAIL) -> Bank:
+    """The zero-phase low-pass as an operation with a halo, its response cut off at `tail`."""
+    return Bank([butterworth(cutoff, rate, order)], settling(cutoff, rate, order, tail))
 
 
 def require_fitting(cutoff: float, rate: float) -> None:

@@ -1,8 +1,9 @@
 r"""Prediction bands: how sure a predicted effort is, and how far a measured one may lie from it.
 
-The predicted effort of row $j$ is $y_j^T \hat\phi$ with the row's regressor entries $y_j$; what is
-left open of the parameters makes its standard deviation $\sqrt{y_j^T C y_j}$: the band of the
-model. A new measurement scatters around that by its residual too: $\sqrt{y_j^T C y_j + s_j^2}$.
+The predicted effort of row $j$ is $y_j^T \hat\phi$ with the row's regressor entries $y_j$, behind
+the score's low-pass as the effort is; what is left open of the parameters makes its standard
+deviation $\sqrt{y_j^T C y_j}$: the band of the model. A new measurement scatters around that by its
+residual too: $\sqrt{y_j^T C y_j + s_j^2}$.
 
 The residuals behind an estimate have gone through the matched filter, scores go through another
 low-pass. White residuals have variances in the ratio of the filters' noise bandwidths, which $s_j$
@@ -22,6 +23,7 @@ from steelyard.measurement.lowpass import butterworth
 from steelyard.measurement.run import Block
 from steelyard.regression.matched import MatchedFilter
 from steelyard.regression.regressor import Regressor, base_regressor
+from steelyard.validation.model_std import ModelStd
 
 FINE = 40.0
 """Sampling rate over cut-off at which noise bandwidths are compared."""
@@ -79,27 +81,24 @@ class Bands:
         factor = self.calibration.factor(block.dq[:n], block.moving[:n])
         return np.asarray(np.hypot(np.maximum(factor, Z95) * model_std, factor * noise))
 
-    def model_std(self, block: Block, step: int = 1) -> Array:
-        """Standard deviation of the predicted effort, in the unit of the joint's effort.
+    def columns(self, block: Block) -> Array:
+        """The regressor's outputs, which `std_behind` takes, shape `(C, B)`.
 
         Args:
             block: Samples with the model's channels.
-            step: Samples from one that is computed to the next; between them it is interpolated.
-
-        Returns:
-            Shape `(n, B)`.
         """
-        count = len(block.t)
-        chosen = np.unique(np.append(np.arange(0, count, step), count - 1))
-        channels = np.empty((0, count)) if block.channels is None else block.channels
+        channels = np.empty((0, len(block.t))) if block.channels is None else block.channels
         inputs = (block.q, block.dq, block.ddq, channels, np.zeros_like(block.q))
-        values = self.regressor.code([np.ascontiguousarray(x[:, chosen]) for x in inputs])
-        result, layout = np.empty(block.q.shape), self.regressor.layout
-        for row, (start, seen) in enumerate(zip(layout.starts, layout.sees, strict=True)):
-            spread = self.factor[list(seen)].T @ values[start : start + len(seen)]
-            std = np.sqrt(np.sum(np.square(spread), axis=0))
-            result[row] = np.interp(np.arange(count), chosen, std)
-        return result
+        return self.regressor.code([np.ascontiguousarray(x) for x in inputs])
+
+    def std_behind(self, cutoff: float, rate: float) -> ModelStd:
+        """What makes of `columns` the standard deviation of the low-passed predicted effort.
+
+        Args:
+            cutoff: Of the zero-phase low-pass [Hz].
+            rate: Of the samples [Hz].
+        """
+        return ModelStd.behind(cutoff, rate, self.regressor.layout, self.factor)
 
 
 def _sigma(identified: IdentifiedModel) -> Array:

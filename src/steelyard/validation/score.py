@@ -7,7 +7,7 @@ joint moves.
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import groupby, tee
 from math import isfinite, sqrt
 from typing import Any
 
@@ -130,13 +130,15 @@ def score(
     require_fitting(cutoff, run.rate)
     models = (valued,) if prior is None else (valued, prior)
     squares, thinned = _Squares(), Thinned()
-    thin = max(1, int(run.rate / (4.0 * cutoff)))
     blocks = along(run.blocks(), valued.model)
     for _, of_segment in groupby(blocks, key=lambda block: block.segment):
-        sure = Sure(of_segment, bands, gains, thin)
-        for t, moving, efforts in _filtered(sure, models, gains, cutoff, run.rate):
+        sure, known = None, np.empty((0, len(gains), 0))
+        if bands is not None:
+            of_segment, beside = tee(of_segment)
+            sure = Sure(beside, bands, gains, cutoff, run.rate)
+        for t, moving, efforts in _filtered(of_segment, models, gains, cutoff, run.rate):
             squares.add(efforts, moving)
-            thinned.add(t, moving, efforts, sure.next(len(t)))
+            thinned.add(t, moving, efforts, known if sure is None else sure.next(len(t)))
     if not squares.samples:
         raise DataError(
             f"the loops of '{valued.model.robot.name}' close at no sample of the run",

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from steelyard.arrays import Array
+from steelyard.measurement.parts import apply
 from steelyard.measurement.run import Block
 from steelyard.regression.gather import Mask
 from steelyard.validation.bands import Bands
@@ -54,25 +55,40 @@ class Traces:
 
 
 class Sure:
-    """Blocks passed on, with what goes with them kept for later: deviation, speed, half-width."""
+    """What goes with the samples of a segment: deviation of the prediction, speed, half-width."""
 
     def __init__(
-        self, blocks: Iterable[Block], bands: Bands | None, gains: Array, step: int
+        self, blocks: Iterable[Block], bands: Bands, gains: Array, cutoff: float, rate: float
     ) -> None:
-        self._blocks, self._bands, self._gains, self._step = blocks, bands, gains, step
-        self._kept = np.empty((3 if bands else 0, len(gains), 0))
+        self._parts = self._known(blocks, bands, np.abs(gains)[:, None], cutoff, rate)
+        self._kept = np.empty((3, len(gains), 0))
 
-    def __iter__(self) -> Iterator[Block]:
-        for block in self._blocks:
-            if self._bands is not None:
-                std, gains = self._bands.model_std(block, self._step), np.abs(self._gains)[:, None]
-                half, speed = self._bands.half_width(block, std), np.abs(block.dq[: len(gains)])
-                some = np.stack([std / gains, speed, half / gains])
-                self._kept = np.concatenate((self._kept, some), axis=-1)
-            yield block
+    @staticmethod
+    def _known(
+        blocks: Iterable[Block], bands: Bands, gains: Array, cutoff: float, rate: float
+    ) -> Iterator[Array]:
+        """Shapes `(3, n, any)`, in the logged units."""
+        waiting: list[Block] = []
+
+        def columns() -> Iterator[Array]:
+            for block in blocks:
+                waiting.append(block)
+                yield bands.columns(block)
+
+        n = len(gains)
+        left = np.empty((n, 0))
+        for part in apply(bands.std_behind(cutoff, rate), columns()):
+            left = np.concatenate((left, part), axis=1)
+            while waiting and len(waiting[0].t) <= left.shape[1]:
+                block = waiting.pop(0)
+                std, left = left[:, : len(block.t)], left[:, len(block.t) :]
+                half = bands.half_width(block, std)
+                yield np.stack([std / gains, np.abs(block.dq[:n]), half / gains])
 
     def next(self, count: int) -> Array:
-        """Of the next `count` samples, shape `(3, n, count)`; `(0, n, 0)` without bands."""
+        """Of the next `count` samples, shape `(3, n, count)`."""
+        while self._kept.shape[-1] < count:
+            self._kept = np.concatenate((self._kept, next(self._parts)), axis=-1)
         known, self._kept = self._kept[..., :count], self._kept[..., count:]
         return known
 
