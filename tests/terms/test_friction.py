@@ -237,6 +237,30 @@ def test_coordinates_of_a_terms_own_have_a_form(along: Any) -> None:
     assert "along = {wrist = {joint_5 = 1.0, joint_6 = 1.0}}" in told.value.mend
 
 
+@pytest.mark.parametrize(
+    ("parts", "words"),
+    [
+        ({"tip_joint": 0.0}, "does not move: all its coefficients are zero"),
+        ({"tip_joint": 1.0, "trunk_joint": 1e200}, "coefficient of 1e\\+200"),
+        ({"tip_joint": -1e-300}, "coefficient of -1e-300"),
+        ({"tip_joint": 2e6}, "coefficient of 2e\\+06"),
+        ({"tip_joint": 1.0, "slider_joint": 1.0}, "mixes kinds of joints"),
+        ({}, "has no joint"),
+    ],
+)
+def test_coordinates_of_a_terms_own_move(parts: dict[str, float], words: str) -> None:
+    term = term_of({"law": "quadratic", "along": {"wrist": parts}}, "here")
+    with pytest.raises(ModelError, match=words) as told:
+        term.parameters(tree())
+    assert "sizes from 1e-06 to 1e+06" in told.value.mend
+
+
+@pytest.mark.parametrize("size", [1e-6, -1e6])
+def test_coefficients_may_be_small_and_large(size: float) -> None:
+    term = term_of({"law": "viscous", "along": {"wrist": {"tip_joint": size}}}, "here")
+    assert [p.name for p in term.parameters(tree())] == ["viscous.wrist"]
+
+
 def test_one_name_needs_no_list() -> None:
     assert at(Viscous(joints="tip_joint")).tolist() == at(Viscous(joints=("tip_joint",))).tolist()
     names = [p.name for p in Viscous(motors="motor3").parameters(geared())]

@@ -24,6 +24,10 @@ Along = tuple[tuple[str, tuple[tuple[str, float], ...]], ...]
 """Named coordinates, each the joints it is made of with their coefficients."""
 
 
+COEFFICIENTS = (1e-6, 1e6)
+"""Sizes that coefficients of a joint in a coordinate may have, if they are not zero."""
+
+
 @dataclass(frozen=True)
 class Axis:
     """A coordinate along which a term acts.
@@ -84,7 +88,8 @@ class Acting:
     Attributes:
         joints: Names of the joints it acts on; all independent ones if nothing is named.
         motors: Names of motors of the robot's transmission.
-        along: Coordinates of its own, by name: `{wrist = {joint_5 = 1.0, joint_6 = 1.0}}`.
+        along: Coordinates of its own, by name: `{wrist = {joint_5 = 1.0, joint_6 = 1.0}}`; sizes of
+            coefficients from 1e-6 to 1e6.
         per_run: Whether every run has parameters of its own.
     """
 
@@ -98,7 +103,7 @@ class Acting:
         """The coordinates it acts along.
 
         Raises:
-            ModelError: The robot has no joint or motor of a name.
+            ModelError: The robot has no joint or motor of a name, or a coordinate is none.
         """
         if self.joints is None and self.motors is None and self.along is None:
             return tuple(_joint(robot, c.name) for c in robot.coordinates)
@@ -235,10 +240,19 @@ def _combined(robot: Robot, name: str, parts: tuple[tuple[str, float], ...]) -> 
         axis = _joint(robot, joint)
         kinds.add(axis.kind)
         total[axis.row.index(1.0)] += coefficient
-    if len(kinds) != 1 or not any(total):
+    wrong = None
+    least, most = COEFFICIENTS
+    if len(kinds) != 1:
+        wrong = f"coordinate '{name}' mixes kinds of joints" if kinds else f"'{name}' has no joint"
+    elif not any(total):
+        wrong = f"coordinate '{name}' does not move: all its coefficients are zero"
+    elif beyond := [c for c in total if c and not least <= abs(c) <= most]:
+        wrong = f"coordinate '{name}' has a coefficient of {beyond[0]:g}"
+    if wrong is not None:
         raise ModelError(
-            f"coordinate '{name}' mixes kinds of joints" if kinds else f"'{name}' has no joint",
+            wrong,
             where=f"robot '{robot.name}', list of terms",
-            mend="combine joints of one kind: {wrist = {joint_5 = 1.0, joint_6 = 1.0}}",
+            mend=f"combine joints of one kind, with coefficients of sizes from {least:g} to "
+            f"{most:g}: {{wrist = {{joint_5 = 1.0, joint_6 = 1.0}}}}",
         )
     return Axis(name, tuple(total), kinds.pop())
