@@ -183,6 +183,7 @@ def test_several_logs_to_validate(
     result = strict(done.stdout)
     assert [run["run"] for run in result["validation"]] == ["validation", "identification@4.1:7"]
     assert [run["run"] for run in result["identification"]] == ["identification#0:1000"]
+    assert [run["motion"] for run in result["identification"]] == ["fitted"]
 
 
 def test_an_effort_that_is_always_zero_has_no_percentage(

@@ -117,7 +117,7 @@ def test_the_terminal_says_the_same(usual: ReportContent) -> None:
     text = printed(usual)
     assert "4.17 ± 0.67 %" in text and "all can exist" in text
     assert "never failed (every fit): too few [data] ; log longer" in text
-    assert "Take consistent" in text
+    assert "Take consistent\nconsistent: " in text
     assert "stopped: 5 of 6 estimators compared; not tried: genetic" in text
     assert "note: joint 'wrist' is locked at 0.3 rad" in text
     assert all(len(line) <= 80 for line in printed(usual, 80).splitlines())

@@ -283,7 +283,7 @@ def results(content: "ReportContent", folder: Path) -> dict[str, object]:
         "condition": estimate.condition,
         "condition_normalised": estimate.condition_normalised,
         "validation": [score.to_dict() for score in content.scores],
-        "identification": [score.to_dict() for score in content.fitted],
+        "identification": [score.to_dict() | {"motion": "fitted"} for score in content.fitted],
         "limitations": [finding_dict(finding) for finding in content.limitations],
         "check": None if content.diagnosis is None else diagnosis_dict(content.diagnosis),
         "sensitivity": None if content.sensitivity is None else content.sensitivity.to_dict(),

@@ -182,7 +182,7 @@ ESTIMATORS: tuple[Offer, ...] = (
     Offer("consistent", "bodies that can exist, near their priors", "information", _consistent),
     Offer(
         "pullback",
-        "the same with a quadratic distance from the priors",
+        "bodies that can exist, near their priors by a quadratic distance",
         "information",
         lambda c: replace(_consistent(c), form=Pullback()),
     ),
@@ -221,6 +221,12 @@ ESTIMATORS: tuple[Offer, ...] = (
         "IV", "instruments from the simulated closed loop", "experiment", _instrumental, slow=True
     ),
     Offer("DIDIM", "simulated against measured torques", "experiment", _didim, slow=True),
-    Offer("CLOE", "the same with true sensitivities", "experiment", _output_error, slow=True),
+    Offer(
+        "CLOE",
+        "simulated against measured torques, with true sensitivities",
+        "experiment",
+        _output_error,
+        slow=True,
+    ),
     Offer("EKF", "extended Kalman filter over the parameters", "experiment", _kalman, slow=True),
 )

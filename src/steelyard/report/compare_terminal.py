@@ -71,6 +71,9 @@ def comparison_lines(content: ReportContent, console: Console) -> None:
     advice = comparison.advice
     console.print(Text(headline(comparison), style="bold"))
     if advice is not None:
+        for trial in comparison.trials:
+            if trial.name == advice.name:
+                console.print(Text(f"{trial.name}: {trial.about}"))
         console.print(Text(advice.why))
     if comparison.setting:
         console.print(Text(f"in the robot file: {comparison.setting}"))

@@ -2,7 +2,8 @@ r"""Standard deviation of predicted efforts behind the low-pass that they are co
 
 The low-passed prediction of row $j$ is $\bar y_j^T \hat\phi$ with the row's regressor entries
 behind the same filter, $\bar y_j$: its variance is $\bar y_j^T C \bar y_j$. Entries as they are
-have the noise of accelerations, which the filter takes out of the prediction.
+have the noise of accelerations and the jumps of friction where a joint turns round, which the
+filter takes out of the prediction.
 """
 
 from dataclasses import dataclass
