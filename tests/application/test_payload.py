@@ -13,6 +13,7 @@ from steelyard.application.payload import identify_payload
 from steelyard.errors import DataError, ModelError, SteelyardError
 from steelyard.estimation.estimate import Z95
 from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
+from steelyard.estimation.known_scales import KnownScales
 from steelyard.estimation.least_squares import WeightedLeastSquares
 from steelyard.estimation.load import PayloadEstimate
 from steelyard.estimation.load_case import drifting
@@ -155,6 +156,41 @@ def test_intervals_hold_the_error_of_the_gains() -> None:
         inside.append(abs(found.mass - LOAD.mass) <= found.half_width[0])
         exact.append(abs(found.mass - LOAD.mass) <= naive.half_width[0])
     assert np.mean(inside) >= 0.87 and np.mean(exact) < 0.6
+
+
+SPREAD = 0.05**2 * np.ones((4, 4)) + 0.01**2 * np.eye(4)
+"""Scales that have an error in common."""
+
+
+@pytest.mark.parametrize("together", [False, True])
+def test_intervals_hold_the_error_of_scales_of_any_unit(together: bool) -> None:
+    inside, exact = [], []
+    for seed in range(25):
+        logs = np.random.default_rng(seed).multivariate_normal(np.zeros(4), SPREAD)
+        model = model_of(run(3 * seed + 100, noise=0.01), gains=GAINS * np.exp(logs))
+        model = replace(model, signals=replace(model.signals, effort_units=("Nm",) * 4))
+        scaled = replace(model, effort_scales=KnownScales(np.ones(4), SPREAD))
+        said = [run(3 * seed + 101, LOAD, noise=0.01)]
+        unloaded = [run(3 * seed + 102, noise=0.01)] if together else []
+        found, naive = (
+            identify_payload(some, said, "tool", unloaded=unloaded) for some in (scaled, model)
+        )
+        assert found.mass == naive.mass
+        inside.append(abs(found.mass - LOAD.mass) <= found.half_width[0])
+        exact.append(abs(found.mass - LOAD.mass) <= naive.half_width[0])
+        assert "all effort sensors have in common" in naive.notes[-1]
+        assert f"± {found.half_width[0]:.2g} kg" in found.notes[-1]
+    assert np.mean(inside) >= 0.88 and np.mean(exact) < 0.6
+
+
+def test_scales_say_how_well_gains_are_known() -> None:
+    scaled = replace(EXACT, effort_scales=KnownScales(np.ones(4), SPREAD))
+    alone, beside = (
+        identify_payload(scaled, [run(2, LOAD)], "tool", gain=gain) for gain in (None, 0.04)
+    )
+    assert alone.half_width[0] == pytest.approx(Z95 * 0.05 * LOAD.mass, rel=0.05)
+    assert beside.half_width[0] > 1.05 * alone.half_width[0]
+    assert "uncertain by 4 %" in beside.notes[-1] and "uncertain" not in alone.notes[-1]
 
 
 def test_what_the_model_lacks_widens_the_intervals() -> None:

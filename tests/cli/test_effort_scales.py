@@ -43,8 +43,12 @@ def test_scales_are_found_and_used_for_other_logs(
     remarks = [x["says"] for x in result["limitations"] if x["suspicion"] == "effort scales"]
     assert len(remarks) == 1 and "shoulder_lift 1.2" in remarks[0]
     assert 'id="effort_scales"' in (out / "report.html").read_text()
-    gains = json.loads((out / "model.json").read_text())["signals"]["gains"]
+    written = json.loads((out / "model.json").read_text())
+    gains, kept = written["signals"]["gains"], written["effort_scales"]
     assert gains == pytest.approx([1.0 / x for x in found["values"]])
+    assert kept["values"] == found["values"]
+    half = [1.96 * row[k] ** 0.5 * found["values"][k] for k, row in enumerate(kept["covariance"])]
+    assert half == pytest.approx(found["half_width"], rel=1e-3)
     again = command("validate", out, logs[1], "--json")
     alone = json.loads(again.stdout)[0]["mean_percent"]
     assert alone == pytest.approx(result["validation"][0]["mean_percent"])

@@ -1,6 +1,7 @@
 """`model.json`: exact round trip, and errors for files that are not one."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from invented import tree
 from steelyard.errors import ModelError
 from steelyard.estimation.estimate import Blind, Estimate
 from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
+from steelyard.estimation.known_scales import KnownScales
 from steelyard.model import Model
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
@@ -58,6 +60,25 @@ def test_round_trip_is_exact(identified: IdentifiedModel, tmp_path: Path) -> Non
     stepper = again.start()
     for k in range(9):
         assert np.abs(stepper.step(q[k], dq[k], ddq[k]) - torque[k]).max() < 1e-12
+
+
+def test_scales_of_efforts_are_kept(identified: IdentifiedModel, tmp_path: Path) -> None:
+    spread = np.random.default_rng(2).normal(size=(4, 4))
+    known = KnownScales(np.array([0.7, 1.0, 1.1, 1.3]), spread @ spread.T)
+    path = tmp_path / "model.json"
+    path.write_text(replace(identified, effort_scales=known).text())
+    again = steelyard.load_model(path).effort_scales
+    assert again is not None
+    assert np.array_equal(again.values, known.values)
+    assert np.array_equal(again.covariance, known.covariance)
+    data = json.loads(path.read_text())
+    data["effort_scales"]["values"].pop()
+    path.write_text(json.dumps(data))
+    with pytest.raises(ModelError, match="3 scales of efforts need a covariance"):
+        steelyard.load_model(path)
+    del data["effort_scales"]
+    path.write_text(json.dumps(data))
+    assert steelyard.load_model(path).effort_scales is None
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,10 @@ shows as residuals that are alike within windows of time and runs: they widen th
 do a model's (see `sandwich`). Where efforts are currents, an error $\epsilon_j$ of the gain of a
 joint scales what the payload adds to its effort, $\epsilon_j B_j \phi_L$; fitted, it moves the
 payload by $\epsilon_j v_j$, and the covariance grows by $\sum_j s^2 v_j v_j^T$ with the gains'
-relative deviation $s$. The arm's own part was identified with the same gains.
+relative deviation $s$. The arm's own part was identified with the same gains. Scales of the efforts
+that were identified with the model are of any unit, and correlated: with the covariance $C$ of
+their logarithms it grows by $\sum_{jk} C_{jk} v_j v_k^T$ instead. Where the arm is found from the
+runs alone, its part of the efforts scales too.
 """
 
 from collections.abc import Sequence
@@ -21,6 +24,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import DataError
+from steelyard.estimation.estimate import Z95
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.estimation.joined import covariance_of, inverse
 from steelyard.estimation.load import PayloadEstimate, payload_of
@@ -49,7 +53,7 @@ def identify_payload(
     *,
     unloaded: Sequence[Information] = (),
     drift: float = DRIFT,
-    gain: float = GAIN,
+    gain: float | None = None,
 ) -> PayloadEstimate:
     """Weigh what a robot carries.
 
@@ -61,12 +65,16 @@ def identify_payload(
         unloaded: What runs without the payload say, one by one.
         drift: Standard deviation of each run's friction and offset, relative to the effort that
             they make together in a joint; with 0 they are those of the model.
-        gain: Relative standard deviation of each drive gain, where efforts are currents.
+        gain: Relative standard deviation of each drive gain, where efforts are currents; if `None`,
+            `GAIN`, or nothing beside scales that were identified with the model.
 
     Raises:
         ModelError: There is no such frame, or it does not move.
         DataError: The runs were gathered with another model, or see nothing of the payload.
     """
+    scales = identified.effort_scales
+    if gain is None:
+        gain = GAIN if scales is None else 0.0
     _refuse_unanswerable(loaded, drift, gain)
     refuse_foreign(identified.model, (*unloaded, *loaded))
     carries = carrier(identified.model.robot, frame)
@@ -84,8 +92,12 @@ def identify_payload(
     fit = _fitted(case.information, mean, precision)
     currents = not WITHOUT_TORQUE.keys().isdisjoint(identified.signals.effort_units)
     covariance = covariance_of(fit.matrix, case.payload) + _of_model(case, fit)
+    moved = _by_scale(case, fit, bool(unloaded))
     if currents:
-        covariance = covariance + _of_gains(case, fit, gain)
+        covariance = covariance + gain**2 * moved @ moved.T
+    of_scales = None if scales is None else moved @ scales.covariance @ moved.T
+    if of_scales is not None:
+        covariance = covariance + of_scales
     return payload_of(
         carries,
         identified.model.robot,
@@ -93,7 +105,10 @@ def identify_payload(
         covariance,
         np.sqrt(fit.variances),
         case.information.n_samples,
-        _notes(bool(unloaded), drift, gain if currents else None),
+        (
+            *_notes(bool(unloaded), drift),
+            *_scale_notes(gain if currents else None, of_scales, covariance),
+        ),
     )
 
 
@@ -132,16 +147,8 @@ def _prior(
     return mean, precision
 
 
-def _notes(jointly: bool, drift: float, gain: float | None) -> tuple[str, ...]:
-    """What the numbers rest on; `gain` is `None` where efforts are no currents."""
-    share = 0.0 if gain is None else 100.0 * gain
-    gains = (
-        f"drive gains are taken as known within {share:g} % each (one standard deviation); gains "
-        "that are off by more shift the mass by as much, which its interval does not cover "
-        "(--gain-uncertainty)"
-        if gain
-        else "drive gains are taken as exact: an error of 1 % in them is about 1 % of the mass"
-    )
+def _notes(jointly: bool, drift: float) -> tuple[str, ...]:
+    """What the numbers rest on, but for the scale of the efforts."""
     return (
         "the arm's parameters are found from the unloaded and loaded runs together"
         if jointly
@@ -149,7 +156,36 @@ def _notes(jointly: bool, drift: float, gain: float | None) -> tuple[str, ...]:
         f"friction and offset are each run's own, within about {100.0 * drift:g} % of the model's"
         if drift
         else "friction and offset are those of the model",
-        *(() if gain is None else (gains,)),
+    )
+
+
+def _scale_notes(gain: float | None, of_scales: Array | None, covariance: Array) -> tuple[str, ...]:
+    """How well the scale of the efforts is known.
+
+    Args:
+        gain: Relative standard deviation of the gains; `None` where efforts are no currents.
+        of_scales: Covariance of the payload by the model's scales; `None` of a model without.
+        covariance: All of it.
+    """
+    if of_scales is not None:
+        half, all_of_it = (Z95 * np.sqrt(matrix[0, 0]) for matrix in (of_scales, covariance))
+        note = (
+            "efforts are read with the scales that were identified with the model; of the mass's "
+            f"95 % interval, ± {all_of_it:.2g} kg, what is not known of them makes ± {half:.2g} kg"
+        )
+        more = f"; each drive gain is uncertain by {100.0 * gain:g} % beside" if gain else ""
+        return (note + more,)
+    if gain is None:
+        return (
+            "a scale error that all effort sensors have in common is not in the intervals: 1 % of "
+            "it is 1 % of the mass",
+        )
+    if not gain:
+        return ("drive gains are taken as exact: an error of 1 % in them is about 1 % of the mass",)
+    return (
+        f"drive gains are taken as known within {100.0 * gain:g} % each (one standard deviation); "
+        "gains that are off by more shift the mass by as much, which its interval does not cover "
+        "(--gain-uncertainty)",
     )
 
 
@@ -246,18 +282,21 @@ def _scatter(windows: Information, fit: _Fit, covariance: Array) -> Array:
     return factors
 
 
-def _of_gains(case: LoadCase, fit: _Fit, gain: float) -> Array:
-    """Covariance of the payload by independent relative errors of the gains, shape `(10, 10)`."""
+def _by_scale(case: LoadCase, fit: _Fit, jointly: bool) -> Array:
+    """Derivatives of the payload by the logarithm of each row's scale, shape `(10, rows)`.
+
+    The model's part of the efforts was identified with the same scales.
+    """
     information, payload = case.information, list(case.payload)
-    load, covariance = np.zeros(case.size), inverse(fit.matrix)
-    load[payload] = fit.values[payload]
-    total = np.zeros((10, 10))
+    values, covariance = fit.values.copy(), inverse(fit.matrix)
+    if not jointly:
+        values[: -len(payload)] = 0.0
+    moved = np.empty((len(payload), len(information.layout.sees)))
     for row, seen in enumerate(information.layout.sees):
         columns = list(seen)
         gram = information.row_gram(row)[:-1, :-1] / fit.variances[row]
-        moved = covariance[np.ix_(payload, columns)] @ (gram @ load[columns])
-        total += gain**2 * np.outer(moved, moved)
-    return total
+        moved[:, row] = covariance[np.ix_(payload, columns)] @ (gram @ values[columns])
+    return moved
 
 
 def _used(information: Information, row: int, covariance: Array) -> float:

@@ -127,6 +127,7 @@ def fit(
         processing=wanted_by(loaded_robot),
         motions=motion_samples([*runs, *carrying]),
         provenance=replace(origin, notes=(*origin.notes, *notes)),
+        effort_scales=None if scales is None else scales.found.known,
     )
     return Fit(
         identified,

@@ -56,7 +56,7 @@ def payload(
             min=0.0,
             max=0.5,
             help="Relative standard deviation of each drive gain, where efforts are currents; "
-            "0.02 if unset.",
+            "if unset 0.02, or nothing beside scales that were identified with the model.",
             metavar="SHARE",
         ),
     ] = None,
@@ -117,7 +117,7 @@ def _estimated(
     progress: "Progress",
 ) -> "PayloadEstimate":
     """Gather what the logs say, with the model's cut-offs, and weigh."""
-    from steelyard.application.payload import GAIN, identify_payload
+    from steelyard.application.payload import identify_payload
     from steelyard.cli import describe, river
     from steelyard.regression.gather import gather
     from steelyard.regression.regressor import base_regressor
@@ -129,8 +129,7 @@ def _estimated(
     rests = remembers(identified.model.terms)
     said = [gather(regressor, run, rests=rests, threads=threads, progress=progress) for run in runs]
     count = len(loaded)
-    share = GAIN if gain is None else gain
-    found = identify_payload(identified, said[:count], frame, unloaded=said[count:], gain=share)
+    found = identify_payload(identified, said[:count], frame, unloaded=said[count:], gain=gain)
     return replace(found, notes=(*found.notes, *describe.dropped(identified.model, runs)))
 
 

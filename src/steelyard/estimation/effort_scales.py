@@ -16,6 +16,7 @@ import numpy as np
 from steelyard.arrays import Array, frozen
 from steelyard.estimation.consistent import Consistent, inverse_of
 from steelyard.estimation.estimate import Estimate
+from steelyard.estimation.known_scales import KnownScales
 from steelyard.estimation.whitened import whitened
 from steelyard.parameters import Parameters
 from steelyard.regression.information import Information
@@ -62,6 +63,11 @@ class Scales:
         """Squared distance of all logarithms from zero, in what is left open of them."""
         logs = np.log(self.values)
         return float(logs @ np.linalg.solve(self.covariance, logs))
+
+    @property
+    def known(self) -> KnownScales:
+        """What an identified model keeps of them."""
+        return KnownScales(frozen(self.values), frozen(self.covariance))
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ from steelyard.arrays import Array
 from steelyard.errors import ModelError
 from steelyard.estimation.calibration import Calibration
 from steelyard.estimation.estimate import Estimate
+from steelyard.estimation.known_scales import KnownScales
 from steelyard.measurement.motion_samples import MotionSamples
 from steelyard.measurement.processing import Processing
 from steelyard.model import Model, Stepper, ValuedModel
@@ -64,6 +65,8 @@ class IdentifiedModel:
         motions: Rows of the fitted runs, to recognise their motions in other logs.
         calibration: How wide bands of predicted efforts are; `None` where nothing could be left
             out, or nothing was.
+        effort_scales: Scales of the efforts that were estimated; the gains of `signals` count them
+            already. `None` without.
     """
 
     model: Model
@@ -76,6 +79,7 @@ class IdentifiedModel:
     processing: Processing = Processing()
     motions: tuple[MotionSamples, ...] = ()
     calibration: Calibration | None = None
+    effort_scales: KnownScales | None = None
 
     @cached_property
     def valued(self) -> ValuedModel:
@@ -104,6 +108,7 @@ class IdentifiedModel:
             "processing": self.processing.to_dict(),
             "motions": [samples.to_dict() for samples in self.motions],
             "calibration": None if self.calibration is None else self.calibration.to_dict(),
+            "effort_scales": None if self.effort_scales is None else self.effort_scales.to_dict(),
             "provenance": {
                 "version": self.provenance.version,
                 "inputs": dict(self.provenance.inputs),
@@ -116,6 +121,7 @@ class IdentifiedModel:
     def from_dict(cls, data: Mapping[str, Any]) -> "IdentifiedModel":
         """The identified model that `to_dict` wrote."""
         origin, calibrated = data["provenance"], data.get("calibration")
+        scales = data.get("effort_scales")
         return cls(
             model=Model.from_dict(data["model"]),
             base=BaseMap.from_dict(data["base"]),
@@ -132,6 +138,7 @@ class IdentifiedModel:
                 tuple(origin["notes"]),
             ),
             calibration=None if calibrated is None else Calibration.from_dict(calibrated),
+            effort_scales=None if scales is None else KnownScales.from_dict(scales),
         )
 
     def text(self) -> str:
