@@ -94,6 +94,8 @@ def test_the_estimate_is_that_of_efforts_in_the_right_scale_but_less_sure() -> N
     right = information.scaled(1.0 / found.values, information.stamp.effort)
     estimate, plain = scaled.estimate(right, found), consistent()(right)
     assert estimate.parameters.names == plain.parameters.names
+    assert estimate.condition == pytest.approx(plain.condition)
+    assert estimate.condition_normalised == pytest.approx(plain.condition_normalised)
     assert estimate.standard is not None and plain.standard is not None
     assert estimate.standard.parameters.names == plain.standard.parameters.names
     far = np.abs(estimate.parameters.values - plain.parameters.values) / estimate.std

@@ -17,6 +17,7 @@ from steelyard.arrays import Array, frozen
 from steelyard.estimation.consistent import Consistent, inverse_of
 from steelyard.estimation.estimate import Estimate
 from steelyard.estimation.known_scales import KnownScales
+from steelyard.estimation.normal_equations import condition_of
 from steelyard.estimation.whitened import whitened
 from steelyard.parameters import Parameters
 from steelyard.regression.information import Information
@@ -144,6 +145,8 @@ class Scaled:
     def estimate(self, information: Information, scales: Scales) -> Estimate:
         """The estimate of efforts in the model's scale, as unsure as the scales make it.
 
+        Condition numbers are those of the parameters, without the scales.
+
         Args:
             information: What the data say, efforts already divided by the scales.
             scales: The scales.
@@ -153,7 +156,13 @@ class Scaled:
         """
         names = self._names
         logged = information.scaled(scales.values, information.stamp.effort)
-        return _without(self._wide(self._extended(logged, scales)), names)
+        found = _without(self._wide(self._extended(logged, scales)), names)
+        own = whitened(information, equal=self.estimator.equal).fit.solution
+        return replace(
+            found,
+            condition=condition_of(own.singular),
+            condition_normalised=condition_of(own.singular_normalised),
+        )
 
     def _extended(self, information: Information, at: Scales) -> Information:
         scaled = information.scaled(1.0 / at.values, information.stamp.effort)

@@ -239,8 +239,8 @@ def described(name: str, fit: Fit, spread: Spread) -> Estimate:
         blind=solution.blind,
         sigma=frozen(np.sqrt(variances)),
         n_samples=frozen(data.whole.n_samples),
-        condition=_condition(solution.singular),
-        condition_normalised=_condition(solution.singular_normalised),
+        condition=condition_of(solution.singular),
+        condition_normalised=condition_of(solution.singular_normalised),
         per_run=tuple(
             OfRun(
                 part.run,
@@ -282,7 +282,7 @@ def _with_locals(solution: Solution, spread: Spread) -> tuple[Array, Array, list
     return np.concatenate([solution.values[solution.kept], means]), total, own
 
 
-def _condition(eigenvalues: Array) -> float:
+def condition_of(eigenvalues: Array) -> float:
     """Root of the ratio of a Gram matrix's extreme eigenvalues, as far as rounding shows it."""
     rounding = np.finfo(np.float64).eps * eigenvalues[-1]
     return float(np.sqrt(eigenvalues[-1] / max(eigenvalues[0], rounding)))
