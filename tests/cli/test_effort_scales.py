@@ -1,13 +1,20 @@
 """Efforts whose scale is off: found with the parameters, said, and used for other logs."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
+import numpy as np
 import polars as pl
 import pytest
 
 from cli.conftest import Command
 from cli.river_files import edited
+from steelyard.cli.fitting import _unscaled_because
+from steelyard.cli.river import model_of
+from steelyard.robot.robot_file import load_robot
 
 OFF = {2: 1.25}
 
@@ -42,6 +49,7 @@ def test_scales_are_found_and_used_for_other_logs(
     assert any("a scale per joint" in note for note in result["notes"])
     remarks = [x["says"] for x in result["limitations"] if x["suspicion"] == "effort scales"]
     assert len(remarks) == 1 and "shoulder_lift 1.2" in remarks[0]
+    assert "explains more" not in remarks[0]
     assert 'id="effort_scales"' in (out / "report.html").read_text()
     written = json.loads((out / "model.json").read_text())
     gains, kept = written["signals"]["gains"], written["effort_scales"]
@@ -61,6 +69,38 @@ def test_scales_are_off_where_the_robot_file_says_so(
     robot.write_text(robot.read_text() + '\n[estimation]\neffort_scales = "off"\n')
     done = command("identify", robot, logs[0], "-o", tmp_path / "out", "--json", "--no-check")
     assert json.loads(done.stdout)["effort_scales"] is None
+
+
+@pytest.mark.parametrize(
+    ("written", "words"),
+    [
+        ('method = "least_squares"\neffort_scales = "auto"', 'with method = "least_squares"'),
+        ('method = "least_squares"', None),
+        ('method = "least_squares"\neffort_scales = "off"', None),
+    ],
+)
+def test_scales_that_are_asked_for_in_vain_are_told(
+    given: Path, command: Command, tmp_path: Path, written: str, words: str | None
+) -> None:
+    robot = edited(given, tmp_path)
+    robot.write_text(f"{robot.read_text()}\n[estimation]\n{written}\n")
+    log = given / "identification.parquet"
+    done = command("identify", robot, log, "-o", tmp_path / "out", "--json", "--no-check")
+    told = [note for note in json.loads(done.stdout)["notes"] if "has no effect" in note]
+    assert told == ([f'effort_scales = "auto" has no effect {words}'] if words else [])
+
+
+def test_scales_are_of_motors_behind_coupled_gears(given: Path, tmp_path: Path) -> None:
+    loaded = load_robot(edited(given, tmp_path))
+    model, information = model_of(loaded), SimpleNamespace(layout=SimpleNamespace(columns=()))
+    assert loaded.signals is not None
+    for gears, words in ((None, ""), (np.eye(6), "behind coupled gears")):
+        run = SimpleNamespace(
+            recording=SimpleNamespace(signals=replace(loaded.signals, effort_map=gears))
+        )
+        ground = SimpleNamespace(gains=None, model=model, runs=(run,))
+        why = _unscaled_because(loaded, cast(Any, ground), cast(Any, information))
+        assert why.startswith(words) and bool(why) == bool(words)
 
 
 def test_a_clean_log_gets_none(given: Path, command: Command, tmp_path: Path) -> None:

@@ -7,8 +7,8 @@ from functools import partial
 import numpy as np
 
 from steelyard.arrays import Array
+from steelyard.cli.ground import Ground, consistent_of, grounded, own_columns
 from steelyard.cli.ground import Payload as Payload
-from steelyard.cli.ground import consistent_of, grounded, own_columns
 from steelyard.cli.river import wanted_by
 from steelyard.estimation.consistent import Consistent
 from steelyard.estimation.estimate import Z95, Estimate, Estimator
@@ -97,8 +97,9 @@ def fit(
     more = _least_squares_because(loaded_robot, ground.gains)
     consistent = consistent_of(loaded_robot, runs)(model, base_map(model))
     estimator = least_squares if more else _of_runs(consistent, model)
-    scales = None
-    if not more and _may_scale(loaded_robot, ground.gains, information, model):
+    scales, why = None, _unscaled_because(loaded_robot, ground, information)
+    asked = loaded_robot.estimation.effort_scales == "auto"
+    if asked and not why:
         scales = effort_scales(consistent, information, progress=progress)
     if scales is not None:
         runs = [_scaled(run, scales.found.values) for run in runs]
@@ -110,6 +111,7 @@ def fit(
         *ground.notes,
         *more,
         *([] if scales is None else [scales.note]),
+        *_in_vain(loaded_robot, why),
         *estimate.notes,
         *_beyond(model, consistent.knowledge, plain),
     )
@@ -179,12 +181,25 @@ def estimators(loaded: LoadedRobot) -> tuple[LeastSquares, LeastSquares]:
     return (noise, equal) if loaded.estimation.weights == "noise" else (equal, noise)
 
 
-def _may_scale(
-    loaded: LoadedRobot, gains: GainEstimate | None, information: Information, model: Model
-) -> bool:
-    """Whether scales may be estimated: not beside gains, nor parameters of single runs."""
-    own = set(own_columns(model)) & set(information.layout.columns)
-    return loaded.estimation.effort_scales == "auto" and gains is None and not own
+def _unscaled_because(loaded: LoadedRobot, ground: Ground, information: Information) -> str:
+    """Why scales cannot be estimated; empty where they can."""
+    if loaded.estimation.method == "least_squares":
+        return 'with method = "least_squares"'
+    if ground.gains is not None:
+        return 'beside gain = "identify"'
+    if set(own_columns(ground.model)) & set(information.layout.columns):
+        return "beside terms that every run has for itself"
+    if ground.runs[0].recording.signals.effort_map is not None:
+        return "behind coupled gears, where a scale is of a motor and not of a joint"
+    return ""
+
+
+def _in_vain(loaded: LoadedRobot, why: str) -> tuple[str, ...]:
+    """A note where the robot file asks for scales that cannot be estimated."""
+    given = loaded.estimation
+    if not why or given.effort_scales == "off" or "effort_scales" not in given.model_fields_set:
+        return ()
+    return (f'effort_scales = "auto" has no effect {why}',)
 
 
 def _scaled(run: Run, scales: Array) -> Run:

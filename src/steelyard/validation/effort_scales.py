@@ -1,8 +1,9 @@
 """Whether the data ask for a scale of each joint's efforts, and whether one predicts better.
 
-They ask where all scales being 1 is further from the estimate than chance explains. Whether that
-serves is judged by leaving one run out, one stretch of a single run: scales are found without it,
-and its efforts predicted.
+They ask where all scales being 1 is further from the estimate than chance explains: that tells
+scales from chance. Whether they serve is judged by leaving one run out, one stretch of a single
+run: scales are found without it, and its efforts predicted, in both cases with the weight of the
+prior that all data give. Found anew for each part, that weight scatters more than the gain.
 """
 
 from dataclasses import dataclass
@@ -13,11 +14,14 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.errors import DataError
 from steelyard.estimation.consistent import Consistent
-from steelyard.estimation.effort_scales import Scaled, Scales
+from steelyard.estimation.effort_scales import DEVIATION, Scaled, Scales
 from steelyard.estimation.estimate import Z95
 from steelyard.progress import Progress, silent, tell
 from steelyard.regression.information import Information
 from steelyard.validation.cross import FEWEST, FOLDS, LEAST, logarithms
+
+BEFORE = f"known to ± {100.0 * Z95 * DEVIATION:.0f} % before the data (95 % interval)"
+"""How well a scale is known without them, for people to read."""
 
 CHANCE = 1e-3
 """Probability of such a distance, or a greater one, below which the data ask for scales."""
@@ -53,10 +57,10 @@ class EffortScales:
         values = zip(self.joints, self.found.values, self.half_width, strict=True)
         listed = ", ".join(f"{joint} {x:.2f} ± {half:.2f}" for joint, x, half in values)
         return (
-            f"efforts are read with a scale per joint (logged over model, known to ± "
-            f"{100.0 * Z95 * self.scaled.deviation:.0f} % before the data): {listed}; error on "
-            f"left-out motion {self.error:.3g} % instead of {self.without:.3g} %; masses are as "
-            'sure as the scales; effort_scales = "off" in [estimation] keeps the gains as given'
+            f"efforts are read with a scale per joint (logged over model, {BEFORE}): {listed}; "
+            f"error on left-out motion {self.error:.3g} % instead of {self.without:.3g} %; masses "
+            'are as sure as the scales; effort_scales = "off" in [estimation] keeps the gains as '
+            "given"
         )
 
     def to_dict(self) -> dict[str, Any]:

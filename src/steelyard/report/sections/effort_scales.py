@@ -7,7 +7,7 @@ from steelyard.report.html import fill
 from steelyard.report.sections.section import Numbers
 from steelyard.report.sections.tables import PlainTable, Row
 from steelyard.report.words import alike, significant
-from steelyard.validation.effort_scales import EffortScales
+from steelyard.validation.effort_scales import BEFORE, EffortScales
 
 
 class EffortScalesSection:
@@ -30,10 +30,10 @@ class EffortScalesSection:
 def _scales(scales: EffortScales) -> PlainTable:
     words = (
         "Logged effort over the effort that the bodies of all joints agree on, with 95 % "
-        f"intervals. Before the data each is 1 ± {2.0 * scales.scaled.deviation:.1g}. Error on "
-        f"left-out motion with them {significant(scales.error)} %, without "
-        f"{significant(scales.without)} %. Either a sensor or gain is off by so much, or the model "
-        "lacks something that looks like it; masses are as uncertain as the scales."
+        f"intervals; each is {BEFORE}. Error on left-out motion with them "
+        f"{significant(scales.error)} %, without {significant(scales.without)} %. Either a sensor "
+        "or gain is off by so much, or the model lacks something that looks like it; masses are as "
+        "uncertain as the scales."
     )
     values = zip(
         scales.joints, scales.found.values.tolist(), scales.half_width.tolist(), strict=True
