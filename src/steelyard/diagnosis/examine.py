@@ -7,7 +7,7 @@ from steelyard.diagnosis.case import Case
 from steelyard.diagnosis.finding import Edit, Finding, Judgement
 from steelyard.diagnosis.register import SUSPICIONS
 from steelyard.diagnosis.suspicion import Suspicion
-from steelyard.diagnosis.together import together, whole
+from steelyard.diagnosis.together import together
 from steelyard.progress import tell
 
 
@@ -58,5 +58,5 @@ def examine(
     findings: list[Finding] = []
     for number, suspicion in enumerate(asked):
         tell(case.progress, f"checking: {suspicion.name}", number, len(asked))
-        findings += together(suspicion(case))
-    return Diagnosis(whole(findings))
+        findings += suspicion(case)
+    return Diagnosis(together(findings))

@@ -1,6 +1,6 @@
 """What a suspicion found: a judgement, the evidence for it, and how to mend the robot file."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any, Literal
 
@@ -27,10 +27,12 @@ class Edit:
     Attributes:
         path: Tables and key, such as `("signals", "effort", "unit")`.
         value: A TOML value; `None` takes the key out.
+        spread: Relative standard deviation of the numbers where they are fitted factors, else 0.
     """
 
     path: tuple[str, ...]
     value: Any
+    spread: float = field(default=0.0, compare=False)
 
 
 @dataclass(frozen=True)

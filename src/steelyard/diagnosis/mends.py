@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from steelyard.arrays import Array
+from steelyard.diagnosis.accuracy import spread_of
 from steelyard.diagnosis.finding import Edit
 from steelyard.diagnosis.reading import Reading
 from steelyard.diagnosis.rivals_effort import PERCENT
@@ -36,7 +37,7 @@ def edits_of(cause: str, trial: Trial, reading: Reading, loaded: LoadedRobot) ->
         gravity = [round(float(x), 4) + 0.0 for x in reading.gravity]
         return (Edit(("robot", "gravity"), gravity), Edit(("robot", "mounting"), None))
     if cause in ("effort sign", "effort unit", "effort kind", "gain"):
-        return _effort(trial, reading, loaded)
+        return _effort(cause, trial, reading, loaded)
     return ()
 
 
@@ -51,11 +52,11 @@ def _orders(
     return tuple(found)
 
 
-def _effort(trial: Trial, after: Reading, loaded: LoadedRobot) -> tuple[Edit, ...]:
+def _effort(cause: str, trial: Trial, after: Reading, loaded: LoadedRobot) -> tuple[Edit, ...]:
     """Kind, unit and gain of the efforts."""
     before, s = trial.declared, trial.signals
     if np.any(after.ratios != 1.0):
-        return _ratios(after, loaded)
+        return _ratios(trial, after, loaded)
     factors = after.effort_scale / before.effort_scale
     kinds = () if after.kind in (before.kind, PERCENT) else (Edit((*EFFORT, "kind"), after.kind),)
     if after.kind == "gravity_compensated_torque" != before.kind:
@@ -63,7 +64,7 @@ def _effort(trial: Trial, after: Reading, loaded: LoadedRobot) -> tuple[Edit, ..
             return (Edit(("robot", "gravity"), [0.0, 0.0, 0.0]),)
         return kinds
     gains = file_gains(trial, loaded) * factors
-    gain = (Edit((*EFFORT, "gain"), rounded(gains)),)
+    gain = (Edit((*EFFORT, "gain"), rounded(gains), _accuracy(cause, trial, after)),)
     if after.kind == PERCENT:
         kind = Edit((*EFFORT, "kind"), "motor_torque")
         return (kind, Edit((*EFFORT, "unit"), "%"), *gain)
@@ -83,7 +84,7 @@ def _effort(trial: Trial, after: Reading, loaded: LoadedRobot) -> tuple[Edit, ..
     return gain
 
 
-def _ratios(after: Reading, loaded: LoadedRobot) -> tuple[Edit, ...]:
+def _ratios(trial: Trial, after: Reading, loaded: LoadedRobot) -> tuple[Edit, ...]:
     """Gear ratios: whole numbers where one is near."""
     gears = loaded.robot.transmission
     if gears is None:
@@ -93,7 +94,12 @@ def _ratios(after: Reading, loaded: LoadedRobot) -> tuple[Edit, ...]:
         value = float(f"{ratio * factor:.{DIGITS}g}") if factor != 1.0 else float(ratio)
         whole = float(round(value))
         found.append(whole if abs(value - whole) <= WHOLE * abs(value) else value)
-    return (Edit(("robot", "transmission", "ratios"), found),)
+    return (Edit(("robot", "transmission", "ratios"), found, spread_of(trial, after)),)
+
+
+def _accuracy(cause: str, trial: Trial, after: Reading) -> float:
+    """Of a gain that was fitted; signs and units are exact."""
+    return spread_of(trial, after) if cause == "gain" else 0.0
 
 
 def file_gains(trial: Trial, loaded: LoadedRobot) -> Array:

@@ -157,8 +157,9 @@ def _only_factor(reading: Reading, rival: Rival) -> bool:
 
 
 def _fitted(reading: Reading, rival: Rival) -> bool:
-    """Whether an explanation's gains are those at which a nominal model agrees best."""
-    return _only_factor(reading, rival) and rival.cost >= FREE
+    """Whether an explanation's gains or ratios are those at which a nominal model agrees best."""
+    ratios = not np.array_equal(rival.reading.ratios, reading.ratios)
+    return rival.cost >= FREE and (ratios or _only_factor(reading, rival))
 
 
 def _of_unit(trial: Trial, reading: Reading, rival: Rival) -> bool:

@@ -34,6 +34,10 @@ LOST = (
     "no single reading explains these efforts: check columns, kind, unit and gains, and which "
     "joints are locked where; a model from clean runs (--model) tells more"
 )
+OF_NOMINAL = (
+    ", with the masses of the model file, which may be wrong: take the ratio from the data sheet, "
+    "or give a model from clean runs (--model)"
+)
 UNKNOWN = "cannot be told: the robot's model gives no masses; give --model"
 
 
@@ -134,6 +138,8 @@ def _mend(
     advice: Callable[[Rival], str],
 ) -> tuple[Mend, Judgement]:
     """The advice with its edits, which the first finding of a log carries for the velocities."""
+    if not rival.fixed and np.any(rival.reading.ratios != 1.0):
+        return Mend(f"{rival.says}{OF_NOMINAL}"), judgement
     if not rival.fixed:
         return ways(case, rival, sure=judgement is Judgement.WRONG), judgement
     last, trial = held.written[-1].reading, held.ranking.trial

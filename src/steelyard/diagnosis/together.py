@@ -1,7 +1,8 @@
 """One robot file for all logs: what one log asks for must not contradict the others."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import combinations
 from numbers import Real
 from typing import Any
 
@@ -10,53 +11,113 @@ import numpy as np
 from steelyard.diagnosis.finding import Edit, Finding, Judgement, Mend
 
 DIGITS = 4
+SURE = 3.0
+"""Standard deviations by which factors of two logs differ if they are not one number."""
 APART = "the other logs agree with the robot file as it is: give this one a robot file of its own"
 
 
 def together(findings: Sequence[Finding]) -> tuple[Finding, ...]:
-    """The findings of one suspicion with mends that serve all logs.
+    """The findings of all suspicions with mends that serve all logs.
 
     A log that is wrong while others are fine has no line in a robot file they share. Numbers that
-    several logs ask for become their median.
+    several logs ask for become their median; fitted factors that differ by more than their accuracy
+    are doubtful, and none is written. Edits that were tried as one change stay together or go.
     """
-    fine = [f.log for f in findings if f.judgement == Judgement.OK and f.answered and f.log]
-    wanted: dict[tuple[str, ...], list[Any]] = {}
-    for finding in findings:
-        for edit in finding.mend.edits if finding.mend else ():
-            wanted.setdefault(edit.path, []).append(edit.value)
-    return tuple(_shared(finding, wanted, bool(fine)) for finding in findings)
-
-
-def _shared(
-    finding: Finding, wanted: dict[tuple[str, ...], list[Any]], contradicted: bool
-) -> Finding:
-    mend = finding.mend
-    if mend is None or not mend.edits:
-        return finding
-    if contradicted and finding.log and finding.judgement == Judgement.WRONG:
-        return replace(finding, mend=_apart(mend))
-    edits = tuple(Edit(edit.path, _middle(wanted[edit.path])) for edit in mend.edits)
-    return replace(finding, mend=replace(mend, edits=edits))
-
-
-def whole(findings: Sequence[Finding]) -> tuple[Finding, ...]:
-    """The findings of all suspicions; edits that were tried as one change stay together or go.
-
-    Args:
-        findings: What `together` made of the findings of each suspicion.
-    """
-    lost = {f.log for f in findings if f.mend is not None and f.mend.jointly and not f.mend.edits}
+    names = dict.fromkeys(f.suspicion for f in findings)
+    of = {name: [f for f in findings if f.suspicion == name] for name in names}
+    unlike = {name: _unlike(found) for name, found in of.items()}
+    against = {name: _against(found, findings) for name, found in of.items()}
+    shared = [
+        _shared(f, of[f.suspicion], against[f.suspicion], unlike[f.suspicion]) for f in findings
+    ]
+    lost: dict[str, str] = {}
+    for f in shared:
+        if f.mend is not None and f.mend.jointly and not f.mend.edits:
+            lost.setdefault(f.log, unlike[f.suspicion] or against[f.suspicion])
     return tuple(
-        replace(f, mend=_apart(f.mend))
+        replace(f, mend=_without(f.mend, lost[f.log]))
         if f.mend is not None and f.mend.jointly and f.mend.edits and f.log in lost
         else f
-        for f in findings
+        for f in shared
     )
 
 
-def _apart(mend: Mend) -> Mend:
+def _against(found: Sequence[Finding], findings: Sequence[Finding]) -> str:
+    """Why the other logs speak against what one asks for; empty if none does.
+
+    Args:
+        found: Of one suspicion.
+        findings: Of all suspicions: a log with which nothing else is wrong agrees as it is.
+    """
+    fine = [f.log for f in found if f.judgement == Judgement.OK and f.answered and f.log]
+    doubts = {log: [f.suspicion for f in findings if f.judgement and f.log == log] for log in fine}
+    if not fine or not all(doubts.values()):
+        return APART if fine else ""
+    listed = "; ".join(f"{log}: {', '.join(dict.fromkeys(x))}" for log, x in doubts.items())
+    return (
+        f"the other logs do not ask for this, but something else was found on them ({listed}): "
+        "settle that first, or give this log a robot file of its own"
+    )
+
+
+def _unlike(found: Sequence[Finding]) -> str:
+    """The fitted factors of several logs that are not one number; empty if they may be."""
+    edits = [
+        (f.log, edit)
+        for f in found
+        for edit in (f.mend.edits if f.mend else ())
+        if edit.spread > 0.0 and f.log
+    ]
+    for (_, a), (_, b) in combinations(edits, 2):
+        if a.path == b.path and _differ(a, b):
+            listed = ", ".join(
+                f"{_shown(e.value)} ± {200.0 * e.spread:.2g} % ({log})"
+                for log, e in edits
+                if e.path == a.path
+            )
+            return (
+                f"the logs ask for factors that are not one number ({a.path[-1]}: {listed}; 95 %): "
+                "something else differs between the logs, or explains them; nothing is written"
+            )
+    return ""
+
+
+def _differ(a: Edit, b: Edit) -> bool:
+    """Whether two edits' numbers are farther apart than their accuracy."""
+    first, second = (np.array(e.value, dtype=np.float64).reshape(-1) for e in (a, b))
+    if len(first) != len(second) or np.any(first * second <= 0.0):
+        return True
+    apart = float(np.max(np.abs(np.log(first / second))))
+    return apart > SURE * float(np.hypot(a.spread, b.spread)) + 2.0 * 10.0**-DIGITS
+
+
+def _shown(value: Any) -> str:
+    return str(value).replace("'", '"')
+
+
+def _shared(finding: Finding, found: Sequence[Finding], against: str, unlike: str) -> Finding:
+    mend = finding.mend
+    if mend is None or not mend.edits:
+        return finding
+    if against and finding.log and finding.judgement == Judgement.WRONG:
+        return replace(finding, mend=_without(mend, against))
+    if unlike:
+        return replace(finding, judgement=Judgement.DOUBTFUL, mend=_without(mend, unlike))
+    edits = tuple(replace(e, value=_middle(list(_wanted(found, e)))) for e in mend.edits)
+    return replace(finding, mend=replace(mend, edits=edits))
+
+
+def _wanted(found: Sequence[Finding], edit: Edit) -> Iterator[Any]:
+    """What all logs ask for under one key."""
+    for finding in found:
+        for other in finding.mend.edits if finding.mend else ():
+            if other.path == edit.path:
+                yield other.value
+
+
+def _without(mend: Mend, why: str) -> Mend:
     """The advice without edits: the robot file that the logs share cannot be changed so."""
-    return replace(mend, says=f"{mend.says}; {APART}", edits=())
+    return replace(mend, says=f"{mend.says}; {why}", edits=())
 
 
 def _middle(values: Sequence[Any]) -> Any:
