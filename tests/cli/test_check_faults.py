@@ -1,6 +1,7 @@
 """`steelyard check` with its own suspicions: faults of a simulated arm are found and mended."""
 
 import json
+import os
 import re
 from pathlib import Path
 
@@ -98,3 +99,19 @@ def test_the_document_lists_every_suspicion() -> None:
     assert [s.name for s in SUSPICIONS] == [
         name for name in listed if name not in ("suspicion", "option")
     ]
+
+
+def test_all_efforts_of_a_short_window_are_turned_though_positions_would_do(
+    tmp_path: Path, command: Command
+) -> None:
+    data = os.environ.get("STEELYARD_DATA")
+    if not data:
+        pytest.skip("STEELYARD_DATA names no folder with the robots' data")
+    folder, robot, new = Path(data) / "med7", tmp_path / "med7.toml", tmp_path / "new.toml"
+    log = f"{folder / 'med7_measurements.parquet'}@0:10.5"
+    made = command("init", folder / "med7dock.urdf", log.split("@")[0], "-o", robot)
+    assert made.exit_code == 0, made.output
+    done = command("check", robot, log, "--quick", "--fix", new)
+    said = " ".join(done.stdout.split())
+    assert "all efforts have the other sign, or all joints count the other way" in said
+    assert "gain = [-1.0, -1.0, -1.0, -1.0, -1.0, -1.0, -1.0]" in new.read_text()

@@ -114,7 +114,7 @@ def fixed(
     """Change what findings ask for, and look again, as long as they ask for more.
 
     Nothing is written with which the check finds wrong what it found ok, or as much as before, or
-    with which it answers fewer questions.
+    with which it answers fewer questions, unless what it was changed for is beyond doubt.
     """
     changes: list[Change] = []
     new, first = subject, diagnosis
@@ -133,7 +133,8 @@ def fixed(
         why = f"with {'; '.join(c.line for c in changes)} the check finds {names} wrong"
         return Fixed(subject, (), first, (why,))
     lost = sorted(_settled(first) - _settled(diagnosis))
-    if changes and len(_settled(diagnosis)) < len(_settled(first)):
+    doubted = any(c.finding.judgement < Judgement.WRONG for c in changes)
+    if doubted and len(_settled(diagnosis)) < len(_settled(first)):
         lines = "; ".join(c.line for c in changes)
         why = f"with {lines} the check can no longer tell what it found ok: {', '.join(lost)}"
         return Fixed(subject, (), first, (why,))

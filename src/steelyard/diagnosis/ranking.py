@@ -9,6 +9,7 @@ from steelyard.arrays import Array
 from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.excerpt import excerpt_of
 from steelyard.diagnosis.knowledge import Knowledge, knowledge_of
+from steelyard.diagnosis.mirrored import efforts_first
 from steelyard.diagnosis.rival import AS_DECLARED, Rival, one_of
 from steelyard.diagnosis.rivals_effort import PERCENT, Other, best_factors, effort_rivals
 from steelyard.diagnosis.rivals_position import deep_rivals, position_rivals
@@ -163,7 +164,7 @@ def _rivals(trial: Trial, now: Rival, others: tuple[Other, ...]) -> tuple[Rival,
     if bad(trial, found[0]):
         found += deep_rivals(trial, now.reading)
         found.sort(key=_unlikely)
-    return tuple(found)
+    return efforts_first(now.reading, found)
 
 
 def _unlikely(rival: Rival) -> float:

@@ -13,6 +13,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.diagnosis.finding import Judgement
+from steelyard.diagnosis.mirrored import with_mirror
 from steelyard.diagnosis.possible import Possible, possible
 from steelyard.diagnosis.reading import Reading
 from steelyard.diagnosis.rival import FREE, Rival, one_of
@@ -92,7 +93,7 @@ def supported(
     if whole:
         kept = [*(kept if whole[0][0].cause == "mounting" else ()), *whole]
         reading = whole[-1][0].reading
-    kept = _unrivalled(trial, kept)
+    kept = [(with_mirror(trial, trial.declared, r), j) for r, j in _unrivalled(trial, kept)]
     scale = _scale(trial, reading, asked)
     return (*kept, scale) if scale is not None else tuple(kept)
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.finding import Judgement
+from steelyard.diagnosis.mirrored import mirrors
 from steelyard.diagnosis.ranking import ALIEN, Ranking, bad, disagrees, ranking
 from steelyard.diagnosis.rival import Rival
 from steelyard.diagnosis.rivals_effort import OWN
@@ -146,7 +147,12 @@ def _judged(found: Ranking, before: Rival, winner: Rival, rivals: tuple[Rival, .
     if fall < FALL[sure]:
         return Judgement.OK
     near = [r for r in rivals[1:] if r.log_likelihood > winner.log_likelihood - CLOSE]
-    apart = [r for r in near if r.cause != winner.cause or r.joints != winner.joints]
+    apart = [
+        r
+        for r in near
+        if (r.cause != winner.cause or r.joints != winner.joints)
+        and not mirrors(before.reading, winner, r)
+    ]
     return _when(not apart)
 
 

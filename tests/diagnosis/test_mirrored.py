@@ -1,0 +1,50 @@
+"""All efforts of the other sign and all positions are told as two readings of one log."""
+
+from dataclasses import replace
+
+import pytest
+
+from diagnosis.conftest import Arm
+from steelyard.arrays import Array
+from steelyard.diagnosis.finding import Judgement
+from steelyard.diagnosis.mirrored import efforts_first, mirrors
+from steelyard.diagnosis.ranking import ranking
+
+
+def turned(arm: Arm, *patterns: str) -> Array:
+    table = arm.table.copy()
+    for pattern in patterns:
+        table[:, arm.at(pattern)] *= -1.0
+    return table
+
+
+@pytest.mark.parametrize(
+    ("patterns", "cause", "other"),
+    [
+        (("tau{}_Nm",), "effort sign", "or all joints count the other way: bodies of any mass"),
+        (("q{}_rad", "dq{}_rad_s"), "position sign", "or all efforts have the other sign: bodies"),
+    ],
+)
+def test_the_mirror_of_a_sign_is_named(
+    arm: Arm, patterns: tuple[str, ...], cause: str, other: str
+) -> None:
+    found = arm.examined(turned(arm, *patterns), known=False)
+    (wrong,) = (f for f in found.findings if f.judgement == Judgement.WRONG)
+    assert wrong.suspicion == cause and other in wrong.says
+
+
+def test_turned_efforts_come_first_where_turned_positions_fit_as_well(arm: Arm) -> None:
+    case = arm.case(turned(arm, "tau{}_Nm"), known=False)
+    found = ranking(case, case.logs[0])
+    assert found is not None
+    now = found.declared
+    rivals = {r.says: r for r in found.rounds[0]}
+    efforts, positions = (
+        rivals["all efforts have the other sign"],
+        rivals["all joints count the other way"],
+    )
+    even = replace(positions, score=efforts.score, cost=efforts.cost - 0.2)
+    assert efforts_first(now.reading, (even, now, efforts)) == (efforts, even, now)
+    ahead = replace(even, cost=efforts.cost - 5.0)
+    assert efforts_first(now.reading, (ahead, efforts)) == (ahead, efforts)
+    assert mirrors(now.reading, efforts, positions) and not mirrors(now.reading, positions, efforts)
