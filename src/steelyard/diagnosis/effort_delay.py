@@ -14,7 +14,7 @@ class EffortDelay:
     """Efforts that are late, or early."""
 
     name: ClassVar[str] = "effort delay"
-    asks: ClassVar[str] = "Are efforts logged in time with positions?"
+    asks: ClassVar[str] = "Are all efforts logged late, or early, by one time?"
     quick: ClassVar[bool] = True
 
     def __call__(self, case: Case) -> tuple[Finding, ...]:
@@ -33,7 +33,7 @@ def _wrong(held: Verdict) -> bool:
 
 
 def _fine(held: Verdict) -> str:
-    return agrees(held, "efforts are in time with positions")
+    return agrees(held, "efforts have no delay common to all joints")
 
 
 def _advice(rival: Rival) -> str:

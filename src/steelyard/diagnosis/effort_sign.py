@@ -4,6 +4,8 @@ from typing import ClassVar
 
 from steelyard.diagnosis.case import Case
 from steelyard.diagnosis.finding import Finding
+from steelyard.diagnosis.friction_sign import friction_signs
+from steelyard.diagnosis.ranking import known_of
 from steelyard.diagnosis.rival import Rival
 from steelyard.diagnosis.telling import agrees, findings
 from steelyard.diagnosis.verdict import Verdict
@@ -17,8 +19,9 @@ class EffortSign:
     quick: ClassVar[bool] = True
 
     def __call__(self, case: Case) -> tuple[Finding, ...]:
-        """One finding per log that moves."""
-        return findings(case, self.name, _fine, _advice)
+        """One finding per log that moves; without masses, what friction tells."""
+        driven = friction_signs(case, self.name) if known_of(case) is None else ()
+        return driven or findings(case, self.name, _fine, _advice)
 
 
 def _fine(held: Verdict) -> str:

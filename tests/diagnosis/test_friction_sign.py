@@ -1,0 +1,78 @@
+"""Without any masses, friction that drives a joint tells a sign that is turned."""
+
+import re
+
+import numpy as np
+import pytest
+
+from diagnosis.conftest import Arm
+from steelyard.arrays import Array
+from steelyard.diagnosis.effort_sign import EffortSign
+from steelyard.diagnosis.finding import Judgement
+from steelyard.diagnosis.friction_sign import drives_of, friction_signs
+
+TAU = "tau{}_Nm"
+
+
+@pytest.fixture
+def massless(arm: Arm) -> Arm:
+    """The arm with a URDF that has no inertials."""
+    urdf = arm.path.parent / "demo_arm.urdf"
+    urdf.write_text(re.sub(r"<inertial>.*?</inertial>", "", urdf.read_text(), flags=re.DOTALL))
+    return arm
+
+
+def with_signs(arm: Arm, signs: Array) -> Array:
+    table = arm.table.copy()
+    table[:, arm.at(TAU)] *= signs
+    return table
+
+
+def test_friction_that_brakes_raises_no_alarm(massless: Arm) -> None:
+    case = massless.case(massless.table, known=False)
+    drives = drives_of(case, case.logs[0])
+    assert sum(d.brakes for d in drives.values()) >= 4 and not any(
+        d.drives for d in drives.values()
+    )
+    assert [f.judgement for f in EffortSign()(case)] == [Judgement.OK]
+
+
+@pytest.mark.parametrize("joint", [0, 1, 3])
+def test_one_effort_that_is_turned_is_found(massless: Arm, joint: int) -> None:
+    signs = np.where(np.arange(6) == joint, -1.0, 1.0)
+    (found,) = EffortSign()(massless.case(with_signs(massless, signs), known=False))
+    assert found.judgement == Judgement.DOUBTFUL
+    assert found.joints == (massless.robot.joint_names[joint],)
+    assert "or the position counts the other way" in found.says
+    assert found.mend is not None and not found.mend.edits
+
+
+def test_all_efforts_that_are_turned_are_one_finding(massless: Arm) -> None:
+    (found,) = EffortSign()(massless.case(with_signs(massless, -np.ones(6)), known=False))
+    assert found.judgement == Judgement.WRONG and found.says.startswith("all efforts")
+    assert found.mend is not None and found.mend.edits[0].value == [-1.0] * 6
+
+
+def test_a_joint_with_hardly_any_friction_raises_no_alarm(massless: Arm) -> None:
+    names, values = massless.truth.values.names, massless.truth.values.values.copy()
+    for k, name in enumerate(names):
+        if name.split(".")[0] in ("coulomb", "viscous"):
+            values[k] *= 1e-3
+    free = type(massless.truth.values)(names, massless.truth.values.units, values)
+    rng = np.random.default_rng(1)
+    torque = massless.truth.model.at(free).torque(massless.motion)
+    table = massless.table.copy()
+    noise = 0.03 * torque.std(axis=0) * rng.standard_normal(torque.shape)
+    for signs in (np.ones(6), np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0])):
+        table[:, massless.at(TAU)] = (torque + noise) * signs
+        assert friction_signs(massless.case(table, known=False), "effort sign") == ()
+
+
+def test_a_negative_gain_that_is_declared_is_counted_in(massless: Arm) -> None:
+    signs = np.array([1.0, -1.0, 1.0, -1.0, -1.0, 1.0])
+    gain = f'unit = "Nm"\ngain = {signs.tolist()}'
+    text = massless.text.replace('unit = "Nm"', gain)
+    turned = massless.case(with_signs(massless, signs), text, known=False)
+    assert friction_signs(turned, "effort sign") == ()
+    (found,) = friction_signs(massless.case(massless.table, text, known=False), "effort sign")
+    assert set(found.joints) <= {massless.robot.joint_names[k] for k in (1, 3, 4)}
