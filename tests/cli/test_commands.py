@@ -142,6 +142,7 @@ def test_a_log_that_was_fitted_is_no_test(
 ) -> None:
     runs = strict(command("validate", identified, OTHER, f"{LOG}@1.5:4", "--json").stdout)
     assert [run["fitted"] for run in runs] == [False, True]
+    assert [run["verdict"]["level"] for run in runs] == ["good", "none"]
     shown = " ".join(command("validate", identified, f"{LOG}@1.5:4").stdout.split())
     assert "Not tested on unseen motion" in shown and "(fitted, below" in shown
     assert "identification@1.5:4 was fitted: its score is no test of the model" in shown
@@ -159,6 +160,7 @@ def test_validate_says_what_identify_said(
     again = strict(command("validate", tmp_path / "o" / "model.json", OTHER, "--json").stdout)
     assert said["output"] == str(tmp_path / "o")
     assert again[0]["joints"] == said["validation"][0]["joints"]
+    assert said["verdict"]["level"] == "good" and again[0]["verdict"] == said["verdict"]
     assert said["n_base_parameters"] == len(said["parameters"]) + len(said["not_seen"])
 
 

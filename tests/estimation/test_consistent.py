@@ -304,8 +304,9 @@ def test_a_solver_that_stops_early_is_never_called_solved() -> None:
 
 
 def test_too_few_samples_are_refused() -> None:
-    with pytest.raises(DataError, match="too few samples"):
+    with pytest.raises(DataError, match=r"too few samples: .* more than \d+ are needed") as caught:
         Consistent(REGRESSOR.base, known())(said(0.05, count=8))
+    assert "matched_cutoff" in caught.value.mend
 
 
 def test_the_estimate_survives_json() -> None:

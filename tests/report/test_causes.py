@@ -129,7 +129,12 @@ def test_the_terminal_has_the_same_tables(usual: ReportContent) -> None:
     assert ["shoulder", "12.0", "0.196", "Nm/A"] in lines
     assert ["elbow", "9.83", "given", "Nm/A"] in lines
     chosen = next(line for line in lines if "smoothing 0.02" in " ".join(line))
-    assert chosen[1:] == ["9.87 %", "20.1 %", "± 1.2"]
+    assert chosen[1:] == ["9.87 %", "20.1 %", "± 1.2", "chosen"]
+    assert usual.gains is not None
+    lacking = replace(usual.gains, known=(False, False), assumed=(False, True))
+    text = printed(replace(usual, gains=lacking))
+    lines = [[c.strip() for c in line.split("│")[1:-1]] for line in text.splitlines()]
+    assert ["elbow", "9.83", "assumed", "Nm/A"] in lines
 
 
 def test_names_in_the_terminal_are_no_markup(usual: ReportContent) -> None:

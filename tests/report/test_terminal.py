@@ -18,6 +18,7 @@ def printed(content: ReportContent, width: int = 120) -> str:
 
 def test_the_summary_says_what_matters(usual):
     text = printed(usual)
+    assert text.startswith("GOOD: Predicts") and verdict(usual).to_dict()["level"] == "good"
     assert "Predicts unseen motion with an error of 6.5\u00a0% of the measured effort" in text
     assert "points (not fitted, below 8 Hz)" in text and "run1" not in text
     line = next(line for line in text.splitlines() if "elbow" in line)
@@ -42,7 +43,7 @@ def test_unseen_runs_alone_make_the_headline_where_others_repeat_a_motion(usual)
     assert "Predicts unseen motion with an error of 6.5" in both
     assert "again (not fitted, repeats the motion of run1, below 8 Hz)" in both
     alone = replace(usual, scores=(again,))
-    assert "Predicts repeated motion with an error of" in printed(alone)
+    assert printed(alone).startswith("Predicts repeated motion with an error of")
     assert verdict(alone).level == "none" and verdict(usual).level == "good"
 
 

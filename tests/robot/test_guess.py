@@ -200,6 +200,21 @@ def test_a_log_of_some_joints_needs_a_robot_file() -> None:
     assert "steelyard init" in caught.value.mend
 
 
+def test_positions_of_motors_are_told_with_what_they_need() -> None:
+    with pytest.raises(LogError) as caught:
+        guess_columns(TWO, ["t", *numbered("q_motor#", "tau#")])
+    assert 'coordinates = "motor"' in caught.value.mend
+    assert "[robot.transmission] ratios" in caught.value.mend
+
+
+def test_a_column_beside_currents_without_a_unit_is_named() -> None:
+    guess = guess_columns(TWO, ["t", *numbered("q#"), "current1_A", "current2_A"])
+    assert "but not of" not in guess.reasons[2]
+    guess = guess_columns(MIXED[:2], ["t", "q_lift", "q_arm1", "effort_lift_raw", "current_arm1_A"])
+    assert guess.section.effort.unit == ("N", "A")
+    assert "not of effort_lift_raw: taken in N; check unit and gain" in guess.reasons[2]
+
+
 @pytest.mark.parametrize(
     ("columns", "words"),
     [

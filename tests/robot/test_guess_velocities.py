@@ -37,6 +37,7 @@ def test_good_velocities_are_used_beside_coarse_positions() -> None:
     ("sample", "words"),
     [
         (sampled(late=0.02), r"they are 20 ms late"),
+        (sampled(late=0.2), "and they are 220 ms late"),
         (sampled(scale=1.1), "they are 1.1 times the derivative"),
         (sampled(noise=0.3), "times that of differences of positions"),
         (sampled(reach=1e-3), "the first 4000 rows do not show whether they are good"),

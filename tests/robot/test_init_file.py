@@ -5,6 +5,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+from steelyard.cli.river import model_of
 from steelyard.errors import ModelError
 from steelyard.robot.init_file import drafted
 from steelyard.robot.robot_file import LoadedRobot, load_robot
@@ -189,6 +190,12 @@ def test_the_side_of_torque_columns_is_left_to_be_checked(tmp_path: Path) -> Non
     assert "rotor_inertia" in [term.description for term in loaded.terms]
     words = " ".join(text.replace("#", "").split())
     assert "which side of the gears" in words and 'with kind = "link_torque" below' in words
+    behind = (tmp_path / "r.toml").read_text().replace('"joint_torque"\n', '"link_torque"\n')
+    (tmp_path / "r.toml").write_text(behind)
+    with pytest.raises(ModelError, match="'rotor_inertia' acts on the motors' side"):
+        model_of(load_robot(tmp_path / "r.toml"))
+    (tmp_path / "r.toml").write_text(behind.replace('"rotor_inertia", "coulomb"', '"coulomb"'))
+    assert len(model_of(load_robot(tmp_path / "r.toml")).terms) == 4
 
 
 def test_mjcf_is_named_as_such(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from steelyard.robot.signals import Signals
 from steelyard.terms.coulomb import Coulomb
 from steelyard.terms.load_dependent import LoadDependent
 from steelyard.terms.powers import Cubic, Root
-from steelyard.terms.presliding import Dahl
+from steelyard.terms.presliding import Dahl, MaxwellSlip
 from steelyard.terms.rigid_body import RigidBody
 from steelyard.terms.stribeck import Stribeck
 from steelyard.terms.term import Term
@@ -135,6 +135,8 @@ def test_the_choice_as_json() -> None:
 
 def test_names_say_what_is_not_usual() -> None:
     assert mix_name((Coulomb(), Viscous(joints=("hinge",)))) == "coulomb + viscous"
+    relaxing = MaxwellSlip(lengths=(0.01, 0.1), relaxing=True)
+    assert mix_name((relaxing,)) == "maxwell_slip (lengths 0.01, 0.1, relaxing)"
     assert mix_name((Coulomb(smoothing=0.005),)) == "coulomb (smoothing 0.005)"
     assert remembers((Coulomb(), Dahl(length=1e-3))) and not remembers((Coulomb(), Viscous()))
 

@@ -256,11 +256,13 @@ def results(content: "ReportContent", folder: Path) -> dict[str, object]:
     if content.identified is None:
         raise ValueError("there are results of an identified model only")
     from steelyard.report.findings import diagnosis_dict, finding_dict
+    from steelyard.report.judgement import verdict
     from steelyard.terms.register import description_of
 
     estimate = content.identified.estimate
     return {
         "output": str(folder),
+        "verdict": verdict(content).to_dict(),
         "n_base_parameters": len(content.identified.base),
         "parameters": [
             {"name": n, "unit": u, "value": v, "std": s}

@@ -87,24 +87,29 @@ def run_validate(
 
 
 def results(content: "ReportContent") -> list[dict[str, object]]:
-    """What `--json` prints: the scores in the order of the logs."""
-    from steelyard.report.findings import finding_dict
-
+    """What `--json` prints: scores and verdict of each log, in the order of the logs."""
     order = [name for name, _ in content.qualities]
-    scored = [(score, False) for score in content.scores]
-    scored += [(score, True) for score in content.fitted]
-    return [
-        {
-            **score.to_dict(),
-            "fitted": old,
-            "limitations": [
-                finding_dict(finding)
-                for finding in content.limitations
-                if finding.log in ("", score.run)
-            ],
-        }
-        for score, old in sorted(scored, key=lambda pair: order.index(pair[0].run))
-    ]
+    found = [_result(content, score, fitted=False) for score in content.scores]
+    found += [_result(content, score, fitted=True) for score in content.fitted]
+    return sorted(found, key=lambda one: order.index(str(one["run"])))
+
+
+def _result(content: "ReportContent", score: "RunScore", *, fitted: bool) -> dict[str, object]:
+    from steelyard.report.findings import finding_dict
+    from steelyard.report.judgement import verdict
+
+    own = replace(
+        content,
+        scores=() if fitted else (score,),
+        fitted=(score,) if fitted else (),
+        limitations=tuple(f for f in content.limitations if f.log in ("", score.run)),
+    )
+    return {
+        **score.to_dict(),
+        "fitted": fitted,
+        "verdict": verdict(own).to_dict(),
+        "limitations": [finding_dict(finding) for finding in own.limitations],
+    }
 
 
 def _content(

@@ -55,9 +55,12 @@ def _found(model: Model, runs: tuple[Run, ...]) -> Finding:
     if offsets is None:
         says = "not estimated: too few samples"
         return Finding(JointZeros.name, "", Judgement.OK, says, "", answered=False)
-    far = far_offsets(offsets)
+    far, known = far_offsets(offsets), np.isfinite(offsets.std)
+    if not known.any():
+        says = "not identifiable from these data: the zero offset of every joint"
+        return Finding(JointZeros.name, "", Judgement.OK, says, "", answered=False)
     if not far.any():
-        says = f"no zero offset stands out{_hidden(offsets)}"
+        says = f"no zero offset stands out{_of(offsets)}{_hidden(offsets)}"
         return Finding(JointZeros.name, "", Judgement.OK, says, _figure(offsets))
     if not ranked.blamed or ranked.blamed[0].kind != "zero_offset":
         says = (
@@ -78,11 +81,14 @@ def _found(model: Model, runs: tuple[Run, ...]) -> Finding:
 
 def _figure(offsets: ZeroOffsets) -> str:
     """All offsets with their intervals, and those that these data do not identify."""
-    identified = np.isfinite(offsets.std)
-    text = numbers(offsets, identified) if identified.any() else "none is identifiable"
-    if identified.all() or not identified.any():
-        return text
-    return f"{text}{_hidden(offsets)}"
+    return f"{numbers(offsets, np.isfinite(offsets.std))}{_hidden(offsets)}"
+
+
+def _of(offsets: ZeroOffsets) -> str:
+    """Of which joints this holds, if not of all."""
+    known = np.isfinite(offsets.std)
+    asked = [joint for joint, sure in zip(offsets.joints, known, strict=True) if sure]
+    return "" if known.all() else f" of {', '.join(asked)}"
 
 
 def _hidden(offsets: ZeroOffsets) -> str:

@@ -4,13 +4,16 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.finding import Finding, Judgement, Mend, Picture
 from steelyard.diagnosis.pictures import trace
 from steelyard.diagnosis.sight import look
+from steelyard.diagnosis.slopes import ENDS, width_of
 from steelyard.diagnosis.units import driven, motion, reading
+from steelyard.measurement.outliers import stretches
 
 REST_SHARE = 0.01
 """Speed of a joint at rest, over the speed that it exceeds 1 % of the time."""
@@ -39,24 +42,47 @@ class Rests:
         second = reading(case, evidence).second
         speed = np.abs(slope.v[driven(case, evidence)])
         share = speed / np.quantile(speed, 0.99, axis=1)[:, None]
-        moves = (share > REST_SHARE).any(axis=0)
-        at = np.flatnonzero(moves)
+        rests = _long((share <= REST_SHARE).all(axis=0), slope.rate)
         t = (slope.t - clock[0]) * second
-        rest = 1.0 - float(moves.mean())
-        start, stop = float(t[at[0]]), float((clock[-1] - clock[0]) * second - t[at[-1]])
-        often = rest > MOSTLY
+        rest, often = float(rests.mean()), float(rests.mean()) > MOSTLY
         return Finding(
             self.name,
             evidence.name,
             Judgement.DOUBTFUL if often else Judgement.OK,
-            f"{100.0 * rest:.2g} % of the time no joint moves: {start:.1f} s at the start, "
-            f"{stop:.1f} s at the end",
-            f"{100.0 * rest:.2g} % at rest, bound {100.0 * MOSTLY:g} %",
+            _says(rests, t, float(clock[-1] - clock[0]) * second),
+            f"{100.0 * rest:.1f} % at rest, bound {100.0 * MOSTLY:g} %",
             mend=Mend("cut the rests off (LOG@START:STOP), and record more motion")
             if often
             else None,
             picture=_picture(t, share.max(axis=0)),
         )
+
+
+def _long(still: NDArray[np.bool_], rate: float) -> NDArray[np.bool_]:
+    """Stillness that lasts longer than the low-pass; shorter, joints turn round together."""
+    kept = np.zeros_like(still)
+    for start, stop in stretches(still):
+        kept[start:stop] = stop - start > 2.0 * ENDS * width_of(rate) * rate
+    return kept
+
+
+def _says(rests: NDArray[np.bool_], t: Array, duration: float) -> str:
+    """How much is rest; the ends, where the low-pass does not reach, are as what is next to them.
+
+    Args:
+        rests: Whether no joint moves, shape `(N,)`.
+        t: Time since the log's start, shape `(N,)` [s].
+        duration: Of the log [s].
+    """
+    if not rests.any():
+        return "the robot never rests"
+    moves = np.flatnonzero(~rests)
+    start = float(t[moves[0]]) if rests[0] else 0.0
+    stop = duration - float(t[moves[-1]]) if rests[-1] else 0.0
+    return (
+        f"{100.0 * float(rests.mean()):.1f} % of the time no joint moves: {start:.1f} s at the "
+        f"start, {stop:.1f} s at the end"
+    )
 
 
 def _picture(t: Array, speed: Array) -> Picture:

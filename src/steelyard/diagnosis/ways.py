@@ -61,7 +61,7 @@ def _listed(case: Case, *, sure: bool) -> str:
     """The ways to gains, in order."""
     source = case.loaded.sources[0].path.name if case.loaded.sources else "ROBOT"
     robot = source if source.endswith(".toml") else "ROBOT.toml"
-    log = " ".join(e.log.path.name for e in case.logs)
+    log = case.logs[0].log.path.name if len(case.logs) == 1 else "LOG..."
     entries = ['"identify"'] * len(case.joints)
     entries[min(1, len(entries) - 1)] = "1.0"
     one = f"[{', '.join(entries)}]"

@@ -118,9 +118,12 @@ def refuse_few(information: Information, parameters: int, each: float) -> None:
     total = float(information.n_samples.sum())
     if total <= each * parameters:
         raise DataError(
-            f"too few samples: {total:.3g} independent ones for {parameters} parameters",
+            f"too few samples: {total:.3g} independent ones for {parameters} parameters; more than "
+            f"{each * parameters:.4g} are needed",
             where=", ".join(dict.fromkeys(w.run for w in information.windows)) or "no window",
-            mend="log longer, at a higher rate, or with faster motion",
+            mend="log longer, with more of the time in motion; or leave terms out ([model] terms). "
+            "Behind the low-pass a higher rate adds none: a higher [processing] matched_cutoff "
+            "does, if noise allows it",
         )
 
 

@@ -74,7 +74,7 @@ def model_prior(robot: Robot, index: int) -> Mended:
     """The nominal mass properties of a body, or what stands in for them."""
     body = robot.bodies[index]
     if body.known and body.inertia.mass > 0.0 and np.isfinite(body.inertia.ten).all():
-        return mended_body(body.inertia)
+        return mended_body(body.inertia, told=True)
     return _stand_in(robot, index)
 
 
@@ -87,7 +87,7 @@ def notes_on(mended: Mapping[str, Mended]) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def mended_body(given: Inertia) -> Mended:
+def mended_body(given: Inertia, *, told: bool = False) -> Mended:
     r"""The body nearest to a given one that can exist, of the same mass and centre.
 
     The second moments about the centre of mass, $\Sigma_c$, keep their principal axes; those below
@@ -96,6 +96,7 @@ def mended_body(given: Inertia) -> Mended:
 
     Args:
         given: Its mass is above zero.
+        told: Whether it is told elsewhere why no body can have it, as the model file's notes do.
     """
     flaw = given.flaw()
     moments, axes = np.linalg.eigh(spread_of(given))
@@ -112,11 +113,9 @@ def mended_body(given: Inertia) -> Mended:
     lifted = of_spread(given.mass, given.com, _with_moments(axes, np.maximum(moments, least)))
     if flaw is None:
         return Mended(lifted, thin=True)
-    return Mended(
-        lifted,
-        f"no body can have it: {flaw}; lifted to "
-        + _listed(np.linalg.eigvalsh(lifted.inertia_com), "kg m²"),
-    )
+    moments = _listed(np.linalg.eigvalsh(lifted.inertia_com), "kg m²")
+    why = "its moments of inertia are" if told else f"no body can have it: {flaw};"
+    return Mended(lifted, f"{why} lifted to {moments}")
 
 
 def stand_in_mass(robot: Robot) -> float:

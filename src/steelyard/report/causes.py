@@ -36,12 +36,14 @@ def _mixes(choice: FrictionChoice) -> Table:
     table.add_column("mix", overflow="fold")
     for heading in ("error", "gain", "spread"):
         table.add_column(heading, justify="right")
+    table.add_column("")
     for mix in choice.table:
         table.add_row(
             Text(mix.name),
             f"{mix.error:.2f} %",
             f"{mix.gain:.1f} %",
             f"± {mix.spread:.1f}",
+            "chosen" if mix.chosen else "",
             style="bold green" if mix.chosen else None,
         )
     return table
@@ -73,10 +75,16 @@ def _gains(gains: GainEstimate) -> Table:
     for heading in ("gain", "±"):
         table.add_column(heading, justify="right")
     table.add_column("unit")
-    for joint, gain, half, unit, known in zip(
-        gains.joints, gains.gains, gains.half_width, gains.units, gains.known, strict=True
+    for joint, gain, half, unit, known, assumed in zip(
+        gains.joints,
+        gains.gains,
+        gains.half_width,
+        gains.units,
+        gains.known,
+        gains.assumed,
+        strict=True,
     ):
-        interval = "given" if known else significant(half)
+        interval = "assumed" if assumed else "given" if known else significant(half)
         table.add_row(Text(joint), significant(gain), interval, unit)
     return table
 

@@ -55,6 +55,15 @@ class Verdict:
     level: Level
     limitations: tuple[tuple[str, Level], ...] = ()
 
+    @property
+    def line(self) -> str:
+        """The headline behind its level in capitals; alone where there is nothing to judge by."""
+        return self.headline if self.level == "none" else f"{self.level.upper()}: {self.headline}"
+
+    def to_dict(self) -> dict[str, str]:
+        """As JSON values, without the limitations."""
+        return {"level": self.level, "headline": self.headline, "detail": self.detail}
+
 
 def level_of(relative_percent: float | None) -> Level:
     """How good a relative error [%] is; `none` if there is no number."""

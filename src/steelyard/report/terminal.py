@@ -58,8 +58,7 @@ def summary(content: ReportContent, console: Console) -> None:
     from rich.text import Text
 
     judged = verdict(content)
-    poor = "POOR: " if judged.level == "poor" else ""
-    console.print(Text(poor + judged.headline, style=f"bold {COLOURS[judged.level]}"))
+    console.print(Text(judged.line, style=f"bold {COLOURS[judged.level]}"))
     console.print(Text(judged.detail))
     for sentence, level in judged.limitations:
         console.print(Text(f"! {sentence}", style=COLOURS[level]))

@@ -90,7 +90,8 @@ def guess_columns(
     joints, position, effort, how = _matched(coordinates, kinds, columns, values)
     clock, time_reason = _clock(_beside(position, kinds.get("time", [])), columns, values, rate)
     if motors := [c.name for c in position if c.has("motor", "motors")]:
-        _give_up(f"positions are of motors, not of joints: {', '.join(motors)}", columns)
+        wrong = f"positions are of motors, not of joints: {', '.join(motors)}"
+        _give_up(wrong, columns, OF_MOTORS)
     if counted := [c.name for c in effort if c.has(*COUNTS)]:
         _give_up(f"efforts are in counts, which have no unit: {', '.join(counted)}", columns)
     effort_words, units = effort_units(effort, joints, values)
@@ -152,6 +153,14 @@ def velocities_beside(position: Sequence[str], columns: Sequence[str]) -> tuple[
 IN_FILE = (
     'say it in a robot file: [signals] time = "...", position = ["...", ...] and '
     "[signals.effort] columns = [...], kind = ..., unit = ... (`steelyard init` writes one)"
+)
+
+
+OF_MOTORS = (
+    "the gears between motors and joints are needed: in a robot file (`steelyard init` writes one) "
+    'say [signals] coordinates = "motor" and [robot.transmission] ratios = [turns of each motor '
+    "per turn of its joint], with coupling = [...] where a motor turns with a second joint; and "
+    "[signals.effort] columns = [...], kind = ..., side, unit = ..."
 )
 
 

@@ -10,7 +10,8 @@ from steelyard.robot.robot import Coordinate
 
 TORQUE = (
     "torque by their names, which do not say of which side of the gears: taken as joint torque "
-    'with rotor inertia in it; of sensors behind the gears say kind = "link_torque"'
+    'with rotor inertia in it; of sensors behind the gears say kind = "link_torque" and take '
+    "rotor_inertia out of [model] terms"
 )
 OTHERS = 6
 """Effort-like columns that were not chosen and are listed."""
@@ -22,7 +23,7 @@ def effort_units(
     columns: Sequence[Column], joints: Sequence[Coordinate], values: Mapping[str, Array]
 ) -> tuple[str, list[str]]:
     """Why, and the unit of each effort column."""
-    units, why = [], TORQUE
+    units, unsaid = [], []
     for column, joint in zip(columns, joints, strict=True):
         if column.has("ma"):
             units.append("mA")
@@ -31,9 +32,18 @@ def effort_units(
             units.append("mA" if far else "A")
         else:
             units.append(joint.effort_unit)
-        if units[-1] in ("A", "mA"):
-            why = "motor current by their names"
-    return why, units
+            unsaid.append(column)
+    if len(unsaid) == len(columns):
+        return TORQUE, units
+    return "motor current by their names" + _unsaid(unsaid, units), units
+
+
+def _unsaid(columns: Sequence[Column], units: Sequence[str]) -> str:
+    """Columns beside currents whose names speak of none, in words; empty if there are none."""
+    if not columns:
+        return ""
+    names, taken = ", ".join(c.name for c in columns), set(units) - {"A", "mA"}
+    return f", but not of {names}: taken in {' and '.join(sorted(taken))}; check unit and gain"
 
 
 def _is_current(column: Column) -> bool:

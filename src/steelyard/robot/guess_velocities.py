@@ -53,20 +53,22 @@ class Comparison:
     @property
     def delay(self) -> str:
         """How late or early they are, in words."""
-        return f"{abs(1e3 * self.late):.2g} ms {'late' if self.late >= 0.0 else 'early'}"
+        return f"{_figures(abs(1e3 * self.late))} ms {'late' if self.late >= 0.0 else 'early'}"
 
     @property
     def faults(self) -> tuple[str, ...]:
         """Why they are not to be used, in words; empty if they are."""
         found = []
         if abs(self.scale - 1.0) > SCALE:
-            found.append(f"they are {1.0 / self.scale:.3g} times the derivative")
+            found.append(f"they are {_figures(1.0 / self.scale, 3)} times the derivative")
         elif abs(self.farthest - 1.0) > OF_JOINT:
             found.append("one joint's are not the derivative of its position")
         if abs(self.late) > min(STEPS * self.step, SECONDS):
             found.append(f"they are {self.delay}")
         if self.noise > NOISE:
-            found.append(f"their noise is {self.noise:.2g} times that of differences of positions")
+            found.append(
+                f"their noise is {_figures(self.noise)} times that of differences of positions"
+            )
         return tuple(found)
 
 
@@ -165,3 +167,8 @@ def _of_joint(t: Array, q: Array, v: Array) -> tuple[float, float, float]:
 def _noise(x: Array, width: int) -> float:
     smooth = np.convolve(x, np.full(width, 1.0 / width), "valid")
     return max(float(np.sqrt(np.mean(np.square(np.diff(smooth, 2))))), 1e-300)
+
+
+def _figures(value: float, digits: int = 2) -> str:
+    """A number to so many figures, never in the form `2e+02`."""
+    return np.format_float_positional(value, digits, unique=True, fractional=False, trim="-")

@@ -191,7 +191,7 @@ def _limits_part(moving: Sequence[Coordinate]) -> str:
 _MODEL_PART = """\
 [model]
 # Causes of torque. CHECK: motors and their currents feel "rotor_inertia"; torque sensors behind the
-# gears do not: with kind = "link_torque" below, take it out. Left in, it is found near zero there.
+# gears do not: take it out there, together with kind = "link_torque" below, which refuses it.
 # A table gives a law its settings: {law = "coulomb", smoothing = 0.005, joints = ["..."]}.
 terms = ["rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"]"""
 
@@ -273,6 +273,9 @@ def _signals_template(
         'time_unit = "s"  # "s", "ms", "us" or "ns"; without a clock, rate = 100.0 [Hz] for both',
         f'position = {listed}  # or a pattern: "q{{}}", "{{joint}}_q"',
         f'position_unit = {_text([c.unit for c in moving])}  # "rad", "deg", "m" or "mm"',
+        '# coordinates = "motor"  # where positions are the motors\'; above [signals] say then:',
+        "# [robot.transmission]",
+        f"# ratios = {_text([100.0] * len(moving))}  # turns of each motor per turn of its joint",
         "[signals.effort]",
         f"columns = {_text(expanded('tau{}', moving))}",
         'kind = "joint_torque"  # or "motor_torque", "motor_current"',

@@ -123,7 +123,7 @@ def _term_name(term: Term) -> str:
     usual = {f.name: f.default for f in fields(term)}  # type: ignore[arg-type]
     always = getattr(term, "bounds", {})
     given = [
-        f"{name} {_short(value)}"
+        name if value is True else f"{name} {_short(value)}"
         for name, value in told.items()
         if name not in HIDDEN and value and (name in always or value != usual[name])
     ]

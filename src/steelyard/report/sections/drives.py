@@ -48,5 +48,5 @@ def _gains(gains: GainEstimate) -> PlainTable:
 
 def _how(known: bool, assumed: bool, half: float) -> str:
     if assumed:
-        return "not identifiable, mean of the others"
+        return "assumed: not identifiable, mean of the others"
     return "given" if known else f"± {significant(half)}"
