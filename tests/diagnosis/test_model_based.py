@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,10 @@ from steelyard.diagnosis.drift import Drift
 from steelyard.diagnosis.finding import Finding, Mend
 from steelyard.diagnosis.identifiability import Identifiability
 from steelyard.diagnosis.knowledge import knowledge_of
+from steelyard.diagnosis.mounting import Mounting
 from steelyard.diagnosis.nuisance import least_squares
+from steelyard.diagnosis.payload_left import PayloadLeft
+from steelyard.diagnosis.ranking import COMPARING
 from steelyard.diagnosis.shared_fit import shared_fit
 from steelyard.diagnosis.telling import UNKNOWN
 from steelyard.diagnosis.together import together
@@ -417,3 +421,11 @@ def test_one_robot_file_must_serve_all_logs():
     assert merged == {(1.5, 2.0)}
     signs = [finding("a", Judgement.WRONG, [1, -1]), finding("b", Judgement.WRONG, [-1, 1])]
     assert {tuple(f.mend.edits[0].value) for f in together(signs) if f.mend} == {(1, -1)}
+
+
+def test_the_work_that_questions_share_is_named(arm):
+    heard = []
+    case = replace(arm.case(arm.table), progress=lambda event: heard.append(event) or True)
+    examine(case, suspicions=[Mounting(), PayloadLeft()])
+    told = [(e.phase, e.done, e.total, e.note) for e in heard if e.phase == COMPARING]
+    assert told == [(COMPARING, 0, 1, "log"), (COMPARING, 1, 1, "log")]

@@ -1,6 +1,7 @@
 """What may be said where nothing but a nominal model is known, which may be far off."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from steelyard.diagnosis.knowledge import knowledge_of
 from steelyard.diagnosis.possible import possible
 from steelyard.diagnosis.ranking import ranking
 from steelyard.diagnosis.verdict import verdict
+from steelyard.diagnosis.ways import _listed
 from steelyard.report.findings import headline
 from steelyard.robot.edits import edited
 
@@ -164,6 +166,9 @@ def test_gains_that_no_log_fixes_are_doubtful(arm):
     finding = next(f for f in found.findings if f.suspicion == "gain")
     assert finding.judgement == Judgement.DOUBTFUL and "nothing fixes the scale" in finding.says
     assert finding.mend is not None and "--payload-mass" in finding.mend.says
+    case = arm.case(arm.table, text, known=False)
+    assert "identify demo_arm.toml log --loaded" in _listed(case, sure=True)
+    assert "demo_arm.toml LOG... --loaded" in _listed(replace(case, logs=case.logs * 2), sure=True)
     one = ["identify", 12.0, *["identify"] * 4]
     text = edited(in_amperes(arm), [Edit(("signals", "effort", "gain"), one)])
     table = arm.table.copy()

@@ -18,6 +18,7 @@ from steelyard.diagnosis.rivals_world import world_rivals
 from steelyard.diagnosis.sight import once
 from steelyard.diagnosis.trial import Trial, trial_of
 from steelyard.estimation.identified import IdentifiedModel
+from steelyard.progress import tell
 
 BAD = {True: 0.12, False: 0.5}
 """Misfit of a joint from which on a reading is bad in itself, with a reference and without."""
@@ -32,6 +33,8 @@ SUSPECT = 10.0
 """What a rival must gain for the others to be looked at, though the reading is not bad."""
 ALIEN = ("position unit", "clock")
 """Causes that other suspicions report; what they leave is looked at once they are mended."""
+COMPARING = "comparing explanations: order, signs, units, gains, mounting"
+"""The phase of the work that the suspicions share."""
 ROUNDS = 3
 """Faults that are looked for, one after the other."""
 
@@ -73,7 +76,10 @@ def ranking(case: Case, evidence: Evidence) -> Ranking | None:
     trial = trial_of(excerpt, signals, knowledge, case.loaded.robot, gains)
     if any(signals.unknown_gains) and not knowledge.identified:
         trial = _with_free_gains(trial)
+    number = case.logs.index(evidence)
+    tell(case.progress, COMPARING, number, len(case.logs), evidence.name)
     found = ranked(trial, _others(trial, case.reference))
+    tell(case.progress, COMPARING, number + 1, len(case.logs), evidence.name)
     return found if np.any(found.declared.score.counts > 0.0) else None
 
 
