@@ -1,6 +1,6 @@
 """Do efforts stay at an extreme, as if something were cut off?"""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -9,14 +9,38 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array
 from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.finding import Finding, Judgement, Mend, Picture
-from steelyard.diagnosis.noise import LEVELS
 from steelyard.diagnosis.pictures import trace
 from steelyard.diagnosis.sight import Sight, look, with_rows
+from steelyard.measurement.outliers import stretches
 
 STAYS = 5
-"""Rows in succession at exactly the highest or lowest value from which on it is cut off."""
+"""Stays of usual length that a stay at the highest or lowest value must be long at least."""
 OFTEN = 0.005
-"""Share of all rows there, at least `STAYS` of them, from which on it is too."""
+"""Share of all rows there from which on an effort is cut off, too."""
+BESIDE = 5
+"""Steps of the sensor next to an extreme that tell how long a signal stays at one level."""
+RATIO = 8.0
+r"""Stay at the extreme over the mean stay beside it, at least. A smooth peak that fills its highest
+level stays $2\sqrt2$ there and $\sqrt{k+1} - \sqrt k$ on each side of the levels below, $k = 1 ... 5$: a
+ratio of 6.9, and a row more by rounding."""
+REACH = BESIDE + 0.5
+"""The same with room for rounding."""
+GAP = 0.15
+"""Distance to the next level over the range, from which on an effort is switched and not cut off."""
+
+
+@dataclass(frozen=True)
+class _Stay:
+    """How long an effort stays at an extreme: its value, the rows, and those that are cut off."""
+
+    value: float
+    rows: int
+    bound: float
+
+    @property
+    def share(self) -> float:
+        """Rows over the bound: 1 or more of what is cut off."""
+        return self.rows / self.bound
 
 
 @dataclass(frozen=True)
@@ -33,54 +57,59 @@ class Saturation:
 
     def _look(self, case: Case, evidence: Evidence) -> Finding:
         sight = look(case, evidence)
-        stays = np.array([_stay(column) for column in sight.effort.T])
-        cut = np.flatnonzero(stays >= STAYS)
-        worst = int(np.argmax(stays))
+        stays = [_stay(column) for column in sight.effort.T]
+        cut = [j for j, stay in enumerate(stays) if stay.share >= 1.0]
+        worst = max(range(len(stays)), key=lambda j: stays[j].share)
         names = tuple(case.joints[j] for j in cut)
         unit = evidence.recording.signals.effort_units
         said = [
-            f"the effort of {case.joints[j]} stays at {_extreme(sight.effort[:, j]):.4g} {unit[j]} "
-            f"for {stays[j]} rows"
+            f"the effort of {case.joints[j]} stays at {stays[j].value:.4g} {unit[j]} "
+            f"for {stays[j].rows} rows"
             for j in cut
         ]
         return Finding(
             self.name,
             evidence.name,
-            Judgement.DOUBTFUL if len(cut) else Judgement.OK,
+            Judgement.DOUBTFUL if cut else Judgement.OK,
             "; ".join(said) or "no effort stays at its extreme",
-            f"{stays[worst]} rows at an extreme ({case.joints[worst]}), bound {STAYS}",
+            f"{stays[worst].rows} rows at an extreme ({case.joints[worst]})"
+            + (f", bound {stays[worst].bound:.0f}" if np.isfinite(stays[worst].bound) else ""),
             joints=names,
             mend=Mend("move slower or with less load, or raise the range of what measures efforts")
-            if len(cut)
+            if cut
             else None,
-            picture=_picture(case, evidence, sight, worst) if len(cut) else None,
+            picture=_picture(case, evidence, sight, worst) if cut else None,
         )
 
 
-def _stay(effort: Array) -> int:
-    """Rows at the highest or lowest value; 0 if there are few values at all."""
-    if len(np.unique(effort)) < LEVELS:
-        return 0
-    return max(_rows(effort == effort.max()), _rows(effort == effort.min()))
+def _stay(effort: Array) -> _Stay:
+    """The more striking of the stays at the highest and at the lowest value."""
+    high, low = _highest(effort), _highest(-effort)
+    return high if high.share >= low.share else replace(low, value=-low.value)
 
 
-def _rows(extreme: NDArray[np.bool_]) -> int:
-    """Rows in succession, or all of them if they are many."""
-    count = int(np.count_nonzero(extreme))
-    return count if count >= max(STAYS, OFTEN * len(extreme)) else longest(extreme)
+def _highest(effort: Array) -> _Stay:
+    """The longest stay at the highest value, or all of them, whichever is more striking."""
+    levels = np.unique(effort)[::-1]
+    top, stays = levels[0], _stays(effort, levels[0])
+    once = _Stay(float(top), int(stays.max()), np.inf)
+    if len(levels) <= BESIDE or top - levels[1] > GAP * (top - levels[-1]):
+        return once
+    near = levels[1 : 1 + BESIDE]
+    beside = [_stays(effort, level) for level in near]
+    step = float(np.abs(np.diff(levels[: 1 + BESIDE])).min())
+    close = [own for own, level in zip(beside, near, strict=True) if top - level < REACH * step]
+    usual = STAYS * float(np.median(np.concatenate(beside)))
+    mean = sum(float(np.square(own).sum() / own.sum()) for own in close) / BESIDE
+    often = OFTEN * len(effort), RATIO * sum(int(own.sum()) for own in close) / BESIDE
+    once = replace(once, bound=float(np.ceil(max(usual, RATIO * mean))))
+    many = replace(once, rows=int(stays.sum()), bound=float(np.ceil(max(usual, *often))))
+    return many if many.share >= 1.0 else once
 
 
-def longest(mask: NDArray[np.bool_]) -> int:
-    """Length of the longest run of `True`."""
-    change = np.diff(np.concatenate(([0], mask.astype(np.int8), [0])))
-    starts, stops = np.flatnonzero(change == 1), np.flatnonzero(change == -1)
-    return int((stops - starts).max()) if len(starts) else 0
-
-
-def _extreme(effort: Array) -> float:
-    """The extreme at which it stays longer."""
-    high, low = float(effort.max()), float(effort.min())
-    return high if longest(effort == high) >= longest(effort == low) else low
+def _stays(effort: Array, level: float) -> NDArray[np.intp]:
+    """Lengths of the stays at a level, in rows."""
+    return np.array([stop - start for start, stop in stretches(effort == level)])
 
 
 def _picture(case: Case, evidence: Evidence, sight: Sight, joint: int) -> Picture:
