@@ -21,8 +21,8 @@ BESIDE = 5
 """Steps of the sensor next to an extreme that tell how long a signal stays at one level."""
 RATIO = 8.0
 r"""Stay at the extreme over the mean stay beside it, at least. A smooth peak that fills its highest
-level stays $2\sqrt2$ there and $\sqrt{k+1} - \sqrt k$ on each side of the levels below, $k = 1 ... 5$: a
-ratio of 6.9, and a row more by rounding."""
+level stays $2\sqrt2$ there and $\sqrt{k+1} - \sqrt k$ on each side of the levels below it: a ratio
+of 6.9 for $k = 1 ... 5$, and a row more by rounding."""
 REACH = BESIDE + 0.5
 """The same with room for rounding."""
 GAP = 0.15
