@@ -26,7 +26,7 @@ of 6.9 for $k = 1 ... 5$, and a row more by rounding."""
 REACH = BESIDE + 0.5
 """The same with room for rounding."""
 GAP = 0.15
-"""Distance to the next level over the range, from which on an effort is switched and not cut off."""
+"""Distance to the next level over the range, from which on an effort is switched, not cut off."""
 
 
 @dataclass(frozen=True)

@@ -113,9 +113,9 @@ def mended_body(given: Inertia, *, told: bool = False) -> Mended:
     lifted = of_spread(given.mass, given.com, _with_moments(axes, np.maximum(moments, least)))
     if flaw is None:
         return Mended(lifted, thin=True)
-    moments = _listed(np.linalg.eigvalsh(lifted.inertia_com), "kg m²")
+    lifted_to = _listed(np.linalg.eigvalsh(lifted.inertia_com), "kg m²")
     why = "its moments of inertia are" if told else f"no body can have it: {flaw};"
-    return Mended(lifted, f"{why} lifted to {moments}")
+    return Mended(lifted, f"{why} lifted to {lifted_to}")
 
 
 def stand_in_mass(robot: Robot) -> float:
