@@ -100,7 +100,9 @@ class Bilinear:
             start,
             tuple(k for k in range(case.size) if k not in held),
             given,
-            frozenset(k for k, name in enumerate(information.layout.columns) if name in dissipative),
+            frozenset(
+                k for k, name in enumerate(information.layout.columns) if name in dissipative
+            ),
         )
 
     @property

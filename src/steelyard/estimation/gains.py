@@ -3,8 +3,8 @@ r"""Drive gains from runs with and without a known payload, or from some known g
 Effort stays on the left as it was logged, $y_j = \rho_j Y_j \phi$ with $\rho_j = 1/k_j$, so its
 noise biases nothing; with noisy currents among the columns, gains of weakly moved joints come out
 several times too small. $\phi$ is one for all joints and runs, but for friction and offset, which
-are each run's own; the payload's mass, known, or a known gain fixes the scale. Friction takes energy, so its sign
-in a row is that of the row's gain.
+are each run's own; the payload's mass, known, or a known gain fixes the scale. Friction takes
+energy, so its sign in a row is that of the row's gain.
 """
 
 from collections.abc import Mapping, Sequence
