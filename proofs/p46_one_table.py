@@ -1,9 +1,9 @@
 """One table for nine real robots: zero code, documented facts, `auto`, and a script of fifty lines.
 
 Errors [%] on motion that was not fitted, over the whole log: the mean over joints. "Zero code" is
-the robot file that `init` writes (where `identify` refuses the log, what `check --fix` makes of it),
-"documented" adds the facts of the data's README (gains, signs,
-gravity, which columns); a robot with an example has that. `auto` is the same file with
+the robot file that `init` writes, or what `check --fix` makes of it where `identify` refuses it;
+"documented" adds the facts of the data's README (gains, signs, gravity, which columns); a robot
+with an example has that. `auto` is the same file with
 `friction = "auto"`. The script is the consistent estimate's rival: least squares weighted by each
 joint's noise, with Coulomb, viscous friction, offset and rotor inertia, as `method =
 "least_squares"` gives it from the same file. "Best" is the least error of a few lists of friction
