@@ -102,7 +102,7 @@ def test_friction_that_drives_is_named(
     reversed_efforts = ('unit = "Nm"', 'unit = "Nm"\ngain = -1.0')
     robot = edited(given, tmp_path, reversed_efforts)
     done = command("identify", robot, given / "identification.parquet", "-o", tmp_path / "no")
-    assert done.exit_code == 2 and "efforts have the wrong sign" in done.stderr
+    assert done.exit_code == 2 and "all efforts have the other sign" in done.stderr
     assert not (tmp_path / "no").exists()
     driven, _ = told(reversed_efforts, options=("--no-check",))
     (note,) = (note for note in driven["notes"] if "below what is physical" in note)

@@ -18,7 +18,7 @@ from steelyard.diagnosis.trial import Trial
 
 CLOSE = 3.0
 """Log-likelihood within which the two fit equally well."""
-BOTH = ": bodies of any mass fit both, and predictions are the same"
+BOTH = ": bodies of any mass fit both, and this log cannot tell them apart"
 JOINTS, EFFORTS = "all joints count the other way", "all efforts have the other sign"
 
 
