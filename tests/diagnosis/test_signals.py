@@ -87,13 +87,19 @@ def sound(rate: float = 100.0, duration: float = 20.0, seed: int = 0) -> Array:
     return np.round(table, 6)
 
 
-def case_of(folder: Path, table: Array, text: str = ROBOT, guesses: bool = False) -> Case:
-    """The robot file and one log of `COLUMNS`."""
+def case_of(
+    folder: Path,
+    table: Array,
+    text: str = ROBOT,
+    guesses: bool = False,
+    columns: tuple[str, ...] = COLUMNS,
+) -> Case:
+    """The robot file and one log."""
     path = folder / "robot.toml"
     path.write_text(text)
     loaded = load_robot(path)
     assert loaded.signals is not None
-    log = HeldLog(folder / "run.csv", COLUMNS, table)
+    log = HeldLog(folder / "run.csv", columns, table)
     known = {"velocity": COLUMNS[DQ]} if guesses else {}
     evidence = Evidence(Recording(log, loaded.signals), Processing(), "run")
     return Case(loaded, (evidence,), None, known)

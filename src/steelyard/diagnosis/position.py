@@ -1,7 +1,6 @@
 """Are positions the joints' own, and in the declared unit?"""
 
 from dataclasses import dataclass
-from math import ceil
 from typing import ClassVar
 
 import numpy as np
@@ -19,8 +18,6 @@ from steelyard.robot.signals import POSITION_UNITS
 OUTSIDE = 1.1
 """Distance from the middle of a joint's range over half of it, above which positions are
 doubtful."""
-SURE = 1.0
-"""What another unit must gain over the declared one to be right beyond doubt."""
 MOTOR = 3.0
 """How far outside positions of motors are at least."""
 
@@ -80,29 +77,33 @@ def _of_motors(case: Case, evidence: Evidence, off: Array, units: Reading) -> bo
         return False
     far = off > MOTOR
     if all(Column(name).has("motor", "motors") for name in signals.position):
-        return bool(far.any())
+        declared = [joint.position_unit for joint in units.as_declared]
+        return bool(far.any()) or declared != [joint.position_unit for joint in units.joints]
     mended = np.array([j.position_scale for j in units.joints])
     return bool(far.all() and (off * np.minimum(mended, 1.0) > MOTOR).all())
 
 
 def _motors(case: Case, evidence: Evidence, low: Array, high: Array, picture: Picture) -> Finding:
-    ratios = []
-    for c, a, b in zip(case.loaded.robot.coordinates, low, high, strict=True):
-        span = c.limits.upper - c.limits.lower
-        ratios.append(ceil((b - a) / span) if np.isfinite(span) and span > 0.0 else 1)
+    limits = [c.limits for c in case.loaded.robot.coordinates]
+    span = np.array([x.upper - x.lower for x in limits])
+    ranged = np.isfinite(span) & (span > 0.0)
+    ratios = np.ceil(np.divide(high - low, span, out=np.ones(len(span)), where=ranged))
     off = _off(case, low, high)
+    outside = bool((off > OUTSIDE).any())
+    far = f"up to {off.max():.0f} times farther than the joints can go"
+    least = " ".join(f"{ratio:.0f}" for ratio in ratios)
     return Finding(
         Position.name,
         evidence.name,
         Judgement.WRONG,
-        "positions look like motors', not joints': they are up to "
-        f"{off.max():.0f} times farther than the joints can go",
+        "positions look like motors', not joints': they are "
+        + (far if outside else "called so, and faster than joints"),
         _figure(case, off),
         joints=tuple(case.joints[j] for j in np.flatnonzero(off > OUTSIDE)),
         mend=Mend(
             'declare coordinates = "motor" under [signals], and the gears as ratios = [...] under '
-            "[robot.transmission]; for positions to be within limits they must be at least "
-            + " ".join(str(r) for r in ratios)
+            "[robot.transmission]"
+            + (f"; for positions to be within limits they must be at least {least}" * outside)
         ),
         picture=picture,
     )
@@ -117,10 +118,11 @@ def _other_unit(
     picture: Picture,
 ) -> Finding:
     names = tuple(case.joints[j] for j in other)
-    gain = min(units.as_declared[j].cost - units.joints[j].cost for j in other)
+    gains = {j: units.as_declared[j].cost - units.joints[j].cost for j in other}
+    clear = max(other, key=gains.__getitem__)
     unit = " and ".join(sorted({units.joints[j].position_unit for j in other}))
     value = unit_value([j.position_unit for j in units.joints], case, POSITION_UNITS)
-    sure = gain >= SURE
+    sure = units.sure
     edit = Edit(("signals", "position_unit"), value)
     says = f"say that these positions are in {unit}"
     return Finding(
@@ -128,7 +130,7 @@ def _other_unit(
         evidence.name,
         Judgement.WRONG if sure else Judgement.DOUBTFUL,
         f"positions of {', '.join(names)} {'are' if sure else 'may be'} in {unit}: as declared, "
-        f"{names[0]} would {_reasons(case, evidence, units, other[0], off)}",
+        f"{case.joints[clear]} would {_reasons(case, evidence, units, clear, off)}",
         _figure(case, off),
         joints=names,
         mend=Mend(says, (edit,)) if sure else Mend(f"look at the log, and {says} if they are"),
@@ -144,7 +146,8 @@ def _reasons(case: Case, evidence: Evidence, units: Reading, joint: int, off: Ar
     if off[joint] > OUTSIDE:
         found.append(f"get {off[joint]:.2g} times as far as its limits")
     if speed > 0.0:
-        found.append(f"move at {speed:.2g} (limit {limit:.2g})")
+        known = f" (limit {limit:.2g})" if np.isfinite(limit) else ""
+        found.append(f"move at {speed:.2g}{known}")
     if units.agreement is not None and units.agreement.told[joint]:
         scale = abs(float(units.agreement.scale[joint]))
         if abs(np.log(scale)) > np.log(SAME):

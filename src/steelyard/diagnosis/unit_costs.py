@@ -1,5 +1,6 @@
 """What a reading of a log's units costs."""
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import isfinite, log, log10, pi
 
@@ -19,12 +20,13 @@ NAMED = 0.3
 """What a unit costs that is not the one in the column's name."""
 FAST, SLOW = 1.5, 0.1
 """Speeds over the joint's limit above and below which they cost."""
+FAR_TOO_FAST = 10.0
+"""Speed over the usual one from which on it costs all of `TOO_FAST` where a joint has no limit."""
 BEYOND, FAR_BEYOND = 1.2, 4.0
 """Distance from the middle of a joint's range, over half the range, that costs nothing, and the
 factor above it that costs all of `OUTSIDE`."""
-REACH = {"revolute": 4.0 * pi, "prismatic": 5.0}
 SPEED = {"revolute": 2.0 * pi, "prismatic": 2.0}
-"""Limits of joints that have none [rad, m; rad/s, m/s]."""
+"""Usual limits of speed [rad/s; m/s]."""
 SAME = 1.15
 """Factor within which two scales are the same."""
 
@@ -99,11 +101,18 @@ class JointFacts:
         """The units as declared."""
         return self._read(second, next(iter(self.positions)), next(iter(self.velocities), ""))
 
-    def _read(self, second: float, position: str, velocity: str) -> JointReading:
+    def like(self, second: float, other: JointReading) -> JointReading:
+        """The units of another joint, which one that rests has for nothing."""
+        return self._read(second, other.position_unit, other.velocity_unit, free=not self.moves)
+
+    def _read(
+        self, second: float, position: str, velocity: str, free: bool = False
+    ) -> JointReading:
         scale, relative = self.positions[position], self.velocities.get(velocity, 1.0)
         cost = self._outside(scale) + self._speed(self.speed * scale / second)
-        cost += CHANGED * (position != next(iter(self.positions)))
-        cost += self.changed * (velocity != next(iter(self.velocities), ""))
+        if not free:
+            cost += CHANGED * (position != next(iter(self.positions)))
+            cost += self.changed * (velocity != next(iter(self.velocities), ""))
         for name, unit in zip(self.named, (position, velocity), strict=True):
             cost += NAMED * (name not in ("", unit) and unit != "")
         ratio = abs(self.scale) * second * relative / scale
@@ -117,9 +126,12 @@ class JointFacts:
 
     def _speed(self, speed: float) -> float:
         limit, usual = self.coordinate.limits.velocity, SPEED[self.coordinate.kind]
-        limit = limit if isfinite(limit) else usual
         if not self.moves or speed <= 0.0:
             return 0.0
+        if not isfinite(limit) and speed > FAST * usual:
+            share = min(1.0, log(speed / (FAST * usual)) / log(FAR_TOO_FAST / FAST))
+            return share * (TOO_FAST + log10(speed / usual))
+        limit = limit if isfinite(limit) else usual
         if speed > FAST * max(limit, usual):
             return TOO_FAST + log10(speed / max(limit, usual))
         if speed > FAST * limit:
@@ -127,10 +139,37 @@ class JointFacts:
         return TOO_SLOW * max(0.0, log10(SLOW * limit / speed))
 
 
+def alike(facts: Sequence[JointFacts], second: float) -> tuple[JointReading, ...]:
+    """The cheapest units of joints of one kind, of which logs hardly ever mix several.
+
+    Units that differ between joints are believed only if the same ones for all would cost more
+    than a change more, or if they are declared so. Joints that rest say little: they have the
+    units of the others.
+
+    Args:
+        facts: Of joints of one kind.
+        second: How many of those seconds in which the log was looked at a second has.
+    """
+    own = tuple(f.cheapest(second) for f in facts)
+    if _mixed(f.declared(second) for f in facts) or not _mixed(own):
+        return own
+    same = [tuple(f.like(second, joint) for f in facts) for joint in own]
+    best = min(same, key=_cost)
+    return best if _cost(best) <= _cost(own) + CHANGED else own
+
+
+def _mixed(joints: Iterable[JointReading]) -> bool:
+    return len({(joint.position_unit, joint.velocity_unit) for joint in joints}) > 1
+
+
+def _cost(joints: Iterable[JointReading]) -> float:
+    return sum(joint.cost for joint in joints)
+
+
 def beyond(coordinate: Coordinate, low: float, high: float) -> float:
-    """Farthest position from the middle of a joint's range, over half the range."""
+    """Farthest position from the middle of a joint's range, over half the range; 0 without one."""
     lower, upper = coordinate.limits.lower, coordinate.limits.upper
     if not (isfinite(lower) and isfinite(upper) and upper > lower):
-        lower, upper = -REACH[coordinate.kind], REACH[coordinate.kind]
+        return 0.0
     middle, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
     return max(abs(low - middle), abs(high - middle)) / half

@@ -19,7 +19,7 @@ from steelyard.diagnosis.agreement import Agreement, agreement
 from steelyard.diagnosis.case import EXCERPT, Case, Evidence
 from steelyard.diagnosis.sight import Sight, look, once
 from steelyard.diagnosis.slopes import Slopes, slopes
-from steelyard.diagnosis.unit_costs import CHANGED, JointFacts, JointReading, step_cost
+from steelyard.diagnosis.unit_costs import CHANGED, JointFacts, JointReading, alike, step_cost
 from steelyard.robot.column_words import Column
 from steelyard.robot.signals import POSITION_UNITS, VELOCITY_UNITS
 
@@ -27,6 +27,10 @@ FASTEST_SHARE = 0.995
 """Quantile of a joint's speed that is held against its limit."""
 DRAGGED = 0.02
 """Share of the fastest joint's rms speed below which a joint is only dragged along."""
+
+
+SURE = 1.0
+"""What another unit of a position must gain over the declared one to be right beyond doubt."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +55,13 @@ class Reading:
     cost: float
     declared_cost: float
     agreement: Agreement | None
+
+    @property
+    def sure(self) -> bool:
+        """Whether other units of positions than the declared ones are right beyond doubt."""
+        pairs = zip(self.as_declared, self.joints, strict=True)
+        gains = [a.cost - b.cost for a, b in pairs if a.position_unit != b.position_unit]
+        return min((gain for gain in gains if gain > 0.0), default=0.0) >= SURE
 
     def relative(self, joint: int) -> float:
         """Velocity over derivative of the position once all units are right; NaN if unknown."""
@@ -129,7 +140,7 @@ def reading(case: Case, evidence: Evidence) -> Reading:
     found = []
     for unit, scale in units.items():
         second = scale / time_scale
-        joints = tuple(f.cheapest(second / looked) for f in facts)
+        joints = _units(facts, second / looked)
         changed = CHANGED if abs(second - 1.0) > 1e-9 else 0.0
         cost = sum(j.cost for j in joints) + changed + step_cost(sight.step * second)
         found.append((cost, unit, second, joints))
@@ -144,6 +155,13 @@ def reading(case: Case, evidence: Evidence) -> Reading:
         sum(j.cost for j in declared) + step_cost(sight.step),
         None if agreed is None else agreed.in_seconds(second / looked),
     )
+
+
+def _units(facts: Sequence[JointFacts], second: float) -> tuple[JointReading, ...]:
+    """The cheapest units of all joints."""
+    kinds = [fact.coordinate.kind for fact in facts]
+    of_kind = {k: iter(alike([f for f in facts if f.coordinate.kind == k], second)) for k in kinds}
+    return tuple(next(of_kind[kind]) for kind in kinds)
 
 
 def _facts(

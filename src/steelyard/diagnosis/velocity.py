@@ -96,6 +96,9 @@ def _found(
         said, answered = ["rows are missing, which breaks d(q)/dt: see clock"], False
     elif declared and faults.misplaced and positions_at_fault(case, evidence):
         said.append("it is the positions that are wrong")
+    elif declared and faults.grave.any() and _with_positions(units, faults):
+        judgement = Judgement.DOUBTFUL
+        mend = Mend("look at the unit of the positions, which they agree with as declared")
     elif declared and faults.grave.any():
         judgement, mend = Judgement.WRONG, _mended(case, evidence, columns, units, faults)
     elif declared and (faults.late | faults.differenced).any():
@@ -155,6 +158,14 @@ def _differenced(case: Case, evidence: Evidence, units: Reading) -> NDArray[np.b
     return alike & driven(case, evidence)
 
 
+def _with_positions(units: Reading, faults: _Faults) -> bool:
+    """Whether only units are wrong, and only if those of the positions are, which is doubtful."""
+    other = faults.swapped | faults.turned | faults.scaled | faults.strange
+    pairs = zip(units.as_declared, units.joints, strict=True)
+    changed = np.array([a.position_unit != b.position_unit for a, b in pairs])
+    return not units.sure and not other.any() and bool(changed[faults.unit].all())
+
+
 def _said(
     case: Case,
     columns: tuple[str, ...],
@@ -173,7 +184,10 @@ def _said(
         said.append(f"velocity columns are swapped: {', '.join(pairs)}")
     if faults.unit.any():
         unit = " and ".join(sorted({units.joints[j].velocity_unit for j in _at(faults.unit)}))
-        said.append(f"velocities of {_names(case, faults.unit)} are in {unit}")
+        doubted = _with_positions(units, faults)
+        said.append(
+            f"velocities of {_names(case, faults.unit)} {'may be' if doubted else 'are'} in {unit}"
+        )
     if faults.turned.any():
         said.append(
             f"position and velocity of {_names(case, faults.turned)} have opposite signs, either "
