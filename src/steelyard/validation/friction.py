@@ -26,7 +26,7 @@ from steelyard.measurement.run import Run
 from steelyard.model import Model
 from steelyard.progress import Progress, silent, tell
 from steelyard.regression.base import BaseMap, base_map
-from steelyard.regression.information import Information, Window
+from steelyard.regression.information import Information
 from steelyard.regression.regressor import Regressor, chosen_regressor
 from steelyard.terms.dictionary import Dictionary
 from steelyard.terms.load_dependent import LoadDependent
@@ -186,7 +186,8 @@ class _Trials:
         estimator: How each mix is fitted.
         consistent: Fits them in its place, if it is there.
         known: Errors of the mixes that were tried, shape `(folds, rows)`.
-        gammas: Weight of the prior for each set of windows that was fitted: that of its first mix.
+        gammas: Weight of the prior, one for all mixes and parts: that of the first mix and all
+            runs. One for each part would scatter by more than mixes differ.
         progress: Told about every fit.
         count: How many mixes there may be.
     """
@@ -198,7 +199,7 @@ class _Trials:
     estimator: Estimator[Information]
     consistent: ConsistentOf | None
     known: dict[tuple[Term, ...], Array] = field(default_factory=dict)
-    gammas: dict[tuple[Window, ...], float] = field(default_factory=dict)
+    gammas: list[float] = field(default_factory=list)
     progress: Progress = silent
     count: int = 1
 
@@ -233,14 +234,13 @@ class _Trials:
         added = whole.parameters[len(self.model.parameters) :]
         base = self.wide.base.beside([p.name for p in added], [p.unit for p in added])
         estimator = self.consistent(whole, base)
+        if not self.gammas:
+            everything = self.moving.select(self.wide.columns_of(mix))
+            self.gammas.append(estimator.values(_plain(everything))[1])
 
         def fitted(information: Information) -> Array:
-            named = tuple(name.partition("@")[0] for name in information.layout.columns)
-            plain = replace(information, layout=replace(information.layout, columns=named))
             tell(self.progress, "choosing friction laws", len(self.known), self.count)
-            values, gamma = estimator.values(plain, self.gammas.get(plain.windows))
-            self.gammas[plain.windows] = gamma
-            return values
+            return estimator.values(_plain(information), self.gammas[0])[0]
 
         return fitted
 
@@ -277,6 +277,12 @@ class _Trials:
         best = np.argmin(logs, axis=0).tolist()
         lengths = tuple(_length(tried[k][0], joint) for joint, k in enumerate(best))
         return (Dahl(length=lengths), *following)
+
+
+def _plain(information: Information) -> Information:
+    """With the names that columns have in a model."""
+    named = tuple(name.partition("@")[0] for name in information.layout.columns)
+    return replace(information, layout=replace(information.layout, columns=named))
 
 
 def refuse_listed(model: Model) -> None:
