@@ -28,13 +28,8 @@ from steelyard.terms.stribeck import Stribeck
 from steelyard.terms.term import Term
 from steelyard.terms.viscous import Viscous
 from steelyard.validation.cross import logarithms
-from steelyard.validation.friction import (
-    FrictionChoice,
-    _staged,
-    choose_friction,
-    mix_name,
-    remembers,
-)
+from steelyard.validation.friction import FrictionChoice, _staged, choose_friction
+from steelyard.validation.mixes import mix_name, remembers
 
 PLAIN, SMOOTH, SPRING = (Coulomb(),), (Coulomb(smoothing=0.02),), (Dahl(length=1e-3),)
 SPEED = ((Viscous(),), (Viscous(), Root()), (Viscous(), Cubic()))

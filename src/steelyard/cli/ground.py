@@ -24,13 +24,9 @@ from steelyard.regression.information import Information
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot.robot_file import LoadedRobot
 from steelyard.terms.find import finds_of
-from steelyard.validation.friction import (
-    ConsistentOf,
-    FrictionChoice,
-    choose_friction,
-    refuse_listed,
-)
+from steelyard.validation.friction import FrictionChoice, choose_friction, refuse_listed
 from steelyard.validation.mixes import remembers
+from steelyard.validation.trials import ConsistentOf
 
 _UNSETTLED = (
     "the reference of load-dependent friction still moved after three passes: "

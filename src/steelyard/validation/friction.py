@@ -10,45 +10,29 @@ All candidates' columns are gathered in one wide pass; a mix is a selection of t
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import Any, cast
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.errors import DataError, ModelError
-from steelyard.estimation.consistent import Consistent
+from steelyard.errors import ModelError
 from steelyard.estimation.estimate import Estimator
 from steelyard.estimation.fields import said_by
 from steelyard.estimation.reference import reference_of
 from steelyard.measurement.run import Run
 from steelyard.model import Model
-from steelyard.progress import Progress, silent, tell
-from steelyard.regression.base import BaseMap, base_map
+from steelyard.progress import Progress, silent
 from steelyard.regression.information import Information
-from steelyard.regression.regressor import Regressor, chosen_regressor
-from steelyard.terms.dictionary import Dictionary
 from steelyard.terms.load_dependent import LoadDependent
-from steelyard.terms.presliding import Dahl
-from steelyard.terms.term import Remembering, Term
-from steelyard.validation.cross import (
-    LEAST,
-    folding,
-    left_out_errors,
-    logarithms,
-    per_fold,
-    standard_error,
-    too_short,
-    values_by,
-)
-from steelyard.validation.mixes import DIRECTION, LOAD, SPEED, mix_name, remembers, stages_of
+from steelyard.terms.term import Term
+from steelyard.validation.candidates import Candidates
+from steelyard.validation.cross import LEAST, folding, per_fold, standard_error
+from steelyard.validation.mixes import DIRECTION, LOAD, SPEED, mix_name, stages_of
+from steelyard.validation.trials import ConsistentOf, Trials
 
 SURE = 0.9
 """Probability with which a loss over the parts must be one, by Student's distribution."""
-
-ConsistentOf = Callable[[Model, BaseMap], Consistent]
-"""The consistent estimate for a model and its base parameters."""
 
 PerJoint = Callable[[tuple[Term, ...]], list[tuple[tuple[Term, ...], Array]]]
 """Mixes whose fields are of each joint, beside the laws that follow, with their errors."""
@@ -156,7 +140,7 @@ def choose_friction(
         tuple(tuple(_with_reference(term, reference) for term in mix) for mix in stage)
         for stage in considered
     )
-    wide = _Wide.of(model, stages)
+    wide = Candidates.of(model, stages)
 
     def gathered(rests: bool) -> Information:
         parts = said_by(
@@ -168,121 +152,10 @@ def choose_friction(
     folds = divided.parts(moving)
     moving, whole = per_fold(moving, folds), per_fold(whole, folds)
     count = sum(len(stage) for stage in stages)
-    trials = _Trials(
+    trials = Trials(
         model, wide, moving, whole, estimator, consistent, progress=progress, count=count
     )
     return _staged(stages, trials.errors, divided.left_out, trials.per_joint)
-
-
-@dataclass(frozen=True, eq=False)
-class _Trials:
-    """Errors of mixes on what was left out.
-
-    Attributes:
-        model: The model without friction.
-        wide: All candidates' columns.
-        moving: One window per fold, without rests.
-        whole: The same with rests.
-        estimator: How each mix is fitted.
-        consistent: Fits them in its place, if it is there.
-        known: Errors of the mixes that were tried, shape `(folds, rows)`.
-        gammas: Weight of the prior, one for all mixes and parts: that of the first mix and all
-            runs. One for each part would scatter by more than mixes differ.
-        progress: Told about every fit.
-        count: How many mixes there may be.
-    """
-
-    model: Model
-    wide: "_Wide"
-    moving: Information
-    whole: Information
-    estimator: Estimator[Information]
-    consistent: ConsistentOf | None
-    known: dict[tuple[Term, ...], Array] = field(default_factory=dict)
-    gammas: list[float] = field(default_factory=list)
-    progress: Progress = silent
-    count: int = 1
-
-    @cached_property
-    def sizes(self) -> Array:
-        """Squares of the efforts, shape `(folds, rows)`."""
-        count = len(self.whole.windows)
-        return np.array([self.whole.of([k]).effort_squares() for k in range(count)])
-
-    def errors(self, mix: tuple[Term, ...]) -> Array | None:
-        """One figure per fold; `None` of a mix that the data are too few for.
-
-        Raises:
-            DataError: They are too few for the first.
-        """
-        names = self.wide.columns_of(mix)
-        tested = self.whole.select(names)
-        fitted = tested if remembers(mix) else self.moving.select(names)
-        try:
-            self.known[mix] = left_out_errors(fitted, tested, self.fitting(mix))
-        except DataError as error:
-            if self.known:
-                return None
-            raise too_short(self.whole) from error
-        return logarithms(self.known[mix], self.sizes)
-
-    def fitting(self, mix: tuple[Term, ...]) -> Callable[[Information], Array]:
-        """How the columns of a mix get their values."""
-        if self.consistent is None:
-            return values_by(self.estimator)
-        whole = replace(self.model, terms=(*self.model.terms, *mix))
-        added = whole.parameters[len(self.model.parameters) :]
-        base = self.wide.base.beside([p.name for p in added], [p.unit for p in added])
-        estimator = self.consistent(whole, base)
-        if not self.gammas:
-            everything = self.moving.select(self.wide.columns_of(mix))
-            self.gammas.append(estimator.values(_plain(everything))[1])
-
-        def fitted(information: Information) -> Array:
-            tell(self.progress, "choosing friction laws", len(self.known), self.count)
-            return estimator.values(_plain(information), self.gammas[0])[0]
-
-        return fitted
-
-    def per_joint(self, following: tuple[Term, ...]) -> list[tuple[tuple[Term, ...], Array]]:
-        """Dahl friction with the best length of each joint.
-
-        The lengths are those of all folds; a fold is judged with those of the others.
-        """
-        tried = [mix for mix in self.known if isinstance(mix[0], Dahl) and mix[1:] == following]
-        if len(self.whole.layout.rows) < 2 or len(tried) < 2:
-            return []
-        logs = np.log(np.maximum([self.known[mix] for mix in tried], 1e-12))
-        logs = np.where(self.sizes > 0.0, logs, 0.0)
-        best = self._with_lengths(tried, logs.sum(axis=1), following)
-        if any(_same_lengths(best[0], mix[0], len(self.whole.layout.rows)) for mix in tried):
-            return []
-        count = len(self.whole.windows)
-        found = []
-        for fold in range(count):
-            others = [k for k in range(count) if k != fold]
-            mix = self._with_lengths(tried, logs[:, others].sum(axis=1), following)
-            names = self.wide.columns_of(mix)
-            some = self.whole.select(names)
-            try:
-                errors = left_out_errors(some, some, self.fitting(mix), only=(fold,))
-            except DataError:
-                return []
-            found.append(errors[0])
-        return [(best, logarithms(np.array(found), self.sizes))]
-
-    def _with_lengths(
-        self, tried: Sequence[tuple[Term, ...]], logs: Array, following: tuple[Term, ...]
-    ) -> tuple[Term, ...]:
-        best = np.argmin(logs, axis=0).tolist()
-        lengths = tuple(_length(tried[k][0], joint) for joint, k in enumerate(best))
-        return (Dahl(length=lengths), *following)
-
-
-def _plain(information: Information) -> Information:
-    """With the names that columns have in a model."""
-    named = tuple(name.partition("@")[0] for name in information.layout.columns)
-    return replace(information, layout=replace(information.layout, columns=named))
 
 
 def refuse_listed(model: Model) -> None:
@@ -372,73 +245,3 @@ def _worse(error: Array, best: Array) -> bool:
 
 def _with_reference(term: Term, reference: Mapping[str, float]) -> Term:
     return term.with_reference(reference) if isinstance(term, LoadDependent) else term
-
-
-@dataclass(frozen=True, eq=False)
-class _Wide:
-    """All candidates' columns beside those of the model without friction.
-
-    Attributes:
-        model: The model with one dictionary per law.
-        base: Base parameters of the model without friction.
-        candidates: Per law and coordinates the terms in their dictionary.
-    """
-
-    model: Model
-    base: BaseMap
-    candidates: Mapping[tuple[Any, ...], tuple[Term, ...]]
-
-    @classmethod
-    def of(cls, model: Model, stages: Sequence[Sequence[tuple[Term, ...]]]) -> "_Wide":
-        """One dictionary per law, with every term of the stages once."""
-        by_law: dict[tuple[Any, ...], tuple[Term, ...]] = {}
-        for term in (term for stage in stages for mix in stage for term in mix):
-            known = by_law.setdefault(_place(term), ())
-            by_law[_place(term)] = known if term in known else (*known, term)
-        dictionaries = (
-            Dictionary.of(model.robot, terms, max(terms, key=lambda t: _warm_up(t, model)))
-            for terms in by_law.values()
-        )
-        wide = Model(model.robot, (*model.terms, *dictionaries))
-        return cls(wide, base_map(model), by_law)
-
-    @cached_property
-    def regressor(self) -> Regressor:
-        """Base columns of the model without friction, and all candidates' columns as they are."""
-        first = len(self.base.names)
-        chosen = (*self.base.independent, *range(first, len(self.model.parameters)))
-        return chosen_regressor(self.model, self.base, chosen)
-
-    def columns_of(self, mix: Sequence[Term]) -> tuple[str, ...]:
-        """Names of the columns of a mix."""
-        names = list(self.base.base_names)
-        for term in mix:
-            known = self.candidates[_place(term)]
-            for k, parameter in enumerate(term.parameters(self.model.robot)):
-                number = known.index(term) if term in known else _with_length(known, term, k)
-                names.append(f"{parameter.name}@{number}")
-        return tuple(names)
-
-
-def _with_length(known: Sequence[Term], term: Term, joint: int) -> int:
-    """Number of the candidate whose length of a joint is that of a term with one for each."""
-    wanted = cast(Any, term).length[joint]
-    return next(k for k, one in enumerate(known) if _length(one, joint) == wanted)
-
-
-def _length(term: Term, joint: int) -> float:
-    length = cast(Any, term).length
-    return float(length[joint] if isinstance(length, tuple) else length)
-
-
-def _same_lengths(one: Term, other: Term, joints: int) -> bool:
-    return all(_length(one, joint) == _length(other, joint) for joint in range(joints))
-
-
-def _place(term: Term) -> tuple[Any, ...]:
-    """What terms of one dictionary have in common."""
-    return (term.law, *(getattr(term, name, None) for name in ("joints", "motors", "along")))
-
-
-def _warm_up(term: Term, model: Model) -> float:
-    return float(term.warm_up(model.robot).max()) if isinstance(term, Remembering) else 0.0
