@@ -83,6 +83,16 @@ def test_of_laws_that_take_each_others_place_the_best_is_taken() -> None:
     assert found.name == SMOOTHED
 
 
+def test_one_sure_gain_is_enough_where_the_best_scatters() -> None:
+    """The least error is that of a law whose gain scatters; another one's gain is beyond doubt."""
+    found = chosen(
+        {BASE: [2.0, 2.1, 2.2, 2.3], SMOOTHED: [1.8, 1.9, 2.0, 2.05], DAHL: [1.1, 2.2, 1.2, 2.6]}
+    )
+    assert found.name.startswith("dahl")
+    alone = chosen({BASE: [2.0, 2.1, 2.2, 2.3], DAHL: [1.1, 2.2, 1.2, 2.6]})
+    assert alone.name == BASE
+
+
 def test_what_is_added_must_gain_more_than_its_spread() -> None:
     cubic, root = f"{BASE} + cubic", f"{BASE} + root"
     found = chosen({BASE: [10.0] * 3, root: [10.2, 9.9, 8.0], cubic: [30.0] * 3})

@@ -3,7 +3,7 @@
 Laws are compared in stages, each beside what the stage before has chosen: how friction turns round
 with the direction of motion, how it grows with speed, and whether it grows with the load. A mix is
 judged by leaving one run out (one stretch of a single run). The law of direction with the least
-error is taken, if that is less than of plain Coulomb friction by more than chance explains over the
+error is taken, if one has less than plain Coulomb friction by more than chance explains over the
 runs; what is added later must gain as surely.
 
 All candidates' columns are gathered in one wide pass; a mix is a selection of them.
@@ -31,8 +31,9 @@ from steelyard.validation.cross import LEAST, folding, per_fold, standard_error
 from steelyard.validation.mixes import DIRECTION, LOAD, SPEED, mix_name, stages_of
 from steelyard.validation.trials import ConsistentOf, Trials
 
-SURE = 0.9
-"""Probability with which a loss over the parts must be one, by Student's distribution."""
+SURE, SURE_OF_ANY = 0.9, 0.95
+"""Probability with which a loss over the parts must be one, by Student's distribution; and that to
+any of the many laws of direction."""
 
 PerJoint = Callable[[tuple[Term, ...]], list[tuple[tuple[Term, ...], Array]]]
 """Mixes whose fields are of each joint, beside the laws that follow, with their errors."""
@@ -212,11 +213,11 @@ def _staged(
 def _least(found: Sequence[tuple[tuple[Term, ...], Array]]) -> tuple[Term, ...]:
     """The mix of least error, or one before it that is next to as good.
 
-    The first is preferred if chance explains its loss.
+    The first is preferred if chance explains what it loses to each of the others.
     """
-    best = min((error for _, error in found), key=lambda error: float(error.mean()))
-    if not _worse(found[0][1], best):
-        return found[0][0]
+    first, best = found[0], min((error for _, error in found), key=lambda e: float(e.mean()))
+    if not any(_worse(first[1], error, SURE_OF_ANY) for _, error in found):
+        return first[0]
     return next(mix for mix, error in found if (error - best).mean() <= LEAST)
 
 
@@ -234,12 +235,12 @@ def _ratio(logarithms: Array) -> float:
     return float(np.exp(logarithms.mean()))
 
 
-def _worse(error: Array, best: Array) -> bool:
+def _worse(error: Array, best: Array, sure: float = SURE) -> bool:
     """Whether a mix loses more to the best than chance explains, and any worth."""
     from scipy.stats import t
 
     loss = error - best
-    times = float(t.ppf(SURE, len(loss) - 1)) if len(loss) > 1 else 0.0
+    times = float(t.ppf(sure, len(loss) - 1)) if len(loss) > 1 else 0.0
     return bool(loss.mean() > max(times * standard_error(loss), LEAST))
 
 
