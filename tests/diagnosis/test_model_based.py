@@ -22,6 +22,7 @@ from steelyard.diagnosis.shared_fit import shared_fit
 from steelyard.diagnosis.telling import UNKNOWN
 from steelyard.diagnosis.together import together
 from steelyard.diagnosis.verdict import verdict
+from steelyard.estimation.known_scales import KnownScales
 from steelyard.robot.edits import edited
 from steelyard.robot.inertia import Inertia
 
@@ -429,3 +430,16 @@ def test_the_work_that_questions_share_is_named(arm):
     examine(case, suspicions=[Mounting(), PayloadLeft()])
     told = [(e.phase, e.done, e.total, e.note) for e in heard if e.phase == COMPARING]
     assert told == [(COMPARING, 0, 1, "log"), (COMPARING, 1, 1, "log")]
+
+
+def test_scales_that_the_reference_found_of_the_sensors_are_no_gains_that_are_wrong(arm):
+    scales = np.array([1.0, 1.0, 1.25, 1.0, 1.0, 1.0])
+    table = arm.table.copy()
+    table[:, arm.at(TAU)] *= scales
+    assert wrong(arm.examined(table)) == ["gain"]
+    known = replace(arm.reference, effort_scales=KnownScales(scales, 1e-4 * np.eye(6)))
+    assert not wrong(replace(arm, reference=known).examined(table))
+    table[:, arm.at(TAU)[1]] *= 2.0
+    found = replace(arm, reference=known).examined(table)
+    assert wrong(found) == ["gain"]
+    np.testing.assert_allclose(edits(found)["signals.effort.gain"][1], 0.5, rtol=0.02)

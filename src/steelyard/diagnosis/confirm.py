@@ -55,6 +55,6 @@ def _reads_alike(evidence: Evidence, held: Verdict, mended: LoadedRobot) -> bool
         return False
     unknown = np.array(signals.unknown_gains or [False] * signals.n)
     gains = np.where(unknown, trial.gains, signals.gains)
-    again = trial_of(excerpt, signals, trial.knowledge, mended.robot, gains)
+    again = trial_of(excerpt, signals, trial.knowledge, mended.robot, gains, trial.scales)
     score = again.score(again.declared.changed(payload=last.reading.payload))
     return float(score.percent[0]) <= CLOSE * float(trial.score(last.reading).percent[0]) + SLACK

@@ -73,7 +73,8 @@ def ranking(case: Case, evidence: Evidence) -> Ranking | None:
     excerpt = excerpt_of(evidence.recording, evidence.processing, cutoff)
     if excerpt is None:
         return None
-    trial = trial_of(excerpt, signals, knowledge, case.loaded.robot, gains)
+    scales = _scales(case, evidence)
+    trial = trial_of(excerpt, signals, knowledge, case.loaded.robot, gains, scales)
     if any(signals.unknown_gains) and not knowledge.identified:
         trial = _with_free_gains(trial)
     number = case.logs.index(evidence)
@@ -109,6 +110,17 @@ def _gains(case: Case, evidence: Evidence) -> Array | None:
     if case.reference.model.robot.joint_names != case.joints:
         return None
     return np.where(signals.unknown_gains, case.reference.signals.gains, gains)
+
+
+def _scales(case: Case, evidence: Evidence) -> Array | float:
+    """Logged effort over what the gains say, as the reference found it of sensors of this kind."""
+    reference, signals = case.reference, evidence.recording.signals
+    if reference is None or reference.effort_scales is None:
+        return 1.0
+    kinds = (reference.signals.effort_kind, reference.signals.effort_units)
+    same = kinds == (signals.effort_kind, signals.effort_units)
+    alike = same and reference.model.robot.joint_names == case.joints
+    return reference.effort_scales.values if alike else 1.0
 
 
 def _with_free_gains(trial: Trial) -> Trial:

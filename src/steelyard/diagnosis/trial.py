@@ -110,6 +110,7 @@ class Trial:
         bounds: Least and largest nuisance of every joint, each `(n, 4)`, in base units.
         size: Typical effort of every joint as it should be, in base units, shape `(n,)`.
         sweeps: How carefully friction is fitted.
+        scales: Logged effort over what the gains say, as a reference found it of these sensors.
     """
 
     excerpt: Excerpt
@@ -121,6 +122,7 @@ class Trial:
     bounds: tuple[Array, Array]
     size: Array
     sweeps: int = SWEEPS
+    scales: Array | float = 1.0
 
     def into_logged(self, reading: Reading) -> Array:
         """$A^{-1}$: joint efforts to logged base units, shape `(n, n)`."""
@@ -131,7 +133,7 @@ class Trial:
                 own = gears.T @ np.linalg.solve(self.gears.matrix.T, own)
             return np.asarray(np.linalg.inv(own))
         of_motors = self.declared.kind in MOTOR_KINDS
-        return np.diag(1.0 / (self.gains * (reading.ratios if of_motors else 1.0)))
+        return np.diag(self.scales / (self.gains * (reading.ratios if of_motors else 1.0)))
 
     def geared(self, reading: Reading) -> Array | None:
         """Motor positions per joint position; `None` where nothing is logged at motors."""
@@ -265,7 +267,12 @@ def _around(friction: Array, size: Array, u: Array) -> tuple[Array, Array]:
 
 
 def trial_of(
-    excerpt: Excerpt, signals: Signals, knowledge: Knowledge, robot: Robot, gains: Array
+    excerpt: Excerpt,
+    signals: Signals,
+    knowledge: Knowledge,
+    robot: Robot,
+    gains: Array,
+    scales: Array | float = 1.0,
 ) -> Trial:
     """A log to be tried, with what is known of its friction.
 
@@ -275,11 +282,12 @@ def trial_of(
         knowledge: What is known of the robot.
         robot: As the robot file has it.
         gains: Joint effort per base unit of the declared efforts, shape `(n,)`.
+        scales: Logged effort over what the gains say, likewise.
     """
     declared, gears = declared_reading(signals, robot.gravity), robot.transmission
     ones = np.ones(signals.n)
     free = unknown_friction(signals.n, declared.kind)
-    bare = Trial(excerpt, signals, knowledge, declared, gains, gears, free, ones)
+    bare = Trial(excerpt, signals, knowledge, declared, gains, gears, free, ones, scales=scales)
     motion, into = bare.motion(declared), bare.into_logged(declared)
     torque = np.nan_to_num(knowledge.torque(*motion, knowledge.robot.gravity))
     friction = into @ np.nan_to_num(knowledge.friction(*motion))
