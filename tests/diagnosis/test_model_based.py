@@ -439,6 +439,9 @@ def test_scales_that_the_reference_found_of_the_sensors_are_no_gains_that_are_wr
     assert wrong(arm.examined(table)) == ["gain"]
     known = replace(arm.reference, effort_scales=KnownScales(scales, 1e-4 * np.eye(6)))
     assert not wrong(replace(arm, reference=known).examined(table))
+    asked = arm.text.replace('unit = "Nm"', 'unit = "Nm"\ngain = "identify"')
+    counted = replace(known.signals, gains=known.signals.gains / scales)
+    assert not wrong(replace(arm, reference=replace(known, signals=counted)).examined(table, asked))
     table[:, arm.at(TAU)[1]] *= 2.0
     found = replace(arm, reference=known).examined(table)
     assert wrong(found) == ["gain"]

@@ -1,8 +1,8 @@
 """All efforts of the other sign, or all positions: of arms with a mirror plane, bodies fit both.
 
 Mirrored bodies turn every torque of the mirrored motion. So the two cannot be told apart by any
-log of such an arm, and predict the same; that efforts are of the other sign is a single convention,
-and by far the likelier mistake.
+log of such an arm; that efforts are of the other sign is a single convention, and by far the
+likelier mistake.
 """
 
 from collections.abc import Sequence

@@ -120,7 +120,9 @@ def _scales(case: Case, evidence: Evidence) -> Array | float:
     kinds = (reference.signals.effort_kind, reference.signals.effort_units)
     same = kinds == (signals.effort_kind, signals.effort_units)
     alike = same and reference.model.robot.joint_names == case.joints
-    return reference.effort_scales.values if alike else 1.0
+    values = reference.effort_scales.values
+    # gains that are to be identified are the reference's, which count its scales
+    return np.where(signals.unknown_gains or False, 1.0, values) if alike else 1.0
 
 
 def _with_free_gains(trial: Trial) -> Trial:
