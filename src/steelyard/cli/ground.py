@@ -242,15 +242,7 @@ def _offsets(
 
 def _gain_note(gains: GainEstimate) -> str:
     found, assumed = [], []
-    for joint, gain, half, unit, known, held in zip(
-        gains.joints,
-        gains.gains,
-        gains.half_width,
-        gains.units,
-        gains.known,
-        gains.assumed,
-        strict=True,
-    ):
+    for joint, gain, half, unit, known, held in gains.each:
         if held:
             assumed.append(f"{joint} {gain:.4g} {unit}")
         elif not known:

@@ -9,7 +9,7 @@ energy, so its sign in a row is that of the row's gain.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,6 +29,26 @@ from steelyard.terms.axes import Acting
 
 LARGEST = 0.5
 """Largest relative standard deviation of a gain; beyond it the interval reaches zero."""
+
+
+class DriveGain(NamedTuple):
+    """One joint's gain as it is told.
+
+    Attributes:
+        joint: Name of the effort row.
+        gain: Joint effort per logged unit.
+        half_width: Half-width of the 95 % interval.
+        unit: Its unit.
+        known: Whether it was given.
+        assumed: Whether the data do not show it.
+    """
+
+    joint: str
+    gain: float
+    half_width: float
+    unit: str
+    known: bool
+    assumed: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +83,22 @@ class GainEstimate:
     def half_width(self) -> Array:
         """Half-widths of the 95 % intervals, shape `(n,)`."""
         return Z95 * np.sqrt(np.diag(self.covariance))
+
+    @property
+    def each(self) -> tuple[DriveGain, ...]:
+        """The gains one by one."""
+        return tuple(
+            DriveGain(*one)
+            for one in zip(
+                self.joints,
+                self.gains.tolist(),
+                self.half_width.tolist(),
+                self.units,
+                self.known,
+                self.assumed,
+                strict=True,
+            )
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values."""

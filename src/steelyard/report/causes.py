@@ -75,15 +75,7 @@ def _gains(gains: GainEstimate) -> Table:
     for heading in ("gain", "±"):
         table.add_column(heading, justify="right")
     table.add_column("unit")
-    for joint, gain, half, unit, known, assumed in zip(
-        gains.joints,
-        gains.gains,
-        gains.half_width,
-        gains.units,
-        gains.known,
-        gains.assumed,
-        strict=True,
-    ):
+    for joint, gain, half, unit, known, assumed in gains.each:
         interval = "assumed" if assumed else "given" if known else significant(half)
         table.add_row(Text(joint), significant(gain), interval, unit)
     return table

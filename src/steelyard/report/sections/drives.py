@@ -33,15 +33,7 @@ def _gains(gains: GainEstimate) -> PlainTable:
         words += f" The payload of {significant(gains.payload.mass)} kg fixes their scale."
     rows = [
         Row((joint, significant(gain), _how(known, assumed, half), unit))
-        for joint, gain, half, unit, known, assumed in zip(
-            gains.joints,
-            gains.gains.tolist(),
-            gains.half_width.tolist(),
-            gains.units,
-            gains.known,
-            gains.assumed,
-            strict=True,
-        )
+        for joint, gain, half, unit, known, assumed in gains.each
     ]
     return PlainTable("", words, ("Joint", "Gain", "95 % interval", "Unit"), rows, (0, 3))
 
