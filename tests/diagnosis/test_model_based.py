@@ -446,3 +446,12 @@ def test_scales_that_the_reference_found_of_the_sensors_are_no_gains_that_are_wr
     found = replace(arm, reference=known).examined(table)
     assert wrong(found) == ["gain"]
     np.testing.assert_allclose(edits(found)["signals.effort.gain"][1], 0.5, rtol=0.02)
+
+
+def test_efforts_far_too_early_are_found_against_a_reference(arm):
+    table, t = arm.table.copy(), arm.table[:, 0]
+    for column in arm.at(TAU):
+        table[:, column] = np.interp(t + 0.18, t, arm.table[:, column])
+    found = arm.examined(table)
+    assert wrong(found) == ["effort delay"]
+    assert edits(found)["signals.effort.delay"] == pytest.approx(-0.18, abs=0.003)

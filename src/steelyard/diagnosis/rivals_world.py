@@ -17,8 +17,8 @@ LONGEST = 0.3
 """Largest delay that is looked for [s]."""
 DELAYS = 31
 EARLIEST, INSIDE = -0.1, 0.95
-"""Delay before which none is proposed [s], and the share of the range that is searched up to which:
-at its edge the minimum may lie outside."""
+"""Delay before which none is proposed against a model file [s], and the share of the range that is
+searched up to which: at its edge the minimum may lie outside."""
 SHARP = 0.002
 """Floor of misfits where two delays of one model are compared."""
 HEAVY = np.array([30.0, *[10.0] * 3, *[3.0] * 6])
@@ -99,7 +99,8 @@ def delay_rivals(trial: Trial, reading: Reading) -> Iterator[Rival]:
     if delay is None:
         return
     more = delay.value - reading.delay
-    if more < EARLIEST or abs(more) > INSIDE * _longest(trial):
+    earliest = -LONGEST if trial.knowledge.identified else EARLIEST
+    if more < earliest or abs(more) > INSIDE * _longest(trial):
         return
     changed = reading.changed(delay=delay.value)
     says = f"efforts are {abs(1e3 * more):.3g} ms {'late' if more > 0 else 'early'}"
