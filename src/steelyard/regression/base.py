@@ -20,6 +20,7 @@ from steelyard.kernel.dynamics import JointState
 from steelyard.kernel.loops import random_positions
 from steelyard.kernel.numpy_backend import run
 from steelyard.model import Model
+from steelyard.regression.independence import independent_columns, seen_columns
 from steelyard.terms.rigid_body import RigidBody
 from steelyard.terms.term import Columns
 
@@ -164,30 +165,17 @@ def full_regressor(model: Model, seed: int = 0) -> Array:
 
 
 def _group(model: Model, regressor: Array) -> BaseMap:
-    """Gram-Schmidt in natural order, twice per column, dependent columns left out."""
-    norms = np.linalg.norm(regressor, axis=0)
-    floor = DEPENDENT * norms.max()
-    basis = np.empty((regressor.shape[0], 0))
-    independent: list[int] = []
-    for column, norm in enumerate(norms):
-        if norm <= floor:
-            continue
-        rest = regressor[:, column]
-        for _ in range(2):
-            rest = rest - basis @ (basis.T @ rest)
-        new = float(np.linalg.norm(rest))
-        if new > floor:
-            basis = np.column_stack([basis, rest / new])
-            independent.append(column)
-    unseen = [column for column, norm in enumerate(norms) if norm <= floor]
-    dependent = [c for c in range(len(norms)) if c not in set(independent) and c not in set(unseen)]
+    """The independent columns, and the others as combinations of them."""
+    independent, seen = independent_columns(regressor), set(seen_columns(regressor))
+    columns = range(regressor.shape[1])
+    dependent = [k for k in columns if k in seen and k not in set(independent)]
     solved = np.linalg.lstsq(regressor[:, independent], regressor[:, dependent], rcond=None)[0]
     return BaseMap(
         names=model.names,
         units=model.units,
         independent=tuple(independent),
         dependent=tuple(dependent),
-        unseen=tuple(unseen),
+        unseen=tuple(k for k in columns if k not in seen),
         coefficients=frozen(_snapped(frozen(solved))),
     )
 
