@@ -92,8 +92,10 @@ class Model:
         efforts: list[Scalar] = [0.0] * self.robot.n_joints
         for start, term, seen in self._seen(full):
             if isinstance(term, RigidBody):
-                stop = start + 10 * len(self.robot.bodies)
-                tens = [values[k : k + 10] for k in range(start, stop, 10)]
+                tens = [
+                    [0.0] * 10 if body.massless else values[start + 10 * k : start + 10 * k + 10]
+                    for k, body in enumerate(self.robot.bodies)
+                ]
                 for row, effort in enumerate(inverse_dynamics(self.robot, seen, tens)):
                     efforts[row] += effort
                 continue

@@ -47,13 +47,13 @@ def default_knowledge(model: Model) -> Knowledge:
     """
     bodies = rigid_bodies(model)
     return knowledge_with(
-        model, {body.name: model_prior(model.robot, k) for k, body in enumerate(bodies)}
+        model, {body.name: model_prior(model.robot, k) for k, body in bodies.items()}
     )
 
 
 def knowledge_with(model: Model, priors: Mapping[str, Mended]) -> Knowledge:
     """Priors of the bodies named, and the bounds of the terms' parameters."""
-    bodies = tuple(body.name for body in rigid_bodies(model))
+    bodies = tuple(body.name for body in rigid_bodies(model).values())
     return Knowledge(
         names=model.names,
         bodies=bodies,
@@ -64,10 +64,11 @@ def knowledge_with(model: Model, priors: Mapping[str, Mended]) -> Knowledge:
     )
 
 
-def rigid_bodies(model: Model) -> tuple[Body, ...]:
-    """The bodies whose numbers are parameters of the model."""
+def rigid_bodies(model: Model) -> dict[int, Body]:
+    """The bodies whose numbers are parameters of the model, by their index in the robot."""
     rigid = any(isinstance(term, RigidBody) for term in model.terms)
-    return model.robot.bodies if rigid else ()
+    every = enumerate(model.robot.bodies if rigid else ())
+    return {k: body for k, body in every if not body.massless}
 
 
 def model_prior(robot: Robot, index: int) -> Mended:

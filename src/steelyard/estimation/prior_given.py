@@ -38,7 +38,7 @@ def given_knowledge(model: Model, section: PriorSection, where: Locate) -> Knowl
         body_index(model.robot, name, where("prior", "links", name))
     mended = {
         body.name: one
-        for k, body in enumerate(bodies)
+        for k, body in bodies.items()
         if (one := _prior(model.robot, k, section, where)) is not None
     }
     return replace(knowledge_with(model, mended), uncertainty=section.uncertainty)
@@ -51,10 +51,13 @@ def body_index(robot: Robot, name: str, where: str) -> int:
         ModelError: No body is called so; the message says which one carries a fixed link.
     """
     names = [body.name for body in robot.bodies]
-    if name in names:
+    if name in names and not robot.bodies[names.index(name)].massless:
         return names.index(name)
     carrier = next((f.body for f in robot.frames if f.name == name), None)
-    if carrier is None:
+    if name in names:
+        wrong = f"link '{name}' is a frame between two joints of one body, and has no mass"
+        mend = "name the body itself"
+    elif carrier is None:
         wrong, mend = f"the robot has no moving link '{name}'", advice(name, names, "moving links")
     elif carrier < 0:
         wrong, mend = f"link '{name}' does not move", advice(name, names, "moving links")

@@ -44,7 +44,7 @@ class Scope:
     @property
     def bodies(self) -> tuple[str, ...]:
         """Names of all moving links."""
-        return tuple(body.name for body in rigid_bodies(self.model))
+        return tuple(body.name for body in rigid_bodies(self.model).values())
 
     def parameters(self, pattern: str) -> tuple[str, ...]:
         """Parameters that a name means; `*` in it stands for anything.

@@ -35,13 +35,15 @@ def rigid_columns(robot: Robot, state: JointState) -> Entries:
     """Regressor of all bodies, `(row, 10 * body + number)` to symbol.
 
     The reverse-mode derivative of the inverse dynamics with respect to the ten numbers of every
-    body; entries that are zero by structure are left out.
+    body; entries that are zero by structure, as those of frames without mass, are left out.
     """
     casadi = _casadi()
     count = 10 * len(robot.bodies)
     numbers = casadi.SX.sym("phi", count)
-    flat = [numbers[k] for k in range(count)]
-    tens = [flat[start : start + 10] for start in range(0, count, 10)]
+    tens: list[list[Scalar]] = [
+        [0.0] * 10 if body.massless else [numbers[10 * k + i] for i in range(10)]
+        for k, body in enumerate(robot.bodies)
+    ]
     entries: dict[tuple[int, int], Scalar] = {}
     for row, effort in enumerate(inverse_dynamics(robot, state, tens)):
         gradient = casadi.gradient(effort, numbers)

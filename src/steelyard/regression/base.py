@@ -1,9 +1,10 @@
 r"""Base parameters: what structure alone lets torque tell.
 
 The regressor of *all* linear terms is evaluated on random states. A column that is zero, or that
-is a combination of columns before it, has no parameter of its own: its parameter is grouped with
-others, $\phi_\mathrm{base} = \phi_b + K \phi_d$ [Gautier1991]. Natural order is kept, so
-groupings come out the customary way: a link's mass joins the moments of the links before it.
+is a combination of others, has no parameter of its own: its parameter is grouped with others,
+$\phi_\mathrm{base} = \phi_b + K \phi_d$ [Gautier1991]. Natural order is kept where that is
+well-conditioned, so groupings come out the customary way: a link's mass joins the moments of the
+links before it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,9 +24,6 @@ from steelyard.model import Model
 from steelyard.regression.independence import independent_columns, seen_columns
 from steelyard.terms.rigid_body import RigidBody
 from steelyard.terms.term import Columns
-
-DEPENDENT = 1e-9
-"""A column's part that is new, relative to the largest column, below which it is dependent."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,8 @@ values. A column is taken in natural order only if a good part of it is new; the
 then missing are those that add most (QR with column pivoting [Businger1965, Gautier1991]).
 """
 
+from typing import cast
+
 import numpy as np
 from scipy.linalg import qr
 
@@ -40,15 +42,18 @@ def independent_columns(matrix: Array) -> list[int]:
     seen = seen_columns(matrix)
     if not seen:
         return []
-    triangle = np.linalg.qr(matrix[:, seen] / np.linalg.norm(matrix[:, seen], axis=0), mode="r")
+    unit = matrix[:, seen] / np.linalg.norm(matrix[:, seen], axis=0)
+    triangle = np.asarray(np.linalg.qr(unit, mode="r"))
     natural, basis = _natural(triangle)
-    missing = rank(np.linalg.svd(triangle, compute_uv=False)) - len(natural)
+    values: Array = np.linalg.svd(triangle, compute_uv=False)
+    missing = rank(values) - len(natural)
     others = [k for k in range(len(seen)) if k not in set(natural)]
     if missing > 0:
         rest = triangle[:, others]
         for _ in range(2):
             rest = rest - basis @ (basis.T @ rest)
-        natural += [others[k] for k in qr(rest, mode="r", pivoting=True)[1][:missing]]
+        _, order = cast(tuple[Array, Array], qr(rest, mode="r", pivoting=True))
+        natural += [others[int(k)] for k in order[:missing]]
     return sorted(seen[k] for k in natural)
 
 

@@ -34,11 +34,13 @@ class Link:
         name: Unique in the mechanism.
         inertia: Mass properties in the link frame; `None` if the file gives none.
         where: File and line, for messages.
+        massless: Whether it is only a frame between the joints of one body.
     """
 
     name: str
     inertia: Inertia | None = None
     where: str = "the mechanism"
+    massless: bool = False
 
 
 @dataclass(frozen=True, eq=False)

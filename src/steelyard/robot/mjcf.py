@@ -21,8 +21,8 @@ _WORLD = "world"
 def read_mjcf(path: Path) -> Mechanism:
     """The mechanism of an MJCF file.
 
-    The world is the root link. A body with several joints becomes a chain with massless links
-    between; a link's frame has the body's axes and its origin at the joint's anchor. Joint
+    The world is the root link. A body with several joints becomes a chain with frames without
+    mass between; a link's frame has the body's axes and its origin at the joint's anchor. Joint
     equalities of first order become mimics, `connect` becomes a pin, `ref` is kept (positions are
     MuJoCo's `qpos`). Armature, damping, friction and actuators are no part of the mechanism: they
     are identified.
@@ -146,7 +146,7 @@ class _Reading:
             placement = start @ Placement(position=anchor)
             self.joints.append(self._joint(joint, parent, child, placement, mimics))
             if not last:
-                self.links.append(Link(child, None, where))
+                self.links.append(Link(child, Inertia.zero(), where, massless=True))
             parent, start = child, Placement(position=-anchor)
         origin = Placement(position=-anchor)
         self.links.append(Link(name, self._inertia(body, origin), where))

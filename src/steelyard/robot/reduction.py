@@ -259,10 +259,12 @@ class _Merging:
             "offset": drive.offset,
             "inertia": Inertia.zero(),
             "known": False,
+            "massless": True,
         }
 
 
 def _add_link(body: dict[str, Any], link: Link, placement: Placement) -> None:
+    body["massless"] = body["massless"] and link.massless
     if link.inertia is not None:
         moved = link.inertia.moved(placement.rotation, placement.position)
         body["inertia"] = body["inertia"] + moved

@@ -66,6 +66,7 @@ class Body:
         offset: Joint position at coordinate zero [rad; m].
         inertia: Nominal mass properties (prior), fixed links included; zero if unknown.
         known: Whether the model file gave any mass properties.
+        massless: Whether it is only a frame between the joints of one body, without parameters.
     """
 
     name: str
@@ -80,6 +81,7 @@ class Body:
     offset: float = 0.0
     inertia: Inertia = field(default_factory=Inertia.zero)
     known: bool = False
+    massless: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "rotation", frozen(self.rotation, (3, 3)))

@@ -77,6 +77,7 @@ def _body_to_dict(body: Body) -> dict[str, Any]:
         "offset": body.offset,
         "inertia": body.inertia.ten.tolist(),
         "known": body.known,
+        **({"massless": True} if body.massless else {}),
     }
 
 

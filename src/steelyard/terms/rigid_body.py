@@ -14,7 +14,8 @@ from steelyard.terms.term import Columns
 class RigidBody:
     r"""Newton-Euler torques of all bodies, $\tau = Y(q, \dot q, \ddot q)\,\phi$.
 
-    Ten numbers per body, about the origin of its link frame, in Pinocchio's order. The columns are
+    Ten numbers per body, about the origin of its link frame, in Pinocchio's order; those of a frame
+    between the joints of one body are zero and have no columns. The columns are
     the reverse derivative of the inverse dynamics, so they exist over symbols only; arrays go
     through the traced program.
     """

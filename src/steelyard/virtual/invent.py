@@ -47,7 +47,10 @@ def random_truth(
     """
     rng = np.random.default_rng(seed)
     inertial = frozen(
-        [_deformed(_usable(b.inertia, b.known), rng, spread).ten for b in robot.bodies]
+        [
+            b.inertia.ten if b.massless else _deformed(_usable(b.inertia, b.known), rng, spread).ten
+            for b in robot.bodies
+        ]
     )
     scales = scales_of(robot, inertial)
     names = [p.name for p in RigidBody().parameters(robot)]

@@ -94,7 +94,7 @@ def solids(identified: IdentifiedModel) -> Iterator[Solid]:
     if standard is None:
         return
     place = {name: k for k, name in enumerate(standard.parameters.names)}
-    for number, body in enumerate(rigid_bodies(identified.model)):
+    for number, body in rigid_bodies(identified.model).items():
         ten = [place[f"{kind}.{body.name}"] for kind in INERTIAL_NAMES]
         inertia = Inertia.from_ten(standard.parameters.values[ten])
         yield Solid(
@@ -136,7 +136,7 @@ def _row(link: Solid) -> Row:
 
 def _total(identified: IdentifiedModel, standard: Standard) -> Row:
     """The masses of all links together; their intervals do not add."""
-    bodies = rigid_bodies(identified.model)
+    bodies = rigid_bodies(identified.model).values()
     place = {name: k for k, name in enumerate(standard.parameters.names)}
     mine = [place[f"m.{body.name}"] for body in bodies]
     variance = max(float(standard.covariance[np.ix_(mine, mine)].sum()), 0.0)

@@ -5,6 +5,7 @@ from typing import ClassVar
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill
 from steelyard.report.sections.section import Numbers
+from steelyard.robot.inertia import INERTIAL_NAMES
 
 
 class UnseenSection:
@@ -17,11 +18,12 @@ class UnseenSection:
         """Names, and what each is tied to."""
         if content.identified is None:
             return None
-        base = content.identified.base
+        base, robot = content.identified.base, content.identified.model.robot
+        frames = [f"{n}.{b.name}" for n in INERTIAL_NAMES for b in robot.bodies if b.massless]
         return {
-            "hidden": [base.names[k] for k in base.unseen],
+            "hidden": [n for k in base.unseen if (n := base.names[k]) not in frames],
             "grouped": [base.names[k] for k in base.dependent],
-            "standard": len(base.names),
+            "standard": len([name for name in base.names if name not in frames]),
             "base": len(base),
             "blind": content.identified.estimate.blind,
         }
