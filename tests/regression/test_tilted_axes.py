@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from steelyard.excitation.build import memoryless
 from steelyard.model import Model
-from steelyard.regression.base import base_map, full_regressor
+from steelyard.regression.base import base_map, clear_map, full_regressor
 from steelyard.regression.independence import independent_columns, rank
 from steelyard.robot.robot import Body, Coordinate, Robot
 from steelyard.terms.rigid_body import RigidBody
@@ -68,6 +69,29 @@ def test_torque_is_the_same_behind_tilted_axes() -> None:
     torque = regressor @ values
     grouped = regressor[:, list(base.independent)] @ base.base_values(values)
     assert np.abs(grouped - torque).max() < 1e-9 * np.abs(torque).max()
+
+
+def test_motions_are_designed_for_what_they_can_show() -> None:
+    tilts = np.zeros((6, 3))
+    upright = Model(tilted("elbow", tilts), TERMS)
+    assert clear_map(upright).base_names == base_map(upright).base_names
+    tilts[0] = tilts[2] = [1e-4, 0.0, 0.0]
+    model = Model(tilted("elbow", tilts), TERMS)
+    found, clear = base_map(model), clear_map(model)
+    faint = set(found.base_names) - set(clear.base_names)
+    assert len(clear) == len(base_map(upright)) and len(faint) == len(found) - len(clear) > 0
+    bare, notes = memoryless(model)
+    assert bare.terms == model.terms
+    assert notes == (
+        "left out of the criterion, as no motion shows more than 0.1 % of them apart from others: "
+        + ", ".join(name for name in found.base_names if name in faint),
+    )
+    assert memoryless(upright)[1] == ()
+    # torque is the same but for what the tilt of 1e-4 rad adds
+    regressor = full_regressor(model, 1)
+    values = np.random.default_rng(0).normal(size=regressor.shape[1])
+    rest = regressor @ values - regressor[:, list(clear.independent)] @ clear.base_values(values)
+    assert 0.0 < np.abs(rest).max() < 1e-3 * np.abs(regressor @ values).max()
 
 
 def test_no_columns_and_zero_columns() -> None:

@@ -20,7 +20,7 @@ from steelyard.excitation.objective import Case
 from steelyard.excitation.problem import Problem
 from steelyard.excitation.walled import constraints_of
 from steelyard.model import Model
-from steelyard.regression.base import base_map
+from steelyard.regression.base import FAINT, base_map, clear_map
 from steelyard.regression.gradient import Shows
 from steelyard.robot.excitation_schema import (
     CriterionSection,
@@ -108,14 +108,21 @@ def build(loaded: LoadedRobot, model: Model, earlier: Earlier | None = None) -> 
 
 
 def memoryless(model: Model) -> tuple[Model, tuple[str, ...]]:
-    """The model without terms that a single sample cannot say, and a note for each of them."""
+    """The model without terms that no single sample tells; notes on what the criterion lacks."""
     left = [term for term in model.terms if isinstance(term, Remembering)]
     kept = tuple(term for term in model.terms if not isinstance(term, Remembering))
-    notes = tuple(
+    notes = [
         f"'{term.law}' depends on the motion before: it is left out of the criterion"
         for term in left
-    )
-    return Model(model.robot, kept), notes
+    ]
+    bare = Model(model.robot, kept)
+    clear = clear_map(bare).base_names
+    if faint := [name for name in base_map(bare).base_names if name not in clear]:
+        notes.append(
+            "left out of the criterion, as no motion shows more than "
+            f"{100.0 * FAINT:g} % of them apart from others: {', '.join(faint)}"
+        )
+    return bare, tuple(notes)
 
 
 def limits_of(robot: Robot, section: MotionLimitsSection) -> MotionLimits:
@@ -245,7 +252,7 @@ def weights_of(wanted: CriterionSection, robot: Robot, earlier: Earlier | None) 
 
 def sizes_of(earlier: Earlier, model: Model, load: LoadSection | None) -> Array:
     """Sizes of the base parameters with a load, no smaller than twice their uncertainty, `(b,)`."""
-    base = base_map(model)
+    base = clear_map(model)
     standard = np.array([earlier.standard.get(name, 0.0) for name in model.names])
     if load is not None:
         for name, value in load_numbers(load, model.robot).items():
@@ -277,7 +284,7 @@ def _needed(earlier: Earlier | None, key: str) -> Earlier:
 
 def _chosen(wanted: Sequence[str], model: Model) -> tuple[int, ...]:
     """Columns of laws or parameters that matter."""
-    base = base_map(model)
+    base = clear_map(model)
     first, laws = 0, dict[str, set[str]]()
     for term in model.terms:
         count = len(term.parameters(model.robot))

@@ -7,12 +7,13 @@ well-conditioned, so groupings come out the customary way: a link's mass joins t
 links before it.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg import solve_triangular
 
 from steelyard.arrays import Array, frozen
 from steelyard.errors import ModelError
@@ -24,6 +25,13 @@ from steelyard.model import Model
 from steelyard.regression.independence import independent_columns, seen_columns
 from steelyard.terms.rigid_body import RigidBody
 from steelyard.terms.term import Columns
+
+FAINT = 1e-3
+"""Part of a column that others do not explain, over the norm of the largest one of its unit, below
+which motions are not designed for it."""
+
+ENGINE = 2
+"""Raised whenever the choice of columns changes: old cache entries are then not used."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,13 +130,46 @@ class BaseMap:
 
 def base_map(model: Model) -> BaseMap:
     """The structural base parameters of a model, from the cache where possible."""
-    key = cache.key_of(["base", model.program_key])
+    return _found("base", model, independent_columns)
+
+
+def clear_map(model: Model) -> BaseMap:
+    """The base parameters for which motions are designed: those that change torque by themselves.
+
+    Where all others explain a column up to less than `FAINT` of the largest one of its unit, as
+    behind axes that are parallel or upright to 1e-4 rad, its parameter is grouped with them: no
+    motion shows it beside them, and a criterion that asks for it would see nothing else.
+    """
+    return _found("clear base", model, lambda regressor: _clear(model, regressor))
+
+
+def _found(kind: str, model: Model, choose: Callable[[Array], list[int]]) -> BaseMap:
+    key = cache.key_of([kind, FAINT, ENGINE, model.program_key])
     entry = cache.load(key)
     if entry is not None:
         return BaseMap.from_dict(entry[0])
-    found = _group(model, full_regressor(model))
+    regressor = full_regressor(model)
+    found = _group(model, regressor, choose(regressor))
     cache.store(key, found.to_dict(), b"")
     return found
+
+
+def _clear(model: Model, regressor: Array) -> list[int]:
+    """Independent columns without the least one, as long as that is no more than faint."""
+    norms = np.linalg.norm(regressor, axis=0)
+    largest = {unit: norms[[u == unit for u in model.units]].max() for unit in model.units}
+    columns = independent_columns(regressor)
+    sizes = np.array([largest[model.units[k]] for k in columns])
+    triangle = np.asarray(np.linalg.qr(regressor[:, columns] / sizes, mode="r"))
+    while columns:
+        inverse = solve_triangular(triangle, np.eye(len(columns)))
+        own = 1.0 / np.linalg.norm(inverse, axis=1)
+        least = int(np.argmin(own))
+        if own[least] >= FAINT:
+            break
+        columns = columns[:least] + columns[least + 1 :]
+        triangle = np.asarray(np.linalg.qr(np.delete(triangle, least, axis=1), mode="r"))
+    return columns
 
 
 def full_regressor(model: Model, seed: int = 0) -> Array:
@@ -162,9 +203,9 @@ def full_regressor(model: Model, seed: int = 0) -> Array:
     return regressor.reshape(n * n_samples, p)
 
 
-def _group(model: Model, regressor: Array) -> BaseMap:
+def _group(model: Model, regressor: Array, independent: list[int]) -> BaseMap:
     """The independent columns, and the others as combinations of them."""
-    independent, seen = independent_columns(regressor), set(seen_columns(regressor))
+    seen = set(seen_columns(regressor))
     columns = range(regressor.shape[1])
     dependent = [k for k in columns if k in seen and k not in set(independent)]
     solved = np.linalg.lstsq(regressor[:, independent], regressor[:, dependent], rcond=None)[0]

@@ -21,7 +21,7 @@ from steelyard.kernel.program import Array as Input
 from steelyard.kernel.program import Program
 from steelyard.kernel.soften import softened
 from steelyard.model import Model
-from steelyard.regression.base import BaseMap, base_map
+from steelyard.regression.base import BaseMap, clear_map
 
 _Q, _DQ, _DDQ, _CHANNELS, _WIDTHS = range(5)
 
@@ -63,8 +63,8 @@ class Shows:
 
     @cached_property
     def base(self) -> BaseMap:
-        """The model's structural base parameters, one per column."""
-        return base_map(self.model)
+        """The model's base parameters that motions can show, one per column."""
+        return clear_map(self.model)
 
     def at(self, q: Array, dq: Array, ddq: Array, *, step: float = 1.0) -> Seen:
         """The information of samples of shape `(n, N)`, each of which counts `step` times.
