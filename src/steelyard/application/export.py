@@ -15,6 +15,7 @@ from steelyard.application.export_xml import document, head_of
 from steelyard.arrays import Array
 from steelyard.errors import ModelError
 from steelyard.estimation.identified import IdentifiedModel
+from steelyard.robot.geometry import clean_rotation
 from steelyard.robot.mechanism import Mechanism
 from steelyard.robot.model_source import read_mechanism
 from steelyard.robot.reduction import reduced
@@ -151,7 +152,8 @@ def _reread(path: Path, wanted: Robot, form: Format) -> Robot:
     there = read_mechanism(path)
     tree = Mechanism(there.name, there.links, there.joints, there.gravity, there.where)
     base = base_of(wanted) if form == "urdf" else None
-    return reduced(tree, [c.name for c in wanted.joints], base=base)[0]
+    snap = all(np.array_equal(clean_rotation(b.rotation), b.rotation) for b in wanted.bodies)
+    return reduced(tree, [c.name for c in wanted.joints], base=base, snap=snap)[0]
 
 
 def _names(robot: Robot, body: Body) -> tuple[str, ...]:

@@ -11,6 +11,9 @@ from steelyard.robot.inertia import skew
 DIRT = 2e-5
 """Entries of a rotation or an axis below this are zero: `1.5708` for pi/2 leaves 4e-6."""
 
+ROUNDING = 1e-12
+"""The same where model files are taken at their word: rounding errors of products alone."""
+
 
 def turn(axis: ArrayLike, angle: float) -> Array:
     """Rotation by `angle` [rad] about the unit vector `axis`, shape `(3, 3)`."""
@@ -25,15 +28,15 @@ def rpy_rotation(roll: float, pitch: float, yaw: float) -> Array:
     return turn(z, yaw) @ turn(y, pitch) @ turn(x, roll)
 
 
-def clean_rotation(rotation: ArrayLike) -> Array:
-    r"""The rotation with entries below `DIRT` set to zero, orthonormal to rounding.
+def clean_rotation(rotation: ArrayLike, dirt: float = DIRT) -> Array:
+    r"""The rotation with entries below `dirt` set to zero, orthonormal to rounding.
 
     Rounded angles in model files would otherwise leave tiny entries that make dependent
     parameters look independent. Two steps of $R \leftarrow \tfrac12 R\,(3 - R^T R)$ restore
     orthonormality without touching exact zeros.
     """
     matrix = np.array(rotation, dtype=np.float64)
-    matrix[np.abs(matrix) < DIRT] = 0.0
+    matrix[np.abs(matrix) < dirt] = 0.0
     for _ in range(2):
         matrix = 0.5 * matrix @ (3.0 * np.eye(3) - matrix.T @ matrix)
     ones = np.abs(np.abs(matrix) - 1.0) < 1e-12
@@ -41,8 +44,8 @@ def clean_rotation(rotation: ArrayLike) -> Array:
     return matrix + 0.0
 
 
-def clean_axis(axis: ArrayLike) -> Array:
-    """The unit vector along `axis`, its entries below `DIRT` set to zero.
+def clean_axis(axis: ArrayLike, dirt: float = DIRT) -> Array:
+    """The unit vector along `axis`, its entries below `dirt` set to zero.
 
     Raises:
         ValueError: The axis has no direction.
@@ -52,7 +55,7 @@ def clean_axis(axis: ArrayLike) -> Array:
     if not 1e-9 < length < np.inf:
         raise ValueError("the axis has no direction")
     vector /= length
-    vector[np.abs(vector) < DIRT] = 0.0
+    vector[np.abs(vector) < dirt] = 0.0
     unit: Array = vector / np.linalg.norm(vector) + 0.0
     return unit
 
@@ -64,21 +67,29 @@ class Placement:
     Attributes:
         rotation: Shape `(3, 3)`, cleaned by `clean_rotation`.
         position: Shape `(3,)` [m], entries below a nanometre set to zero.
+        dirt: What `clean_rotation` takes for zero, here and in products with this placement.
     """
 
     rotation: Array
     position: Array
+    dirt: float
 
     def __init__(
-        self, rotation: ArrayLike | None = None, position: ArrayLike = (0.0, 0.0, 0.0)
+        self,
+        rotation: ArrayLike | None = None,
+        position: ArrayLike = (0.0, 0.0, 0.0),
+        dirt: float = ROUNDING,
     ) -> None:
         matrix = np.eye(3) if rotation is None else frozen(rotation, (3, 3))
-        object.__setattr__(self, "rotation", frozen(clean_rotation(matrix)))
+        object.__setattr__(self, "rotation", frozen(clean_rotation(matrix, dirt)))
+        object.__setattr__(self, "dirt", dirt)
         point = frozen(position, (3,))
         object.__setattr__(self, "position", frozen(np.where(np.abs(point) < 1e-9, 0.0, point)))
 
     def __matmul__(self, other: "Placement") -> "Placement":
         """A frame placed in this frame, seen from where this frame is placed."""
         return Placement(
-            self.rotation @ other.rotation, self.position + self.rotation @ other.position
+            self.rotation @ other.rotation,
+            self.position + self.rotation @ other.position,
+            max(self.dirt, other.dirt),
         )

@@ -1,7 +1,7 @@
 """The mechanism as a model file describes it: links and joints, nothing locked or merged yet."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Literal
 
@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from steelyard.arrays import Array, frozen
 from steelyard.errors import ModelError
-from steelyard.robot.geometry import Placement, clean_axis, turn
+from steelyard.robot.geometry import DIRT, Placement, clean_axis, turn
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.nearest import advice
 from steelyard.robot.robot import Limits
@@ -74,7 +74,8 @@ class Joint:
             object.__setattr__(self, "axis", frozen((1.0, 0.0, 0.0)))
             return
         try:
-            object.__setattr__(self, "axis", frozen(clean_axis(frozen(self.axis, (3,)))))
+            axis = clean_axis(frozen(self.axis, (3,)), self.placement.dirt)
+            object.__setattr__(self, "axis", frozen(axis))
         except ValueError:
             raise ModelError(
                 f"the axis of joint '{self.name}' has no direction: {self.axis}",
@@ -93,6 +94,11 @@ class Joint:
     def movable(self) -> bool:
         """Whether the joint is not fixed."""
         return self.kind != "fixed"
+
+    def snapped(self) -> "Joint":
+        """The same joint, with turns that are next to quarter turns, and axes, made exact."""
+        placement = Placement(self.placement.rotation, self.placement.position, DIRT)
+        return replace(self, placement=placement)
 
     def at(self, position: float) -> Placement:
         """The child link in the parent link's frame at a joint position [rad; m]."""
@@ -186,6 +192,10 @@ class Mechanism:
     def movable(self) -> tuple[Joint, ...]:
         """Joints that move on their own: neither fixed nor mimic, parents before children."""
         return tuple(j for j in self.from_link(self.root) if j.movable and j.mimic is None)
+
+    def snapped(self) -> "Mechanism":
+        """The same mechanism, its angles and axes free of what rounding in the file left."""
+        return Mechanism(**{**vars(self), "joints": [joint.snapped() for joint in self.joints]})
 
     def joint(self, name: str) -> Joint:
         """The joint of that name; `KeyError` if there is none."""

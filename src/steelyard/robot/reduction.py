@@ -35,6 +35,7 @@ def reduced(
     gravity: ArrayLike | None = None,
     limits: Mapping[str, Limits] | None = None,
     closing: Closing | None = None,
+    snap: bool = True,
 ) -> tuple[Robot, tuple[str, ...]]:
     """The robot in which `joints` move and all others are locked.
 
@@ -54,10 +55,12 @@ def reduced(
         limits: Limits by joint that replace the file's, and its mimic joints' where they differ.
         closing: What the robot file says of closed chains. Passive joints move like those to
             identify, and are listed apart from them.
+        snap: Whether entries of rotations and axes below `DIRT` are rounding errors of the file.
 
     Returns:
         The robot, and notes for the user on what was assumed.
     """
+    mechanism = mechanism.snapped() if snap else mechanism
     locked, limits, closing = dict(locked or {}), dict(limits or {}), closing or Closing()
     base = mechanism.root if base is None else base
     _check_links(mechanism, base, tip)

@@ -216,6 +216,7 @@ def _reduced(
         gravity=_gravity(section, places),
         limits={n: _limits(n, mechanism, section, places) for n in section.limits},
         closing=closing_of(section, mechanism, places),
+        snap=section.snap_angles,
     )
     if section.name is not None:
         robot = robot.changed(name=section.name)

@@ -106,6 +106,7 @@ class RobotSection(Section):
     tip: Name | Names | None = None
     gravity: Vector | None = None
     mounting: MountingSection | None = None
+    snap_angles: bool = True
     locked: dict[str, float] = {}
     limits: dict[str, LimitsSection] = {}
     transmission: TransmissionSection | None = None
