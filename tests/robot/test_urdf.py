@@ -169,12 +169,12 @@ OTHER = '<parent link="b"/><child link="a"/>'
 
 ERRORS = {
     "not a urdf": ("<sdf/>", "outermost element is <sdf>", "line 1", "MJCF"),
-    "no links": ("<robot/>", "the robot has no links", "robot.urdf", "xacro"),
+    "no links": ("<robot/>", "the robot has no links", "robot.urdf", "links and joints"),
     "xacro element": (
         '<robot xmlns:xacro="http://x/xacro">\n<xacro:include filename="x"/></robot>',
         "xacro template",
         "line 2",
-        "expand it first: xacro robot.urdf > robot.urdf",
+        "or expand it first: xacro robot.urdf > robot.urdf",
     ),
     "xacro value": ('<robot>\n<link name="${n}"/></robot>', "xacro template", "line 2", "expand"),
     "no name": (HEAD + "<link/></robot>", "<link> has no attribute 'name'", "line 2", "name="),

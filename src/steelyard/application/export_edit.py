@@ -28,19 +28,22 @@ from steelyard.robot.model_source import read_mechanism
 from steelyard.robot.nearest import advice
 from steelyard.robot.robot import Frame
 from steelyard.robot.robot_file import load_robot
+from steelyard.robot.xacro import expand, split_reference
 
 MOVES = ("axis", "limit", "mimic", "dynamics", "safety_controller", "calibration")
 """What only joints that move have."""
 
 
 def urdf_behind(path: Path) -> Path:
-    """The URDF that is meant: the file itself, or the one that a robot file names.
+    """The URDF that is meant: the file itself, the one that a robot file names, or an expanded one.
 
     Raises:
         ModelError: There is none.
     """
     if path.suffix.lower() == ".toml":
         path = load_robot(path).sources[-1].path
+    elif expansion := expand(*split_reference(path)):
+        path = expansion.path
     tag = None if path.suffix.lower() == ".toml" else spans_of(path)[1].tag
     if tag != "robot":
         raise ModelError(

@@ -1,5 +1,6 @@
 """The commands together, one file each."""
 
+import re
 from typing import Annotated
 
 import typer
@@ -68,8 +69,10 @@ def expanded(arguments: list[str]) -> list[str]:
     """Repeat an option that is followed by several values: `--validate A B` for each of them.
 
     One without a value goes to the end, where the parser misses it. `--fix` has a value if a robot
-    file follows it that is not the command's first argument.
+    file follows it that is not the command's first argument. `NAME:=VALUE` belongs to
+    the xacro file before it.
     """
+    arguments = _with_xacro(arguments)
     result: list[str] = []
     bare: list[str] = []
     current: str | None = None
@@ -89,3 +92,15 @@ def expanded(arguments: list[str]) -> list[str]:
             result.append(argument)
             named = named or len(result) > 1
     return result + bare
+
+
+def _with_xacro(arguments: list[str]) -> list[str]:
+    """Arguments of a xacro file, joined to it, or to the word before them if there is none."""
+    words: list[str] = []
+    for argument in arguments:
+        if words and re.match(r"[A-Za-z_]\w*:=", argument):
+            files = [n for n, word in enumerate(words) if ".xacro" in word]
+            words[files[-1] if files else -1] += f" {argument}"
+        else:
+            words.append(argument)
+    return words

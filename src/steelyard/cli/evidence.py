@@ -79,9 +79,10 @@ def subject_of(robot: str, log: LogArgument) -> Subject:
         guessed = section.model_dump(exclude_none=True, exclude_defaults=True)
         text = edited(text, [Edit(("signals",), guessed)])
         return Subject(path, text, load_robot(path, text), (*loaded.notes, *reasons))
-    bare, target = load_robot(path), Path(f"{path.stem}.toml")
+    bare = load_robot(robot)
+    target = Path(f"{bare.stem}.toml")
     columns, sample = river.sample_of(log.path)
-    text = drafted(path, bare, columns, sample, target).text
+    text = drafted(bare.sources[0].path, bare, columns, sample, target).text
     loaded = load_robot(target, text)
     reasons = guess_columns(loaded.robot.coordinates, columns, sample).reasons
     return Subject(target, text, loaded, (*loaded.notes, *reasons))

@@ -128,6 +128,7 @@ def excite(
     from steelyard.report.design_terminal import design_summary
     from steelyard.report.design_words import level
     from steelyard.robot.robot_file import load_robot
+    from steelyard.robot.xacro import stem_of
 
     begun = time.monotonic()
     loaded = asked(
@@ -145,7 +146,7 @@ def excite(
         model = Model(loaded.robot, known.model.terms)
     forms = ("csv", *(formats or ()))
     refuse_formats(loaded, forms, rate)
-    folder = river.new_folder(output, f"steelyard-{Path(robot).stem}-motion")
+    folder = river.new_folder(output, f"steelyard-{stem_of(robot)}-motion")
     effort = Effort(budget, searches, processes or os.cpu_count() or 1, seed)
     searched = loaded.excitation.motion.kind in FAMILIES
     try:

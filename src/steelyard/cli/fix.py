@@ -16,6 +16,7 @@ from steelyard.estimation.identified import IdentifiedModel
 from steelyard.progress import Progress
 from steelyard.report.findings import edit_dict, place
 from steelyard.robot.edits import edited, lines_of
+from steelyard.robot.xacro import stem_of
 
 ROUNDS = 4
 """Checks at most: one thing that is wrong can hide another."""
@@ -85,7 +86,7 @@ def target_of(robot: str, named: str) -> Path:
     """
     path = Path(robot)
     folder = path.parent if path.suffix.lower() == ".toml" else Path()
-    target = Path(named) if named else folder / f"{path.stem}-fixed.toml"
+    target = Path(named) if named else folder / f"{stem_of(robot)}-fixed.toml"
     if target.exists():
         raise OutputError(
             "the robot file to write exists already",

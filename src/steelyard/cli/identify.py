@@ -137,7 +137,7 @@ def run_identify(
     from steelyard.robot.robot_file import load_robot
 
     file = load_robot(robot)
-    folder = river.new_folder(output, f"steelyard-{Path(robot).stem}")
+    folder = river.new_folder(output, f"steelyard-{file.stem}")
     known, carrying, unknown = (river.log_files(some) for some in (logs, loaded, validate))
     river.refuse_overlaps([*known, *carrying], unknown)
     signals, reasons = river.signals_of(file, known[0])

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from steelyard.cli.guard import guarded
-from steelyard.cli.options import Json
+from steelyard.cli.options import ARGUMENTS, Json
 
 if TYPE_CHECKING:
     from steelyard.robot.init_file import Draft
@@ -19,7 +19,10 @@ INCOMPLETE = 1
 
 @guarded
 def init(
-    model: Annotated[Path, typer.Argument(help="URDF or MJCF of the robot.", metavar="URDF")],
+    model: Annotated[
+        str,
+        typer.Argument(help=f"URDF, xacro file or MJCF of the robot. {ARGUMENTS}", metavar="URDF"),
+    ],
     log: Annotated[
         Path | None, typer.Argument(help="A log of the robot, to guess its columns from.")
     ] = None,
@@ -49,7 +52,7 @@ def init(
     from steelyard.robot.robot_file import load_robot
 
     loaded = load_robot(model)
-    target = output if output is not None else Path(f"{model.stem}.toml")
+    target = output if output is not None else Path(f"{loaded.stem}.toml")
     if target.exists():
         raise OutputError(
             "the robot file exists already",
@@ -63,7 +66,7 @@ def init(
             mend="name the log behind the model file, or leave --rate out",
         )
     columns, sample = (None, None) if log is None else river.sample_of(log)
-    draft = drafted(model, loaded, columns, sample, target, rate)
+    draft = drafted(loaded.sources[0].path, loaded, columns, sample, target, rate)
     with whole_file(target) as part:
         part.write_text(draft.text, encoding="utf-8")
         interrupt.too_late()

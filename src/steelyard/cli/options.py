@@ -14,8 +14,12 @@ Output = Annotated[
     Path | None,
     typer.Option("--output", "-o", help="Folder to make for the results; must not exist."),
 ]
+ARGUMENTS = "Arguments of a xacro file stand behind it: arm.urdf.xacro name:=left."
 RobotArgument = Annotated[
-    str, typer.Argument(help="Robot file (TOML), URDF or MJCF.", metavar="ROBOT")
+    str,
+    typer.Argument(
+        help=f"Robot file (TOML), URDF, xacro file or MJCF. {ARGUMENTS}", metavar="ROBOT"
+    ),
 ]
 LOG_HELP = (
     "Logs: CSV, Parquet (a file, or a folder of parts), MCAP, ROS 1 and 2 bags, NumPy, MATLAB, "

@@ -84,7 +84,7 @@ def simulate(
     from steelyard.virtual.simulate import simulate as run
 
     loaded = load_robot(robot)
-    folder = river.new_folder(output, f"steelyard-{Path(robot).stem}-simulated")
+    folder = river.new_folder(output, f"steelyard-{loaded.stem}-simulated")
     _check_factor(dry_run)
     if motion is None:
         _check_length(period, periods, dry_run)

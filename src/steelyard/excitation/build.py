@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -61,7 +60,7 @@ class Recipe:
     def of(cls, loaded: LoadedRobot, model: Model, earlier: Earlier | None = None) -> "Recipe":
         """The recipe for a robot, its model and the tables of its file."""
         return cls(
-            str(loaded.sources[0].path),
+            loaded.reference,
             tuple(description_of(term) for term in model.terms),
             loaded.excitation.model_dump(),
             None if earlier is None else earlier.to_dict(),
@@ -69,7 +68,7 @@ class Recipe:
 
     def problem(self) -> Problem:
         """Build it."""
-        loaded = load_robot(Path(self.robot))
+        loaded = load_robot(self.robot)
         where = "list of terms"
         model = Model(loaded.robot, tuple(term_of(term, where) for term in self.terms))
         section = ExcitationSection.model_validate(self.excitation)

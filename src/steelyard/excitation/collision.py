@@ -252,7 +252,7 @@ def self_clearance(
             mend="name a URDF or an MJCF with collision shapes, or leave collision out",
         )
     geometry = robot_shapes(loaded.robot, model, skip)
-    srdf = find_srdf(model)
+    srdf = find_srdf(model, loaded.model_given)
     if srdf is not None:
         never = geometry.never | disabled_pairs(srdf)
         notes = (*geometry.notes, f"pairs of links that may touch are read from '{srdf}'")

@@ -20,6 +20,7 @@ from steelyard.robot.mechanism import Mechanism
 from steelyard.robot.model_source import read_mechanism
 from steelyard.robot.nearest import advice, listing
 from steelyard.robot.robot import Frame, Robot
+from steelyard.robot.xacro import expand
 from steelyard.robot.xml_reader import Element, read_xml
 
 Kind = Literal["collision", "visual"]
@@ -82,6 +83,8 @@ def world_shapes(path: Path, skip: Collection[str] = ()) -> tuple[Shape, ...]:
     Raises:
         ModelError: The file or a shape cannot be read, or there is no shape.
     """
+    if expansion := expand(path, {}):
+        path = expansion.path
     root = read_xml(path)
     if root.tag == "mujoco":
         from steelyard.excitation.mujoco_geometry import mjcf_world

@@ -158,10 +158,15 @@ def _ancestry(parents: Mapping[str, str], link: str) -> list[str]:
     return way
 
 
-def find_srdf(model: Path) -> Path | None:
-    """The SRDF of a URDF: in its folder or in `srdf` beside it, for a robot of the same name."""
+def find_srdf(model: Path, given: Path | None = None) -> Path | None:
+    """The SRDF of a URDF: in its folder or in `srdf` beside it, for a robot of the same name.
+
+    Args:
+        model: The URDF.
+        given: The file it was expanded from, if it was: its folder is the one.
+    """
     name = read_xml(model).attributes.get("name")
-    folder = model.resolve().parent
+    folder = (given or model).resolve().parent
     places = [*folder.glob("*.srdf"), *(folder.parent / "srdf").glob("*.srdf")]
     for path in sorted(places, key=lambda p: (p.stem != model.stem, str(p))):
         if name and _srdf(path).attributes.get("name") == name:

@@ -79,7 +79,7 @@ def drafted(
     moving = [c for c in free if guess is None or c.name in guess.joints]
     resting = [c for c in robot.coordinates if c not in moving]
     parts = [
-        _robot_part(robot, moving, model_path, output_path),
+        _robot_part(loaded, moving, model_path, output_path),
         _locked_part(resting),
         _limits_part(moving),
         _MODEL_PART,
@@ -138,9 +138,22 @@ def _relative(model_path: Path, output_path: Path) -> str:
         return model_path.resolve().as_posix()
 
 
+def _xacro_lines(model_path: Path, loaded: LoadedRobot) -> str:
+    """How a xacro file is expanded."""
+    if loaded.sources[-1].path == model_path:
+        return ""
+    given = ", ".join(f"{_key(name)} = {_text(value)}" for name, value in loaded.arguments.items())
+    mark = "" if given else "# "
+    return f"""
+# Arguments of the xacro file, and folders where ROS packages lie, beside those above the file.
+{mark}xacro.arguments = {{{given}}}
+# xacro.packages = ["../src"]"""
+
+
 def _robot_part(
-    robot: Robot, moving: Sequence[Coordinate], model_path: Path, output_path: Path
+    loaded: LoadedRobot, moving: Sequence[Coordinate], model_path: Path, output_path: Path
 ) -> str:
+    robot = loaded.robot
     kind = "mjcf" if read_xml(model_path).tag == "mujoco" else "urdf"
     names = "".join(f"  {_text(c.name)},\n" for c in moving)
     return f"""\
@@ -151,7 +164,7 @@ name = {_text(robot.name)}
 # Where the model and the logs come from, for the report.
 # source = "https://..."
 # From this file's folder; ${{NAME}} in it stands for an environment variable.
-{kind} = {_text(_relative(model_path, output_path))}
+{kind} = {_text(_relative(model_path, output_path))}{_xacro_lines(model_path, loaded)}
 # Joints to identify, in the order of the columns below. All others are locked.
 joints = [
 {names}]

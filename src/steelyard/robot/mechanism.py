@@ -254,7 +254,7 @@ def _check_tree(mechanism: Mechanism) -> None:
         raise ModelError(
             "the robot has no links",
             where=mechanism.where,
-            mend="give a model with links and joints; a xacro file must be expanded first",
+            mend="give a model with links and joints",
         )
     carrier: dict[str, Joint] = {}
     for joint in mechanism.joints:

@@ -50,6 +50,21 @@ def model_path_of(section: RobotSection, path: Path, places: Places) -> Path | N
     return model_path
 
 
+def xacro_settings(
+    section: RobotSection, path: Path, places: Places
+) -> tuple[dict[str, str], tuple[Path, ...]]:
+    """Arguments of a xacro file as its texts, and folders of packages."""
+
+    def text(value: str | bool | int | float) -> str:
+        return str(value).lower() if isinstance(value, bool) else str(value)
+
+    folders = [
+        beside(path, folder, places.where("robot", "xacro", "packages", index))
+        for index, folder in enumerate(section.xacro.packages)
+    ]
+    return {name: text(value) for name, value in section.xacro.arguments.items()}, tuple(folders)
+
+
 def beside(path: Path, text: str, where: str) -> Path:
     """A file named in the robot file at `path`: relative to it, with environment variables."""
     return path.parent / _expanded(text, where)

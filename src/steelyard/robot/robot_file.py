@@ -1,8 +1,8 @@
 """Robot files: a model in any format, and with TOML all that a model file cannot say."""
 
 import hashlib
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -15,7 +15,7 @@ from steelyard.robot.efforts import WITHOUT_TORQUE, Locate
 from steelyard.robot.gears import build_transmission
 from steelyard.robot.geometry import clean_rotation, rpy_rotation
 from steelyard.robot.mechanism import Mechanism
-from steelyard.robot.model_source import dh_table, model_path_of
+from steelyard.robot.model_source import dh_table, model_path_of, xacro_settings
 from steelyard.robot.model_source import read_mechanism as read_mechanism
 from steelyard.robot.nearest import advice
 from steelyard.robot.pins import closing_of
@@ -32,6 +32,7 @@ from steelyard.robot.schema import (
 )
 from steelyard.robot.signals import Signals, build_signals
 from steelyard.robot.toml_check import Places, checked
+from steelyard.robot.xacro import expand, joined_reference, split_reference, stem_of
 from steelyard.robot.xml_reader import read_bytes
 
 STANDARD_GRAVITY = 9.81
@@ -71,6 +72,7 @@ class LoadedRobot:
         prior: What is known of links before the data, beside the model file.
         knowledge: Further wishes, a table with its `kind` each.
         excitation: Which motion is wanted, and what it must keep.
+        arguments: Of a xacro file that was given itself; those of a robot file stand there.
     """
 
     robot: Robot
@@ -86,36 +88,61 @@ class LoadedRobot:
     prior: PriorSection = PriorSection()
     knowledge: tuple[Mapping[str, Any], ...] = ()
     excitation: ExcitationSection = ExcitationSection()
+    arguments: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+
+    @property
+    def reference(self) -> str:
+        """What `load_robot` takes for the same robot."""
+        return joined_reference(self.sources[0].path, self.arguments)
+
+    @property
+    def model_given(self) -> Path:
+        """The model file as it was given, before a xacro file is expanded."""
+        models = (s.path for s in self.sources if s.path.suffix.lower() != ".toml")
+        return next(models, self.sources[-1].path)
+
+    @property
+    def stem(self) -> str:
+        """The name of the file given, without its endings."""
+        return stem_of(self.sources[0].path)
 
 
 def load_robot(path: str | Path, text: str | None = None) -> LoadedRobot:
-    """The robot of a URDF, an MJCF or a robot file (TOML); the format is told by the content.
+    """The robot of a URDF, a xacro file, an MJCF or a robot file (TOML), told by the content.
 
     Args:
-        path: The file.
+        path: The file; of a xacro file with its arguments: `arm.urdf.xacro name:=left`.
         text: What a robot file at `path` would hold; that file is then not read, and need not be
             there.
 
     Raises:
         ModelError: The file cannot be used.
     """
-    path = Path(path)
     if text is not None:
-        return _from_toml(path, text, _sha256(text.encode()))
+        return _from_toml(Path(path), text, _sha256(text.encode()))
+    path, arguments = split_reference(path)
     if path.suffix.lower() == ".toml":
+        if arguments:
+            raise ModelError(
+                "arguments stand behind a robot file",
+                where=joined_reference(path, arguments),
+                mend="write them into it: [robot.xacro] arguments = {NAME = VALUE}",
+            )
         return _from_toml(path, robot_text(path), _source(path).sha256)
-    robot, notes = reduced(read_mechanism(path))
+    sources, read_from = _model_sources(path, arguments, ())
+    robot, notes = reduced(read_mechanism(sources[-1].path))
     return LoadedRobot(
         robot,
-        notes,
+        read_from + notes,
         None,
         None,
         False,
         ProcessingSection(),
         EstimationSection(),
         ValidationSection(),
-        (_source(path),),
+        sources,
         lambda *key: str(path),
+        arguments=MappingProxyType(arguments),
     )
 
 
@@ -126,6 +153,17 @@ def load_robot_file(path: str | Path) -> RobotFile:
 
 def _source(path: Path) -> Source:
     return Source(path, _sha256(read_bytes(path, "a robot model")))
+
+
+def _model_sources(
+    path: Path, arguments: Mapping[str, str], packages: Sequence[Path]
+) -> tuple[tuple[Source, ...], tuple[str, ...]]:
+    """A model file, behind it what a xacro file is expanded to; and a note on that."""
+    source = _source(path)
+    expansion = expand(path, arguments, packages)
+    if expansion is None:
+        return (source,), ()
+    return (source, Source(expansion.path, expansion.sha256)), (expansion.note,)
 
 
 def _sha256(data: bytes) -> str:
@@ -151,13 +189,16 @@ def robot_text(path: Path) -> str:
 
 def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
     file, places = checked(path, text, RobotFile)
-    sources = [Source(path, sha256)]
+    sources, read_from = [Source(path, sha256)], tuple[str, ...]()
     if model_path := model_path_of(file.robot, path, places):
-        mechanism = read_mechanism(model_path)
-        sources.append(_source(model_path))
+        arguments, packages = xacro_settings(file.robot, path, places)
+        files, read_from = _model_sources(model_path, arguments, packages)
+        sources += files
+        mechanism = read_mechanism(sources[-1].path)
     else:
         mechanism = dh_table(file.robot, places)
     robot, notes = _reduced(mechanism, file.robot, places)
+    notes = read_from + notes
     if file.robot.transmission is not None:
         gears = build_transmission(file.robot.transmission, robot.joint_names, places.where)
         robot = robot.changed(transmission=gears)

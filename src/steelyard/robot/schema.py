@@ -93,6 +93,17 @@ class LoopSection(Section):
     points: Annotated[tuple[Vector, Vector], Field(strict=False)]
 
 
+class XacroSection(Section):
+    """How the model file is expanded, if it is a xacro file.
+
+    `arguments`: what `$(arg NAME)` stands for. `packages`: folders of ROS packages, from the robot
+    file's folder.
+    """
+
+    arguments: dict[str, str | bool | int | float] = {}
+    packages: Names = ()
+
+
 class RobotSection(Section):
     """Which robot, which of its joints move, and how it is mounted."""
 
@@ -101,6 +112,7 @@ class RobotSection(Section):
     urdf: Name | None = None
     mjcf: Name | None = None
     dh: DHSection | None = None
+    xacro: XacroSection = XacroSection()
     joints: Names | None = None
     base: Name | None = None
     tip: Name | Names | None = None

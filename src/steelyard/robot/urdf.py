@@ -1,6 +1,7 @@
 """URDF files: a small reader that needs no meshes and no ROS."""
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
 
 from steelyard.arrays import frozen
@@ -10,7 +11,7 @@ from steelyard.robot.inertia import Inertia, symmetric
 from steelyard.robot.mechanism import Joint, Link, Mechanism, MechanismJointKind, Mimic
 from steelyard.robot.nearest import advice
 from steelyard.robot.robot import Limits
-from steelyard.robot.xml_reader import Element, read_xml
+from steelyard.robot.xml_reader import Element, read_xml, xacro_name
 
 _KINDS: dict[str, MechanismJointKind] = {
     "fixed": "fixed",
@@ -48,14 +49,27 @@ def read_urdf(path: Path) -> Mechanism:
     )
 
 
+def _used(root: Element) -> Iterator[Element]:
+    """Elements that are read here: not those of visuals, collisions and plug-ins."""
+    for element in root.children:
+        if element.tag == "link":
+            yield element
+            yield from (part for inertial in element.all("inertial") for part in inertial.walk())
+        elif element.tag == "joint":
+            yield from element.walk()
+        elif xacro_name(element.tag) is not None:
+            yield element
+
+
 def _refuse_xacro(root: Element) -> None:
-    for element in root.walk():
+    for element in _used(root):
         values = element.attributes.values()
-        if "xacro" in element.tag or any("${" in v or "$(" in v for v in values):
+        if xacro_name(element.tag) is not None or any("${" in v or "$(" in v for v in values):
             raise ModelError(
                 "the file is a xacro template, not a URDF",
                 where=f"{element.path}, line {element.line}",
-                mend=f"expand it first: xacro {element.path.name} > robot.urdf",
+                mend="give the whole xacro file, which is expanded here, or expand it first: "
+                f"xacro {element.path.name} > robot.urdf",
             )
 
 

@@ -20,6 +20,7 @@ class Element:
         path: The file.
         line: Line of the opening tag, from 1.
         children: Elements inside, in order.
+        texts: What stands between the tags, in pieces.
     """
 
     tag: str
@@ -27,6 +28,7 @@ class Element:
     path: Path
     line: int
     children: list["Element"] = field(default_factory=list)
+    texts: list[str] = field(default_factory=list)
 
     @property
     def where(self) -> str:
@@ -48,6 +50,12 @@ class Element:
             waiting.extend(element.children[::-1])
 
 
+def xacro_name(tag: str) -> str | None:
+    """The name of an element or attribute of xacro, without its prefix; `None` for others."""
+    space, _, name = tag.rpartition("}")
+    return name if "xacro" in space else None
+
+
 class _Builder:
     """Target of the parser: builds elements and asks the parser for their lines."""
 
@@ -65,6 +73,9 @@ class _Builder:
         else:
             self.root = element
         self.open.append(element)
+
+    def data(self, text: str) -> None:
+        self.open[-1].texts.append(text)
 
     def end(self, tag: str) -> None:
         self.open.pop()
