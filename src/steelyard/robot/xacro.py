@@ -140,7 +140,7 @@ def _users(path: Path) -> list[str]:
     folder = path.resolve().parent
     nearby = [*folder.glob("*.xacro"), *folder.parent.glob("*/*.xacro")][:200]
     found = []
-    for file in sorted(set(nearby)):
+    for file in sorted({file.resolve() for file in nearby}):
         try:
             text = file.read_text("utf-8", "replace")
         except OSError:

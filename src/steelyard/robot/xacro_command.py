@@ -113,7 +113,7 @@ class Commands:
         """The files that an include names; several where the last part is a pattern."""
         path = self._path(name)
         if re.search(r"[*?\[]", path.name) and path.parent.is_dir():
-            return sorted(path.parent.glob(path.name))
+            return sorted(p for p in path.parent.glob(path.name.replace("**", "*")) if p.is_file())
         if path.is_file():
             return [path]
         if optional:

@@ -14,7 +14,7 @@ from typing import Any
 from steelyard.errors import ModelError
 from steelyard.robot.xacro_command import Commands
 from steelyard.robot.xacro_packages import Packages
-from steelyard.robot.xacro_scope import Block, Macro, Reading, Scope
+from steelyard.robot.xacro_scope import Macro, Reading, Scope
 from steelyard.robot.xacro_values import Budget, XacroError, as_truth
 from steelyard.robot.xml_reader import Element, read_xml, xacro_name
 
@@ -24,7 +24,7 @@ FILES = 1000
 """Files that one expansion may include."""
 _PARAMETER = re.compile(
     r"^\s*([^\s:=]+?)\s*:?=\s*(\^\|?)?"
-    r"(\$\{.*?\}|\$\(.*?\)|(?:'.*?'|\".*?\"|[^\s'\"]+)+|)(?:\s+|$)(.*)",
+    r"(\$\{.*?\}|\$\(.*?\)|(?:'[^']*'|\"[^\"]*\"|[^\s'\"])+|)(?:\s+|$)(.*)",
     re.DOTALL,
 )
 
@@ -153,13 +153,13 @@ class Expander:
         lazy = as_truth(scope.text(given.get("lazy_eval", "true")), "lazy_eval")
         target = scope
         if given.get("scope") == "global":
-            target, lazy = scope.above()[-1], False
+            target, lazy = [*scope.above()][-1], False
         elif given.get("scope") == "parent" and scope.parent is not None:
             target, lazy = scope.parent, False
             while not scope.namespace and target.namespace and target.parent is not None:
                 target = target.parent
         if value is None:
-            target.blocks[f"**{name}"] = Block([element], ready=False)
+            target.blocks[f"**{name}"] = element
         else:
             target.set(name, value if lazy else scope.text(value), lazy)
         return []
@@ -194,6 +194,8 @@ class Expander:
         if name in ("", "call") or "." in name:
             raise XacroError(f"'{name}' cannot be the name of a macro", "rename it")
         names, defaults, left = list[str](), {}, element.attributes.get("params", "").strip()
+        if len(left) > 10_000:
+            raise XacroError(f"macro '{name[:80]}' has too many parameters", "divide the macro")
         while left:
             if match := _PARAMETER.match(left):
                 parameter, forward, default, left = match.groups()
@@ -207,11 +209,8 @@ class Expander:
         return []
 
     def _inserted(self, element: Element, scope: Scope) -> list[Element]:
-        block = scope.block(str(scope.text(_needed(element, "name"))))
-        if block.ready:
-            return list(block.elements)
         made = list[Element]()
-        for inside in block.elements:
+        for inside in scope.block(str(scope.text(_needed(element, "name")))):
             with self._place(inside):
                 made += self._element(inside, scope, {})
         return made
@@ -231,6 +230,7 @@ class Expander:
     def _called(
         self, element: Element, name: str, scope: Scope, without: str = ""
     ) -> list[Element]:
+        scope.reading.budget.spend(20)
         macro, around = scope.macro(name)
         inner = Scope(scope.reading, around)
         for parameter, text in element.attributes.items():
@@ -262,7 +262,7 @@ class Expander:
                 f"macro '{name}' takes {len(wanted)} blocks, and is given {len(given)}",
                 "put as many elements into the call as it has parameters with '*'",
             )
-        inner.blocks |= {p: Block([e], ready=True) for p, e in zip(wanted, given, strict=True)}
+        inner.blocks |= dict(zip(wanted, given, strict=True))
 
 
 def _default(macro: Macro, parameter: str, name: str, scope: Scope) -> Any:

@@ -6,99 +6,24 @@ listed below does not exist: no attribute of any object but entries of tables, n
 """
 
 import ast
-import math
 import operator
+import warnings
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from steelyard.robot.xacro_functions import FUNCTIONS, METHODS
 from steelyard.robot.xacro_values import (
-    TEXT,
     Budget,
     XacroError,
     bounded,
-    counted,
     power,
     product,
     remainder,
-    rounded,
 )
 
 LENGTH = 4000
 """Characters of one expression."""
 
-_MATH = (
-    "acos acosh asin asinh atan atan2 atanh ceil copysign cos cosh degrees exp fabs floor fmod "
-    "hypot isclose isfinite isinf isnan log log10 log2 pow radians sin sinh sqrt tan tanh trunc"
-)
-MATH: Mapping[str, Any] = {
-    **{name: getattr(math, name) for name in _MATH.split()},
-    "pi": math.pi,
-    "e": math.e,
-    "tau": math.tau,
-    "inf": math.inf,
-    "nan": math.nan,
-}
-PYTHON: Mapping[str, Any] = {
-    "abs": abs,
-    "all": all,
-    "any": any,
-    "bool": bool,
-    "dict": dict,
-    "enumerate": lambda *given: list(enumerate(*given)),
-    "float": float,
-    "int": int,
-    "len": len,
-    "list": list,
-    "max": max,
-    "min": min,
-    "range": counted,
-    "round": rounded,
-    "sorted": sorted,
-    "str": str,
-    "sum": sum,
-    "tuple": tuple,
-    "zip": lambda *given: list(zip(*given, strict=False)),
-}
-FUNCTIONS: Mapping[str, Any] = {
-    **MATH,
-    **PYTHON,
-    "true": True,
-    "false": False,
-    "math": MATH,
-    "python": PYTHON,
-}
-"""Names that every expression knows."""
-
-
-def _replaced(text: str, old: str, new: str) -> str:
-    if (len(text) // max(len(old), 1) + 1) * len(new) > TEXT:
-        raise XacroError(f"a text is longer than {TEXT} characters")
-    return text.replace(old, new)
-
-
-def _joined(text: str, parts: list[str]) -> str:
-    return text.join(list(parts)) if len(text) * len(parts) <= TEXT else _replaced("", "", text)
-
-
-METHODS: Mapping[type, Mapping[str, Callable[..., Any]]] = {
-    str: {
-        **{
-            name: getattr(str, name)
-            for name in "count endswith find isdigit lower lstrip rstrip split startswith strip "
-            "title upper".split()
-        },
-        "join": _joined,
-        "replace": _replaced,
-    },
-    dict: {
-        "get": dict.get,
-        "items": lambda table: list(table.items()),
-        "keys": lambda table: list(table),
-        "values": lambda table: list(table.values()),
-    },
-    list: {"count": list.count, "index": list.index},
-    tuple: {"count": tuple.count, "index": tuple.index},
-}
 _BINARY: Mapping[type, Callable[[Any, Any], Any]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
@@ -153,7 +78,9 @@ def evaluate(text: str, names: Names, budget: Budget) -> Any:
     try:
         if len(text) > LENGTH:
             raise XacroError(f"an expression is longer than {LENGTH} characters")
-        return _Evaluation(names, budget).of(ast.parse(text.strip(), mode="eval").body)
+        with warnings.catch_warnings(action="ignore"):
+            tree = ast.parse(text.strip(), mode="eval")
+        return _Evaluation(names, budget).of(tree.body)
     except XacroError as error:
         raise XacroError(f"expression '{shown}': {error.wrong}", error.mend) from None
     except (RecursionError, MemoryError):

@@ -1,7 +1,7 @@
 """Properties, blocks and macros of a xacro file, and the texts that are made with them."""
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,14 +19,6 @@ _PIECE = re.compile(
     r"(?P<escaped>\$\$+[{(])|\$\{(?P<expression>[^}]*)\}"
     r"|\$\((?P<command>(?:[^()]|\((?:[^()]|\([^()]*\))*\))*)\)|[^$]+|\$"
 )
-
-
-@dataclass(frozen=True)
-class Block:
-    """Elements that a macro inserts; those of a property are expanded where they are inserted."""
-
-    elements: Sequence[Element]
-    ready: bool
 
 
 @dataclass(frozen=True)
@@ -71,17 +63,15 @@ class Scope(Names):
     namespace: bool = False
     values: dict[str, Any] = field(default_factory=dict)
     lazy: dict[str, str] = field(default_factory=dict)
-    blocks: dict[str, Block] = field(default_factory=dict)
+    blocks: dict[str, Element] = field(default_factory=dict)
     macros: dict[str, Macro] = field(default_factory=dict)
     waiting: list[str] = field(default_factory=list)
 
-    def above(self) -> list["Scope"]:
+    def above(self) -> Iterator["Scope"]:
         """This scope and those around it, the nearest first."""
-        scopes, scope = list[Scope](), self
-        while True:
-            scopes.append(scope)
-            if scope.parent is None:
-                return scopes
+        scope: Scope | None = self
+        while scope is not None:
+            yield scope
             scope = scope.parent
 
     def holder(self, name: str) -> "Scope | None":
@@ -164,14 +154,11 @@ class Scope(Names):
             + (f"the macros are {', '.join(known)[:300]}" if known else "there are no macros"),
         )
 
-    def block(self, name: str) -> Block:
+    def block(self, name: str) -> Sequence[Element]:
         """What `<xacro:insert_block>` inserts: `**name` only the content, `*name` all of it."""
         for mark in ("**", "*"):
             for scope in self.above():
                 if mark + name in scope.blocks:
                     block = scope.blocks[mark + name]
-                    if mark == "*":
-                        return block
-                    inside = [child for e in block.elements for child in e.children]
-                    return Block(inside, block.ready)
+                    return block.children if mark == "**" else [block]
         raise XacroError(f"there is no block '{name}'", "give it to the macro, or define it before")

@@ -17,6 +17,13 @@ UNITS = {
     "!foot": 0.3048,
     "!inches": 0.0254,
 }
+TRUTHS = {
+    word: truth
+    for truth, words in (("true", "yes on"), ("false", "no off"))
+    for one in words.split()
+    for word in (one, one.capitalize(), one.upper())
+}
+"""Truth values of YAML 1.1, which xacro reads; `y` and `n` are names there, as of coordinates."""
 LARGEST = 20_000
 """Values in a file, with those that are repeated by reference."""
 
@@ -38,7 +45,6 @@ def load_yaml(path: Path, number: Callable[[str], Any]) -> Any:
     if path.suffix.lower() not in (".yaml", ".yml") or not path.is_file():
         raise XacroError(f"there is no YAML file '{path}'", mend)
     yaml = YAML(typ="safe", pure=True)
-    yaml.version = (1, 1)
     try:
         content = read_bytes(path, "a YAML file")
         if len(content) > 1_000_000:
@@ -46,7 +52,7 @@ def load_yaml(path: Path, number: Callable[[str], Any]) -> Any:
         node = yaml.compose(content.decode("utf-8-sig"))
         if node is None:
             return {}
-        _convert_units(node, number, {}, ())
+        _prepare(node, number, {}, ())
         return yaml.constructor.construct_document(node)
     except ModelError as error:
         raise XacroError(f"'{path}': {error.wrong}", mend) from None
@@ -55,21 +61,23 @@ def load_yaml(path: Path, number: Callable[[str], Any]) -> Any:
         raise XacroError(f"'{path}' is not plain YAML: {words}", mend) from None
 
 
-def _convert_units(
+def _prepare(
     node: Any, number: Callable[[str], Any], sizes: dict[int, int], above: tuple[int, ...]
 ) -> int:
-    """Turn values with units into numbers; how many values the node stands for."""
+    """Turn values with units into numbers, words into truths; how many values there are."""
     if id(node) in above:
         raise ValueError("a value contains itself")
     if id(node) in sizes:
         return sizes[id(node)]
+    if node.tag == "tag:yaml.org,2002:str" and node.style is None and node.value in TRUTHS:
+        node.tag, node.value = "tag:yaml.org,2002:bool", TRUTHS[node.value]
     if node.tag in UNITS:
         value = float(number(str(node.value))) * UNITS[node.tag]
         node.tag = "tag:yaml.org,2002:float"
         node.value = repr(value)
     parts = node.value if isinstance(node.value, list) else []
     inside = [part for entry in parts for part in (entry if isinstance(entry, tuple) else (entry,))]
-    size = 1 + sum(_convert_units(part, number, sizes, (*above, id(node))) for part in inside)
+    size = 1 + sum(_prepare(part, number, sizes, (*above, id(node))) for part in inside)
     if size > LARGEST:
         raise ValueError(f"there are more than {LARGEST} values")
     sizes[id(node)] = size
