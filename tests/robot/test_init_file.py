@@ -8,6 +8,7 @@ import pytest
 from steelyard.cli.river import model_of
 from steelyard.errors import ModelError
 from steelyard.robot.init_file import drafted
+from steelyard.robot.robot import Limits
 from steelyard.robot.robot_file import LoadedRobot, load_robot
 
 DATA = os.environ.get("STEELYARD_DATA")
@@ -132,6 +133,14 @@ def test_a_mimic_inside_the_arm_is_no_hand(tmp_path: Path) -> None:
         ("c", "revolute", "b_l", LIMIT.format(0, 1)),
     )
     assert round_trip(model, tmp_path / "r.toml", None)[0].robot.joint_names == ("a", "c")
+
+
+def test_a_range_of_one_point_beside_a_speed(tmp_path: Path) -> None:
+    """`lower="0" upper="0"` says nothing; the limits that `init` writes then have a speed alone."""
+    model = urdf(tmp_path / "r.urdf", ("a", "revolute", "base", LIMIT.format(0, 0)))
+    loaded, text = round_trip(model, tmp_path / "r.toml", None)
+    assert "[robot.limits.a]\nvelocity = 1.0\neffort = 2.0" in text
+    assert loaded.robot.coordinates[0].limits == Limits(velocity=1.0, effort=2.0)
 
 
 def test_a_robot_of_fingers_only_keeps_them(tmp_path: Path) -> None:

@@ -131,6 +131,17 @@ def test_inertials_rotation_turns_the_tensor(write: Callable[[str], Path]) -> No
     assert np.array_equal(robot.bodies[0].axis, [0.0, 0.0, 1.0])
 
 
+def test_a_mass_without_a_tensor_is_a_point(write: Callable[[str], Path]) -> None:
+    """As in Pinocchio: grippers are published so."""
+    text = (
+        HEAD + '<link name="a"/><link name="b"><inertial><origin xyz="0 0 0.5"/><mass value="2"/>'
+        "</inertial></link>" + joint() + "</robot>"
+    )  # fmt: skip
+    robot, _ = reduced(read_urdf(write(text)))
+    assert np.allclose(robot.bodies[0].inertia.ten, [2.0, 0, 0, 1.0, 0.5, 0, 0.5, 0, 0, 0])
+    assert np.allclose(robot.bodies[0].inertia.inertia_com, 0.0)
+
+
 def test_defaults(write: Callable[[str], Path]) -> None:
     """Axis x; no inertial; meshes that are not there; limits unknown where zero or absent."""
     visual = '<visual><geometry><mesh filename="package://none/x.dae"/></geometry></visual>'

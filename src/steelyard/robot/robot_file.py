@@ -12,6 +12,7 @@ import numpy as np
 from steelyard.arrays import Array, frozen
 from steelyard.errors import ModelError
 from steelyard.robot.efforts import WITHOUT_TORQUE, Locate
+from steelyard.robot.following import unlimited_if_empty
 from steelyard.robot.gears import build_transmission
 from steelyard.robot.geometry import clean_rotation, rpy_rotation
 from steelyard.robot.mechanism import Mechanism
@@ -276,7 +277,7 @@ def _check_name(kind: str, name: str, names: list[str], where: str) -> None:
 
 def _limits(name: str, mechanism: Mechanism, section: RobotSection, places: Places) -> Limits:
     given = section.limits[name].model_dump(exclude_none=True)
-    limits = replace(mechanism.joint(name).limits, **given)
+    limits = replace(unlimited_if_empty(mechanism.joint(name).limits), **given)
     if limits.lower >= limits.upper:
         raise ModelError(
             f"joint '{name}' has a lower limit of {limits.lower:g} and an upper one of "

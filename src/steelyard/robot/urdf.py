@@ -27,7 +27,8 @@ def read_urdf(path: Path) -> Mechanism:
 
     Visuals, collisions and unknown elements are passed over. `rpy` is
     $R_z(y) R_y(p) R_x(r)$; the rotation of an inertial's origin turns its tensor; a joint
-    without `<axis>` moves about x. A speed or effort limit of zero means that it is unknown.
+    without `<axis>` moves about x; a mass without `<inertia>` is a point. A speed or effort limit
+    of zero means that it is unknown.
 
     Raises:
         ModelError: The file is not a URDF of a tree of fixed, revolute, continuous and prismatic
@@ -145,8 +146,8 @@ def _link(element: Element) -> Link:
     if inertial is None:
         return Link(name, None, element.where)
     mass = _number(_needed(inertial, "mass"), "value")
-    tensor = _needed(inertial, "inertia")
-    about_com = symmetric([_number(tensor, six) for six in _SIX])
+    tensor = _only(inertial, "inertia")
+    about_com = symmetric([0.0 if tensor is None else _number(tensor, six) for six in _SIX])
     placement = _placement(inertial)
     inertia = Inertia.about_com(mass, (0.0, 0.0, 0.0), about_com)
     return Link(name, inertia.moved(placement.rotation, placement.position), element.where)
