@@ -6,7 +6,7 @@ from typing import Any
 import mujoco
 from model_files import ModelFile
 from model_oracles import urdf_oracle
-from mujoco_oracle import compiled
+from mujoco_oracle import ABSENT, compiled
 
 MOVES = ("revolute", "continuous", "prismatic")
 
@@ -38,7 +38,10 @@ def _xacro_part(file: ModelFile) -> str:
     built = [e for e in outside if "xacro" in str(e.tag) or e.tag in ("link", "joint")]
     if not built:
         return "macros without a robot"
-    return "part of other files" if file.included and not file.root.get("name") else ""
+    links = {link.get("name") for link in file.root.findall("link")}
+    hangs = any(p.get("link") not in links for p in file.root.findall("joint/parent"))
+    part = file.included and (hangs or not file.root.get("name"))
+    return "part of other files" if part else ""
 
 
 def _mjcf_part(file: ModelFile) -> str:
@@ -80,6 +83,13 @@ def _urdf_reason(root: Any) -> str:
     }
     if len([link for link in root.findall("link") if link.get("name") not in children]) > 1:
         return "several links without a parent: nothing says where they stand"
+    if any(len(part.findall(tag)) > 1 for part in root for tag in ("axis", "limit", "inertial")):
+        return "two elements where one counts"
+    if any(_reversed(limit) for limit in root.findall("joint/limit")):
+        return "lower limit above the upper one"
+    names = {joint.get("name") for joint in root.findall("joint")}
+    if any(mimic.get("joint") not in names for mimic in root.findall("joint/mimic")):
+        return "follower of a joint that is not there"
     try:
         urdf_oracle(root, cleaned=False)
     except Exception:
@@ -89,12 +99,16 @@ def _urdf_reason(root: Any) -> str:
     return ""
 
 
+def _reversed(limit: Any) -> bool:
+    return float(limit.get("lower", 0.0)) > float(limit.get("upper", 0.0))
+
+
 def _mjcf_reason(file: ModelFile) -> str:
     model, why = compiled(file.path)
     if model is None:
         if "mesh needed" in why:
             return "absent mesh that a mass comes from"
-        if re.search("opening file|not found|resource", why):
+        if re.search(ABSENT, why):
             return "absent file that it includes"
         return "MuJoCo cannot compile it either"
     kinds = [mujoco.mjtJoint(int(kind)) for kind in model.jnt_type]

@@ -81,7 +81,7 @@ class PinocchioOracle:
             pin.computeJointTorqueRegressor(self.model, self.data, *self._state(*x))[self._columns]
             for x in zip(q.T, dq.T, ddq.T, strict=True)
         ]
-        return np.array(found).transpose(1, 0, 2)
+        return np.array(found).reshape(q.shape[1], len(q), -1).transpose(1, 0, 2)
 
     def gaps(self, q: Array) -> tuple[Array, Array, Any]:
         """Of pins at one state, see `Oracle`."""

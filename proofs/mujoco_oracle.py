@@ -1,11 +1,13 @@
 """What MuJoCo makes of an MJCF: torques, regressor and pins of its tree."""
 
 import copy
+import re
 from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
+import pinocchio as pin
 from model_oracles import ROUNDED, Following, without_dirt
 
 from steelyard.arrays import Array
@@ -24,6 +26,7 @@ class MjcfOracle:
         self._places = [int(model.jnt_qposadr[k]) for k in single]
         self._columns = [int(model.jnt_dofadr[k]) for k in single]
         self.rest = dict(zip(self.joints, model.qpos0[self._places].tolist(), strict=True))
+        self.rest_of = dict(self.rest)
         self.following: dict[str, Following] = {}
         self._pins: list[int] = []
         for k in range(model.neq):
@@ -63,23 +66,18 @@ class MjcfOracle:
         return found
 
     def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
-        """Torques of ten bodies that can exist, one group of welded bodies at a time."""
-        model = self.model
-        kept = {n: np.copy(getattr(model, n)) for n in ("body_mass", "body_inertia", "body_ipos")}
-        groups = [b for b in range(1, model.nbody) if model.body_weldid[b] == b]
-        rng, parts = np.random.default_rng(3), []
-        for group in groups:
-            model.body_mass[:], model.body_inertia[:] = 0.0, 0.0
-            for _ in range(10):
-                model.body_mass[group] = rng.uniform(0.5, 1.5)
-                model.body_inertia[group] = rng.uniform(0.2, 0.3, 3)
-                model.body_ipos[group] = rng.uniform(-0.5, 0.5, 3)
-                turn = rng.normal(size=4)
-                model.body_iquat[group] = turn / np.linalg.norm(turn)
-                parts.append(self.torque(q, dq, ddq))
-        for name, values in kept.items():
-            getattr(model, name)[:] = values
-        return np.stack(parts, axis=2) if parts else np.zeros((*q.shape, 0))
+        """Pinocchio's, of the body behind the last joint of each, shape `(n_joints, N, p)`."""
+        twin, numbers, last = pinocchio_twin(self.model)
+        bodies = [10 * k + number for k in last for number in range(10)]
+        data, rest = twin.createData(), np.array([self.rest_of[name] for name in self.joints])
+        columns = [numbers[name] for name in self.joints]
+        found = []
+        for k in range(q.shape[1]):
+            state = np.zeros((3, twin.nv))
+            state[:, columns] = q[:, k] - rest, dq[:, k], ddq[:, k]
+            full = pin.computeJointTorqueRegressor(twin, data, *state).reshape(twin.nv, -1)
+            found.append(full[np.ix_(columns, bodies)])
+        return np.array(found).transpose(1, 0, 2)
 
     def gaps(self, q: Array) -> tuple[Array, Array, Any]:
         """Of pins at one state, see `Oracle`."""
@@ -127,6 +125,44 @@ class MjcfOracle:
             step(self.model, data)
 
 
+def pinocchio_twin(model: Any) -> tuple[Any, dict[str, int], list[int]]:
+    """The joints of an MJCF in Pinocchio, free and ball joints held where the file has them.
+
+    Returns:
+        The model, its joints at zero where MuJoCo's are at `qpos0`; their numbers by name; and the
+        numbers of those that carry a body: the joints of one body before its last carry none.
+    """
+    twin = pin.Model()
+    numbers: dict[str, int] = {}
+    last: list[int] = []
+    twin.gravity.linear = np.array(model.opt.gravity)
+    ends = {0: (0, pin.SE3.Identity())}
+    models = {
+        mujoco.mjtJoint.mjJNT_HINGE: pin.JointModelRevoluteUnaligned,
+        mujoco.mjtJoint.mjJNT_SLIDE: pin.JointModelPrismaticUnaligned,
+    }
+    for body in range(1, model.nbody):
+        carrier, frame = ends[int(model.body_parentid[body])]
+        matrix = np.zeros(9)
+        mujoco.mju_quat2Mat(matrix, model.body_quat[body])
+        frame = frame * pin.SE3(matrix.reshape(3, 3), model.body_pos[body].copy())
+        first = int(model.body_jntadr[body])
+        for joint in range(first, first + int(model.body_jntnum[body])):
+            kind = models.get(mujoco.mjtJoint(int(model.jnt_type[joint])))
+            if kind is None:
+                continue
+            name = model.joint(joint).name or f"joint_{joint}"
+            anchor = pin.SE3(np.eye(3), model.jnt_pos[joint].copy())
+            numbers[name] = len(numbers)
+            axis = kind(model.jnt_axis[joint].copy())
+            carrier = twin.addJoint(carrier, axis, frame * anchor, name)
+            frame = anchor.inverse()
+        if carrier and carrier != ends[int(model.body_parentid[body])][0]:
+            last.append(carrier - 1)
+        ends[body] = carrier, frame
+    return twin, numbers, last
+
+
 def cleaned_model(model: Any) -> Any:
     """A copy whose placements and axes have no rounded angles."""
     found = copy.copy(model)
@@ -140,6 +176,10 @@ def cleaned_model(model: Any) -> Any:
     return found
 
 
+ABSENT = r"[Ee]rror opening file|[Rr]esource|No such file"
+"""What MuJoCo says of a file that is not there."""
+
+
 def compiled(path: Path) -> tuple[Any, str]:
     """MuJoCo's model of an MJCF, without its meshes where they are absent and not needed.
 
@@ -150,6 +190,8 @@ def compiled(path: Path) -> tuple[Any, str]:
         return mujoco.MjModel.from_xml_path(str(path)), ""
     except (ValueError, mujoco.FatalError) as error:
         first = " ".join(str(error).split())
+    if not re.search(ABSENT, first):
+        return None, first
     try:
         spec = mujoco.MjSpec.from_file(str(path))
         if needed := _needed_meshes(spec):
