@@ -126,11 +126,20 @@ def _mjcf_reason(file: ModelFile) -> str:
     return "ball joint: three degrees of freedom"
 
 
+XACRO = {
+    r"to be included does not exist": "absent file that it includes",
+    r"the parent link '.*' of joint '.*' does not exist": "hangs on a link that it does not have",
+    r"'.*' is not defined": "property that nothing defines",
+}
+"""What is said of a xacro file that stands for no robot by itself, and what is wrong with it."""
+
+
 def _xacro_reason(file: ModelFile, message: str) -> str:
-    """A package or file that it includes is not beside it."""
+    """What a xacro file lacks; the packages it names have to be in the folders above it."""
+    for pattern, reason in XACRO.items():
+        if re.search(pattern, message):
+            return reason
     for package in set(re.findall(r"\$\(find ([\w-]+)\)", file.path.read_text(errors="replace"))):
         if not any((up / package).is_dir() or up.name == package for up in file.path.parents):
             return "package that it includes is not there"
-    if "no such file" in message or "does not exist" in message:
-        return "absent file that it includes"
     return ""

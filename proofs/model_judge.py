@@ -2,7 +2,6 @@
 
 import contextlib
 import io
-import os
 import re
 import tempfile
 import tomllib
@@ -115,9 +114,9 @@ def _loaded(file: ModelFile, folder: Path) -> tuple[Robot, Mapping[str, Any], Mo
         path = target
     loaded = load_robot(path)
     table = tomllib.loads(path.read_text(encoding="utf-8"))["robot"]
-    if file.family != "robot file":
+    if file.family == "DH table":
         return loaded.robot, table, file
-    model = recognised(loaded.sources[1].path)
+    model = recognised(loaded.sources[-1].path)
     return loaded.robot, table, file if model is None else model
 
 
@@ -266,6 +265,3 @@ def _class_of(text: str) -> str:
     short = re.sub(r"'[^']*'|\"[^\"]*\"", "'…'", text.split("\n")[0])
     short = re.sub(r"\S*/\S+", "PATH", re.sub(r"-?\d[\d.e+-]*", "#", short))
     return re.sub(r"('…'(, | and )?)+", "'…' ", short)[:110]
-
-
-os.environ.setdefault("STEELYARD_CACHE", "")

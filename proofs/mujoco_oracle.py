@@ -2,6 +2,7 @@
 
 import copy
 import re
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +52,7 @@ class MjcfOracle:
 
     def pull(self, gravity: Array) -> None:
         """Set gravity [m/s²] in the root's frame."""
+        self.model = copy.copy(self.model)
         self.model.opt.gravity = gravity
 
     def torque(self, q: Array, dq: Array, ddq: Array) -> Array:
@@ -180,6 +182,7 @@ ABSENT = r"[Ee]rror opening file|[Rr]esource|No such file"
 """What MuJoCo says of a file that is not there."""
 
 
+@lru_cache(maxsize=1)
 def compiled(path: Path) -> tuple[Any, str]:
     """MuJoCo's model of an MJCF, without its meshes where they are absent and not needed.
 
