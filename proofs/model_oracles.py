@@ -78,10 +78,11 @@ class PinocchioOracle:
     def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
         """Of all bodies' ten numbers, shape `(n_joints, N, p)`."""
         found = [
-            pin.computeJointTorqueRegressor(self.model, self.data, *self._state(*x))[self._columns]
+            pin.computeJointTorqueRegressor(self.model, self.data, *self._state(*x))
             for x in zip(q.T, dq.T, ddq.T, strict=True)
         ]
-        return np.array(found).reshape(q.shape[1], len(q), -1).transpose(1, 0, 2)
+        full = np.array(found).reshape(q.shape[1], self.model.nv, -1)
+        return np.asarray(full[:, self._columns].transpose(1, 0, 2))
 
     def gaps(self, q: Array) -> tuple[Array, Array, Any]:
         """Of pins at one state, see `Oracle`."""
