@@ -48,6 +48,8 @@ ONE_FILE = {
     "mujoco": {
         "excitation/mujoco_geometry.py",
         "robot/mjcf.py",
+        "robot/mjcf_efforts.py",
+        "robot/mjcf_passive.py",
         "virtual/mujoco_model.py",
     },
     "h5py": {"formats/hdf5_child.py", "formats/writers.py"},

@@ -78,7 +78,7 @@ def notes_without(folder: Path, joints: int, tables: str = "") -> tuple[tuple[st
 
 
 def test_joints_without_a_limit_of_effort_are_named(tmp_path: Path) -> None:
-    head = "torque is not limited where the model file gives no limit: "
+    head = "torque is not limited where no limit of effort is known: "
     notes, names = notes_without(tmp_path, 1)
     assert head + "'tower_joint'" in notes and names == ["torque"]
     notes, names = notes_without(tmp_path, 3)

@@ -17,7 +17,7 @@ from steelyard.formats import parse_log_argument
 from steelyard.progress import Progress, tell
 from steelyard.robot.edits import edited
 from steelyard.robot.guess import guess_columns, velocities_beside
-from steelyard.robot.init_file import drafted
+from steelyard.robot.init_file import drafted, notes_beside
 from steelyard.robot.robot_file import LoadedRobot, load_robot, robot_text
 from steelyard.robot.signals import Signals
 
@@ -85,7 +85,7 @@ def subject_of(robot: str, log: LogArgument) -> Subject:
     text = drafted(bare.sources[0].path, bare, columns, sample, target).text
     loaded = load_robot(target, text)
     reasons = guess_columns(loaded.robot.coordinates, columns, sample).reasons
-    return Subject(target, text, loaded, (*loaded.notes, *reasons))
+    return Subject(target, text, loaded, (*notes_beside(bare, loaded), *reasons))
 
 
 def case_of(

@@ -48,7 +48,7 @@ def init(
     from steelyard.cli import interrupt, river
     from steelyard.errors import ModelError, OutputError
     from steelyard.files import whole_file
-    from steelyard.robot.init_file import drafted
+    from steelyard.robot.init_file import drafted, notes_beside
     from steelyard.robot.robot_file import load_robot
 
     loaded = load_robot(model)
@@ -70,7 +70,7 @@ def init(
     with whole_file(target) as part:
         part.write_text(draft.text, encoding="utf-8")
         interrupt.too_late()
-    notes = tuple(dict.fromkeys((*loaded.notes, *load_robot(target).notes)))
+    notes = notes_beside(loaded, load_robot(target))
     if as_json:
         typer.echo(json.dumps(results(draft, target, notes)))
     else:

@@ -116,7 +116,7 @@ def _unlimited(robot: Robot, efforts: Array) -> list[str]:
     """A note that names the joints without a limit of effort, if there are any."""
     joints = zip(robot.joint_names, efforts, strict=True)
     free = ", ".join(f"'{name}'" for name, most in joints if not np.isfinite(most))
-    said = f"torque is not limited where the model file gives no limit: {free}"
+    said = f"torque is not limited where no limit of effort is known: {free}"
     return [Gap(said)] if free else []
 
 

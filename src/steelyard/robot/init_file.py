@@ -4,7 +4,7 @@ import json
 import os
 import re
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from steelyard.errors import LogError, ModelError
 from steelyard.robot.column_words import like_finger
 from steelyard.robot.guess import Guess, Sample, guess_columns
 from steelyard.robot.init_settings import SETTINGS
+from steelyard.robot.model_notes import JointSpring
 from steelyard.robot.robot import Coordinate, Robot
 from steelyard.robot.robot_file import LoadedRobot
 from steelyard.robot.schema import SignalsSection
@@ -82,7 +83,7 @@ def drafted(
         _robot_part(loaded, moving, model_path, output_path),
         _locked_part(resting),
         _limits_part(moving),
-        _MODEL_PART,
+        _model_part({c.name: loaded.springs[c.name] for c in moving if c.name in loaded.springs}),
         _signals_part(guess, moving) if guess else _signals_template(columns, problem, moving),
         SETTINGS,
     ]
@@ -93,6 +94,21 @@ def drafted(
         guess,
         problem,
     )
+
+
+def notes_beside(bare: LoadedRobot, written: LoadedRobot) -> tuple[str, ...]:
+    """Notes of a model file and of the robot file made from it, each statement once.
+
+    A robot file repeats gravity and limits of the model, and so hides what they rest on.
+    """
+    told = {**bare.unfollowed, **written.unfollowed}
+    assumed = [
+        note
+        for loaded in (bare, written)
+        for note in loaded.notes
+        if note not in loaded.unfollowed.values()
+    ]
+    return tuple(dict.fromkeys((*assumed, *told.values())))
 
 
 def _hands(robot: Robot) -> set[str]:
@@ -201,12 +217,28 @@ def _limits_part(moving: Sequence[Coordinate]) -> str:
     return "\n".join(lines)
 
 
+def _model_part(springs: Mapping[str, JointSpring]) -> str:
+    """The customary terms, and one for the springs of the model file."""
+    if not springs:
+        return _MODEL_PART + _CUSTOMARY + "]"
+    free = [round(spring.free, 12) for spring in springs.values()]
+    each = (
+        f"{name} {s.stiffness:g}{'' if s.linear else ' and higher powers'}"
+        for name, s in springs.items()
+    )
+    told = f"Springs of the model file, their stiffness there [Nm/rad; N/m]: {', '.join(each)}."
+    term = f'{{law = "spring", joints = {_text([*springs])}, free = {_text(free)}}}'
+    return f"{_MODEL_PART}\n  {_CUSTOMARY},\n{_comment(told, '  # ')}\n  {term},\n]"
+
+
 _MODEL_PART = """\
 [model]
 # Causes of torque. CHECK: motors and their currents feel "rotor_inertia"; torque sensors behind the
 # gears do not: take it out there, together with kind = "link_torque" below, which refuses it.
 # A table gives a law its settings: {law = "coulomb", smoothing = 0.005, joints = ["..."]}.
-terms = ["rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"]"""
+terms = ["""
+
+_CUSTOMARY = '"rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"'
 
 
 def _signals_part(guess: Guess, moving: Sequence[Coordinate]) -> str:

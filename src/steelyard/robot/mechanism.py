@@ -11,7 +11,9 @@ from steelyard.arrays import Array, frozen
 from steelyard.errors import ModelError
 from steelyard.robot.geometry import DIRT, Placement, clean_axis, turn
 from steelyard.robot.inertia import Inertia
+from steelyard.robot.model_notes import JointSpring, ModelNote
 from steelyard.robot.nearest import advice
+from steelyard.robot.placeholders import is_placeholder
 from steelyard.robot.robot import Limits
 
 MechanismJointKind = Literal["fixed", "revolute", "continuous", "prismatic"]
@@ -54,9 +56,10 @@ class Joint:
         child: Name of the child link.
         placement: The joint's frame in the parent link's frame, at position zero.
         axis: Unit vector in the joint's frame, shape `(3,)`; of no meaning for a fixed joint.
-        limits: Range, speed and effort.
+        limits: Range, speed and effort; an effort that is a placeholder is taken as unknown.
         mimic: The joint this one follows, if any.
         where: File and line, for messages.
+        placeholder: That effort, if the file gives one [Nm; N]; else zero.
     """
 
     name: str
@@ -68,8 +71,12 @@ class Joint:
     limits: Limits = field(default_factory=Limits)
     mimic: Mimic | None = None
     where: str = "the mechanism"
+    placeholder: float = field(default=0.0, init=False)
 
     def __post_init__(self) -> None:
+        if is_placeholder(self.limits.effort):
+            object.__setattr__(self, "placeholder", self.limits.effort)
+            object.__setattr__(self, "limits", replace(self.limits, effort=float("inf")))
         if self.kind == "fixed":
             object.__setattr__(self, "axis", frozen((1.0, 0.0, 0.0)))
             return
@@ -147,6 +154,8 @@ class Mechanism:
         pins: What closes chains.
         driven: Names of the joints that the file gives an actuator.
         rest: Positions of joints at which the pins close, where the file says so [rad; m].
+        springs: Springs along joints, by joint.
+        notes: What else the file states and the mechanism is without.
     """
 
     name: str
@@ -157,6 +166,8 @@ class Mechanism:
     pins: tuple[Pin, ...]
     driven: tuple[str, ...]
     rest: Mapping[str, float]
+    springs: Mapping[str, JointSpring]
+    notes: tuple[ModelNote, ...]
 
     def __init__(
         self,
@@ -169,6 +180,8 @@ class Mechanism:
         pins: Sequence[Pin] = (),
         driven: Sequence[str] = (),
         rest: Mapping[str, float] = MappingProxyType({}),
+        springs: Mapping[str, JointSpring] = MappingProxyType({}),
+        notes: Sequence[ModelNote] = (),
     ) -> None:
         object.__setattr__(self, "name", name)
         object.__setattr__(self, "links", tuple(links))
@@ -178,6 +191,8 @@ class Mechanism:
         object.__setattr__(self, "pins", tuple(pins))
         object.__setattr__(self, "driven", tuple(driven))
         object.__setattr__(self, "rest", MappingProxyType(dict(rest)))
+        object.__setattr__(self, "springs", MappingProxyType(dict(springs)))
+        object.__setattr__(self, "notes", tuple(notes))
         _check_names(self)
         _check_tree(self)
         _check_mimics(self)

@@ -12,6 +12,8 @@ from steelyard.errors import ModelError
 from steelyard.robot.geometry import Placement, turn
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.mechanism import Joint, Link, Mechanism, Mimic, Pin
+from steelyard.robot.mjcf_efforts import Actuators
+from steelyard.robot.mjcf_passive import passive_notes, springs_of
 from steelyard.robot.robot import Limits
 from steelyard.robot.xml_reader import read_xml
 
@@ -24,8 +26,9 @@ def read_mjcf(path: Path) -> Mechanism:
     The world is the root link. A body with several joints becomes a chain with frames without
     mass between; a link's frame has the body's axes and its origin at the joint's anchor. Joint
     equalities of first order become mimics, `connect` becomes a pin, `ref` is kept (positions are
-    MuJoCo's `qpos`). Armature, damping, friction and actuators are no part of the mechanism: they
-    are identified.
+    MuJoCo's `qpos`). Limits of effort are those of the actuators. Armature, damping and friction
+    are no part of the mechanism: they are identified. Springs are listed, and whatever else the
+    mechanism is without (gravity that is switched off or compensated, tendons, fluids) is noted.
 
     Raises:
         ModelError: MuJoCo cannot compile the file, or it holds ball or free joints or chains
@@ -38,7 +41,9 @@ def read_mjcf(path: Path) -> Mechanism:
             where=root.where,
             mend="give an MJCF (<mujoco>), a URDF (<robot>) or a robot file (.toml)",
         )
-    return _Reading(path, _compiled(path)).mechanism(root.attributes.get("model") or path.stem)
+    model = _compiled(path)
+    name = root.attributes.get("model") or path.stem
+    return _Reading(path, model, Actuators.of(model)).mechanism(name)
 
 
 def _compiled(path: Path) -> Any:
@@ -66,6 +71,7 @@ class _Reading:
 
     path: Path
     model: Any
+    actuators: Actuators
     links: list[Link] = field(default_factory=list)
     joints: list[Joint] = field(default_factory=list)
 
@@ -85,6 +91,8 @@ class _Reading:
             pins=pins,
             driven=self._driven(),
             rest={j.name: self._reference(k) for k, j in self._by_number()} if pins else {},
+            springs=springs_of(self.model, self._name),
+            notes=[*self.actuators.notes(self._name), *passive_notes(self.model, self._name)],
         )
 
     def _by_number(self) -> list[tuple[int, Joint]]:
@@ -100,7 +108,7 @@ class _Reading:
         model = self.model
         return [
             self._name("joint", int(model.actuator_trnid[k][0]))
-            for k in range(model.nu)
+            for k in range(model.nactuator)
             if mujoco.mjtTrn(int(model.actuator_trntype[k])) in kinds
         ]
 
@@ -181,8 +189,6 @@ class _Reading:
         at_zero = Placement(position=-ref * axis) if slide else Placement(turn(axis, -ref))
         limited = bool(model.jnt_limited[joint])
         lower, upper = model.jnt_range[joint] if limited else (-math.inf, math.inf)
-        forced = bool(model.jnt_actfrclimited[joint])
-        effort = float(np.abs(model.jnt_actfrcrange[joint]).min()) if forced else math.inf
         return Joint(
             name,
             "prismatic" if slide else "revolute" if limited else "continuous",
@@ -190,7 +196,7 @@ class _Reading:
             child,
             placement @ at_zero,
             axis,
-            Limits(float(lower), float(upper), effort=effort or math.inf),
+            Limits(float(lower), float(upper), effort=float(self.actuators.limits[joint])),
             mimics.get(joint),
             where,
         )

@@ -16,6 +16,7 @@ from steelyard.robot.following import unlimited_if_empty
 from steelyard.robot.gears import build_transmission
 from steelyard.robot.geometry import clean_rotation, rpy_rotation
 from steelyard.robot.mechanism import Mechanism
+from steelyard.robot.model_notes import Answer, JointSpring
 from steelyard.robot.model_source import dh_table, model_path_of, xacro_settings
 from steelyard.robot.model_source import read_mechanism as read_mechanism
 from steelyard.robot.nearest import advice
@@ -33,6 +34,7 @@ from steelyard.robot.schema import (
 )
 from steelyard.robot.signals import Signals, build_signals
 from steelyard.robot.toml_check import Places, checked
+from steelyard.robot.unfollowed import springs_along, told
 from steelyard.robot.xacro import expand, joined_reference, split_reference, stem_of
 from steelyard.robot.xml_reader import read_bytes
 
@@ -74,6 +76,8 @@ class LoadedRobot:
         knowledge: Further wishes, a table with its `kind` each.
         excitation: Which motion is wanted, and what it must keep.
         arguments: Of a xacro file that was given itself; those of a robot file stand there.
+        springs: Springs of the model file along its coordinates, by name; no term has them unless
+            it is listed.
     """
 
     robot: Robot
@@ -89,6 +93,8 @@ class LoadedRobot:
     prior: PriorSection = PriorSection()
     knowledge: tuple[Mapping[str, Any], ...] = ()
     excitation: ExcitationSection = ExcitationSection()
+    springs: Mapping[str, JointSpring] = field(default_factory=dict)
+    unfollowed: Mapping[str, str] = field(default_factory=dict)
     arguments: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
 
     @property
@@ -131,10 +137,12 @@ def load_robot(path: str | Path, text: str | None = None) -> LoadedRobot:
             )
         return _from_toml(path, robot_text(path), _source(path).sha256)
     sources, read_from = _model_sources(path, arguments, ())
-    robot, notes = reduced(read_mechanism(sources[-1].path))
+    mechanism = read_mechanism(sources[-1].path)
+    robot, notes = reduced(mechanism)
+    unfollowed = told(mechanism, robot, (), ())
     return LoadedRobot(
         robot,
-        read_from + notes,
+        (*read_from, *notes, *unfollowed.values()),
         None,
         None,
         False,
@@ -144,6 +152,8 @@ def load_robot(path: str | Path, text: str | None = None) -> LoadedRobot:
         sources,
         lambda *key: str(path),
         arguments=MappingProxyType(arguments),
+        springs=springs_along(mechanism, robot),
+        unfollowed=unfollowed,
     )
 
 
@@ -206,6 +216,8 @@ def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
     signals = None
     if file.signals is not None:
         signals = build_signals(file.signals, robot.coordinates, places.where, robot.transmission)
+    unfollowed = told(mechanism, robot, _answers(file), _limited(file.robot))
+    notes += tuple(unfollowed.values())
     if signals is not None and signals.effort_kind == "gravity_compensated_torque":
         robot = robot.changed(gravity=np.zeros(3))
         notes += ("efforts are without gravity: the model has none either",)
@@ -232,7 +244,27 @@ def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
         file.prior,
         file.knowledge,
         file.excitation,
+        springs_along(mechanism, robot),
+        unfollowed,
     )
+
+
+def _answers(file: RobotFile) -> set[Answer]:
+    """What the robot file says where the model file is not followed."""
+    answers: set[Answer] = set()
+    if file.robot.gravity is not None or file.robot.mounting is not None:
+        answers.add("gravity")
+    if file.signals is not None and file.signals.effort.kind == "gravity_compensated_torque":
+        answers |= {"gravity", "weight"}
+    terms = () if file.model is None or file.model.terms is None else file.model.terms
+    if "spring" in [term if isinstance(term, str) else term.get("law") for term in terms]:
+        answers.add("springs")
+    return answers
+
+
+def _limited(section: RobotSection) -> set[str]:
+    """Joints whose limit of effort the robot file gives."""
+    return {name for name, limits in section.limits.items() if limits.effort is not None}
 
 
 def _reduced(

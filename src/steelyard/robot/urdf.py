@@ -27,8 +27,8 @@ def read_urdf(path: Path) -> Mechanism:
 
     Visuals, collisions and unknown elements are passed over. `rpy` is
     $R_z(y) R_y(p) R_x(r)$; the rotation of an inertial's origin turns its tensor; a joint
-    without `<axis>` moves about x; a mass without `<inertia>` is a point. A speed or effort limit
-    of zero means that it is unknown.
+    without `<axis>` moves about x; a mass without `<inertia>` is a point. A speed limit of zero
+    means that it is unknown.
 
     Raises:
         ModelError: The file is not a URDF of a tree of fixed, revolute, continuous and prismatic
@@ -192,9 +192,7 @@ def _limits(joint: Element, kind: str) -> Limits:
     lower, upper = -math.inf, math.inf
     if kind != "continuous" and {"lower", "upper"} & set(limit.attributes):
         lower, upper = value("lower", 0.0), value("upper", 0.0)
-    return Limits(
-        lower, upper, value("velocity", 0.0) or math.inf, value("effort", 0.0) or math.inf
-    )
+    return Limits(lower, upper, value("velocity", 0.0) or math.inf, value("effort", math.inf))
 
 
 def _mimic(joint: Element) -> Mimic | None:
