@@ -8,6 +8,7 @@ import pytest
 from cli.conftest import Command
 from steelyard.cli.river import model_of
 from steelyard.excitation.build import build
+from steelyard.kernel.dynamics import JointState
 from steelyard.robot.robot_file import load_robot
 
 MJCF = """
@@ -65,3 +66,23 @@ def test_torques_are_limited_by_the_range_of_forces(mjcf: Path) -> None:
         (torque,) = problem.constraints
         assert torque.limits.tolist() == limits
         assert [note for note in problem.notes if "torque is not limited" in note] == notes
+
+
+def test_limited_torques_hold_the_springs_that_terms_stand_for(mjcf: Path) -> None:
+    toml = mjcf.with_name("motion.toml")
+    still = JointState([0.7, 0.0], [0.0, 0.0], [0.0, 0.0])
+    for term, sprung in (
+        ("", 0.0),
+        (', {law = "spring", joints = ["a"], free = 0.2}', 3.0 * 0.5),
+        (', {law = "spring", joints = ["a"], free = "unknown"}', 3.0 * 0.5),
+    ):
+        toml.write_text(
+            f'[robot]\nmjcf = "{mjcf.name}"\ngravity = [0.0, 0.0, 0.0]\n[model]\n'
+            f'terms = ["rigid_body"{term}]\n[excitation.collision]\nbodies = false\n'
+        )
+        loaded = load_robot(toml)
+        model = model_of(loaded)
+        (torque,) = build(loaded, model).constraints
+        (values,) = torque.cases
+        assert model.torque_of(still, values)[0] == pytest.approx(sprung)
+        assert ("springs" in torque.scope) == bool(term)

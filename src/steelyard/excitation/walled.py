@@ -96,7 +96,7 @@ def efforts_of(loaded: LoadedRobot, model: Model, earlier: Earlier | None) -> Wa
                 mend='leave out effort and power, or say effort = "any"',
             )
         return [], [Gap(f"torque is not limited: {why}")]
-    cases = _cases(section, _memoryless(model), earlier)
+    cases = _cases(loaded, _memoryless(model), earlier)
     found = list[EffortLimit]()
     if limited:
         found.append(torque_limit(cases, efforts))
@@ -106,7 +106,9 @@ def efforts_of(loaded: LoadedRobot, model: Model, earlier: Earlier | None) -> Wa
     source = (
         "the earlier model's" if earlier is not None else "those of the model file, no friction"
     )
-    scope = "of the model file's masses, not of friction" if earlier is None else ""
+    sprung = not _stiffnesses(loaded).keys().isdisjoint(model.names)
+    known = "masses and springs" if sprung else "masses"
+    scope = f"of the model file's {known}, not of friction" if earlier is None else ""
     notes = [f"torques are limited by a prior model, whose values are {source}", *notes]
     found = [replace(limit, scope=scope or "of the earlier model") for limit in found]
     return list(found), [*notes, COUNTED] if section.loads else notes
@@ -145,14 +147,21 @@ def _unknown_efforts(loaded: LoadedRobot, model: Model, earlier: Earlier | None)
     return None
 
 
-def _cases(
-    section: ExcitationSection, model: Model, earlier: Earlier | None
-) -> dict[str, ValuedModel]:
+def _stiffnesses(loaded: LoadedRobot) -> dict[str, float]:
+    """Values of the parameters of terms for the model file's springs, one per joint."""
+    stiff = {f"spring.{name}": spring.stiffness for name, spring in loaded.springs.items()}
+    return stiff | {
+        f"spring_preload.{name}": spring.stiffness * spring.free
+        for name, spring in loaded.springs.items()
+    }
+
+
+def _cases(loaded: LoadedRobot, model: Model, earlier: Earlier | None) -> dict[str, ValuedModel]:
     """The prior model, without and with every load; an earlier model replaces it wholly.
 
     What that one does not hold is zero: its values may be base parameters, which stand for others.
     """
-    nominal: Mapping[str, float] = {
+    nominal: Mapping[str, float] = _stiffnesses(loaded) | {
         f"{name}.{body.name}": float(value)
         for body in model.robot.bodies
         for name, value in zip(INERTIAL_NAMES, body.inertia.ten, strict=True)
@@ -162,7 +171,7 @@ def _cases(
     units = [model.units[model.names.index(name)] for name in names]
     arm = model.at(Parameters(names, units, [known[name] for name in names]))
     cases = {"without load": arm}
-    for number, load in enumerate(section.loads, start=1):
+    for number, load in enumerate(loaded.excitation.loads, start=1):
         frame = load.frame or last_frame(model.robot)
         for what, inertia in load_inertias(load).items():
             with written("loads] frame"):
