@@ -155,7 +155,7 @@ class Mechanism:
         driven: Names of the joints that the file gives an actuator.
         rest: Positions of joints at which the pins close, where the file says so [rad; m].
         springs: Springs along joints, by joint.
-        notes: What else the file states and the mechanism is without.
+        statements: What else the file states and the mechanism is without.
     """
 
     name: str
@@ -167,7 +167,7 @@ class Mechanism:
     driven: tuple[str, ...]
     rest: Mapping[str, float]
     springs: Mapping[str, JointSpring]
-    notes: tuple[ModelNote, ...]
+    statements: tuple[ModelNote, ...]
 
     def __init__(
         self,
@@ -181,7 +181,7 @@ class Mechanism:
         driven: Sequence[str] = (),
         rest: Mapping[str, float] = MappingProxyType({}),
         springs: Mapping[str, JointSpring] = MappingProxyType({}),
-        notes: Sequence[ModelNote] = (),
+        statements: Sequence[ModelNote] = (),
     ) -> None:
         object.__setattr__(self, "name", name)
         object.__setattr__(self, "links", tuple(links))
@@ -192,7 +192,7 @@ class Mechanism:
         object.__setattr__(self, "driven", tuple(driven))
         object.__setattr__(self, "rest", MappingProxyType(dict(rest)))
         object.__setattr__(self, "springs", MappingProxyType(dict(springs)))
-        object.__setattr__(self, "notes", tuple(notes))
+        object.__setattr__(self, "statements", tuple(statements))
         _check_names(self)
         _check_tree(self)
         _check_mimics(self)

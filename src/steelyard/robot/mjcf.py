@@ -92,7 +92,7 @@ class _Reading:
             driven=self._driven(),
             rest={j.name: self._reference(k) for k, j in self._by_number()} if pins else {},
             springs=springs_of(self.model, self._name),
-            notes=[*self.actuators.notes(self._name), *passive_notes(self.model, self._name)],
+            statements=[*self.actuators.notes(self._name), *passive_notes(self.model, self._name)],
         )
 
     def _by_number(self) -> list[tuple[int, Joint]]:

@@ -21,7 +21,7 @@ def told(
     moving = {body.joint for body in robot.bodies}
     unlimited = set(robot.joint_names) - set(limited)
     lines: dict[str, list[str]] = {}
-    for note in (*mechanism.notes, *_placeholders(mechanism), *_springs(mechanism)):
+    for note in (*mechanism.statements, *_placeholders(mechanism), *_springs(mechanism)):
         concerned = unlimited if note.answer == "efforts" else moving
         if note.answer in answered or (note.joints and concerned.isdisjoint(note.joints)):
             continue
