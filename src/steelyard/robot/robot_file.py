@@ -78,6 +78,8 @@ class LoadedRobot:
         arguments: Of a xacro file that was given itself; those of a robot file stand there.
         springs: Springs of the model file along its coordinates, by name; no term has them unless
             it is listed.
+        unfollowed: What the model file says of forces that the model does not follow, a sentence
+            for each kind.
     """
 
     robot: Robot
