@@ -12,6 +12,7 @@ misfit even so contradicts the data; one that leaves a small one does not, whate
 model says.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from weakref import WeakKeyDictionary
 
@@ -24,6 +25,7 @@ from steelyard.diagnosis.reading import Reading
 from steelyard.diagnosis.trial import FLOOR, Score, Trial, regressors, score_of
 from steelyard.errors import DataError
 from steelyard.estimation.conic import solved
+from steelyard.estimation.load_case import carrier
 from steelyard.estimation.physics import Entropic
 from steelyard.estimation.prior import model_prior
 from steelyard.estimation.program import Program, Wishes
@@ -77,20 +79,42 @@ def _possible(trial: Trial, reading: Reading) -> Possible | None:
     columns, efforts, moving = rows_of(thin, bare)
     if not (np.isfinite(columns).all() and moving.any() and efforts.any()):
         return None
-    whole = np.maximum(np.sum(np.square(efforts), axis=1), 1e-30)
+    bodies = range(len(thin.knowledge.robot.bodies))
+    problem = _Problem(thin.knowledge, columns, trial.bounds, thin.excerpt.worth, bodies)
     counts = moving.sum(axis=1) * thin.excerpt.worth
-    misfits = np.full(len(efforts), 0.3)
-    problem = _Problem(thin.knowledge, columns, trial.bounds, thin.excerpt.worth)
-    try:
-        for _ in range(PASSES):
-            weights = 1.0 / np.sqrt(whole / np.maximum(counts, 1.0) * (misfits**2 + FLOOR**2))
-            u = problem.solved(efforts, weights)
-            left = efforts - columns @ (problem.scale @ u)
-            score = score_of(np.sum(np.square(left), axis=1), whole, counts, np.zeros((0,)))
-            misfits = score.misfits
-    except DataError:
+    found = problem.agreeing(efforts, efforts, counts)
+    return None if found is None else Possible(found[1], problem.typical(found[0]))
+
+
+def other_link(trial: Trial, reading: Reading) -> Array | None:
+    """Ten numbers by which the last link differs from the model file, all other links as there.
+
+    The link that they make can exist. `None` where none can be found.
+
+    Args:
+        trial: The log.
+        reading: How it is read; what it says of a payload does not count.
+    """
+    thin = replace(trial, excerpt=trial.excerpt.thinned(SAMPLES))
+    knowledge, bare = thin.knowledge, reading.changed(payload=None)
+    columns, efforts, moving = rows_of(thin, bare)
+    predicted = thin.predicted(bare, *thin.motion(bare))
+    if not (np.isfinite(columns).all() and np.isfinite(predicted).all() and efforts.any()):
         return None
-    return Possible(score, problem.typical(u))
+    last = carrier(knowledge.robot).body
+    mine = slice(10 * last, 10 * last + 10)
+    nominal = knowledge.steady.values.values[mine]
+    columns = np.delete(columns, _others(columns, len(knowledge.robot.bodies), last), axis=2)
+    rest = efforts - predicted * moving + columns[..., :10] @ nominal
+    problem = _Problem(knowledge, columns, trial.bounds, thin.excerpt.worth, (last,))
+    found = problem.agreeing(rest, efforts, moving.sum(axis=1) * thin.excerpt.worth)
+    return None if found is None else np.asarray((problem.scale @ found[0])[:10] - nominal)
+
+
+def _others(columns: Array, bodies: int, last: int) -> Array:
+    """Places of the columns of all bodies but one."""
+    places = np.arange(columns.shape[-1])
+    return places[(places < 10 * bodies) & (places // 10 != last)]
 
 
 def rows_of(trial: Trial, reading: Reading) -> tuple[Array, Array, Array]:
@@ -125,27 +149,54 @@ def columns_of(knowledge: Knowledge, q: Array, dq: Array, ddq: Array, gravity: A
 
 
 class _Problem:
-    """The convex program of one reading.
+    """The convex program of one reading, for those bodies whose columns come first.
 
     Attributes:
         scale: Numbers of the bodies and nuisances per unknown, shape `(k, k)`.
     """
 
     def __init__(
-        self, knowledge: Knowledge, columns: Array, bounds: tuple[Array, Array], worth: float
+        self,
+        knowledge: Knowledge,
+        columns: Array,
+        bounds: tuple[Array, Array],
+        worth: float,
+        which: Sequence[int],
     ) -> None:
-        robot = knowledge.robot
-        bodies, n = len(robot.bodies), len(columns)
+        bodies, n = len(which), len(columns)
         self._columns, self._worth, self._bodies = columns, worth, bodies
         k = columns.shape[-1]
         self.scale = np.zeros((k, k))
-        for body in range(bodies):
-            part = slice(10 * body, 10 * body + 10)
-            self.scale[part, part] = ten_map(model_prior(robot, body).inertia)
+        for place, body in enumerate(which):
+            part = slice(10 * place, 10 * place + 10)
+            self.scale[part, part] = ten_map(model_prior(knowledge.robot, body).inertia)
         lower, upper = (side.reshape(-1) for side in bounds)
         self._lower, self._upper = lower, upper
         self._names = tuple(str(j) for j in range(k))
         self._places = 10 * bodies + np.arange(NUISANCES * n)
+
+    def agreeing(
+        self, efforts: Array, measured: Array, counts: Array
+    ) -> tuple[Array, Score] | None:
+        """The unknowns that agree best, and how well; joints weigh by what is left of them.
+
+        Args:
+            efforts: What these bodies and the nuisances make, shape `(n, N)`.
+            measured: What the misfit is relative to, shape `(n, N)`.
+            counts: Independent samples of every joint, shape `(n,)`.
+        """
+        whole = np.maximum(np.sum(np.square(measured), axis=1), 1e-30)
+        misfits = np.full(len(efforts), 0.3)
+        try:
+            for _ in range(PASSES):
+                weights = 1.0 / np.sqrt(whole / np.maximum(counts, 1.0) * (misfits**2 + FLOOR**2))
+                u = self.solved(efforts, weights)
+                left = efforts - self._columns @ (self.scale @ u)
+                score = score_of(np.sum(np.square(left), axis=1), whole, counts, np.zeros((0,)))
+                misfits = score.misfits
+        except DataError:
+            return None
+        return u, score
 
     def solved(self, efforts: Array, weights: Array) -> Array:
         """The unknowns, rows of joint j times `weights[j]`."""

@@ -12,6 +12,7 @@ from steelyard.diagnosis.knowledge import Knowledge, knowledge_of
 from steelyard.diagnosis.mirrored import efforts_first
 from steelyard.diagnosis.rival import AS_DECLARED, Rival, one_of
 from steelyard.diagnosis.rivals_effort import PERCENT, Other, best_factors, effort_rivals
+from steelyard.diagnosis.rivals_link import link_rivals
 from steelyard.diagnosis.rivals_position import deep_rivals, position_rivals
 from steelyard.diagnosis.rivals_ratio import ratio_rivals
 from steelyard.diagnosis.rivals_world import world_rivals
@@ -175,6 +176,8 @@ def _rivals(trial: Trial, now: Rival, others: tuple[Other, ...]) -> tuple[Rival,
     if bad(trial, now) or identified or now.percent > LOOSE:
         found += effort_rivals(trial, now.reading, trial.sums([now.reading]), others)
     found += world_rivals(trial, now.reading)
+    if bad(trial, now) and not identified:
+        found += link_rivals(trial, now.reading)
     found.sort(key=_unlikely)
     gain = found[0].log_likelihood - now.log_likelihood
     if bad(trial, now) or (identified and gain > SUSPECT):

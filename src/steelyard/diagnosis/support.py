@@ -19,6 +19,7 @@ from steelyard.diagnosis.reading import Reading
 from steelyard.diagnosis.rival import FREE, Rival, one_of
 from steelyard.diagnosis.rivals_effort import unit_rivals
 from steelyard.diagnosis.rivals_friction import friction_alone
+from steelyard.diagnosis.rivals_link import link_rivals
 from steelyard.diagnosis.rivals_mounting import mounting_rivals
 from steelyard.diagnosis.rivals_together import combined_rivals
 from steelyard.diagnosis.rivals_world import SHARP, axis_near
@@ -79,7 +80,8 @@ def supported(
             reading = thousand.reading
             break
         if rival.cause == "payload" or contradicted(trial, reading, rival):
-            kept.append((replace(rival, fixed=not _fitted(reading, rival)), judgement))
+            fixed = rival.fixed and not _fitted(reading, rival)
+            kept.append((replace(rival, fixed=fixed), judgement))
         elif _only_factor(reading, rival):
             asked = asked or not _of_unit(trial, reading, rival)
             if asked:
@@ -264,6 +266,14 @@ def _inverse(names: Sequence[str], order: Sequence[int]) -> str:
     return ", ".join(f"'{names[list(order).index(k)]}'" for k in range(len(order)))
 
 
+def other_bodies(trial: Trial, reading: Reading) -> Possible | None:
+    """Bodies of the log's own that explain a log; `None` where they do not, or hardly show."""
+    found = possible(trial, reading)
+    if found is None or found.percent > POOR or _worst(found) > ROUGH:
+        return None
+    return None if no_bodies(trial, reading, found) else found
+
+
 def no_bodies(trial: Trial, reading: Reading, found: Possible) -> bool:
     """Whether friction alone fits a log about as well as with bodies: their size is open then."""
     alone = Possible(friction_alone(trial, reading), 0.0)
@@ -304,4 +314,10 @@ def _scale(trial: Trial, reading: Reading, asked: bool) -> tuple[Rival, Judgemen
         return _thousand(trial, reading), Judgement.WRONG
     joints = tuple(range(trial.signals.n))
     rival = Rival(cause, says, changed, FREE, joints, score, fixed=False)
-    return rival, Judgement.WRONG if far else Judgement.DOUBTFUL
+    if far:
+        return rival, Judgement.WRONG
+    link = next(link_rivals(trial, reading), None)
+    if link is None or link.log_likelihood < rival.log_likelihood - MARGIN:
+        return rival, Judgement.DOUBTFUL
+    says = f"either efforts are off by a factor of about {factor:.2g}, or {link.says}"
+    return replace(rival, says=says), Judgement.OK

@@ -14,7 +14,7 @@ from steelyard.diagnosis.ranking import HOPELESS, known_of
 from steelyard.diagnosis.rival import Rival
 from steelyard.diagnosis.rivals_friction import friction_alone
 from steelyard.diagnosis.sight import once
-from steelyard.diagnosis.support import no_bodies
+from steelyard.diagnosis.support import no_bodies, other_bodies
 from steelyard.diagnosis.velocities import velocity_edits
 from steelyard.diagnosis.verdict import CLEAN, ROUGH, Verdict, last_of, verdict
 from steelyard.diagnosis.ways import ways
@@ -116,6 +116,7 @@ def _of_log(
         mend,
         picture(held, before, rival),
         shown,
+        answered=bool(judgement),
     )
 
 
@@ -136,8 +137,10 @@ def _mend(
     rival: Rival,
     judgement: Judgement,
     advice: Callable[[Rival], str],
-) -> tuple[Mend, Judgement]:
+) -> tuple[Mend | None, Judgement]:
     """The advice with its edits, which the first finding of a log carries for the velocities."""
+    if not judgement:
+        return None, judgement
     if not rival.fixed and np.any(rival.reading.ratios != 1.0):
         return Mend(f"{rival.says}{OF_NOMINAL}"), judgement
     if not rival.fixed:
@@ -205,6 +208,9 @@ def picture(held: Verdict, before: Rival, after: Rival) -> Picture:
 def _unclear(held: Verdict) -> str:
     """Why nothing explains a log."""
     trial, reading = held.ranking.trial, held.ranking.declared.reading
+    bodies = other_bodies(trial, reading)
+    if bodies is not None:
+        return f"bodies that are not the model file's agree to {_percent(bodies.percent)}"
     bodies = possible(trial, reading)
     if bodies is None or not no_bodies(trial, reading, bodies):
         return "no explanation is clear"
@@ -228,10 +234,12 @@ def told(held: Verdict) -> bool:
 
 def hopeless(held: Verdict) -> bool:
     """Whether nothing that was tried explains the efforts, not even roughly."""
-    declared = held.ranking.declared
+    trial, declared = held.ranking.trial, held.ranking.declared
     seen = declared.score.counts > 0.0
     worst = float(np.max(declared.misfits[seen], initial=0.0))
-    return not told(held) and (worst > HOPELESS or declared.percent > 100.0 * HALF)
+    if told(held) or (worst <= HOPELESS and declared.percent <= 100.0 * HALF):
+        return False
+    return trial.knowledge.identified or other_bodies(trial, declared.reading) is None
 
 
 def agrees(held: Verdict, what: str) -> str:

@@ -12,6 +12,7 @@ from steelyard.diagnosis.ranking import ALIEN, Ranking, bad, disagrees, ranking
 from steelyard.diagnosis.rival import Rival
 from steelyard.diagnosis.rivals_effort import OWN
 from steelyard.diagnosis.rivals_friction import giving_way
+from steelyard.diagnosis.rivals_link import of_link
 from steelyard.diagnosis.rivals_world import SHARP, delay_rivals
 from steelyard.diagnosis.sight import once
 from steelyard.diagnosis.support import supported
@@ -45,7 +46,8 @@ class Verdict:
 
     Attributes:
         ranking: All explanations.
-        winners: What is wrong, in the order in which it was found, with how sure that is.
+        winners: What is wrong, in the order in which it was found, with how sure that is; ok
+            where the model file alone is wrong, which leaves a question open.
         explained: Whether the last winner agrees with what is known.
     """
 
@@ -75,7 +77,10 @@ def verdict(case: Case, evidence: Evidence) -> Verdict | None:
     for rivals, winner in zip(found.rounds, found.chain, strict=False):
         judgement = _judged(found, before, winner, rivals)
         if judgement is Judgement.OK:
-            break
+            link = _link(before, winner, rivals)
+            if link is None:
+                break
+            winner = link
         winners.append((winner, judgement))
         before = winner
     if all(w.cause != "effort delay" for w, _ in winners):
@@ -154,6 +159,22 @@ def _judged(found: Ranking, before: Rival, winner: Rival, rivals: tuple[Rival, .
         and not mirrors(before.reading, winner, r)
     ]
     return _when(not apart)
+
+
+def _link(before: Rival, winner: Rival, rivals: tuple[Rival, ...]) -> Rival | None:
+    """That the last link differs from a model file: it explains the log, and nothing is wrong.
+
+    `None` where it does not, or where another explanation does as well.
+    """
+    link = next((rival for rival in rivals if of_link(rival)), None)
+    if link is None or winner.cause != link.cause:
+        return None
+    near = link.log_likelihood - CLOSE
+    if any(r.cause != link.cause and r.log_likelihood > near for r in rivals):
+        return None
+    gain = link.log_likelihood - before.log_likelihood
+    falls = before.percent >= FALL[False] * link.percent
+    return link if gain >= MARGIN[False] and falls else None
 
 
 def _striking(winner: Rival, gain: float) -> bool:
