@@ -48,4 +48,5 @@ def _words(name: str, more: float, mass: float) -> str:
     if abs(more) <= SAME * mass:
         return f"centre of mass or inertia of '{name}' are not those of the model file"
     heavier = "heavier" if more > 0.0 else "lighter"
-    return f"'{name}' is about {abs(more):.2g} kg {heavier} than the {mass:.2g} kg of the model file"
+    off = f"'{name}' is about {abs(more):.2g} kg {heavier}"
+    return f"{off} than the {mass:.2g} kg of the model file"
