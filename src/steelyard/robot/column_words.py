@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
-from steelyard.robot.robot import Coordinate
+from steelyard.robot.robot import Coordinate, JointKind
 
 Quantity = Literal["time", "position", "velocity", "acceleration", "effort"]
 
@@ -26,6 +26,12 @@ _AVOIDED = frozenset(
     "tcp temp temperature temperatures voltage".split()
 )
 _MOTION_UNITS = frozenset("rad rads deg degs m mm s rpm".split())
+_UNITS_OF: dict[JointKind, frozenset[str]] = {
+    "revolute": frozenset("rad rads deg degs degree degrees nm".split()),
+    "prismatic": frozenset("m mm meter meters metre metres n".split()),
+}
+"""Words for units of angles and torques, and of lengths and forces."""
+_UNITS = frozenset.union(*_UNITS_OF.values())
 _OF_MESSAGES = re.compile(
     r"/.*/(stamp|log_time|(?P<quantity>position|velocity|effort)/(?P<joint>.+))"
 )
@@ -133,23 +139,55 @@ def _own_words(
     }
 
 
-def by_number(count: int, columns: Iterable[Column]) -> list[tuple[Column, ...]]:
-    """Groups of `count` columns alike but for their last number, 0 or 1 onwards; best first."""
-    groups: dict[tuple[str, ...], dict[int, Column]] = defaultdict(dict)
+def by_number(
+    count: int, columns: Iterable[Column], kinds: Sequence[JointKind] = ()
+) -> list[tuple[Column, ...]]:
+    """Groups of `count` columns alike but for their last number, 0 or 1 onwards; best first.
+
+    Units differ where kinds of joints do: `q1_rad, q2_rad, q3_m` is a group too.
+
+    Args:
+        count: Columns in a group.
+        columns: Columns of one quantity.
+        kinds: Of the joints, one per column; none if all names must be alike.
+    """
+    alike: dict[tuple[str, ...], dict[int, Column]] = defaultdict(dict)
+    mixed: dict[tuple[str, ...], list[tuple[int, Column]]] = defaultdict(list)
     for column in columns:
-        places = [k for k, word in enumerate(column.words) if word.isdigit()]
-        number = int(column.words[places[-1]]) if places else 1
-        stem = list(column.words)
-        if places:
-            stem[places[-1]] = "#"
-        groups[tuple(stem)][number] = column
+        stem, number = _stem(column)
+        alike[stem][number] = column
+        mixed[tuple(word for word in stem if word not in _UNITS)].append((number, column))
+    found = list(alike.items())
+    found += [(stem, dict(group)) for stem, group in mixed.items() if _differ(group, kinds)]
     fitting = [
         (stem, group)
-        for stem, group in groups.items()
+        for stem, group in found
         if sorted(group) in (list(range(count)), list(range(1, count + 1)))
     ]
     fitting.sort(key=lambda item: _rank(item[0]))
     return [tuple(group[k] for k in sorted(group)) for _, group in fitting]
+
+
+def _stem(column: Column) -> tuple[tuple[str, ...], int]:
+    """A name's words with a sign for the last number, and that number; 1 without one."""
+    places = [k for k, word in enumerate(column.words) if word.isdigit()]
+    stem = list(column.words)
+    if not places:
+        return tuple(stem), 1
+    stem[places[-1]] = "#"
+    return tuple(stem), int(column.words[places[-1]])
+
+
+def _differ(group: Sequence[tuple[int, Column]], kinds: Sequence[JointKind]) -> bool:
+    """Whether joints of both kinds have units of theirs, and no number comes twice."""
+    numbers = {number for number, _ in group}
+    if len(set(kinds)) < 2 or not len(numbers) == len(group) == len(kinds):
+        return False
+    ordered = [column for _, column in sorted(group, key=lambda pair: pair[0])]
+    return all(
+        not column.has(*_UNITS_OF["prismatic" if kind == "revolute" else "revolute"])
+        for column, kind in zip(ordered, kinds, strict=True)
+    )
 
 
 def _rank(stem: tuple[str, ...]) -> tuple[bool, bool, bool, int]:

@@ -240,7 +240,8 @@ def _matched(
         found_q, found_tau = ([named[c.name] for c in joints] for named in (named_q, named_tau))
         return joints, found_q, found_tau, _BY_NAME
     joints = [c for c in coordinates if not like_finger(c)]
-    numbered_q, numbered_tau = by_number(len(joints), position), by_number(len(joints), effort)
+    kinds_of = [c.kind for c in joints]
+    numbered_q, numbered_tau = (by_number(len(joints), x, kinds_of) for x in (position, effort))
     for what, found_groups in (("positions", numbered_q), ("efforts", numbered_tau)):
         if not found_groups:
             _give_up(f"none look like the {what} of {len(joints)} joints", columns)
@@ -255,7 +256,7 @@ def _velocity(
         named = by_name(joints, columns)
         found = tuple(named[c.name] for c in joints if c.name in named)
         return found if len(found) == len(joints) else ()
-    groups = by_number(len(joints), columns)
+    groups = by_number(len(joints), columns, [c.kind for c in joints])
     return groups[0] if groups else ()
 
 
