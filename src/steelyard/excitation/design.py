@@ -17,6 +17,7 @@ from steelyard.excitation.exact import ExactTrajectory
 from steelyard.excitation.families import FAMILIES
 from steelyard.excitation.finish import finished
 from steelyard.excitation.gap import Gap
+from steelyard.excitation.holds import holds_said
 from steelyard.excitation.limits import MotionLimits
 from steelyard.excitation.markers import points_of
 from steelyard.excitation.objective import Case
@@ -165,7 +166,7 @@ def _described(
     loaded: LoadedRobot, motion: _Motion, earlier: Earlier | None, begun: float
 ) -> Designed:
     robot, section = loaded.robot, loaded.excitation
-    said = (*motion.notes, *_cell(loaded, motion.trajectory))
+    said = (*motion.notes, *holds_said(motion.trajectory), *_cell(loaded, motion.trajectory))
     certificate = certify(robot, motion.trajectory, motion.limits, motion.constraints, notes=said)
     noise, rate, source = noise_of(loaded, earlier)
     weights = rate / noise**2
