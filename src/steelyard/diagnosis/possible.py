@@ -104,17 +104,12 @@ def other_link(trial: Trial, reading: Reading) -> Array | None:
     last = carrier(knowledge.robot).body
     mine = slice(10 * last, 10 * last + 10)
     nominal = knowledge.steady.values.values[mine]
-    columns = np.delete(columns, _others(columns, len(knowledge.robot.bodies), last), axis=2)
+    nuisances = columns[..., 10 * len(knowledge.robot.bodies) :]
+    columns = np.concatenate((columns[..., mine], nuisances), axis=-1)
     rest = efforts - predicted * moving + columns[..., :10] @ nominal
     problem = _Problem(knowledge, columns, trial.bounds, thin.excerpt.worth, (last,))
     found = problem.agreeing(rest, efforts, moving.sum(axis=1) * thin.excerpt.worth)
     return None if found is None else np.asarray((problem.scale @ found[0])[:10] - nominal)
-
-
-def _others(columns: Array, bodies: int, last: int) -> Array:
-    """Places of the columns of all bodies but one."""
-    places = np.arange(columns.shape[-1])
-    return places[(places < 10 * bodies) & (places // 10 != last)]
 
 
 def rows_of(trial: Trial, reading: Reading) -> tuple[Array, Array, Array]:
