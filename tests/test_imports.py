@@ -30,7 +30,6 @@ ORDER = (
 )
 RANK = {room: rank for rank, rooms in enumerate(ORDER) for room in rooms}
 ONE_FILE = {
-    "casadi": {"kernel/trace.py"},
     "clarabel": {"estimation/conic.py"},
     "pymoo": {"search/genetic.py"},
     "cma": {"search/cma_es.py"},
@@ -106,7 +105,7 @@ def test_foreign_packages_stay_in_their_files(package: str) -> None:
 
 @pytest.mark.parametrize("module", ["steelyard", "steelyard.cli.app"])
 def test_a_start_loads_nothing_heavy(module: str) -> None:
-    heavy = ("casadi", "llvmlite", "polars", "mujoco", "plotly", "scipy", "pydantic")
+    heavy = ("llvmlite", "polars", "mujoco", "plotly", "scipy", "pydantic")
     code = f"import sys, {module}; print([m for m in {heavy} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

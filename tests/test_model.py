@@ -130,7 +130,7 @@ compile_code = machine.compile_code
 machine.compile_code = lambda *a: compiled.append(a) or compile_code(*a)
 model = Model(tree())
 Accumulator(base_regressor(model)).loops, model.torque_code
-print(len(compiled), "casadi" in sys.modules)
+print(len(compiled), "steelyard.kernel.trace" in sys.modules)
 """
 
 

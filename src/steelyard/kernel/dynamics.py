@@ -1,7 +1,7 @@
 r"""Inverse dynamics of a tree of bodies, written once, over numbers, arrays and symbols alike.
 
 The recursive Newton-Euler algorithm [Luh1980] in body coordinates. Vectors and matrices are NumPy
-arrays of *scalars*, and a scalar is whatever has `+ - *`, `sin` and `cos`: a CasADi symbol when
+arrays of *scalars*, and a scalar is whatever has `+ - *`, `sin` and `cos`: a `Symbol` when
 the program is traced, an array over samples in a test.
 
 Every body contributes, about the origin of its own frame and with $a$ the acceleration of that

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from steelyard.kernel.program import Program
 from steelyard.kernel.vector_ir import Block
 
-CHUNK = 1500
+CHUNK = 600
 
 
 @dataclass
@@ -19,7 +19,7 @@ class _Emission:
 
     program: Program
     lanes: int
-    chunk_of: list[int]
+    steps_of: list[range]
     last_chunk: list[int]
     entries: dict[int, list[int]]
     slots: dict[int, int] = field(default_factory=dict)
@@ -31,12 +31,12 @@ def emit(program: Program, name: str, lanes: int) -> str:
     steps = len(program.steps)
     n_chunks = max(1, -(-steps // CHUNK))
     size = -(-steps // n_chunks)
-    chunk_of = [number // size for number in range(steps)]
-    last_chunk = [chunk_of[use] for use in program.last_use()]
+    steps_of = [range(k * size, min((k + 1) * size, steps)) for k in range(n_chunks)]
+    last_chunk = [use // size for use in program.last_use()]
     entries: dict[int, list[int]] = {}
     for entry, number in enumerate(program.outputs):
         entries.setdefault(number, []).append(entry)
-    emission = _Emission(program, lanes, chunk_of, last_chunk, entries)
+    emission = _Emission(program, lanes, steps_of, last_chunk, entries)
     bodies = [_chunk(emission, chunk) for chunk in range(n_chunks)]
     arguments = [f"ptr %x{i}, i64 %l{i}" for i in range(len(program.inputs))]
     passed = ", ".join([*arguments, "ptr %y, i64 %ly"])
@@ -71,9 +71,8 @@ def _chunk(emission: _Emission, chunk: int) -> list[str]:
     block = Block(emission.lanes)
     values: dict[int, str] = {}
     waves: dict[int, tuple[str, str]] = {}
-    for number, step in enumerate(emission.program.steps):
-        if emission.chunk_of[number] != chunk:
-            continue
+    for number in emission.steps_of[chunk]:
+        step = emission.program.steps[number]
         if step.operation not in ("constant", "input"):
             arguments = [_value(emission, block, values, a) for a in step.arguments]
             values[number] = _operation(block, step.operation, step.arguments, arguments, waves)

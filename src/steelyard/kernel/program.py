@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 UNARY = ("neg", "sqrt", "abs", "sign", "sin", "cos", "exp", "tanh", "atan")
 BINARY = ("add", "sub", "mul", "div", "less", "less_equal", "minimum", "maximum")
 
 
-@dataclass(frozen=True)
-class Step:
+class Step(NamedTuple):
     """One assignment.
 
     Attributes:
