@@ -157,6 +157,21 @@ class Model:
         return Input("q", n), Input("dq", n), Input("ddq", n), Input("channels", self.n_channels)
 
     @cached_property
+    def columns_program(self) -> tuple[Program, tuple[tuple[int, int], ...]]:
+        """All columns as one program, and the place `(row, column)` of each of its outputs."""
+        from steelyard.kernel.trace import symbolic
+
+        places: list[tuple[int, int]] = []
+
+        def build(*x: Any) -> list[Scalar]:
+            columns = self.columns(JointState(*x))
+            places.extend(columns)
+            return list(columns.values())
+
+        program = symbolic(build, self.inputs)
+        return program, tuple(places)
+
+    @cached_property
     def torque_code(self) -> Code:
         """Machine code of the torque; inputs as `inputs`, and the shared parameters."""
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from steelyard.kernel.program import Program
 from steelyard.kernel.vector_ir import Block
 
-CHUNK = 600
+CHUNK = 800
 
 
 @dataclass
@@ -71,6 +71,7 @@ def _chunk(emission: _Emission, chunk: int) -> list[str]:
     block = Block(emission.lanes)
     values: dict[int, str] = {}
     waves: dict[int, tuple[str, str]] = {}
+    rows: dict[int, str] = {}
     for number in emission.steps_of[chunk]:
         step = emission.program.steps[number]
         if step.operation not in ("constant", "input"):
@@ -81,7 +82,13 @@ def _chunk(emission: _Emission, chunk: int) -> list[str]:
                 _store(block, values[number], _slot(block, slot))
         for entry in emission.entries.get(number, []):
             value = _value(emission, block, values, number)
-            _store(block, value, _address(block, "%y", "%ly", entry))
+            place = (
+                block.let(f"getelementptr double, ptr {rows[entry - 1]}, i64 %ly")
+                if entry - 1 in rows
+                else _address(block, "%y", "%ly", entry)
+            )
+            rows[entry] = place
+            _store(block, value, place)
     emission.declarations |= block.declarations
     return block.lines
 

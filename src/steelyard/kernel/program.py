@@ -50,6 +50,25 @@ class Program:
         """Arithmetic steps per sample."""
         return sum(step.operation not in ("constant", "input") for step in self.steps)
 
+    def pruned(self) -> "Program":
+        """The program without steps that no output needs."""
+        needed = bytearray(len(self.steps))
+        for number in self.outputs:
+            needed[number] = 1
+        for number in reversed(range(len(self.steps))):
+            if needed[number] and self.steps[number].operation != "input":
+                for argument in self.steps[number].arguments:
+                    needed[argument] = 1
+        place: dict[int, int] = {}
+        steps: list[Step] = []
+        for number, step in enumerate(self.steps):
+            if needed[number]:
+                place[number] = len(steps)
+                if step.arguments and step.operation != "input":
+                    step = Step(step.operation, tuple([place[a] for a in step.arguments]))
+                steps.append(step)
+        return Program(self.inputs, tuple(steps), tuple(place[k] for k in self.outputs))
+
     def last_use(self) -> Sequence[int]:
         """For every step the number of the last step that reads it; its own if none does."""
         last = list(range(len(self.steps)))

@@ -18,13 +18,11 @@ from scipy.linalg import solve_triangular
 from steelyard.arrays import Array, frozen
 from steelyard.errors import ModelError
 from steelyard.kernel import cache
-from steelyard.kernel.dynamics import JointState
 from steelyard.kernel.loops import random_positions
 from steelyard.kernel.numpy_backend import run
 from steelyard.model import Model
 from steelyard.regression.independence import independent_columns, seen_columns
 from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.term import Columns
 
 FAINT = 1e-3
 """Part of a column that others do not explain, over the norm of the largest one of its unit, below
@@ -177,17 +175,8 @@ def full_regressor(model: Model, seed: int = 0) -> Array:
 
     Loops are closed in all of them.
     """
-    from steelyard.kernel.trace import symbolic
-
     n, p = model.robot.n, len(model.parameters)
-    entries: dict[tuple[int, int], int] = {}
-
-    def build(q: Any, dq: Any, ddq: Any, channels: Any) -> list[Any]:
-        columns: Columns = model.columns(JointState(q, dq, ddq, channels))
-        entries.update({place: number for number, place in enumerate(columns)})
-        return list(columns.values())
-
-    program = symbolic(build, model.inputs)
+    program, places = model.columns_program
     n_samples = 3 * p // n + 10
     rng = np.random.default_rng(seed)
     q, passive = random_positions(model.robot, n_samples, rng)
@@ -198,8 +187,8 @@ def full_regressor(model: Model, seed: int = 0) -> Array:
     channels[: len(passive)] = passive
     values = run(program, [q, dq, ddq, channels])
     regressor = np.zeros((n, n_samples, p))
-    for (row, column), number in entries.items():
-        regressor[row, :, column] = values[number]
+    for (row, column), entries in zip(places, values, strict=True):
+        regressor[row, :, column] = entries
     return regressor.reshape(n * n_samples, p)
 
 

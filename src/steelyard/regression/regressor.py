@@ -8,9 +8,8 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.kernel.compiled import Code, compiled
-from steelyard.kernel.dynamics import JointState
 from steelyard.kernel.program import Array as Input
-from steelyard.kernel.program import Program
+from steelyard.kernel.program import Program, Step
 from steelyard.model import Model
 from steelyard.regression.base import BaseMap, base_map
 
@@ -90,21 +89,20 @@ def chosen_regressor(model: Model, base: BaseMap, columns: Sequence[int]) -> Reg
     place = {column: k for k, column in enumerate(columns)}
 
     def build() -> tuple[Program, dict[str, Any]]:
-        from steelyard.kernel.trace import symbolic
-
+        program, places = model.columns_program
+        step_of = dict(zip(places, program.outputs, strict=True))
+        inputs = (*program.inputs, Input("effort", model.robot.n))
+        efforts = [Step("input", (len(program.inputs), row)) for row in range(model.robot.n)]
         sees: list[list[int]] = [[] for _ in range(model.robot.n)]
-
-        def rows(q: Any, dq: Any, ddq: Any, channels: Any, effort: Any) -> list[Any]:
-            entries = model.columns(JointState(q, dq, ddq, channels))
-            outputs: list[Any] = []
-            for row in range(model.robot.n):
-                seen = sorted(place[c] for r, c in entries if r == row and c in place)
-                sees[row] = seen
-                outputs += [entries[row, columns[k]] for k in seen] + [effort[row]]
-            return outputs
-
-        inputs = [*model.inputs, Input("effort", model.robot.n)]
-        return symbolic(rows, inputs), {"sees": sees}
+        for row, column in places:
+            if column in place:
+                sees[row].append(place[column])
+        outputs: list[int] = []
+        for row, seen in enumerate(sees):
+            seen.sort()
+            outputs += [step_of[row, columns[k]] for k in seen] + [len(program.steps) + row]
+        chosen = Program(inputs, (*program.steps, *efforts), tuple(outputs))
+        return chosen.pruned(), {"sees": sees}
 
     code = compiled(["regressor", model.program_key, list(columns)], build)
     layout = Layout(
