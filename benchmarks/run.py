@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from unittest import mock
 
 if hasattr(os, "sched_setaffinity"):
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
@@ -40,6 +41,7 @@ from steelyard.regression.regressor import Regressor, base_regressor  # noqa: E4
 from steelyard.robot.dh import DHRow, dh_mechanism  # noqa: E402
 from steelyard.robot.inertia import INERTIAL_NAMES  # noqa: E402
 from steelyard.robot.reduction import reduced  # noqa: E402
+from steelyard.robot.robot import Body, Coordinate, Robot  # noqa: E402
 from steelyard.robot.robot_file import load_robot  # noqa: E402
 from steelyard.terms.coulomb import Coulomb  # noqa: E402
 from steelyard.terms.rigid_body import RigidBody  # noqa: E402
@@ -118,6 +120,38 @@ def regressor_rows(found: Regressor) -> list[Row]:
         ("regressor, Python loop over Pinocchio", f"{1e9 * theirs:.0f} ns a sample", "", True),
         ("regressor: ratio", f"{ratio:.0f}", ">= 30", ratio >= 30.0),
     ]
+
+
+def cold_rows() -> list[Row]:
+    """A robot in memory to machine code of its base regressor, nothing cached."""
+    rows: list[Row] = []
+    for n, bound in ((7, 0.6), (30, 2.0), (100, 8.0)):
+        with (
+            tempfile.TemporaryDirectory() as folder,
+            mock.patch.dict(os.environ, {"STEELYARD_CACHE": folder}),
+        ):
+            start = time.process_time()
+            base_regressor(Model(limbs(n), (RigidBody(), Coulomb(), Viscous())))
+            seconds = time.process_time() - start
+        name = f"{n} joints, traced and compiled"
+        rows.append((name, f"{seconds:.2f} s", f"<= {bound} s", seconds <= bound))
+    return rows
+
+
+def limbs(n: int) -> Robot:
+    """A trunk with limbs of seven joints each."""
+    rng = np.random.default_rng(0)
+    bodies = [
+        Body(
+            name=f"body{k}", joint=f"joint{k}", kind="revolute",
+            parent=0 if k % 7 == 1 else k - 1,
+            rotation=np.roll(np.eye(3), int(rng.integers(3)), axis=0), position=[0.1, 0.0, 0.3],
+            axis=[0.0, 0.0, 1.0], coordinate=k,
+        )
+        for k in range(n)
+    ]  # fmt: skip
+    joints = tuple(Coordinate(body.joint, body.kind) for body in bodies)
+    return Robot(f"{n} joints", tuple(bodies), joints)
 
 
 def solution_rows(found: Regressor, count: int) -> list[Row]:
@@ -329,6 +363,7 @@ def main() -> int:
     """All rows as a table."""
     found = base_regressor(seven_joints())
     rows = [
+        *cold_rows(),
         *regressor_rows(found),
         *solution_rows(found, 5_000),
         *solution_rows(found, 100_000),
