@@ -136,8 +136,11 @@ def clear_map(model: Model) -> BaseMap:
 
     Where all others explain a column up to less than `FAINT` of the largest one of its unit, as
     behind axes that are parallel or upright to 1e-4 rad, its parameter is grouped with them: no
-    motion shows it beside them, and a criterion that asks for it would see nothing else.
+    motion shows it beside them, and a criterion that asks for it would see nothing else. Of robots
+    with loops all are kept: how much they show depends on where the loops are.
     """
+    if model.robot.passive:
+        return base_map(model)
     return _found("clear base", model, lambda regressor: _clear(model, regressor))
 
 
