@@ -47,7 +47,9 @@ ONE_FILE = {
     "mujoco": {
         "excitation/mujoco_geometry.py",
         "robot/mjcf.py",
+        "robot/mjcf_assets.py",
         "robot/mjcf_efforts.py",
+        "robot/mjcf_equalities.py",
         "robot/mjcf_passive.py",
         "virtual/mujoco_model.py",
     },

@@ -8,6 +8,7 @@ import pytest
 from steelyard.cli.river import model_of
 from steelyard.errors import ModelError
 from steelyard.robot.init_file import drafted
+from steelyard.robot.proposal import proposed
 from steelyard.robot.robot import Limits
 from steelyard.robot.robot_file import LoadedRobot, load_robot
 
@@ -68,7 +69,7 @@ def round_trip(
     model: Path, output: Path, columns: list[str] | None, sample: dict | None = None
 ) -> tuple[LoadedRobot, str]:
     output.parent.mkdir(parents=True, exist_ok=True)
-    text = drafted(model, load_robot(model), columns, sample, output).text
+    text = drafted(model, proposed(model), columns, sample, output).text
     output.write_text(text, encoding="utf-8")
     return load_robot(output), text
 
@@ -219,6 +220,6 @@ def test_mjcf_is_named_as_such(tmp_path: Path) -> None:
 
 def test_a_robot_file_is_refused(tmp_path: Path) -> None:
     model = urdf(tmp_path / "r.urdf", ("a", "revolute", "base", LIMIT.format(0, 1)))
-    loaded, _ = round_trip(model, tmp_path / "r.toml", None)
+    round_trip(model, tmp_path / "r.toml", None)
     with pytest.raises(ModelError, match="a robot file already"):
-        drafted(tmp_path / "r.toml", loaded, None, None, tmp_path / "s.toml")
+        proposed(tmp_path / "r.toml")

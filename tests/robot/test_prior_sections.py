@@ -8,6 +8,7 @@ import pytest
 from steelyard.errors import ModelError
 from steelyard.robot.edits import edited
 from steelyard.robot.init_file import drafted
+from steelyard.robot.proposal import proposed
 from steelyard.robot.robot_file import LoadedRobot, load_robot
 
 URDF = """<robot name="one"><link name="a"/><link name="b"/>
@@ -111,7 +112,7 @@ def test_mistakes_name_line_and_key(
 
 def test_a_new_robot_file_shows_how_to_write_them(folder: Path) -> None:
     model, output = folder / "one.urdf", folder / "arm.toml"
-    text = drafted(model, load_robot(model), None, None, output).text
+    text = drafted(model, proposed(model), None, None, output).text
     begin, end = text.index("[prior]"), text.index("[validation]")
     lines = [x.removeprefix("# ") for x in text[begin:end].replace("NAME", "b").splitlines()]
     shown = [x for x in lines if x.startswith("[") or " = " in x]

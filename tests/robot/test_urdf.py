@@ -232,18 +232,6 @@ ERRORS = {
         "line 4, <joint name='j'>",
         "did you mean 'revolute'",
     ),
-    "floating": (
-        HEAD + LINKS + joint(kind="floating") + "</robot>",
-        "more than one degree of freedom",
-        "line 4, <joint name='j'>",
-        "chain of revolute and prismatic",
-    ),
-    "planar": (
-        HEAD + LINKS + joint(kind="planar") + "</robot>",
-        "more than one degree of freedom",
-        "line 4",
-        "fixed one",
-    ),
     "no child": (
         HEAD + LINKS + joint(ends='<parent link="a"/>') + "</robot>",
         "<joint> has no <child> element",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from steelyard.cli.guard import guarded
-from steelyard.cli.options import LOG_HELP, Json, RobotArgument
+from steelyard.cli.options import LOG_HELP, FixedBase, Json, RobotArgument
 
 if TYPE_CHECKING:
     from steelyard.cli.fix import Fixed
@@ -43,6 +43,7 @@ def check(
             "--output", "-o", help="Folder to make for a page with plots, and JSON; none if unset."
         ),
     ] = None,
+    fixed_base: FixedBase = None,
     as_json: Json = False,
 ) -> None:
     """Find out what is wrong with logs, and the lines of the robot file that mend it.
@@ -63,7 +64,7 @@ def check(
     target = None if fix is None else target_of(robot, fix)
     reference = None if model is None else load_model(model)
     files = river.log_files(logs)
-    subject = subject_of(robot, files[0])
+    subject = subject_of(robot, files[0], fixed_base)
     if reference is not None:
         refuse_foreign(reference, subject.loaded, str(model))
     with progress_bar() as progress:

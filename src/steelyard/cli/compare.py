@@ -11,7 +11,7 @@ import typer
 
 from steelyard.cli import interrupt
 from steelyard.cli.guard import guarded
-from steelyard.cli.options import LOG_HELP, Json, RobotArgument, Threads
+from steelyard.cli.options import LOG_HELP, FixedBase, Json, RobotArgument, Threads
 
 if TYPE_CHECKING:
     from steelyard.cli.rivals import Rivals
@@ -45,6 +45,7 @@ def compare(
         bool,
         typer.Option("--no-check", help="Do not check the logs before; see `steelyard check`."),
     ] = False,
+    fixed_base: FixedBase = None,
     threads: Threads = None,
     as_json: Json = False,
 ) -> None:
@@ -61,7 +62,8 @@ def compare(
     folder = None if output is None else river.new_folder(output, "")
     offers = offers_of(estimators or (), everything)
     with progress_bar() as progress:
-        rivals = rivals_of(robot, logs, not no_check, threads or os.cpu_count() or 1, progress)
+        cores = threads or os.cpu_count() or 1
+        rivals = rivals_of(robot, logs, not no_check, cores, progress, fixed_base)
         comparison = kept(offers, rivals, progress)
     content = rivals.content(comparison)
     write(content, folder)

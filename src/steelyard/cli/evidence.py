@@ -18,6 +18,7 @@ from steelyard.progress import Progress, tell
 from steelyard.robot.edits import edited
 from steelyard.robot.guess import guess_columns, velocities_beside
 from steelyard.robot.init_file import drafted, notes_beside
+from steelyard.robot.proposal import proposed
 from steelyard.robot.robot_file import LoadedRobot, load_robot, robot_text
 from steelyard.robot.signals import Signals
 
@@ -61,7 +62,7 @@ class Subject:
         return Subject(path, text, load_robot(path, text), self.notes)
 
 
-def subject_of(robot: str, log: LogArgument) -> Subject:
+def subject_of(robot: str, log: LogArgument, base: str | None = None) -> Subject:
     """The robot file, or for a URDF or MJCF what `steelyard init` would write from the log.
 
     Raises:
@@ -71,7 +72,7 @@ def subject_of(robot: str, log: LogArgument) -> Subject:
     path = Path(robot)
     if path.suffix.lower() == ".toml":
         text = robot_text(path)
-        loaded = load_robot(path)
+        loaded = load_robot(path, base=base)
         if loaded.signals is not None:
             return Subject(path, text, loaded, loaded.notes)
         reasons = river.signals_of(loaded, log)[1]
@@ -79,13 +80,14 @@ def subject_of(robot: str, log: LogArgument) -> Subject:
         guessed = section.model_dump(exclude_none=True, exclude_defaults=True)
         text = edited(text, [Edit(("signals",), guessed)])
         return Subject(path, text, load_robot(path, text), (*loaded.notes, *reasons))
-    bare = load_robot(robot)
-    target = Path(f"{bare.stem}.toml")
+    proposal = proposed(robot, base)
+    target = Path(f"{proposal.loaded.stem}.toml")
     columns, sample = river.sample_of(log.path)
-    text = drafted(bare.sources[0].path, bare, columns, sample, target).text
+    text = drafted(proposal, columns, sample, target).text
     loaded = load_robot(target, text)
     reasons = guess_columns(loaded.robot.coordinates, columns, sample).reasons
-    return Subject(target, text, loaded, (*notes_beside(bare, loaded), *reasons))
+    notes = (*proposal.said, *notes_beside(proposal.loaded, loaded), *reasons)
+    return Subject(target, text, loaded, notes)
 
 
 def case_of(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from steelyard.cli.guard import guarded
-from steelyard.cli.options import Json, Output, RobotArgument, Seed
+from steelyard.cli.options import FixedBase, Json, Output, RobotArgument, Seed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -98,6 +98,7 @@ def excite(
     rate: Annotated[
         float | None, typer.Option(min=1.0, help="Points a second in those files.")
     ] = None,
+    fixed_base: FixedBase = None,
     seed: Seed = 0,
     output: Output = None,
     as_json: Json = False,
@@ -132,7 +133,7 @@ def excite(
 
     begun = time.monotonic()
     loaded = asked(
-        load_robot(robot),
+        load_robot(robot, base=fixed_base),
         motion=motion,
         period=period,
         harmonics=harmonics,

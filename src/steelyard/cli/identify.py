@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from steelyard.cli.guard import guarded
-from steelyard.cli.options import LOG_HELP, Json, Output, RobotArgument, Threads
+from steelyard.cli.options import LOG_HELP, FixedBase, Json, Output, RobotArgument, Threads
 
 if TYPE_CHECKING:
     from steelyard.cli.fitting import Fit
@@ -61,6 +61,7 @@ def identify(
             min=20, help="Estimate again so often from windows of time drawn again.", metavar="N"
         ),
     ] = None,
+    fixed_base: FixedBase = None,
     threads: Threads = None,
     as_json: Json = False,
 ) -> None:
@@ -92,6 +93,7 @@ def identify(
             check=not no_check,
             sensitivity=sensitivity,
             bootstrap=bootstrap,
+            fixed_base=fixed_base,
         )
     if as_json:
         typer.echo(json.dumps(results(content, folder), allow_nan=False))
@@ -119,6 +121,7 @@ def run_identify(
     check: bool = True,
     sensitivity: bool = False,
     bootstrap: int | None = None,
+    fixed_base: str | None = None,
     last: bool = True,
 ) -> "tuple[ReportContent, Path]":
     """The whole river; writes the output folder, whole or not at all.
@@ -136,7 +139,7 @@ def run_identify(
     from steelyard.files import whole_folder
     from steelyard.robot.robot_file import load_robot
 
-    file = load_robot(robot)
+    file = load_robot(robot, base=fixed_base)
     folder = river.new_folder(output, f"steelyard-{file.stem}")
     known, carrying, unknown = (river.log_files(some) for some in (logs, loaded, validate))
     river.refuse_overlaps([*known, *carrying], unknown)

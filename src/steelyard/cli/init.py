@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from steelyard.cli.guard import guarded
-from steelyard.cli.options import ARGUMENTS, Json
+from steelyard.cli.options import ARGUMENTS, FixedBase, Json
 
 if TYPE_CHECKING:
     from steelyard.robot.init_file import Draft
@@ -35,6 +35,7 @@ def init(
             help="Rate of the log's rows [Hz], if it has no column of time.", min=1e-6, max=1e6
         ),
     ] = None,
+    fixed_base: FixedBase = None,
     as_json: Json = False,
 ) -> None:
     """Write a commented robot file: columns guessed, fingers locked, limits taken over.
@@ -49,10 +50,11 @@ def init(
     from steelyard.errors import ModelError, OutputError
     from steelyard.files import whole_file
     from steelyard.robot.init_file import drafted, notes_beside
+    from steelyard.robot.proposal import proposed
     from steelyard.robot.robot_file import load_robot
 
-    loaded = load_robot(model)
-    target = output if output is not None else Path(f"{loaded.stem}.toml")
+    proposal = proposed(model, fixed_base)
+    target = output if output is not None else Path(f"{proposal.loaded.stem}.toml")
     if target.exists():
         raise OutputError(
             "the robot file exists already",
@@ -66,11 +68,11 @@ def init(
             mend="name the log behind the model file, or leave --rate out",
         )
     columns, sample = (None, None) if log is None else river.sample_of(log)
-    draft = drafted(loaded.sources[0].path, loaded, columns, sample, target, rate)
+    draft = drafted(proposal, columns, sample, target, rate)
     with whole_file(target) as part:
         part.write_text(draft.text, encoding="utf-8")
         interrupt.too_late()
-    notes = notes_beside(loaded, load_robot(target))
+    notes = (*proposal.said, *notes_beside(proposal.loaded, load_robot(target)))
     if as_json:
         typer.echo(json.dumps(results(draft, target, notes)))
     else:

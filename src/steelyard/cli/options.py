@@ -21,6 +21,14 @@ RobotArgument = Annotated[
         help=f"Robot file (TOML), URDF, xacro file or MJCF. {ARGUMENTS}", metavar="ROBOT"
     ),
 ]
+FixedBase = Annotated[
+    str | None,
+    typer.Option(
+        help="Link of a URDF or MJCF that is fixed to the world, where its base floats; a robot "
+        "file says base = ... instead.",
+        metavar="LINK",
+    ),
+]
 LOG_HELP = (
     "Logs: CSV, Parquet (a file, or a folder of parts), MCAP, ROS 1 and 2 bags, NumPy, MATLAB, "
     "HDF5. Cut by time: run.parquet@0.6:9.5 (seconds from its start), "

@@ -106,10 +106,15 @@ def _plain(name: str) -> str:
 
 
 def rivals_of(
-    robot: str, logs: Sequence[str], check: bool, threads: int, progress: Progress
+    robot: str,
+    logs: Sequence[str],
+    check: bool,
+    threads: int,
+    progress: Progress,
+    base: str | None = None,
 ) -> Rivals:
     """Clean runs, the model with all that its file leaves open, and what the runs say of it."""
-    file = load_robot(robot)
+    file = load_robot(robot, base=base)
     files = river.log_files(logs)
     river.refuse_overlaps(files, ())
     signals, reasons = river.signals_of(file, files[0])

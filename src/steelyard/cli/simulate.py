@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from steelyard.cli.guard import guarded
-from steelyard.cli.options import Json, Output, RobotArgument, Seed
+from steelyard.cli.options import FixedBase, Json, Output, RobotArgument, Seed
 
 if TYPE_CHECKING:
     from steelyard.excitation.exact import ExactTrajectory
@@ -58,6 +58,7 @@ def simulate(
     release: Annotated[
         float, typer.Option(min=0.0, help="Second at which it is let go; never, if not given.")
     ] = float("inf"),
+    fixed_base: FixedBase = None,
     seed: Seed = 0,
     output: Output = None,
     as_json: Json = False,
@@ -83,7 +84,7 @@ def simulate(
     from steelyard.virtual.simulate import customary_sensors
     from steelyard.virtual.simulate import simulate as run
 
-    loaded = load_robot(robot)
+    loaded = load_robot(robot, base=fixed_base)
     folder = river.new_folder(output, f"steelyard-{loaded.stem}-simulated")
     _check_factor(dry_run)
     if motion is None:

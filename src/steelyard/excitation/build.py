@@ -49,26 +49,30 @@ class Recipe:
         terms: Descriptions of the model's terms.
         excitation: The tables, as plain values.
         earlier: What an earlier identification knows, as plain values, if anything.
+        base: The link of a model file that is fixed to the world; `None` if a robot file says so.
     """
 
     robot: str
     terms: tuple[Any, ...]
     excitation: Mapping[str, Any]
     earlier: Mapping[str, Any] | None = None
+    base: str | None = None
 
     @classmethod
     def of(cls, loaded: LoadedRobot, model: Model, earlier: Earlier | None = None) -> "Recipe":
         """The recipe for a robot, its model and the tables of its file."""
+        path = loaded.sources[0].path
         return cls(
             loaded.reference,
             tuple(description_of(term) for term in model.terms),
             loaded.excitation.model_dump(),
             None if earlier is None else earlier.to_dict(),
+            None if path.suffix.lower() == ".toml" else loaded.base,
         )
 
     def problem(self) -> Problem:
         """Build it."""
-        loaded = load_robot(self.robot)
+        loaded = load_robot(self.robot, base=self.base)
         where = "list of terms"
         model = Model(loaded.robot, tuple(term_of(term, where) for term in self.terms))
         section = ExcitationSection.model_validate(self.excitation)

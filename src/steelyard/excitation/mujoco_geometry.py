@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.errors import ModelError
+from steelyard.excitation.meshes import WITHOUT
 from steelyard.excitation.shapes import Shape, placed
 from steelyard.excitation.solids import (
     Ball,
@@ -22,8 +23,8 @@ from steelyard.excitation.solids import (
     Hull,
     Solid,
 )
+from steelyard.robot.mjcf_assets import Compiled, compiled
 from steelyard.robot.robot import Frame
-from steelyard.robot.xml_reader import read_xml
 
 BEYOND = 1e6
 """No two solids are farther apart [m]."""
@@ -126,13 +127,14 @@ def mjcf_shapes(
         frames: Frames of the robot's links by name.
         skip: Links to go without.
     """
-    model = _model(path)
-    shapes = []
+    file = compiled(path)
+    model, shapes = file.model, []
     for geom in _colliding(model):
         body = int(model.geom_bodyid[geom])
         name = _link(model, body)
         if name in skip or name not in frames:
             continue
+        _refuse_absent(file, geom, name, path)
         # a link's origin is the anchor of its body's last joint
         last = int(model.body_jntadr[body]) + int(model.body_jntnum[body]) - 1
         anchor = model.jnt_pos[last] if model.body_jntnum[body] else np.zeros(3)
@@ -143,7 +145,8 @@ def mjcf_shapes(
 
 def mjcf_world(path: Path, skip: Collection[str]) -> tuple[Shape, ...]:
     """Shapes of a cell's MJCF, its joints at their reference positions."""
-    model = _model(path)
+    file = compiled(path)
+    model = file.model
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     shapes = []
@@ -151,6 +154,7 @@ def mjcf_world(path: Path, skip: Collection[str]) -> tuple[Shape, ...]:
         name = _link(model, int(model.geom_bodyid[geom]))
         if name in skip:
             continue
+        _refuse_absent(file, geom, name, path)
         base = Frame(name, -1, np.eye(3), np.zeros(3))
         rotation = data.geom_xmat[geom].reshape(3, 3)
         shape = _shape(model, geom, base, path, data.geom_xpos[geom], rotation)
@@ -158,17 +162,14 @@ def mjcf_world(path: Path, skip: Collection[str]) -> tuple[Shape, ...]:
     return tuple(shapes)
 
 
-def _model(path: Path) -> Any:
-    """The compiled file."""
-    read_xml(path)
-    try:
-        return mujoco.MjModel.from_xml_path(str(path))
-    except (ValueError, mujoco.FatalError) as error:
+def _refuse_absent(file: Compiled, geom: int, link: str, path: Path) -> None:
+    """Raise if a colliding geom's mesh is absent."""
+    if geom in file.stand_ins:
         raise ModelError(
-            f"MuJoCo cannot compile the file: {' '.join(str(error).split())}",
+            f"the collision mesh '{file.stand_ins[geom]}' of link '{link}' is not there",
             where=str(path),
-            mend="mend the MJCF there until `python -m mujoco.viewer --mjcf=FILE` shows it",
-        ) from None
+            mend=f"put the file where the MJCF looks for it (see its meshdir), or {WITHOUT}",
+        )
 
 
 def _colliding(model: Any) -> list[int]:

@@ -93,9 +93,9 @@ class Column:
         return bool(set(words) & set(self.words))
 
 
-def like_finger(coordinate: Coordinate) -> bool:
+def like_finger(joint: str) -> bool:
     """Whether a joint's name says that it belongs to a hand."""
-    return bool(FINGERS & set(words_of(coordinate.name)))
+    return bool(FINGERS & set(words_of(joint)))
 
 
 def by_name(coordinates: Sequence[Coordinate], columns: Iterable[Column]) -> dict[str, Column]:

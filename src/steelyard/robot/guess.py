@@ -239,7 +239,7 @@ def _matched(
     if joints := [c for c in coordinates if c.name in named_q and c.name in named_tau]:
         found_q, found_tau = ([named[c.name] for c in joints] for named in (named_q, named_tau))
         return joints, found_q, found_tau, _BY_NAME
-    joints = [c for c in coordinates if not like_finger(c)]
+    joints = [c for c in coordinates if not like_finger(c.name)]
     kinds_of = [c.kind for c in joints]
     numbered_q, numbered_tau = (by_number(len(joints), x, kinds_of) for x in (position, effort))
     for what, found_groups in (("positions", numbered_q), ("efforts", numbered_tau)):

@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.errors import LogError, ModelError
+from steelyard.errors import LogError
 from steelyard.robot.column_words import like_finger
 from steelyard.robot.guess import Guess, Sample, guess_columns
 from steelyard.robot.init_settings import SETTINGS
 from steelyard.robot.model_notes import JointSpring
+from steelyard.robot.proposal import Proposal
 from steelyard.robot.robot import Coordinate, Robot
 from steelyard.robot.robot_file import LoadedRobot
 from steelyard.robot.schema import SignalsSection
@@ -43,8 +44,7 @@ class Draft:
 
 
 def drafted(
-    model_path: Path,
-    loaded: LoadedRobot,
+    proposal: Proposal,
     columns: Sequence[str] | None,
     sample: Sample | None,
     output_path: Path,
@@ -56,20 +56,13 @@ def drafted(
     columns of the log cannot be told, `[signals]` is left as a comment that lists them.
 
     Args:
-        model_path: The URDF or MJCF.
-        loaded: What `load_robot(model_path)` gave.
+        proposal: What `proposed` gave for the model file.
         columns: Names of the log's columns; `None` without a log.
         sample: Some values of the columns, for their units.
         output_path: Where the text will be written: the model's path is given from there.
         rate: Of the log's rows [Hz], if it has no column of time.
     """
-    if model_path.suffix.lower() == ".toml":
-        raise ModelError(
-            "this is a robot file already",
-            where=str(model_path),
-            mend="give the URDF or MJCF it is about",
-        )
-    robot = loaded.robot
+    robot, springs = proposal.loaded.robot, proposal.loaded.springs
     free = [c for c in robot.coordinates if c.name not in _hands(robot)] or [*robot.coordinates]
     guess, problem = None, ""
     if columns is not None:
@@ -80,10 +73,10 @@ def drafted(
     moving = [c for c in free if guess is None or c.name in guess.joints]
     resting = [c for c in robot.coordinates if c not in moving]
     parts = [
-        _robot_part(loaded, moving, model_path, output_path),
-        _locked_part(resting),
+        _robot_part(proposal, moving, output_path),
+        _locked_part(resting, proposal),
         _limits_part(moving),
-        _model_part({c.name: loaded.springs[c.name] for c in moving if c.name in loaded.springs}),
+        _model_part({c.name: springs[c.name] for c in moving if c.name in springs}),
         _signals_part(guess, moving) if guess else _signals_template(columns, problem, moving),
         SETTINGS,
     ]
@@ -115,7 +108,7 @@ def _hands(robot: Robot) -> set[str]:
     """Joints of hands: by name, or leaves of the tree that follow each other or slide in pairs."""
     parents = {body.parent for body in robot.bodies}
     leaves = [b for k, b in enumerate(robot.bodies) if k not in parents]
-    names = {c.name for c in robot.coordinates if like_finger(c)}
+    names = {c.name for c in robot.coordinates if like_finger(c.name)}
     for index, coordinate in enumerate(robot.coordinates):
         moved = [b for b in robot.bodies if b.coordinate == index]
         if not all(body in leaves for body in moved):
@@ -154,9 +147,9 @@ def _relative(model_path: Path, output_path: Path) -> str:
         return model_path.resolve().as_posix()
 
 
-def _xacro_lines(model_path: Path, loaded: LoadedRobot) -> str:
+def _xacro_lines(loaded: LoadedRobot) -> str:
     """How a xacro file is expanded."""
-    if loaded.sources[-1].path == model_path:
+    if len(loaded.sources) == 1:
         return ""
     given = ", ".join(f"{_key(name)} = {_text(value)}" for name, value in loaded.arguments.items())
     mark = "" if given else "# "
@@ -166,10 +159,8 @@ def _xacro_lines(model_path: Path, loaded: LoadedRobot) -> str:
 # xacro.packages = ["../src"]"""
 
 
-def _robot_part(
-    loaded: LoadedRobot, moving: Sequence[Coordinate], model_path: Path, output_path: Path
-) -> str:
-    robot = loaded.robot
+def _robot_part(proposal: Proposal, moving: Sequence[Coordinate], output_path: Path) -> str:
+    robot, model_path = proposal.loaded.robot, proposal.loaded.sources[0].path
     kind = "mjcf" if read_xml(model_path).tag == "mujoco" else "urdf"
     names = "".join(f"  {_text(c.name)},\n" for c in moving)
     return f"""\
@@ -180,25 +171,40 @@ name = {_text(robot.name)}
 # Where the model and the logs come from, for the report.
 # source = "https://..."
 # From this file's folder; ${{NAME}} in it stands for an environment variable.
-{kind} = {_text(_relative(model_path, output_path))}{_xacro_lines(model_path, loaded)}
+{kind} = {_text(_relative(model_path, output_path))}{_xacro_lines(proposal.loaded)}
 # Joints to identify, in the order of the columns below. All others are locked.
 joints = [
 {names}]
-# The link taken as fixed base, and the link where the chain ends, if not the model's own.
-# base = "base_link"
+{_base_lines(proposal)}
 # tip = "tool0"
 # CHECK: gravity [m/s²] in the frame of the base. On a wall or a ceiling it is another one;
 # instead of it, mounting = {{roll = 0.0, pitch = 90.0, yaw = 0.0}} gives the base's rotation [deg].
 gravity = {_text(robot.gravity.tolist())}"""
 
 
-def _locked_part(resting: Sequence[Coordinate]) -> str:
+def _base_lines(proposal: Proposal) -> str:
+    """The base, and what is assumed of it."""
+    if proposal.base is None:
+        return """\
+# The link taken as fixed base, and the link where the chain ends, if not the model's own.
+# base = "base_link\""""
+    why = f"CHECK: the link fixed to the world, {proposal.why_base or 'as asked'}. "
+    why += "It has to be at rest in every log."
+    return f"{_comment(why)}\nbase = {_text(proposal.base)}\n# The link where the chain ends."
+
+
+def _locked_part(resting: Sequence[Coordinate], proposal: Proposal) -> str:
     lines = [
         "# Positions of joints that are not identified [rad; m]; zero, or the limit next to it."
     ]
     lines.append("[robot.locked]")
     for c in resting:
         lines.append(f"{_key(c.name)} = {_text(np.clip(0.0, c.limits.lower, c.limits.upper))}")
+    reasons = proposal.reasons
+    for why in dict.fromkeys(reasons.values()):
+        lines.append(_comment(f"Locked: {why}."))
+        names = [name for name in reasons if reasons[name] == why]
+        lines += [f"{_key(name)} = {_text(proposal.locked[name])}" for name in names]
     return "\n".join(lines)
 
 

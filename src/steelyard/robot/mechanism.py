@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Literal
+from typing import Any, Literal
 
 from numpy.typing import ArrayLike
 
@@ -15,17 +15,13 @@ from steelyard.robot.model_notes import JointSpring, ModelNote
 from steelyard.robot.nearest import advice
 from steelyard.robot.placeholders import is_placeholder
 from steelyard.robot.robot import Limits
+from steelyard.robot.ties import Coupling as Coupling
+from steelyard.robot.ties import Mimic as Mimic
+from steelyard.robot.ties import Pin as Pin
 
-MechanismJointKind = Literal["fixed", "revolute", "continuous", "prismatic"]
-
-
-@dataclass(frozen=True)
-class Mimic:
-    """`position = ratio * master's position + offset` [rad; m]."""
-
-    master: str
-    ratio: float = 1.0
-    offset: float = 0.0
+MechanismJointKind = Literal[
+    "fixed", "revolute", "continuous", "prismatic", "floating", "planar", "ball"
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,12 +33,14 @@ class Link:
         inertia: Mass properties in the link frame; `None` if the file gives none.
         where: File and line, for messages.
         massless: Whether it is only a frame between the joints of one body.
+        lacks: The mesh that its inertia is computed from, where that is absent.
     """
 
     name: str
     inertia: Inertia | None = None
     where: str = "the mechanism"
     massless: bool = False
+    lacks: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +49,8 @@ class Joint:
 
     Attributes:
         name: Unique in the mechanism.
-        kind: `fixed`, `revolute`, `continuous` or `prismatic`.
+        kind: `fixed`, `revolute`, `continuous` or `prismatic`; or with more than one degree of
+            freedom `floating`, `planar` or `ball`, which no robot keeps (`robot/free_joints.py`).
         parent: Name of the parent link.
         child: Name of the child link.
         placement: The joint's frame in the parent link's frame, at position zero.
@@ -77,7 +76,7 @@ class Joint:
         if is_placeholder(self.limits.effort):
             object.__setattr__(self, "placeholder", self.limits.effort)
             object.__setattr__(self, "limits", replace(self.limits, effort=float("inf")))
-        if self.kind == "fixed":
+        if not self.movable:
             object.__setattr__(self, "axis", frozen((1.0, 0.0, 0.0)))
             return
         try:
@@ -99,8 +98,13 @@ class Joint:
 
     @property
     def movable(self) -> bool:
-        """Whether the joint is not fixed."""
-        return self.kind != "fixed"
+        """Whether the joint has one degree of freedom."""
+        return self.kind in ("revolute", "continuous", "prismatic")
+
+    @property
+    def free(self) -> bool:
+        """Whether the joint has more than one degree of freedom."""
+        return self.kind in ("floating", "planar", "ball")
 
     def snapped(self) -> "Joint":
         """The same joint, with turns that are next to quarter turns, and axes, made exact."""
@@ -108,37 +112,15 @@ class Joint:
         return replace(self, placement=placement)
 
     def at(self, position: float) -> Placement:
-        """The child link in the parent link's frame at a joint position [rad; m]."""
-        if self.kind == "fixed":
+        """The child link in the parent link's frame at a joint position [rad; m].
+
+        A joint that has not one degree of freedom stays where the file has it.
+        """
+        if not self.movable:
             return self.placement
         if self.kind == "prismatic":
             return self.placement @ Placement(position=self.axis * position)
         return self.placement @ Placement(turn(self.axis, position))
-
-
-@dataclass(frozen=True, eq=False)
-class Pin:
-    """A point of one link that stays on a point of another.
-
-    Attributes:
-        name: For messages.
-        links: Names of the two links.
-        points: Shape `(2, 3)` [m], the point in each link's frame.
-        where: File and line, for messages.
-    """
-
-    name: str
-    links: tuple[str, str]
-    points: Array
-    where: str
-
-    def __init__(
-        self, name: str, links: tuple[str, str], points: ArrayLike, where: str = "the mechanism"
-    ) -> None:
-        object.__setattr__(self, "name", name)
-        object.__setattr__(self, "links", links)
-        object.__setattr__(self, "points", frozen(points, (2, 3)))
-        object.__setattr__(self, "where", where)
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,6 +138,8 @@ class Mechanism:
         rest: Positions of joints at which the pins close, where the file says so [rad; m].
         springs: Springs along joints, by joint.
         statements: What else the file states and the mechanism is without.
+        couplings: What else ties joints: they have to be locked.
+        notes: What was assumed in reading, one sentence each, for the user.
     """
 
     name: str
@@ -168,6 +152,8 @@ class Mechanism:
     rest: Mapping[str, float]
     springs: Mapping[str, JointSpring]
     statements: tuple[ModelNote, ...]
+    couplings: tuple[Coupling, ...]
+    notes: tuple[str, ...]
 
     def __init__(
         self,
@@ -182,6 +168,8 @@ class Mechanism:
         rest: Mapping[str, float] = MappingProxyType({}),
         springs: Mapping[str, JointSpring] = MappingProxyType({}),
         statements: Sequence[ModelNote] = (),
+        couplings: Sequence[Coupling] = (),
+        notes: Sequence[str] = (),
     ) -> None:
         object.__setattr__(self, "name", name)
         object.__setattr__(self, "links", tuple(links))
@@ -193,6 +181,8 @@ class Mechanism:
         object.__setattr__(self, "rest", MappingProxyType(dict(rest)))
         object.__setattr__(self, "springs", MappingProxyType(dict(springs)))
         object.__setattr__(self, "statements", tuple(statements))
+        object.__setattr__(self, "couplings", tuple(couplings))
+        object.__setattr__(self, "notes", tuple(notes))
         _check_names(self)
         _check_tree(self)
         _check_mimics(self)
@@ -205,12 +195,16 @@ class Mechanism:
 
     @property
     def movable(self) -> tuple[Joint, ...]:
-        """Joints that move on their own: neither fixed nor mimic, parents before children."""
+        """Joints of one degree of freedom that follow no other, parents before children."""
         return tuple(j for j in self.from_link(self.root) if j.movable and j.mimic is None)
 
     def snapped(self) -> "Mechanism":
         """The same mechanism, its angles and axes free of what rounding in the file left."""
-        return Mechanism(**{**vars(self), "joints": [joint.snapped() for joint in self.joints]})
+        return self.changed(joints=[joint.snapped() for joint in self.joints])
+
+    def changed(self, **fields: Any) -> "Mechanism":
+        """The same mechanism with some of its attributes replaced."""
+        return Mechanism(**{**vars(self), **fields})
 
     def joint(self, name: str) -> Joint:
         """The joint of that name; `KeyError` if there is none."""

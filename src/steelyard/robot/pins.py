@@ -91,7 +91,7 @@ def passive_joints(
         return ()
     if closing.passive is not None:
         return closing.passive
-    round_trip = {masters[j] for pin in pins for j in _between(mechanism, pin)}
+    round_trip = {masters[j] for pin in pins for j in between(mechanism, pin)}
     candidates = [name for name in free if name in round_trip]
     active = mechanism.driven if joints is None else joints
     if candidates and not set(active) & set(free):
@@ -112,7 +112,7 @@ def _refuse_without_loops(closing: Closing) -> None:
         )
 
 
-def _between(mechanism: Mechanism, pin: Pin) -> set[str]:
+def between(mechanism: Mechanism, pin: Pin) -> set[str]:
     """Joints that move one end of a pin and not the other."""
     first, second = ({j.name for j in mechanism.to_link(link) if j.movable} for link in pin.links)
     return first ^ second

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.errors import ModelError
+from steelyard.robot.couplings import refuse_coupled
 from steelyard.robot.following import (
     Drive,
     drive_of,
@@ -17,6 +18,7 @@ from steelyard.robot.following import (
     narrowed,
     unlimited_if_empty,
 )
+from steelyard.robot.free_joints import settled
 from steelyard.robot.geometry import Placement
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.mechanism import Joint, Link, Mechanism
@@ -59,11 +61,17 @@ def reduced(
 
     Returns:
         The robot, and notes for the user on what was assumed.
+
+    Raises:
+        ModelError: A name is none of the mechanism's, a robot floats without a base, or a joint
+            moves that a coupling, or a ball joint, forbids.
     """
     mechanism = mechanism.snapped() if snap else mechanism
-    locked, limits, closing = dict(locked or {}), dict(limits or {}), closing or Closing()
+    _check_links(mechanism, mechanism.root if base is None else base, tip)
+    free_less = settled(mechanism, base, joints, locked or {})
+    mechanism, locked = free_less.mechanism, dict(free_less.locked)
+    limits, closing = dict(limits or {}), closing or Closing()
     base = mechanism.root if base is None else base
-    _check_links(mechanism, base, tip)
     drives = {j.name: drive_of(mechanism, j) for j in mechanism.joints if j.movable}
     free = _moving(mechanism, None, locked, base, tip)
     masters = {name: drive.master for name, drive in drives.items()}
@@ -71,6 +79,7 @@ def reduced(
     _refuse_both(joints, passive, closing.where)
     active = [n for n in free if n not in passive] if joints is None else joints
     moving = _moving(mechanism, [*active, *passive], locked, base, tip)
+    refuse_coupled(mechanism, masters, moving)
     _check_joints(mechanism, [*locked], "locked")
     _check_joints(mechanism, [*limits], "given limits")
     positions, assumed = _locked_positions(mechanism, moving, locked)
@@ -91,7 +100,8 @@ def reduced(
         frames=frames,
     )
     robot, closed = closed_robot(robot, mechanism, closing)
-    return robot, (*_notes(mechanism, drives, robot, base, assumed, positions), *closed)
+    notes = _notes(mechanism, drives, robot, base, assumed, positions)
+    return robot, (*free_less.notes, *notes, *closed)
 
 
 def _refuse_both(joints: Sequence[str] | None, passive: Sequence[str], where: str) -> None:
@@ -298,6 +308,11 @@ def _notes(
         notes.append(f"locked, as no position was given: {places}")
     if bare := [b.name for b in robot.bodies if not b.known]:
         notes.append(f"no inertial in the model, prior mass is zero: {', '.join(bare)}")
+    links, carried_links = mechanism.links, {f.name for f in robot.frames if f.body >= 0}
+    if lacking := [k for k in links if k.lacks and k.name in carried_links]:
+        names = ", ".join(f"{link.name} ('{link.lacks}')" for link in lacking[:6])
+        more = f" and {len(lacking) - 6} more" if len(lacking) > 6 else ""
+        notes.append(f"not given, as the mesh is absent: the inertia of {names}{more}")
     for body in robot.bodies:
         if flaw := body.inertia.flaw():
             notes.append(f"no body can have the inertial of '{body.name}': {flaw}")

@@ -13,6 +13,7 @@ from steelyard.arrays import Array, frozen
 from steelyard.errors import ModelError
 from steelyard.robot.efforts import WITHOUT_TORQUE, Locate
 from steelyard.robot.following import unlimited_if_empty
+from steelyard.robot.free_joints import floating_base
 from steelyard.robot.gears import build_transmission
 from steelyard.robot.geometry import clean_rotation, rpy_rotation
 from steelyard.robot.mechanism import Mechanism
@@ -80,6 +81,8 @@ class LoadedRobot:
             it is listed.
         unfollowed: What the model file says of forces that the model does not follow, a sentence
             for each kind.
+        base: The link that is fixed to the world; `None` if it is the model's root.
+        floats: Whether that link floats in the model: its being at rest is an assumption.
     """
 
     robot: Robot
@@ -98,6 +101,8 @@ class LoadedRobot:
     springs: Mapping[str, JointSpring] = field(default_factory=dict)
     unfollowed: Mapping[str, str] = field(default_factory=dict)
     arguments: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    base: str | None = None
+    floats: bool = False
 
     @property
     def reference(self) -> str:
@@ -116,17 +121,44 @@ class LoadedRobot:
         return stem_of(self.sources[0].path)
 
 
-def load_robot(path: str | Path, text: str | None = None) -> LoadedRobot:
+@dataclass(frozen=True, eq=False)
+class ModelFile:
+    """A model file that was read.
+
+    Attributes:
+        mechanism: What it describes.
+        sources: The file given, then what it was expanded to, if it is a xacro file.
+        arguments: Of a xacro file.
+        notes: How it was read, for the user.
+    """
+
+    mechanism: Mechanism
+    sources: tuple[Source, ...]
+    arguments: Mapping[str, str]
+    notes: tuple[str, ...]
+
+
+def load_robot(
+    path: str | Path, text: str | None = None, *, base: str | None = None
+) -> LoadedRobot:
     """The robot of a URDF, a xacro file, an MJCF or a robot file (TOML), told by the content.
 
     Args:
         path: The file; of a xacro file with its arguments: `arm.urdf.xacro name:=left`.
         text: What a robot file at `path` would hold; that file is then not read, and need not be
             there.
+        base: The link of a URDF or MJCF that is fixed to the world; `None` is its root. A robot
+            file says so itself.
 
     Raises:
         ModelError: The file cannot be used.
     """
+    if base is not None and Path(path).suffix.lower() == ".toml":
+        raise ModelError(
+            f"the base '{base}' is given beside a robot file",
+            where=str(path),
+            mend=f'write base = "{base}" under [robot] there',
+        )
     if text is not None:
         return _from_toml(Path(path), text, _sha256(text.encode()))
     path, arguments = split_reference(path)
@@ -138,24 +170,48 @@ def load_robot(path: str | Path, text: str | None = None) -> LoadedRobot:
                 mend="write them into it: [robot.xacro] arguments = {NAME = VALUE}",
             )
         return _from_toml(path, robot_text(path), _source(path).sha256)
-    sources, read_from = _model_sources(path, arguments, ())
+    return robot_of_model(read_model(path, arguments), base=base)
+
+
+def read_model(path: Path, arguments: Mapping[str, str]) -> ModelFile:
+    """A URDF, a xacro file with its arguments, or an MJCF."""
+    sources, notes = _model_sources(path, arguments, ())
     mechanism = read_mechanism(sources[-1].path)
-    robot, notes = reduced(mechanism)
+    return ModelFile(mechanism, sources, MappingProxyType(dict(arguments)), notes)
+
+
+def robot_of_model(
+    model: ModelFile, *, base: str | None = None, locked: Mapping[str, float] | None = None
+) -> LoadedRobot:
+    """The robot of a model file alone.
+
+    Args:
+        model: The file.
+        base: The link that is fixed to the world; `None` is its root.
+        locked: Positions of joints that do not move [rad; m].
+
+    Raises:
+        ModelError: The file leaves open what a robot is, such as the base of one that floats.
+    """
+    mechanism, path = model.mechanism, model.sources[0].path
+    robot, notes = reduced(mechanism, base=base, locked=locked)
     unfollowed = told(mechanism, robot, (), ())
     return LoadedRobot(
         robot,
-        (*read_from, *notes, *unfollowed.values()),
+        (*model.notes, *notes, *unfollowed.values()),
         None,
         None,
         False,
         ProcessingSection(),
         EstimationSection(),
         ValidationSection(),
-        sources,
+        model.sources,
         lambda *key: str(path),
-        arguments=MappingProxyType(arguments),
+        arguments=model.arguments,
         springs=springs_along(mechanism, robot),
         unfollowed=unfollowed,
+        base=base,
+        floats=floating_base(mechanism, base) is not None,
     )
 
 
@@ -248,6 +304,8 @@ def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
         file.excitation,
         springs_along(mechanism, robot),
         unfollowed,
+        base=file.robot.base,
+        floats=floating_base(mechanism, file.robot.base) is not None,
     )
 
 
@@ -273,9 +331,11 @@ def _reduced(
     mechanism: Mechanism, section: RobotSection, places: Places
 ) -> tuple[Robot, tuple[str, ...]]:
     movable = [j.name for j in mechanism.movable]
+    balls = [j.name for j in mechanism.joints if j.kind == "ball"]
     for table in ("locked", "limits", "assembly"):
+        known = [*movable, *balls] if table == "locked" else movable
         for name in getattr(section, table):
-            _check_name("joint", name, movable, places.where("robot", table, name))
+            _check_name("joint", name, known, places.where("robot", table, name))
     for key in ("joints", "passive"):
         for index, name in enumerate(getattr(section, key) or ()):
             _check_name("joint", name, movable, places.where("robot", key, index))

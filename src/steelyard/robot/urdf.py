@@ -18,7 +18,10 @@ _KINDS: dict[str, MechanismJointKind] = {
     "revolute": "revolute",
     "continuous": "continuous",
     "prismatic": "prismatic",
+    "floating": "floating",
+    "planar": "planar",
 }
+_SINGLE = ("revolute", "continuous", "prismatic")
 _SIX = ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")
 
 
@@ -31,8 +34,7 @@ def read_urdf(path: Path) -> Mechanism:
     means that it is unknown.
 
     Raises:
-        ModelError: The file is not a URDF of a tree of fixed, revolute, continuous and prismatic
-            joints; it names file, line and element.
+        ModelError: The file is not a URDF of a tree of joints; it names file, line and element.
     """
     root = read_xml(path)
     if root.tag != "robot":
@@ -156,17 +158,13 @@ def _link(element: Element) -> Link:
 def _joint(element: Element) -> Joint:
     name, kind = _text(element, "name"), _text(element, "type")
     if kind not in _KINDS:
-        floating = kind in ("floating", "planar")
         raise ModelError(
-            f"joint '{name}' is of type '{kind}', "
-            + ("which has more than one degree of freedom" if floating else "which is not known"),
+            f"joint '{name}' is of type '{kind}', which is not known",
             where=element.where,
-            mend="replace it by a chain of revolute and prismatic joints, or by a fixed one"
-            if floating
-            else advice(kind, _KINDS, "joint types"),
+            mend=advice(kind, _KINDS, "joint types"),
         )
     axis = _only(element, "axis")
-    moves = kind != "fixed"
+    moves = kind in _SINGLE
     xyz = _numbers(axis, "xyz", 3) if axis is not None and moves else (1.0, 0.0, 0.0)
     return Joint(
         name,

@@ -1,0 +1,154 @@
+"""Free and ball joints: what is fixed to the world, what is locked, and what is left out.
+
+A robot here stands on a base at rest, and each of its joints has one degree of freedom. A floating
+body with joints beyond it is a robot once it is the base; one without is a loose object.
+"""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from steelyard.errors import ModelError
+from steelyard.robot.mechanism import Joint, Mechanism
+
+
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """A mechanism in which no joint beyond the base is free.
+
+    Attributes:
+        mechanism: Without the floating trees beyond the base, ball joints fixed.
+        locked: Positions of locked joints, those of ball joints taken out [rad; m].
+        notes: What was left out or assumed, one sentence each.
+    """
+
+    mechanism: Mechanism
+    locked: Mapping[str, float]
+    notes: tuple[str, ...]
+
+
+def floating_trees(mechanism: Mechanism, base: str) -> dict[Joint, int]:
+    """The floating joints next to a link, each with the count of joints that move beyond it."""
+    trees = dict[Joint, int]()
+    for joint in mechanism.from_link(base):
+        if joint.kind in ("floating", "planar"):
+            before = mechanism.to_link(joint.parent)
+            if not any(tree in before for tree in trees):
+                trees[joint] = _moving(mechanism.from_link(joint.child))
+    return trees
+
+
+def carried_joints(mechanism: Mechanism, base: str) -> int:
+    """How many joints move on their own beyond a link, floating trees left out."""
+    beyond = _moving(mechanism.from_link(base))
+    return beyond - sum(floating_trees(mechanism, base).values())
+
+
+def floating_base(mechanism: Mechanism, base: str | None) -> Joint | None:
+    """The floating joint before a base, which is taken to be at rest; `None` if there is none."""
+    before = mechanism.to_link(mechanism.root if base is None else base)
+    floating = [joint for joint in before if joint.kind in ("floating", "planar")]
+    return floating[-1] if floating else None
+
+
+def settled(
+    mechanism: Mechanism,
+    base: str | None,
+    joints: Sequence[str] | None,
+    locked: Mapping[str, float],
+) -> Settled:
+    """The mechanism without free joints beyond the base.
+
+    Loose bodies are left out, and so is what floats beside a base that is given. A ball joint
+    stays where the model file has it, if it is locked or other joints are listed.
+
+    Raises:
+        ModelError: A robot floats and no base is given, or a ball joint is not locked.
+    """
+    root = mechanism.root if base is None else base
+    trees = floating_trees(mechanism, root)
+    if base is None and any(trees.values()):
+        raise _floats(mechanism, trees)
+    kept, notes = mechanism, list(mechanism.notes)
+    if joint := floating_base(mechanism, base):
+        notes.append(
+            f"base '{root}' is assumed to be at rest, turned as the model file has it: its "
+            f"{_word(joint)} joint '{joint.name}' is left out"
+        )
+        others = floating_trees(mechanism, mechanism.root)
+        trees = trees | {j: n for j, n in others.items() if j not in mechanism.to_link(root)}
+        kept = _without(mechanism, trees, root)
+    if trees:
+        names = ", ".join(tree.child for tree in trees)
+        notes.append(f"left out, as it floats beside the robot: {names}")
+        kept = _without(mechanism, trees, root)
+    balls = [joint for joint in kept.from_link(root) if joint.kind == "ball"]
+    _check_balls(kept, balls, joints, locked)
+    if assumed := [ball.name for ball in balls if ball.name not in locked]:
+        notes.append(f"locked where the model file has it: ball joint {', '.join(assumed)}")
+    names_of_balls = {ball.name for ball in balls}
+    return Settled(kept, {n: x for n, x in locked.items() if n not in names_of_balls}, tuple(notes))
+
+
+def _moving(joints: Collection[Joint]) -> int:
+    return sum(joint.movable and joint.mimic is None for joint in joints)
+
+
+def _word(joint: Joint) -> str:
+    return "free" if joint.kind == "floating" else joint.kind
+
+
+def _floats(mechanism: Mechanism, trees: Mapping[Joint, int]) -> ModelError:
+    """A robot floats, and nobody says what is its base."""
+    most = max(trees, key=lambda joint: trees[joint])
+    choices = {joint.child: count for joint, count in trees.items() if count}
+    if fixed := carried_joints(mechanism, mechanism.root):
+        choices = {mechanism.root: fixed} | choices
+    listed = " or ".join(f'base = "{name}" ({count} joints)' for name, count in choices.items())
+    return ModelError(
+        f"link '{most.child}' floats: its joint '{most.name}' is a {_word(most)} joint, and a "
+        "base at rest is needed",
+        where=most.where,
+        mend=f"say which link is fixed to the world: {listed} under [robot] in a robot file, "
+        f"as `steelyard init` writes it, or --fixed-base {most.child} on the command line",
+    )
+
+
+def _check_balls(
+    mechanism: Mechanism,
+    balls: Sequence[Joint],
+    joints: Sequence[str] | None,
+    locked: Mapping[str, float],
+) -> None:
+    for ball in balls:
+        if locked.get(ball.name, 0.0) != 0.0:
+            raise ModelError(
+                f"ball joint '{ball.name}' is locked at {locked[ball.name]:g}, but has no such "
+                "position",
+                where=ball.where,
+                mend=f"write {ball.name} = 0.0: it is locked where the model file has it",
+            )
+        if ball.name not in locked and joints is None:
+            raise ModelError(
+                f"joint '{ball.name}' is a ball joint, which has three degrees of freedom",
+                where=ball.where,
+                mend=f"lock it where the model file has it: {ball.name} = 0.0 under "
+                "[robot.locked] in a robot file, as `steelyard init` writes it",
+            )
+
+
+def _without(mechanism: Mechanism, trees: Collection[Joint], base: str) -> Mechanism:
+    """The mechanism without what hangs on some joints, and without pins beside the robot."""
+    gone = {*trees, *(j for tree in trees for j in mechanism.from_link(tree.child))}
+    links, names = {joint.child for joint in gone}, {joint.name for joint in gone}
+    robot = {base, *(joint.child for joint in mechanism.from_link(base))}
+    couplings = (
+        replace(c, joints=tuple(n for n in c.joints if n not in names)) for c in mechanism.couplings
+    )
+    return mechanism.changed(
+        links=[link for link in mechanism.links if link.name not in links],
+        joints=[joint for joint in mechanism.joints if joint not in gone],
+        pins=[pin for pin in mechanism.pins if not links & {*pin.links} and robot & {*pin.links}],
+        driven=[name for name in mechanism.driven if name not in names],
+        rest={name: x for name, x in mechanism.rest.items() if name not in names},
+        couplings=[coupling for coupling in couplings if coupling.joints],
+    )

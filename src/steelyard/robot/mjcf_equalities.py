@@ -1,0 +1,201 @@
+"""Equality constraints of a compiled MJCF: mimics, pins, and what only locked joints satisfy."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from steelyard.robot.geometry import Placement
+from steelyard.robot.ties import Coupling, Mimic, Pin
+
+WORLD = "world"
+
+
+def name_of(model: Any, kind: str, index: int) -> str:
+    """The name of an element of MuJoCo's model, or one made of its kind and number."""
+    return str(getattr(model, kind)(index).name) or f"{kind}_{index}"
+
+
+def reference(model: Any, joint: int) -> float:
+    """The reference position of a hinge or slide joint [rad; m]."""
+    return float(model.qpos0[int(model.jnt_qposadr[joint])])
+
+
+@dataclass(frozen=True)
+class Equalities:
+    """The active equality constraints of a file."""
+
+    path: Path
+    model: Any
+
+    def mimics(self) -> dict[int, Mimic]:
+        r"""Joint equalities of first order, $q_1 - r_1 = c_0 + c_1 (q_2 - r_2)$, $r$ references."""
+        import mujoco
+
+        model, mimics = self.model, dict[int, Mimic]()
+        for index in self._active(mujoco.mjtEq.mjEQ_JOINT):
+            if not self._proportional(index):
+                continue
+            follower, master = int(model.eq_obj1id[index]), int(model.eq_obj2id[index])
+            offset, ratio = (float(term) for term in model.eq_data[index][:2])
+            offset += reference(model, follower) - ratio * reference(model, master)
+            mimics[follower] = Mimic(name_of(model, "joint", master), ratio, offset)
+        return mimics
+
+    def pins(self, origins: Mapping[int, Placement]) -> list[Pin]:
+        """`connect` equalities between bodies or sites.
+
+        Args:
+            origins: Frame of every body in that of its link.
+        """
+        import mujoco
+
+        model, pins = self.model, []
+        for index in self._active(mujoco.mjtEq.mjEQ_CONNECT):
+            ends = self._ends(index)
+            points = np.reshape(model.eq_data[index][:6], (2, 3))
+            if mujoco.mjtObj(int(model.eq_objtype[index])) == mujoco.mjtObj.mjOBJ_SITE:
+                points = model.site_pos[[int(model.eq_obj1id[index]), int(model.eq_obj2id[index])]]
+            placed = [
+                origins[body].position + origins[body].rotation @ point
+                for body, point in zip(ends, points, strict=True)
+            ]
+            links = (self._link(ends[0]), self._link(ends[1]))
+            pins.append(Pin(self._name(index), links, np.array(placed), self._where(index)))
+        return pins
+
+    def couplings(self) -> tuple[list[Coupling], list[str]]:
+        """All other equalities with the joints that they tie, and notes on those left out.
+
+        A weld that holds a body to a mocap body is a controller, and one at a free body holds that
+        where it is: both are left out.
+        """
+        import mujoco
+
+        kinds, couplings, notes = mujoco.mjtEq, list[Coupling](), list[str]()
+        for index in self._active():
+            kind = kinds(int(self.model.eq_type[index]))
+            if kind == kinds.mjEQ_CONNECT or (
+                kind == kinds.mjEQ_JOINT and self._proportional(index)
+            ):
+                continue
+            if kind == kinds.mjEQ_WELD:
+                ends = self._ends(index)
+                joints = self._between(ends)
+                what = "a weld"
+                if any(self.model.body_mocapid[b] >= 0 or self._floats(b) for b in ends):
+                    both = " and ".join(f"'{self._link(body)}'" for body in ends)
+                    notes.append(f"weld '{self._name(index)}' of {both} is left out")
+                    continue
+            elif kind == kinds.mjEQ_JOINT:
+                numbers = (int(self.model.eq_obj1id[index]), int(self.model.eq_obj2id[index]))
+                joints, what = (
+                    [k for k in numbers if k >= 0],
+                    "a joint equality that is not proportional",
+                )
+            elif kind == kinds.mjEQ_TENDON:
+                joints, what = self._of_tendons(index), "a tendon equality"
+            else:
+                joints, what = self._of_flex(index), "a flex equality"
+            named = tuple(dict.fromkeys(self._joint(k) for k in joints if self._single(k)))
+            if named:
+                couplings.append(Coupling(self._name(index), what, named, self._where(index)))
+        return couplings, notes
+
+    def offsets(self) -> dict[str, float]:
+        """Joints that an equality holds off their reference while the other is at its own."""
+        import mujoco
+
+        model = self.model
+        return {
+            self._joint(int(model.eq_obj1id[index])): float(model.eq_data[index][0])
+            for index in self._active(mujoco.mjtEq.mjEQ_JOINT)
+        }
+
+    def _active(self, kind: Any = None) -> list[int]:
+        model = self.model
+        wanted = range(model.neq) if kind is None else np.flatnonzero(model.eq_type == int(kind))
+        return [int(k) for k in wanted if model.eq_active0[k]]
+
+    def _proportional(self, index: int) -> bool:
+        """Whether a joint equality is one joint following another in proportion."""
+        return bool(self.model.eq_obj2id[index] >= 0 and not self.model.eq_data[index][2:5].any())
+
+    def _name(self, index: int) -> str:
+        return name_of(self.model, "eq", index)
+
+    def _joint(self, index: int) -> str:
+        return name_of(self.model, "joint", index)
+
+    def _link(self, body: int) -> str:
+        return name_of(self.model, "body", body) if body else WORLD
+
+    def _where(self, index: int) -> str:
+        return f"{self.path}, equality '{self._name(index)}'"
+
+    def _ends(self, index: int) -> tuple[int, int]:
+        """The bodies that an equality is between."""
+        import mujoco
+
+        first, second = int(self.model.eq_obj1id[index]), int(self.model.eq_obj2id[index])
+        if mujoco.mjtObj(int(self.model.eq_objtype[index])) == mujoco.mjtObj.mjOBJ_SITE:
+            return int(self.model.site_bodyid[first]), int(self.model.site_bodyid[second])
+        return first, second
+
+    def _single(self, joint: int) -> bool:
+        """Whether a joint has one degree of freedom."""
+        import mujoco
+
+        return int(self.model.jnt_type[joint]) in (
+            int(mujoco.mjtJoint.mjJNT_HINGE),
+            int(mujoco.mjtJoint.mjJNT_SLIDE),
+        )
+
+    def _floats(self, body: int) -> bool:
+        """Whether a body hangs on a free joint."""
+        import mujoco
+
+        first, count = int(self.model.body_jntadr[body]), int(self.model.body_jntnum[body])
+        return count == 1 and int(self.model.jnt_type[first]) == int(mujoco.mjtJoint.mjJNT_FREE)
+
+    def _between(self, bodies: Sequence[int]) -> list[int]:
+        """Joints that move some of the bodies against the others."""
+        lines = [self._carrying(body) for body in bodies]
+        moving = {joint for line in lines for joint in line}
+        return sorted(k for k in moving if not all(k in line for line in lines))
+
+    def _carrying(self, body: int) -> list[int]:
+        """Joints from the world to a body."""
+        joints = list[int]()
+        while body > 0:
+            first = int(self.model.body_jntadr[body])
+            joints += range(first, first + int(self.model.body_jntnum[body]))
+            body = int(self.model.body_parentid[body])
+        return joints
+
+    def _of_tendons(self, index: int) -> list[int]:
+        """Joints that change the length of an equality's tendons."""
+        import mujoco
+
+        model, joints = self.model, list[int]()
+        for tendon in (int(model.eq_obj1id[index]), int(model.eq_obj2id[index])):
+            if tendon < 0:
+                continue
+            first, sites = int(model.tendon_adr[tendon]), []
+            for wrap in range(first, first + int(model.tendon_num[tendon])):
+                kind, number = mujoco.mjtWrap(int(model.wrap_type[wrap])), model.wrap_objid[wrap]
+                if kind == mujoco.mjtWrap.mjWRAP_JOINT:
+                    joints.append(int(number))
+                elif kind == mujoco.mjtWrap.mjWRAP_SITE:
+                    sites.append(int(model.site_bodyid[number]))
+            joints += self._between(sites)
+        return joints
+
+    def _of_flex(self, index: int) -> list[int]:
+        """Joints that move the points of an equality's flexible body."""
+        flex = int(self.model.eq_obj1id[index])
+        first = int(self.model.flex_vertadr[flex])
+        bodies = self.model.flex_vertbodyid[first : first + int(self.model.flex_vertnum[flex])]
+        return self._between([int(body) for body in bodies])

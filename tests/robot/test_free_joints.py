@@ -1,0 +1,198 @@
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from oracles import pinocchio_torque
+from steelyard.errors import ModelError
+from steelyard.excitation.build import Recipe
+from steelyard.model import Model
+from steelyard.robot.init_file import drafted
+from steelyard.robot.mjcf import read_mjcf
+from steelyard.robot.proposal import proposed
+from steelyard.robot.reduction import reduced
+from steelyard.robot.robot_file import load_robot
+
+BALL = '<geom type="sphere" size=".05" pos=".1 .02 0" mass=".7"/>'
+CUBE = '<body name="{}" pos="1 0 0"><freejoint/><geom type="box" size=".1 .1 .1"/></body>'
+
+
+def leg(name: str) -> str:
+    return f"""
+    <body name="{name}_thigh" pos=".2 0 -.1">
+      <joint name="{name}_hip" axis="0 1 0"/>{BALL}
+      <body name="{name}_calf" pos="0 0 -.2"><joint name="{name}_knee" axis="0 1 0"/>{BALL}</body>
+    </body>"""
+
+
+def trunk(inside: str, name: str = "trunk") -> str:
+    return f"""
+    <body name="{name}" pos="0 0 .5" quat=".9 .1 .3 -.2">
+      <freejoint name="{name}_root"/><geom type="box" size=".2 .1 .05" mass="5"/>{inside}
+    </body>"""
+
+
+ARM = f'<body name="upper"><joint name="shoulder" axis="0 1 0"/>{BALL}</body>'
+
+
+def written(folder: Path, world: str, end: str = "") -> Path:
+    path = folder / "robot.xml"
+    path.write_text(f"<mujoco><worldbody>{world}</worldbody>{end}</mujoco>")
+    return path
+
+
+def robot_file(path: Path, lines: str) -> Path:
+    file = path.with_suffix(".toml")
+    key = "mjcf" if path.suffix == ".xml" else "urdf"
+    file.write_text(f'[robot]\n{key} = "{path.name}"\n{lines}')
+    return file
+
+
+def test_a_fixed_trunk_is_mujocos_trunk_at_rest(tmp_path: Path) -> None:
+    path = written(tmp_path, trunk(leg("left") + leg("right")) + CUBE.format("cube"))
+    loaded = load_robot(robot_file(path, 'base = "trunk"'))
+    robot = loaded.robot
+    assert robot.joint_names == ("left_hip", "left_knee", "right_hip", "right_knee")
+    assert loaded.floats and loaded.base == "trunk"
+    model = mujoco.MjModel.from_xml_path(str(path))
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    data = mujoco.MjData(model)
+    rng = np.random.default_rng(3)
+    for _ in range(4):
+        q, dq, ddq = rng.uniform(-1.0, 1.0, (3, robot.n))
+        mujoco.mj_resetData(model, data)
+        data.qpos[7:11], data.qvel[6:10], data.qacc[6:10] = q, dq, ddq
+        mujoco.mj_inverse(model, data)
+        assert np.allclose(pinocchio_torque(robot, q, dq, ddq), data.qfrc_inverse[6:10])
+    assert np.allclose(robot.gravity, data.xmat[1].reshape(3, 3).T @ [0.0, 0.0, -9.81])
+
+
+def test_what_is_assumed_and_left_out_is_told(tmp_path: Path) -> None:
+    other = trunk(leg("other"), "dog")
+    path = written(tmp_path, trunk(leg("left")) + other + CUBE.format("cube") + ARM)
+    mechanism = read_mjcf(path)
+    robot, notes = reduced(mechanism, base="trunk")
+    assert robot.joint_names == ("left_hip", "left_knee")
+    assert notes == (
+        "base 'trunk' is assumed to be at rest, turned as the model file has it: its free joint "
+        "'trunk_root' is left out",
+        "left out, as it floats beside the robot: dog, cube",
+    )
+    robot, notes = reduced(mechanism, base="world")
+    assert robot.joint_names == ("shoulder",)
+    assert notes == ("left out, as it floats beside the robot: trunk, dog, cube",)
+
+
+def test_loose_bodies_are_left_out_beside_a_robot_that_stands(tmp_path: Path) -> None:
+    plain = load_robot(written(tmp_path, ARM))
+    loaded = load_robot(written(tmp_path, ARM + CUBE.format("red") + CUBE.format("blue")))
+    assert loaded.notes == ("left out, as it floats beside the robot: red, blue",)
+    assert not loaded.floats
+    assert [frame.name for frame in loaded.robot.frames] == [f.name for f in plain.robot.frames]
+
+
+def test_a_floating_robot_without_a_base_is_refused_with_the_lines(tmp_path: Path) -> None:
+    path = written(tmp_path, ARM + trunk(leg("left")))
+    with pytest.raises(ModelError) as caught:
+        load_robot(path)
+    assert "link 'trunk' floats: its joint 'trunk_root' is a free joint" in caught.value.wrong
+    assert 'base = "world" (1 joints) or base = "trunk" (2 joints)' in caught.value.mend
+    assert "--fixed-base trunk" in caught.value.mend
+    assert load_robot(path, base="trunk").robot.joint_names == ("left_hip", "left_knee")
+
+
+def test_a_base_beside_a_robot_file_is_refused(tmp_path: Path) -> None:
+    file = robot_file(written(tmp_path, ARM), "")
+    with pytest.raises(ModelError, match="given beside a robot file") as caught:
+        load_robot(file, base="upper")
+    assert caught.value.mend == 'write base = "upper" under [robot] there'
+
+
+def test_processes_that_search_motions_have_the_same_base(tmp_path: Path) -> None:
+    loaded = load_robot(written(tmp_path, trunk(leg("left"))), base="trunk")
+    recipe = Recipe.of(loaded, Model(loaded.robot))
+    assert recipe.base == "trunk" and recipe.problem().basis.joints == loaded.robot.n
+
+
+def test_init_writes_the_base_with_most_joints(tmp_path: Path) -> None:
+    path = written(tmp_path, ARM + trunk(leg("other"), "dog") + trunk(leg("a") + leg("b")))
+    proposal = proposed(path)
+    assert proposal.base == "trunk"
+    (said,) = proposal.said
+    assert said == 'base = "trunk": 4 joints move beyond it, and 1 beyond world, 2 beyond dog'
+    target = tmp_path / "new.toml"
+    target.write_text(drafted(path, proposal, None, None, target).text)
+    assert '\nbase = "trunk"\n' in target.read_text()
+    loaded = load_robot(target)
+    assert loaded.robot.joint_names == proposal.robot.joint_names
+    assert np.allclose(loaded.robot.gravity, proposal.robot.gravity)
+    one = proposed(written(tmp_path, trunk(leg("a")) + CUBE.format("cube")))
+    assert one.said == ('base = "trunk": the one link that floats and has joints beyond it',)
+
+
+WRIST = f"""
+<body name="upper"><joint name="shoulder" axis="0 1 0"/>{BALL}
+  <body name="hand" pos=".2 0 0" quat=".9 .1 .3 -.2"><joint name="wrist" type="ball"/>{BALL}
+    <body name="tip" pos=".1 0 0"><joint name="end" axis="0 0 1"/>{BALL}</body>
+  </body>
+</body>"""
+
+
+def test_a_ball_joint_is_locked_where_the_file_has_it(tmp_path: Path) -> None:
+    path = written(tmp_path, WRIST)
+    with pytest.raises(ModelError, match="'wrist' is a ball joint") as caught:
+        load_robot(path)
+    assert "wrist = 0.0 under [robot.locked]" in caught.value.mend
+    robot = load_robot(robot_file(path, "[robot.locked]\nwrist = 0.0")).robot
+    assert robot.joint_names == ("shoulder", "end")
+    stiff = load_robot(written(tmp_path, WRIST.replace('<joint name="wrist" type="ball"/>', "")))
+    state = np.random.default_rng(0).uniform(-1.0, 1.0, (3, 2))
+    assert np.allclose(pinocchio_torque(robot, *state), pinocchio_torque(stiff.robot, *state))
+
+
+def test_a_ball_joint_has_no_other_position(tmp_path: Path) -> None:
+    path = robot_file(written(tmp_path, WRIST), "[robot.locked]\nwrist = 0.3")
+    with pytest.raises(ModelError, match="locked at 0.3, but has no such position") as caught:
+        load_robot(path)
+    assert "wrist = 0.0" in caught.value.mend
+
+
+def test_a_ball_joint_is_locked_where_other_joints_are_listed(tmp_path: Path) -> None:
+    robot, notes = reduced(read_mjcf(written(tmp_path, WRIST)), ["end"])
+    assert robot.joint_names == ("end",)
+    assert "locked where the model file has it: ball joint wrist" in notes
+
+
+def test_init_locks_ball_joints(tmp_path: Path) -> None:
+    path = written(tmp_path, WRIST)
+    target = tmp_path / "new.toml"
+    target.write_text(drafted(path, proposed(path), None, None, target).text)
+    assert "# Locked: a ball joint.\nwrist = 0.0\n" in target.read_text()
+    assert load_robot(target).robot.joint_names == ("shoulder", "end")
+
+
+URDF = """
+<robot name="r">
+  <link name="odom"/>
+  <link name="body"><inertial><mass value="5"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0"
+    izz="1"/></inertial></link>
+  <link name="arm"><inertial><origin xyz="0.2 0 0"/><mass value="2"/><inertia ixx=".1" ixy="0"
+    ixz="0" iyy=".1" iyz="0" izz=".1"/></inertial></link>
+  <joint name="drive" type="{}"><parent link="odom"/><child link="body"/>
+    <origin rpy="1.5707963267948966 0 0"/><axis xyz="0 0 1"/></joint>
+  <joint name="j" type="continuous"><parent link="body"/><child link="arm"/></joint>
+</robot>"""
+
+
+@pytest.mark.parametrize("kind", ["floating", "planar"])
+def test_urdfs_float_too(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / "r.urdf"
+    path.write_text(URDF.format(kind))
+    with pytest.raises(ModelError, match="link 'body' floats") as caught:
+        load_robot(path)
+    assert "line 8" in caught.value.where and 'base = "body"' in caught.value.mend
+    robot = load_robot(robot_file(path, 'base = "body"')).robot
+    assert robot.joint_names == ("j",)
+    assert np.allclose(robot.gravity, [0.0, -9.81, 0.0])
+    assert proposed(path).base == "body"

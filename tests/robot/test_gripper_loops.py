@@ -1,0 +1,136 @@
+from pathlib import Path
+
+import pytest
+
+from steelyard.errors import ModelError
+from steelyard.robot.init_file import drafted
+from steelyard.robot.mjcf import read_mjcf
+from steelyard.robot.proposal import proposed
+from steelyard.robot.reduction import reduced
+from steelyard.robot.robot_file import LoadedRobot, load_robot
+
+BALL = '<geom type="sphere" size=".05" pos=".1 .02 0" mass=".7"/>'
+HAND = """
+<body name="driver" pos=".2 0 0"><joint name="driver_joint" axis="0 1 0"/>{ball}
+  <body name="coupler" pos=".1 0 0"><joint name="coupler_joint" axis="0 1 0"/>{ball}</body>
+</body>
+<body name="link" pos=".2 0 -.1"><joint name="link_joint" axis="0 1 0"/>{ball}</body>
+"""
+PIN = '<connect name="close" body1="coupler" body2="link" anchor=".1 0 0"/>'
+MOTORS = '<motor joint="shoulder"/><motor joint="elbow"/>'
+
+
+def arm(tmp_path: Path, hand: str, equality: str, end: str = "") -> Path:
+    path = tmp_path / "robot.xml"
+    path.write_text(f"""
+    <mujoco><compiler angle="radian"/><worldbody><body name="upper">
+      <joint name="shoulder" axis="0 1 0"/>{BALL}
+      <body name="lower" pos=".3 0 0"><joint name="elbow" axis="0 1 0"/>{BALL}
+        {hand.format(ball=BALL)}</body></body>
+      <body name="cube"><freejoint/>{BALL}</body>
+      <body name="target" mocap="true"/></worldbody>
+    <equality>{equality}</equality>{end}</mujoco>""")
+    return path
+
+
+def begun(path: Path) -> tuple[str, LoadedRobot]:
+    """The robot file that init writes, and what is read from it."""
+    target = path.with_name("new.toml")
+    target.write_text(drafted(path, proposed(path), None, None, target).text)
+    return target.read_text(), load_robot(target)
+
+
+def test_a_loop_that_no_actuator_drives_is_locked(tmp_path: Path) -> None:
+    path = arm(tmp_path, HAND, PIN, f"<actuator>{MOTORS}</actuator>")
+    text, loaded = begun(path)
+    assert loaded.robot.joint_names == ("shoulder", "elbow") and loaded.robot.loops == ()
+    reason = (
+        "# Locked: in a loop of a hand, or in one whose joints have no actuator of their own.\n"
+    )
+    assert f"{reason}driver_joint = 0.0\ncoupler_joint = 0.0\nlink_joint = 0.0\n" in text
+
+
+def test_a_loop_of_fingers_is_locked_whatever_drives_it(tmp_path: Path) -> None:
+    motors = f'<actuator>{MOTORS}<motor joint="finger_joint"/></actuator>'
+    path = arm(tmp_path, HAND.replace("driver_joint", "finger_joint"), PIN, motors)
+    text, loaded = begun(path)
+    assert loaded.robot.joint_names == ("shoulder", "elbow") and "\nfinger_joint = 0.0" in text
+
+
+def test_a_driven_loop_is_kept(tmp_path: Path) -> None:
+    path = arm(tmp_path, HAND, PIN, f'<actuator>{MOTORS}<motor joint="driver_joint"/></actuator>')
+    _, loaded = begun(path)
+    assert loaded.robot.joint_names == ("shoulder", "elbow", "driver_joint")
+    assert [c.name for c in loaded.robot.passive] == ["coupler_joint", "link_joint"]
+
+
+def test_a_loop_that_nothing_says_how_to_close_is_locked(tmp_path: Path) -> None:
+    motors = (
+        f'<actuator>{MOTORS}<motor joint="driver_joint"/><motor joint="link_joint"/></actuator>'
+    )
+    proposal = proposed(arm(tmp_path, HAND, PIN, motors))
+    assert proposal.robot.joint_names == ("shoulder", "elbow")
+    assert "not clear is which joints are passive" in proposal.said[0]
+
+
+TWO = """
+<body name="left" pos=".2 0 0"><joint name="left_j" axis="0 1 0" ref=".2"/>{ball}</body>
+<body name="right" pos=".2 0 0"><joint name="right_j" axis="0 1 0"/>{ball}</body>"""
+TENDON = """<tendon><fixed name="t">
+  <joint joint="left_j" coef="1"/><joint joint="right_j" coef="1"/>
+</fixed></tendon>"""
+TIES = {
+    "polynomial": (
+        '<joint name="e" joint1="left_j" joint2="right_j" polycoef="0 1 2 0 0"/>',
+        "",
+        "a joint equality that is not proportional",
+    ),
+    "weld": ('<weld name="e" body1="left" body2="right"/>', "", "a weld"),
+    "tendon": ('<tendon name="e" tendon1="t"/>', TENDON, "a tendon equality"),
+}
+
+
+@pytest.mark.parametrize("case", TIES)
+def test_joints_of_other_equalities_are_locked(case: str, tmp_path: Path) -> None:
+    equality, end, what = TIES[case]
+    path = arm(tmp_path, TWO, equality, end)
+    with pytest.raises(ModelError, match=f"joints are tied by {what}") as caught:
+        load_robot(path)
+    assert "equality 'e'" in caught.value.where
+    assert "left_j = 0.2, right_j = 0 under [robot.locked]" in caught.value.mend
+    text, loaded = begun(path)
+    assert f"# Locked: tied by {what}.\nleft_j = 0.2\nright_j = 0.0\n" in text
+    assert loaded.robot.joint_names == ("shoulder", "elbow")
+    robot, _ = reduced(read_mjcf(path), ["shoulder", "elbow"])
+    assert robot.joint_names == ("shoulder", "elbow")
+
+
+def test_a_joint_held_by_an_equality_is_locked(tmp_path: Path) -> None:
+    proposal = proposed(arm(tmp_path, TWO, '<joint joint1="left_j" polycoef=".1 0 0 0 0"/>'))
+    assert proposal.locked == {"left_j": pytest.approx(0.3)}
+    assert proposal.robot.joint_names == ("shoulder", "elbow", "right_j")
+
+
+@pytest.mark.parametrize("other", ["target", "cube"])
+def test_welds_to_targets_and_loose_bodies_are_left_out(other: str, tmp_path: Path) -> None:
+    path = arm(tmp_path, TWO, f'<weld name="grasp" body1="{other}" body2="left"/>')
+    robot, notes = reduced(read_mjcf(path))
+    assert robot.joint_names == ("shoulder", "elbow", "left_j", "right_j")
+    assert f"weld 'grasp' of '{other}' and 'left' is left out" in notes
+
+
+def test_a_weld_that_nothing_moves_says_nothing(tmp_path: Path) -> None:
+    hand = '<body name="pad">{ball}</body>'
+    robot, notes = reduced(read_mjcf(arm(tmp_path, hand, '<weld body1="pad" body2="lower"/>')))
+    assert robot.joint_names == ("shoulder", "elbow")
+    assert notes == ("left out, as it floats beside the robot: cube",)
+
+
+def test_a_hand_alone_is_refused_with_the_reason(tmp_path: Path) -> None:
+    path = tmp_path / "hand.xml"
+    hand = TWO.format(ball=BALL)
+    path.write_text(f"""<mujoco><worldbody>{hand}</worldbody>
+    <equality><weld body1="left" body2="right"/></equality></mujoco>""")
+    with pytest.raises(ModelError, match=r"left_j \(tied by a weld\), right_j") as caught:
+        proposed(path)
+    assert "the robot that carries this hand" in caught.value.mend
