@@ -136,6 +136,7 @@ def run_identify(
     from steelyard.cli.repeats import refuse_same_rows
     from steelyard.cli.sensitivity import varied
     from steelyard.diagnosis.absurd import refuse_absurd
+    from steelyard.diagnosis.moving_base import of_base
     from steelyard.files import whole_folder
     from steelyard.robot.robot_file import load_robot
 
@@ -165,7 +166,9 @@ def run_identify(
         notes += (*found.notes, *describe.dropped(model, (*clean, *unseen)))
         content = report_of(found, unseen, (*clean, *unseen), notes, progress)
         content = replace(content, diagnosis=found_out)
-        content = replace(content, limitations=limitations_of(found, unseen, content, progress))
+        limits = limitations_of(found, unseen, content, progress)
+        limits += of_base(file, () if found_out is None else found_out.findings)
+        content = replace(content, limitations=limits)
         if sensitivity:
             content = varied(content, found, (known, unknown), threads, progress)
         if bootstrap is not None:

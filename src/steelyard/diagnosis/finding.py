@@ -106,7 +106,7 @@ class Finding:
         picture: The evidence as a plot, if there is one to show.
         hypotheses: Explanations that were compared, the likeliest first.
         answered: Whether the question could be answered; what is open is not suspicious.
-        headline: Whether it stands beside the headline of a fit though it is ok.
+        headline: Whether it stands beside the headline though it is ok.
     """
 
     suspicion: str

@@ -13,6 +13,7 @@ from steelyard.diagnosis.identifiability import Identifiability
 from steelyard.diagnosis.joint_order import JointOrder
 from steelyard.diagnosis.joint_zeros import JointZeros
 from steelyard.diagnosis.mounting import Mounting
+from steelyard.diagnosis.moving_base import MovingBase
 from steelyard.diagnosis.noise import Noise
 from steelyard.diagnosis.payload_left import PayloadLeft
 from steelyard.diagnosis.position import Position
@@ -44,6 +45,7 @@ SUSPICIONS: tuple[Suspicion, ...] = (
     EffortDelay(),
     JointZeros(),
     Mounting(),
+    MovingBase(),
     PayloadLeft(),
     Drift(),
     Identifiability(),

@@ -67,10 +67,12 @@ def headline(diagnosis: Diagnosis) -> str:
         return "No suspicion applies"
     if worst == 0:
         open_ones = sum(not finding.answered for finding in diagnosis.findings)
+        told = "Ok: nothing suspicious was found"
         if open_ones:
             asked = count(open_ones, "question")
-            return f"Ok as far as can be told: {asked} could not be answered"
-        return "Ok: nothing suspicious was found"
+            told = f"Ok as far as can be told: {asked} could not be answered"
+        beside = dict.fromkeys(f.says for f in diagnosis.findings if f.headline)
+        return "; ".join((told, *beside))
     names = [f.suspicion for f in diagnosis.findings if f.judgement == worst]
     return f"{worst.word.capitalize()}: {', '.join(dict.fromkeys(names))}"
 
