@@ -35,10 +35,7 @@ class Proposal:
     def said(self) -> tuple[str, ...]:
         """What was decided, one sentence each."""
         base = [f'base = "{self.base}": {self.why_base}'] if self.why_base else []
-        joints: dict[str, list[str]] = {}
-        for joint, reason in self.reasons.items():
-            joints.setdefault(reason, []).append(joint)
-        return (*base, *(f"locked {', '.join(names)}: {why}" for why, names in joints.items()))
+        return (*base, *(f"locked {words}" for words in _by_reason(self.reasons)))
 
 
 def proposed(reference: str | Path, base: str | None = None) -> Proposal:
@@ -94,13 +91,20 @@ def _all_locked(
     left = {drive_of(mechanism, j).master for j in beyond if j.movable} - {*said}
     if left or not said:
         return None
-    each = (f"{name} ({why})" for name, why in said.items())
     return ModelError(
-        "every joint would have to be locked: " + ", ".join(each),
+        "every joint would have to be locked, " + "; ".join(_by_reason(said)),
         where=mechanism.where,
         mend="give the robot that carries this hand; or write a robot file by hand, with the "
         "joints that are logged under joints and those that loops determine under passive",
     )
+
+
+def _by_reason(reasons: dict[str, str]) -> list[str]:
+    """Joints and the reason that they share, in words."""
+    joints: dict[str, list[str]] = {}
+    for joint, reason in reasons.items():
+        joints.setdefault(reason, []).append(joint)
+    return [f"{', '.join(names)}: {reason}" for reason, names in joints.items()]
 
 
 def _base(mechanism: Mechanism) -> tuple[str | None, str]:

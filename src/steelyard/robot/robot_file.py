@@ -194,7 +194,7 @@ def robot_of_model(
         ModelError: The file leaves open what a robot is, such as the base of one that floats.
     """
     mechanism, path = model.mechanism, model.sources[0].path
-    robot, notes = reduced(mechanism, base=base, locked=locked)
+    robot, notes = _whole(mechanism, base, locked)
     unfollowed = told(mechanism, robot, (), ())
     return LoadedRobot(
         robot,
@@ -213,6 +213,19 @@ def robot_of_model(
         base=base,
         floats=floating_base(mechanism, base) is not None,
     )
+
+
+def _whole(
+    mechanism: Mechanism, base: str | None, locked: Mapping[str, float] | None
+) -> tuple[Robot, tuple[str, ...]]:
+    """The robot of a model file alone, with the advice that `init` locks what cannot move."""
+    try:
+        return reduced(mechanism, base=base, locked=locked)
+    except ModelError as error:
+        if locked is not None or not mechanism.pins or "steelyard init" in error.mend:
+            raise
+        mend = f"{error.mend}; `steelyard init` writes a robot file that locks the loops of hands"
+        raise ModelError(error.wrong, where=error.where, mend=mend) from None
 
 
 def load_robot_file(path: str | Path) -> RobotFile:
