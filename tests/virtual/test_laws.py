@@ -171,7 +171,8 @@ def felt(robot: Robot, law: Term, seed: int = 2) -> tuple[np.ndarray, np.ndarray
     spline = CubicSpline(run.t, run.q)
     motion = Motion(run.t, *(spline(run.t, k) for k in range(3)))
     torque = truth.model.at(truth.values).torque(motion)
-    bare = {n: 0.0 for term in truth.laws for n in (p.name for p in term.parameters(robot))}
+    laws = [t for t in truth.model.terms if not isinstance(t, RigidBody | RotorInertia)]
+    bare = {p.name: 0.0 for term in laws for p in term.parameters(robot)}
     without = truth.changed(**bare)
     part = torque - without.model.at(without.values).torque(motion)
     moving = np.all(np.abs(run.dq) > 0.15, axis=1)

@@ -1,3 +1,4 @@
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from steelyard.robot.robot import Robot
 from steelyard.terms.offset import Offset
 from steelyard.terms.rigid_body import RigidBody
 from steelyard.terms.rotor_inertia import RotorInertia
+from steelyard.terms.stribeck import Stribeck
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.mujoco_model import mass_matrices
 from steelyard.virtual.plant import MujocoPlant
@@ -67,15 +69,18 @@ def test_mimic_bodies_follow(tree: Robot) -> None:
     assert positions[4] == pytest.approx(follower, abs=1e-5)
 
 
-def test_stiff_friction_gets_a_finer_step(pendulum: Robot, pendulum_truth: Truth) -> None:
-    plant = MujocoPlant(pendulum, pendulum_truth.changed(**{"coulomb.pivot": 25.0}))
+def test_stiff_friction_gets_a_finer_step(
+    pendulum: Robot, make_truth: Callable[..., Truth]
+) -> None:
+    truth = make_truth(pendulum, Stribeck(speed=1.0))
+    plant = MujocoPlant(pendulum, truth.changed(**{"stribeck.pivot": 25.0}))
     assert plant.timestep == pytest.approx(6.25e-5)
     plant.place([0.1])
     for _ in range(500):
         _, dq = plant.step(np.zeros(1), 1e-3)
     assert abs(dq[0]) < 1e-3
     with pytest.raises(ModelError, match="too stiff"):
-        MujocoPlant(pendulum, pendulum_truth.changed(**{"coulomb.pivot": 2500.0}))
+        MujocoPlant(pendulum, truth.changed(**{"stribeck.pivot": 2500.0}))
 
 
 def test_step_must_be_a_multiple(pendulum: Robot, pendulum_truth: Truth) -> None:

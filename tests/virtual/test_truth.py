@@ -16,6 +16,7 @@ from steelyard.terms.presliding import Dahl, LuGre
 from steelyard.terms.rigid_body import RigidBody
 from steelyard.terms.rotor_inertia import RotorInertia
 from steelyard.terms.spring import Spring
+from steelyard.terms.stribeck import Stribeck
 from steelyard.terms.viscous import Viscous
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.plant import MujocoPlant
@@ -143,7 +144,8 @@ def test_bristles_are_damped_below_twice_critical(arm: Robot) -> None:
 
 
 def test_smoothing_grows_where_friction_is_stiff(arm: Robot) -> None:
-    terms = (RigidBody(), Coulomb())
+    assert random_truth(arm, 0, terms=(RigidBody(), Coulomb())).smoothing.max() == 0.005
+    terms = (RigidBody(), Stribeck(speed=1.0))
     bare = random_truth(arm, 0, terms=terms)
     assert bare.smoothing.min() == 0.005 and bare.smoothing.max() > 0.03
     assert MujocoPlant(arm, bare).timestep == 1.25e-4

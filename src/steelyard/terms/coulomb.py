@@ -53,6 +53,11 @@ class Coulomb(Acting):
                 mend="give one of the two, as a positive speed, or none for the plain sign",
             )
 
+    @property
+    def jumps(self) -> bool:
+        """Whether the direction is the plain sign: at rest, friction then holds up to its size."""
+        return is_zero(self.threshold) and is_zero(self.smoothing)
+
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """One per coordinate, not negative."""
         return each(self.axes(robot), self.law, lambda axis: axis.effort_unit, lower=0.0)

@@ -142,14 +142,15 @@ def _smoothing(robot: Robot, model: Model, values: Parameters, scales: Scales) -
     Near zero speed a law that jumps by $\pm f$ damps with $f / v_s$; the step is well inside its
     range of stability if $h\,(M^{-1})_{jj}\,f / v_s \le 1/2$ at every posture.
     """
-    rotors = Truth(model, values, np.ones(robot.n_joints)).rotors
-    added = sum((r.inertia * np.outer(r.row, r.row) for r in rotors), np.zeros((1, 1)))
+    truth = Truth(model, values, np.ones(robot.n_joints))
+    rows = (r.inertia * np.outer(r.row, r.row) for r in truth.rotors)
+    added = sum(rows, np.zeros((1, 1)))
     mobility = np.diagonal(np.linalg.inv(scales.masses + added), axis1=1, axis2=2).max(axis=0)
     least = np.array([_LEAST_SMOOTHING[joint.kind] for joint in robot.joints])
     known = values.as_dict()
     jump = np.zeros(robot.n_joints)
-    for term in model.terms:
-        if not isinstance(term, RigidBody | RotorInertia | Remembering):
+    for term in truth.laws:
+        if not isinstance(term, Remembering):
             own = np.array([known[p.name] for p in term.parameters(robot)])
             jump += scales.jumps(term, least) @ np.abs(own)
     return frozen(np.maximum(least, 2.0 * TIMESTEP * mobility * jump))

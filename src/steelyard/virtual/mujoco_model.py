@@ -2,10 +2,12 @@ r"""A MuJoCo model with exactly the bodies of a `Robot`.
 
 MuJoCo has one joint per body, so its positions are $x = G q + o$ with one row of $G$ per body
 (`Body.ratio`, `Body.offset`), and joint torques are $\tau = G^T \tau_x$. MuJoCo adds nothing of
-its own: no contacts, no friction, no damping, no joint stops. Rotor inertia is MuJoCo's
-*armature*, put on the first body that a coordinate moves, or on a tendon where it turns with
-several joints. In simulation, further bodies of the same coordinate (mimic joints) are held to the
-first, and pins of loops are held together, by stiff equality constraints.
+its own: no contacts, no damping, no joint stops. Rotor inertia is MuJoCo's *armature*, put on the
+first body that a coordinate moves, or on a tendon where it turns with several joints. Coulomb
+friction is MuJoCo's *frictionloss* of a tendon along its coordinate: an implicit step finds the
+force that stops the coordinate, within its size, so that joints stick and slip. In simulation,
+further bodies of the same coordinate (mimic joints) are held to the first, and pins of loops are
+held together, by stiff equality constraints.
 """
 
 from collections.abc import Iterable, Sequence
@@ -29,6 +31,17 @@ TIMESTEP = 1.25e-4
 
 ADVANCE = mujoco.mj_step
 """One step of the integration of a compiled model, under `data.qfrc_applied`."""
+
+
+class Brake(NamedTuple):
+    """Coulomb friction against the motion of `row` times the joints, of size `level` [Nm; N].
+
+    `motor` says whether it acts before the gears.
+    """
+
+    row: tuple[float, ...]
+    level: float
+    motor: bool = False
 
 
 class Rotor(NamedTuple):
@@ -59,6 +72,7 @@ def build(
     robot: Robot,
     inertial: ArrayLike | None = None,
     rotors: Sequence[Rotor] = (),
+    brakes: Sequence[Brake] = (),
     timestep: float = TIMESTEP,
 ) -> MujocoModel:
     """The MuJoCo model of a robot.
@@ -67,6 +81,7 @@ def build(
         robot: The robot; its gravity is used.
         inertial: Ten numbers per body, shape `(n_bodies, 10)`; by default the nominal ones.
         rotors: Rotors, felt along rows over all joints.
+        brakes: Coulomb friction, likewise.
         timestep: Step of the integration [s].
 
     Raises:
@@ -85,6 +100,8 @@ def build(
         _pin(spec, loop, [placed[body + 1] for body in loop.bodies], timestep)
     for number, rotor in enumerate(rotors):
         _turn(spec, robot, number, rotor, carriers)
+    for number, brake in enumerate(brakes):
+        _brake(spec, robot, number, brake, carriers, timestep)
     matrix = np.zeros((len(robot.bodies), robot.n_joints))
     for index, body in enumerate(robot.bodies):
         matrix[index, body.coordinate] = body.ratio
@@ -178,7 +195,6 @@ def _spec(robot: Robot, timestep: float) -> Any:
     spec.option.disableflags = (
         mujoco.mjtDisableBit.mjDSBL_CONTACT
         | mujoco.mjtDisableBit.mjDSBL_LIMIT
-        | mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS
         | mujoco.mjtDisableBit.mjDSBL_WARMSTART
         | mujoco.mjtDisableBit.mjDSBL_AUTORESET
     )
@@ -236,8 +252,29 @@ def _pin(spec: Any, loop: Loop, bodies: Sequence[Any], timestep: float) -> None:
 
 def _stiffen(equality: Any, timestep: float) -> None:
     """As stiff as the step allows."""
-    equality.solref = 2.0 * timestep, 1.0
-    equality.solimp = 0.99999, 0.99999, 1e-3, 0.5, 2.0
+    equality.solref, equality.solimp = _stiffest(timestep)
+
+
+def _stiffest(timestep: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """MuJoCo's `solref` and `solimp` of a constraint that a step fulfils."""
+    return (2.0 * timestep, 1.0), (0.99999, 0.99999, 1e-3, 0.5, 2.0)
+
+
+def _brake(
+    spec: Any,
+    robot: Robot,
+    number: int,
+    brake: Brake,
+    carriers: Sequence[int],
+    timestep: float,
+) -> None:
+    """Add Coulomb friction along a tendon of the joints that it brakes."""
+    tendon = spec.add_tendon(name=f"brake {number}", frictionloss=brake.level)
+    tendon.solref_friction, tendon.solimp_friction = _stiffest(timestep)
+    for joint, coefficient in enumerate(brake.row):
+        if coefficient:
+            body = robot.bodies[carriers[joint]]
+            tendon.wrap_joint(f"{carriers[joint]} {body.joint}", coefficient / body.ratio)
 
 
 def _turn(spec: Any, robot: Robot, number: int, rotor: Rotor, carriers: Sequence[int]) -> None:

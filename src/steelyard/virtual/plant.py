@@ -23,9 +23,10 @@ class MujocoPlant:
     MuJoCo steps $v' = v + h\,a(x, v)$, $x' = x + h\,v'$. Read as $x = q + \tfrac h2 \dot q$ this
     is the position Verlet scheme: torques act exactly while they are held, and the error in
     gravity and inertia is of second order in `h`; read as $x = q$ the motion would lead the torque
-    by half a step. The laws are evaluated at every step, and the memory of friction takes the same
-    exact steps as along a log. The step is 0.125 ms, 0.1 ms for friction with memory, and finer
-    where a law is so stiff for its inertia that such a step would not be stable.
+    by half a step. Coulomb friction by the plain sign is implicit: within a step it stops a joint
+    that it can stop. The other laws are evaluated at every step, and the memory of friction takes
+    the same exact steps as along a log. The step is 0.125 ms, 0.1 ms for friction with memory, and
+    finer where a law is so stiff for its inertia that such a step would not be stable.
 
     Attributes:
         model: The MuJoCo model, with the truth's inertias.
@@ -34,16 +35,20 @@ class MujocoPlant:
 
     def __init__(self, robot: Robot, truth: Truth, payload: Payload | None = None) -> None:
         _check_robot(robot, truth)
-        self.model: MujocoModel = build(robot, truth.inertial, truth.rotors)
+        self.model: MujocoModel = build(robot, truth.inertial, truth.rotors, truth.brakes)
         self._laws = Laws(robot, truth.laws, truth.law_values, truth.smoothing, self.model)
         self.timestep = stable_timestep(self._laws)
         self._compiled = [self.model.compiled]
         if payload is not None:
             loaded = payload.added(robot, truth.inertial)
-            self._compiled.append(build(robot, loaded, truth.rotors).compiled)
+            self._compiled.append(build(robot, loaded, truth.rotors, truth.brakes).compiled)
         for compiled in self._compiled:
             compiled.opt.timestep = self.timestep
         self._robot, self._loaded = robot, False
+        self._behind = np.reshape(
+            [b.motor * np.array(b.row[: robot.n]) for b in truth.brakes if b.level > 0.0],
+            (-1, robot.n),
+        )
         self._carriers = np.array(self.model.carriers[: robot.n])
         self._ratios = self.model.map[self._carriers, np.arange(robot.n)]
         self._starts = self.model.offset[self._carriers]
@@ -83,7 +88,8 @@ class MujocoPlant:
 
     def motor_friction(self) -> Array:
         """Torque of the terms that act on motors, at the last step, shape `(n,)`."""
-        return self._used.brakes()
+        friction = self._data.efc_force[self._data.ne :][: self._data.nf]
+        return np.asarray(self._used.brakes() - friction @ self._behind)
 
     def step(self, tau: Array, duration: float) -> tuple[Array, Array]:
         """Hold joint torques `tau`, shape `(n,)`, for a multiple of the time step."""

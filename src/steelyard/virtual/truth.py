@@ -1,7 +1,8 @@
 """What a virtual robot really is: a model of any terms, and the values that it should be found by.
 
-Laws that jump at zero speed make an integration with fixed steps chatter; the plant turns them
-within a smoothing speed of some thousandths of the working speed.
+Coulomb friction by the plain sign is that of the fitted law: it sticks and slips. Other laws that
+jump at zero speed would make an integration with fixed steps chatter; the plant turns them within a
+smoothing speed of some thousandths of the working speed.
 """
 
 from collections.abc import Mapping
@@ -16,11 +17,13 @@ from steelyard.errors import ModelError
 from steelyard.model import Model
 from steelyard.parameters import Parameters
 from steelyard.robot.robot import Robot
+from steelyard.terms.coulomb import Coulomb
 from steelyard.terms.register import description_of, term_of
 from steelyard.terms.rigid_body import RigidBody
 from steelyard.terms.rotor_inertia import RotorInertia
 from steelyard.terms.term import Term
-from steelyard.virtual.mujoco_model import Rotor
+from steelyard.virtual.laws import on_motors
+from steelyard.virtual.mujoco_model import Brake, Rotor
 
 SCHEMA = "steelyard-truth/2"
 _WHERE = "truth of the virtual robot"
@@ -33,8 +36,8 @@ class Truth:
     Attributes:
         model: The robot and all causes of its torque; `rigid_body` is one of them.
         values: All standard parameters of the model, in its order.
-        smoothing: Speed over which laws that jump at zero speed turn, per joint of
-            `robot.joints`, shape `(n_joints,)` [rad/s; m/s].
+        smoothing: Speed over which laws that jump at zero speed turn, but for Coulomb friction by
+            the plain sign, per joint of `robot.joints`, shape `(n_joints,)` [rad/s; m/s].
     """
 
     model: Model
@@ -82,10 +85,21 @@ class Truth:
         )
 
     @cached_property
+    def brakes(self) -> tuple[Brake, ...]:
+        """Friction that sticks and slips: Coulomb friction by the plain sign."""
+        return tuple(
+            Brake(axis.row, self.values[parameter.name], on_motors(term))
+            for term in self.model.terms
+            if isinstance(term, Coulomb) and term.jumps
+            for axis, parameter in zip(
+                term.axes(self.robot), term.parameters(self.robot), strict=True
+            )
+        )
+
+    @cached_property
     def laws(self) -> tuple[Term, ...]:
-        """The other terms: neither bodies nor rotor inertia."""
-        inertial = (RigidBody, RotorInertia)
-        return tuple(term for term in self.model.terms if not isinstance(term, inertial))
+        """The other terms: neither bodies nor rotor inertia nor what sticks and slips."""
+        return tuple(term for term in self.model.terms if not _of_mujoco(term))
 
     @property
     def law_values(self) -> Array:
@@ -145,6 +159,12 @@ class Truth:
             Parameters(model.names, model.units, values),
             frozen([speeds[c.name] for c in robot.joints]),
         )
+
+
+def _of_mujoco(term: Term) -> bool:
+    """Whether MuJoCo itself has the term: inertia, or friction that sticks and slips."""
+    inertial = isinstance(term, RigidBody | RotorInertia)
+    return inertial or (isinstance(term, Coulomb) and term.jumps)
 
 
 def _unusable(wrong: str, mend: str) -> ModelError:
