@@ -36,7 +36,7 @@ def arm(tmp_path: Path, hand: str, equality: str, end: str = "") -> Path:
 def begun(path: Path) -> tuple[str, LoadedRobot]:
     """The robot file that init writes, and what is read from it."""
     target = path.with_name("new.toml")
-    target.write_text(drafted(path, proposed(path), None, None, target).text)
+    target.write_text(drafted(proposed(path), None, None, target).text)
     return target.read_text(), load_robot(target)
 
 
@@ -73,7 +73,7 @@ def test_a_loop_that_nothing_says_how_to_close_is_locked(tmp_path: Path) -> None
         f'<actuator>{MOTORS}<motor joint="driver_joint"/><motor joint="link_joint"/></actuator>'
     )
     proposal = proposed(arm(tmp_path, HAND, PIN, motors))
-    assert proposal.robot.joint_names == ("shoulder", "elbow")
+    assert proposal.loaded.robot.joint_names == ("shoulder", "elbow")
     assert "not clear is which joints are passive" in proposal.said[0]
 
 
@@ -112,7 +112,7 @@ def test_joints_of_other_equalities_are_locked(case: str, tmp_path: Path) -> Non
 def test_a_joint_held_by_an_equality_is_locked(tmp_path: Path) -> None:
     proposal = proposed(arm(tmp_path, TWO, '<joint joint1="left_j" polycoef=".1 0 0 0 0"/>'))
     assert proposal.locked == {"left_j": pytest.approx(0.3)}
-    assert proposal.robot.joint_names == ("shoulder", "elbow", "right_j")
+    assert proposal.loaded.robot.joint_names == ("shoulder", "elbow", "right_j")
 
 
 @pytest.mark.parametrize("other", ["target", "cube"])

@@ -69,7 +69,7 @@ def round_trip(
     model: Path, output: Path, columns: list[str] | None, sample: dict | None = None
 ) -> tuple[LoadedRobot, str]:
     output.parent.mkdir(parents=True, exist_ok=True)
-    text = drafted(model, proposed(model), columns, sample, output).text
+    text = drafted(proposed(model), columns, sample, output).text
     output.write_text(text, encoding="utf-8")
     return load_robot(output), text
 

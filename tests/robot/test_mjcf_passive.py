@@ -6,6 +6,7 @@ import pytest
 
 from steelyard.cli.river import model_of
 from steelyard.kernel.dynamics import JointState
+from steelyard.robot import proposal as init_proposal
 from steelyard.robot.init_file import drafted, notes_beside
 from steelyard.robot.robot_file import LoadedRobot, load_robot
 from steelyard.terms.spring import Spring
@@ -45,7 +46,7 @@ def with_tables(path: Path, tables: str) -> LoadedRobot:
 def proposed(path: Path) -> LoadedRobot:
     """The robot file that `init` writes."""
     target = path.with_name("proposed.toml")
-    target.write_text(drafted(path, load_robot(path), None, None, target).text)
+    target.write_text(drafted(init_proposal.proposed(path), None, None, target).text)
     return load_robot(target)
 
 

@@ -112,7 +112,7 @@ def test_mistakes_name_line_and_key(
 
 def test_a_new_robot_file_shows_how_to_write_them(folder: Path) -> None:
     model, output = folder / "one.urdf", folder / "arm.toml"
-    text = drafted(model, proposed(model), None, None, output).text
+    text = drafted(proposed(model), None, None, output).text
     begin, end = text.index("[prior]"), text.index("[validation]")
     lines = [x.removeprefix("# ") for x in text[begin:end].replace("NAME", "b").splitlines()]
     shown = [x for x in lines if x.startswith("[") or " = " in x]
