@@ -8,7 +8,7 @@ import pytest
 from steelyard.errors import ModelError
 from steelyard.model import Model
 from steelyard.robot.inertia import Inertia
-from steelyard.robot.robot import Robot, Transmission
+from steelyard.robot.robot import Limits, Robot, Transmission
 from steelyard.terms.coulomb import Coulomb
 from steelyard.terms.find import Find
 from steelyard.terms.load_dependent import LoadDependent
@@ -150,3 +150,10 @@ def test_smoothing_grows_where_friction_is_stiff(arm: Robot) -> None:
     assert bare.smoothing.min() == 0.005 and bare.smoothing.max() > 0.03
     assert MujocoPlant(arm, bare).timestep == 1.25e-4
     assert Model(arm, terms).names == bare.values.names
+
+
+def test_a_law_that_loads_no_joint_divides_by_nothing(tree: Robot) -> None:
+    """Warnings are errors here; a greatest effort of 1e12 Nm made one."""
+    strong = [replace(c, limits=Limits(-1.0, 1.0, 1.0, 1e12)) for c in tree.coordinates]
+    truth = random_truth(tree.changed(coordinates=tuple(strong)), 1)
+    assert np.isfinite(truth.values.values).all()

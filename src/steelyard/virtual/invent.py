@@ -102,8 +102,9 @@ def _sizes(term: Term, robot: Robot, scales: Scales) -> Array:
     if isinstance(term, RotorInertia):
         return np.array([scales.inertia_along(axis) for axis in term.axes(robot)])
     peaks = scales.peaks(term)
-    loads = scales.torque[:, None] / np.maximum(peaks, 1e-300)
-    sizes = np.min(np.where(peaks > 0.0, loads, np.inf), axis=0)
+    torque = np.broadcast_to(scales.torque[:, None], peaks.shape)
+    loads = np.divide(torque, peaks, out=np.full(peaks.shape, np.inf), where=peaks > 0.0)
+    sizes = np.min(loads, axis=0)
     if isinstance(term, LuGre):
         return _with_damping(term, robot, scales, sizes)
     return sizes / len(term.lengths) if isinstance(term, MaxwellSlip) else np.asarray(sizes)
