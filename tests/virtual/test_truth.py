@@ -153,7 +153,7 @@ def test_smoothing_grows_where_friction_is_stiff(arm: Robot) -> None:
 
 
 def test_a_law_that_loads_no_joint_divides_by_nothing(tree: Robot) -> None:
-    """Warnings are errors here; a greatest effort of 1e12 Nm made one."""
-    strong = [replace(c, limits=Limits(-1.0, 1.0, 1.0, 1e12)) for c in tree.coordinates]
+    """Warnings are errors here; a greatest speed of 1e12 made one."""
+    strong = [replace(c, limits=Limits(-1.0, 1.0, 1e12)) for c in tree.coordinates]
     truth = random_truth(tree.changed(coordinates=tuple(strong)), 1)
     assert np.isfinite(truth.values.values).all()
