@@ -7,6 +7,7 @@ import numpy as np
 
 from steelyard.arrays import Array, frozen
 from steelyard.errors import ModelError
+from steelyard.excitation.assumed_shapes import reach
 from steelyard.excitation.clearance_proof import proven_distances
 from steelyard.excitation.constraint import Margins
 from steelyard.excitation.exact import ExactTrajectory
@@ -26,6 +27,9 @@ MARGIN = 0.01
 
 ROOM = 0.05
 """Beyond the margin by this much distances are not looked at closely [m]."""
+
+SHARE = 0.1
+"""The same over how far the robot reaches, for small ones: fingers are nowhere 50 mm apart."""
 
 
 @dataclass(frozen=True)
@@ -182,7 +186,7 @@ def clearance(
     geometry: Geometry,
     *,
     margin: float = MARGIN,
-    room: float = ROOM,
+    room: float | None = None,
     others: Sequence[Shape] = (),
     ignore: Sequence[tuple[str, str]] = (),
     bodies: bool = True,
@@ -197,7 +201,8 @@ def clearance(
         robot: The robot.
         geometry: Its shapes.
         margin: Distance to keep [m].
-        room: Distance beyond the margin from which on a pair does not matter [m].
+        room: Distance beyond the margin from which on a pair does not matter [m]; `ROOM`, or
+            `SHARE` of how far the robot reaches, whichever is less, if `None`.
         others: Tools, payloads and what stands in the cell.
         ignore: Pairs of names that may touch.
         bodies: Whether the robot and its tools keep clear of themselves, too, not only of the cell.
@@ -210,6 +215,7 @@ def clearance(
     pairs, notes, left = candidate_pairs(robot, geometry, shapes, ignore, bodies)
     _check_pairs(robot, pairs)
     count = len(pairs)
+    room = min(ROOM, SHARE * reach(robot)) if room is None else room
     whole = _built(robot, shapes, pairs, np.full(count, margin), np.full(count, room))
     farthest = whole.distances(random_postures(robot)).max(axis=0)
     kept, wanted, more = separable(shapes, pairs, farthest, margin)
@@ -225,7 +231,7 @@ def self_clearance(
     *,
     skip: Collection[str] = (),
     margin: float = MARGIN,
-    room: float = ROOM,
+    room: float | None = None,
     others: Sequence[Shape] = (),
     ignore: Sequence[tuple[str, str]] = (),
     bodies: bool = True,
@@ -236,7 +242,8 @@ def self_clearance(
         loaded: The robot and the files it came from.
         skip: Links to go without.
         margin: Distance to keep [m].
-        room: Distance beyond the margin from which on a pair does not matter [m].
+        room: Distance beyond the margin from which on a pair does not matter [m]; `ROOM`, or
+            `SHARE` of how far the robot reaches, whichever is less, if `None`.
         others: Tools, payloads and what stands in the cell.
         ignore: Pairs of names that may touch.
         bodies: Whether the robot and its tools keep clear of themselves, too, not only of the cell.

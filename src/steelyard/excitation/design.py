@@ -18,11 +18,13 @@ from steelyard.excitation.families import FAMILIES
 from steelyard.excitation.finish import finished
 from steelyard.excitation.gap import Gap
 from steelyard.excitation.holds import holds_said
+from steelyard.excitation.limbs import composed
 from steelyard.excitation.limits import MotionLimits
 from steelyard.excitation.markers import points_of
 from steelyard.excitation.objective import Case
 from steelyard.excitation.plans import planned
 from steelyard.excitation.possible import refuse_impossible
+from steelyard.excitation.problem import Problem
 from steelyard.excitation.register import method_of
 from steelyard.excitation.runner import Effort, Harvest, harvested
 from steelyard.excitation.shown import Shown, shown
@@ -124,10 +126,10 @@ def _searched(
         )
         if harvest.stopped:
             deadline = min(deadline, time.monotonic() + HURRY)
-        best = finished(problem, [f.x for f in harvest.best], deadline)
+        best = finished(problem, _candidates(problem, harvest), deadline)
     except NoMotion as error:
         raise explained(problem, error) from None
-    notes = problem.notes
+    notes = (*problem.notes, *_limbs(problem))
     if harvest.lost:
         notes += (
             f"{harvest.lost} of {effort.useful} processes that search were ended from outside",
@@ -140,6 +142,25 @@ def _searched(
         harvest,
         notes,
         _few(harvest, effort),
+    )
+
+
+def _candidates(problem: Problem, harvest: Harvest) -> list[Array]:
+    """The best motions, before them one of the best of every limb where that is another one."""
+    found = [one.x for one in harvest.best]
+    mixed = composed(problem.objective, problem.walls, problem.limbs, found)
+    return found if mixed is found[0] else [mixed, *found]
+
+
+def _limbs(problem: Problem) -> tuple[str, ...]:
+    """That limbs were searched by themselves, if there are several."""
+    sizes = [len(limb.joints) for limb in problem.limbs]
+    if len(sizes) < 2:
+        return ()
+    joints = ", ".join(f"{size}" for size in sizes)
+    return (
+        f"{len(sizes)} limbs share no parameter ({joints} joints): each begins with its own best "
+        "motion, and together they keep all limits",
     )
 
 

@@ -2,14 +2,16 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from math import ceil
 from typing import Protocol
 
 import numpy as np
 
 from steelyard.arrays import Array
+from steelyard.excitation.limbs import composed
 from steelyard.excitation.newton import STAGES, minimised
 from steelyard.excitation.problem import Problem
-from steelyard.excitation.starts import random_starts
+from steelyard.excitation.starts import each_start
 
 Watch = Callable[[Array], None]
 """Told of coefficients inside the walls; may raise `progress.Stopped`."""
@@ -34,7 +36,8 @@ class Gradient:
     """Random starts, and Newton's method within a barrier from the best of them.
 
     Attributes:
-        screened: Random starts of which the best is improved.
+        screened: Random starts of which the best is improved; of a robot with several limbs as
+            many for all of them together, for each takes its own from all that there are.
     """
 
     screened: int = 60
@@ -42,10 +45,13 @@ class Gradient:
     def search(self, problem: Problem, random: np.random.Generator, watch: Watch) -> Array:
         """See `Method`."""
         sharpness = STAGES[0][0]
-
-        starts = random_starts(problem.walls, random, self.screened)
-        watch(starts[0])
-        start = min(starts, key=lambda x: problem.objective(x, sharpness)[0])
+        count = ceil(self.screened / len(problem.limbs))
+        starts: list[tuple[float, Array]] = []
+        for x in each_start(problem.walls, random, count):
+            starts.append((problem.objective.value(x, sharpness), x))
+            watch(min(starts, key=lambda one: one[0])[1])
+        motions = [x for _, x in sorted(starts, key=lambda one: one[0])]
+        start = composed(problem.objective, problem.walls, problem.limbs, motions)
         return minimised(problem.objective, problem.walls, start, watch=watch)
 
 

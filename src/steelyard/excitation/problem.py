@@ -11,6 +11,7 @@ from steelyard.arrays import Array
 from steelyard.excitation.basis import Basis
 from steelyard.excitation.constraint import Constraint
 from steelyard.excitation.criteria import worst_value
+from steelyard.excitation.limbs import Limb, limbs_of
 from steelyard.excitation.limits import MotionLimits
 from steelyard.excitation.objective import Case, Objective
 from steelyard.excitation.walls import Walls
@@ -60,6 +61,11 @@ class Problem:
     def objective(self) -> Objective:
         """The smooth criterion on few samples."""
         return Objective(self.basis, self.cases, self._times(SHOWN_PER_WAVE))
+
+    @cached_property
+    def limbs(self) -> tuple[Limb, ...]:
+        """Joints that share no parameter with others."""
+        return limbs_of(self.cases[0].shows)
 
     @cached_property
     def walls(self) -> Walls:

@@ -18,7 +18,8 @@ _MIDDLE = 0.4
 _EDGE = 0.95
 _SHARE = 0.8
 _SHRINK = 0.7
-_LEAST = 1e-3
+_POWERS = 20
+"""Times that a motion is shrunk before it is next to nothing, a thousandth."""
 _WANTED = 0.05
 _POSTURES = 30
 
@@ -98,6 +99,11 @@ def postures(
 
 
 def random_starts(walls: Walls, random: np.random.Generator, count: int) -> list[Array]:
+    """All of `each_start`."""
+    return list(each_start(walls, random, count))
+
+
+def each_start(walls: Walls, random: np.random.Generator, count: int) -> Iterator[Array]:
     """Motions about random postures, as large as the walls allow but for a fifth.
 
     Args:
@@ -105,21 +111,22 @@ def random_starts(walls: Walls, random: np.random.Generator, count: int) -> list
         random: Source of all random choices.
         count: How many, if so many postures are free; some of them, but one at least, if not.
 
-    Returns:
+    Yields:
         Coefficients, each of shape `(n, m)`.
 
     Raises:
         NoMotion: No posture was found about which the robot may move.
     """
-    found: list[Array] = []
+    found = 0
     for posture in _free(walls, random, count):
         still = walls.basis.still(posture)
         if walls.worst(still) > 0.0:
             moved = widened(walls, still, random.standard_normal(still.shape))
             if moved is not None:
-                found.append(moved)
-        if len(found) == count:
-            break
+                found += 1
+                yield moved
+        if found == count:
+            return
     if not found:
         raise NoMotion(
             f"no motion about any of {count + _POSTURES} random postures keeps all limits and "
@@ -149,10 +156,18 @@ def widened(walls: Walls, still: Array, change: Array) -> Array | None:
     rates, margins = walls.away(change), walls.linear(still)
     room = np.min(margins / np.maximum(-rates, 1e-12), axis=1)
     sized = _SHARE * room[:, None] * change
-    factor = 1.0
-    while factor > _LEAST:
-        moved = still + factor * sized
+    for power in range(_widest(walls.sparser, still, sized), _POWERS):
+        moved = still + _SHRINK**power * sized
         if walls.worst(moved) > 0.0:
             return np.asarray(moved)
-        factor *= _SHRINK
     return None
+
+
+def _widest(walls: Walls, still: Array, change: Array) -> int:
+    """The power of the shrinking at which a motion comes inside, by halving their range."""
+    low, high = 0, _POWERS
+    while low < high:
+        middle = (low + high) // 2
+        inside = walls.worst(still + _SHRINK**middle * change) > 0.0
+        low, high = (low, middle) if inside else (middle + 1, high)
+    return low

@@ -19,6 +19,7 @@ from steelyard.excitation.limits import MotionLimits
 
 _DIPS = 1.2
 _MOST = 0.9
+_SPARSE = 5
 
 APART = 2
 """Constraints are looked at in every second sample: they change more slowly than accelerations."""
@@ -66,6 +67,11 @@ class Walls:
         ends = np.append(self.t, 2.0 * self.t[-1] - self.t[-2])
         t = np.sort(np.concatenate([self.t, 0.5 * (ends[1:] + ends[:-1])]))
         return Walls(self.basis, self.limits, self.constraints, t)
+
+    @cached_property
+    def sparser(self) -> "Walls":
+        """The same with every `_SPARSE`th sample and no reserves, for a first look."""
+        return Walls(self.basis, self.limits, self.constraints, self.t[::_SPARSE])
 
     @cached_property
     def shapes(self) -> list[Array]:

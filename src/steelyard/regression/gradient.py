@@ -144,11 +144,15 @@ class Shows:
     def _key(self) -> list[Any]:
         return [self.model.program_key, list(self.base.independent)]
 
+    @property
+    def sees(self) -> list[list[int]]:
+        """Per effort the columns that its row of the regressor holds; all others are zero."""
+        return [list(columns) for columns in self._entries.about["sees"]]
+
     @cached_property
     def _places(self) -> list[tuple[list[int], Any, float]]:
         """Per effort row the columns it sees, where these stand in the information, its weight."""
-        sees = self._entries.about["sees"]
-        return [(s, np.ix_(s, s), w) for s, w in zip(sees, self.weights, strict=True)]
+        return [(s, np.ix_(s, s), w) for s, w in zip(self.sees, self.weights, strict=True)]
 
     def _blocks(self, entries: Array) -> list[Array]:
         """Views of each effort row's entries, `(seen columns, N)`."""

@@ -186,10 +186,19 @@ def capital(words: str) -> str:
 
 
 def level(designed: Designed) -> Level:
-    """Good if all is proven and looked at, fair if something is not, or no search ended."""
+    """Good if all is proven, looked at and shown well; fair if something is not."""
     if not designed.certificate.holds:
         return "poor"
-    return "fair" if designed.certificate.gaps or unended(designed) else "good"
+    blurred = designed.kind in FAMILIES and hardly(designed) + unseen(designed) > 0
+    return "fair" if designed.certificate.gaps or unended(designed) or blurred else "good"
+
+
+def hardly(designed: Designed) -> int:
+    """How many parameters are shown, but hidden behind others, by more than `HARDLY`."""
+    std = designed.shown.std(designed.prior)
+    gram = designed.shown.gram if designed.prior is None else designed.shown.gram + designed.prior
+    alone = 1.0 / np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
+    return int(np.sum(np.isfinite(std) & (std > HARDLY * alone)))
 
 
 def unended(designed: Designed) -> bool:
@@ -199,14 +208,12 @@ def unended(designed: Designed) -> bool:
 
 def headline(designed: Designed) -> str:
     """What the motion shows, whether it is safe, and of what that is proven, in a line."""
-    std = designed.shown.std(designed.prior)
-    unseen, every = int(np.sum(~np.isfinite(std))), len(std)
+    missing, every = unseen(designed), len(designed.shown.names)
     shows = f"Shows all {every} base parameters"
-    if unseen:
-        shows = f"Shows {every - unseen} of {every} base parameters"
-    alone = 1.0 / np.sqrt(np.maximum(np.diagonal(designed.shown.gram), 1e-300))
-    if hardly := int(np.sum(np.isfinite(std) & (std > HARDLY * alone))):
-        shows += f", {hardly} of them hardly"
+    if missing:
+        shows = f"Shows {every - missing} of {every} base parameters"
+    if hidden := hardly(designed):
+        shows += f", {hidden} of them hardly"
     if unended(designed):
         shows += ", but no search came to an end"
     certificate = designed.certificate
