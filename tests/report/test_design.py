@@ -219,6 +219,20 @@ def test_no_search_that_ended_is_said(designed: Designed) -> None:
     assert level(replace(told, kind="sweeps")) == "good"
 
 
+def test_parameters_hidden_behind_others_are_no_good_motion(designed: Designed) -> None:
+    size = len(designed.shown.names)
+    gram = np.eye(size)
+    gram[0, 1] = gram[1, 0] = 0.9999
+    told = replace(designed, shown=replace(designed.shown, gram=gram), kind="fourier")
+    assert f"Shows all {size} base parameters, 2 of them hardly; " in headline(told)
+    assert level(told) == "fair"
+    assert level(replace(told, chosen=(2, 3))) == "good"
+    assert level(replace(told, kind="sweeps")) == "good"
+    assert level(replace(told, chosen=(1, 2))) == "fair"
+    gram[0, 1] = gram[1, 0] = 0.99
+    assert level(replace(told, shown=replace(told.shown, gram=gram))) == "good"
+
+
 def test_the_way_to_the_start_is_said_not_to_be_covered(designed: Designed) -> None:
     said = "the way from where the robot stands to the start posture is not covered"
     assert said in text(render(content(designed))) and said in " ".join(printed(designed).split())

@@ -110,7 +110,8 @@ def excite(
     Ctrl-C ends the search and keeps the best motion so far. Exit code 1: a planned motion does not
     keep everything; it is written, but no program for a controller. Exit code 3: all that was
     looked at is proven, but something was not looked at (a floor, links without shapes, torques),
-    or no search came to an end; everything is written, and the summary says what is not covered.
+    no search came to an end, or parameters are hidden behind others; everything is written, and the
+    summary says what is not covered.
 
     Example: steelyard excite panda.toml --budget 20 -o panda-motion
     """

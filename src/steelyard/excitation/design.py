@@ -148,8 +148,8 @@ def _searched(
 def _candidates(problem: Problem, harvest: Harvest) -> list[Array]:
     """The best motions, before them one of the best of every limb where that is another one."""
     found = [one.x for one in harvest.best]
-    mixed = composed(problem.objective, problem.walls, problem.limbs, found)
-    return found if mixed is found[0] else [mixed, *found]
+    *_, mixed = composed(problem.objective, problem.walls, problem.limbs, found)
+    return found if any(mixed is x for x in found) else [mixed, *found]
 
 
 def _limbs(problem: Problem) -> tuple[str, ...]:
@@ -219,6 +219,7 @@ def _described(
         tool=tool_of(section.workspace, robot),
         notes=(*loaded.notes, *said, *motion.hints),
         constraints=tuple(motion.constraints),
+        chosen=motion.cases[0].chosen,
     )
 
 

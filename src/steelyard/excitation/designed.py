@@ -39,6 +39,7 @@ class Designed:
         tool: The point whose path is shown.
         notes: What was assumed and decided, one sentence each.
         constraints: What the certificate's proofs are of, in their order.
+        chosen: Base parameters that matter; all if `None`.
     """
 
     robot: Robot
@@ -60,6 +61,12 @@ class Designed:
     tool: Marker
     notes: tuple[str, ...]
     constraints: tuple[Constraint, ...] = ()
+    chosen: tuple[int, ...] | None = None
+
+    @property
+    def asked(self) -> tuple[int, ...]:
+        """The base parameters that were to be shown: those chosen, or all."""
+        return tuple(range(len(self.shown.names))) if self.chosen is None else self.chosen
 
     def with_gaps(self, gaps: Sequence[Gap]) -> "Designed":
         """The same with more that is not covered."""

@@ -6,7 +6,7 @@ another: the information is block-diagonal, $\log\det G = \sum_l \log\det G_l$, 
 that carry several branches, like those of a torso, make one limb of them.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,12 +17,8 @@ from steelyard.excitation.objective import Objective
 from steelyard.excitation.walls import Walls
 from steelyard.regression.gradient import Shows
 
-TRIED = 5
-"""Motions of one limb that are tried beside those of the others before it keeps its own."""
-
-
-SHARPNESS = 64.0
-"""Of the criterion by which whole motions are compared."""
+SHARPNESS = 4.0
+"""Of the criterion by which motions are compared before they are improved."""
 
 
 @dataclass(frozen=True)
@@ -62,40 +58,65 @@ def limbs_of(shows: Shows) -> tuple[Limb, ...]:
 
 
 def composed(
-    objective: Objective, walls: Walls, limbs: Sequence[Limb], motions: Sequence[Array]
-) -> Array:
-    """Of motions inside the walls the best, and of every limb the best that fits to it.
+    objective: Objective, walls: Walls, limbs: Sequence[Limb], motions: Iterable[Array]
+) -> Iterator[Array]:
+    """The best of motions inside the walls so far, after each of them, mixed limb by limb.
 
-    What a limb shows does not depend on the others: its best motion is looked for among all, by
-    D-optimality of its own parameters. It takes the first that walls and criterion let it.
+    What a limb shows does not depend on the others: where another motion shows its parameters
+    better, by D-optimality, the limb takes it over as far as walls and criterion let it.
 
     Args:
         objective: What is minimised.
         walls: What may not be touched.
         limbs: The limbs.
-        motions: Coefficients, each of shape `(n, m)`; the first is the best as a whole.
+        motions: Coefficients, each of shape `(n, m)`.
 
-    Returns:
-        Coefficients inside the walls, shape `(n, m)`.
+    Yields:
+        Coefficients inside the walls, shape `(n, m)`; as many as there are motions.
     """
-    best = motions[0]
-    if len(limbs) < 2 or len(motions) < 2:
+    best: _Mixed | None = None
+    for x in motions:
+        one = _Mixed.of(objective, limbs, x)
+        if best is None:
+            best = one
+        else:
+            first, second = (best, one) if best.value <= one.value else (one, best)
+            best = first.with_limbs_of(second, objective, walls, limbs)
+        yield best.x
+
+
+@dataclass(frozen=True, eq=False)
+class _Mixed:
+    """A motion, its criterion, and that of every limb."""
+
+    x: Array
+    value: float
+    each: tuple[float, ...]
+
+    @classmethod
+    def of(cls, objective: Objective, limbs: Sequence[Limb], x: Array) -> "_Mixed":
+        value = objective.value(x, SHARPNESS)
+        if len(limbs) < 2:
+            return cls(x, value, ())
+        grams = [seen.gram for seen in objective.seen(x)]
+        parts = [np.ix_(limb.columns, limb.columns) for limb in limbs]
+        return cls(x, value, tuple(max(_value(g[part]) for g in grams) for part in parts))
+
+    def with_limbs_of(
+        self, other: "_Mixed", objective: Objective, walls: Walls, limbs: Sequence[Limb]
+    ) -> "_Mixed":
+        """The motion with those of the other's limbs that show more, if they fit to it."""
+        best = self
+        for number, (limb, new) in enumerate(zip(limbs, other.each, strict=False)):
+            if not new < best.each[number]:
+                continue
+            x = best.x.copy()
+            x[list(limb.joints)] = other.x[list(limb.joints)]
+            value = objective.value(x, SHARPNESS) if walls.worst(x) > 0.0 else np.nan
+            if value <= best.value:
+                each = (*best.each[:number], new, *best.each[number + 1 :])
+                best = _Mixed(x, value, each)
         return best
-    least = objective.value(best, SHARPNESS)
-    seen = [[s.gram for s in objective.seen(x)] for x in motions]
-    for limb in limbs:
-        own = np.ix_(limb.columns, limb.columns)
-        values = np.array([max(_value(gram[own]) for gram in grams) for grams in seen])
-        for k in np.argsort(values, kind="stable")[:TRIED]:
-            if not values[k] < values[0]:
-                break
-            mixed = best.copy()
-            mixed[list(limb.joints)] = motions[k][list(limb.joints)]
-            value = objective.value(mixed, SHARPNESS) if walls.worst(mixed) > 0.0 else np.inf
-            if value < least:
-                best, least = mixed, value
-                break
-    return best
 
 
 def _value(gram: Array) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.excitation.limbs import composed
-from steelyard.excitation.newton import STAGES, minimised
+from steelyard.excitation.newton import minimised
 from steelyard.excitation.problem import Problem
 from steelyard.excitation.starts import each_start
 
@@ -36,22 +36,19 @@ class Gradient:
     """Random starts, and Newton's method within a barrier from the best of them.
 
     Attributes:
-        screened: Random starts of which the best is improved; of a robot with several limbs as
-            many for all of them together, for each takes its own from all that there are.
+        screened: Random starts of which the best is improved; of a robot with `l` limbs one for
+            `l**2`: each start takes `l` looks at the walls, and gives each limb one of its own.
     """
 
     screened: int = 60
 
     def search(self, problem: Problem, random: np.random.Generator, watch: Watch) -> Array:
         """See `Method`."""
-        sharpness = STAGES[0][0]
-        count = ceil(self.screened / len(problem.limbs))
-        starts: list[tuple[float, Array]] = []
-        for x in each_start(problem.walls, random, count):
-            starts.append((problem.objective.value(x, sharpness), x))
-            watch(min(starts, key=lambda one: one[0])[1])
-        motions = [x for _, x in sorted(starts, key=lambda one: one[0])]
-        start = composed(problem.objective, problem.walls, problem.limbs, motions)
+        count = ceil(self.screened / len(problem.limbs) ** 2)
+        joints = [limb.joints for limb in problem.limbs]
+        starts = each_start(problem.walls, random, count, joints)
+        for start in composed(problem.objective, problem.walls, problem.limbs, starts):
+            watch(start)
         return minimised(problem.objective, problem.walls, start, watch=watch)
 
 

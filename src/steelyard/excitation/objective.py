@@ -9,6 +9,7 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.excitation.basis import Basis
 from steelyard.excitation.criteria import Criterion, worst
+from steelyard.excitation.criteria_measure import Measure
 from steelyard.regression.gradient import Seen, Shows
 
 
@@ -18,6 +19,11 @@ class Case:
 
     shows: Shows
     criterion: Criterion
+
+    @property
+    def chosen(self) -> tuple[int, ...] | None:
+        """Columns that matter; all if `None`."""
+        return self.criterion.chosen if isinstance(self.criterion, Measure) else None
 
 
 @dataclass(frozen=True, eq=False)

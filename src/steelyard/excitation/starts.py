@@ -22,6 +22,7 @@ _POWERS = 20
 """Times that a motion is shrunk before it is next to nothing, a thousandth."""
 _WANTED = 0.05
 _POSTURES = 30
+_DRAWN = 180
 
 
 class NoMotion(DataError):
@@ -103,13 +104,20 @@ def random_starts(walls: Walls, random: np.random.Generator, count: int) -> list
     return list(each_start(walls, random, count))
 
 
-def each_start(walls: Walls, random: np.random.Generator, count: int) -> Iterator[Array]:
+def each_start(
+    walls: Walls,
+    random: np.random.Generator,
+    count: int,
+    limbs: Sequence[Sequence[int]] = (),
+) -> Iterator[Array]:
     """Motions about random postures, as large as the walls allow but for a fifth.
 
     Args:
         walls: What may not be touched.
         random: Source of all random choices.
         count: How many, if so many postures are free; some of them, but one at least, if not.
+        limbs: Joints that are given as much room as there is one limb after the other, in random
+            order; all at once if empty.
 
     Yields:
         Coefficients, each of shape `(n, m)`.
@@ -121,7 +129,7 @@ def each_start(walls: Walls, random: np.random.Generator, count: int) -> Iterato
     for posture in _free(walls, random, count):
         still = walls.basis.still(posture)
         if walls.worst(still) > 0.0:
-            moved = widened(walls, still, random.standard_normal(still.shape))
+            moved = _widened_in_turn(walls, still, random, limbs)
             if moved is not None:
                 found += 1
                 yield moved
@@ -134,14 +142,13 @@ def each_start(walls: Walls, random: np.random.Generator, count: int) -> Iterato
             where="[excitation]",
             mend="widen the limits or the boxes, or give a start posture with room around it",
         )
-    return found
 
 
 def _free(walls: Walls, random: np.random.Generator, count: int) -> Iterator[Array]:
     """Random postures that are free, and where too few are, ends of descents from others."""
     limits = walls.limits
     middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
-    drawn = middle + _MIDDLE * half * random.uniform(-1.0, 1.0, (3 * count, len(middle)))
+    drawn = middle + _MIDDLE * half * random.uniform(-1.0, 1.0, (max(3 * count, _DRAWN), len(middle)))
     still, free = np.zeros_like(drawn), np.ones(len(drawn), dtype=bool)
     for constraint in walls.constraints:
         free &= (constraint.margins(drawn, still, still).values > 0.0).all(axis=1)
@@ -149,6 +156,23 @@ def _free(walls: Walls, random: np.random.Generator, count: int) -> Iterator[Arr
     if free.sum() < count:
         for place in postures(limits, walls.constraints, random, _POSTURES):
             yield place.posture
+
+
+def _widened_in_turn(
+    walls: Walls, still: Array, random: np.random.Generator, limbs: Sequence[Sequence[int]]
+) -> Array | None:
+    """A random change of standing still, as much of it as the walls allow each limb."""
+    change = random.standard_normal(still.shape)
+    if len(limbs) < 2:
+        return widened(walls, still, change)
+    moved, any_ = still, False
+    for number in random.permutation(len(limbs)):
+        part, joints = np.zeros_like(change), list(limbs[number])
+        part[joints] = change[joints]
+        wider = widened(walls, moved, part)
+        if wider is not None:
+            moved, any_ = wider, True
+    return moved if any_ else None
 
 
 def widened(walls: Walls, still: Array, change: Array) -> Array | None:

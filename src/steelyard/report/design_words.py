@@ -8,6 +8,7 @@ from math import inf, isfinite, sqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.excitation.advice import HELPS
 from steelyard.excitation.families import FAMILIES
@@ -189,16 +190,16 @@ def level(designed: Designed) -> Level:
     """Good if all is proven, looked at and shown well; fair if something is not."""
     if not designed.certificate.holds:
         return "poor"
-    blurred = designed.kind in FAMILIES and hardly(designed) + unseen(designed) > 0
+    blurred = designed.kind in FAMILIES and hidden(designed)[list(designed.asked)].any()
     return "fair" if designed.certificate.gaps or unended(designed) or blurred else "good"
 
 
-def hardly(designed: Designed) -> int:
-    """How many parameters are shown, but hidden behind others, by more than `HARDLY`."""
-    std = designed.shown.std(designed.prior)
+def hidden(designed: Designed) -> NDArray[np.bool_]:
+    """Which parameters others hide, by more than `HARDLY`, or wholly; shape `(b,)`."""
     gram = designed.shown.gram if designed.prior is None else designed.shown.gram + designed.prior
     alone = 1.0 / np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
-    return int(np.sum(np.isfinite(std) & (std > HARDLY * alone)))
+    std = designed.shown.std(designed.prior)
+    return np.asarray(np.isinf(std) | (std > HARDLY * alone))
 
 
 def unended(designed: Designed) -> bool:
@@ -212,8 +213,8 @@ def headline(designed: Designed) -> str:
     shows = f"Shows all {every} base parameters"
     if missing:
         shows = f"Shows {every - missing} of {every} base parameters"
-    if hidden := hardly(designed):
-        shows += f", {hidden} of them hardly"
+    if hardly := int(hidden(designed).sum()) - missing:
+        shows += f", {hardly} of them hardly"
     if unended(designed):
         shows += ", but no search came to an end"
     certificate = designed.certificate
