@@ -48,6 +48,9 @@ FINISH = 0.08
 RESERVE = 1.4
 """What the certificate, the report and the files get of the time [s]."""
 
+LOOKS = 100.0
+"""What the report's advice takes beyond that, in times that a look at the motion takes."""
+
 HURRY = 1.0
 """Time for polishing after the user has ended the search [s]."""
 
@@ -113,8 +116,7 @@ def _searched(
     method_of(loaded.excitation.search.method)
     problem = build(loaded, model, earlier)
     refuse_impossible(problem, loaded)
-    problem.objective(problem.basis.still(np.zeros(problem.robot.n)), 1.0)
-    deadline = begun + effort.seconds - RESERVE
+    deadline = begun + effort.seconds - RESERVE - LOOKS * _look(problem)
     left = deadline - max(FINISH * effort.seconds, 1.0) - time.monotonic()
     try:
         harvest = harvested(
@@ -162,6 +164,15 @@ def _limbs(problem: Problem) -> tuple[str, ...]:
         f"{len(sizes)} limbs share no parameter ({joints} joints): each begins with its own best "
         "motion, and together they keep all limits",
     )
+
+
+def _look(problem: Problem) -> float:
+    """How long it takes to find out what a motion shows [s], once the code for it is there."""
+    still = problem.basis.still(np.zeros(problem.robot.n))
+    problem.objective(still, 1.0)
+    start = time.monotonic()
+    problem.figure(still)
+    return time.monotonic() - start
 
 
 def _planned(

@@ -148,7 +148,9 @@ def _free(walls: Walls, random: np.random.Generator, count: int) -> Iterator[Arr
     """Random postures that are free, and where too few are, ends of descents from others."""
     limits = walls.limits
     middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
-    drawn = middle + _MIDDLE * half * random.uniform(-1.0, 1.0, (max(3 * count, _DRAWN), len(middle)))
+    drawn = middle + _MIDDLE * half * random.uniform(
+        -1.0, 1.0, (max(3 * count, _DRAWN), len(middle))
+    )
     still, free = np.zeros_like(drawn), np.ones(len(drawn), dtype=bool)
     for constraint in walls.constraints:
         free &= (constraint.margins(drawn, still, still).values > 0.0).all(axis=1)
