@@ -48,7 +48,8 @@ def robot_file(model: Path, base: str | None, folder: Path) -> Path:
     bare.write_text(f'[robot]\nmjcf = "{model}"\n{held}')
     ran("simulate", bare, "--seed", 3, "-o", folder / "other")
     signals = (
-        '[signals]\ntime = "time_s"\nposition = "q{}_rad"\nposition_unit = "rad"\nvelocity = "dq{}_rad_s"\n'
+        '[signals]\ntime = "time_s"\nposition = "q{}_rad"\nposition_unit = "rad"\n'
+        'velocity = "dq{}_rad_s"\n'
         '[signals.effort]\ncolumns = "tau{}_Nm"\nkind = "joint_torque"\nunit = "Nm"\n'
         '[prior]\nsource = "none"\n'
     )
@@ -63,7 +64,7 @@ def claims_of(
 ) -> list[Claim]:
     """Error on another motion, and the time of the whole command with its code in the cache."""
     robot = robot_file(model, base, folder)
-    ran("excite", robot, "--budget", 1, "--searches", 1, "-o", folder / "first")
+    ran("excite", robot, "--budget", 60, "--searches", 1, "-o", folder / "first")
     start = time.perf_counter()
     designed = ran("excite", robot, "--budget", budget, "-o", folder / "motion")
     seconds = time.perf_counter() - start

@@ -10,6 +10,7 @@ import pytest
 
 from invented import ball, tree, turned
 from steelyard.arrays import Array
+from steelyard.excitation import methods
 from steelyard.excitation.criteria import KINDS
 from steelyard.excitation.fourier_bases import RestFourier
 from steelyard.excitation.limbs import Limb, composed, limbs_of
@@ -111,6 +112,16 @@ def test_limbs_that_each_motion_leaves_at_rest_are_put_together() -> None:
     first, both = composed(problem.objective, problem.walls, problem.limbs, halves)
     assert first is halves[0]
     assert np.isfinite(problem.objective.value(both, 4.0))
+
+
+def test_a_start_that_shows_too_little_is_not_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A search that is ended while it draws starts ends with one that shows all parameters."""
+    problem, told = design(), list[Array]()
+    good = random_starts(problem.walls, np.random.default_rng(3), 1)[0]
+    starts = [problem.basis.still(good[:, -1]), good]
+    monkeypatch.setattr(methods, "each_start", lambda *_: iter(starts))
+    Gradient().search(problem, seeded(0, 0), told.append)
+    np.testing.assert_array_equal(told[0], good)
 
 
 def test_a_limb_does_not_shrink_with_the_others() -> None:

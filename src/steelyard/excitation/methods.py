@@ -9,7 +9,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.excitation.limbs import composed
-from steelyard.excitation.newton import minimised
+from steelyard.excitation.newton import STAGES, minimised
 from steelyard.excitation.problem import Problem
 from steelyard.excitation.starts import each_start
 
@@ -43,12 +43,13 @@ class Gradient:
     screened: int = 60
 
     def search(self, problem: Problem, random: np.random.Generator, watch: Watch) -> Array:
-        """See `Method`."""
+        """See `Method`; starts that show too little are not told of."""
         count = ceil(self.screened / len(problem.limbs) ** 2)
         joints = [limb.joints for limb in problem.limbs]
         starts = each_start(problem.walls, random, count, joints)
         for start in composed(problem.objective, problem.walls, problem.limbs, starts):
-            watch(start)
+            if np.isfinite(problem.objective.value(start, STAGES[0][0])):
+                watch(start)
         return minimised(problem.objective, problem.walls, start, watch=watch)
 
 
