@@ -170,6 +170,7 @@ def _look(problem: Problem) -> float:
     """How long it takes to find out what a motion shows [s], once the code for it is there."""
     still = problem.basis.still(np.zeros(problem.robot.n))
     problem.objective(still, 1.0)
+    problem.figure(still)
     start = time.monotonic()
     problem.figure(still)
     return time.monotonic() - start
