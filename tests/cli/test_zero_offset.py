@@ -14,10 +14,10 @@ OFFSET = 0.2
 
 
 def shifted(given: Path, name: str, folder: Path) -> Path:
-    """A log whose third encoder reads less than the joint's position."""
+    """A log whose second encoder reads less than the joint's position."""
     path = folder / f"{name}.parquet"
     table = pl.read_parquet(given / path.name)
-    table.with_columns(pl.col("q3_rad") - OFFSET).write_parquet(path)
+    table.with_columns(pl.col("q2_rad") - OFFSET).write_parquet(path)
     return path
 
 
@@ -31,7 +31,7 @@ def test_offsets_are_identified_and_used_for_other_logs(
     assert done.exit_code == 0, done.output
     result = json.loads(done.stdout)
     found = result["zero_offsets"]
-    assert abs(found["values"][2] - OFFSET) < found["half_width"][2] < OFFSET
+    assert abs(found["values"][1] - OFFSET) < found["half_width"][1] < OFFSET
     assert found["half_width"][0] is None and found["half_width"][5] is None
     assert "zero offsets identified" in " ".join(result["notes"])
     assert 'id="zero_offsets"' in (out / "report.html").read_text()
