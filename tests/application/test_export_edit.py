@@ -248,3 +248,32 @@ def test_real_robots(name: str, tmp_path: Path) -> None:
     assert set(robot.joint_names) <= set(model.names)
     source = load_robot(file).sources[-1].path.read_text(encoding="utf-8")
     assert made.text.count("<mesh") == source.count("<mesh")
+
+
+def test_numbers_go_into_a_file_whose_axes_are_tilted(tmp_path: Path) -> None:
+    """Turns that are no rounding errors may have a product with entries as small as one."""
+    links = ("base", "a", "b", "c")
+    joints = zip(links, links[1:], ("0.003 0 0", "0 0.003 0", "1.5708 0 0"), strict=False)
+    kinds = {"a": "fixed", "b": "revolute", "c": "revolute"}
+    path = tmp_path / "tilted.urdf"
+    path.write_text(
+        '<robot name="tilted"><link name="base"/>'
+        + "".join(
+            f"""<link name="{child}"><inertial><origin xyz="0.1 0.02 0.03"/><mass value="2"/>
+            <inertia ixx="0.02" iyy="0.03" izz="0.04" ixy="0" ixz="0" iyz="0"/></inertial></link>
+            <joint name="j_{child}" type="{kinds[child]}"><parent link="{parent}"/>
+            <child link="{child}"/><origin xyz="0.3 0 0.1" rpy="{turn}"/><axis xyz="0 0 1"/>
+            <limit lower="-1" upper="1" effort="10" velocity="1"/></joint>"""
+            for parent, child, turn in joints
+        )
+        + "</robot>"
+    )
+    for snap in ("true", "false"):
+        text = f"[robot]\nurdf = '{path}'\nsnap_angles = {snap}\n"
+        robot = load_robot("robot.toml", text=text).robot
+        assert (
+            0.0
+            < np.abs(robot.bodies[0].rotation[np.nonzero(robot.bodies[0].rotation)]).min()
+            < 2e-5
+        )
+        assert "<robot" in edited(identified_of(robot), path)

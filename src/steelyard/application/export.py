@@ -15,7 +15,6 @@ from steelyard.application.export_xml import document, head_of
 from steelyard.arrays import Array
 from steelyard.errors import ModelError
 from steelyard.estimation.identified import IdentifiedModel
-from steelyard.robot.geometry import clean_rotation
 from steelyard.robot.mechanism import Mechanism
 from steelyard.robot.model_source import read_mechanism
 from steelyard.robot.reduction import reduced
@@ -148,12 +147,19 @@ def refuse_changed(path: Path, made: Exported) -> None:
 
 
 def _reread(path: Path, wanted: Robot, form: Format) -> Robot:
-    """The robot of a file, as a tree with the joints of another."""
+    """The robot of a file, as a tree with the joints of another, its angles snapped or not."""
     there = read_mechanism(path)
     tree = Mechanism(there.name, there.links, there.joints, there.gravity, there.where)
     base = base_of(wanted) if form == "urdf" else None
-    snap = all(np.array_equal(clean_rotation(b.rotation), b.rotation) for b in wanted.bodies)
-    return reduced(tree, [c.name for c in wanted.joints], base=base, snap=snap)[0]
+    names = [c.name for c in wanted.joints]
+    snapped, exact = (reduced(tree, names, base=base, snap=snap)[0] for snap in (True, False))
+    return exact if _placed_alike(wanted, exact) else snapped
+
+
+def _placed_alike(one: Robot, other: Robot) -> bool:
+    """Whether the bodies of two robots stand and turn alike."""
+    pairs = zip(one.bodies, other.bodies, strict=False)
+    return all(_alike(_place(body), _place(twin)) for body, twin in pairs)
 
 
 def _names(robot: Robot, body: Body) -> tuple[str, ...]:
