@@ -125,6 +125,10 @@ def simulate(
         typer.echo(f"note        {note}")
     for line in _running(once.duration, periods, dry_run):
         typer.echo(line)
+    typer.echo(
+        f"robot       the one of seed {seed}: another seed is another robot; for another motion of "
+        "this one give --motion"
+    )
     for name, path in written.items():
         typer.echo(f"{name:<11} {path}")
 
