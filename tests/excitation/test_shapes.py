@@ -192,6 +192,12 @@ def test_links_without_shapes_and_outside_the_base_are_noted(tmp_path: Path) -> 
     text = f"[robot]\nurdf = '{path}'\nbase = 'one'\n"
     notes = robot_shapes(load_robot("robot.toml", text=text).robot, path).notes
     assert notes == ("not carried by the base, so left out: base",)
+    dog = tmp_path / "dog.xml"
+    for world, gap in ("", ()), ("<geom size='1 1 1' type='box'/>", (f"{notes[0][:-4]}world",)):
+        dog.write_text(f"""<mujoco><worldbody>{world}<body name="trunk"><freejoint/>
+        <geom size=".1"/><body><joint name="hip"/><geom size=".1"/></body></body></worldbody>
+        </mujoco>""")
+        assert robot_shapes(load_robot(dog, base="trunk").robot, dog).notes == gap
     bare = urdf(
         link("base"),
         link("arm"),

@@ -20,7 +20,6 @@ from steelyard.excitation.gap import Gap
 from steelyard.excitation.holds import holds_said
 from steelyard.excitation.limbs import composed
 from steelyard.excitation.limits import MotionLimits
-from steelyard.excitation.markers import points_of
 from steelyard.excitation.objective import Case
 from steelyard.excitation.plans import planned
 from steelyard.excitation.possible import refuse_impossible
@@ -32,6 +31,7 @@ from steelyard.excitation.starts import NoMotion
 from steelyard.excitation.walled import constraints_of
 from steelyard.excitation.widening import explained
 from steelyard.excitation.workspace_tables import tool_of
+from steelyard.kernel.kinematics import points_on
 from steelyard.model import Model
 from steelyard.progress import Progress, silent
 from steelyard.robot.robot_file import LoadedRobot
@@ -236,19 +236,23 @@ def _described(
 
 
 def _cell(loaded: LoadedRobot, trajectory: ExactTrajectory) -> tuple[str, ...]:
-    """That nobody has said where the floor is, if so, and how low the tool goes."""
+    """That nobody has said where the floor is, if so, and how low the links go."""
     section, robot = loaded.excitation, loaded.robot
     space, collision = section.workspace, section.collision
     walled = space is not None and space.walled
     if walled or robot.passive or (collision is not None and collision.world is not None):
         return ()
-    tool = tool_of(space, robot)
+    moving = [frame for frame in robot.frames if frame.body >= 0]
+    origins = points_on(robot, [f.body for f in moving], [f.position for f in moving])
     q = trajectory.derivative(np.linspace(0.0, trajectory.duration, _LOOKS), 0)
-    lowest = float(points_of(robot, [tool], "tool").positions(q)[:, 0, 2].min())
+    heights = origins.positions(q)[:, :, 2]
+    lowest = int(heights.min(axis=0).argmin())
+    floor = "HEIGHT, in metres from the base's origin," if loaded.floats else "0.0"
     return (
         Gap(
-            f"no floor or cell is given for the links: '{tool.frame}' goes down to z = "
-            f"{lowest:.2f} m; floor = 0.0 in [excitation.workspace] keeps all links above it"
+            "no floor or cell is given for the links: the origin of "
+            f"'{moving[lowest].name}' goes down to z = {heights[:, lowest].min():.2f} m; "
+            f"floor = {floor} in [excitation.workspace] keeps all links above it"
         ),
     )
 

@@ -54,9 +54,10 @@ def motion_limits(robot: Robot, acceleration: float | None = None) -> MotionLimi
         acceleration: Highest acceleration of every joint [rad/s²; m/s²]; by default 5 rad/s² for
             revolute and 1 m/s² for prismatic joints.
     """
-    notes: list[str] = []
-    ranges = [_range(c, notes) for c in robot.coordinates]
-    speeds = [_speed(c, notes) for c in robot.coordinates]
+    assumed: dict[str, list[str]] = {}
+    ranges = [_range(c, assumed) for c in robot.coordinates]
+    speeds = [_speed(c, assumed) for c in robot.coordinates]
+    notes = [f"{what}: {', '.join(joints)}" for what, joints in assumed.items()]
     bounds = [acceleration or DEFAULT_ACCELERATION[c.kind] for c in robot.coordinates]
     if acceleration is None:
         notes.append("accelerations are kept below 5 rad/s² (prismatic joints: 1 m/s²)")
@@ -64,7 +65,7 @@ def motion_limits(robot: Robot, acceleration: float | None = None) -> MotionLimi
     return MotionLimits(lower, upper, frozen(speeds), frozen(bounds), tuple(notes))
 
 
-def _range(joint: Coordinate, notes: list[str]) -> tuple[float, float]:
+def _range(joint: Coordinate, assumed: dict[str, list[str]]) -> tuple[float, float]:
     """Position range of a joint; a missing end is a set distance from the other, or from zero."""
     lower, upper = joint.limits.lower, joint.limits.upper
     if np.isfinite(lower) and np.isfinite(upper) and lower < upper:
@@ -76,14 +77,16 @@ def _range(joint: Coordinate, notes: list[str]) -> tuple[float, float]:
         lower, upper = upper - 2.0 * span, upper
     else:
         lower, upper = -span, span
-    notes.append(f"joint '{joint.name}' is moved within {lower:.3g} .. {upper:.3g} {joint.unit}")
+    what = f"no full range is given, so moved within {lower:.3g} .. {upper:.3g} {joint.unit}"
+    assumed.setdefault(what, []).append(joint.name)
     return lower, upper
 
 
-def _speed(joint: Coordinate, notes: list[str]) -> float:
+def _speed(joint: Coordinate, assumed: dict[str, list[str]]) -> float:
     """Speed limit of a joint."""
     if np.isfinite(joint.limits.velocity) and joint.limits.velocity > 0.0:
         return joint.limits.velocity
     speed = DEFAULT_VELOCITY[joint.kind]
-    notes.append(f"joint '{joint.name}' is moved at {speed:.3g} {joint.unit}/s at most")
+    what = f"no speed limit is given, so moved at {speed:.3g} {joint.unit}/s at most"
+    assumed.setdefault(what, []).append(joint.name)
     return speed

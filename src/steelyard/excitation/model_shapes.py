@@ -54,10 +54,12 @@ def robot_shapes(robot: Robot, model: Path, skip: Collection[str] = ()) -> Geome
     if root.tag == "mujoco":
         from steelyard.excitation.mujoco_geometry import mjcf_shapes
 
-        shapes, never = mjcf_shapes(model, frames, skip)
+        shapes, never, outside = mjcf_shapes(model, frames, skip)
     else:
-        found = [s for link in root.all("link") for s in _shapes(link, frames, model, skip)]
-        shapes, never = tuple(found), frozenset()
+        links = root.all("link")
+        shapes = tuple(s for link in links for s in _shapes(link, frames, model, skip))
+        never, shaped = frozenset(), [k for k in links if k.all("collision")]
+        outside = frozenset(k.attributes["name"].strip() for k in shaped) - frames.keys()
     if not shapes:
         raise ModelError(
             "the model gives no link of the robot a collision shape",
@@ -66,7 +68,7 @@ def robot_shapes(robot: Robot, model: Path, skip: Collection[str] = ()) -> Geome
             "leave collision out",
         )
     parents = {joint.child: joint.parent for joint in mechanism.joints}
-    notes = _notes(mechanism, frames, shapes, skip)
+    notes = _notes(mechanism, frames, shapes, outside, skip)
     return Geometry(shapes, parents, never, frozenset(skip), notes)
 
 
@@ -132,9 +134,10 @@ def _notes(
     mechanism: Mechanism,
     frames: Collection[str],
     shapes: tuple[Shape, ...],
+    outside: Collection[str],
     skip: Collection[str],
 ) -> tuple[str, ...]:
-    """Links that clearances know nothing of."""
+    """Links that clearances know nothing of; those outside the robot count if they have shapes."""
     shaped = {shape.name for shape in shapes}
     notes = list[str]()
     if skip:
@@ -144,9 +147,9 @@ def _notes(
     if bare:
         said = f"no collision shape in the model, so no clearance is kept for: {', '.join(bare)}"
         notes.append(Gap(said))
-    outside = [link.name for link in mechanism.links if link.name not in frames]
     if outside:
-        notes.append(Gap(f"not carried by the base, so left out: {', '.join(outside)}"))
+        left = ", ".join(k.name for k in mechanism.links if k.name in outside)
+        notes.append(Gap(f"not carried by the base, so left out: {left}"))
     return tuple(notes)
 
 

@@ -119,8 +119,8 @@ def _add(spec: Any, number: int, solid: Solid) -> None:
 
 def mjcf_shapes(
     path: Path, frames: Mapping[str, Frame], skip: Collection[str]
-) -> tuple[tuple[Shape, ...], frozenset[frozenset[str]]]:
-    """Shapes of a robot's MJCF, and the pairs of links that it excludes.
+) -> tuple[tuple[Shape, ...], frozenset[frozenset[str]], frozenset[str]]:
+    """Shapes of a robot's MJCF, the pairs of links that it excludes, and other links with shapes.
 
     Args:
         path: The file.
@@ -128,10 +128,12 @@ def mjcf_shapes(
         skip: Links to go without.
     """
     file = compiled(path)
-    model, shapes = file.model, []
+    model, shapes, outside = file.model, list[Shape](), set[str]()
     for geom in _colliding(model):
         body = int(model.geom_bodyid[geom])
         name = _link(model, body)
+        if name not in frames:
+            outside.add(name)
         if name in skip or name not in frames:
             continue
         _refuse_absent(file, geom, name, path)
@@ -140,7 +142,7 @@ def mjcf_shapes(
         anchor = model.jnt_pos[last] if model.body_jntnum[body] else np.zeros(3)
         rotation, position = _matrix(model.geom_quat[geom]), model.geom_pos[geom] - anchor
         shapes.append(_shape(model, geom, frames[name], path, position, rotation))
-    return tuple(shapes), _excluded(model)
+    return tuple(shapes), _excluded(model), frozenset(outside)
 
 
 def mjcf_world(path: Path, skip: Collection[str]) -> tuple[Shape, ...]:
