@@ -209,7 +209,8 @@ def test_init_alone_and_with_a_log(command: Command, tmp_path: Path) -> None:
     alone, guessed = tmp_path / "alone.toml", tmp_path / "guessed.toml"
     shown = command("init", URDF, "-o", alone)
     assert shown.exit_code == 0 and f"wrote {alone}: 6 joints to identify" in shown.stdout
-    assert "no log given" in shown.stdout and "fill in [signals]" in shown.stdout
+    assert "no log given" in shown.stdout and f"steelyard excite {alone} -o" in shown.stdout
+    assert "Columns are guessed from each log" in alone.read_text()
     assert shown.stdout.splitlines()[-1].endswith(f"steelyard identify {alone} LOG...")
     facts = strict(command("init", URDF, LOG, "-o", guessed, "--json").stdout)
     assert (facts["robot_file"], facts["joints"]) == (str(guessed), JOINTS)
@@ -217,6 +218,31 @@ def test_init_alone_and_with_a_log(command: Command, tmp_path: Path) -> None:
     assert any("which side of the gears" in reason for reason in facts["guesses"])
     done = command("identify", guessed, LOG, "-o", tmp_path / "o")
     assert done.exit_code == 0, done.output
+
+
+def test_init_names_the_joints_of_hands_that_it_locks(command: Command, tmp_path: Path) -> None:
+    arm = "<joint name='turn' type='hinge'/><geom size='.1'/>"
+    fingers = "".join(
+        f"<body pos='.1 {k} 0'><joint name='finger{k}'/><geom size='.1'/></body>" for k in range(8)
+    )
+    path = tmp_path / "arm.xml"
+    path.write_text(f"<mujoco><worldbody><body>{arm}{fingers}</body></worldbody></mujoco>")
+    shown = command("init", path, "-o", tmp_path / "arm.toml").stdout
+    named = ", ".join(f"finger{k}" for k in range(6))
+    assert f"note  locked {named} and 2 more (of a hand, by name or place); " in shown
+
+
+def test_init_says_each_statement_once(command: Command, tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_text(
+        """<robot name="bare"><link name="base"/><link name="arm"/><link name="finger"/>
+        <joint name="turn" type="continuous"><parent link="base"/><child link="arm"/></joint>
+        <joint name="finger_joint" type="continuous"><parent link="arm"/><child link="finger"/>
+        </joint></robot>"""
+    )
+    told = strict(command("init", path, "-o", tmp_path / "arm.toml", "--json").stdout)["notes"]
+    (massless,) = (note for note in told if "prior mass is zero" in note)
+    assert massless == "no inertial in the model, prior mass is zero: arm"
 
 
 def test_init_says_what_it_did_not_find(command: Command, tmp_path: Path) -> None:

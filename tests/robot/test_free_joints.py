@@ -75,10 +75,16 @@ def test_what_is_assumed_and_left_out_is_told(tmp_path: Path) -> None:
     robot, notes = reduced(mechanism, base="trunk")
     assert robot.joint_names == ("left_hip", "left_knee")
     assert notes == (
-        "base 'trunk' is assumed to be at rest, turned as the model file has it: its free joint "
-        "'trunk_root' is left out",
+        "base 'trunk' is assumed to be at rest, turned as the model file has it: the free joint "
+        "of 'trunk' is left out",
         "left out, as it floats beside the robot: dog, cube",
+        "left out, as the base 'trunk' does not carry them: shoulder",
     )
+    robot, notes = reduced(mechanism, base="left_thigh")
+    assert robot.joint_names == ("left_knee",)
+    assert "the free joint of 'trunk' is left out" in notes[0]
+    assert "left out, as the base 'left_thigh' does not carry them: left_hip, shoulder" in notes
+    assert not any("carry" in n for n in reduced(mechanism, ["left_knee"], base="left_thigh")[1])
     robot, notes = reduced(mechanism, base="world")
     assert robot.joint_names == ("shoulder",)
     assert notes == ("left out, as it floats beside the robot: trunk, dog, cube",)

@@ -117,6 +117,7 @@ def test_hands_by_structure(tmp_path: Path) -> None:
     loaded, text = round_trip(model, tmp_path / "r.toml", None)
     assert loaded.robot.joint_names == ("turn",)
     assert "left = 0.01\nright = 0.01" in text
+    assert drafted(proposed(model), None, None, tmp_path / "r.toml").hands == ("left", "right")
     model = urdf(
         tmp_path / "r.urdf",
         ("turn", "revolute", "base", LIMIT.format(-1, 1)),

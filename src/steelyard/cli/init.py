@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 INCOMPLETE = 1
 """Exit code where the robot file is written, but has to be completed before it is of use."""
 
+_NAMED = 6
+"""Joints of hands that are named; the robot file lists all."""
+
 
 @guarded
 def init(
@@ -72,7 +75,7 @@ def init(
     with whole_file(target) as part:
         part.write_text(draft.text, encoding="utf-8")
         interrupt.too_late()
-    notes = (*proposal.said, *notes_beside(proposal.loaded, load_robot(target)))
+    notes = (*proposal.said, *_hands(draft), *notes_beside(proposal.loaded, load_robot(target)))
     if as_json:
         typer.echo(json.dumps(results(draft, target, notes)))
     else:
@@ -92,6 +95,18 @@ def results(draft: "Draft", target: Path, notes: Sequence[str]) -> dict[str, obj
         "guesses": [] if draft.guess is None else list(draft.guess.reasons),
         "notes": list(notes),
     }
+
+
+def _hands(draft: "Draft") -> tuple[str, ...]:
+    """That joints of hands are locked, if so."""
+    if not draft.hands:
+        return ()
+    shown = ", ".join(draft.hands[:_NAMED])
+    more = f" and {len(draft.hands) - _NAMED} more" if len(draft.hands) > _NAMED else ""
+    return (
+        f"locked {shown}{more} (of a hand, by name or place); to identify one, move it from "
+        "[robot.locked] to joints",
+    )
 
 
 def show(draft: "Draft", target: Path, notes: Sequence[str]) -> None:
@@ -117,6 +132,11 @@ def show(draft: "Draft", target: Path, notes: Sequence[str]) -> None:
     if draft.guess is None:
         why = f"NOT FOUND: columns of the log: {draft.problem}" if draft.problem else "no log given"
         say(why, "bold red" if draft.problem else "")
+    if draft.guess is None and not draft.problem:
+        say("next  read it, change what is not so (CHECK), then design a motion to record:")
+        say(f"      steelyard excite {target} -o motion")
+        say("      with its log, whose columns are guessed unless [signals] says them:")
+    elif draft.guess is None:
         say(f"next  fill in [signals], which is a comment in {target} so far; then:")
     else:
         say("next  read it, change what is not so (CHECK), then:")

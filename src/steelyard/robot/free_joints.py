@@ -71,8 +71,8 @@ def settled(
     kept, notes = mechanism, list(mechanism.notes)
     if joint := floating_base(mechanism, base):
         notes.append(
-            f"base '{root}' is assumed to be at rest, turned as the model file has it: its "
-            f"{_word(joint)} joint '{joint.name}' is left out"
+            f"base '{root}' is assumed to be at rest, turned as the model file has it: the "
+            f"{_word(joint)} joint of '{joint.child}' is left out"
         )
         others = floating_trees(mechanism, mechanism.root)
         trees = trees | {j: n for j, n in others.items() if j not in mechanism.to_link(root)}
@@ -81,7 +81,11 @@ def settled(
         names = ", ".join(tree.child for tree in trees)
         notes.append(f"left out, as it floats beside the robot: {names}")
         kept = _without(mechanism, trees, root)
-    balls = [joint for joint in kept.from_link(root) if joint.kind == "ball"]
+    beyond = kept.from_link(root)
+    aside = [joint.name for joint in kept.joints if joint.movable and joint not in beyond]
+    if aside and joints is None:
+        notes.append(f"left out, as the base '{root}' does not carry them: {', '.join(aside)}")
+    balls = [joint for joint in beyond if joint.kind == "ball"]
     _check_balls(kept, balls, joints, locked)
     if assumed := [ball.name for ball in balls if ball.name not in locked]:
         notes.append(f"locked where the model file has it: ball joint {', '.join(assumed)}")

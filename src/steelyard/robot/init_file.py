@@ -31,6 +31,7 @@ class Draft:
     Attributes:
         text: The robot file.
         identified: Joints that it identifies.
+        hands: Joints that it locks because they are of a hand.
         without_columns: Joints that it locks because the log has no columns for them.
         guess: What the log's columns seem to be; `None` without a log, or where they are unknown.
         problem: Why the columns are unknown; empty otherwise.
@@ -38,6 +39,7 @@ class Draft:
 
     text: str
     identified: tuple[str, ...]
+    hands: tuple[str, ...]
     without_columns: tuple[str, ...]
     guess: Guess | None
     problem: str
@@ -63,7 +65,8 @@ def drafted(
         rate: Of the log's rows [Hz], if it has no column of time.
     """
     robot, springs = proposal.loaded.robot, proposal.loaded.springs
-    free = [c for c in robot.coordinates if c.name not in _hands(robot)] or [*robot.coordinates]
+    hands = _hands(robot)
+    free = [c for c in robot.coordinates if c.name not in hands] or [*robot.coordinates]
     guess, problem = None, ""
     if columns is not None:
         try:
@@ -83,6 +86,7 @@ def drafted(
     return Draft(
         "\n\n".join(parts) + "\n",
         tuple(c.name for c in moving),
+        tuple(c.name for c in robot.coordinates if c not in free),
         tuple(c.name for c in free if c not in moving),
         guess,
         problem,
@@ -92,16 +96,17 @@ def drafted(
 def notes_beside(bare: LoadedRobot, written: LoadedRobot) -> tuple[str, ...]:
     """Notes of a model file and of the robot file made from it, each statement once.
 
-    A robot file repeats gravity and limits of the model, and so hides what they rest on.
+    A robot file repeats gravity and limits of the model, and so hides what they rest on. Of a
+    statement with a list behind a colon, the robot file's holds: it moves fewer joints.
     """
     told = {**bare.unfollowed, **written.unfollowed}
-    assumed = [
-        note
+    assumed = {
+        note.partition(": ")[0]: note
         for loaded in (bare, written)
         for note in loaded.notes
         if note not in loaded.unfollowed.values()
-    ]
-    return tuple(dict.fromkeys((*assumed, *told.values())))
+    }
+    return tuple(dict.fromkeys((*assumed.values(), *told.values())))
 
 
 def _hands(robot: Robot) -> set[str]:
@@ -313,8 +318,11 @@ def _velocity_lines(guess: Guess) -> str:
 def _signals_template(
     columns: Sequence[str] | None, problem: str, moving: Sequence[Coordinate]
 ) -> str:
-    why = "no log was given" if columns is None else problem
-    head = [_comment(f"CHECK: {why}. Fill this in and remove the leading marks.")]
+    why = f"{problem}. Fill this in and remove the leading marks."
+    if columns is None:
+        why = "no log was given. Columns are guessed from each log; to say them, fill this in and "
+        why += "remove the leading marks."
+    head = [_comment(f"CHECK: {why}")]
     if columns:
         head.append(_comment("The log's columns: " + ", ".join(_text(c) for c in columns)))
     listed = _text(expanded("q{}", moving))

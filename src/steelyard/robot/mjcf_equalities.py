@@ -87,7 +87,7 @@ class Equalities:
                 what = "a weld"
                 if any(self.model.body_mocapid[b] >= 0 or self._floats(b) for b in ends):
                     both = " and ".join(f"'{self._link(body)}'" for body in ends)
-                    notes.append(f"weld '{self._name(index)}' of {both} is left out")
+                    notes.append(f"the weld of {both} is left out")
                     continue
             elif kind == kinds.mjEQ_JOINT:
                 numbers = (int(self.model.eq_obj1id[index]), int(self.model.eq_obj2id[index]))

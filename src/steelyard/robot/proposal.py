@@ -92,7 +92,7 @@ def _all_locked(
     if left or not said:
         return None
     return ModelError(
-        "every joint would have to be locked, " + "; ".join(_by_reason(said)),
+        "every joint would have to be locked: " + "; ".join(_by_reason(said)),
         where=mechanism.where,
         mend="give the robot that carries this hand; or write a robot file by hand, with the "
         "joints that are logged under joints and those that loops determine under passive",
@@ -104,7 +104,7 @@ def _by_reason(reasons: dict[str, str]) -> list[str]:
     joints: dict[str, list[str]] = {}
     for joint, reason in reasons.items():
         joints.setdefault(reason, []).append(joint)
-    return [f"{', '.join(names)}: {reason}" for reason, names in joints.items()]
+    return [f"{', '.join(names)} ({reason})" for reason, names in joints.items()]
 
 
 def _base(mechanism: Mechanism) -> tuple[str | None, str]:
