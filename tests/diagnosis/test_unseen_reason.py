@@ -8,7 +8,7 @@ import pytest
 from steelyard.arrays import Array
 from steelyard.diagnosis import Finding, Judgement
 from steelyard.diagnosis.post_fit import FittedCase, examine_fit
-from steelyard.diagnosis.unseen_reason import UnseenReason
+from steelyard.diagnosis.unseen_reason import UnseenReason, _one_file
 from steelyard.robot.inertia import Inertia
 from steelyard.terms.rigid_body import RigidBody
 from steelyard.validation.score import score
@@ -60,6 +60,14 @@ def test_another_robot_is_not_called_a_gain(arm):
 def test_windows_of_one_file_are_of_one_robot(arm):
     (found,) = found_in(arm, of(arm, random_truth(arm.robot, 80)), fitted=("data/log@0:5",))
     assert "was not found" in found.says and "another robot" not in found.says
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "same"),
+    [("log", "data/log@0:5", True), ("a/log@5:", "a/log@0:5", True), ("a/log", "b/log", False)],
+)
+def test_logs_of_one_name_in_two_folders_are_two_files(one: str, other: str, same: bool):
+    assert _one_file(one, other) == _one_file(other, one) == same
 
 
 def test_a_doubt_about_the_fitted_log_comes_before_another_robot(arm):

@@ -113,7 +113,7 @@ def _unexplained(fit: FittedCase, run: Run, left: float, figure: str) -> Finding
     """That no cause was found, and what is to be looked at first."""
     says = f"the cause of the error was not found; tried: {TRIED} (these leave {left:.1f} %)"
     mend = Mend("`steelyard check ROBOT LOG --model MODEL` shows what was compared")
-    same = _stem(run.name) in {_stem(name) for name in _fitted_names(fit)}
+    same = any(_one_file(run.name, name) for name in _fitted_names(fit))
     if fit.doubts:
         doubt = fit.doubts[0]
         says += f". The check before the fit is doubtful about {doubt.log}: {doubt.says}"
@@ -131,9 +131,10 @@ def _fitted_names(fit: FittedCase) -> Sequence[str]:
     return [run.name for run in fit.fitted] or list(fit.identified.provenance.runs)
 
 
-def _stem(name: str) -> str:
-    """A run's name without folder and window: windows of one file have one."""
-    return name.rpartition("/")[2].partition("@")[0]
+def _one_file(one: str, other: str) -> bool:
+    """Whether two runs are windows of one file, as far as their names tell folders."""
+    first, second = (f"/{name.partition('@')[0]}" for name in (one, other))
+    return first.endswith(second) or second.endswith(first)
 
 
 def _own(identified: IdentifiedModel, score: RunScore) -> float:
