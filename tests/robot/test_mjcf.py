@@ -142,3 +142,11 @@ def test_unnamed_parts_get_names(tmp_path: Path) -> None:
         ("joint_0",),
         "body_1",
     )
+
+
+def test_a_part_that_other_files_include_is_called_that(tmp_path: Path) -> None:
+    path = tmp_path / "part.xml"
+    path.write_text("<mujoco><body><joint/><geom size='.1'/></body></mujoco>")
+    with pytest.raises(ModelError, match="outside <worldbody>: a part of a model") as caught:
+        read_mjcf(path)
+    assert "the file that includes it" in caught.value.mend

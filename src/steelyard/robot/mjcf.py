@@ -45,6 +45,12 @@ def read_mjcf(path: Path) -> Mechanism:
             mend="give an MJCF (<mujoco>), a URDF (<robot>) or a robot file (.toml)",
         )
     given = compiled(path)
+    if given.model.nbody == 1 and root.all("body"):
+        raise ModelError(
+            "its bodies stand outside <worldbody>: a part of a model, and no robot",
+            where=str(path),
+            mend="give the file that includes it, often in the same folder",
+        )
     name = root.attributes.get("model") or path.stem
     return _Reading(path, given, Actuators.of(given.model)).mechanism(name)
 
