@@ -8,7 +8,7 @@ from steelyard.errors import ModelError
 from steelyard.excitation.shapes import Geometry, Shape
 from steelyard.excitation.solids import HalfSpace
 from steelyard.robot.nearest import advice
-from steelyard.robot.robot import Robot
+from steelyard.robot.robot import Body, Robot
 from steelyard.robot.xml_reader import Element, read_xml
 
 
@@ -138,7 +138,7 @@ def _neighbours(robot: Robot, geometry: Geometry, first: Shape, second: Shape) -
     inner, outer = sorted((first.body, second.body))
     carrier = robot.bodies[outer].parent
     # a link with several joints is a chain of bodies that are nothing but frames
-    while carrier > inner and not robot.bodies[carrier].known:
+    while carrier > inner and _only_a_frame(robot.bodies[carrier]):
         carrier = robot.bodies[carrier].parent
     if carrier != inner:
         return False
@@ -148,6 +148,10 @@ def _neighbours(robot: Robot, geometry: Geometry, first: Shape, second: Shape) -
     between = [*way[: way.index(meet) + 1], *other[: other.index(meet)]]
     shaped = {shape.name for shape in geometry.shapes} | geometry.skipped
     return not shaped & (set(between) - {first.name, second.name})
+
+
+def _only_a_frame(body: Body) -> bool:
+    return body.massless or not body.known
 
 
 def _ancestry(parents: Mapping[str, str], link: str) -> list[str]:
