@@ -58,6 +58,28 @@ def test_functions_of_numpy(build: Callable[[Any], Any]) -> None:
     np.testing.assert_allclose(run(traced(build), [X])[0], build(X), rtol=1e-13, atol=1e-13)
 
 
+@pytest.mark.parametrize(
+    "build",
+    [
+        lambda x: x[0] if x[0] > 0.0 else -x[0],
+        lambda x: max(x[0], 0.0),
+        lambda x: np.where(np.array(x) > 0.0, 1.0, -1.0)[0],
+        lambda x: 1.0 if x[0] == 0.0 else x[0],
+        lambda x: x[0] ** 0,
+        lambda x: x[0] ** -1,
+        lambda x: x[0] ** 0.5,
+    ],
+)
+def test_what_programs_do_not_know_is_refused(build: Callable[[Any], Any]) -> None:
+    with pytest.raises(NotImplementedError, match="program"):
+        traced(build)
+
+
+def test_constants_have_a_truth() -> None:
+    program = traced(lambda x: x[1] if 0.0 * x[0] + 1.0 > 0.0 else x[2])
+    np.testing.assert_array_equal(run(program, [X])[0], X[1])
+
+
 def test_arrays_of_symbols() -> None:
     weights = np.array([1.0, -2.0, 0.5])
 

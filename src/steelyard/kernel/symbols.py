@@ -107,6 +107,8 @@ class Symbol:
         return self._applied("less_equal", other, self)
 
     def __pow__(self, power: int) -> Any:
+        if not isinstance(power, int) or power < 1:
+            raise NotImplementedError(f"programs do not know the power {power}")
         value: Any = self
         for _ in range(power - 1):
             value = value * self
@@ -117,6 +119,21 @@ class Symbol:
 
     def __abs__(self) -> Any:
         return self._applied("abs", self)
+
+    def __eq__(self, other: object) -> bool:
+        raise NotImplementedError("programs do not know '=='")
+
+    def __bool__(self) -> bool:
+        """The truth of a constant.
+
+        Raises:
+            NotImplementedError: The value is still to come, as in `if`, `max` or `np.where`.
+        """
+        if self.number in self.tape.known:
+            return bool(self.tape.known[self.number])
+        raise NotImplementedError(
+            "a program does not branch: use np.minimum, np.maximum, or products with comparisons"
+        )
 
     def sin(self) -> Any:
         """As NumPy asks the entries of an array for it."""
