@@ -109,6 +109,18 @@ def test_joints_of_other_equalities_are_locked(case: str, tmp_path: Path) -> Non
     assert robot.joint_names == ("shoulder", "elbow")
 
 
+def test_a_joint_that_follows_two_others_ties_them(tmp_path: Path) -> None:
+    both = "".join(
+        f'<joint name="{master}" joint1="left_j" joint2="{master}"/>'
+        for master in ("right_j", "elbow")
+    )
+    path = arm(tmp_path, TWO, both)
+    with pytest.raises(ModelError, match="joint equality that is one too many") as caught:
+        load_robot(path)
+    assert "equality 'elbow'" in caught.value.where
+    assert "right_j = 0, elbow = 0 under [robot.locked]" in caught.value.mend
+
+
 def test_a_joint_held_by_an_equality_is_locked(tmp_path: Path) -> None:
     proposal = proposed(arm(tmp_path, TWO, '<joint joint1="left_j" polycoef=".1 0 0 0 0"/>'))
     assert proposal.locked == {"left_j": pytest.approx(0.3)}

@@ -32,12 +32,8 @@ class Equalities:
 
     def mimics(self) -> dict[int, Mimic]:
         r"""Joint equalities of first order, $q_1 - r_1 = c_0 + c_1 (q_2 - r_2)$, $r$ references."""
-        import mujoco
-
         model, mimics = self.model, dict[int, Mimic]()
-        for index in self._active(mujoco.mjtEq.mjEQ_JOINT):
-            if not self._proportional(index):
-                continue
+        for index in self._followings():
             follower, master = int(model.eq_obj1id[index]), int(model.eq_obj2id[index])
             offset, ratio = (float(term) for term in model.eq_data[index][:2])
             offset += reference(model, follower) - ratio * reference(model, master)
@@ -75,11 +71,10 @@ class Equalities:
         import mujoco
 
         kinds, couplings, notes = mujoco.mjtEq, list[Coupling](), list[str]()
+        followings = self._followings()
         for index in self._active():
             kind = kinds(int(self.model.eq_type[index]))
-            if kind == kinds.mjEQ_CONNECT or (
-                kind == kinds.mjEQ_JOINT and self._proportional(index)
-            ):
+            if kind == kinds.mjEQ_CONNECT or index in followings:
                 continue
             if kind == kinds.mjEQ_WELD:
                 ends = self._ends(index)
@@ -91,9 +86,10 @@ class Equalities:
                     continue
             elif kind == kinds.mjEQ_JOINT:
                 numbers = (int(self.model.eq_obj1id[index]), int(self.model.eq_obj2id[index]))
-                joints, what = (
-                    [k for k in numbers if k >= 0],
-                    "a joint equality that is not proportional",
+                joints = [k for k in numbers if k >= 0]
+                second = self._proportional(index)
+                what = (
+                    f"a joint equality that is {'one too many' if second else 'not proportional'}"
                 )
             elif kind == kinds.mjEQ_TENDON:
                 joints, what = self._of_tendons(index), "a tendon equality"
@@ -118,6 +114,16 @@ class Equalities:
         model = self.model
         wanted = range(model.neq) if kind is None else np.flatnonzero(model.eq_type == int(kind))
         return [int(k) for k in wanted if model.eq_active0[k]]
+
+    def _followings(self) -> list[int]:
+        """The proportional joint equalities, of each joint that follows the first one."""
+        import mujoco
+
+        first = dict[int, int]()
+        for index in self._active(mujoco.mjtEq.mjEQ_JOINT):
+            if self._proportional(index):
+                first.setdefault(int(self.model.eq_obj1id[index]), index)
+        return list(first.values())
 
     def _proportional(self, index: int) -> bool:
         """Whether a joint equality is one joint following another in proportion."""
