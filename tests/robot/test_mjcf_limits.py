@@ -22,6 +22,7 @@ WORLD = """
   </worldbody>
   <tendon>
     <fixed name="own"><joint joint="c" coef="-.5"/></fixed>
+    <fixed name="braked" actuatorfrcrange="-3 4"><joint joint="c" coef="1"/></fixed>
     <fixed name="both"><joint joint="a" coef="1"/><joint joint="b" coef="2"/></fixed>
     <spatial name="cable"><site site="tip"/><site site="end"/></spatial>
   </tendon>
@@ -87,6 +88,12 @@ BOUNDED = {
         "",
         "a",
     ),
+    "a filter that is limited": (
+        '<general joint="a" gainprm="3" ctrlrange="-4 4" dyntype="filter" dynprm=".1" '
+        'actlimited="true" actrange="-2 2"/>',
+        "",
+        "a",
+    ),
     "a tendon of one joint": ('<motor tendon="own" gear="3" forcerange="-8 6"/>', "", "c"),
 }
 
@@ -119,6 +126,7 @@ UNBOUNDED = {
     "one of two is unbounded": '<motor joint="a" forcerange="-7 7"/><position joint="a"/>',
     "another pulls two joints": '<motor joint="a" forcerange="-7 7"/><motor tendon="both"/>',
     "what integrates": '<general joint="a" dyntype="integrator" ctrlrange="-1 1" gainprm="3"/>',
+    "a tendon limits the sum of two": '<position tendon="braked"/><motor tendon="braked"/>',
     "a placeholder": '<motor joint="a" forcerange="-999999 999999"/>',
 }
 

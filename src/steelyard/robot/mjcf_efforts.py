@@ -143,11 +143,16 @@ class Actuators:
         model, ends = self.model, self._motor_range(actuator)
         if mujoco.mjtTrn(int(model.actuator_trntype[actuator])) == mujoco.mjtTrn.mjTRN_TENDON:
             tendon = model.actuator_trnid[actuator, 0]
-            if model.tendon_actfrclimited[tendon]:
+            if model.tendon_actfrclimited[tendon] and self._pulls_alone(tendon):
                 ends = np.clip(ends, *model.tendon_actfrcrange[tendon])
         if model.actuator_forcelimited[actuator]:
             ends = np.clip(ends, *model.actuator_forcerange[actuator])
         return ends
+
+    def _pulls_alone(self, tendon: int) -> bool:
+        """Whether a tendon has one actuator; MuJoCo limits only the sum of several."""
+        through = self.model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_TENDON)
+        return int(np.sum(through & (self.model.actuator_trnid[:, 0] == tendon))) == 1
 
     def _motor_range(self, actuator: int) -> Array:
         """Gain times the range of the control, for motors without feedback; else unbounded."""
@@ -167,7 +172,10 @@ class Actuators:
         )
         if not (plain and known):
             return np.array([-np.inf, np.inf])
-        ends = model.actuator_gainprm[actuator, 0] * model.actuator_ctrlrange[control]
+        ends = model.actuator_ctrlrange[control]
+        if model.actuator_actlimited[actuator]:
+            ends = np.clip(ends, *model.actuator_actrange[actuator])
+        ends = model.actuator_gainprm[actuator, 0] * ends
         if bias == mujoco.mjtBias.mjBIAS_AFFINE:
             ends = ends + constants[0]
         return np.sort(ends)
