@@ -157,6 +157,7 @@ VALUES = {
     "${int('12') + float('0.5')}": "12.5",
     "${'a' in ['a', 'b']} ${None is None}": "True True",
     "${xacro.tokenize('a, b;c')}": "['a', 'b', 'c']",
+    "${xacro.tokenize('a b', '')}": "['a b']",
     "$(eval radians(0) + 1)": "1.0",
     "$(optenv HOME none)": "none",
     "${'12'}": "12",
@@ -343,6 +344,7 @@ HOSTILE = {
     "star": "'%*d' % (10**9, 1)",
     "replaced": "('a' * 9999).replace('a', 'b' * 9999)",
     "joined": "('a' * 9999).join(['b'] * 9999)",
+    "written into a text": "('%(a)s' * 20000) % dict(a='x' * 90000)",
     "round": "round(10, -10**9)",
     "factorial": "factorial(10**9)",
     "digits": "int('9' * 9999)",
@@ -371,6 +373,20 @@ def test_parameters_with_an_open_quote(write: Write) -> None:
     params = "a:=" + "x" * 5000 + "'"
     path = write("a.xacro", f'{HEAD}<xacro:macro name="m" params="{params}"/><xacro:m/></robot>')
     with pytest.raises(ModelError, match="not given its parameter"):
+        expand(path, {})
+
+
+@pytest.mark.parametrize("part", ["$", "${", "$("])
+def test_texts_of_many_marks(write: Write, part: str) -> None:
+    path = write("a.xacro", f'{HEAD}<link name="{part * 100_000}"/></robot>')
+    with pytest.raises(ModelError, match="grows without end"):
+        expand(path, {})
+
+
+@pytest.mark.parametrize("name", ["a" * 300 + ".xacro", "a/" * 5000 + "b.xacro"])
+def test_names_of_files_that_are_too_long(write: Write, name: str) -> None:
+    path = write("a.xacro", f'{HEAD}<xacro:include filename="{name}"/></robot>')
+    with pytest.raises(ModelError, match="to be included does not exist"):
         expand(path, {})
 
 

@@ -1,5 +1,6 @@
 """MJCF files compiled by MuJoCo, whether or not the meshes and images that they name are there."""
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -86,7 +87,7 @@ def _there(file: str, folder: Path, below: str, strip: bool) -> bool:
     name = Path(file.replace("\\", "/"))
     names = [name, Path(name.name)] if strip else [name]
     for place in (base / one for base in (folder / below, folder) for one in names):
-        if place.is_file():
+        if os.path.isfile(place):
             with place.open("rb") as content:
                 return content.read(len(_POINTER)) != _POINTER
     return False

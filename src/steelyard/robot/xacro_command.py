@@ -4,6 +4,7 @@ The environment is not read, so a file means the same on every computer: `$(opte
 the value, and `$(env NAME)` an argument of that name.
 """
 
+import os
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -112,9 +113,9 @@ class Commands:
     def included(self, name: str, optional: bool) -> list[Path]:
         """The files that an include names; several where the last part is a pattern."""
         path = self._path(name)
-        if re.search(r"[*?\[]", path.name) and path.parent.is_dir():
+        if re.search(r"[*?\[]", path.name) and os.path.isdir(path.parent):
             return sorted(p for p in path.parent.glob(path.name.replace("**", "*")) if p.is_file())
-        if path.is_file():
+        if os.path.isfile(path):
             return [path]
         if optional:
             return []
@@ -137,5 +138,5 @@ def _fatal(*words: Any) -> NoReturn:
 
 
 def _tokens(text: str, sep: str = ",; ", skip_empty: bool = True) -> list[str]:
-    parts = re.split(f"[{re.escape(sep)}]", text)
+    parts = re.split(f"[{re.escape(sep)}]", text) if sep else [text]
     return [part for part in parts if part] if skip_empty else parts

@@ -32,7 +32,9 @@ class Packages:
         if re.fullmatch(r"[\w-][\w.-]*", name):
             for place in self._places():
                 for folder in (place / name, place):
-                    if folder.is_dir() and (folder.name == name or package_name(folder) == name):
+                    if os.path.isdir(folder) and (
+                        folder.name == name or package_name(folder) == name
+                    ):
                         return folder
             for place in self.given:
                 for manifest in sorted(place.glob("*/package.xml")):
@@ -63,7 +65,7 @@ class Packages:
             return self.find(name) / rest
         except XacroError:
             for above in self.model.resolve().parents:
-                if (above / rest).is_file():
+                if os.path.isfile(above / rest):
                     return above / rest
             raise
 
@@ -82,7 +84,7 @@ class Packages:
 def package_name(folder: Path) -> str | None:
     """The name in a folder's `package.xml`; `None` where there is none."""
     manifest = folder / "package.xml"
-    if not manifest.is_file():
+    if not os.path.isfile(manifest):
         return None
     try:
         names = read_xml(manifest).all("name")

@@ -122,7 +122,8 @@ class Scope(Names):
 
     def text(self, text: str) -> Any:
         """A text with its `${...}` and `$(...)` evaluated; a single one keeps its type."""
-        self.reading.budget.spend(1 + len(text) // 16)
+        # every '$' may be looked at to the end of the text
+        self.reading.budget.spend(1 + len(text) * (8 + text.count("$")) // 128)
         results = []
         for match in _PIECE.finditer(text):
             if (escaped := match["escaped"]) is not None:

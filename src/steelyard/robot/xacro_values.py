@@ -124,6 +124,8 @@ def remainder(left: Any, right: Any) -> Any:
         return left % right
     if "*" in left or re.search(r"\d{4}", left):
         raise XacroError(f"the format '{left[:80]}' is not supported: it may be wide")
+    if left.count("%") * _size(right, TEXT) > 10 * TEXT:
+        raise XacroError(f"a text is longer than {TEXT} characters")
     return left % (tuple(right) if isinstance(right, list) else right)
 
 

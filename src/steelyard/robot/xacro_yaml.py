@@ -1,6 +1,7 @@
 """YAML files that xacro files read their numbers from."""
 
 import math
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -42,7 +43,7 @@ def load_yaml(path: Path, number: Callable[[str], Any]) -> Any:
     from ruamel.yaml.error import YAMLError
 
     mend = "give the YAML file that the xacro file came with"
-    if path.suffix.lower() not in (".yaml", ".yml") or not path.is_file():
+    if path.suffix.lower() not in (".yaml", ".yml") or not os.path.isfile(path):
         raise XacroError(f"there is no YAML file '{path}'", mend)
     yaml = YAML(typ="safe", pure=True)
     try:
