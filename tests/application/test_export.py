@@ -23,6 +23,7 @@ from steelyard.estimation.identified import IdentifiedModel
 from steelyard.measurement.motion_samples import MotionSamples
 from steelyard.model import Model
 from steelyard.motion import Motion
+from steelyard.regression.base import base_map
 from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
 from steelyard.robot.robot import Limits, Robot
 from steelyard.robot.robot_file import load_robot
@@ -339,6 +340,28 @@ def test_motors_limits_and_home_are_those_of_the_robot(tmp_path: Path) -> None:
     assert load_robot(path).robot.coordinates[0].limits.effort == 50.0
     again = load_robot(written(identified_of(robot), "urdf", tmp_path)).robot
     assert again.coordinates[0].limits == Limits(0.5, 1e9, 3.0, 50.0)
+
+
+@pytest.mark.parametrize("form", ["urdf", "mjcf"])
+def test_frames_between_the_joints_of_one_body_stay_frames(form: Format, tmp_path: Path) -> None:
+    given = tmp_path / "leg.xml"
+    given.write_text(
+        '<mujoco><worldbody><body name="thigh"><joint name="x" axis="1 0 0" pos=".1 0 0"/>'
+        '<joint name="y" axis="0 1 0"/><joint name="z" type="slide"/>'
+        '<inertial pos=".1 .02 -.2" mass="3" diaginertia=".05 .05 .01"/>'
+        "</body></worldbody></mujoco>"
+    )
+    robot = load_robot(given).robot
+    identified = identified_of(robot, [RigidBody()])
+    again = load_robot(written(identified, form, tmp_path)).robot
+    assert [body.massless for body in again.bodies] == [True, True, False]
+    models = [Model(one, (RigidBody(),)) for one in (again, robot)]
+    assert base_map(models[0]).base_names == base_map(models[1]).base_names
+    motion, prior = motion_of(robot), models[0].prior
+    assert prior is not None
+    close(prior.torque(motion), identified.torque(motion))
+    head = exported(identified, form)
+    assert list(head.mass_shares) == ["thigh"]
 
 
 def test_a_link_without_mass_stays_simulable(tmp_path: Path) -> None:

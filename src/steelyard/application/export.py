@@ -135,7 +135,7 @@ def refuse_changed(path: Path, made: Exported) -> None:
             what = "hangs on another link or joint"
         elif not _alike(_place(body), _place(other)):
             what = "stands or turns otherwise"
-        elif not _alike(ten, other.inertia.ten):
+        elif not other.massless and not _alike(ten, other.inertia.ten):
             what = "has another mass or inertia"
         else:
             continue

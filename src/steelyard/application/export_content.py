@@ -16,16 +16,13 @@ from steelyard.application.export_friction import (
 from steelyard.application.export_laws import Kind, Placed, Pull, listed, placed
 from steelyard.errors import ModelError
 from steelyard.estimation.identified import IdentifiedModel
-from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
+from steelyard.robot.inertia import INERTIAL_NAMES, LEAST, Inertia
 from steelyard.robot.robot import Robot
 from steelyard.terms.axes import Axis
 from steelyard.terms.rigid_body import RigidBody
 
 Format = Literal["urdf", "mjcf"]
 NAMES: dict[Format, str] = {"urdf": "URDF", "mjcf": "MJCF"}
-
-LEAST = 1e-12
-"""What a body without mass gets, in kg and kg m²: simulators refuse moving bodies without."""
 
 FLAT = 1e-13
 """A body is none if its mass is spread this little in a direction, of its inertia."""

@@ -13,8 +13,8 @@ NOTHING = 0.005
 
 def mass_shares(estimate: Estimate, content: Content) -> dict[str, float]:
     """Share of each link's mass that comes from the data, 0 to 1; the rest is prior."""
-    learned = _learned(estimate)
-    return {body.name: learned[f"m.{body.name}"] for body in content.robot.bodies}
+    learned, bodies = _learned(estimate), content.robot.bodies
+    return {body.name: learned[f"m.{body.name}"] for body in bodies if not body.massless}
 
 
 def unseen(estimate: Estimate, content: Content) -> tuple[str, ...]:

@@ -132,10 +132,11 @@ def _tell(path: Path, made: "Exported") -> None:
 
     from steelyard.application.export import KEPT, UNSEEN, listed_under
 
-    bodies = made.content.inertias
-    mass = sum(inertia.mass for inertia in bodies)
+    content = made.content
+    count = sum(not body.massless for body in content.robot.bodies)
+    mass = sum(inertia.mass for inertia in content.inertias)
     console = Console()
-    links = "1 moving link" if len(bodies) == 1 else f"{len(bodies)} moving links"
+    links = "1 moving link" if count == 1 else f"{count} moving links"
     console.print(Text(f"{path}: {links}, {mass:.4g} kg"), soft_wrap=True)
     few = [f"{name} {x:.0%}" for name, x in made.mass_shares.items() if x < FEW]
     for heading, sentences in (

@@ -17,6 +17,8 @@ from steelyard.arrays import Array, frozen
 
 INERTIAL_NAMES = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 INERTIAL_UNITS = ("kg", "kg m", "kg m", "kg m", *("kg m²",) * 6)
+LEAST = 1e-12
+"""What files give a body without mass, in kg and kg m²: simulators refuse moving bodies without."""
 _UPPER = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 
 

@@ -1,7 +1,7 @@
 """From a mechanism to a robot: which joints move, where the others are locked, what merges."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ from steelyard.robot.following import (
 )
 from steelyard.robot.free_joints import settled
 from steelyard.robot.geometry import Placement
-from steelyard.robot.inertia import Inertia
+from steelyard.robot.inertia import LEAST, Inertia
 from steelyard.robot.mechanism import Joint, Link, Mechanism
 from steelyard.robot.nearest import advice, listing
 from steelyard.robot.pins import Closing, closed_robot, passive_joints
@@ -253,7 +253,7 @@ class _Merging:
                 placement = placement @ joint.at(self.resting.get(joint.name, 0.0))
             carriers[joint.child] = (index, placement)
             if index >= 0:
-                _add_link(bodies[index], links[joint.child], placement)
+                _add_link(bodies[index], _as_exported(links[joint.child], joint), placement)
         frames = (Frame(n, k, p.rotation, p.position) for n, (k, p) in carriers.items())
         return tuple(Body(**body) for body in bodies), tuple(frames)
 
@@ -274,6 +274,14 @@ class _Merging:
             "known": False,
             "massless": True,
         }
+
+
+def _as_exported(link: Link, joint: Joint) -> Link:
+    """The link; a frame without mass where a file of `export` holds the least inertia for one."""
+    named = link.name.endswith(f"/{joint.name}")
+    if named and link.inertia is not None and link.inertia.mass <= LEAST:
+        return replace(link, inertia=Inertia.zero(), massless=True)
+    return link
 
 
 def _add_link(body: dict[str, Any], link: Link, placement: Placement) -> None:
