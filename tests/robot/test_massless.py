@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from steelyard.errors import ModelError
+from steelyard.estimation.load_case import carrier
 from steelyard.estimation.prior import default_knowledge
 from steelyard.estimation.prior_given import body_index
 from steelyard.model import Model
@@ -62,6 +63,12 @@ def test_nobody_gives_them_mass(tmp_path: Path) -> None:
     with pytest.raises(ModelError) as caught:
         body_index(robot, robot.bodies[0].name, "[prior]")
     assert "is a frame between two joints of one body" in caught.value.wrong
+
+
+def test_they_carry_no_payload(tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match="lies between two joints of one body"):
+        carrier(leg(tmp_path), "thigh/hip_x")
+    assert carrier(leg(tmp_path), "thigh").body == 2
 
 
 def test_saved_and_read_again(tmp_path: Path) -> None:

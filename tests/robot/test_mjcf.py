@@ -150,3 +150,14 @@ def test_a_part_that_other_files_include_is_called_that(tmp_path: Path) -> None:
     with pytest.raises(ModelError, match="outside <worldbody>: a part of a model") as caught:
         read_mjcf(path)
     assert "the file that includes it" in caught.value.mend
+
+
+def test_files_that_attach_each_other_are_refused(tmp_path: Path) -> None:
+    for one, other in (("a", "b"), ("b", "a")):
+        (tmp_path / f"{one}.xml").write_text(
+            f'<mujoco><asset><model name="m" file="{other}.xml"/></asset><worldbody>'
+            '<body name="base"><geom size=".1"/><frame><attach model="m" body="base" prefix="L"/>'
+            "</frame></body></worldbody></mujoco>"
+        )
+    with pytest.raises(ModelError, match="attaches itself as a model"):
+        read_mjcf(tmp_path / "a.xml")

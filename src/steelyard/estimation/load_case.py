@@ -31,7 +31,7 @@ def carrier(robot: Robot, name: str | None = None) -> Frame:
     """The frame of that name; that of the last link if none is named.
 
     Raises:
-        ModelError: There is none, or it is fixed to the base.
+        ModelError: There is none, it is fixed to the base, or has no body.
     """
     links = {
         body.name: Frame(body.name, k, np.eye(3), np.zeros(3))
@@ -51,6 +51,12 @@ def carrier(robot: Robot, name: str | None = None) -> Frame:
             f"frame '{name}' is fixed to the base: a payload there loads no joint",
             where=f"robot '{robot.name}'",
             mend=f"name a frame that moves, such as '{robot.bodies[-1].name}'",
+        )
+    if robot.bodies[frames[name].body].massless:
+        raise ModelError(
+            f"frame '{name}' lies between two joints of one body, and carries nothing",
+            where=f"robot '{robot.name}'",
+            mend=f"name a link with mass, such as '{robot.bodies[-1].name}'",
         )
     return frames[name]
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from steelyard.errors import ModelError
+from steelyard.robot.xml_reader import read_xml
 
 _POINTER = b"version https://git-lfs"
 
@@ -39,6 +40,7 @@ def compiled(path: Path) -> Compiled:
     """
     import mujoco
 
+    _refuse_circle(path, (), set())
     try:
         return Compiled(mujoco.MjModel.from_xml_path(str(path)))
     except (ValueError, mujoco.FatalError) as error:
@@ -68,6 +70,38 @@ def compiled(path: Path) -> Compiled:
         {int(geom.id): mesh for geom, mesh in stand_ins},
         {int(body.id): mesh for body, mesh in bodies},
     )
+
+
+def _refuse_circle(path: Path, above: tuple[Path, ...], fine: set[Path]) -> None:
+    """Raise if a file attaches itself, or one that does: MuJoCo recurses until the process dies.
+
+    Files that are absent, or no XML, are left to MuJoCo.
+
+    Args:
+        path: The file.
+        above: The files that it is in.
+        fine: Files that need no second look; those found here are added.
+    """
+    resolved = Path(os.path.realpath(path))
+    if resolved in above:
+        raise ModelError(
+            "the file includes itself, or attaches itself as a model",
+            where=str(above[-1]),
+            mend=f"remove the element that names '{path.name}'",
+        )
+    if resolved in fine:
+        return
+    try:
+        elements = list(read_xml(path).walk())
+    except ModelError:
+        return
+    folders = {"", *(e.attributes["assetdir"] for e in elements if "assetdir" in e.attributes)}
+    for element in elements:
+        if element.tag in ("model", "include") and "file" in element.attributes:
+            for folder in sorted(folders):
+                inside = path.parent / folder / element.attributes["file"]
+                _refuse_circle(inside, (*above, resolved), fine)
+    fine.add(resolved)
 
 
 def _refused(path: Path, error: Exception) -> ModelError:
