@@ -1,13 +1,9 @@
 """The robot file that `steelyard init` writes: the best guess, with a comment on every key."""
 
-import json
 import os
-import re
-import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -15,12 +11,12 @@ from steelyard.errors import LogError
 from steelyard.robot.column_words import like_finger
 from steelyard.robot.guess import Guess, Sample, guess_columns
 from steelyard.robot.init_settings import SETTINGS
+from steelyard.robot.init_signals import signals_part, signals_template
+from steelyard.robot.init_text import comment, toml_key, toml_text
 from steelyard.robot.model_notes import JointSpring
 from steelyard.robot.proposal import Proposal
 from steelyard.robot.robot import Coordinate, Robot
 from steelyard.robot.robot_file import LoadedRobot
-from steelyard.robot.schema import SignalsSection
-from steelyard.robot.signals import expanded
 from steelyard.robot.xml_reader import read_xml
 
 
@@ -80,7 +76,7 @@ def drafted(
         _locked_part(resting, proposal),
         _limits_part(moving),
         _model_part({c.name: springs[c.name] for c in moving if c.name in springs}),
-        _signals_part(guess, moving) if guess else _signals_template(columns, problem, moving),
+        signals_part(guess, moving) if guess else signals_template(columns, problem, moving),
         SETTINGS,
     ]
     return Draft(
@@ -125,25 +121,6 @@ def _hands(robot: Robot) -> set[str]:
     return names
 
 
-def _text(value: Any) -> str:
-    """A value in TOML."""
-    if isinstance(value, tuple | list):
-        return "[" + ", ".join(_text(v) for v in value) + "]"
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    return repr(float(value))
-
-
-def _comment(text: str, start: str = "# ") -> str:
-    """The text as comment lines, whatever characters are in it."""
-    printable = "".join(c if c.isprintable() else " " for c in text)
-    return textwrap.fill(printable, 98, initial_indent=start, subsequent_indent="#   ")
-
-
-def _key(name: str) -> str:
-    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _text(name)
-
-
 def _relative(model_path: Path, output_path: Path) -> str:
     """The model's path from the robot file's folder; absolute on another drive."""
     try:
@@ -156,7 +133,9 @@ def _xacro_lines(loaded: LoadedRobot) -> str:
     """How a xacro file is expanded."""
     if len(loaded.sources) == 1:
         return ""
-    given = ", ".join(f"{_key(name)} = {_text(value)}" for name, value in loaded.arguments.items())
+    given = ", ".join(
+        f"{toml_key(name)} = {toml_text(value)}" for name, value in loaded.arguments.items()
+    )
     mark = "" if given else "# "
     return f"""
 # Arguments of the xacro file, and folders where ROS packages lie, beside those above the file.
@@ -167,16 +146,16 @@ def _xacro_lines(loaded: LoadedRobot) -> str:
 def _robot_part(proposal: Proposal, moving: Sequence[Coordinate], output_path: Path) -> str:
     robot, model_path = proposal.loaded.robot, proposal.loaded.sources[0].path
     kind = "mjcf" if read_xml(model_path).tag == "mujoco" else "urdf"
-    names = "".join(f"  {_text(c.name)},\n" for c in moving)
+    names = "".join(f"  {toml_text(c.name)},\n" for c in moving)
     return f"""\
 # Robot file for steelyard, written by `steelyard init`. Check the lines marked CHECK.
 
 [robot]
-name = {_text(robot.name)}
+name = {toml_text(robot.name)}
 # Where the model and the logs come from, for the report.
 # source = "https://..."
 # From this file's folder; ${{NAME}} in it stands for an environment variable.
-{kind} = {_text(_relative(model_path, output_path))}{_xacro_lines(proposal.loaded)}
+{kind} = {toml_text(_relative(model_path, output_path))}{_xacro_lines(proposal.loaded)}
 # Joints to identify, in the order of the columns below. All others are locked.
 joints = [
 {names}]
@@ -184,7 +163,7 @@ joints = [
 # tip = "tool0"
 # CHECK: gravity [m/s²] in the frame of the base. On a wall or a ceiling it is another one;
 # instead of it, mounting = {{roll = 0.0, pitch = 90.0, yaw = 0.0}} gives the base's rotation [deg].
-gravity = {_text(robot.gravity.tolist())}"""
+gravity = {toml_text(robot.gravity.tolist())}"""
 
 
 def _base_lines(proposal: Proposal) -> str:
@@ -195,7 +174,7 @@ def _base_lines(proposal: Proposal) -> str:
 # base = "base_link\""""
     why = f"CHECK: the link fixed to the world, {proposal.why_base or 'as asked'}. "
     why += "It has to be at rest in every log."
-    return f"{_comment(why)}\nbase = {_text(proposal.base)}\n# The link where the chain ends."
+    return f"{comment(why)}\nbase = {toml_text(proposal.base)}\n# The link where the chain ends."
 
 
 def _locked_part(resting: Sequence[Coordinate], proposal: Proposal) -> str:
@@ -204,12 +183,14 @@ def _locked_part(resting: Sequence[Coordinate], proposal: Proposal) -> str:
     ]
     lines.append("[robot.locked]")
     for c in resting:
-        lines.append(f"{_key(c.name)} = {_text(np.clip(0.0, c.limits.lower, c.limits.upper))}")
+        lines.append(
+            f"{toml_key(c.name)} = {toml_text(np.clip(0.0, c.limits.lower, c.limits.upper))}"
+        )
     reasons = proposal.reasons
     for why in dict.fromkeys(reasons.values()):
-        lines.append(_comment(f"Locked: {why}."))
+        lines.append(comment(f"Locked: {why}."))
         names = [name for name in reasons if reasons[name] == why]
-        lines += [f"{_key(name)} = {_text(proposal.locked[name])}" for name in names]
+        lines += [f"{toml_key(name)} = {toml_text(proposal.locked[name])}" for name in names]
     return "\n".join(lines)
 
 
@@ -220,11 +201,11 @@ def _limits_part(moving: Sequence[Coordinate]) -> str:
     ]
     for c in moving:
         given = [
-            f"{name} = {_text(value)}"
+            f"{name} = {toml_text(value)}"
             for name in ("lower", "upper", "velocity", "effort")
             if np.isfinite(value := getattr(c.limits, name))
         ]
-        lines.append("\n".join([f"[robot.limits.{_key(c.name)}]", *given]))
+        lines.append("\n".join([f"[robot.limits.{toml_key(c.name)}]", *given]))
     return "\n".join(lines)
 
 
@@ -238,8 +219,8 @@ def _model_part(springs: Mapping[str, JointSpring]) -> str:
         for name, s in springs.items()
     )
     told = f"Springs of the model file, their stiffness there [Nm/rad; N/m]: {', '.join(each)}."
-    term = f'{{law = "spring", joints = {_text([*springs])}, free = {_text(free)}}}'
-    return f"{_MODEL_PART}\n  {_CUSTOMARY},\n{_comment(told, '  # ')}\n  {term},\n]"
+    term = f'{{law = "spring", joints = {toml_text([*springs])}, free = {toml_text(free)}}}'
+    return f"{_MODEL_PART}\n  {_CUSTOMARY},\n{comment(told, '  # ')}\n  {term},\n]"
 
 
 _MODEL_PART = """\
@@ -250,95 +231,3 @@ _MODEL_PART = """\
 terms = ["""
 
 _CUSTOMARY = '"rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"'
-
-
-def _signals_part(guess: Guess, moving: Sequence[Coordinate]) -> str:
-    section, effort = guess.section, guess.section.effort
-    reasons = "\n".join(_comment(reason, "# * ") for reason in guess.reasons)
-    units = tuple(c.unit for c in moving)
-    position_unit = section.position_unit or (units if len(set(units)) > 1 else units[0])
-    gain = _text([1.0] * len(moving))
-    if effort.kind == "motor_current":
-        gain_lines = (
-            "# CHECK: Nm at the joint per A (N per A for a sliding joint), gear ratio included;\n"
-            "# the sign counts. 1.0 stands here because a log cannot tell it.\n"
-            f"gain = {gain}"
-        )
-    else:
-        gain_lines = (
-            "# Torque at the joint per logged unit, if it is not one; -1.0 turns a sign.\n"
-            f"# gain = {gain}"
-        )
-    return f"""\
-# CHECK: which columns of the log are what. Guessed so:
-{reasons}
-[signals]
-{_clock_lines(section)}
-# One column per joint, or a pattern: "q{{}}" for q1, q2, ..., "{{joint}}_q" for the joints' names.
-position = {_text(section.position)}
-position_unit = {_text(position_unit)}  # "rad", "deg", "m" or "mm"; or one per joint
-# Columns that count against their joint have -1.
-# position_sign = [{", ".join("1" * len(moving))}]{_velocity_lines(guess)}
-
-[signals.effort]
-columns = {_text(effort.columns)}
-# CHECK: "joint_torque": at the joints, with what rotors and gears take; "link_torque": sensors
-# behind the gears; "motor_torque": from the motors; "motor_current"; or
-# "gravity_compensated_torque".
-kind = {_text(effort.kind)}
-unit = {_text(effort.unit)}  # "A", "mA", "Nm", "N" or "%"; or one per joint
-{gain_lines}
-# How late efforts are logged, against the positions [s].
-# delay = 0.0"""
-
-
-def _clock_lines(section: SignalsSection) -> str:
-    if section.rate is not None:
-        why = "# The log has no column of time: rows come at this rate [Hz]."
-        return f"{why}\nrate = {section.rate!r}"
-    unit = f'{_text(section.time_unit)}  # "s", "ms", "us" or "ns"'
-    return f"time = {_text(section.time)}\ntime_unit = {unit}"
-
-
-def _velocity_lines(guess: Guess) -> str:
-    section = guess.section
-    if section.velocity is None and not guess.velocity:
-        return ""
-    mark = "" if section.velocity is not None else "# "
-    known = "" if section.velocity_unit is not None else "# "
-    listed, unit = section.velocity or guess.velocity, section.velocity_unit or "rad/s"
-    return f"""
-# Measured velocities are often filtered and late; without them positions are differentiated.
-{mark}velocity = {_text(listed)}
-{known}velocity_unit = {_text(unit)}  # or "deg/s", "rpm", "m/s", "mm/s"; or one per joint
-# How late they are, against the positions [s].
-# velocity_delay = 0.005"""
-
-
-def _signals_template(
-    columns: Sequence[str] | None, problem: str, moving: Sequence[Coordinate]
-) -> str:
-    why = f"{problem}. Fill this in and remove the leading marks."
-    if columns is None:
-        why = "no log was given. Columns are guessed from each log; to say them, fill this in and "
-        why += "remove the leading marks."
-    head = [_comment(f"CHECK: {why}")]
-    if columns:
-        head.append(_comment("The log's columns: " + ", ".join(_text(c) for c in columns)))
-    listed = _text(expanded("q{}", moving))
-    lines = [
-        "[signals]",
-        'time = "time"',
-        'time_unit = "s"  # "s", "ms", "us" or "ns"; without a clock, rate = 100.0 [Hz] for both',
-        f'position = {listed}  # or a pattern: "q{{}}", "{{joint}}_q"',
-        f'position_unit = {_text([c.unit for c in moving])}  # "rad", "deg", "m" or "mm"',
-        '# coordinates = "motor"  # where positions are the motors\'; above [signals] say then:',
-        "# [robot.transmission]",
-        f"# ratios = {_text([100.0] * len(moving))}  # turns of each motor per turn of its joint",
-        "[signals.effort]",
-        f"columns = {_text(expanded('tau{}', moving))}",
-        'kind = "joint_torque"  # or "motor_torque", "motor_current"',
-        f'unit = {_text([c.effort_unit for c in moving])}  # "A", "mA", "Nm" or "N"',
-        f"gain = {_text([1.0] * len(moving))}  # torque at the joint per logged unit",
-    ]
-    return "\n".join([*head, *(f"# {line}" for line in lines)])

@@ -7,9 +7,10 @@ from steelyard.errors import ModelError
 from steelyard.robot.column_words import like_finger
 from steelyard.robot.following import drive_of
 from steelyard.robot.free_joints import carried_joints, floating_trees
+from steelyard.robot.loaded import LoadedRobot
 from steelyard.robot.mechanism import Mechanism
+from steelyard.robot.model_file import read_model, robot_of_model
 from steelyard.robot.pins import between
-from steelyard.robot.robot_file import LoadedRobot, read_model, robot_of_model
 from steelyard.robot.xacro import split_reference
 
 

@@ -1,23 +1,29 @@
 """Robot files: a model in any format, and with TOML all that a model file cannot say."""
 
-import hashlib
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
 from steelyard.arrays import Array, frozen
 from steelyard.errors import ModelError
-from steelyard.robot.efforts import WITHOUT_TORQUE, Locate
+from steelyard.robot.efforts import WITHOUT_TORQUE
 from steelyard.robot.following import unlimited_if_empty
 from steelyard.robot.free_joints import floating_base
 from steelyard.robot.gears import build_transmission
 from steelyard.robot.geometry import clean_rotation, rpy_rotation
+from steelyard.robot.loaded import LoadedRobot as LoadedRobot
+from steelyard.robot.loaded import Source, TermSpec
 from steelyard.robot.mechanism import Mechanism
-from steelyard.robot.model_notes import Answer, JointSpring
+from steelyard.robot.model_file import (
+    model_sources,
+    read_model,
+    robot_of_model,
+    sha256_of,
+    source_of,
+)
+from steelyard.robot.model_notes import Answer
 from steelyard.robot.model_source import dh_table, model_path_of, xacro_settings
 from steelyard.robot.model_source import read_mechanism as read_mechanism
 from steelyard.robot.nearest import advice
@@ -25,117 +31,16 @@ from steelyard.robot.pins import closing_of
 from steelyard.robot.reduction import reduced
 from steelyard.robot.robot import Limits, Robot
 from steelyard.robot.schema import (
-    EstimationSection,
-    ExcitationSection,
-    PriorSection,
-    ProcessingSection,
     RobotFile,
     RobotSection,
-    ValidationSection,
 )
-from steelyard.robot.signals import Signals, build_signals
+from steelyard.robot.signals import build_signals
 from steelyard.robot.toml_check import Places, checked
 from steelyard.robot.unfollowed import springs_along, told
-from steelyard.robot.xacro import expand, joined_reference, split_reference, stem_of
+from steelyard.robot.xacro import joined_reference, split_reference
 from steelyard.robot.xml_reader import read_bytes
 
 STANDARD_GRAVITY = 9.81
-
-
-@dataclass(frozen=True)
-class Source:
-    """A file that was read, and what was in it."""
-
-    path: Path
-    sha256: str
-
-
-@dataclass(frozen=True)
-class TermSpec:
-    """A cause of torque as the robot file names it: a law's name, or a table with `law`."""
-
-    description: str | Mapping[str, Any]
-    where: str
-
-
-@dataclass(frozen=True, eq=False)
-class LoadedRobot:
-    """A robot and all that its file says.
-
-    Attributes:
-        robot: The robot, with the joints to identify.
-        notes: What was assumed, one sentence each, for the user.
-        signals: Columns of its logs; `None` if the file does not say.
-        terms: Causes of torque; `None` if the file does not say.
-        friction: Whether the friction laws are to be chosen from the data.
-        processing: Filter settings; what is `None` is chosen from the data.
-        estimation: How parameters are estimated.
-        validation: Score settings.
-        sources: The file given, then the model file it names, if any.
-        where: Places in the file, for messages about what later rooms make of it.
-        prior: What is known of links before the data, beside the model file.
-        knowledge: Further wishes, a table with its `kind` each.
-        excitation: Which motion is wanted, and what it must keep.
-        arguments: Of a xacro file that was given itself; those of a robot file stand there.
-        springs: Springs of the model file along its coordinates, by name; no term has them unless
-            it is listed.
-        unfollowed: What the model file says of forces that the model does not follow, a sentence
-            for each kind.
-        base: The link that is fixed to the world; `None` if it is the model's root.
-        floats: Whether that link floats in the model: its being at rest is an assumption.
-    """
-
-    robot: Robot
-    notes: tuple[str, ...]
-    signals: Signals | None
-    terms: tuple[TermSpec, ...] | None
-    friction: bool
-    processing: ProcessingSection
-    estimation: EstimationSection
-    validation: ValidationSection
-    sources: tuple[Source, ...]
-    where: Locate
-    prior: PriorSection = PriorSection()
-    knowledge: tuple[Mapping[str, Any], ...] = ()
-    excitation: ExcitationSection = ExcitationSection()
-    springs: Mapping[str, JointSpring] = field(default_factory=dict)
-    unfollowed: Mapping[str, str] = field(default_factory=dict)
-    arguments: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
-    base: str | None = None
-    floats: bool = False
-
-    @property
-    def reference(self) -> str:
-        """What `load_robot` takes for the same robot."""
-        return joined_reference(self.sources[0].path, self.arguments)
-
-    @property
-    def model_given(self) -> Path:
-        """The model file as it was given, before a xacro file is expanded."""
-        models = (s.path for s in self.sources if s.path.suffix.lower() != ".toml")
-        return next(models, self.sources[-1].path)
-
-    @property
-    def stem(self) -> str:
-        """The name of the file given, without its endings."""
-        return stem_of(self.sources[0].path)
-
-
-@dataclass(frozen=True, eq=False)
-class ModelFile:
-    """A model file that was read.
-
-    Attributes:
-        mechanism: What it describes.
-        sources: The file given, then what it was expanded to, if it is a xacro file.
-        arguments: Of a xacro file.
-        notes: How it was read, for the user.
-    """
-
-    mechanism: Mechanism
-    sources: tuple[Source, ...]
-    arguments: Mapping[str, str]
-    notes: tuple[str, ...]
 
 
 def load_robot(
@@ -160,7 +65,7 @@ def load_robot(
             mend=f'write base = "{base}" under [robot] there',
         )
     if text is not None:
-        return _from_toml(Path(path), text, _sha256(text.encode()))
+        return _from_toml(Path(path), text, sha256_of(text.encode()))
     path, arguments = split_reference(path)
     if path.suffix.lower() == ".toml":
         if arguments:
@@ -169,87 +74,13 @@ def load_robot(
                 where=joined_reference(path, arguments),
                 mend="write them into it: [robot.xacro] arguments = {NAME = VALUE}",
             )
-        return _from_toml(path, robot_text(path), _source(path).sha256)
+        return _from_toml(path, robot_text(path), source_of(path).sha256)
     return robot_of_model(read_model(path, arguments), base=base)
-
-
-def read_model(path: Path, arguments: Mapping[str, str]) -> ModelFile:
-    """A URDF, a xacro file with its arguments, or an MJCF."""
-    sources, notes = _model_sources(path, arguments, ())
-    mechanism = read_mechanism(sources[-1].path)
-    return ModelFile(mechanism, sources, MappingProxyType(dict(arguments)), notes)
-
-
-def robot_of_model(
-    model: ModelFile, *, base: str | None = None, locked: Mapping[str, float] | None = None
-) -> LoadedRobot:
-    """The robot of a model file alone.
-
-    Args:
-        model: The file.
-        base: The link that is fixed to the world; `None` is its root.
-        locked: Positions of joints that do not move [rad; m].
-
-    Raises:
-        ModelError: The file leaves open what a robot is, such as the base of one that floats.
-    """
-    mechanism, path = model.mechanism, model.sources[0].path
-    robot, notes = _whole(mechanism, base, locked)
-    unfollowed = told(mechanism, robot, (), ())
-    return LoadedRobot(
-        robot,
-        (*model.notes, *notes, *unfollowed.values()),
-        None,
-        None,
-        False,
-        ProcessingSection(),
-        EstimationSection(),
-        ValidationSection(),
-        model.sources,
-        lambda *key: str(path),
-        arguments=model.arguments,
-        springs=springs_along(mechanism, robot),
-        unfollowed=unfollowed,
-        base=base,
-        floats=floating_base(mechanism, base) is not None,
-    )
-
-
-def _whole(
-    mechanism: Mechanism, base: str | None, locked: Mapping[str, float] | None
-) -> tuple[Robot, tuple[str, ...]]:
-    """The robot of a model file alone, with the advice that `init` locks what cannot move."""
-    try:
-        return reduced(mechanism, base=base, locked=locked)
-    except ModelError as error:
-        if locked is not None or not mechanism.pins or "steelyard init" in error.mend:
-            raise
-        mend = f"{error.mend}; `steelyard init` writes a robot file that locks the loops of hands"
-        raise ModelError(error.wrong, where=error.where, mend=mend) from None
 
 
 def load_robot_file(path: str | Path) -> RobotFile:
     """The checked sections of a robot file (TOML), as written there."""
     return checked(Path(path), robot_text(Path(path)), RobotFile)[0]
-
-
-def _source(path: Path) -> Source:
-    return Source(path, _sha256(read_bytes(path, "a robot model")))
-
-
-def _model_sources(
-    path: Path, arguments: Mapping[str, str], packages: Sequence[Path]
-) -> tuple[tuple[Source, ...], tuple[str, ...]]:
-    """A model file, behind it what a xacro file is expanded to; and a note on that."""
-    source = _source(path)
-    expansion = expand(path, arguments, packages)
-    if expansion is None:
-        return (source,), ()
-    return (source, Source(expansion.path, expansion.sha256)), (expansion.note,)
-
-
-def _sha256(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()
 
 
 def robot_text(path: Path) -> str:
@@ -274,7 +105,7 @@ def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
     sources, read_from = [Source(path, sha256)], tuple[str, ...]()
     if model_path := model_path_of(file.robot, path, places):
         arguments, packages = xacro_settings(file.robot, path, places)
-        files, read_from = _model_sources(model_path, arguments, packages)
+        files, read_from = model_sources(model_path, arguments, packages)
         sources += files
         mechanism = read_mechanism(sources[-1].path)
     else:
