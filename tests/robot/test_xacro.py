@@ -123,7 +123,16 @@ def test_a_plain_urdf_has_no_arguments(write: Write) -> None:
         expand(path, {"x": "1"})
 
 
-def test_xacro_is_told_by_what_is_outermost(write: Write) -> None:
+def test_a_substitution_alone_makes_a_urdf_xacro(write: Write) -> None:
+    joint = '<joint name="j" type="revolute"><parent link="a"/><child link="b"/>'
+    links = f'<link name="a"/><link name="b"><inertial><mass value="1"/>{INERTIA}</inertial></link>'
+    origin = '<origin xyz="$(optenv STEELYARD_UNSET 0.5 0 0)"/>'
+    path = write("husky.urdf", f'<robot name="r">{links}{joint}{origin}</joint></robot>')
+    body = load_robot(path).robot.bodies[0]
+    assert body.position.tolist() == [0.5, 0.0, 0.0]
+
+
+def test_xacro_is_told_by_what_is_read(write: Write) -> None:
     path = write("arm.urdf", ARM)
     assert is_xacro(path)
     assert load_robot(path).robot.joint_names == ("j1", "j2")

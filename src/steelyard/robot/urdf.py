@@ -64,16 +64,23 @@ def _used(root: Element) -> Iterator[Element]:
             yield element
 
 
-def _refuse_xacro(root: Element) -> None:
+def of_xacro(root: Element) -> Element | None:
+    """The first element that xacro has to expand, among those that are read."""
     for element in _used(root):
         values = element.attributes.values()
         if xacro_name(element.tag) is not None or any("${" in v or "$(" in v for v in values):
-            raise ModelError(
-                "the file is a xacro template, not a URDF",
-                where=f"{element.path}, line {element.line}",
-                mend="give the whole xacro file, which is expanded here, or expand it first: "
-                f"xacro {element.path.name} > robot.urdf",
-            )
+            return element
+    return None
+
+
+def _refuse_xacro(root: Element) -> None:
+    if (element := of_xacro(root)) is not None:
+        raise ModelError(
+            "the file is a xacro template, not a URDF",
+            where=f"{element.path}, line {element.line}",
+            mend="give the whole xacro file, which is expanded here, or expand it first: "
+            f"xacro {element.path.name} > robot.urdf",
+        )
 
 
 def _text(element: Element, attribute: str) -> str:

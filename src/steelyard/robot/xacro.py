@@ -21,10 +21,11 @@ from platformdirs import user_cache_dir
 from steelyard.errors import ModelError
 from steelyard.files import whole_file
 from steelyard.robot.nearest import advice
+from steelyard.robot.urdf import of_xacro
 from steelyard.robot.xacro_expand import Expander
 from steelyard.robot.xacro_packages import Packages
 from steelyard.robot.xacro_values import XacroError
-from steelyard.robot.xml_reader import Element, read_xml, xacro_name
+from steelyard.robot.xml_reader import Element, read_xml
 
 _ARGUMENT = re.compile(r"\s+(?=[A-Za-z_]\w*:=)")
 
@@ -63,14 +64,11 @@ def stem_of(reference: str | Path) -> str:
 
 
 def is_xacro(path: Path) -> bool:
-    """Whether a model file has to be expanded: by its ending, or by what is outermost in it.
+    """Whether a model file has to be expanded: by its ending, or by an element that is read.
 
-    A URDF with tags of xacro only inside its links needs nothing that they could give.
+    A URDF with tags of xacro only in what is not read of its links needs nothing that they give.
     """
-    if path.suffix.lower() == ".xacro":
-        return True
-    root = read_xml(path)
-    return any(xacro_name(child.tag) is not None for child in root.children)
+    return path.suffix.lower() == ".xacro" or of_xacro(read_xml(path)) is not None
 
 
 def expand(
