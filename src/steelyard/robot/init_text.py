@@ -18,7 +18,8 @@ def toml_text(value: Any) -> str:
 def comment(text: str, start: str = "# ") -> str:
     """The text as comment lines, whatever characters are in it."""
     printable = "".join(c if c.isprintable() else " " for c in text)
-    return textwrap.fill(printable, 98, initial_indent=start, subsequent_indent="#   ")
+    again = start[: len(start) - len(start.lstrip())] + "#   "
+    return textwrap.fill(printable, 98, initial_indent=start, subsequent_indent=again)
 
 
 def toml_key(name: str) -> str:

@@ -314,16 +314,16 @@ def _notes(
             for n in matter
         )
         notes.append(f"locked, as no position was given: {places}")
-    links, carried_links = mechanism.links, {f.name for f in robot.frames if f.body >= 0}
-    lacking = [k for k in links if k.lacks and k.name in carried_links]
-    unknown = {b.name for b in robot.bodies if not b.known} - {k.name for k in lacking}
-    if bare := [b.name for b in robot.bodies if b.name in unknown]:
+    carriers = {frame.name: frame.body for frame in robot.frames if frame.body >= 0}
+    lacking = [link for link in mechanism.links if link.lacks and link.name in carriers]
+    meshless = {carriers[link.name] for link in lacking}
+    bare = [b.name for k, b in enumerate(robot.bodies) if not b.known and k not in meshless]
+    if bare:
         notes.append(f"no inertial in the model, prior mass is zero: {', '.join(bare)}")
     if lacking:
         names = ", ".join(f"{link.name} ('{link.lacks}')" for link in lacking[:6])
         more = f" and {len(lacking) - 6} more" if len(lacking) > 6 else ""
-        why = "no mass in the model, as the mesh is absent, prior mass is zero"
-        notes.append(f"{why}: {names}{more}")
+        notes.append(f"prior mass is zero, as the mesh that gives it is absent: {names}{more}")
     for body in robot.bodies:
         if flaw := body.inertia.flaw():
             notes.append(f"no body can have the inertial of '{body.name}': {flaw}")
