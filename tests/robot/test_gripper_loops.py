@@ -1,5 +1,6 @@
 from pathlib import Path
 
+import mujoco
 import pytest
 
 from steelyard.errors import ModelError
@@ -77,12 +78,35 @@ def test_a_loop_that_nothing_says_how_to_close_is_locked(tmp_path: Path) -> None
     assert "not clear is which joints are passive" in proposal.said[0]
 
 
+def test_a_hand_alone_is_identified_by_what_its_tendon_pulls(tmp_path: Path) -> None:
+    path = tmp_path / "hand.xml"
+    path.write_text(f"""
+    <mujoco><worldbody><body name="palm">{HAND.format(ball=BALL)}</body></worldbody>
+    <tendon><fixed name="t"><joint joint="driver_joint" coef="1"/></fixed></tendon>
+    <equality>{PIN}</equality><actuator><motor tendon="t"/></actuator></mujoco>""")
+    _, loaded = begun(path)
+    assert loaded.robot.joint_names == ("driver_joint",)
+    assert [c.name for c in loaded.robot.passive] == ["coupler_joint", "link_joint"]
+    carried = arm(
+        tmp_path,
+        HAND,
+        PIN,
+        f"""
+    <tendon><fixed name="t"><joint joint="driver_joint" coef="1"/></fixed></tendon>
+    <actuator>{MOTORS}<motor tendon="t"/></actuator>""",
+    )
+    assert begun(carried)[1].robot.joint_names == ("shoulder", "elbow")
+
+
 TWO = """
-<body name="left" pos=".2 0 0"><joint name="left_j" axis="0 1 0" ref=".2"/>{ball}</body>
-<body name="right" pos=".2 0 0"><joint name="right_j" axis="0 1 0"/>{ball}</body>"""
+<body name="left" pos=".2 0 0"><joint name="left_j" axis="0 1 0" ref=".2"/>{ball}
+  <site name="start"/></body>
+<body name="right" pos=".2 0 0"><joint name="right_j" axis="0 1 0"/>{ball}
+  <site name="end" pos=".1 0 0"/></body>"""
 TENDON = """<tendon><fixed name="t">
-  <joint joint="left_j" coef="1"/><joint joint="right_j" coef="1"/>
+  <joint joint="left_j" coef="1"/><joint joint="right_j" coef="-2"/>
 </fixed></tendon>"""
+CABLE = """<tendon><spatial name="t"><site site="start"/><site site="end"/></spatial></tendon>"""
 TIES = {
     "polynomial": (
         '<joint name="e" joint1="left_j" joint2="right_j" polycoef="0 1 2 0 0"/>',
@@ -90,7 +114,7 @@ TIES = {
         "a joint equality that is not proportional",
     ),
     "weld": ('<weld name="e" body1="left" body2="right"/>', "", "a weld"),
-    "tendon": ('<tendon name="e" tendon1="t"/>', TENDON, "a tendon equality"),
+    "tendon": ('<tendon name="e" tendon1="t"/>', CABLE, "a tendon equality"),
 }
 
 
@@ -119,6 +143,36 @@ def test_a_joint_that_follows_two_others_ties_them(tmp_path: Path) -> None:
         load_robot(path)
     assert "equality 'elbow'" in caught.value.where
     assert "right_j = 0, elbow = 0 under [robot.locked]" in caught.value.mend
+
+
+def test_a_tendon_of_two_joints_that_keeps_its_length_makes_one_follow(tmp_path: Path) -> None:
+    tie = '<tendon tendon1="t" polycoef=".1 0 0 0 0"/>'
+    path = arm(tmp_path, TWO, tie, TENDON)
+    robot, _ = reduced(read_mjcf(path))
+    assert robot.joint_names == ("shoulder", "elbow", "left_j")
+    follower = robot.bodies[-1]
+    assert (follower.joint, follower.ratio) == ("right_j", 0.5)
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    places = [int(model.joint(name).qposadr[0]) for name in ("left_j", "right_j")]
+    data.qpos[places] = 0.5, follower.ratio * 0.5 + follower.offset
+    mujoco.mj_forward(model, data)
+    assert data.efc_pos[: data.ne] == pytest.approx(0.0, abs=1e-12) and data.ne == 1
+
+
+def test_tendons_make_chains_of_followers_and_no_circles(tmp_path: Path) -> None:
+    more = '<body name="third"><joint name="third_j"/>{ball}</body>'
+    joints = [("left_j", "right_j"), ("third_j", "right_j"), ("third_j", "left_j")]
+    tendons = "".join(
+        f'<fixed name="t{k}"><joint joint="{a}" coef="1"/><joint joint="{b}" coef="1"/></fixed>'
+        for k, (a, b) in enumerate(joints)
+    )
+    ties = "".join(f'<tendon name="e{k}" tendon1="t{k}"/>' for k in range(3))
+    path = arm(tmp_path, TWO + more, ties, f"<tendon>{tendons}</tendon>")
+    mechanism = read_mjcf(path)
+    masters = {j.name: j.mimic.master for j in mechanism.joints if j.mimic}
+    assert masters == {"right_j": "left_j", "third_j": "right_j"}
+    assert [coupling.name for coupling in mechanism.couplings] == ["e2"]
 
 
 def test_a_joint_held_by_an_equality_is_locked(tmp_path: Path) -> None:

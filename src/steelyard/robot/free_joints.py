@@ -153,6 +153,7 @@ def _without(mechanism: Mechanism, trees: Collection[Joint], base: str) -> Mecha
         joints=[joint for joint in mechanism.joints if joint not in gone],
         pins=[pin for pin in mechanism.pins if not links & {*pin.links} and robot & {*pin.links}],
         driven=[name for name in mechanism.driven if name not in names],
+        pulled=[name for name in mechanism.pulled if name not in names],
         rest={name: x for name, x in mechanism.rest.items() if name not in names},
         couplings=[coupling for coupling in couplings if coupling.joints],
     )

@@ -135,6 +135,7 @@ class Mechanism:
         where: The file, for messages.
         pins: What closes chains.
         driven: Names of the joints that the file gives an actuator.
+        pulled: Names of the joints that an actuator's tendon runs over.
         rest: Positions of joints at which the pins close, where the file says so [rad; m].
         springs: Springs along joints, by joint.
         statements: What else the file states and the mechanism is without.
@@ -149,6 +150,7 @@ class Mechanism:
     where: str
     pins: tuple[Pin, ...]
     driven: tuple[str, ...]
+    pulled: tuple[str, ...]
     rest: Mapping[str, float]
     springs: Mapping[str, JointSpring]
     statements: tuple[ModelNote, ...]
@@ -165,6 +167,7 @@ class Mechanism:
         *,
         pins: Sequence[Pin] = (),
         driven: Sequence[str] = (),
+        pulled: Sequence[str] = (),
         rest: Mapping[str, float] = MappingProxyType({}),
         springs: Mapping[str, JointSpring] = MappingProxyType({}),
         statements: Sequence[ModelNote] = (),
@@ -178,6 +181,7 @@ class Mechanism:
         object.__setattr__(self, "where", where)
         object.__setattr__(self, "pins", tuple(pins))
         object.__setattr__(self, "driven", tuple(driven))
+        object.__setattr__(self, "pulled", tuple(pulled))
         object.__setattr__(self, "rest", MappingProxyType(dict(rest)))
         object.__setattr__(self, "springs", MappingProxyType(dict(springs)))
         object.__setattr__(self, "statements", tuple(statements))

@@ -86,6 +86,7 @@ class _Reading:
             str(self.path),
             pins=pins,
             driven=self._driven(),
+            pulled=self._pulled(),
             rest=self._rest(equalities.offsets()) if pins or couplings else {},
             springs=springs_of(self.model, self._name),
             statements=[*self.actuators.notes(self._name), *passive_notes(self.model, self._name)],
@@ -101,6 +102,21 @@ class _Reading:
             for j in self.joints
             if j.movable
         }
+
+    def _pulled(self) -> list[str]:
+        """Joints that the fixed tendons of actuators run over."""
+        import mujoco
+
+        model, joints = self.model, list[int]()
+        for k in range(model.nactuator):
+            if int(model.actuator_trntype[k]) != int(mujoco.mjtTrn.mjTRN_TENDON):
+                continue
+            tendon = int(model.actuator_trnid[k][0])
+            first = int(model.tendon_adr[tendon])
+            for wrap in range(first, first + int(model.tendon_num[tendon])):
+                if int(model.wrap_type[wrap]) == int(mujoco.mjtWrap.mjWRAP_JOINT):
+                    joints.append(int(model.wrap_objid[wrap]))
+        return [self._name("joint", k) for k in dict.fromkeys(joints)]
 
     def _driven(self) -> list[str]:
         """Joints with an actuator of their own."""

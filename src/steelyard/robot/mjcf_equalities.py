@@ -24,6 +24,23 @@ def reference(model: Any, joint: int) -> float:
 
 
 @dataclass(frozen=True)
+class _Proportion:
+    r"""$q - r = c_0 + c_1 (q_m - r_m)$ of a joint and its master, by their numbers."""
+
+    joint: int
+    master: int
+    offset: float
+    ratio: float
+
+
+def _leads(masters: Mapping[int, int], joint: int, to: int) -> bool:
+    """Whether a joint is `to`, or follows it over others."""
+    while joint != to and joint in masters:
+        joint = masters[joint]
+    return joint == to
+
+
+@dataclass(frozen=True)
 class Equalities:
     """The active equality constraints of a file."""
 
@@ -31,13 +48,17 @@ class Equalities:
     model: Any
 
     def mimics(self) -> dict[int, Mimic]:
-        r"""Joint equalities of first order, $q_1 - r_1 = c_0 + c_1 (q_2 - r_2)$, $r$ references."""
-        model, mimics = self.model, dict[int, Mimic]()
-        for index in self._followings():
-            follower, master = int(model.eq_obj1id[index]), int(model.eq_obj2id[index])
-            offset, ratio = (float(term) for term in model.eq_data[index][:2])
-            offset += reference(model, follower) - ratio * reference(model, master)
-            mimics[follower] = Mimic(name_of(model, "joint", master), ratio, offset)
+        r"""Joints in proportion to another, $q_1 - r_1 = c_0 + c_1 (q_2 - r_2)$, $r$ references.
+
+        A fixed tendon of two joints that keeps its length, $a_1 (q_1 - r_1) + a_2 (q_2 - r_2) = d$,
+        is one as well: its second joint follows the first, or where that follows already, the first
+        the second.
+        """
+        mimics = dict[int, Mimic]()
+        for tie in self._proportions().values():
+            own, other = reference(self.model, tie.joint), reference(self.model, tie.master)
+            offset = tie.offset + own - tie.ratio * other
+            mimics[tie.joint] = Mimic(self._joint(tie.master), tie.ratio, offset)
         return mimics
 
     def pins(self, origins: Mapping[int, Placement]) -> list[Pin]:
@@ -71,10 +92,10 @@ class Equalities:
         import mujoco
 
         kinds, couplings, notes = mujoco.mjtEq, list[Coupling](), list[str]()
-        followings = self._followings()
+        proportional = self._proportions()
         for index in self._active():
             kind = kinds(int(self.model.eq_type[index]))
-            if kind == kinds.mjEQ_CONNECT or index in followings:
+            if kind == kinds.mjEQ_CONNECT or index in proportional:
                 continue
             if kind == kinds.mjEQ_WELD:
                 ends = self._ends(index)
@@ -105,29 +126,61 @@ class Equalities:
         import mujoco
 
         model = self.model
-        return {
+        found = {
             self._joint(int(model.eq_obj1id[index])): float(model.eq_data[index][0])
             for index in self._active(mujoco.mjtEq.mjEQ_JOINT)
         }
+        return found | {self._joint(t.joint): t.offset for t in self._proportions().values()}
 
     def _active(self, kind: Any = None) -> list[int]:
         model = self.model
         wanted = range(model.neq) if kind is None else np.flatnonzero(model.eq_type == int(kind))
         return [int(k) for k in wanted if model.eq_active0[k]]
 
-    def _followings(self) -> list[int]:
-        """The proportional joint equalities, of each joint that follows the first one."""
+    def _proportions(self) -> dict[int, "_Proportion"]:
+        """Equalities that are one joint following another in proportion, by their numbers."""
         import mujoco
 
-        first = dict[int, int]()
+        model, found, masters = self.model, dict[int, _Proportion](), dict[int, int]()
         for index in self._active(mujoco.mjtEq.mjEQ_JOINT):
-            if self._proportional(index):
-                first.setdefault(int(self.model.eq_obj1id[index]), index)
-        return list(first.values())
+            joint, master = int(model.eq_obj1id[index]), int(model.eq_obj2id[index])
+            if self._proportional(index) and joint not in masters:
+                offset, ratio = (float(term) for term in model.eq_data[index][:2])
+                found[index] = _Proportion(joint, master, offset, ratio)
+                masters[joint] = master
+        for index in self._active(mujoco.mjtEq.mjEQ_TENDON):
+            if (pair := self._pair(index)) is None:
+                continue
+            (first, a), (second, b) = pair.items()
+            if second in masters:
+                first, a, second, b = second, b, first, a
+            if second not in masters and not _leads(masters, first, second):
+                offset = float(model.eq_data[index][0]) / b
+                found[index] = _Proportion(second, first, offset, -a / b)
+                masters[second] = first
+        return found
 
     def _proportional(self, index: int) -> bool:
         """Whether a joint equality is one joint following another in proportion."""
         return bool(self.model.eq_obj2id[index] >= 0 and not self.model.eq_data[index][2:5].any())
+
+    def _pair(self, index: int) -> dict[int, float] | None:
+        """The two joints of an equality's fixed tendon with their coefficients, if it is such."""
+        import mujoco
+
+        model, tendon = self.model, int(self.model.eq_obj1id[index])
+        wraps = slice(int(model.tendon_adr[tendon]), model.tendon_adr[tendon] + 2)
+        joints = [int(k) for k in model.wrap_objid[wraps]]
+        kinds = {int(kind) for kind in model.wrap_type[wraps]}
+        if (
+            model.eq_obj2id[index] >= 0
+            or int(model.tendon_num[tendon]) != 2
+            or kinds != {int(mujoco.mjtWrap.mjWRAP_JOINT)}
+            or not np.all(model.wrap_prm[wraps])
+            or len(set(joints)) != 2
+        ):
+            return None
+        return dict(zip(joints, map(float, model.wrap_prm[wraps]), strict=True))
 
     def _name(self, index: int) -> str:
         return name_of(self.model, "eq", index)

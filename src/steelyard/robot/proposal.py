@@ -1,6 +1,6 @@
 """What a model file leaves open: the base of a floating robot, and joints to be locked."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from steelyard.errors import ModelError
@@ -9,7 +9,7 @@ from steelyard.robot.following import drive_of
 from steelyard.robot.free_joints import carried_joints, floating_trees
 from steelyard.robot.loaded import LoadedRobot
 from steelyard.robot.mechanism import Mechanism
-from steelyard.robot.model_file import read_model, robot_of_model
+from steelyard.robot.model_file import ModelFile, read_model, robot_of_model
 from steelyard.robot.pins import between
 from steelyard.robot.xacro import split_reference
 
@@ -67,10 +67,14 @@ def proposed(reference: str | Path, base: str | None = None) -> Proposal:
     groups = _loop_groups(mechanism, base)
     hands = [group for group in groups if _of_a_hand(mechanism, group)]
     refused: ModelError | None = None
-    for loops, reason in ((hands, _HAND), (groups, _OPEN), ([], "")):
+    for source, loops, reason in (
+        (model, hands, _HAND),
+        (model, groups, _OPEN),
+        (_with_tendons(model), [], ""),
+    ):
         rests = {n: mechanism.rest.get(n, 0.0) for group in loops for n in group}
         try:
-            loaded = robot_of_model(model, base=base, locked=rests | tied)
+            loaded = robot_of_model(source, base=base, locked=rests | tied)
         except ModelError as error:
             refused = error
             continue
@@ -81,6 +85,14 @@ def proposed(reference: str | Path, base: str | None = None) -> Proposal:
 
 _HAND = "in a loop of a hand, or in one whose joints have no actuator of their own"
 _OPEN = "in a loop of which not clear is which joints are passive"
+
+
+def _with_tendons(model: ModelFile) -> ModelFile:
+    """The model with the tendons of its actuators as drives: a hand alone may have no others."""
+    mechanism = model.mechanism
+    masters = [drive_of(mechanism, mechanism.joint(name)).master for name in mechanism.pulled]
+    driven = dict.fromkeys((*mechanism.driven, *masters))
+    return replace(model, mechanism=mechanism.changed(driven=[*driven]))
 
 
 def _all_locked(
