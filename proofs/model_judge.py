@@ -187,7 +187,9 @@ def _compared(
     sizes = _sizes(oracle, robot, whole, carried)
     rank = int(np.sum(sizes > ROUNDING * sizes[0]))
     detail = f"{n_base} base parameters, rank {rank} (gap {_drop(sizes, rank):.0e})"
-    if n_base != rank and not (_drop(sizes, n_base) >= GAP and sizes[n_base] < TILTED * sizes[0]):
+    left_out = sizes[min(n_base, len(sizes) - 1)] / sizes[0]
+    unseen = left_out < CLOSELY or (left_out < TILTED and _drop(sizes, n_base) >= GAP)
+    if n_base != rank and not (n_base < rank and unseen):
         return Judgement("wrong", "number of base parameters", detail, error)
     why = "rank beyond rounding of angles" if n_base != rank else ""
     why = why if error <= AGREES else "within rounding of angles"

@@ -15,10 +15,14 @@ from steelyard.arrays import Array
 
 
 class MjcfOracle:
-    """MuJoCo's tree of an MJCF, compiled."""
+    """MuJoCo's tree of an MJCF, compiled, under its gravity even where the file switches that off.
+
+    The reader keeps the vector too, and says so: a flag for a simulation takes no robot's weight.
+    """
 
     def __init__(self, model: Any, cleaned: bool) -> None:
-        self.model = cleaned_model(model) if cleaned else model
+        self.model = cleaned_model(model) if cleaned else copy.copy(model)
+        self.model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
         self.data = mujoco.MjData(self.model)
         kinds = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
         single = [k for k in range(model.njnt) if mujoco.mjtJoint(int(model.jnt_type[k])) in kinds]
@@ -39,6 +43,8 @@ class MjcfOracle:
             return
         if kind == mujoco.mjtEq.mjEQ_CONNECT:
             self._pins.append(k)
+        if kind == mujoco.mjtEq.mjEQ_TENDON and int(model.eq_obj2id[k]) < 0:
+            self._two_joints(int(model.eq_obj1id[k]), float(model.eq_data[k][0]))
         if kind != mujoco.mjtEq.mjEQ_JOINT or np.any(model.eq_data[k][2:5]):
             return
         name = self._names[int(model.eq_obj1id[k])]
@@ -49,6 +55,26 @@ class MjcfOracle:
         master = self._names[int(model.eq_obj2id[k])]
         offset = self.rest[name] + start - ratio * self.rest[master]
         self.following[name] = Following(master, ratio, offset)
+
+    def _two_joints(self, tendon: int, longer: float) -> None:
+        """A fixed tendon of two joints, `longer` than at the reference: one follows the other."""
+        model, first = self.model, int(self.model.tendon_adr[tendon])
+        wraps = range(first, first + int(model.tendon_num[tendon]))
+        kinds = {int(model.wrap_type[w]) for w in wraps}
+        if len(wraps) != 2 or kinds != {int(mujoco.mjtWrap.mjWRAP_JOINT)}:
+            return
+        names = [self._names[int(model.wrap_objid[w])] for w in wraps]
+        if names[1] in self.following:
+            names.reverse()
+        grows = []
+        for name in names:
+            moved = np.array([self.rest[j] + (j == name) for j in self.joints])
+            self._set(moved, np.zeros(len(moved)))
+            mujoco.mj_tendon(model, self.data)
+            grows.append(float(self.data.ten_length[tendon] - model.tendon_length0[tendon]))
+        ratio = -grows[0] / grows[1]
+        offset = self.rest[names[1]] + longer / grows[1] - ratio * self.rest[names[0]]
+        self.following[names[1]] = Following(names[0], ratio, offset)
 
     def pull(self, gravity: Array) -> None:
         """Set gravity [m/s²] in the root's frame."""
