@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import re
 import subprocess
 import sys
 import tomllib
@@ -144,7 +145,7 @@ def recognised(path: Path) -> ModelFile | None:
     if suffix == ".toml":
         return _robot_file(path, content)
     try:
-        root = parsed(content)
+        root = parsed(_without_prefixes(content))
     except (ParseError, DefusedXmlException, ValueError, LookupError):
         family = {".urdf": "URDF", ".xacro": "xacro", ".mjcf": "MJCF"}.get(suffix)
         return None if family is None else ModelFile(path, family, None)
@@ -153,6 +154,15 @@ def recognised(path: Path) -> ModelFile | None:
     if root.tag != "robot":
         return None
     return ModelFile(path, "xacro" if suffix == ".xacro" or is_xacro(root) else "URDF", root)
+
+
+def _without_prefixes(content: bytes) -> bytes:
+    """The text with `drake:` as `drake_` where nothing declares it: others do not mind prefixes."""
+    declared = {*re.findall(rb"xmlns:([\w.-]+)", content), b"xml", b"xmlns"}
+    names = {*re.findall(rb"[<\s/]([A-Za-z_]\w*):[A-Za-z_]", content)} - declared
+    for name in names:
+        content = re.sub(rb"(?<=[<\s/])" + name + rb":(?=[A-Za-z_])", name + b"_", content)
+    return content
 
 
 def _source_table(path: Path) -> ModelFile | None:

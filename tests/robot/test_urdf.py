@@ -175,6 +175,18 @@ def test_continuous_joints_have_no_range(write: Callable[[str], Path]) -> None:
     )
 
 
+def test_prefixes_that_are_not_declared_are_passed_over(write: Callable[[str], Path]) -> None:
+    limit = '<limit lower="-1" upper="1" drake:acceleration="2.5" effort="3" velocity="1"/>'
+    group = '<drake:collision_filter_group name="g"/>\n'
+    head = f'<?xml version="1.0"?>\n<!-- made by <robot> -->\n{HEAD}'
+    path = write(head + LINKS + group + joint(limit) + "</robot>")
+    mechanism = read_urdf(path)
+    assert mechanism.joint("j").limits.upper == 1.0
+    assert mechanism.joint("j").where.startswith(f"{path}, line 7")
+    model = pin.buildModelFromXML(path.read_text())
+    assert model.upperPositionLimit.tolist() == [1.0]
+
+
 INERTIA = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
 OTHER = '<parent link="b"/><child link="a"/>'
 

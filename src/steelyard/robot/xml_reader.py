@@ -1,6 +1,7 @@
 """XML from strangers, read safely, each element with its line."""
 
 import codecs
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -97,8 +98,25 @@ def read_bytes(path: Path, what: str) -> bytes:
     raise ModelError(wrong, where=str(path), mend=f"give the path of {what}")
 
 
+_ROOT = re.compile(rb"\A(?:\s|<\?.*?\?>|<!--.*?-->)*<[\w.:-]+", re.DOTALL)
+_PREFIX = re.compile(rb"[<\s]([A-Za-z_][\w.-]*):[A-Za-z_]")
+_DECLARED = re.compile(rb"xmlns:([\w.-]+)")
+
+
+def _with_prefixes(content: bytes) -> bytes:
+    """The text with prefixes that it never declares, such as `drake:`, declared on its root."""
+    root = _ROOT.match(content)
+    missing = {*_PREFIX.findall(content)} - {*_DECLARED.findall(content), b"xml", b"xmlns"}
+    if root is None or not missing:
+        return content
+    spaces = b"".join(b' xmlns:%s="%s"' % (name, name) for name in sorted(missing))
+    return content[: root.end()] + spaces + content[root.end() :]
+
+
 def read_xml(path: Path) -> Element:
     """The root element of an XML file.
+
+    A prefix that is never declared makes a namespace of its own, as ROS and Pinocchio pass over it.
 
     Raises:
         ModelError: The file is missing, is not XML, or defines entities (which could grow without
@@ -112,7 +130,7 @@ def read_xml(path: Path) -> Element:
     parser: Any = DefusedXMLParser(target=builder)
     builder.expat = parser.parser
     try:
-        parser.feed(content.removeprefix(codecs.BOM_UTF8))
+        parser.feed(_with_prefixes(content.removeprefix(codecs.BOM_UTF8)))
         root = parser.close()
     except DefusedXmlException:
         raise ModelError(
