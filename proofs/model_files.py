@@ -145,7 +145,7 @@ def recognised(path: Path) -> ModelFile | None:
     if suffix == ".toml":
         return _robot_file(path, content)
     try:
-        root = parsed(_without_prefixes(content))
+        root = parsed(_without_prefixes(content.lstrip()))
     except (ParseError, DefusedXmlException, ValueError, LookupError):
         family = {".urdf": "URDF", ".xacro": "xacro", ".mjcf": "MJCF"}.get(suffix)
         return None if family is None else ModelFile(path, family, None)

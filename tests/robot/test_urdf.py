@@ -187,6 +187,11 @@ def test_prefixes_that_are_not_declared_are_passed_over(write: Callable[[str], P
     assert model.upperPositionLimit.tolist() == [1.0]
 
 
+def test_blank_lines_may_stand_before_the_declaration(write: Callable[[str], Path]) -> None:
+    path = write(f'\n \n<?xml version="1.0"?>\n{HEAD}{LINKS}{joint()}</robot>')
+    assert read_urdf(path).joint("j").where.startswith(f"{path}, line 7")
+
+
 INERTIA = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
 OTHER = '<parent link="b"/><child link="a"/>'
 

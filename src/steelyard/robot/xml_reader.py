@@ -103,6 +103,15 @@ _PREFIX = re.compile(rb"[<\s]([A-Za-z_][\w.-]*):[A-Za-z_]")
 _DECLARED = re.compile(rb"xmlns:([\w.-]+)")
 
 
+def _begun(content: bytes) -> bytes:
+    """The text with blank lines before the XML declaration put behind it."""
+    text = content.lstrip()
+    blank, end = content[: len(content) - len(text)], text.find(b"?>") + 2
+    if not blank or not text.startswith(b"<?xml") or end < 2:
+        return content
+    return text[:end] + blank + text[end:]
+
+
 def _with_prefixes(content: bytes) -> bytes:
     """The text with prefixes that it never declares, such as `drake:`, declared on its root."""
     root = _ROOT.match(content)
@@ -116,7 +125,8 @@ def _with_prefixes(content: bytes) -> bytes:
 def read_xml(path: Path) -> Element:
     """The root element of an XML file.
 
-    A prefix that is never declared makes a namespace of its own, as ROS and Pinocchio pass over it.
+    A prefix that is never declared makes a namespace of its own, and blank lines may stand before
+    the declaration: ROS and Pinocchio pass over both.
 
     Raises:
         ModelError: The file is missing, is not XML, or defines entities (which could grow without
@@ -130,7 +140,7 @@ def read_xml(path: Path) -> Element:
     parser: Any = DefusedXMLParser(target=builder)
     builder.expat = parser.parser
     try:
-        parser.feed(_with_prefixes(content.removeprefix(codecs.BOM_UTF8)))
+        parser.feed(_with_prefixes(_begun(content.removeprefix(codecs.BOM_UTF8))))
         root = parser.close()
     except DefusedXmlException:
         raise ModelError(
