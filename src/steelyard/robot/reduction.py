@@ -13,7 +13,6 @@ from steelyard.robot.following import (
     Drive,
     drive_of,
     followers_of,
-    limit_notes,
     merged,
     narrowed,
     unlimited_if_empty,
@@ -24,6 +23,7 @@ from steelyard.robot.inertia import LEAST, Inertia
 from steelyard.robot.mechanism import Joint, Link, Mechanism
 from steelyard.robot.nearest import advice, listing
 from steelyard.robot.pins import Closing, closed_robot, passive_joints
+from steelyard.robot.reduction_notes import reduction_notes
 from steelyard.robot.robot import Body, Coordinate, Frame, JointKind, Limits, Robot
 
 
@@ -100,7 +100,7 @@ def reduced(
         frames=frames,
     )
     robot, closed = closed_robot(robot, mechanism, closing)
-    notes = _notes(mechanism, drives, robot, base, assumed, positions)
+    notes = reduction_notes(mechanism, drives, robot, base, assumed, positions)
     return robot, (*free_less.notes, *notes, *closed)
 
 
@@ -290,41 +290,3 @@ def _add_link(body: dict[str, Any], link: Link, placement: Placement) -> None:
         moved = link.inertia.moved(placement.rotation, placement.position)
         body["inertia"] = body["inertia"] + moved
         body["known"] = True
-
-
-def _notes(
-    mechanism: Mechanism,
-    drives: Mapping[str, Drive],
-    robot: Robot,
-    base: str,
-    assumed: tuple[str, ...],
-    positions: Mapping[str, float],
-) -> tuple[str, ...]:
-    """What was assumed and matters to the robot's dynamics, one sentence each."""
-    notes = []
-    carried = {b.joint for b in robot.bodies}
-    touched = {
-        j.name
-        for j in mechanism.from_link(base)
-        if carried & {k.name for k in (*mechanism.to_link(j.child), *mechanism.from_link(j.child))}
-    }
-    if matter := [n for n in assumed if n in touched]:
-        places = ", ".join(
-            f"{n} at {positions[n]:.4g} {'m' if mechanism.joint(n).kind == 'prismatic' else 'rad'}"
-            for n in matter
-        )
-        notes.append(f"locked, as no position was given: {places}")
-    carriers = {frame.name: frame.body for frame in robot.frames if frame.body >= 0}
-    lacking = [link for link in mechanism.links if link.lacks and link.name in carriers]
-    meshless = {carriers[link.name] for link in lacking}
-    bare = [b.name for k, b in enumerate(robot.bodies) if not b.known and k not in meshless]
-    if bare:
-        notes.append(f"no inertial in the model, prior mass is zero: {', '.join(bare)}")
-    if lacking:
-        names = ", ".join(f"{link.name} ('{link.lacks}')" for link in lacking[:6])
-        more = f" and {len(lacking) - 6} more" if len(lacking) > 6 else ""
-        notes.append(f"prior mass is zero, as the mesh that gives it is absent: {names}{more}")
-    for body in robot.bodies:
-        if flaw := body.inertia.flaw():
-            notes.append(f"no body can have the inertial of '{body.name}': {flaw}")
-    return (*notes, *limit_notes(mechanism, drives, robot))
