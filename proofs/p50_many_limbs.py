@@ -2,7 +2,10 @@
 
 Of public models in `models/menagerie` beside the data: excite, simulate, identify without prior
 knowledge of the masses, and validate on a random motion of another seed. Meshes are not needed. A
-model that is not there is passed over, and said.
+model that is not there is passed over, and said. Names of robots as arguments choose among them.
+
+The design is timed twice, the first time with an empty cache of compiled programs. Times are those
+of the clock: they mean something only where nothing else runs.
 """
 
 import json
@@ -15,16 +18,20 @@ from pathlib import Path
 
 from claims import Claim, data_folder, main_of
 
+BUDGET = 30.0
+"""Of every design [s]."""
+
 LATE = 2.0
 """What a design may take beyond its budget [s]."""
 
 CASES = (
-    ("A1", "unitree_a1/a1.xml", "trunk", 10.0, 3.0),
-    ("ALOHA", "aloha/aloha.xml", None, 10.0, 3.0),
-    ("Allegro", "wonik_allegro/right_hand.xml", None, 10.0, 3.0),
-    ("G1", "unitree_g1/g1.xml", "pelvis", 30.0, 5.0),
+    ("A1", "unitree_a1/a1.xml", "trunk", 3.0),
+    ("ALOHA", "aloha/aloha.xml", None, 3.0),
+    ("Allegro", "wonik_allegro/right_hand.xml", None, 3.0),
+    ("G1", "unitree_g1/g1.xml", "pelvis", 5.0),
+    ("TALOS", "pal_talos/talos.xml", "base_link", 5.0),
 )
-"""Name, file, link that is held, budget [s], and most error [%]."""
+"""Name, file, link that is held, and most error [%]."""
 
 
 def ran(*arguments: object) -> dict:
@@ -59,22 +66,27 @@ def robot_file(model: Path, base: str | None, folder: Path) -> Path:
     return full
 
 
-def claims_of(
-    name: str, model: Path, base: str | None, budget: float, most: float, folder: Path
-) -> list[Claim]:
-    """Error on another motion, and the time of the whole command with its code in the cache."""
-    robot = robot_file(model, base, folder)
-    ran("excite", robot, "--budget", 60, "--searches", 1, "-o", folder / "first")
+def designed(robot: Path, folder: Path) -> tuple[dict, float]:
+    """What `excite` says, and the seconds of the whole command."""
     start = time.perf_counter()
-    designed = ran("excite", robot, "--budget", budget, "-o", folder / "motion")
-    seconds = time.perf_counter() - start
+    values = ran("excite", robot, "--budget", BUDGET, "-o", folder)
+    return values, time.perf_counter() - start
+
+
+def claims_of(name: str, model: Path, base: str | None, most: float, folder: Path) -> list[Claim]:
+    """Error on another motion, and the time of the design without and with its code compiled."""
+    robot = robot_file(model, base, folder)
+    os.environ["STEELYARD_CACHE"] = str(folder / "cache")
+    _, cold = designed(robot, folder / "first")
+    values, warm = designed(robot, folder / "motion")
     for run, motion in (("run", "motion"), ("unseen", "other")):
         path = folder / motion / "trajectory.json"
         ran("simulate", robot, "--seed", 1, "--motion", path, "-o", folder / run)
     logs = [folder / run / "log.parquet" for run in ("run", "unseen")]
     found = ran("identify", robot, logs[0], "--validate", logs[1], "-o", folder / "model")
     error = found["validation"][0]["pooled_percent_moving"]
-    condition = f"condition {designed['condition']:.3g}"
+    condition = f"condition {values['condition']:.3g}"
+    within = f"<= {BUDGET + LATE:g} s"
     return [
         Claim(
             f"{name}, error on another motion",
@@ -82,25 +94,23 @@ def claims_of(
             f"<= {most} %",
             error <= most,
         ),
-        Claim(
-            f"{name}, time",
-            f"{seconds:.1f} s",
-            f"<= {budget + LATE:g} s",
-            seconds <= budget + LATE,
-        ),
+        Claim(f"{name}, time, empty cache", f"{cold:.1f} s", within, cold <= BUDGET + LATE),
+        Claim(f"{name}, time", f"{warm:.1f} s", within, warm <= BUDGET + LATE),
     ]
 
 
 def main() -> list[Claim]:
-    """All robots that are there."""
+    """All robots that are there, or those that are named."""
     models = data_folder().parent / "models/menagerie"
     found = list[Claim]()
-    for name, place, base, budget, most in CASES:
+    for name, place, base, most in CASES:
+        if sys.argv[1:] and name not in sys.argv[1:]:
+            continue
         if not (models / place).exists():
             print(f"{name}: there is no {models / place}, so it is passed over", file=sys.stderr)
             continue
         with tempfile.TemporaryDirectory() as folder:
-            found += claims_of(name, models / place, base, budget, most, Path(folder))
+            found += claims_of(name, models / place, base, most, Path(folder))
     return found
 
 

@@ -147,10 +147,11 @@ def test_a_flaw_in_a_worker_is_told_with_its_traceback(tmp_path: Path) -> None:
         harvested(broken, build(loaded, model), "gradient", Effort(60.0))
 
 
-def task(folder: Path, searches: int | None) -> str:
+def task(folder: Path, searches: int | None, seconds: float = 60.0) -> str:
     loaded = arm(folder, TABLES)
     recipe = asdict(Recipe.of(loaded, model_of(loaded)))
-    values = {"problem": recipe, "method": "gradient", "seed": 0, "seconds": 60.0}
+    values = {"problem": recipe, "method": "gradient", "seed": 0}
+    values["until"] = time.time() + seconds
     return json.dumps(values | {"first": 0, "step": 1, "searches": searches}) + "\n"
 
 
@@ -162,6 +163,14 @@ def worker() -> "subprocess.Popen[str]":
         stderr=subprocess.PIPE,
         text=True,
     )
+
+
+def test_the_time_of_a_worker_does_not_begin_with_its_start(tmp_path: Path) -> None:
+    with worker() as process:
+        assert process.stdin is not None and process.stdout is not None
+        process.stdin.write(task(tmp_path, None, seconds=0.0))
+        process.stdin.flush()
+        assert [json.loads(line)["whole"] for line in process.stdout] == [False]
 
 
 def test_a_worker_ends_with_its_parent(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import pytest
 
 from excitation.tabled import OPEN, designed
 from steelyard.cli.excite import results
+from steelyard.excitation import advice
 from steelyard.excitation.shown import deviations
 
 ANY = f'{OPEN}[excitation.limits]\neffort = "any"\n'
@@ -62,6 +63,18 @@ def test_advice_adds_information(tmp_path: Path) -> None:
         names = dict(zip(found.shown.names, one.std / before, strict=True))
         for name, share in one.helps:
             assert share == pytest.approx(names[name])
+
+
+def test_other_motions_of_many_joints_are_looked_at_in_few_samples(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tables = f"{ANY}[excitation.motion]\nperiod = 4.0\nharmonics = 3\n"
+    wide = designed(tmp_path, tables).advice[1]
+    monkeypatch.setattr(advice, "ENOUGH", 400)
+    few = designed(tmp_path, tables).advice[1]
+    assert wide.seconds == few.seconds > 400 / advice.SAMPLES_A_SECOND
+    np.testing.assert_allclose(few.std, wide.std, rtol=0.05)
+    assert np.any(few.std != wide.std)
 
 
 def test_one_joint_at_a_time_leaves_parameters_unseen(tmp_path: Path) -> None:

@@ -115,6 +115,7 @@ def excite(
 
     Example: steelyard excite panda.toml --budget 20 -o panda-motion
     """
+    begun = time.monotonic()
     from rich.console import Console
 
     from steelyard.cli import interrupt, river
@@ -132,7 +133,6 @@ def excite(
     from steelyard.robot.robot_file import load_robot
     from steelyard.robot.xacro import stem_of
 
-    begun = time.monotonic()
     loaded = asked(
         load_robot(robot, base=fixed_base),
         motion=motion,

@@ -18,6 +18,9 @@ SAMPLES_A_SECOND = 50.0
 MOST_SAMPLES = 100_000
 """Of motions of more than half an hour."""
 
+ENOUGH = 5_000
+"""Samples of another motion: it moves one joint at a time or none, and its joints take minutes."""
+
 HELPS = 0.8
 """A deviation that falls below this share is worth telling."""
 
@@ -67,7 +70,7 @@ def advice(
     found = [_of("the same motion once more", trajectory.duration, shown.gram, shown, prior)]
     # where loops close in a part of the joints' ranges only, other motions need a plan of their own
     for what, motion in () if case.shows.model.robot.passive else _others(limits):
-        gram = information(case, motion, samples_of(motion.duration))
+        gram = information(case, motion, min(samples_of(motion.duration), ENOUGH))
         found.append(_of(what, motion.duration, gram, shown, prior))
     return tuple(found)
 

@@ -193,6 +193,7 @@ def certify(
     constraints: Sequence[Constraint] = (),
     progress: Progress = silent,
     notes: Sequence[str] = (),
+    proven: Sequence[Array] | None = None,
 ) -> Certificate:
     """Find out what holds of a motion at all times.
 
@@ -203,6 +204,8 @@ def certify(
         constraints: What else it must keep.
         progress: Told of every constraint and of its proof.
         notes: What was assumed and not looked at; motions that do not rest at their ends add some.
+        proven: Margins of each constraint, `(k,)` each, where they were proven of this motion
+            before; proven here if `None`.
 
     Raises:
         Stopped: `progress` asked to stop.
@@ -210,7 +213,8 @@ def certify(
     proofs = []
     for number, constraint in enumerate(constraints):
         tell(progress, "certificate", number, len(constraints))
-        proofs.append(proof_of(trajectory, constraint, progress))
+        known = None if proven is None else proven[number]
+        proofs.append(proof_of(trajectory, constraint, progress, known))
     return Certificate(
         robot=robot.name,
         trajectory=trajectory_hash(trajectory),

@@ -28,6 +28,7 @@ from steelyard.excitation.register import method_of
 from steelyard.excitation.runner import Effort, Harvest, harvested
 from steelyard.excitation.shown import Shown, shown
 from steelyard.excitation.starts import NoMotion
+from steelyard.excitation.time_after import Pace, time_after
 from steelyard.excitation.walled import constraints_of
 from steelyard.excitation.widening import explained
 from steelyard.excitation.workspace_tables import tool_of
@@ -44,12 +45,6 @@ RATE = 20.0
 
 FINISH = 0.08
 """Share of the time that polishing, scaling and proofs get, and at least a second."""
-
-RESERVE = 1.4
-"""What the certificate, the report and the files get of the time [s]."""
-
-LOOKS = 100.0
-"""What the report's advice takes beyond that, in times that a look at the motion takes."""
 
 HURRY = 1.0
 """Time for polishing after the user has ended the search [s]."""
@@ -72,6 +67,7 @@ class _Motion:
     harvest: Harvest | None
     notes: tuple[str, ...]
     hints: tuple[str, ...] = ()
+    proven: Sequence[Array] | None = None
 
 
 def design(
@@ -114,9 +110,10 @@ def _searched(
     begun: float,
 ) -> _Motion:
     method_of(loaded.excitation.search.method)
+    pace = Pace()
     problem = build(loaded, model, earlier)
     refuse_impossible(problem, loaded)
-    deadline = begun + effort.seconds - RESERVE - LOOKS * _look(problem)
+    deadline = begun + effort.seconds - time_after(problem, effort.seconds, pace)
     left = deadline - max(FINISH * effort.seconds, 1.0) - time.monotonic()
     try:
         harvest = harvested(
@@ -144,6 +141,7 @@ def _searched(
         harvest,
         notes,
         _few(harvest, effort),
+        best.proven,
     )
 
 
@@ -164,16 +162,6 @@ def _limbs(problem: Problem) -> tuple[str, ...]:
         f"{len(sizes)} limbs share no parameter ({joints} joints): each begins with its own best "
         "motion, and together they keep all limits",
     )
-
-
-def _look(problem: Problem) -> float:
-    """How long it takes to find out what a motion shows [s], once the code for it is there."""
-    still = problem.basis.still(np.zeros(problem.robot.n))
-    problem.objective(still, 1.0)
-    problem.figure(still)
-    start = time.monotonic()
-    problem.figure(still)
-    return time.monotonic() - start
 
 
 def _planned(
@@ -200,7 +188,14 @@ def _described(
 ) -> Designed:
     robot, section = loaded.robot, loaded.excitation
     said = (*motion.notes, *holds_said(motion.trajectory), *_cell(loaded, motion.trajectory))
-    certificate = certify(robot, motion.trajectory, motion.limits, motion.constraints, notes=said)
+    certificate = certify(
+        robot,
+        motion.trajectory,
+        motion.limits,
+        motion.constraints,
+        notes=said,
+        proven=motion.proven,
+    )
     noise, rate, source = noise_of(loaded, earlier)
     weights = rate / noise**2
     seen = shown(

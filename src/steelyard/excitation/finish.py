@@ -10,7 +10,7 @@ from steelyard.errors import DataError
 from steelyard.excitation.exact import ExactTrajectory
 from steelyard.excitation.newton import minimised
 from steelyard.excitation.problem import Problem
-from steelyard.excitation.repair import repaired, scaled, shrunk
+from steelyard.excitation.repair import Kept, proven, repaired, scaled, shrunk
 from steelyard.excitation.starts import NoMotion
 from steelyard.progress import Progress, Stopped, silent
 
@@ -26,11 +26,13 @@ class Finished:
         x: Its coefficients, shape `(n, m)`.
         trajectory: The motion.
         figure: The criterion.
+        proven: Margins of each constraint that hold at all times, `(k,)` each.
     """
 
     x: Array
     trajectory: ExactTrajectory
     figure: float
+    proven: tuple[Array, ...]
 
 
 def finished(
@@ -44,7 +46,8 @@ def finished(
     Args:
         problem: What is designed.
         candidates: Coefficients, the most promising first; at least one.
-        deadline: When to stop once there is one, of `time.monotonic`.
+        deadline: When to stop once there is one, of `time.monotonic`; a motion is not begun with
+            that would pass it, by what the slowest one before took to prove.
         progress: Told of the proofs.
 
     Raises:
@@ -52,22 +55,23 @@ def finished(
         NoMotion: No candidate can be made to keep its constraints.
         Stopped: `progress` asked to stop.
     """
-    best: tuple[float, Array] | None = None
-    lacking = list[Array]()
+    best: tuple[float, Kept] | None = None
+    lacking, slowest = list[Array](), 0.0
     for x in candidates:
-        if best is not None and time.monotonic() > deadline:
+        if best is not None and time.monotonic() + slowest > deadline:
             break
-        for tried in sorted(_tries(problem, x, deadline), key=problem.figure):
+        for tried in sorted(_tries(problem, x, deadline - slowest), key=problem.figure):
             if best is not None and problem.figure(tried) >= best[0]:
                 break
-            found = repaired(problem, tried, deadline, progress)
-            if found is None:
+            start = time.monotonic()
+            kept = repaired(problem, tried, deadline, progress)
+            slowest = max(slowest, time.monotonic() - start)
+            if kept is None:
                 continue
-            kept, proven = found
-            if not proven:
-                lacking.append(kept)
-            elif best is None or problem.figure(kept) < best[0]:
-                best = problem.figure(kept), kept
+            if not kept.holds:
+                lacking.append(kept.x)
+            elif best is None or problem.figure(kept.x) < best[0]:
+                best = problem.figure(kept.x), kept
                 break
     if best is None:
         best = _smaller(problem, lacking, deadline, progress)
@@ -85,20 +89,21 @@ def finished(
             where="excitation",
             mend="widen the boxes or the margins, or give a start posture with more room",
         )
-    return Finished(best[1], problem.basis.motion(best[1]), best[0])
+    figure, kept = best
+    return Finished(kept.x, problem.basis.motion(kept.x), figure, kept.proven)
 
 
 def _smaller(
     problem: Problem, lacking: list[Array], deadline: float, progress: Progress
-) -> tuple[float, Array] | None:
+) -> tuple[float, Kept] | None:
     """Of motions that lack something, the best made smaller until it is proven; its figure."""
-    best: tuple[float, Array] | None = None
+    best: tuple[float, Kept] | None = None
     for x in sorted(lacking, key=problem.figure):
         if best is not None and time.monotonic() > deadline:
             break
         less = shrunk(problem, x, progress)
         if less is not None and (best is None or problem.figure(less) < best[0]):
-            best = problem.figure(less), less
+            best = problem.figure(less), proven(problem, less, progress)
     return best
 
 

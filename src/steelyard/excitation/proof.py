@@ -6,6 +6,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from steelyard.arrays import Array
 from steelyard.excitation.constraint import Constraint
 from steelyard.excitation.exact import ExactTrajectory
 from steelyard.progress import Progress
@@ -87,9 +88,14 @@ class Proof:
         )
 
 
-def proof_of(trajectory: ExactTrajectory, constraint: Constraint, progress: Progress) -> Proof:
-    """What is proven of a motion, beside what samples show."""
-    proven = constraint.proven(trajectory, progress)
+def proof_of(
+    trajectory: ExactTrajectory,
+    constraint: Constraint,
+    progress: Progress,
+    known: Array | None = None,
+) -> Proof:
+    """What is proven of a motion, or was before (`known`, `(k,)`), beside what samples show."""
+    proven = constraint.proven(trajectory, progress) if known is None else known
     motion = trajectory.sample(np.linspace(0.0, trajectory.duration, SAMPLES))
     sampled = constraint.margins(motion.q, motion.dq, motion.ddq).values.min(axis=0)
     sampled = np.where(sampled >= constraint.room, np.maximum(sampled, proven), sampled)

@@ -1,6 +1,7 @@
 """Mend what a motion lacks between its samples: first by a little more optimising, then by size."""
 
 import time
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -34,9 +35,36 @@ MORE = 1.5
 """What is reserved for what a proof lacked."""
 
 
-def repaired(
-    problem: Problem, x: Array, deadline: float, progress: Progress
-) -> tuple[Array, bool] | None:
+@dataclass(frozen=True, eq=False)
+class Kept:
+    """A motion that keeps the limits of its joints, and what is proven of its constraints.
+
+    Attributes:
+        x: Coefficients, shape `(n, m)`.
+        proven: Margins of each constraint that hold at all times, `(k,)` each.
+    """
+
+    x: Array
+    proven: tuple[Array, ...]
+
+    @property
+    def holds(self) -> bool:
+        """Whether all constraints hold at all times."""
+        return all(bool(np.all(margins >= 0.0)) for margins in self.proven)
+
+    @property
+    def lacks(self) -> list[Array]:
+        """By how much each margin of each constraint is not proven, `(k,)` each."""
+        return [np.maximum(-margins, 0.0) for margins in self.proven]
+
+
+def proven(problem: Problem, x: Array, progress: Progress) -> Kept:
+    """What is proven of a motion."""
+    motion = problem.basis.motion(x)
+    return Kept(x, tuple(c.proven(motion, progress) for c in problem.constraints))
+
+
+def repaired(problem: Problem, x: Array, deadline: float, progress: Progress) -> Kept | None:
     """The motion with every constraint proven, as far as that can be had.
 
     What a proof lacks is reserved, with some more, and the motion optimised again from inside walls
@@ -49,27 +77,25 @@ def repaired(
         progress: Told of the proofs.
 
     Returns:
-        Coefficients, shape `(n, m)`, and whether they are proven; `None` if not even standing
-        keeps the limits of the joints.
+        The motion, which may lack something still; `None` if not even standing keeps the limits
+        of the joints.
     """
-    kept = scaled(problem, x)
-    if kept is None:
+    inside = scaled(problem, x)
+    if inside is None:
         return None
     extra, walls = [np.zeros(len(c.labels)) for c in problem.constraints], problem.walls
-    for _ in range(REPAIRS if problem.constraints else 0):
-        lacks = _lacks(problem, kept, progress)
-        if not any(lack.any() for lack in lacks):
-            return kept, True
-        if time.monotonic() > deadline:
+    kept = proven(problem, inside, progress)
+    for _ in range(REPAIRS):
+        if kept.holds or time.monotonic() > deadline:
             break
-        extra = [e + MORE * lack for e, lack in zip(extra, lacks, strict=True)]
+        extra = [e + MORE * lack for e, lack in zip(extra, kept.lacks, strict=True)]
         walls = walls.closer() if len(walls.t) < CLOSER * len(problem.walls.t) else walls
         x = _again(problem, walls, _within(problem, walls, x), extra, deadline)
         again = scaled(problem, x)
         if again is None:
             break
-        kept = again
-    return kept, _proven(problem, kept, progress)
+        kept = proven(problem, again, progress)
+    return kept
 
 
 def _within(problem: Problem, walls: Walls, x: Array) -> Array:
@@ -101,12 +127,6 @@ def _again(problem: Problem, walls: Walls, x: Array, extra: list[Array], deadlin
         return minimised(problem.objective, walls, x, stages=BACK, extra=extra, watch=watch)
     except Stopped:
         return latest[0]
-
-
-def _lacks(problem: Problem, x: Array, progress: Progress) -> list[Array]:
-    """By how much each margin of each constraint is not proven, `(k,)` each."""
-    motion = problem.basis.motion(x)
-    return [np.maximum(-c.proven(motion, progress), 0.0) for c in problem.constraints]
 
 
 def scaled(problem: Problem, x: Array) -> Array | None:

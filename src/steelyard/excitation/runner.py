@@ -212,7 +212,7 @@ def _worker(
         "problem": asdict(recipe),
         "method": method,
         "seed": effort.seed,
-        "seconds": effort.seconds,
+        "until": time.time() + effort.seconds,
         "first": number,
         "step": effort.useful,
         "searches": effort.searches,

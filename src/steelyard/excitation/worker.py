@@ -24,12 +24,11 @@ from steelyard.progress import Stopped
 def main() -> None:
     """Search until told to stop."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    begun = time.monotonic()
     answer = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
     task = json.loads(sys.stdin.readline())
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    for line in _explained(answers(task, begun + task["seconds"])):
+    for line in _explained(answers(task, task["until"] - time.time() + time.monotonic())):
         answer.write(json.dumps(line) + "\n")
         answer.flush()
 

@@ -1,0 +1,70 @@
+"""What a design does once, and what it keeps of its time for the end."""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from excitation.tabled import OPEN, QUICK, arm, designed, model_of, problem_of
+from steelyard.excitation import design as designs
+from steelyard.excitation.certificate import certify, trajectory_hash
+from steelyard.excitation.exact import ExactTrajectory
+from steelyard.excitation.runner import Effort
+from steelyard.excitation.time_after import RESERVE, Pace, time_after
+from steelyard.excitation.torque import EffortLimit
+from steelyard.progress import Progress, silent
+
+
+def test_no_motion_is_proven_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen, proven = list[str](), EffortLimit.proven
+
+    def counted(self: EffortLimit, motion: ExactTrajectory, progress: Progress = silent) -> object:
+        seen.append(trajectory_hash(motion))
+        return proven(self, motion, progress)
+
+    monkeypatch.setattr(EffortLimit, "proven", counted)
+    found = designed(tmp_path, OPEN + QUICK)
+    assert found.certificate.trajectory in seen
+    assert len(seen) == len(set(seen))
+    robot, proofs = arm(tmp_path, OPEN + QUICK).robot, found.certificate.proofs
+    again = certify(robot, found.trajectory, found.limits, found.constraints)
+    assert again.proofs == proofs
+
+
+@dataclass(frozen=True)
+class Paced:
+    """A process that is so many times slower than alone."""
+
+    slower: float
+
+
+@pytest.mark.parametrize(("slower", "least"), [(1.0, 1.4), (4.0, 5.6), (40.0, 10.0)])
+def test_time_is_kept_for_the_end_by_how_slow_the_machine_is(
+    tmp_path: Path, slower: float, least: float
+) -> None:
+    problem = problem_of(tmp_path, OPEN + QUICK)
+    kept = time_after(problem, 20.0, Paced(slower))  # type: ignore[arg-type]
+    assert least <= kept <= min(least + 0.5 * slower, 10.0)
+
+
+def test_the_pace_is_that_of_clock_and_processor() -> None:
+    pace = Pace()
+    time.sleep(0.2)
+    assert pace.slower > 2.0
+
+
+def test_what_comes_before_the_search_is_taken_from_its_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given = list[float]()
+
+    def watched(*arguments: object) -> None:
+        given.append(next(x for x in arguments if isinstance(x, Effort)).seconds)
+        raise StopIteration
+
+    monkeypatch.setattr(designs, "harvested", watched)
+    loaded = arm(tmp_path, OPEN + QUICK)
+    with pytest.raises(StopIteration):
+        designs.design(loaded, model_of(loaded), Effort(20.0), since=time.monotonic() - 5.0)
+    assert given[0] < 20.0 - 5.0 - RESERVE
