@@ -146,10 +146,11 @@ def _searched(
 
 
 def _candidates(problem: Problem, harvest: Harvest) -> list[Array]:
-    """The best motions, before them one of the best of every limb where that is another one."""
+    """The best motions and one of the best of every limb, best first: time may end after one."""
     found = [one.x for one in harvest.best]
     *_, mixed = composed(problem.objective, problem.walls, problem.limbs, found)
-    return found if any(mixed is x for x in found) else [mixed, *found]
+    every = found if any(mixed is x for x in found) else [mixed, *found]
+    return sorted(every, key=problem.figure)
 
 
 def _limbs(problem: Problem) -> tuple[str, ...]:

@@ -11,13 +11,13 @@ import numpy as np
 
 from steelyard.excitation.problem import Problem
 
-RESERVE = 1.4
+RESERVE = 1.1
 """What the certificate, the report and the files take of the processor's time [s]."""
 
 LOOKS = 50.0
 """What they take beyond that, in times that a look at the motion takes."""
 
-MOST = 0.5
+MOST = 0.25
 """Share of the whole time that is kept for them at most."""
 
 
