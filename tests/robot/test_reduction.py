@@ -93,7 +93,10 @@ def test_base_and_tip() -> None:
     assert robot.joint_names == ("j2", "j4")
     assert robot.bodies[0].parent == -1
     assert robot.bodies[1].inertia.mass == pytest.approx(2.0)  # the link beyond the tip is locked
-    assert notes == ("locked, as no position was given: j5 at 0 rad",)
+    assert notes == (
+        "left out, as the base 'l1' does not carry them: j1",
+        "locked, as no position was given: j5 at 0 rad",
+    )
     rotation = mechanism.joint("j1").at(0.5).rotation
     assert np.allclose(robot.gravity, rotation.T @ [0.0, 0.0, -9.81])
 
