@@ -195,7 +195,6 @@ def _spec(robot: Robot, timestep: float) -> Any:
     spec.option.disableflags = (
         mujoco.mjtDisableBit.mjDSBL_CONTACT
         | mujoco.mjtDisableBit.mjDSBL_LIMIT
-        | mujoco.mjtDisableBit.mjDSBL_WARMSTART
         | mujoco.mjtDisableBit.mjDSBL_AUTORESET
     )
     return spec
