@@ -6,9 +6,9 @@ from the folder `models` beside the one that STEELYARD_DATA names; meshes are no
 """
 
 import json
+import re
 import sys
 import tempfile
-import xml.etree.ElementTree as ET
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -29,6 +29,8 @@ from steelyard.progress import silent
 DRAWS, PROCESSES = 2, 2
 
 ROBOTS = {
+    "aloha": "menagerie/aloha/aloha.xml",
+    "allegro": "menagerie/wonik_allegro/right_hand.xml",
     "panda": "panda_description/urdf/panda.urdf",
     "ur5": "ur_description/urdf/ur5_robot.urdf",
     "xarm7": "menagerie/ufactory_xarm7/xarm7_nohand.xml",
@@ -39,8 +41,6 @@ ROBOTS = {
     "z1": "menagerie/unitree_z1/z1.xml",
     "vx300s": "menagerie/trossen_vx300s/vx300s.xml",
     "piper": "menagerie/agilex_piper/piper.xml",
-    "aloha": "menagerie/aloha/aloha.xml",
-    "allegro": "menagerie/wonik_allegro/right_hand.xml",
 }
 
 OWN = ("aloha", "allegro")
@@ -62,39 +62,14 @@ class Outcome:
     why: str = ""
 
 
-def copied(name: str, folder: Path) -> Path:
-    """The robot's model without meshes; a body without mass properties has those of its boxes."""
+def model_of(name: str, folder: Path) -> Path:
+    """The robot's model; Allegro's, whose masses are those of meshes, with those of boxes."""
     source = data_folder().parent / "models" / ROBOTS[name]
-    if source.suffix != ".xml":
+    if name != "allegro":
         return source
-    root = included(source)
-    for parent in list(root.iter()):
-        for child in list(parent):
-            if child.tag == "geom" and parent.tag != "default":
-                boxes = parent.find("inertial") is None and "collision" in child.get("class", "")
-                if not boxes:
-                    parent.remove(child)
-                continue
-            child.attrib.pop("material", None)
-            if parent is root and child.tag in ("sensor", "keyframe", "contact", "asset"):
-                root.remove(child)
-            if child.tag == "geom" and child.get("mass") == "0":
-                child.attrib.pop("mass")
-    path = folder / f"{name}.xml"
-    ET.ElementTree(root).write(path)
+    path, meshes = folder / source.name, r'<geom class="\w*visual".*/>| mass="0"'
+    path.write_text(re.sub(meshes, "", source.read_text()))
     return path
-
-
-def included(path: Path) -> ET.Element:
-    """An MJCF with the files that it includes put in."""
-    root = ET.parse(path).getroot()
-    for parent in list(root.iter()):
-        for at, child in reversed(list(enumerate(parent))):
-            if child.tag == "include":
-                parent.remove(child)
-                for k, inner in enumerate(included(path.parent / child.attrib["file"])):
-                    parent.insert(at + k, inner)
-    return root
 
 
 def prepared(name: str, folder: Path) -> tuple[Path, list[object]]:
@@ -103,7 +78,7 @@ def prepared(name: str, folder: Path) -> tuple[Path, list[object]]:
     Where `excite` finds none, it is told to take a random one.
     """
     robot, motion = folder / f"{name}.toml", folder / f"{name}-motion"
-    done("init", copied(name, folder), "-o", robot)
+    done("init", model_of(name, folder), "-o", robot)
     try:
         done("excite", robot, "-o", motion, "--budget", 10, "--processes", 1)
     except RuntimeError as error:
@@ -121,6 +96,16 @@ def done(*arguments: object) -> None:
     code, said = run(*arguments)
     if code not in (0, 1, 3):
         raise RuntimeError(f"{arguments[0]}: {said.strip().splitlines()[0]}")
+
+
+def draws_of(name: str, folder: Path, draws: int) -> list[Outcome]:
+    """All draws of one robot; each is told when it is there."""
+    robot, motion = prepared(name, folder)
+    found = []
+    for seed in range(draws):
+        found.append(one_of(folder, robot, motion, seed))
+        print(line(found[-1]), file=sys.stderr, flush=True)
+    return found
 
 
 def one_of(folder: Path, robot: Path, motion: list[object], seed: int) -> Outcome:
@@ -189,19 +174,14 @@ def claims_of(name: str, outcomes: list[Outcome]) -> Iterator[Claim]:
 
 def main(draws: int = DRAWS, only: tuple[str, ...] = ()) -> list[Claim]:
     """Arms pooled, then the others."""
-    models, jobs = data_folder().parent / "models", []
+    models = data_folder().parent / "models"
     with tempfile.TemporaryDirectory() as folder, get_context("spawn").Pool(PROCESSES) as pool:
-        there = Path(folder)
         names = [name for name in ROBOTS if not only or name in only]
         for name in [n for n in names if not (models / ROBOTS[n]).exists()]:
             print(f"{name:<10} left out: no {models / ROBOTS[name]}", file=sys.stderr)
             names.remove(name)
-        for robot, motion in pool.imap(partial(prepared, folder=there), names):
-            jobs += [pool.apply_async(one_of, (there, robot, motion, s)) for s in range(draws)]
-        found = []
-        for job in jobs:
-            found.append(job.get())
-            print(line(found[-1]), file=sys.stderr, flush=True)
+        drawn = partial(draws_of, folder=Path(folder), draws=draws)
+        found = [one for some in pool.imap_unordered(drawn, names) for one in some]
     groups = {"arms": [one for one in found if one.robot not in OWN]}
     groups |= {name: [one for one in found if one.robot == name] for name in OWN}
     return [claim for name, some in groups.items() if some for claim in claims_of(name, some)]
