@@ -48,9 +48,9 @@ def test_errors_are_those_of_a_validation(command, tmp_path: Path) -> None:
     scored = command("validate", tmp_path / "fit", OTHER, "--json")
     (score,) = json.loads(scored.stdout)
     compared = sum(found["estimators"][0]["errors_percent"][1]) / len(found["joints"])
-    # one behind the matched filter, where samples beside rests count for less, the other behind a
-    # Butterworth of the same cut-off
-    assert 0.6 * score["mean_percent_moving"] < compared <= 1.1 * score["mean_percent_moving"]
+    # one behind the matched filter, where samples that see a joint stick count as well, the other
+    # behind a Butterworth of the same cut-off
+    assert 0.5 < compared / score["mean_percent_moving"] < 2.0
 
 
 def test_a_single_log_is_divided(command) -> None:

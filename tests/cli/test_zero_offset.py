@@ -3,35 +3,30 @@
 import json
 from pathlib import Path
 
-import polars as pl
 import pytest
 
 from cli.conftest import Command
 from cli.river_files import edited
+from diagnosis.fitted import demo_arm, log
+from steelyard.virtual.invent import random_truth
 
 ASKED = ('position = "q{}_rad"', 'position = "q{}_rad"\nposition_offset = "identify"')
 OFFSET = 0.2
 
 
-def shifted(given: Path, name: str, folder: Path) -> Path:
-    """A log whose second encoder reads less than the joint's position."""
-    path = folder / f"{name}.parquet"
-    table = pl.read_parquet(given / path.name)
-    table.with_columns(pl.col("q2_rad") - OFFSET).write_parquet(path)
-    return path
-
-
-def test_offsets_are_identified_and_used_for_other_logs(
-    given: Path, command: Command, tmp_path: Path
-) -> None:
-    robot = edited(given, tmp_path, ASKED)
-    fitted, other = (shifted(given, name, tmp_path) for name in ("identification", "validation"))
+def test_offsets_are_identified_and_used_for_other_logs(command: Command, tmp_path: Path) -> None:
+    loaded, robot = demo_arm(tmp_path), tmp_path / "arm.toml"
+    line = '[signals]\nposition_offset = "identify"\n'
+    robot.write_text(robot.read_text().replace("[signals]\n", line))
+    fitted, other = (tmp_path / f"{name}.parquet" for name in ("fitted", "other"))
+    for seed, path in enumerate((fitted, other), start=1):
+        log(path, random_truth(loaded.robot, 1), seed, (0.0, OFFSET, 0.0, 0.0, 0.0, 0.0))
     out = tmp_path / "out"
     done = command("identify", robot, fitted, "--validate", other, "-o", out, "--json")
     assert done.exit_code == 0, done.output
     result = json.loads(done.stdout)
     found = result["zero_offsets"]
-    assert abs(found["values"][1] - OFFSET) < found["half_width"][1] < OFFSET
+    assert abs(found["values"][1] - OFFSET) < found["half_width"][1] < 0.1 * OFFSET
     assert found["half_width"][0] is None and found["half_width"][5] is None
     assert "zero offsets identified" in " ".join(result["notes"])
     assert 'id="zero_offsets"' in (out / "report.html").read_text()

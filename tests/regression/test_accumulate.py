@@ -9,7 +9,7 @@ import pytest
 from invented import ROBOTS, single
 from steelyard.measurement.run import Block
 from steelyard.model import Model
-from steelyard.regression.accumulate import MOVING, RESTING, Accumulator, Stretch, Sums
+from steelyard.regression.accumulate import MOVING, Accumulator, Stretch, Sums
 from steelyard.regression.gather import accumulate, cut
 from steelyard.regression.information import Information, Stamp
 from steelyard.regression.matched import MatchedFilter
@@ -43,14 +43,12 @@ def oracle(found: Regressor, matched: MatchedFilter | None, data: Stretch) -> Su
             inside = [slice(k, k + len(matched.taps)) for k in starts]
             rows = np.array([matched.taps @ rows[s] for s in inside]).reshape(-1, rows.shape[1])
             mean = np.array([matched.taps @ weights[s] for s in inside])
-            sizes = np.abs(matched.taps) / np.abs(matched.taps).sum()
-            resting = np.array([sizes @ (weights[s] == 0.0) for s in inside])
-            weights = (mean > MOVING) / (1.0 + (resting / RESTING) ** 2)
+            weights = (mean > MOVING).astype(float)
         rows = rows * np.sqrt(weights)[:, None]
         gram = rows.T @ rows
         grams.append(gram[np.tril_indices(len(gram))])
         absolute.append(np.abs(rows).sum(axis=0))
-        counts.append(np.count_nonzero(weights))
+        counts.append(weights.sum())
     return Sums(np.concatenate(grams), np.concatenate(absolute), np.array(counts))
 
 
@@ -162,7 +160,7 @@ def test_inflation_is_that_of_filtered_white_noise(cutoff: float, rate: float) -
 
 
 def test_weights_of_noise_are_filtered_as_its_variance() -> None:
-    """A sample behind the filter has the mean variance of its taps; rests count for less."""
+    """A sample behind the filter has the mean variance of its taps; rests leave samples out."""
     found, matched = regressor("single"), MatchedFilter.design(5.0, 100.0)
     data = stretch(1, 900, weighted=False)
     rng = np.random.default_rng(5)
@@ -179,8 +177,7 @@ def test_weights_of_noise_are_filtered_as_its_variance() -> None:
         if matched.taps @ counted <= MOVING:
             continue
         squares = matched.taps**2 * counted
-        resting = np.abs(matched.taps) @ ~counted / np.abs(matched.taps).sum()
-        weight = squares.sum() / (squares @ variance[0, inside]) / (1.0 + (resting / RESTING) ** 2)
+        weight = squares.sum() / (squares @ variance[0, inside])
         filtered = matched.taps @ rows[inside]
         gram += weight * np.outer(filtered, filtered)
         count += 1

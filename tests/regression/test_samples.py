@@ -112,7 +112,7 @@ def test_weights_and_gains_reach_the_sums(run: Run) -> None:
     weights = np.random.default_rng(0).uniform(size=len(samples)) * (samples.t > 12.0)
     found = samples.scaled(np.array([-2.0]), ("A",)).information([weights])
     part = samples.rows[0] * [*np.ones(samples.rows[0].shape[1] - 1), -2.0]
-    wanted = (part.T * (weights * samples.weights[0])) @ part * samples.sources[0].share
+    wanted = (part.T * weights) @ part * samples.sources[0].share
     np.testing.assert_allclose(found.row_gram(0), wanted, rtol=1e-10)
     assert found.n_samples[0] == pytest.approx(np.sum(samples.t > 12.0) * samples.sources[0].share)
     assert found.stamp.effort == ("A",)
@@ -125,7 +125,7 @@ def test_residuals_are_those_of_the_rows(run: Run) -> None:
     values = np.arange(1.0, len(REGRESSOR.layout.columns) + 1.0)
     (found,) = samples.residuals(values)
     assert samples.information().residual_squares(values)[0] == pytest.approx(
-        samples.sources[0].share * float(found @ (samples.weights[0] * found))
+        samples.sources[0].share * float(found @ found)
     )
 
 

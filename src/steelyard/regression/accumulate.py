@@ -22,9 +22,6 @@ MOVING = 0.1
 """Filtered weight above which a filtered sample counts: only a rest as long as the filter is left
 out, a reversal of the motion is not a rest."""
 
-RESTING = 0.1
-"""Share of rest behind the filter whose friction is as uncertain as the filtered effort is."""
-
 PADDING = 8
 """Extra samples per row, so that rows do not start a power of two apart."""
 
@@ -38,8 +35,7 @@ class Stretch:
         channels: Shape `(n_channels, N)`, see `model.Scan`; without channels if `None`.
         weights: Weight of each sample in each effort row, `(n, N)`; all ones if `None`. A filtered
             sample counts if samples of weight 0 leave more than `MOVING` of its filter; then its
-            weight is the inverse of the variances $1 / w$ behind the filter, over
-            $1 + (r / r_0)^2$ with the share `r` of samples of weight 0 and `RESTING` $r_0$.
+            weight is the inverse of the variances $1 / w$ behind the filter.
     """
 
     q: Array
@@ -213,17 +209,13 @@ class Accumulator:
             return stretch.weights
         counted = stretch.weights > 0.0
         kept = self._over_taps(counted.astype(np.float64), self.matched.taps) > MOVING
-        sizes = np.abs(self.matched.taps)
-        resting = self._over_taps((~counted).astype(np.float64), sizes / sizes.sum())
-        known = kept / (1.0 + np.square(resting / RESTING))
         if np.isin(stretch.weights, (0.0, 1.0)).all():
-            return known
+            return kept.astype(np.float64)
         shares = np.square(self.matched.taps)
         variance = np.divide(1.0, stretch.weights, where=counted, out=np.zeros(counted.shape))
         mean = self._over_taps(variance, shares)
-        total = self._over_taps(counted.astype(np.float64), shares)
-        kept &= mean > 0.0
-        return known * np.divide(total, mean, where=kept, out=np.zeros(mean.shape))
+        known = self._over_taps(counted.astype(np.float64), shares)
+        return np.divide(known, mean, where=kept & (mean > 0.0), out=np.zeros(mean.shape))
 
     def _over_taps(self, values: Array, taps: Array) -> Array:
         """Values `(n, N)` summed over the taps at every filtered sample, shape `(n, outputs)`."""
