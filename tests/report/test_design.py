@@ -180,6 +180,8 @@ def test_a_safe_motion_says_what_it_shows_and_that_it_is_proven(designed: Design
     assert headline(designed).startswith(f"Shows all {every} base parameters")
     limits = "every limit is proven for all times from its start to its end"
     assert headline(designed).endswith(f"; {limits} (tool box: tool point only)")
+    fainter = replace(designed, faint=3)
+    assert headline(fainter).startswith(f"Shows {every} of {every + 3} base parameters; ")
     assert level(designed) == "good"
     words = text(render(content(designed)))
     figure = f"condition number (raw) {designed.shown.raw:.3g} (smaller is better)"

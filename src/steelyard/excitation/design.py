@@ -35,6 +35,7 @@ from steelyard.excitation.workspace_tables import tool_of
 from steelyard.kernel.kinematics import points_on
 from steelyard.model import Model
 from steelyard.progress import Progress, silent
+from steelyard.regression.base import base_map
 from steelyard.robot.robot_file import LoadedRobot
 
 NOISE = 0.01
@@ -202,7 +203,8 @@ def _described(
     seen = shown(
         motion.trajectory, motion.cases, weights, _samples(motion.trajectory, section.samples)
     )
-    base = motion.cases[0].shows.base
+    shows = motion.cases[0].shows
+    base = shows.base
     prior = None
     if earlier is not None and section.criterion.after_earlier:
         prior = earlier.information(base)
@@ -228,6 +230,7 @@ def _described(
         notes=(*loaded.notes, *said, *motion.hints),
         constraints=tuple(motion.constraints),
         chosen=motion.cases[0].chosen,
+        faint=len(base_map(shows.model)) - len(base),
     )
 
 

@@ -40,6 +40,7 @@ class Designed:
         notes: What was assumed and decided, one sentence each.
         constraints: What the certificate's proofs are of, in their order.
         chosen: Base parameters that matter; all if `None`.
+        faint: How many base parameters no motion shows apart from others: they are left out.
     """
 
     robot: Robot
@@ -62,6 +63,7 @@ class Designed:
     notes: tuple[str, ...]
     constraints: tuple[Constraint, ...] = ()
     chosen: tuple[int, ...] | None = None
+    faint: int = 0
 
     @property
     def asked(self) -> tuple[int, ...]:

@@ -209,10 +209,11 @@ def unended(designed: Designed) -> bool:
 
 def headline(designed: Designed) -> str:
     """What the motion shows, whether it is safe, and of what that is proven, in a line."""
-    missing, every = unseen(designed), len(designed.shown.names)
+    missing = unseen(designed)
+    every = len(designed.shown.names) + designed.faint
     shows = f"Shows all {every} base parameters"
-    if missing:
-        shows = f"Shows {every - missing} of {every} base parameters"
+    if missing or designed.faint:
+        shows = f"Shows {every - missing - designed.faint} of {every} base parameters"
     if hardly := int(hidden(designed).sum()) - missing:
         shows += f", {hardly} of them hardly"
     if unended(designed):
