@@ -221,7 +221,10 @@ def test_a_column_beside_currents_without_a_unit_is_named() -> None:
         (numbered("q#", "tau#"), "none looks like time"),
         (["t", *numbered("tau#")], "none look like the positions of 2 joints"),
         (["t", *numbered("q#")], "none look like the efforts of 2 joints"),
-        (["t", *numbered("q#", "tau#", count=3)], "none look like the positions of 2 joints"),
+        (
+            ["t", *numbered("q#", "tau#", count=3)],
+            "none look like the positions of 2 joints: 3 columns look like positions",
+        ),
         (["t", *numbered("q_motor#", "tau#")], "positions are of motors"),
         (
             ["t", *numbered("q#", "torque_counts#")],

@@ -242,9 +242,13 @@ def _matched(
     joints = [c for c in coordinates if not like_finger(c.name)]
     kinds_of = [c.kind for c in joints]
     numbered_q, numbered_tau = (by_number(len(joints), x, kinds_of) for x in (position, effort))
-    for what, found_groups in (("positions", numbered_q), ("efforts", numbered_tau)):
-        if not found_groups:
-            _give_up(f"none look like the {what} of {len(joints)} joints", columns)
+    for what, like, groups in (
+        ("positions", position, numbered_q),
+        ("efforts", effort, numbered_tau),
+    ):
+        if not groups:
+            beside = f": {len(like)} columns look like {what}" if like else ""
+            _give_up(f"none look like the {what} of {len(joints)} joints{beside}", columns)
     alive = [g for g in numbered_tau if any(changes(c.name, values) for c in g)] or numbered_tau
     return joints, list(numbered_q[0]), list(alive[0]), "by their numbers"
 
