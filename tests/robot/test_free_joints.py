@@ -202,3 +202,13 @@ def test_urdfs_float_too(kind: str, tmp_path: Path) -> None:
     assert robot.joint_names == ("j",)
     assert np.allclose(robot.gravity, [0.0, -9.81, 0.0])
     assert proposed(path).base == "body"
+
+
+def test_a_ball_joint_alone_leaves_nothing_to_identify(tmp_path: Path) -> None:
+    alone = '<body name="bob"><joint name="b" type="ball"/><geom size=".1"/></body>'
+    with pytest.raises(
+        ModelError, match=r"every joint would have to be locked: b \(a ball"
+    ) as caught:
+        proposed(written(tmp_path, alone))
+    assert "a joint of one degree of freedom" in caught.value.mend
+    assert "hand" not in caught.value.mend

@@ -83,6 +83,7 @@ def proposed(reference: str | Path, base: str | None = None) -> Proposal:
     raise _all_locked(mechanism, base, reasons, hands) or refused or AssertionError
 
 
+_BALL = "a ball joint"
 _HAND = "in a loop of a hand, or in one whose joints have no actuator of their own"
 _OPEN = "in a loop of which not clear is which joints are passive"
 
@@ -108,7 +109,9 @@ def _all_locked(
         "every joint would have to be locked: " + "; ".join(_by_reason(said)),
         where=mechanism.where,
         mend="give the robot that carries this hand; or write a robot file by hand, with the "
-        "joints that are logged under joints and those that loops determine under passive",
+        "joints that are logged under joints and those that loops determine under passive"
+        if {*said.values()} != {_BALL}
+        else "give a model with a joint of one degree of freedom",
     )
 
 
@@ -146,7 +149,7 @@ def _tied(mechanism: Mechanism, base: str | None) -> tuple[dict[str, float], dic
     names = {joint.name for joint in beyond if joint.name not in loose}
     for joint in beyond:
         if joint.kind == "ball" and joint.name in names:
-            locked[joint.name], reasons[joint.name] = 0.0, "a ball joint"
+            locked[joint.name], reasons[joint.name] = 0.0, _BALL
     for coupling in mechanism.couplings:
         for name in coupling.joints:
             master = drive_of(mechanism, mechanism.joint(name)).master
