@@ -19,7 +19,7 @@ from steelyard.excitation.exact import ExactTrajectory
 from steelyard.excitation.export import exported
 from steelyard.excitation.fourier_bases import BlendedFourier, RampedFourier
 from steelyard.excitation.linear_basis import LinearBasis
-from steelyard.excitation.minimum_jerk import ReachingBasis
+from steelyard.excitation.reaching_basis import ReachingBasis
 from steelyard.excitation.random_fourier import random_fourier
 from steelyard.excitation.slowed import SlowedMotion
 from steelyard.excitation.spline_bases import SplineBasis

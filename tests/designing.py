@@ -16,7 +16,7 @@ from steelyard.excitation.fourier_bases import (
 )
 from steelyard.excitation.limits import MotionLimits
 from steelyard.excitation.markers import Marker
-from steelyard.excitation.minimum_jerk import ReachingBasis
+from steelyard.excitation.reaching_basis import ReachingBasis
 from steelyard.excitation.objective import Case
 from steelyard.excitation.problem import Problem
 from steelyard.excitation.spline_bases import SplineBasis

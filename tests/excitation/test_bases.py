@@ -15,7 +15,7 @@ from steelyard.excitation.fourier_bases import (
     RawFourier,
     RestFourier,
 )
-from steelyard.excitation.minimum_jerk import ReachingBasis
+from steelyard.excitation.reaching_basis import ReachingBasis
 from steelyard.excitation.spline_bases import SplineBasis
 
 START, END = np.array([0.3, -0.2, 1.0]), np.array([-0.5, 0.4, 1.5])

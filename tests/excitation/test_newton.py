@@ -8,7 +8,7 @@ import pytest
 
 from designing import FAMILIES, box, problem, torques
 from steelyard.arrays import Array
-from steelyard.excitation.minimum_jerk import ReachingBasis
+from steelyard.excitation.reaching_basis import ReachingBasis
 from steelyard.excitation.newton import STAGES, minimised
 from steelyard.excitation.starts import random_starts
 from steelyard.excitation.walls import Walls, bounds

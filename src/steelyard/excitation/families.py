@@ -15,7 +15,7 @@ from steelyard.excitation.fourier_bases import (
     RawFourier,
     RestFourier,
 )
-from steelyard.excitation.minimum_jerk import ReachingBasis
+from steelyard.excitation.reaching_basis import ReachingBasis
 from steelyard.excitation.spline_bases import SplineBasis
 from steelyard.robot.nearest import advice
 from steelyard.robot.robot import Robot

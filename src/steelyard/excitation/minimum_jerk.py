@@ -6,14 +6,12 @@ $15/8$ and the largest acceleration $10/\sqrt 3$ of what the distance gives.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.arrays import Array, frozen
-from steelyard.excitation.linear_basis import LinearBasis, check_times, held_postures
 from steelyard.excitation.piecewise import PiecewiseMotion
 
 SMOOTH = frozen([0.0, 0.0, 0.0, 10.0, -15.0, 6.0])
@@ -77,58 +75,3 @@ def quintic(start: Sequence[Array], end: Sequence[Array], seconds: float) -> Arr
     dp, dv, da = end_p - p - v - 0.5 * a, end_v - v - a, end_a - a
     high = [10.0 * dp - 4.0 * dv + 0.5 * da, -15.0 * dp + 7.0 * dv - da]
     return np.array([[p, v, 0.5 * a, *high, 6.0 * dp - 3.0 * dv + 0.5 * da]])
-
-
-@dataclass(frozen=True, eq=False)
-class ReachingBasis(LinearBasis):
-    """Minimum-jerk moves between postures; the postures are the coefficients.
-
-    Attributes:
-        joints: Number of joints `n`.
-        targets: Postures to choose `m`; without a `start`, the first of them is the start.
-        move_s: Time of every move [s].
-        dwell_s: Time to stand after every move [s].
-        start: Posture at the start, shape `(n,)`, if it is not to be chosen.
-        closed: Whether a last move leads back to the start.
-    """
-
-    joints: int
-    targets: int
-    move_s: float
-    dwell_s: float = 0.0
-    start: Array | None = None
-    closed: bool = True
-
-    def __post_init__(self) -> None:
-        check_times(move_s=self.move_s)
-        held_postures(self.joints, self.start)
-        if self.targets < (fewest := 2 - len(self.held)):
-            raise ValueError(f"{self.targets} targets are no motion, {fewest} or more are")
-        self.made_of(np.zeros((1, self.count + len(self.held))))
-
-    @property
-    def count(self) -> int:
-        """Functions per joint: one a target."""
-        return self.targets
-
-    @property
-    def highest(self) -> float:
-        """A move's acceleration is about one sine long [Hz]."""
-        return 1.0 / self.move_s
-
-    @property
-    def held(self) -> tuple[Array, ...]:
-        """The start, if it is given."""
-        return held_postures(self.joints, self.start)
-
-    def still(self, posture: Array) -> Array:
-        """All targets at the posture, or at the start if it is given, shape `(n, m)`."""
-        (place,) = self.held or (posture,)
-        return np.repeat(frozen(place, (self.joints,))[:, None], self.targets, axis=1)
-
-    def made_of(self, rows: Array) -> PiecewiseMotion:
-        """The motion through the postures in the columns, shape `(k, m + held)`."""
-        postures = np.roll(rows.T, len(self.held), axis=0)
-        if self.closed:
-            postures = np.vstack([postures, postures[:1]])
-        return through_postures(postures, self.move_s, self.dwell_s)

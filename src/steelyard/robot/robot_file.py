@@ -27,7 +27,7 @@ from steelyard.robot.model_notes import Answer
 from steelyard.robot.model_source import dh_table, model_path_of, xacro_settings
 from steelyard.robot.model_source import read_mechanism as read_mechanism
 from steelyard.robot.nearest import advice
-from steelyard.robot.pins import closing_of
+from steelyard.robot.closures import closing_of
 from steelyard.robot.reduction import reduced
 from steelyard.robot.robot import Limits, Robot
 from steelyard.robot.schema import (
