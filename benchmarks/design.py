@@ -26,20 +26,20 @@ import pinocchio as pin
 from scipy.optimize import minimize
 
 from oracles import pinocchio_model
-from steelyard.excitation.build import build
-from steelyard.excitation.methods import Gradient, Method, Watch, searches
-from steelyard.excitation.population import CmaEsSearch, GeneticSearch
+from steelyard.excitation.barrier import Walls
+from steelyard.excitation.constraints.workspace import HalfSpaces
+from steelyard.excitation.from_tables import build
 from steelyard.excitation.problem import Problem
-from steelyard.excitation.repair import scaled
-from steelyard.excitation.starts import random_starts
-from steelyard.excitation.walls import Walls
-from steelyard.excitation.workspace import HalfSpaces
+from steelyard.excitation.search.methods import Gradient, Method, Watch, searches
+from steelyard.excitation.search.population import CmaEsSearch, GeneticSearch
+from steelyard.excitation.search.repair import scaled
+from steelyard.excitation.search.starts import random_starts
 from steelyard.model import Model
 from steelyard.progress import Stopped
-from steelyard.robot.robot_file import load_robot
-from steelyard.terms.coulomb import Coulomb
-from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.viscous import Viscous
+from steelyard.robot_file.file import load_robot
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.laws.viscous import Viscous
 
 SECONDS = float(os.environ.get("STEELYARD_BENCH_SECONDS", "20"))
 """How long each way searches."""

@@ -14,9 +14,9 @@ from typing import ClassVar
 import numpy as np
 
 from steelyard.estimation.estimate import Estimate
-from steelyard.estimation.fields import FoundFields, find_fields
-from steelyard.estimation.least_squares import WeightedLeastSquares
-from steelyard.kernel.dynamics import JointState
+from steelyard.estimation.fields.fields import FoundFields, find_fields
+from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
+from steelyard.kernel.equations.dynamics import JointState
 from steelyard.model import Model
 from steelyard.parameters import Parameter
 from steelyard.regression.accumulate import Accumulator, Stretch
@@ -24,11 +24,11 @@ from steelyard.regression.information import Information, Stamp, Window
 from steelyard.regression.regressor import Regressor, base_regressor
 from steelyard.robot.robot import Coordinate, Robot
 from steelyard.search.genetic import evolved
-from steelyard.terms.coulomb import Coulomb
-from steelyard.terms.find import Find
-from steelyard.terms.stribeck import Stribeck
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.stribeck import Stribeck
+from steelyard.terms.laws.viscous import Viscous
+from steelyard.terms.open_fields import Find
 from steelyard.terms.term import Columns
-from steelyard.terms.viscous import Viscous
 
 RATE, REACHES, REACH_TIME, NOISE = 50.0, 16, 1.2, 0.02
 RANGES = np.deg2rad([[-20.0, 80.0], [80.0, 190.0]])

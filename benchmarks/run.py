@@ -23,29 +23,29 @@ import numpy as np  # noqa: E402
 import pinocchio as pin  # noqa: E402
 from genetic import comparison  # noqa: E402
 
-from steelyard.estimation.consistent import Consistent  # noqa: E402
-from steelyard.estimation.least_squares import (  # noqa: E402
+from steelyard.estimation.consistent.consistent import Consistent  # noqa: E402
+from steelyard.estimation.least_squares.least_squares import (  # noqa: E402
     OrdinaryLeastSquares,
     WeightedLeastSquares,
 )
-from steelyard.estimation.prior import default_knowledge  # noqa: E402
-from steelyard.estimation.whitened import whitened  # noqa: E402
-from steelyard.kernel.micro import TILE_COLUMNS, TILE_ROWS  # noqa: E402
+from steelyard.estimation.least_squares.whitened import whitened  # noqa: E402
+from steelyard.estimation.prior.prior import default_knowledge  # noqa: E402
+from steelyard.kernel.native.native_loops import TILE_COLUMNS, TILE_ROWS  # noqa: E402
 from steelyard.measurement.run import Block  # noqa: E402
 from steelyard.model import Model  # noqa: E402
 from steelyard.regression.accumulate import Accumulator, Stretch  # noqa: E402
 from steelyard.regression.gather import accumulate, cut  # noqa: E402
 from steelyard.regression.information import Information, Stamp, Window  # noqa: E402
-from steelyard.regression.matched import MatchedFilter  # noqa: E402
+from steelyard.regression.parallel_filter import MatchedFilter  # noqa: E402
 from steelyard.regression.regressor import Regressor, base_regressor  # noqa: E402
-from steelyard.robot.dh import DHRow, dh_mechanism  # noqa: E402
+from steelyard.robot.from_mechanism import reduced  # noqa: E402
 from steelyard.robot.inertia import INERTIAL_NAMES  # noqa: E402
-from steelyard.robot.reduction import reduced  # noqa: E402
+from steelyard.robot.model_files.dh import DHRow, dh_mechanism  # noqa: E402
 from steelyard.robot.robot import Body, Coordinate, Robot  # noqa: E402
-from steelyard.robot.robot_file import load_robot  # noqa: E402
-from steelyard.terms.coulomb import Coulomb  # noqa: E402
-from steelyard.terms.rigid_body import RigidBody  # noqa: E402
-from steelyard.terms.viscous import Viscous  # noqa: E402
+from steelyard.robot_file.file import load_robot  # noqa: E402
+from steelyard.terms.laws.coulomb import Coulomb  # noqa: E402
+from steelyard.terms.laws.rigid_body import RigidBody  # noqa: E402
+from steelyard.terms.laws.viscous import Viscous  # noqa: E402
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 from design import designs  # noqa: E402
@@ -333,7 +333,7 @@ def read_log(path: Path) -> None:
     from steelyard.formats import open_log
     from steelyard.measurement import Processing, Recording, prepare
     from steelyard.regression.gather import gather
-    from steelyard.robot.signals import Signals
+    from steelyard.robot_file.signals import Signals
 
     model = seven_joints()
     ones = np.ones(7)

@@ -6,13 +6,13 @@ Run it with a folder for the simulated logs: python examples/01_river.py /tmp/ri
 import sys
 from pathlib import Path
 
-from steelyard.estimation.least_squares import WeightedLeastSquares
+from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
 from steelyard.formats import open_log
 from steelyard.measurement import Recording, prepare
 from steelyard.model import Model
 from steelyard.regression.gather import gather
 from steelyard.regression.regressor import base_regressor
-from steelyard.robot.robot_file import load_robot
+from steelyard.robot_file.file import load_robot
 from steelyard.validation.score import score
 from steelyard.virtual.demo import demo_runs
 

@@ -9,8 +9,8 @@ from claims import data_folder
 from steelyard.arrays import Array
 from steelyard.estimation.estimate import Estimate
 from steelyard.estimation.knowledge import Knowledge
-from steelyard.estimation.prior import default_knowledge
-from steelyard.excitation.random_fourier import random_fourier
+from steelyard.estimation.prior.prior import default_knowledge
+from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.model import Model, ValuedModel
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
@@ -18,7 +18,7 @@ from steelyard.regression.accumulate import Accumulator, Stretch
 from steelyard.regression.information import Information, Stamp, Window
 from steelyard.regression.regressor import Regressor, base_regressor
 from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
-from steelyard.robot.robot_file import load_robot
+from steelyard.robot_file.file import load_robot
 from steelyard.virtual.invent import random_truth
 
 EXAMPLES = Path(__file__).parent.parent / "examples"

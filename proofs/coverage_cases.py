@@ -10,19 +10,19 @@ from pathlib import Path
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.excitation.random_fourier import random_fourier
+from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.measurement import Recording, Run, prepare
 from steelyard.measurement.processing import Processing
 from steelyard.measurement.recording import HeldLog
 from steelyard.motion import Motion
 from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
 from steelyard.robot.robot import Robot
-from steelyard.robot.robot_file import LoadedRobot, load_robot
-from steelyard.robot.signals import Signals
-from steelyard.terms.coulomb import Coulomb
-from steelyard.terms.load_dependent import LoadDependent
+from steelyard.robot_file.file import LoadedRobot, load_robot
+from steelyard.robot_file.signals import Signals
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.load_dependent import LoadDependent
+from steelyard.terms.laws.stribeck import Stribeck
 from steelyard.terms.register import DEFAULT_TERMS
-from steelyard.terms.stribeck import Stribeck
 from steelyard.terms.term import Term
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.mujoco_model import build

@@ -10,8 +10,8 @@ from steelyard.diagnosis import Diagnosis, Edit
 from steelyard.diagnosis.knowledge import Knowledge, knowledge_of
 from steelyard.measurement import Processing, Recording, prepare
 from steelyard.measurement.recording import HeldLog
-from steelyard.robot.edits import edited
 from steelyard.robot.inertia import Inertia
+from steelyard.robot_file.edits import edited
 
 Random = np.random.Generator
 Kind = Callable[[Clean, Random], Faulty | None]

@@ -12,9 +12,9 @@ from steelyard.diagnosis.case import Evidence
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.measurement import Processing, Recording
 from steelyard.measurement.recording import HeldLog
-from steelyard.robot.edits import edited
-from steelyard.robot.robot_file import LoadedRobot, load_robot
-from steelyard.robot.signals import Signals
+from steelyard.robot_file.edits import edited
+from steelyard.robot_file.file import LoadedRobot, load_robot
+from steelyard.robot_file.signals import Signals
 
 
 @dataclass(frozen=True, eq=False)

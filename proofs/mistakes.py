@@ -14,11 +14,11 @@ import numpy as np
 import polars as pl
 
 from steelyard.arrays import Array
-from steelyard.excitation.random_fourier import random_fourier
+from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.motion import Motion
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.robot import Robot
-from steelyard.terms.rigid_body import RigidBody
+from steelyard.terms.laws.rigid_body import RigidBody
 from steelyard.virtual.demo import write_demo_arm
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.truth import Truth

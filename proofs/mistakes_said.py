@@ -11,16 +11,16 @@ from pathlib import Path
 import numpy as np
 from mistakes import Arm, Job
 
-from steelyard.cli.evidence import diagnosed, subject_of
-from steelyard.cli.fix import fixed
 from steelyard.cli.identify import run_identify
-from steelyard.cli.river import log_files
 from steelyard.cli.validate import run_validate
 from steelyard.diagnosis import Diagnosis
 from steelyard.errors import SteelyardError
+from steelyard.identification.check_case import diagnosed, subject_of
+from steelyard.identification.fix import fixed
+from steelyard.identification.logs import log_files
 from steelyard.progress import silent
 from steelyard.report import ReportContent
-from steelyard.report.judgement import verdict
+from steelyard.report.text.judgement import verdict
 
 
 @dataclass(frozen=True, eq=False)

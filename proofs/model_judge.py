@@ -21,13 +21,13 @@ from mujoco_oracle import MjcfOracle, compiled
 from steelyard.arrays import Array
 from steelyard.cli.init import init
 from steelyard.errors import SteelyardError
-from steelyard.kernel.dynamics import JointState
-from steelyard.kernel.loops import random_positions
+from steelyard.kernel.equations.dynamics import JointState
+from steelyard.kernel.quantities.passive_joints import random_positions
 from steelyard.model import Model
 from steelyard.regression.base import base_map
 from steelyard.robot.robot import Robot
-from steelyard.robot.robot_file import load_robot
-from steelyard.terms.rigid_body import RigidBody
+from steelyard.robot_file.file import load_robot
+from steelyard.terms.laws.rigid_body import RigidBody
 
 STATES = 8
 AGREES, CLOSELY = 1e-6, 1e-9

@@ -141,8 +141,8 @@ def _each(name: str, values: np.ndarray, bounds: np.ndarray, unit: str) -> Claim
 def _rigid_ur10e() -> Claim:
     from steelyard.model import Model
     from steelyard.regression.base import base_map
-    from steelyard.robot.robot_file import load_robot
-    from steelyard.terms.rigid_body import RigidBody
+    from steelyard.robot_file.file import load_robot
+    from steelyard.terms.laws.rigid_body import RigidBody
 
     data_folder()
     count = len(base_map(Model(load_robot(EXAMPLES / "ur10e.toml").robot, (RigidBody(),))))

@@ -13,16 +13,15 @@ import numpy as np
 from claims import Claim, data_folder, main_of
 
 from steelyard.arrays import Array
-from steelyard.kernel import numpy_backend
-from steelyard.kernel.dynamics import JointState
-from steelyard.kernel.program import Array as Input
-from steelyard.kernel.program import Program
-from steelyard.kernel.trace import symbolic
+from steelyard.kernel.equations.dynamics import JointState
+from steelyard.kernel.program.program import Array as Input
+from steelyard.kernel.program.program import Program, numpy_backend
+from steelyard.kernel.program.trace import symbolic
 from steelyard.model import Model
 from steelyard.motion import Motion
 from steelyard.regression.regressor import standard_regressor
 from steelyard.robot.robot import Robot
-from steelyard.terms.rigid_body import RigidBody
+from steelyard.terms.laws.rigid_body import RigidBody
 from steelyard.virtual.mujoco_model import build, inverse_dynamics
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))

@@ -11,20 +11,20 @@ import numpy as np
 from claims import Claim, main_of
 
 from steelyard.arrays import Array
-from steelyard.estimation.least_squares import WeightedLeastSquares
-from steelyard.excitation.random_fourier import random_fourier
+from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
+from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.measurement import Recording, prepare
 from steelyard.measurement.recording import HeldLog
 from steelyard.model import Model
 from steelyard.motion import Trajectory
 from steelyard.regression.gather import gather
 from steelyard.regression.regressor import base_regressor
-from steelyard.robot.dh import DHRow, dh_mechanism
+from steelyard.robot.from_mechanism import reduced
 from steelyard.robot.inertia import Inertia
-from steelyard.robot.reduction import reduced
+from steelyard.robot.model_files.dh import DHRow, dh_mechanism
 from steelyard.robot.robot import Robot
-from steelyard.robot.robot_file import load_robot
-from steelyard.robot.signals import Signals
+from steelyard.robot_file.file import load_robot
+from steelyard.robot_file.signals import Signals
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.mujoco_model import build
 from steelyard.virtual.simulate import typical_torque

@@ -13,7 +13,7 @@ from claims import Claim, data_folder, main_of
 from p02_scores import EXAMPLES, identified
 
 from steelyard.estimation.identified import IdentifiedModel, load_model
-from steelyard.regression.customary import symbols
+from steelyard.regression.khalil_symbols import symbols
 
 CUSTOMARY = ("ZZ1R", "XX2R", "ZZ2R", "MX2R", "MY3R", "XX3R", "ZZ3R")
 

@@ -15,17 +15,17 @@ from typing import Any
 import numpy as np
 from claims import Claim, data_folder, main_of
 
-from steelyard.cli import river
-from steelyard.estimation.bilinear import Bilinear
-from steelyard.estimation.gains import GainEstimate, identified_gains
-from steelyard.estimation.load_case import carrier, load_case
+from steelyard.estimation.payload.bilinear import Bilinear
+from steelyard.estimation.payload.gains import GainEstimate, identified_gains
+from steelyard.estimation.payload.load_case import carrier, load_case
+from steelyard.identification.logs import log_files, model_of, prepared, recording_of, wanted_by
 from steelyard.model import Model
 from steelyard.progress import silent
 from steelyard.regression.base import base_map
 from steelyard.regression.gather import gather
 from steelyard.regression.information import Information
 from steelyard.regression.regressor import base_regressor
-from steelyard.robot.robot_file import LoadedRobot, load_robot
+from steelyard.robot_file.file import LoadedRobot, load_robot
 
 ROBOT = Path(__file__).parent.parent / "examples" / "ur10e.toml"
 PAIR = ("ur-20_02_19_14harm50sec", "ur-20_02_19_14harm50secLoad")
@@ -90,10 +90,10 @@ def said(pair: tuple[str, str]) -> tuple[Model, Information, Information]:
     """What an unloaded and a loaded run say, efforts as logged."""
     loaded = loaded_robot()
     assert loaded.signals is not None
-    regressor = base_regressor(river.model_of(loaded))
-    files = river.log_files([log(name) for name in pair])
-    recordings = [river.recording_of(file, loaded.signals) for file in files]
-    runs = river.prepared(recordings, river.wanted_by(loaded), silent)
+    regressor = base_regressor(model_of(loaded))
+    files = log_files([log(name) for name in pair])
+    recordings = [recording_of(file, loaded.signals) for file in files]
+    runs = prepared(recordings, wanted_by(loaded), silent)
     unloaded, with_it = (gather(regressor, run) for run in runs)
     return regressor.model, unloaded, with_it
 

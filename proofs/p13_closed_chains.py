@@ -14,9 +14,9 @@ import numpy as np
 from claims import Claim, main_of
 
 from steelyard.arrays import Array
-from steelyard.estimation.least_squares import WeightedLeastSquares
-from steelyard.excitation.random_fourier import random_fourier
-from steelyard.kernel.loops import Follower
+from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
+from steelyard.excitation.trajectories.random_fourier import random_fourier
+from steelyard.kernel.quantities.passive_joints import Follower
 from steelyard.measurement import Recording, prepare
 from steelyard.measurement.recording import HeldLog
 from steelyard.model import Model
@@ -25,12 +25,12 @@ from steelyard.regression.gather import gather
 from steelyard.regression.regressor import base_regressor, standard_regressor
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.robot import Limits, Robot
-from steelyard.robot.signals import Signals
-from steelyard.terms.coulomb import Coulomb
-from steelyard.terms.offset import Offset
-from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.rotor_inertia import RotorInertia
-from steelyard.terms.viscous import Viscous
+from steelyard.robot_file.signals import Signals
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.offset import Offset
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.laws.rotor_inertia import RotorInertia
+from steelyard.terms.laws.viscous import Viscous
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.mujoco_model import build
 from steelyard.virtual.robot import VirtualRobot

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from claims import Claim, main_of
 
-from steelyard.estimation.least_squares import WeightedLeastSquares
-from steelyard.excitation.random_fourier import random_fourier
+from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
+from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.formats import open_log
 from steelyard.measurement import Recording, prepare
 from steelyard.motion import run
@@ -26,7 +26,7 @@ from steelyard.regression.gather import gather
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.robot import Body, Coordinate, Frame, Limits, Robot
-from steelyard.robot.signals import Signals
+from steelyard.robot_file.signals import Signals
 from steelyard.terms.register import TERMS, term_of
 from steelyard.terms.term import Term
 from steelyard.virtual.invent import random_truth

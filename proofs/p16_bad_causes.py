@@ -216,7 +216,7 @@ def of_information() -> list[Claim]:
     from steelyard.regression.accumulate import Accumulator, Stretch
     from steelyard.regression.information import Information, Stamp, Window
     from steelyard.regression.regressor import base_regressor
-    from steelyard.terms.presliding import Dahl
+    from steelyard.terms.laws.presliding import Dahl
     from steelyard.terms.register import DEFAULT_TERMS
 
     def said(model: Model, filters: str) -> Information:

@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 from claims import Claim, data_folder, main_of
 
-from steelyard.cli import evidence, river
 from steelyard.diagnosis import Case, Diagnosis, Finding, Judgement, examine
-from steelyard.diagnosis.units import reading
+from steelyard.diagnosis.signals.units import reading
+from steelyard.identification.check_case import case_of, subject_of
+from steelyard.identification.logs import log_files
 from steelyard.progress import silent
-from steelyard.robot.edits import edited
+from steelyard.robot_file.edits import edited
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 LOGS = {
@@ -45,20 +46,20 @@ class Removed:
         self.path = path
 
 
-def case_of(robot: str, log: str, *removed: tuple[str, ...]) -> Case:
+def example_case(robot: str, log: str, *removed: tuple[str, ...]) -> Case:
     """A robot file of `examples/`, without some of its keys, and one log."""
-    file = river.log_files([str(data_folder() / log)])
-    subject = evidence.subject_of(str(EXAMPLES / f"{robot}.toml"), file[0])
+    file = log_files([str(data_folder() / log)])
+    subject = subject_of(str(EXAMPLES / f"{robot}.toml"), file[0])
     if removed:
         text = edited(subject.text, [Removed(*path) for path in removed])
         subject = subject.changed(text, subject.path)
-    return evidence.case_of(subject, file, None, silent)[0]
+    return case_of(subject, file, None, silent)[0]
 
 
 @cache
 def good(robot: str) -> tuple[Case, Diagnosis]:
     """A robot file as it is, and what the quick suspicions say."""
-    case = case_of(robot, LOGS[robot])
+    case = example_case(robot, LOGS[robot])
     return case, examine(case, quick=True)
 
 
@@ -105,7 +106,7 @@ def _lag(robot: str, low: float, high: float, bound: str) -> Claim:
 
 def _motors() -> list[Claim]:
     said = finding(good("tx40")[1], "position").says
-    bare = examine(case_of("tx40", LOGS["tx40"], *MOTOR_KEYS), quick=True)
+    bare = examine(example_case("tx40", LOGS["tx40"], *MOTOR_KEYS), quick=True)
     found = finding(bare, "position")
     assert found.mend is not None
     return [
@@ -125,7 +126,7 @@ def _motors() -> list[Claim]:
 
 
 def _head() -> Claim:
-    found = finding(examine(case_of("ur10e", BROKEN_HEAD), quick=True), "rows")
+    found = finding(examine(example_case("ur10e", BROKEN_HEAD), quick=True), "rows")
     count = re.match(r"(\d+) broken rows in the head", found.says)
     holds = count is not None and 7 <= int(count.group(1)) <= 19
     return Claim("corrupt head of ur-19_09_27-11_32_02", found.says, "7 to 19 rows named", holds)
@@ -151,7 +152,7 @@ def alarms() -> tuple[int, Counter[str], Counter[str]]:
     false: Counter[str] = Counter()
     true: Counter[str] = Counter()
     for robot, log in logs:
-        for found in examine(case_of(robot, log), quick=True).findings:
+        for found in examine(example_case(robot, log), quick=True).findings:
             known = re.search(TRUE.get(found.suspicion, "$^"), log) is not None
             (true if known else false)[found.suspicion] += found.judgement != Judgement.OK
     return len(logs), false, true
@@ -178,7 +179,7 @@ def _scan() -> list[Claim]:
 
 def _sideways() -> Claim:
     """The mounting of the AR5, against its URDF alone."""
-    case = case_of("rokae_ar5", LOGS["rokae_ar5"], ("robot", "gravity"))
+    case = example_case("rokae_ar5", LOGS["rokae_ar5"], ("robot", "gravity"))
     diagnosis = examine(case, quick=True)
     wrong = [f.suspicion for f in diagnosis.findings if f.judgement == Judgement.WRONG]
     gravity = {e.path: e.value for e in diagnosis.edits}.get(("robot", "gravity"))

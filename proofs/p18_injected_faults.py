@@ -18,18 +18,18 @@ from claims import Claim, data_folder, main_of
 from fault_kinds import KINDS, Kind, real_payload
 from faults import Clean, Faulty, Tally, diagnosis, right_mend, right_verdict
 
-from steelyard.cli.fitting import Payload, fit
-from steelyard.cli.river import model_of, prepared, with_friction
 from steelyard.diagnosis.case import Case, Evidence
-from steelyard.diagnosis.ranking import ranking
-from steelyard.diagnosis.rivals_world import delay_fit
+from steelyard.diagnosis.hypotheses.ranking import ranking
+from steelyard.diagnosis.hypotheses.rivals_world import delay_fit
 from steelyard.estimation.identified import IdentifiedModel, Provenance
-from steelyard.excitation.random_fourier import random_fourier
+from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.formats import open_log, parse_log_argument
+from steelyard.identification.fitting import Payload, fit
+from steelyard.identification.logs import model_of, prepared, with_friction
 from steelyard.measurement import Processing, Recording
 from steelyard.measurement.recording import HeldLog
 from steelyard.progress import silent
-from steelyard.robot.robot_file import LoadedRobot, load_robot
+from steelyard.robot_file.file import LoadedRobot, load_robot
 from steelyard.virtual.demo import write_demo_arm
 from steelyard.virtual.invent import random_truth
 

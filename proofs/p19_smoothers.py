@@ -17,19 +17,19 @@ from claims import Claim, main_of
 from steelyard.arrays import Array
 from steelyard.errors import LogError
 from steelyard.excitation.limits import motion_limits
-from steelyard.excitation.random_fourier import random_fourier
-from steelyard.excitation.sampled import SampledMotion
+from steelyard.excitation.trajectories.random_fourier import random_fourier
+from steelyard.excitation.trajectories.sampled import SampledMotion
 from steelyard.measurement import Processing, Recording, prepare
-from steelyard.measurement.butterworth import Butterworth
-from steelyard.measurement.fourier import Fourier
-from steelyard.measurement.kalman import Kalman
-from steelyard.measurement.method import Method
+from steelyard.measurement.methods.butterworth import Butterworth
+from steelyard.measurement.methods.fourier import Fourier
+from steelyard.measurement.methods.kalman import Kalman
+from steelyard.measurement.methods.protocols import Method
+from steelyard.measurement.methods.spline import SmoothingSpline
 from steelyard.measurement.recording import HeldLog
-from steelyard.measurement.spline import SmoothingSpline
 from steelyard.motion import Trajectory
 from steelyard.robot.robot import Robot
-from steelyard.robot.robot_file import load_robot
-from steelyard.robot.signals import Signals
+from steelyard.robot_file.file import load_robot
+from steelyard.robot_file.signals import Signals
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.robot import VirtualRobot
 from steelyard.virtual.sensors import Sensors, TrueRun

@@ -13,18 +13,18 @@ import numpy as np
 from claims import Claim, main_of
 from p04_recovery import robots
 
-from steelyard.estimation.least_squares import WeightedLeastSquares
-from steelyard.excitation.random_fourier import random_fourier
+from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
+from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.measurement.periods import Repetitions
 from steelyard.measurement.prepare import prepare_mean
 from steelyard.measurement.recording import HeldLog, Recording
-from steelyard.measurement.repetitions import mean_of_periods
+from steelyard.measurement.repetition.repetitions import mean_of_periods
 from steelyard.measurement.run import Run
 from steelyard.model import DEFAULT_TERMS
 from steelyard.regression.gather import gather
 from steelyard.regression.regressor import Regressor, base_regressor
-from steelyard.robot.signals import Signals
-from steelyard.terms.coulomb import Coulomb
+from steelyard.robot_file.signals import Signals
+from steelyard.terms.laws.coulomb import Coulomb
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.robot import VirtualRobot
 from steelyard.virtual.sensors import TrueRun

@@ -16,8 +16,8 @@ from steelyard.formats import open_log
 from steelyard.formats.writers import WRITERS, writer_for
 from steelyard.measurement import Recording, prepare
 from steelyard.measurement.run import RunData
-from steelyard.robot.robot_file import load_robot
-from steelyard.robot.signals import Signals
+from steelyard.robot_file.file import load_robot
+from steelyard.robot_file.signals import Signals
 from steelyard.virtual.demo import demo_runs
 
 

@@ -19,11 +19,11 @@ from claims import Claim, main_of
 from consistent_cases import Case, drawn, perturbed, prior_model, replaced
 
 from steelyard.errors import DataError
-from steelyard.estimation.consistent import Consistent
+from steelyard.estimation.consistent.consistent import Consistent
+from steelyard.estimation.consistent.physics import Free, Pullback
 from steelyard.estimation.estimate import Estimate
 from steelyard.estimation.knowledge import Knowledge, Row
-from steelyard.estimation.least_squares import WeightedLeastSquares
-from steelyard.estimation.physics import Free, Pullback
+from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
 from steelyard.model import ValuedModel
 from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
 

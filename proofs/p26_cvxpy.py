@@ -13,8 +13,8 @@ import numpy as np
 from claims import Claim, main_of
 from consistent_cases import drawn, perturbed
 
-from steelyard.estimation.consistent import Consistent
-from steelyard.estimation.whitened import whitened
+from steelyard.estimation.consistent.consistent import Consistent
+from steelyard.estimation.least_squares.whitened import whitened
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 from cvxpy_oracle import cvxpy_problem, solved  # noqa: E402

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from p04_recovery import RATE, log_of, robots
 
 from steelyard.arrays import Array
-from steelyard.estimation.consistent import Consistent
+from steelyard.estimation.consistent.consistent import Consistent
 from steelyard.estimation.estimate import Z95, Estimate
-from steelyard.estimation.least_squares import WeightedLeastSquares
-from steelyard.estimation.prior import default_knowledge
-from steelyard.estimation.sandwich import sandwich
+from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimation.least_squares.sandwich import sandwich
+from steelyard.estimation.prior.prior import default_knowledge
 from steelyard.measurement import prepare
 from steelyard.model import Model
 from steelyard.regression.gather import gather

@@ -30,22 +30,22 @@ import numpy as np
 from claims import Claim, main_of
 
 from steelyard.errors import DataError
+from steelyard.estimation.closed_loop.experiment import Experiment
 from steelyard.estimation.estimate import Estimate
-from steelyard.estimation.experiment import Experiment
-from steelyard.estimation.prior import default_knowledge
+from steelyard.estimation.prior.prior import default_knowledge
 from steelyard.estimation.register import ESTIMATORS, Context, Offer
-from steelyard.excitation.random_fourier import random_fourier
+from steelyard.excitation.trajectories.random_fourier import random_fourier
+from steelyard.measurement.methods.savitzky_golay import SavitzkyGolay
 from steelyard.measurement.prepare import prepare
 from steelyard.measurement.processing import Processing
 from steelyard.measurement.recording import HeldLog, Recording
 from steelyard.measurement.run import Run
-from steelyard.measurement.savitzky_golay import SavitzkyGolay
 from steelyard.model import Model
 from steelyard.regression.gather_samples import gather_samples
 from steelyard.regression.regressor import base_regressor
-from steelyard.robot.robot_file import load_robot
-from steelyard.robot.signals import Signals
-from steelyard.terms.coulomb import Coulomb
+from steelyard.robot_file.file import load_robot
+from steelyard.robot_file.signals import Signals
+from steelyard.terms.laws.coulomb import Coulomb
 from steelyard.terms.register import DEFAULT_TERMS
 from steelyard.virtual.closed_loop import loop_of
 from steelyard.virtual.invent import random_truth

@@ -21,24 +21,24 @@ import numpy as np
 from claims import Claim, main_of
 
 from steelyard.arrays import Array
-from steelyard.estimation.bounded import BoundedLeastSquares
-from steelyard.estimation.box import base_bounds
-from steelyard.estimation.cma_es import CmaEs
 from steelyard.estimation.estimate import Estimate, Estimator
-from steelyard.estimation.genetic import Genetic
-from steelyard.estimation.least_squares import OrdinaryLeastSquares
-from steelyard.estimation.prior import default_knowledge
+from steelyard.estimation.least_squares.bounded import BoundedLeastSquares
+from steelyard.estimation.least_squares.box import base_bounds
+from steelyard.estimation.least_squares.cma_es import CmaEs
+from steelyard.estimation.least_squares.genetic import Genetic
+from steelyard.estimation.least_squares.least_squares import OrdinaryLeastSquares
+from steelyard.estimation.prior.prior import default_knowledge
 from steelyard.model import Model
 from steelyard.regression.accumulate import Accumulator, Stretch
 from steelyard.regression.information import Information, Stamp, Window
 from steelyard.regression.regressor import Regressor, base_regressor, standard_regressor
 from steelyard.robot.inertia import Inertia
 from steelyard.search.genetic import evolved
-from steelyard.terms.coulomb import Coulomb
-from steelyard.terms.directional import DirectionalCoulomb, DirectionalViscous
-from steelyard.terms.rigid_body import RigidBody
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.directional import DirectionalCoulomb, DirectionalViscous
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.laws.viscous import Viscous
 from steelyard.terms.term import Term
-from steelyard.terms.viscous import Viscous
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 from closed_chains import parallelogram  # noqa: E402

@@ -19,8 +19,8 @@ from p02_scores import EXAMPLES, file_with, identified
 from steelyard.estimation.identified import IdentifiedModel, load_model
 from steelyard.model import Model
 from steelyard.motion import Motion
-from steelyard.robot.robot_file import load_robot
-from steelyard.terms.rigid_body import RigidBody
+from steelyard.robot_file.file import load_robot
+from steelyard.terms.laws.rigid_body import RigidBody
 
 LOGS = {
     "ur10e": "ur10e/identification/ur-20_02_12-40sec_12harm.parquet",

@@ -113,7 +113,7 @@ def robot_of(name: str, given: Path, urdf: str | None = None, added: str = "") -
 def of_prior(name: str, given: Path, work: Path) -> list[Claim]:
     """A prior that no body can have is named, mended, and every body of the result can exist."""
     from steelyard.estimation.identified import load_model
-    from steelyard.estimation.prior import default_knowledge
+    from steelyard.estimation.prior.prior import default_knowledge
     from steelyard.validation.compare import impossible_bodies
 
     old, new, words = PRIORS[name]
@@ -153,12 +153,12 @@ def of_refusal(name: str, given: Path, work: Path) -> Claim:
 
 def resting_log(given: Path) -> None:
     """A log of the nominal arm in which one joint rests, loaded by the motion of the others."""
-    from steelyard.excitation.random_fourier import random_fourier
+    from steelyard.excitation.trajectories.random_fourier import random_fourier
     from steelyard.files import write_table
     from steelyard.model import Model
     from steelyard.motion import Motion
     from steelyard.parameters import Parameters
-    from steelyard.robot.robot_file import load_robot
+    from steelyard.robot_file.file import load_robot
     from steelyard.terms.register import term_of
 
     loaded = load_robot(given / "demo_arm.toml")
@@ -237,16 +237,16 @@ def of_rest(given: Path, work: Path) -> list[Claim]:
 def of_solver(given: Path) -> list[Claim]:
     """Whatever number of iterations: the optimum, or an error that says it is none."""
     from steelyard.errors import SteelyardError
-    from steelyard.estimation.conic import Unsolved
-    from steelyard.estimation.consistent import Consistent
-    from steelyard.estimation.prior import default_knowledge
+    from steelyard.estimation.consistent.conic import Unsolved
+    from steelyard.estimation.consistent.consistent import Consistent
+    from steelyard.estimation.prior.prior import default_knowledge
     from steelyard.formats import open_log
     from steelyard.measurement import Recording, prepare
     from steelyard.model import Model
     from steelyard.regression.base import base_map
     from steelyard.regression.gather import gather
     from steelyard.regression.regressor import base_regressor
-    from steelyard.robot.robot_file import load_robot
+    from steelyard.robot_file.file import load_robot
     from steelyard.terms.register import DEFAULT_TERMS
 
     loaded = load_robot(given / "demo_arm.toml")

@@ -14,7 +14,7 @@ from designs import PROBLEMS, designed, independent, regressor, series, sign
 
 sys.path.append(str(Path(__file__).parent.parent / "tests"))
 from oracles import pinocchio_model
-from steelyard.robot.robot_file import load_robot
+from steelyard.robot_file.file import load_robot
 
 SEEDS = range(5)
 SINE = """

@@ -16,21 +16,21 @@ from designs import PROBLEMS, panda, regressor
 
 sys.path.append(str(Path(__file__).parent.parent / "tests"))
 
-from steelyard.excitation.basis import Basis
-from steelyard.excitation.build import Recipe
-from steelyard.excitation.criteria import KINDS
-from steelyard.excitation.criteria_measure import Measure
-from steelyard.excitation.fourier_bases import RestFourier
-from steelyard.excitation.methods import seeded
+from steelyard.excitation.bases.basis import Basis
+from steelyard.excitation.bases.fourier_bases import RestFourier
+from steelyard.excitation.criteria.criteria import KINDS
+from steelyard.excitation.criteria.measure import Measure
+from steelyard.excitation.from_tables import Recipe
 from steelyard.excitation.objective import Case, Objective
 from steelyard.excitation.problem import Problem
-from steelyard.excitation.starts import random_starts
+from steelyard.excitation.search.methods import seeded
+from steelyard.excitation.search.starts import random_starts
 from steelyard.model import Model
-from steelyard.regression.gradient import Shows
+from steelyard.regression.information_gradient import Shows
 from steelyard.robot.robot import Robot
-from steelyard.robot.robot_file import load_robot
+from steelyard.robot_file.file import load_robot
+from steelyard.terms.laws.rigid_body import RigidBody
 from steelyard.terms.register import description_of
-from steelyard.terms.rigid_body import RigidBody
 from steelyard.terms.term import Remembering
 
 SHARPNESS = 16.0
@@ -127,7 +127,7 @@ def composed(problem: Problem, x: np.ndarray) -> float:
 
 def recipe() -> Recipe:
     """The Panda's problem."""
-    from steelyard.cli.river import model_of
+    from steelyard.identification.logs import model_of
 
     loaded = load_robot(PROBLEMS / "panda.toml")
     return Recipe.of(loaded, model_of(loaded))

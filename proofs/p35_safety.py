@@ -22,19 +22,19 @@ from safety_cases import Case, random_case, tightened
 from safety_judge import Margin, Rules
 from safety_panda import panda_claims
 
-from steelyard.cli.river import model_of
 from steelyard.errors import SteelyardError
-from steelyard.excitation.build import build
-from steelyard.excitation.certificate import Certificate, Proof, certify
-from steelyard.excitation.earlier import Earlier
-from steelyard.excitation.exact import ExactTrajectory
-from steelyard.excitation.finish import finished
-from steelyard.excitation.methods import Gradient, seeded
-from steelyard.excitation.possible import refuse_impossible
+from steelyard.excitation.collision.room import NAME
+from steelyard.excitation.constraints.certificate import Certificate, Proof, certify
+from steelyard.excitation.from_tables import build
+from steelyard.excitation.previous_model import Earlier
 from steelyard.excitation.problem import Problem
-from steelyard.excitation.room import NAME
+from steelyard.excitation.search.feasibility import refuse_impossible
+from steelyard.excitation.search.finish import finished
+from steelyard.excitation.search.methods import Gradient, seeded
+from steelyard.excitation.trajectories.exact import ExactTrajectory
+from steelyard.identification.logs import model_of
 from steelyard.robot.inertia import INERTIAL_NAMES
-from steelyard.robot.robot_file import load_robot
+from steelyard.robot_file.file import load_robot
 
 DESIGNS = 200
 SPOILT = 50

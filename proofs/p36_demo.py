@@ -16,20 +16,20 @@ from pathlib import Path
 import numpy as np
 from claims import Claim, main_of
 
-from steelyard.cli.river import model_of, wanted_by
-from steelyard.estimation.least_squares import WeightedLeastSquares
-from steelyard.excitation.build import build
-from steelyard.excitation.exact import ExactTrajectory
-from steelyard.excitation.files import read_motion
-from steelyard.excitation.finish import finished
-from steelyard.excitation.fourier_bases import BlendedFourier
-from steelyard.excitation.starts import nearest_free
+from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
+from steelyard.excitation.bases.fourier_bases import BlendedFourier
+from steelyard.excitation.from_tables import build
+from steelyard.excitation.search.finish import finished
+from steelyard.excitation.search.starts import nearest_free
+from steelyard.excitation.trajectories.exact import ExactTrajectory
+from steelyard.excitation.trajectories.files import read_motion
 from steelyard.formats import open_log
+from steelyard.identification.logs import model_of, wanted_by
 from steelyard.measurement import Recording, prepare
 from steelyard.motion import run
 from steelyard.regression.gather import gather
 from steelyard.regression.regressor import base_regressor
-from steelyard.robot.robot_file import LoadedRobot, load_robot
+from steelyard.robot_file.file import LoadedRobot, load_robot
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.robot import VirtualRobot
 from steelyard.virtual.simulate import customary_sensors

@@ -17,19 +17,19 @@ import numpy as np
 from claims import Claim, main_of
 from p04_recovery import log_of
 
-from steelyard.cli.river import model_of, wanted_by
-from steelyard.estimation.least_squares import WeightedLeastSquares
+from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
 from steelyard.excitation.design import design
-from steelyard.excitation.earlier import Earlier
-from steelyard.excitation.exact import ExactTrajectory
-from steelyard.excitation.random_fourier import random_fourier
-from steelyard.excitation.runner import Effort
+from steelyard.excitation.previous_model import Earlier
+from steelyard.excitation.search.parallel_search import Effort
+from steelyard.excitation.trajectories.exact import ExactTrajectory
+from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.formats import open_log
+from steelyard.identification.logs import model_of, wanted_by
 from steelyard.measurement import Recording, prepare
 from steelyard.motion import run
 from steelyard.regression.gather import gather
 from steelyard.regression.regressor import Regressor, base_regressor
-from steelyard.robot.robot_file import LoadedRobot
+from steelyard.robot_file.file import LoadedRobot
 from steelyard.virtual.demo import write_demo_arm
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.robot import VirtualRobot

@@ -15,16 +15,16 @@ from claims import Claim, data_folder, main_of
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 from excitation.interpreters import Follower, URController, moments
-from steelyard.excitation.exact import ExactTrajectory
-from steelyard.excitation.export import exported
-from steelyard.excitation.fourier_bases import BlendedFourier, RampedFourier
-from steelyard.excitation.linear_basis import LinearBasis
-from steelyard.excitation.reaching_basis import ReachingBasis
-from steelyard.excitation.random_fourier import random_fourier
-from steelyard.excitation.slowed import SlowedMotion
-from steelyard.excitation.spline_bases import SplineBasis
+from steelyard.excitation.bases.fourier_bases import BlendedFourier, RampedFourier
+from steelyard.excitation.bases.linear_basis import LinearBasis
+from steelyard.excitation.bases.reaching_basis import ReachingBasis
+from steelyard.excitation.bases.spline_bases import SplineBasis
+from steelyard.excitation.export.export import exported
+from steelyard.excitation.trajectories.exact import ExactTrajectory
+from steelyard.excitation.trajectories.random_fourier import random_fourier
+from steelyard.excitation.trajectories.slowed import SlowedMotion
 from steelyard.robot.robot import Robot
-from steelyard.robot.robot_file import load_robot
+from steelyard.robot_file.file import load_robot
 
 BOUND = 1e-6
 DRAWS = 20

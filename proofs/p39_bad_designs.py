@@ -119,10 +119,10 @@ CASES = (
 
 def designed(tables: str, folder: Path) -> tuple[float, bool]:
     """Figure of the best motion of one search, and whether all is proven."""
-    from steelyard.cli.river import model_of
     from steelyard.excitation.design import design
-    from steelyard.excitation.runner import Effort
-    from steelyard.robot.robot_file import load_robot
+    from steelyard.excitation.search.parallel_search import Effort
+    from steelyard.identification.logs import model_of
+    from steelyard.robot_file.file import load_robot
 
     path = folder / "panda.toml"
     path.write_text(HEAD + tables, encoding="utf-8")

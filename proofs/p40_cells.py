@@ -27,18 +27,18 @@ from safety_motion import derivative, fine_times
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 from excitation.interpreters import Follower, URController
-from steelyard.cli.river import model_of
 from steelyard.errors import SteelyardError
-from steelyard.excitation.build import build
-from steelyard.excitation.certificate import Certificate, certify
-from steelyard.excitation.exact import ExactTrajectory
-from steelyard.excitation.export import exported
-from steelyard.excitation.finish import finished
-from steelyard.excitation.methods import Gradient, seeded
-from steelyard.excitation.possible import refuse_impossible
+from steelyard.excitation.constraints.certificate import Certificate, certify
+from steelyard.excitation.export.export import exported
+from steelyard.excitation.from_tables import build
 from steelyard.excitation.problem import Problem
-from steelyard.report.design_words import headline, level
-from steelyard.robot.robot_file import load_robot
+from steelyard.excitation.search.feasibility import refuse_impossible
+from steelyard.excitation.search.finish import finished
+from steelyard.excitation.search.methods import Gradient, seeded
+from steelyard.excitation.trajectories.exact import ExactTrajectory
+from steelyard.identification.logs import model_of
+from steelyard.report.text.design_words import headline, level
+from steelyard.robot_file.file import load_robot
 
 CELLS = 200
 DRAWN = 230

@@ -17,13 +17,13 @@ import numpy as np
 from claims import Claim, main_of
 from safety_robots import Arm, Link, arm_urdf, random_arm
 
-from steelyard.cli.before import refusal
 from steelyard.diagnosis import Case, examine
 from steelyard.diagnosis.case import Evidence
-from steelyard.excitation.random_fourier import random_fourier
+from steelyard.excitation.trajectories.random_fourier import random_fourier
+from steelyard.identification.precheck import refusal
 from steelyard.measurement import Processing, Recording
 from steelyard.measurement.recording import HeldLog
-from steelyard.robot.robot_file import LoadedRobot, load_robot
+from steelyard.robot_file.file import LoadedRobot, load_robot
 from steelyard.virtual.invent import random_truth
 
 ROBOTS, PROCESSES = 500, 2

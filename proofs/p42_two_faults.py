@@ -73,7 +73,7 @@ def with_gain(robot: Path, gain: object, name: str) -> Path:
 def torques(folder: Path) -> np.ndarray:
     """Torques of an identified model along a motion of its own, shape `(N, n)`."""
     from steelyard.estimation.identified import load_model
-    from steelyard.excitation.random_fourier import random_fourier
+    from steelyard.excitation.trajectories.random_fourier import random_fourier
 
     model = load_model(str(folder / "model.json"))
     trajectory = random_fourier(model.model.robot, seed=1, period=10.0)

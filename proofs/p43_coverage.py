@@ -18,14 +18,14 @@ from p02_scores import identified
 from p25_consistent_real import cases
 
 from steelyard.arrays import Array
-from steelyard.cli.fitting import Fit, Payload, calibrated, fit
-from steelyard.cli.river import model_of
-from steelyard.diagnosis.differences import one_sided
-from steelyard.diagnosis.fitted_case import FittedCase
-from steelyard.diagnosis.model_error import ModelError
+from steelyard.diagnosis.fitted.fitted_case import FittedCase
+from steelyard.diagnosis.fitted.model_error import ModelError
+from steelyard.diagnosis.signals.differences import one_sided
+from steelyard.estimation.consistent.program import Program
 from steelyard.estimation.estimate import Z95
 from steelyard.estimation.identified import Provenance
-from steelyard.estimation.program import Program
+from steelyard.identification.fitting import Fit, Payload, calibrated, fit
+from steelyard.identification.logs import model_of
 from steelyard.progress import silent
 from steelyard.validation.bands import Bands
 from steelyard.validation.score import score

@@ -25,21 +25,21 @@ from safety_robots import arm_urdf, random_arm
 
 from steelyard.cli.identify import run_identify
 from steelyard.errors import SteelyardError
-from steelyard.excitation.random_fourier import random_fourier
+from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.motion import Motion
 from steelyard.progress import silent
-from steelyard.robot.robot_file import load_robot
-from steelyard.terms.coulomb import Coulomb
-from steelyard.terms.load_dependent import LoadDependent
-from steelyard.terms.offset import Offset
-from steelyard.terms.powers import Quadratic, Root
-from steelyard.terms.presliding import Dahl
+from steelyard.robot_file.file import load_robot
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.load_dependent import LoadDependent
+from steelyard.terms.laws.offset import Offset
+from steelyard.terms.laws.powers import Quadratic, Root
+from steelyard.terms.laws.presliding import Dahl
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.laws.rotor_inertia import RotorInertia
+from steelyard.terms.laws.stribeck import Stribeck
+from steelyard.terms.laws.viscous import Viscous
 from steelyard.terms.register import description_of
-from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.rotor_inertia import RotorInertia
-from steelyard.terms.stribeck import Stribeck
 from steelyard.terms.term import Term
-from steelyard.terms.viscous import Viscous
 from steelyard.virtual.invent import random_truth
 
 ROBOTS, PROCESSES = 100, 2

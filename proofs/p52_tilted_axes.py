@@ -19,8 +19,8 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 from steelyard.model import Model  # noqa: E402
 from steelyard.regression.base import full_regressor  # noqa: E402
 from steelyard.regression.independence import independent_columns  # noqa: E402
-from steelyard.terms.rigid_body import RigidBody  # noqa: E402
-from steelyard.terms.rotor_inertia import RotorInertia  # noqa: E402
+from steelyard.terms.laws.rigid_body import RigidBody  # noqa: E402
+from steelyard.terms.laws.rotor_inertia import RotorInertia  # noqa: E402
 from tilted import drawn, rank_by_gap, singular_values  # noqa: E402
 
 DRAWS, PROCESSES = 2000, 2

@@ -16,13 +16,13 @@ from claims import Claim, data_folder
 from designs import PROBLEMS
 from safety_motion import derivative, duration
 
-from steelyard.cli.river import model_of
-from steelyard.excitation.build import build
-from steelyard.excitation.certificate import certify
-from steelyard.excitation.finish import finished
-from steelyard.excitation.methods import Gradient, seeded
+from steelyard.excitation.constraints.certificate import certify
+from steelyard.excitation.from_tables import build
 from steelyard.excitation.problem import Problem
-from steelyard.robot.robot_file import load_robot
+from steelyard.excitation.search.finish import finished
+from steelyard.excitation.search.methods import Gradient, seeded
+from steelyard.identification.logs import model_of
+from steelyard.robot_file.file import load_robot
 
 MARGIN = 0.02
 SEARCHES = 5

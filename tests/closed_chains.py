@@ -9,7 +9,7 @@ import numpy as np
 from invented import ball
 from steelyard.arrays import Array
 from steelyard.robot.inertia import Inertia
-from steelyard.robot.loops import loop_equations
+from steelyard.robot.loop_equations import loop_equations
 from steelyard.robot.robot import Body, Coordinate, Limits, Loop, Robot
 
 Z = (0.0, 0.0, 1.0)

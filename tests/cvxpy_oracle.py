@@ -5,9 +5,9 @@ import warnings
 import cvxpy as cp
 import numpy as np
 
-from steelyard.estimation.consistent import Consistent
-from steelyard.estimation.unknowns import WIDEST
-from steelyard.estimation.whitened import Whitened
+from steelyard.estimation.consistent.consistent import Consistent
+from steelyard.estimation.consistent.unknowns import WIDEST
+from steelyard.estimation.least_squares.whitened import Whitened
 from steelyard.robot.inertia import INERTIAL_NAMES
 
 

@@ -5,29 +5,29 @@ from collections.abc import Sequence
 import numpy as np
 
 from invented import dh_arm
-from steelyard.excitation.basis import Basis
-from steelyard.excitation.constraint import Constraint
-from steelyard.excitation.criteria import KINDS
-from steelyard.excitation.fourier_bases import (
+from steelyard.excitation.bases.basis import Basis
+from steelyard.excitation.bases.fourier_bases import (
     BlendedFourier,
     RampedFourier,
     RawFourier,
     RestFourier,
 )
+from steelyard.excitation.bases.reaching_basis import ReachingBasis
+from steelyard.excitation.bases.spline_bases import SplineBasis
+from steelyard.excitation.constraints.constraint import Constraint
+from steelyard.excitation.constraints.markers import Marker
+from steelyard.excitation.constraints.torque import torque_limit
+from steelyard.excitation.constraints.workspace import tool_box
+from steelyard.excitation.criteria.criteria import KINDS
 from steelyard.excitation.limits import MotionLimits
-from steelyard.excitation.markers import Marker
-from steelyard.excitation.reaching_basis import ReachingBasis
 from steelyard.excitation.objective import Case
 from steelyard.excitation.problem import Problem
-from steelyard.excitation.spline_bases import SplineBasis
-from steelyard.excitation.torque import torque_limit
-from steelyard.excitation.workspace import tool_box
 from steelyard.model import Model, ValuedModel
 from steelyard.parameters import Parameters
-from steelyard.regression.gradient import Shows
-from steelyard.terms.coulomb import Coulomb
-from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.viscous import Viscous
+from steelyard.regression.information_gradient import Shows
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.laws.viscous import Viscous
 
 ARM = dh_arm()
 MODEL = Model(ARM, (RigidBody(), Coulomb(), Viscous()))

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from steelyard.arrays import frozen
-from steelyard.measurement.motion_error import MotionError
+from steelyard.measurement.noise_propagation import MotionError
 from steelyard.regression.information import Stamp
 from steelyard.regression.regressor import Regressor
 from steelyard.regression.samples import Samples, Source

@@ -4,14 +4,14 @@ from collections.abc import Callable
 
 import numpy as np
 
-from steelyard.excitation.chained import ChainedMotion, repeated
-from steelyard.excitation.exact import ExactTrajectory
-from steelyard.excitation.fourier import FourierMotion
-from steelyard.excitation.minimum_jerk import through_postures
-from steelyard.excitation.piecewise import PiecewiseMotion
-from steelyard.excitation.sampled import SampledMotion
-from steelyard.excitation.trended import TrendedMotion
-from steelyard.excitation.windowed import WindowedMotion
+from steelyard.excitation.trajectories.chained import ChainedMotion, repeated
+from steelyard.excitation.trajectories.exact import ExactTrajectory
+from steelyard.excitation.trajectories.fourier import FourierMotion
+from steelyard.excitation.trajectories.minimum_jerk import through_postures
+from steelyard.excitation.trajectories.piecewise import PiecewiseMotion
+from steelyard.excitation.trajectories.sampled import SampledMotion
+from steelyard.excitation.trajectories.trended import TrendedMotion
+from steelyard.excitation.trajectories.windowed import WindowedMotion
 
 
 def rest_fourier(rng: np.random.Generator, periods: int = 2) -> FourierMotion:

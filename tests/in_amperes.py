@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from steelyard.excitation.random_fourier import random_fourier
+from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.measurement import Processing, Recording, Run, prepare
 from steelyard.measurement.recording import HeldLog
-from steelyard.robot.robot_file import load_robot
-from steelyard.robot.signals import Signals
+from steelyard.robot_file.file import load_robot
+from steelyard.robot_file.signals import Signals
 from steelyard.virtual.truth import Truth
 
 ROBOT = load_robot(Path(str(files("steelyard.virtual") / "demo_arm.urdf"))).robot

@@ -4,7 +4,7 @@ import numpy as np
 
 from invented import tree
 from steelyard.arrays import Array
-from steelyard.kernel.dynamics import JointState
+from steelyard.kernel.equations.dynamics import JointState
 from steelyard.model import Model
 from steelyard.robot.robot import Frame, Robot, Transmission
 from steelyard.terms.term import Term

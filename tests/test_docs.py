@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from steelyard.robot.schema import RobotFile
-from steelyard.robot.toml_check import checked
-from steelyard.terms.find import finds_of
+from steelyard.robot_file.sections import RobotFile
+from steelyard.robot_file.toml_check import checked
+from steelyard.terms.open_fields import finds_of
 from steelyard.terms.register import term_of
 
 ROOT = Path(__file__).parent.parent

@@ -10,15 +10,15 @@ import pytest
 
 from invented import single, tree
 from steelyard.errors import DataError, ModelError
-from steelyard.kernel.vector_ir import MAX_ANGLE
+from steelyard.kernel.native.vector_ir import MAX_ANGLE
 from steelyard.model import BLOCK, Model, ValuedModel
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
 from steelyard.robot.robot import Robot
-from steelyard.terms.coulomb import Coulomb
-from steelyard.terms.offset import Offset
-from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.viscous import Viscous
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.offset import Offset
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.laws.viscous import Viscous
 
 
 @pytest.fixture
@@ -121,7 +121,7 @@ def test_the_fingerprint_is_of_the_content() -> None:
 START = """
 import sys
 from invented import tree
-from steelyard.kernel import machine
+from steelyard.kernel.native import machine
 from steelyard.model import Model
 from steelyard.regression.accumulate import Accumulator
 from steelyard.regression.regressor import base_regressor
@@ -130,7 +130,7 @@ compile_code = machine.compile_code
 machine.compile_code = lambda *a: compiled.append(a) or compile_code(*a)
 model = Model(tree())
 Accumulator(base_regressor(model)).loops, model.torque_code
-print(len(compiled), "steelyard.kernel.trace" in sys.modules)
+print(len(compiled), "steelyard.kernel.program.trace" in sys.modules)
 """
 
 

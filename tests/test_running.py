@@ -13,13 +13,13 @@ import numpy as np
 import polars as pl
 import pytest
 
-from steelyard.excitation.export import EXPORTS
-from steelyard.excitation.files import read_motion
-from steelyard.excitation.random_fourier import random_fourier
+from steelyard.excitation.export.export import EXPORTS
+from steelyard.excitation.trajectories.files import read_motion
+from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.files import write_json
 from steelyard.formats import open_log
 from steelyard.motion import Rig
-from steelyard.robot.robot_file import load_robot
+from steelyard.robot_file.file import load_robot
 
 PAGE = Path(__file__).parent.parent / "docs" / "running.md"
 

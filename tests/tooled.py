@@ -12,13 +12,13 @@ import pytest
 
 from oracles import body_positions, pinocchio_model
 from steelyard.arrays import Array
-from steelyard.excitation.attitudes import Turned
 from steelyard.excitation.limits import MotionLimits, motion_limits
-from steelyard.excitation.process import Box, Process
-from steelyard.excitation.tour import ProcessMotion
-from steelyard.kernel.kinematics import frame_of
+from steelyard.excitation.planned.attitudes import Turned
+from steelyard.excitation.planned.process import Box, Process
+from steelyard.excitation.planned.tour import ProcessMotion
+from steelyard.kernel.quantities.kinematics import frame_of
 from steelyard.robot.robot import Robot
-from steelyard.robot.robot_file import load_robot
+from steelyard.robot_file.file import load_robot
 
 FILES = {
     "ur10": ("ur_description/urdf/ur10_robot.urdf", "tool0", ""),

@@ -10,9 +10,9 @@ from steelyard.model import Model
 from steelyard.parameters import Parameters
 from steelyard.regression.base import BaseMap
 from steelyard.robot.robot import Robot
-from steelyard.robot.signals import Signals
+from steelyard.robot_file.signals import Signals
+from steelyard.terms.laws.rigid_body import RigidBody
 from steelyard.terms.register import DEFAULT_TERMS
-from steelyard.terms.rigid_body import RigidBody
 from steelyard.terms.term import Term
 
 

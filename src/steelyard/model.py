@@ -12,19 +12,19 @@ from numpy.typing import ArrayLike
 
 from steelyard.arrays import Array
 from steelyard.errors import DataError, ModelError
-from steelyard.kernel.closure import completed, projected
-from steelyard.kernel.compiled import Code, compiled
-from steelyard.kernel.dynamics import JointState, Scalar, inverse_dynamics
-from steelyard.kernel.program import Array as Input
-from steelyard.kernel.program import Program
-from steelyard.kernel.vector_ir import MAX_ANGLE
+from steelyard.kernel.equations.closed_chains import completed, projected
+from steelyard.kernel.equations.dynamics import JointState, Scalar, inverse_dynamics
+from steelyard.kernel.native.compiled import Code, compiled
+from steelyard.kernel.native.vector_ir import MAX_ANGLE
+from steelyard.kernel.program.program import Array as Input
+from steelyard.kernel.program.program import Program
 from steelyard.motion import Motion
 from steelyard.parameters import Parameter, Parameters
+from steelyard.robot.json import robot_from_dict, robot_to_dict
 from steelyard.robot.robot import Robot
-from steelyard.robot.serial import robot_from_dict, robot_to_dict
-from steelyard.scan import Scan
+from steelyard.terms.laws.rigid_body import RigidBody
 from steelyard.terms.register import DEFAULT_TERMS, description_of, term_of
-from steelyard.terms.rigid_body import RigidBody
+from steelyard.terms.scan import Scan
 from steelyard.terms.term import Columns, Remembering, Term, channels_of
 
 BLOCK = 4096
@@ -159,7 +159,7 @@ class Model:
     @cached_property
     def columns_program(self) -> tuple[Program, tuple[tuple[int, int], ...]]:
         """All columns as one program, and the place `(row, column)` of each of its outputs."""
-        from steelyard.kernel.trace import symbolic
+        from steelyard.kernel.program.trace import symbolic
 
         places: list[tuple[int, int]] = []
 
@@ -176,7 +176,7 @@ class Model:
         """Machine code of the torque; inputs as `inputs`, and the shared parameters."""
 
         def build() -> tuple[Program, dict[str, Any]]:
-            from steelyard.kernel.trace import symbolic
+            from steelyard.kernel.program.trace import symbolic
 
             inputs = (*self.inputs, Input("parameters", len(self.parameters), shared=True))
             return symbolic(lambda *x: self.torque_of(JointState(*x[:4]), x[4]), inputs), {}

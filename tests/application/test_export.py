@@ -13,9 +13,9 @@ import pytest
 from closed_chains import CHAINS, slider_crank
 from invented import ROBOTS, mimic, tree
 from moving import geared
-from steelyard.application.export import exported, refuse_changed, unheld
-from steelyard.application.export_content import FIT, Format
-from steelyard.application.export_laws import PLACES
+from steelyard.application.export.content import FIT, Format
+from steelyard.application.export.export import exported, refuse_changed, unheld
+from steelyard.application.export.laws import PLACES
 from steelyard.errors import ModelError
 from steelyard.estimation.calibration import EDGES, Calibration
 from steelyard.estimation.estimate import Blind
@@ -26,22 +26,22 @@ from steelyard.motion import Motion
 from steelyard.regression.base import base_map
 from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
 from steelyard.robot.robot import Limits, Robot
-from steelyard.robot.robot_file import load_robot
-from steelyard.terms.coulomb import Coulomb
-from steelyard.terms.coupled import Coupled
-from steelyard.terms.directional import DirectionalCoulomb, DirectionalViscous
-from steelyard.terms.gravity_compensator import GravityCompensator
-from steelyard.terms.load_dependent import LoadDependent
-from steelyard.terms.offset import Offset
-from steelyard.terms.powers import Cubic, Quadratic, Root
-from steelyard.terms.presliding import Dahl, LuGre, MaxwellSlip
+from steelyard.robot_file.file import load_robot
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.coupled import Coupled
+from steelyard.terms.laws.directional import DirectionalCoulomb, DirectionalViscous
+from steelyard.terms.laws.gravity_compensator import GravityCompensator
+from steelyard.terms.laws.load_dependent import LoadDependent
+from steelyard.terms.laws.offset import Offset
+from steelyard.terms.laws.powers import Cubic, Quadratic, Root
+from steelyard.terms.laws.presliding import Dahl, LuGre, MaxwellSlip
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.laws.rotor_inertia import RotorInertia
+from steelyard.terms.laws.spring import Spring
+from steelyard.terms.laws.stribeck import Stribeck
+from steelyard.terms.laws.viscous import Viscous
 from steelyard.terms.register import DEFAULT_TERMS, TERMS, description_of
-from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.rotor_inertia import RotorInertia
-from steelyard.terms.spring import Spring
-from steelyard.terms.stribeck import Stribeck
 from steelyard.terms.term import Term
-from steelyard.terms.viscous import Viscous
 from weighed import identified_of
 
 WRIST = (("wrist", (("slider_joint", 1.0),)), ("arm", (("trunk_joint", 1.0), ("tip_joint", -2.0))))

@@ -9,15 +9,15 @@ import pytest
 
 import invented
 from invented import ball
-from steelyard.application.export import exported, refuse_changed
+from steelyard.application.export.export import exported, refuse_changed
 from steelyard.errors import ModelError
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.motion import Motion
 from steelyard.robot.inertia import INERTIAL_NAMES
-from steelyard.robot.robot_file import load_robot
-from steelyard.terms.offset import Offset
-from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.viscous import Viscous
+from steelyard.robot_file.file import load_robot
+from steelyard.terms.laws.offset import Offset
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.laws.viscous import Viscous
 from steelyard.virtual.invent import random_truth
 from weighed import identified_of
 

@@ -14,16 +14,16 @@ from steelyard.errors import DataError, ModelError, SteelyardError
 from steelyard.estimation.estimate import Z95
 from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimation.known_scales import KnownScales
-from steelyard.estimation.least_squares import WeightedLeastSquares
-from steelyard.estimation.load import PayloadEstimate
-from steelyard.estimation.load_case import drifting
+from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimation.payload.load import PayloadEstimate
+from steelyard.estimation.payload.load_case import drifting
 from steelyard.model import Model
 from steelyard.regression.information import Information, Stamp
 from steelyard.robot.inertia import Inertia
-from steelyard.robot.signals import Signals
-from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.rotor_inertia import RotorInertia
-from steelyard.terms.viscous import Viscous
+from steelyard.robot_file.signals import Signals
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.laws.rotor_inertia import RotorInertia
+from steelyard.terms.laws.viscous import Viscous
 
 NAMES = tuple(f"c{k}" for k in range(9))
 SIGNALS = Signals(

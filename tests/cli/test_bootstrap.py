@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from estimation.test_least_squares import data
-from steelyard.cli.fitting import Fit
-from steelyard.estimation.least_squares import WeightedLeastSquares
+from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
+from steelyard.identification.fitting import Fit
 from steelyard.progress import silent
 
 DRAWS = 20
@@ -65,7 +65,7 @@ def test_few_draws_are_refused(command, given: Path, tmp_path: Path) -> None:
 
 
 def test_data_of_one_window_lose_nothing() -> None:
-    from steelyard.cli.drawn_again import drawn_again
+    from steelyard.identification.bootstrap import drawn_again
     from steelyard.report import ReportContent
 
     said, *_ = data(np.full(4, 0.1))

@@ -11,10 +11,10 @@ import pytest
 import steelyard
 from cli.conftest import Command
 from cli.river_files import edited
-from steelyard.cli.river import model_of
 from steelyard.errors import ModelError
-from steelyard.robot.robot_file import load_robot
-from steelyard.terms.rotor_inertia import RotorInertia
+from steelyard.identification.logs import model_of
+from steelyard.robot_file.file import load_robot
+from steelyard.terms.laws.rotor_inertia import RotorInertia
 
 N = 6
 RATIOS = np.diag([80.0, 100.0, -90.0, 60.0, 50.0, 40.0])

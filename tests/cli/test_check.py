@@ -19,7 +19,7 @@ from steelyard.cli.app import expanded
 from steelyard.diagnosis import Case, Edit, Finding, Judgement, Mend
 from steelyard.diagnosis import register as diagnosis_register
 from steelyard.diagnosis.finding import Picture, Trace
-from steelyard.robot.robot_file import load_robot
+from steelyard.robot_file.file import load_robot
 
 OTHER = "../given/validation.parquet"
 

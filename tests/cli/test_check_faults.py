@@ -12,7 +12,7 @@ import pytest
 from cli.conftest import Command
 from cli.river_files import edited
 from steelyard.diagnosis.register import SUSPICIONS
-from steelyard.robot.robot_file import load_robot
+from steelyard.robot_file.file import load_robot
 
 CURRENTS = (
     ('"tau{}_Nm"', '"i{}"'),

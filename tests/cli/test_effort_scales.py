@@ -12,9 +12,9 @@ import pytest
 
 from cli.conftest import Command
 from cli.river_files import edited
-from steelyard.cli.fitting import _unscaled_because
-from steelyard.cli.river import model_of
-from steelyard.robot.robot_file import load_robot
+from steelyard.identification.fitting import _unscaled_because
+from steelyard.identification.logs import model_of
+from steelyard.robot_file.file import load_robot
 
 OFF = {2: 1.25}
 

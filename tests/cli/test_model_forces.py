@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from cli.conftest import Command
-from steelyard.cli.river import model_of
-from steelyard.excitation.build import build
-from steelyard.kernel.dynamics import JointState
-from steelyard.robot.robot_file import load_robot
+from steelyard.excitation.from_tables import build
+from steelyard.identification.logs import model_of
+from steelyard.kernel.equations.dynamics import JointState
+from steelyard.robot_file.file import load_robot
 
 MJCF = """
 <mujoco model="sprung"><compiler angle="radian"/><option><flag gravity="disable"/></option>

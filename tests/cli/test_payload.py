@@ -8,11 +8,11 @@ import pytest
 
 from cli.conftest import Command
 from cli.mistakes import leftovers
-from steelyard.estimation.load import PayloadEstimate
-from steelyard.excitation.random_fourier import random_fourier
+from steelyard.estimation.payload.load import PayloadEstimate
+from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.motion import run
 from steelyard.robot.inertia import Inertia
-from steelyard.robot.robot_file import load_robot
+from steelyard.robot_file.file import load_robot
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.payload import Payload
 from steelyard.virtual.robot import VirtualRobot

@@ -11,7 +11,7 @@ import pytest
 import steelyard
 from cli.conftest import Command
 from cli.river_files import edited
-from steelyard.robot.signals import ROW
+from steelyard.robot_file.signals import ROW
 
 RATE = 250.0
 

@@ -17,10 +17,10 @@ import numpy as np
 import pytest
 
 from cli.conftest import Command
-from steelyard.excitation.random_fourier import random_fourier
-from steelyard.report.replay import Clock, Replay, replayed
-from steelyard.report.stage import Stage, staged
-from steelyard.robot.robot_file import load_robot
+from steelyard.excitation.trajectories.random_fourier import random_fourier
+from steelyard.report.replay.replay import Clock, Replay, replayed
+from steelyard.report.replay.stage import Stage, staged
+from steelyard.robot_file.file import load_robot
 
 ARM = Path(__file__).parents[2] / "src" / "steelyard" / "virtual" / "demo_arm.urdf"
 FREE = 18080

@@ -10,18 +10,18 @@ from scipy.interpolate import CubicSpline
 
 from cli.conftest import Command
 from cli.mistakes import ROBOT
-from steelyard.excitation.chained import ChainedMotion
-from steelyard.excitation.export import write_export
-from steelyard.excitation.files import KINDS, trajectory_from_dict
-from steelyard.excitation.fourier import FourierMotion
-from steelyard.excitation.piecewise import PiecewiseMotion, from_scipy
-from steelyard.excitation.random_fourier import random_fourier
-from steelyard.excitation.sampled import SampledMotion
-from steelyard.excitation.slowed import SlowedMotion
-from steelyard.excitation.trended import TrendedMotion
-from steelyard.excitation.windowed import WindowedMotion
+from steelyard.excitation.export.export import write_export
+from steelyard.excitation.trajectories.chained import ChainedMotion
+from steelyard.excitation.trajectories.files import KINDS, trajectory_from_dict
+from steelyard.excitation.trajectories.fourier import FourierMotion
+from steelyard.excitation.trajectories.piecewise import PiecewiseMotion, from_scipy
+from steelyard.excitation.trajectories.random_fourier import random_fourier
+from steelyard.excitation.trajectories.sampled import SampledMotion
+from steelyard.excitation.trajectories.slowed import SlowedMotion
+from steelyard.excitation.trajectories.trended import TrendedMotion
+from steelyard.excitation.trajectories.windowed import WindowedMotion
 from steelyard.files import write_json
-from steelyard.robot.robot_file import load_robot
+from steelyard.robot_file.file import load_robot
 
 RUN = ("simulate", ROBOT, "--period", "1.5", "--noise", "0")
 

@@ -9,19 +9,19 @@ import pytest
 from steelyard.arrays import Array
 from steelyard.diagnosis import Case, Diagnosis, examine
 from steelyard.diagnosis.case import Evidence
-from steelyard.diagnosis.effort_delay import EffortDelay
-from steelyard.diagnosis.effort_kind import EffortKind
-from steelyard.diagnosis.effort_sign import EffortSign
-from steelyard.diagnosis.effort_unit import EffortUnit
-from steelyard.diagnosis.gain import Gain
-from steelyard.diagnosis.joint_order import JointOrder
-from steelyard.diagnosis.mounting import Mounting
-from steelyard.diagnosis.payload_left import PayloadLeft
-from steelyard.diagnosis.position_sign import PositionSign
-from steelyard.diagnosis.suspicion import Suspicion
+from steelyard.diagnosis.check import Suspicion
+from steelyard.diagnosis.hypotheses.effort_delay import EffortDelay
+from steelyard.diagnosis.hypotheses.effort_kind import EffortKind
+from steelyard.diagnosis.hypotheses.effort_sign import EffortSign
+from steelyard.diagnosis.hypotheses.effort_unit import EffortUnit
+from steelyard.diagnosis.hypotheses.gain import Gain
+from steelyard.diagnosis.hypotheses.joint_order import JointOrder
+from steelyard.diagnosis.hypotheses.mounting import Mounting
+from steelyard.diagnosis.hypotheses.payload_left import PayloadLeft
+from steelyard.diagnosis.hypotheses.position_sign import PositionSign
 from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
-from steelyard.estimation.least_squares import WeightedLeastSquares
-from steelyard.excitation.random_fourier import random_fourier
+from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
+from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.measurement import Processing, Recording, prepare
 from steelyard.measurement.recording import HeldLog
 from steelyard.model import Model
@@ -29,7 +29,7 @@ from steelyard.motion import Motion
 from steelyard.regression.gather import gather
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot.robot import Robot
-from steelyard.robot.robot_file import load_robot
+from steelyard.robot_file.file import load_robot
 from steelyard.virtual.demo import write_demo_arm
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.truth import Truth

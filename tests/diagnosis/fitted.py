@@ -8,17 +8,17 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from steelyard.cli import river
-from steelyard.diagnosis.fitted_case import FittedCase
-from steelyard.estimation.fields import said_by
+from steelyard.diagnosis.fitted.fitted_case import FittedCase
+from steelyard.estimation.fields.fields import said_by
 from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
-from steelyard.estimation.least_squares import WeightedLeastSquares
+from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
+from steelyard.identification.logs import log_files, model_of, runs_of
 from steelyard.measurement import Run
 from steelyard.motion import Motion
 from steelyard.regression.base import base_map
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot.robot import Robot
-from steelyard.robot.robot_file import LoadedRobot, load_robot
+from steelyard.robot_file.file import LoadedRobot, load_robot
 from steelyard.virtual.demo import _ROBOT_FILE
 from steelyard.virtual.truth import Truth
 
@@ -64,10 +64,10 @@ def log(path: Path, truth: Truth, seed: int, offset: Sequence[float] = (0.0,) * 
 
 def case(loaded: LoadedRobot, paths: Sequence[Path]) -> FittedCase:
     """A plain fit of some logs."""
-    signals, model = loaded.signals, river.model_of(loaded)
+    signals, model = loaded.signals, model_of(loaded)
     assert signals is not None
-    runs: Sequence[Run] = river.runs_of(
-        loaded, signals, river.log_files([str(p) for p in paths]), (), lambda _: True
+    runs: Sequence[Run] = runs_of(
+        loaded, signals, log_files([str(p) for p in paths]), (), lambda _: True
     )[0]
     information = said_by(runs)(base_regressor(model))
     estimate = WeightedLeastSquares()(information)

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from steelyard.diagnosis.absurd import AbsurdBodies, absurdities, heaviest, refuse_absurd
 from steelyard.diagnosis.finding import Judgement
-from steelyard.diagnosis.fitted_case import FittedCase
+from steelyard.diagnosis.fitted.absurd import AbsurdBodies, absurdities, heaviest, refuse_absurd
+from steelyard.diagnosis.fitted.fitted_case import FittedCase
 from steelyard.errors import DataError
-from steelyard.estimation.consistent import Consistent
-from steelyard.estimation.prior import default_knowledge
+from steelyard.estimation.consistent.consistent import Consistent
+from steelyard.estimation.prior.prior import default_knowledge
 from steelyard.measurement import Processing, Recording, prepare
 from steelyard.measurement.recording import HeldLog
 from steelyard.regression.gather import gather

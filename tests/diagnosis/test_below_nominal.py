@@ -6,8 +6,8 @@ import pytest
 
 from diagnosis.fitted import case, demo_arm, log
 from steelyard.diagnosis import Judgement
-from steelyard.diagnosis.below_nominal import BelowNominal
-from steelyard.diagnosis.fitted_case import FittedCase
+from steelyard.diagnosis.fitted.below_nominal import BelowNominal
+from steelyard.diagnosis.fitted.fitted_case import FittedCase
 from steelyard.validation.score import score
 from steelyard.virtual.invent import random_truth
 

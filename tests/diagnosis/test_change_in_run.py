@@ -7,10 +7,10 @@ import pytest
 
 from diagnosis.conftest import Arm
 from steelyard.arrays import Array
-from steelyard.diagnosis.change_in_run import ChangeInRun
 from steelyard.diagnosis.finding import Finding, Judgement
-from steelyard.diagnosis.fitted_case import FittedCase
-from steelyard.estimation.fields import said_by
+from steelyard.diagnosis.fitted.change_in_run import ChangeInRun
+from steelyard.diagnosis.fitted.fitted_case import FittedCase
+from steelyard.estimation.fields.fields import said_by
 from steelyard.measurement import Processing, Recording, prepare
 from steelyard.measurement.recording import HeldLog
 from steelyard.regression.regressor import base_regressor

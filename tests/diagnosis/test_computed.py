@@ -5,9 +5,9 @@ import pytest
 
 from diagnosis.conftest import Arm
 from steelyard.arrays import Array
-from steelyard.diagnosis.computed import ComputedEfforts
 from steelyard.diagnosis.finding import Finding, Judgement
-from steelyard.diagnosis.smoothness import noise_levels
+from steelyard.diagnosis.signals.computed import ComputedEfforts
+from steelyard.diagnosis.signals.smoothness import noise_levels
 
 STEP = 2.0 * np.pi / 2**17
 

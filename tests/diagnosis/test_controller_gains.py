@@ -9,9 +9,9 @@ import pytest
 from diagnosis.conftest import MODEL_BASED
 from diagnosis.test_model_based import GAINS, TAU, edits, in_amperes
 from steelyard.diagnosis import Case, Edit, examine
-from steelyard.diagnosis.controller_gains import controller_gains
+from steelyard.diagnosis.hypotheses.controller_gains import controller_gains
 from steelyard.measurement.recording import HeldLog
-from steelyard.robot.edits import edited
+from steelyard.robot_file.edits import edited
 
 
 def case_with_targets(arm, text: str) -> Case:

@@ -7,9 +7,9 @@ import pytest
 
 from diagnosis.conftest import Arm
 from steelyard.arrays import Array
-from steelyard.diagnosis.effort_sign import EffortSign
 from steelyard.diagnosis.finding import Judgement
-from steelyard.diagnosis.friction_sign import drives_of, friction_signs
+from steelyard.diagnosis.hypotheses.effort_sign import EffortSign
+from steelyard.diagnosis.hypotheses.friction_sign import drives_of, friction_signs
 
 TAU = "tau{}_Nm"
 

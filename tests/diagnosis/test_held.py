@@ -12,15 +12,15 @@ from diagnosis.conftest import Arm
 from diagnosis.test_signals import DQ, ROBOT, TAU, Q, case_of, coarse, diagnosis, sound
 from steelyard.arrays import Array
 from steelyard.diagnosis.finding import Edit, Finding, Judgement
-from steelyard.diagnosis.held import hold
-from steelyard.diagnosis.repeats import Repeats
-from steelyard.estimation.least_squares import WeightedLeastSquares
+from steelyard.diagnosis.signals.held import hold
+from steelyard.diagnosis.signals.repeats import Repeats
+from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
 from steelyard.measurement import Processing, Recording, prepare
 from steelyard.measurement.recording import HeldLog
 from steelyard.regression.gather import gather
 from steelyard.regression.regressor import base_regressor
-from steelyard.robot.edits import edited
-from steelyard.robot.robot_file import load_robot
+from steelyard.robot_file.edits import edited
+from steelyard.robot_file.file import load_robot
 
 DELAY = ("signals", "effort", "delay")
 MOTION = slice(Q.start, DQ.stop)

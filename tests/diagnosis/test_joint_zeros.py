@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from diagnosis.fitted import demo_arm, log
-from steelyard.cli.evidence import Subject, case_of
-from steelyard.cli.river import log_files
 from steelyard.diagnosis import Case, Judgement, joint_zeros
 from steelyard.diagnosis.joint_zeros import JointZeros
+from steelyard.identification.check_case import Subject, case_of
+from steelyard.identification.logs import log_files
 from steelyard.progress import silent
-from steelyard.robot.robot_file import load_robot
+from steelyard.robot_file.file import load_robot
 from steelyard.virtual.invent import random_truth
 
 

@@ -7,8 +7,8 @@ import pytest
 from diagnosis.conftest import Arm
 from steelyard.arrays import Array
 from steelyard.diagnosis.finding import Judgement
-from steelyard.diagnosis.mirrored import efforts_first, mirrors
-from steelyard.diagnosis.ranking import ranking
+from steelyard.diagnosis.hypotheses.mirrored import efforts_first, mirrors
+from steelyard.diagnosis.hypotheses.ranking import ranking
 
 
 def turned(arm: Arm, *patterns: str) -> Array:

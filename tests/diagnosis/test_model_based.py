@@ -12,19 +12,19 @@ from scipy.optimize import lsq_linear
 from steelyard.diagnosis import Diagnosis, Edit, Judgement, examine
 from steelyard.diagnosis.drift import Drift
 from steelyard.diagnosis.finding import Finding, Mend
+from steelyard.diagnosis.hypotheses.mounting import Mounting
+from steelyard.diagnosis.hypotheses.nuisance import least_squares
+from steelyard.diagnosis.hypotheses.payload_left import PayloadLeft
+from steelyard.diagnosis.hypotheses.ranking import COMPARING
+from steelyard.diagnosis.hypotheses.shared_fit import shared_fit
+from steelyard.diagnosis.hypotheses.telling import UNKNOWN
+from steelyard.diagnosis.hypotheses.verdict import verdict
 from steelyard.diagnosis.identifiability import Identifiability
 from steelyard.diagnosis.knowledge import knowledge_of
-from steelyard.diagnosis.mounting import Mounting
-from steelyard.diagnosis.nuisance import least_squares
-from steelyard.diagnosis.payload_left import PayloadLeft
-from steelyard.diagnosis.ranking import COMPARING
-from steelyard.diagnosis.shared_fit import shared_fit
-from steelyard.diagnosis.telling import UNKNOWN
 from steelyard.diagnosis.together import together
-from steelyard.diagnosis.verdict import verdict
 from steelyard.estimation.known_scales import KnownScales
-from steelyard.robot.edits import edited
 from steelyard.robot.inertia import Inertia
+from steelyard.robot_file.edits import edited
 
 Q, DQ, TAU = "q{}_rad", "dq{}_rad_s", "tau{}_Nm"
 GAINS = np.array([9.0, 12.0, 7.5, 11.0, 6.0, 8.0])
@@ -170,7 +170,7 @@ def test_currents_declared_as_torques(arm):
 def without_gravity(arm) -> np.ndarray:
     """The log less the torque that holds the true arm."""
     from steelyard.model import Model
-    from steelyard.terms.rigid_body import RigidBody
+    from steelyard.terms.laws.rigid_body import RigidBody
 
     robot = arm.robot
     torques = []

@@ -12,13 +12,13 @@ from scipy.signal import lfilter
 
 from diagnosis.fitted import case, demo_arm, log
 from steelyard.diagnosis import Finding, Judgement
-from steelyard.diagnosis.fitted_case import FittedCase
-from steelyard.diagnosis.model_error import ModelError, beginnings
+from steelyard.diagnosis.fitted.fitted_case import FittedCase
+from steelyard.diagnosis.fitted.model_error import ModelError, beginnings
 from steelyard.robot.robot import Body, Robot
-from steelyard.robot.robot_file import LoadedRobot
-from steelyard.terms.load_dependent import LoadDependent
+from steelyard.robot_file.file import LoadedRobot
+from steelyard.terms.laws.load_dependent import LoadDependent
+from steelyard.terms.laws.stribeck import Stribeck
 from steelyard.terms.register import DEFAULT_TERMS
-from steelyard.terms.stribeck import Stribeck
 from steelyard.terms.term import Term
 from steelyard.validation import residuals
 from steelyard.validation.score import RunScore, score

@@ -7,14 +7,14 @@ import pytest
 from typer.testing import CliRunner
 
 from steelyard.arrays import Array
-from steelyard.cli import river
 from steelyard.cli.app import app
-from steelyard.cli.evidence import case_of, subject_of
 from steelyard.diagnosis import Diagnosis, examine
 from steelyard.diagnosis.finding import Finding, Judgement
-from steelyard.diagnosis.moving_base import MovingBase, of_base
+from steelyard.diagnosis.signals.moving_base import MovingBase, of_base
+from steelyard.identification.check_case import case_of, subject_of
+from steelyard.identification.logs import log_files
 from steelyard.progress import silent
-from steelyard.report.findings import headline
+from steelyard.report.text.findings import headline
 
 MODEL = """
 <mujoco><worldbody>
@@ -41,7 +41,7 @@ def logged(folder: Path, free: str, **more: Array) -> tuple[Path, Path]:
 
 
 def found(model: Path, log: Path) -> tuple[Finding, ...]:
-    files = river.log_files([str(log)])
+    files = log_files([str(log)])
     case, _ = case_of(subject_of(str(model), files[0]), files, None, silent)
     return examine(case, suspicions=[MovingBase()]).findings
 
@@ -87,7 +87,7 @@ def test_a_noisy_sensor_at_rest_says_so(tmp_path: Path) -> None:
     model, log = logged(tmp_path, "<freejoint/>", **imu(0.0, 0.0))
     (finding,) = found(model, log)
     assert not finding.judgement and finding.answered and "at rest" in finding.says
-    files = river.log_files([str(log)])
+    files = log_files([str(log)])
     loaded = subject_of(str(model), files[0]).loaded
     assert of_base(loaded, (finding,)) == ()
     (assumed,) = of_base(loaded, ())

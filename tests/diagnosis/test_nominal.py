@@ -17,15 +17,16 @@ from diagnosis.test_model_based import (
     with_payload,
     wrong,
 )
-from steelyard.diagnosis import Edit, Judgement, support
-from steelyard.diagnosis.evidence_kept import keeps_evidence
+from steelyard.diagnosis import Edit, Judgement
+from steelyard.diagnosis.hypotheses import support
+from steelyard.diagnosis.hypotheses.evidence_kept import keeps_evidence
+from steelyard.diagnosis.hypotheses.possible import possible
+from steelyard.diagnosis.hypotheses.ranking import ranking
+from steelyard.diagnosis.hypotheses.verdict import verdict
+from steelyard.diagnosis.hypotheses.ways import _listed
 from steelyard.diagnosis.knowledge import knowledge_of
-from steelyard.diagnosis.possible import possible
-from steelyard.diagnosis.ranking import ranking
-from steelyard.diagnosis.verdict import verdict
-from steelyard.diagnosis.ways import _listed
-from steelyard.report.findings import headline
-from steelyard.robot.edits import edited
+from steelyard.report.text.findings import headline
+from steelyard.robot_file.edits import edited
 
 
 def nominal_times(arm, factor: float) -> None:

@@ -3,9 +3,9 @@
 from typing import ClassVar, cast
 
 from steelyard.diagnosis import Finding, Judgement, Mend
-from steelyard.diagnosis.post_fit import FittedCase, examine_fit
+from steelyard.diagnosis.fitted.post_fit import FittedCase, examine_fit
 from steelyard.report.content import ReportContent
-from steelyard.report.judgement import verdict
+from steelyard.report.text.judgement import verdict
 
 
 class Says:

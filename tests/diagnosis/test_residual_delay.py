@@ -5,8 +5,8 @@ import pytest
 
 from diagnosis.conftest import Arm
 from steelyard.arrays import Array
-from steelyard.diagnosis.effort_delay import EffortDelay
 from steelyard.diagnosis.finding import Judgement
+from steelyard.diagnosis.hypotheses.effort_delay import EffortDelay
 from steelyard.diagnosis.residual_delay import residual_delay
 
 

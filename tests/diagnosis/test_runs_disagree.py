@@ -10,15 +10,15 @@ import pytest
 from diagnosis.fitted import case, demo_arm, log
 from steelyard.arrays import frozen
 from steelyard.diagnosis import Finding, Judgement
-from steelyard.diagnosis.fitted_case import FittedCase
-from steelyard.diagnosis.last_link import LastLink
-from steelyard.diagnosis.runs_disagree import RunsDisagree
+from steelyard.diagnosis.fitted.fitted_case import FittedCase
+from steelyard.diagnosis.fitted.last_link import LastLink
+from steelyard.diagnosis.fitted.runs_disagree import RunsDisagree
 from steelyard.estimation.estimate import Estimate, Standard
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.measurement import Run
 from steelyard.parameters import Parameters
 from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
-from steelyard.robot.robot_file import LoadedRobot
+from steelyard.robot_file.file import LoadedRobot
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.truth import Truth
 

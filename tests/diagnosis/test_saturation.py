@@ -8,7 +8,7 @@ import pytest
 from diagnosis.test_signals import case_of, sound
 from steelyard.arrays import Array
 from steelyard.diagnosis.finding import Finding, Judgement
-from steelyard.diagnosis.saturation import Saturation
+from steelyard.diagnosis.signals.saturation import Saturation
 
 SLOW = 2.0 * np.pi * 0.1 * np.arange(4000) / 100.0
 WAVES = {

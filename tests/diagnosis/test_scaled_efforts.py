@@ -6,9 +6,9 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from steelyard.diagnosis import scaled_efforts
 from steelyard.diagnosis.causes import Cause
-from steelyard.diagnosis.scaled_efforts import ScaledEfforts
+from steelyard.diagnosis.fitted import scaled_efforts
+from steelyard.diagnosis.fitted.scaled_efforts import ScaledEfforts
 from steelyard.estimation.effort_scales import Scales
 
 FOUND = Scales(np.array([0.8, 1.05]), 0.05**2 * np.eye(2), np.zeros(0), 1.0)

@@ -11,25 +11,25 @@ import pytest
 
 from steelyard.arrays import Array
 from steelyard.diagnosis.case import Case, Evidence
-from steelyard.diagnosis.clock import Clock
 from steelyard.diagnosis.examine import Diagnosis, examine
-from steelyard.diagnosis.excitation import Excitation
 from steelyard.diagnosis.finding import Finding, Judgement
-from steelyard.diagnosis.noise import Noise
-from steelyard.diagnosis.position import Position
 from steelyard.diagnosis.register import SUSPICIONS
-from steelyard.diagnosis.repeats import Repeats
-from steelyard.diagnosis.rests import Rests
-from steelyard.diagnosis.rows import Rows
-from steelyard.diagnosis.saturation import Saturation
-from steelyard.diagnosis.unit_costs import JointFacts
-from steelyard.diagnosis.units import _named, reading
-from steelyard.diagnosis.velocity import Velocity
+from steelyard.diagnosis.signals.clock import Clock
+from steelyard.diagnosis.signals.excitation import Excitation
+from steelyard.diagnosis.signals.noise import Noise
+from steelyard.diagnosis.signals.position import Position
+from steelyard.diagnosis.signals.repeats import Repeats
+from steelyard.diagnosis.signals.rests import Rests
+from steelyard.diagnosis.signals.rows import Rows
+from steelyard.diagnosis.signals.saturation import Saturation
+from steelyard.diagnosis.signals.unit_costs import JointFacts
+from steelyard.diagnosis.signals.units import _named, reading
+from steelyard.diagnosis.signals.velocity import Velocity
 from steelyard.measurement import Processing, Recording
 from steelyard.measurement.recording import HeldLog
-from steelyard.robot.edits import edited
 from steelyard.robot.robot import Coordinate, Limits
-from steelyard.robot.robot_file import load_robot
+from steelyard.robot_file.edits import edited
+from steelyard.robot_file.file import load_robot
 
 OWN = (
     Clock(),

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from diagnosis.conftest import Arm
-from steelyard.diagnosis.clock import Clock
 from steelyard.diagnosis.finding import Finding, Judgement
+from steelyard.diagnosis.signals.clock import Clock
 
 WITHOUT = ('velocity = "dq{}_rad_s"\n', "")
 

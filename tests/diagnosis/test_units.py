@@ -19,11 +19,11 @@ from diagnosis.test_signals import (
     sound,
 )
 from steelyard.arrays import Array
-from steelyard.diagnosis.clock import Clock
 from steelyard.diagnosis.examine import examine
 from steelyard.diagnosis.finding import Judgement
-from steelyard.diagnosis.position import Position
-from steelyard.diagnosis.velocity import Velocity
+from steelyard.diagnosis.signals.clock import Clock
+from steelyard.diagnosis.signals.position import Position
+from steelyard.diagnosis.signals.velocity import Velocity
 
 LIMITS = re.compile(r"\[robot.limits\]\n(joint_.*\n)+")
 UNLIMITED = LIMITS.sub("", ROBOT)

@@ -7,10 +7,10 @@ import pytest
 
 from steelyard.arrays import Array
 from steelyard.diagnosis import Finding, Judgement
-from steelyard.diagnosis.post_fit import FittedCase, examine_fit
-from steelyard.diagnosis.unseen_reason import UnseenReason, _one_file
+from steelyard.diagnosis.fitted.post_fit import FittedCase, examine_fit
+from steelyard.diagnosis.fitted.unseen_reason import UnseenReason, _one_file
 from steelyard.robot.inertia import Inertia
-from steelyard.terms.rigid_body import RigidBody
+from steelyard.terms.laws.rigid_body import RigidBody
 from steelyard.validation.score import score
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.truth import Truth
@@ -105,7 +105,7 @@ def test_what_explains_nothing_is_no_reason_however_bad_the_fit(arm, monkeypatch
     noise = arm.table.copy()
     efforts = arm.at("tau{}_Nm")
     noise[:, efforts] = 5.0 * np.random.default_rng(1).standard_normal(noise[:, efforts].shape)
-    monkeypatch.setattr("steelyard.diagnosis.unseen_reason._own", lambda *_: 90.0)
+    monkeypatch.setattr("steelyard.diagnosis.fitted.unseen_reason._own", lambda *_: 90.0)
     assert not [f for f in found_in(arm, noise) if "most likely reason" in f.says]
 
 

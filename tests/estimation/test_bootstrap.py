@@ -7,9 +7,12 @@ import numpy as np
 import pytest
 
 from steelyard.errors import DataError
-from steelyard.estimation.bootstrap import bootstrap
 from steelyard.estimation.estimate import Estimate
-from steelyard.estimation.least_squares import OrdinaryLeastSquares, WeightedLeastSquares
+from steelyard.estimation.least_squares.bootstrap import bootstrap
+from steelyard.estimation.least_squares.least_squares import (
+    OrdinaryLeastSquares,
+    WeightedLeastSquares,
+)
 from steelyard.parameters import Parameters
 from steelyard.progress import Event, Stopped
 from steelyard.regression.information import Information, Stamp, Window

@@ -10,20 +10,20 @@ import pytest
 from invented import dh_arm
 from steelyard.arrays import Array, frozen
 from steelyard.errors import DataError
-from steelyard.estimation.controller import JointPD, tuned_pd
-from steelyard.estimation.didim import Didim
+from steelyard.estimation.closed_loop.controller import JointPD, tuned_pd
+from steelyard.estimation.closed_loop.didim import Didim
+from steelyard.estimation.closed_loop.experiment import Experiment, Loop, Measured
+from steelyard.estimation.closed_loop.forward import Forward, Integration
+from steelyard.estimation.closed_loop.instrumental import InstrumentalVariables
+from steelyard.estimation.closed_loop.kalman_parameters import KalmanParameters
+from steelyard.estimation.closed_loop.output_error import ClosedLoopOutputError
+from steelyard.estimation.closed_loop.rows import filtered
+from steelyard.estimation.closed_loop.simulation import simulate
 from steelyard.estimation.estimate import Estimate
-from steelyard.estimation.experiment import Experiment, Loop, Measured
-from steelyard.estimation.forward import Forward, Integration
-from steelyard.estimation.instrumental import InstrumentalVariables
-from steelyard.estimation.kalman_parameters import KalmanParameters
 from steelyard.estimation.noise import torque_noise, white_noise
-from steelyard.estimation.output_error import ClosedLoopOutputError
-from steelyard.estimation.prior import default_knowledge
+from steelyard.estimation.prior.prior import default_knowledge
 from steelyard.estimation.register import ESTIMATORS, Context, Offer
-from steelyard.estimation.rows import filtered
-from steelyard.estimation.simulation import simulate
-from steelyard.excitation.random_fourier import random_fourier
+from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.measurement.prepare import prepare
 from steelyard.measurement.processing import Processing
 from steelyard.measurement.recording import HeldLog, Recording
@@ -33,12 +33,12 @@ from steelyard.progress import Event, Stopped
 from steelyard.regression.accumulate import Accumulator, Stretch
 from steelyard.regression.information import Information, Stamp, Window
 from steelyard.regression.regressor import Regressor, base_regressor
-from steelyard.robot.signals import Signals
-from steelyard.terms.coulomb import Coulomb
-from steelyard.terms.presliding import Dahl
-from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.rotor_inertia import RotorInertia
-from steelyard.terms.viscous import Viscous
+from steelyard.robot_file.signals import Signals
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.presliding import Dahl
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.laws.rotor_inertia import RotorInertia
+from steelyard.terms.laws.viscous import Viscous
 
 RATE, LENGTH, CUTOFF = 1000.0, 5.0, 20.0
 TERMS = (RigidBody(), RotorInertia(), Coulomb(smoothing=0.05), Viscous())
@@ -171,7 +171,7 @@ def test_noise_of_positions_does_not_bias_as_it_biases_least_squares(offer: Offe
 
 def _differenced(data: Experiment) -> Experiment:
     """The same data, its motion from noisy positions behind a generous low-pass."""
-    from steelyard.measurement.butterworth import Butterworth
+    from steelyard.measurement.methods.butterworth import Butterworth
 
     (run,) = data.runs
     motion = Butterworth().designed(60.0, RATE)

@@ -9,13 +9,16 @@ import pytest
 from cvxpy_oracle import cvxpy_problem, solved
 from invented import tree
 from steelyard.errors import DataError
-from steelyard.estimation.consistent import Consistent
+from steelyard.estimation.consistent.consistent import Consistent
+from steelyard.estimation.consistent.physics import Entropic, Form, Free, Pullback
 from steelyard.estimation.estimate import Estimate
 from steelyard.estimation.knowledge import Knowledge, Row
-from steelyard.estimation.least_squares import OrdinaryLeastSquares, WeightedLeastSquares
-from steelyard.estimation.physics import Entropic, Form, Free, Pullback
-from steelyard.estimation.prior import default_knowledge
-from steelyard.estimation.whitened import whitened
+from steelyard.estimation.least_squares.least_squares import (
+    OrdinaryLeastSquares,
+    WeightedLeastSquares,
+)
+from steelyard.estimation.least_squares.whitened import whitened
+from steelyard.estimation.prior.prior import default_knowledge
 from steelyard.model import Model
 from steelyard.regression.accumulate import Accumulator, Stretch
 from steelyard.regression.information import Information, Stamp, Window

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from in_amperes import GAINS, ROBOT, run_of
-from steelyard.estimation.consistent import Consistent
+from steelyard.estimation.consistent.consistent import Consistent
+from steelyard.estimation.consistent.physics import Entropic, Pullback
+from steelyard.estimation.consistent.program import Program, wishes
+from steelyard.estimation.consistent.unknowns import unknowns
 from steelyard.estimation.estimate import Z95
-from steelyard.estimation.physics import Entropic, Pullback
-from steelyard.estimation.prior import default_knowledge
-from steelyard.estimation.program import Program, wishes
-from steelyard.estimation.unknowns import unknowns
-from steelyard.estimation.whitened import whitened
+from steelyard.estimation.least_squares.whitened import whitened
+from steelyard.estimation.prior.prior import default_knowledge
 from steelyard.measurement import Processing
 from steelyard.model import Model
 from steelyard.parameters import Parameters

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from invented import tree
-from steelyard.estimation.consistent import Consistent
+from steelyard.estimation.consistent.consistent import Consistent
 from steelyard.estimation.effort_scales import DEVIATION, Scaled
-from steelyard.estimation.prior import default_knowledge
+from steelyard.estimation.prior.prior import default_knowledge
 from steelyard.model import Model
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters

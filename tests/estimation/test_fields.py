@@ -9,8 +9,8 @@ import pytest
 
 from invented import dh_arm
 from steelyard.errors import ModelError
-from steelyard.estimation.field_passes import unknowns_of
-from steelyard.estimation.fields import FoundFields, find_fields
+from steelyard.estimation.fields.fields import FoundFields, find_fields
+from steelyard.estimation.fields.passes import unknowns_of
 from steelyard.model import Model
 from steelyard.progress import Event, Stopped
 from steelyard.regression.accumulate import Accumulator, Stretch
@@ -18,16 +18,16 @@ from steelyard.regression.base import base_map
 from steelyard.regression.information import Information, Stamp, Window
 from steelyard.regression.regressor import Regressor, base_regressor, chosen_regressor
 from steelyard.robot.robot import Coordinate, Robot
-from steelyard.robot.robot_file import load_robot
-from steelyard.terms.coulomb import Coulomb
-from steelyard.terms.coupled import Coupled
-from steelyard.terms.dictionary import Dictionary
-from steelyard.terms.find import Find
-from steelyard.terms.presliding import Dahl, LuGre
+from steelyard.robot_file.file import load_robot
+from steelyard.terms.candidates import Dictionary
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.coupled import Coupled
+from steelyard.terms.laws.presliding import Dahl, LuGre
+from steelyard.terms.laws.stribeck import Stribeck
+from steelyard.terms.laws.viscous import Viscous
+from steelyard.terms.open_fields import Find
 from steelyard.terms.register import DEFAULT_TERMS, TERMS, description_of, term_of
-from steelyard.terms.stribeck import Stribeck
 from steelyard.terms.term import Term
-from steelyard.terms.viscous import Viscous
 
 ROBOT = dh_arm()
 JOINTS = ROBOT.joint_names
@@ -253,8 +253,8 @@ def test_dictionary_columns_are_the_terms_columns(law: type[Any], field: str) ->
 
 
 def test_too_many_columns_are_searched_one_after_another(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("steelyard.estimation.fields.WIDEST", 40)
-    monkeypatch.setattr("steelyard.estimation.field_passes.WIDEST", 40)
+    monkeypatch.setattr("steelyard.estimation.fields.fields.WIDEST", 40)
+    monkeypatch.setattr("steelyard.estimation.fields.passes.WIDEST", 40)
     terms, wanted = (*BARE, Dahl(length=1e-3)), (*BARE, Dahl(length=LENGTHS))
     said, passes = data(terms, Stribeck(speed=0.07), 0.02)
     result = find_fields(Model(ROBOT, (*wanted, Stribeck(speed=Find(1e-3, 1.0)))), said)

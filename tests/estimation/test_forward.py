@@ -11,15 +11,15 @@ from closed_chains import five_bar
 from invented import ROBOTS, dh_arm, tree
 from oracles import body_map, body_positions, pinocchio_model
 from steelyard.errors import DataError
-from steelyard.estimation.forward import LEAST_WIDTH, Forward, Integration
+from steelyard.estimation.closed_loop.forward import LEAST_WIDTH, Forward, Integration
 from steelyard.model import Model
 from steelyard.regression.base import base_map
 from steelyard.robot.robot import Robot
-from steelyard.terms.coulomb import Coulomb
-from steelyard.terms.presliding import Dahl
-from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.rotor_inertia import RotorInertia
-from steelyard.terms.viscous import Viscous
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.presliding import Dahl
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.laws.rotor_inertia import RotorInertia
+from steelyard.terms.laws.viscous import Viscous
 from steelyard.virtual.mujoco_model import Rotor, build, mass_matrices
 
 NAMES = ["single", "tree", "dh arm", "mimic", "ur10e", "panda"]

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from invented import single, tree
-from steelyard.estimation.consistent import Consistent
-from steelyard.estimation.friction_curves import REACH, friction_curves, shaped
+from steelyard.estimation.consistent.consistent import Consistent
+from steelyard.estimation.consistent.friction_curves import REACH, friction_curves, shaped
 from steelyard.estimation.knowledge import Knowledge, Row
-from steelyard.estimation.prior import default_knowledge
+from steelyard.estimation.prior.prior import default_knowledge
 from steelyard.model import Model
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
@@ -18,15 +18,15 @@ from steelyard.regression.base import base_map
 from steelyard.regression.information import Information, Stamp, Window
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot.robot import Coordinate, Limits
-from steelyard.terms.coulomb import Coulomb
-from steelyard.terms.directional import DirectionalCoulomb, DirectionalViscous
-from steelyard.terms.offset import Offset
-from steelyard.terms.powers import Cubic, Quadratic, Root
-from steelyard.terms.presliding import Dahl, LuGre, MaxwellSlip
-from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.stribeck import Stribeck
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.directional import DirectionalCoulomb, DirectionalViscous
+from steelyard.terms.laws.offset import Offset
+from steelyard.terms.laws.powers import Cubic, Quadratic, Root
+from steelyard.terms.laws.presliding import Dahl, LuGre, MaxwellSlip
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.laws.stribeck import Stribeck
+from steelyard.terms.laws.viscous import Viscous
 from steelyard.terms.term import Term
-from steelyard.terms.viscous import Viscous
 
 FASTEST = 2.0
 LENGTHS = (1e-3, 4e-3, 1e-2)

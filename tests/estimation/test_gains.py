@@ -7,9 +7,9 @@ import pytest
 
 from loaded import GAINS, LOAD, MODEL, TOOL, UNITS, run
 from steelyard.errors import DataError, ModelError, SteelyardError
-from steelyard.estimation.bilinear import Bilinear
-from steelyard.estimation.gains import identified_gains
-from steelyard.estimation.load_case import carrier, load_case
+from steelyard.estimation.payload.bilinear import Bilinear
+from steelyard.estimation.payload.gains import identified_gains
+from steelyard.estimation.payload.load_case import carrier, load_case
 from steelyard.regression.base import base_map
 from steelyard.regression.information import Information
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares, lsq_linear
 
-from steelyard.estimation.gauss_newton import Settled, bounded_gauss_newton, bounded_step
+from steelyard.estimation.consistent.gauss_newton import Settled, bounded_gauss_newton, bounded_step
 
 Pair = tuple[np.ndarray, np.ndarray]
 FREE = np.full(2, np.inf)

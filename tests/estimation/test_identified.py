@@ -17,9 +17,9 @@ from steelyard.model import Model
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
 from steelyard.regression.base import base_map
-from steelyard.robot.signals import Signals
-from steelyard.terms.coulomb import Coulomb
-from steelyard.terms.rigid_body import RigidBody
+from steelyard.robot_file.signals import Signals
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.rigid_body import RigidBody
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import pytest
 
 from loaded import run
 from steelyard.errors import DataError
-from steelyard.estimation.joined import Part, covariance_of, inverse, joined, marginal
+from steelyard.estimation.payload.joined import Part, covariance_of, inverse, joined, marginal
 from steelyard.regression.information import Stamp
 
 RUNS = run(1, noise=0.1), run(2, noise=0.1)

@@ -15,7 +15,7 @@ from steelyard.arrays import Array, frozen
 from steelyard.errors import DataError
 from steelyard.estimation.estimate import Estimate
 from steelyard.estimation.knowledge import Knowledge
-from steelyard.estimation.prior import default_knowledge
+from steelyard.estimation.prior.prior import default_knowledge
 from steelyard.estimation.register import ESTIMATORS, Context, Offer
 from steelyard.model import Model
 from steelyard.regression.regressor import Regressor, base_regressor

@@ -9,31 +9,31 @@ import numpy as np
 import pytest
 
 from invented import tree
-from steelyard.cli.rivals import rivals_of
 from steelyard.errors import DataError
-from steelyard.estimation.consistent import Consistent
+from steelyard.estimation.consistent.consistent import Consistent
+from steelyard.estimation.consistent.log_cholesky import LogCholesky
+from steelyard.estimation.consistent.log_cholesky_body import entries
+from steelyard.estimation.consistent.log_cholesky_criterion import Criterion
+from steelyard.estimation.consistent.log_cholesky_fields import fit_jointly
+from steelyard.estimation.consistent.physics import Pullback
+from steelyard.estimation.consistent.unknowns import BASIS
 from steelyard.estimation.estimate import Estimate, Standard
-from steelyard.estimation.fields import find_fields
+from steelyard.estimation.fields.fields import find_fields
 from steelyard.estimation.knowledge import Knowledge, Row
-from steelyard.estimation.log_cholesky import LogCholesky
-from steelyard.estimation.log_cholesky_body import entries
-from steelyard.estimation.log_cholesky_criterion import Criterion
-from steelyard.estimation.log_cholesky_fields import fit_jointly
-from steelyard.estimation.physics import Pullback
-from steelyard.estimation.prior import default_knowledge
-from steelyard.estimation.unknowns import BASIS
-from steelyard.estimation.whitened import whitened
+from steelyard.estimation.least_squares.whitened import whitened
+from steelyard.estimation.prior.prior import default_knowledge
+from steelyard.identification.compare_inputs import rivals_of
 from steelyard.model import Model
 from steelyard.progress import Stopped, silent
 from steelyard.regression.accumulate import Accumulator, Stretch
 from steelyard.regression.information import Information, Stamp, Window
 from steelyard.regression.regressor import Regressor, base_regressor, standard_regressor
 from steelyard.robot.inertia import Inertia
-from steelyard.terms.coulomb import Coulomb
-from steelyard.terms.find import Find
-from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.stribeck import Stribeck
-from steelyard.terms.viscous import Viscous
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.laws.stribeck import Stribeck
+from steelyard.terms.laws.viscous import Viscous
+from steelyard.terms.open_fields import Find
 
 ROBOT = tree()
 FRICTION = ("coulomb", "viscous", "stribeck")

@@ -8,14 +8,14 @@ import pytest
 from drawn import motion_of, samples_of
 from invented import dh_arm, single
 from steelyard.errors import DataError
-from steelyard.estimation.least_squares import WeightedLeastSquares
-from steelyard.estimation.motion_noise import MotionNoise
-from steelyard.estimation.motion_slopes import motion_roots, slopes
+from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimation.samples.motion_gradients import motion_roots, slopes
+from steelyard.estimation.samples.motion_noise import MotionNoise
 from steelyard.model import Model
 from steelyard.regression.regressor import Regressor, base_regressor
 from steelyard.regression.samples import Samples
-from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.viscous import Viscous
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.laws.viscous import Viscous
 
 SMOOTH = base_regressor(Model(dh_arm(), (RigidBody(), Viscous())))
 SINGLE = base_regressor(Model(single(), (RigidBody(), Viscous())))

@@ -9,7 +9,10 @@ import pytest
 from invented import tree
 from steelyard.errors import DataError
 from steelyard.estimation.estimate import Estimate
-from steelyard.estimation.least_squares import OrdinaryLeastSquares, WeightedLeastSquares
+from steelyard.estimation.least_squares.least_squares import (
+    OrdinaryLeastSquares,
+    WeightedLeastSquares,
+)
 from steelyard.estimation.per_run import Runs
 from steelyard.model import Model
 from steelyard.regression.accumulate import Accumulator, Stretch

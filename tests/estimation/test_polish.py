@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from estimation.test_consistent import REGRESSOR, TRUTH, heavier, known, said
-from steelyard.estimation.conic import solved
-from steelyard.estimation.consistent import Consistent
+from steelyard.estimation.consistent.conic import solved
+from steelyard.estimation.consistent.consistent import Consistent
+from steelyard.estimation.consistent.physics import Entropic, Form, Free, Pullback
+from steelyard.estimation.consistent.polish import polished
+from steelyard.estimation.consistent.program import Program
 from steelyard.estimation.knowledge import Row
-from steelyard.estimation.physics import Entropic, Form, Free, Pullback
-from steelyard.estimation.polish import polished
-from steelyard.estimation.program import Program
-from steelyard.estimation.whitened import whitened
+from steelyard.estimation.least_squares.whitened import whitened
 
 WISHES = (
     Row("mass of tip", {"m.tip": 1.0}, lower=1.05 * TRUTH["m.tip"], upper=1.05 * TRUTH["m.tip"]),

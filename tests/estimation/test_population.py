@@ -9,25 +9,25 @@ import pytest
 
 from invented import single
 from steelyard.errors import DataError
-from steelyard.estimation.bounded import BoundedLeastSquares
-from steelyard.estimation.box import Box, base_bounds
-from steelyard.estimation.cma_es import CmaEs
 from steelyard.estimation.estimate import Estimate
-from steelyard.estimation.genetic import Genetic
-from steelyard.estimation.least_squares import WeightedLeastSquares
-from steelyard.estimation.prior import default_knowledge
+from steelyard.estimation.least_squares.bounded import BoundedLeastSquares
+from steelyard.estimation.least_squares.box import Box, base_bounds
+from steelyard.estimation.least_squares.cma_es import CmaEs
+from steelyard.estimation.least_squares.genetic import Genetic
+from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimation.least_squares.whitened import whitened
+from steelyard.estimation.prior.prior import default_knowledge
 from steelyard.estimation.register import ESTIMATORS, Context
-from steelyard.estimation.whitened import whitened
 from steelyard.model import Model
 from steelyard.progress import Event, Stopped
 from steelyard.regression.accumulate import Accumulator, Stretch
 from steelyard.regression.information import Information, Stamp, Window
 from steelyard.regression.regressor import base_regressor
 from steelyard.search.genetic import evolved
-from steelyard.terms.coulomb import Coulomb
-from steelyard.terms.offset import Offset
-from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.viscous import Viscous
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.offset import Offset
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.laws.viscous import Viscous
 
 MODEL = Model(single(), (RigidBody(), Coulomb(), Viscous(), Offset()))
 REGRESSOR = base_regressor(MODEL)

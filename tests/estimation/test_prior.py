@@ -9,16 +9,15 @@ import pytest
 
 from invented import ball, single, tree
 from steelyard.errors import ModelError
-from steelyard.estimation import prior_shapes
 from steelyard.estimation.knowledge import Knowledge
-from steelyard.estimation.prior import THINNEST, default_knowledge, mended_body
-from steelyard.estimation.prior_given import given_knowledge
+from steelyard.estimation.prior.prior import THINNEST, default_knowledge, mended_body, prior_shapes
+from steelyard.estimation.prior.prior_given import given_knowledge
 from steelyard.model import Model
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.robot import Body, Robot
-from steelyard.robot.robot_file import load_robot
-from steelyard.robot.schema import PriorSection
-from steelyard.terms.viscous import Viscous
+from steelyard.robot_file.file import load_robot
+from steelyard.robot_file.sections import PriorSection
+from steelyard.terms.laws.viscous import Viscous
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DATA = os.environ.get("STEELYARD_DATA")

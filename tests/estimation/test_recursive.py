@@ -6,8 +6,11 @@ import pytest
 from drawn import motion_of, samples_of
 from invented import single, tree
 from steelyard.errors import DataError
-from steelyard.estimation.least_squares import OrdinaryLeastSquares, WeightedLeastSquares
-from steelyard.estimation.recursive import MOST, Recursive
+from steelyard.estimation.least_squares.least_squares import (
+    OrdinaryLeastSquares,
+    WeightedLeastSquares,
+)
+from steelyard.estimation.least_squares.recursive import MOST, Recursive
 from steelyard.model import Model
 from steelyard.regression.information import Information
 from steelyard.regression.regressor import base_regressor

@@ -7,7 +7,7 @@ import pytest
 
 from invented import single
 from steelyard.estimation.estimate import Estimate
-from steelyard.estimation.reference import (
+from steelyard.estimation.fields.reference import (
     PASSES,
     bodies_of,
     needs_reference,
@@ -19,9 +19,9 @@ from steelyard.model import Model
 from steelyard.parameters import Parameters
 from steelyard.regression.information import Information
 from steelyard.regression.regressor import Regressor
-from steelyard.terms.coulomb import Coulomb
-from steelyard.terms.load_dependent import LoadDependent
-from steelyard.terms.rigid_body import RigidBody
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.load_dependent import LoadDependent
+from steelyard.terms.laws.rigid_body import RigidBody
 
 MODEL = Model(single(), (RigidBody(), Coulomb(), LoadDependent(length=1e-3)))
 

@@ -7,9 +7,9 @@ import pytest
 
 from drawn import motion_of, samples_of
 from invented import tree
-from steelyard.estimation.least_squares import WeightedLeastSquares
-from steelyard.estimation.prior import default_knowledge
-from steelyard.estimation.ridge import Ridge
+from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimation.least_squares.ridge import Ridge
+from steelyard.estimation.prior.prior import default_knowledge
 from steelyard.model import Model
 from steelyard.regression.information import Information
 from steelyard.regression.regressor import base_regressor

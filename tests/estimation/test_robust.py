@@ -8,8 +8,11 @@ from scipy.optimize import least_squares
 
 from drawn import motion_of, samples_of
 from invented import single, tree
-from steelyard.estimation.least_squares import OrdinaryLeastSquares, WeightedLeastSquares
-from steelyard.estimation.robust import Huber, Reweighted, Tukey, residuals_of
+from steelyard.estimation.least_squares.least_squares import (
+    OrdinaryLeastSquares,
+    WeightedLeastSquares,
+)
+from steelyard.estimation.samples.robust import Huber, Reweighted, Tukey, residuals_of
 from steelyard.model import Model
 from steelyard.regression.regressor import Regressor, base_regressor
 from steelyard.regression.samples import Samples

@@ -6,8 +6,16 @@ import numpy as np
 import pytest
 
 from invented import tree
-from steelyard.estimation.least_squares import OrdinaryLeastSquares, WeightedLeastSquares
-from steelyard.estimation.sandwich import honest_covariance, inflations, note_of, sandwich
+from steelyard.estimation.least_squares.least_squares import (
+    OrdinaryLeastSquares,
+    WeightedLeastSquares,
+)
+from steelyard.estimation.least_squares.sandwich import (
+    honest_covariance,
+    inflations,
+    note_of,
+    sandwich,
+)
 from steelyard.model import Model
 from steelyard.regression.accumulate import Accumulator, Stretch
 from steelyard.regression.information import Information, Stamp, Window

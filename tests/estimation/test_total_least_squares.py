@@ -8,7 +8,7 @@ import pytest
 from drawn import motion_of, samples_of
 from invented import single, tree
 from steelyard.errors import DataError
-from steelyard.estimation.total_least_squares import TotalLeastSquares
+from steelyard.estimation.samples.total_least_squares import TotalLeastSquares
 from steelyard.model import Model
 from steelyard.regression.information import Information
 from steelyard.regression.regressor import base_regressor

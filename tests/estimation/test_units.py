@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from estimation.test_consistent import REGRESSOR, heavier, said
-from steelyard.estimation.conic import solved
-from steelyard.estimation.consistent import Consistent
-from steelyard.estimation.program import Program
-from steelyard.estimation.whitened import whitened
+from steelyard.estimation.consistent.conic import solved
+from steelyard.estimation.consistent.consistent import Consistent
+from steelyard.estimation.consistent.program import Program
+from steelyard.estimation.least_squares.whitened import whitened
 
 
 def reversed_efforts(noise: float) -> tuple[Consistent, Program]:

@@ -11,21 +11,21 @@ import pytest
 
 from invented import ball, tree
 from steelyard.errors import DataError, ModelError
-from steelyard.estimation.contradictions import (
+from steelyard.estimation.consistent.contradictions import (
     contradictions,
     irreducible,
     refuse_contradictions,
 )
 from steelyard.estimation.knowledge import Knowledge, Row
-from steelyard.estimation.prior import default_knowledge
-from steelyard.estimation.wish import Scope
-from steelyard.estimation.wishes import WISHES, knowledge_of, wish_of
+from steelyard.estimation.prior.prior import default_knowledge
+from steelyard.estimation.prior.wish import Scope
+from steelyard.estimation.prior.wishes import WISHES, knowledge_of, wish_of
 from steelyard.model import Model
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.robot import Frame
-from steelyard.robot.robot_file import LoadedRobot, load_robot
+from steelyard.robot_file.file import LoadedRobot, load_robot
+from steelyard.terms.laws.viscous import Viscous
 from steelyard.terms.register import terms_of
-from steelyard.terms.viscous import Viscous
 
 MODEL = Model(
     tree().changed(

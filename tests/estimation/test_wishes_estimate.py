@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from invented import tree
-from steelyard.estimation.consistent import Consistent
+from steelyard.estimation.consistent.consistent import Consistent
 from steelyard.estimation.estimate import Standard
 from steelyard.estimation.knowledge import Knowledge
-from steelyard.estimation.prior import default_knowledge
-from steelyard.estimation.wish import Scope
-from steelyard.estimation.wishes import wish_of
+from steelyard.estimation.prior.prior import default_knowledge
+from steelyard.estimation.prior.wish import Scope
+from steelyard.estimation.prior.wishes import wish_of
 from steelyard.model import Model
 from steelyard.regression.accumulate import Accumulator, Stretch
 from steelyard.regression.base import base_map

@@ -5,7 +5,7 @@ import pytest
 
 from invented import ball, turned
 from steelyard.errors import DataError
-from steelyard.estimation.field_passes import Said
+from steelyard.estimation.fields.passes import Said
 from steelyard.estimation.zero_offset import find_offsets
 from steelyard.model import Model
 from steelyard.parameters import Parameters

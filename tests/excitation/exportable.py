@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.excitation.exact import ExactTrajectory
-from steelyard.excitation.random_fourier import random_fourier
-from steelyard.excitation.slowed import SlowedMotion
+from steelyard.excitation.trajectories.exact import ExactTrajectory
+from steelyard.excitation.trajectories.random_fourier import random_fourier
+from steelyard.excitation.trajectories.slowed import SlowedMotion
 from steelyard.motion import Motion
 from steelyard.robot.robot import Body, Coordinate, JointKind, Robot
 

@@ -6,20 +6,21 @@ from pathlib import Path
 import numpy as np
 
 from excitation.colliding import joint, link, urdf, written
-from steelyard.cli import river
-from steelyard.excitation.build import build
-from steelyard.excitation.certificate import certify
+from steelyard.excitation.constraints.certificate import certify
 from steelyard.excitation.design import design
-from steelyard.excitation.designed import Designed
-from steelyard.excitation.earlier import Earlier
-from steelyard.excitation.finish import Finished, finished
-from steelyard.excitation.possible import refuse_impossible
+from steelyard.excitation.from_tables import build
+from steelyard.excitation.previous_model import Earlier
 from steelyard.excitation.problem import Problem
-from steelyard.excitation.runner import Effort
-from steelyard.excitation.starts import NoMotion, random_starts
-from steelyard.excitation.widening import explained
+from steelyard.excitation.result import Designed
+from steelyard.excitation.search.feasibility import refuse_impossible
+from steelyard.excitation.search.finish import Finished, finished
+from steelyard.excitation.search.parallel_search import Effort
+from steelyard.excitation.search.starts import NoMotion, random_starts
+from steelyard.excitation.search.widening import explained
+from steelyard.identification.logs import model_of as model_with_rigid_bodies
+from steelyard.identification.logs import with_friction
 from steelyard.model import Model
-from steelyard.robot.robot_file import LoadedRobot, load_robot
+from steelyard.robot_file.file import LoadedRobot, load_robot
 
 ARM = urdf(
     link("base", '<cylinder radius="0.08" length="0.1"/>', xyz="0 0 0.05"),
@@ -47,7 +48,7 @@ def arm(folder: Path, tables: str = "", terms: str = '"rigid_body", "viscous"') 
 
 def model_of(loaded: LoadedRobot) -> Model:
     """Its model."""
-    return river.with_friction(river.model_of(loaded), loaded)
+    return with_friction(model_with_rigid_bodies(loaded), loaded)
 
 
 def problem_of(folder: Path, tables: str = "", earlier: Earlier | None = None) -> Problem:

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from steelyard.excitation.basis import Basis
-from steelyard.excitation.chained import ChainedMotion
-from steelyard.excitation.fourier import fourier_basis, rest_basis
-from steelyard.excitation.fourier_bases import (
+from steelyard.excitation.bases.basis import Basis
+from steelyard.excitation.bases.fourier_bases import (
     BlendedFourier,
     RampedFourier,
     RawFourier,
     RestFourier,
 )
-from steelyard.excitation.reaching_basis import ReachingBasis
-from steelyard.excitation.spline_bases import SplineBasis
+from steelyard.excitation.bases.reaching_basis import ReachingBasis
+from steelyard.excitation.bases.spline_bases import SplineBasis
+from steelyard.excitation.trajectories.chained import ChainedMotion
+from steelyard.excitation.trajectories.fourier import fourier_basis, rest_basis
 
 START, END = np.array([0.3, -0.2, 1.0]), np.array([-0.5, 0.4, 1.5])
 BASES: dict[str, Basis] = {

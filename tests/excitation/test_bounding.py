@@ -5,10 +5,10 @@ import pytest
 
 from exact_motions import MAKERS, piecewise, rest_fourier
 from steelyard.arrays import Array
-from steelyard.excitation.bounding import MOST, Course, Stretches, proven_minimum
-from steelyard.excitation.fourier import FourierMotion
-from steelyard.kernel.program import Array as Input
-from steelyard.kernel.program import Program, Step
+from steelyard.excitation.constraints.bounding import MOST, Course, Stretches, proven_minimum
+from steelyard.excitation.trajectories.fourier import FourierMotion
+from steelyard.kernel.program.program import Array as Input
+from steelyard.kernel.program.program import Program, Step
 from steelyard.progress import Event, Stopped
 
 KIND = pytest.mark.parametrize("make", MAKERS, ids=lambda make: make.__name__)

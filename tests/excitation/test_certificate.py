@@ -10,23 +10,23 @@ from exact_motions import MAKERS, chained, raw_fourier, rest_fourier, several, t
 from invented import dh_arm
 from steelyard.arrays import Array
 from steelyard.errors import DataError
-from steelyard.excitation.certificate import (
+from steelyard.excitation.constraints.certificate import (
     Certificate,
     certify,
     read_certificate,
     trajectory_hash,
 )
-from steelyard.excitation.constraint import Constraint, Margins
-from steelyard.excitation.exact import ExactTrajectory
-from steelyard.excitation.fourier import FourierMotion
+from steelyard.excitation.constraints.constraint import Constraint, Margins
+from steelyard.excitation.constraints.markers import Marker
+from steelyard.excitation.constraints.torque import power_limit, torque_limit
+from steelyard.excitation.constraints.workspace import tool_box
 from steelyard.excitation.limits import MotionLimits
-from steelyard.excitation.markers import Marker
-from steelyard.excitation.piecewise import PiecewiseMotion
-from steelyard.excitation.torque import power_limit, torque_limit
-from steelyard.excitation.workspace import tool_box
+from steelyard.excitation.trajectories.exact import ExactTrajectory
+from steelyard.excitation.trajectories.fourier import FourierMotion
+from steelyard.excitation.trajectories.piecewise import PiecewiseMotion
 from steelyard.model import Model
 from steelyard.progress import Event, Progress, silent
-from steelyard.terms.rigid_body import RigidBody
+from steelyard.terms.laws.rigid_body import RigidBody
 
 
 def motion() -> FourierMotion:

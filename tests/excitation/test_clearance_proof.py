@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from excitation.colliding import joint, link, panda, snake, ur10, urdf, waves, written
-from steelyard.excitation.collision import Clearance, self_clearance
-from steelyard.excitation.fourier import FourierMotion
-from steelyard.excitation.reach import rates
-from steelyard.excitation.sampled import SampledMotion
-from steelyard.excitation.shapes import attached, obstacle, wall
-from steelyard.excitation.solids import Ball, Box, Capsule, Cylinder
+from steelyard.excitation.collision.collision import Clearance, self_clearance
+from steelyard.excitation.shapes.reach import rates
+from steelyard.excitation.shapes.shapes import attached, obstacle, wall
+from steelyard.excitation.shapes.solids import Ball, Box, Capsule, Cylinder
+from steelyard.excitation.trajectories.fourier import FourierMotion
+from steelyard.excitation.trajectories.sampled import SampledMotion
 from steelyard.progress import Event, Stopped
-from steelyard.robot.robot_file import LoadedRobot, load_robot
+from steelyard.robot_file.file import LoadedRobot, load_robot
 
 SAMPLES = 10_001
 

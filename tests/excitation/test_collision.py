@@ -21,12 +21,12 @@ from excitation.colliding import (
     written,
 )
 from steelyard.errors import ModelError
-from steelyard.excitation.collision import Clearance, self_clearance
-from steelyard.excitation.model_shapes import world_shapes
-from steelyard.excitation.reach import rates
-from steelyard.excitation.shapes import Shape, attached, obstacle, wall
-from steelyard.excitation.solids import Ball, Box, Capsule, Cylinder, Ellipsoid, Hull
-from steelyard.robot.robot_file import LoadedRobot, load_robot
+from steelyard.excitation.collision.collision import Clearance, self_clearance
+from steelyard.excitation.shapes.model_shapes import world_shapes
+from steelyard.excitation.shapes.reach import rates
+from steelyard.excitation.shapes.shapes import Shape, attached, obstacle, wall
+from steelyard.excitation.shapes.solids import Ball, Box, Capsule, Cylinder, Ellipsoid, Hull
+from steelyard.robot_file.file import LoadedRobot, load_robot
 
 TURNED = [[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]]
 

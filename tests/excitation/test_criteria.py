@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from steelyard.arrays import Array
-from steelyard.excitation.criteria import KINDS, Criterion, worst, worst_value
-from steelyard.excitation.criteria_measure import Measure
+from steelyard.excitation.criteria.criteria import KINDS, Criterion, worst, worst_value
+from steelyard.excitation.criteria.measure import Measure
 
 C = 7
 """Columns where digits are many."""

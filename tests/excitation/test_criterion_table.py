@@ -9,7 +9,7 @@ import pytest
 from excitation.tabled import OPEN, arm, designed, model_of, problem_of
 from steelyard.arrays import Array
 from steelyard.errors import DataError
-from steelyard.excitation.earlier import Earlier
+from steelyard.excitation.previous_model import Earlier
 from steelyard.excitation.problem import Problem
 from steelyard.regression.base import base_map
 

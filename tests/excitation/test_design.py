@@ -9,12 +9,12 @@ import pytest
 
 from excitation.tabled import OPEN, QUICK, arm, designed, model_of, problem_of
 from steelyard.excitation import design as designs
-from steelyard.excitation.certificate import certify, trajectory_hash
-from steelyard.excitation.exact import ExactTrajectory
-from steelyard.excitation.runner import Effort, Found, Harvest
-from steelyard.excitation.starts import random_starts
-from steelyard.excitation.time_after import RESERVE, Pace, time_after
-from steelyard.excitation.torque import EffortLimit
+from steelyard.excitation.constraints.certificate import certify, trajectory_hash
+from steelyard.excitation.constraints.torque import EffortLimit
+from steelyard.excitation.search.parallel_search import Effort, Found, Harvest
+from steelyard.excitation.search.starts import random_starts
+from steelyard.excitation.search.time_after import RESERVE, Pace, time_after
+from steelyard.excitation.trajectories.exact import ExactTrajectory
 from steelyard.progress import Progress, silent
 
 

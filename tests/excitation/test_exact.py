@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from exact_motions import MAKERS
-from steelyard.excitation.chained import ChainedMotion, repeated
-from steelyard.excitation.exact import ExactTrajectory
-from steelyard.excitation.files import KINDS, trajectory_from_dict
-from steelyard.excitation.fourier import FourierMotion
-from steelyard.excitation.minimum_jerk import quintic, through_postures
-from steelyard.excitation.piecewise import PiecewiseMotion, from_scipy
-from steelyard.excitation.trended import TrendedMotion
-from steelyard.excitation.windowed import WindowedMotion
+from steelyard.excitation.trajectories.chained import ChainedMotion, repeated
+from steelyard.excitation.trajectories.exact import ExactTrajectory
+from steelyard.excitation.trajectories.files import KINDS, trajectory_from_dict
+from steelyard.excitation.trajectories.fourier import FourierMotion
+from steelyard.excitation.trajectories.minimum_jerk import quintic, through_postures
+from steelyard.excitation.trajectories.piecewise import PiecewiseMotion, from_scipy
+from steelyard.excitation.trajectories.trended import TrendedMotion
+from steelyard.excitation.trajectories.windowed import WindowedMotion
 
 CASES = pytest.mark.parametrize("seed", range(4))
 KIND = pytest.mark.parametrize("make", MAKERS, ids=lambda make: make.__name__)

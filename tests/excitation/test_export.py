@@ -10,8 +10,8 @@ import pytest
 from excitation.exportable import NAMES, TOLERANCE, Swings, arm, motions
 from invented import mimic, tree
 from steelyard.errors import OutputError
-from steelyard.excitation.export import EXPORTS, exported, write_export
-from steelyard.excitation.files import read_motion
+from steelyard.excitation.export.export import EXPORTS, exported, write_export
+from steelyard.excitation.trajectories.files import read_motion
 from steelyard.robot.robot import Loop, Robot
 
 TREE = """<mujoco><include file="trajectory.xml"/><worldbody>

@@ -11,10 +11,10 @@ from ruamel.yaml import YAML
 from excitation.exportable import NAMES, TOLERANCE, Jumps, Swings, arm, motions
 from excitation.interpreters import Follower, URController, moments
 from steelyard.errors import OutputError
-from steelyard.excitation.exact import ExactTrajectory
-from steelyard.excitation.export import exported
-from steelyard.excitation.export_ros import PEANO
-from steelyard.excitation.random_fourier import random_fourier
+from steelyard.excitation.export.export import exported
+from steelyard.excitation.export.ros import PEANO
+from steelyard.excitation.trajectories.exact import ExactTrajectory
+from steelyard.excitation.trajectories.random_fourier import random_fourier
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -10,15 +10,15 @@ import pytest
 from designing import FAMILIES, START, box, limits, problem, torques
 from steelyard.arrays import Array
 from steelyard.errors import DataError
-from steelyard.excitation import finish
-from steelyard.excitation.constraint import Margins
-from steelyard.excitation.exact import ExactTrajectory
-from steelyard.excitation.finish import finished
-from steelyard.excitation.fourier_bases import RestFourier
+from steelyard.excitation.barrier import bounds
+from steelyard.excitation.bases.fourier_bases import RestFourier
+from steelyard.excitation.constraints.constraint import Margins
 from steelyard.excitation.problem import Problem
-from steelyard.excitation.repair import LEAST, scaled
-from steelyard.excitation.starts import random_starts
-from steelyard.excitation.walls import bounds
+from steelyard.excitation.search import finish
+from steelyard.excitation.search.finish import finished
+from steelyard.excitation.search.repair import LEAST, scaled
+from steelyard.excitation.search.starts import random_starts
+from steelyard.excitation.trajectories.exact import ExactTrajectory
 from steelyard.progress import Event, Progress, Stopped, silent
 
 ALL = pytest.mark.parametrize("name", FAMILIES)

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from steelyard.excitation.files import trajectory_from_dict
-from steelyard.excitation.fourier import FourierMotion, rest_basis
+from steelyard.excitation.trajectories.files import trajectory_from_dict
+from steelyard.excitation.trajectories.fourier import FourierMotion, rest_basis
 from steelyard.motion import Trajectory
 
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from steelyard.excitation.holds import holds, holds_said
-from steelyard.excitation.minimum_jerk import through_postures
-from steelyard.excitation.slowed import SlowedMotion
+from steelyard.excitation.trajectories.holds import holds, holds_said
+from steelyard.excitation.trajectories.minimum_jerk import through_postures
+from steelyard.excitation.trajectories.slowed import SlowedMotion
 
 POSTURES = [[0.0, 1.0], [1.0, -1.0], [0.5, 0.0]]
 

@@ -3,11 +3,11 @@ import pytest
 
 from invented import dh_arm, tree
 from steelyard.errors import ModelError
-from steelyard.excitation.attitudes import AnyAttitude, Attitude, Pointing, Turned
-from steelyard.excitation.inverse_kinematics import InverseKinematics, within
-from steelyard.excitation.reachable import least_shift
-from steelyard.robot.dh import DHRow, dh_mechanism
-from steelyard.robot.reduction import reduced
+from steelyard.excitation.planned.attitudes import AnyAttitude, Attitude, Pointing, Turned
+from steelyard.excitation.planned.inverse_kinematics import InverseKinematics, within
+from steelyard.excitation.planned.reachable import least_shift
+from steelyard.robot.from_mechanism import reduced
+from steelyard.robot.model_files.dh import DHRow, dh_mechanism
 from tooled import Arm, arm, invented_arm
 
 TILTED = np.array([[0.0, 0.0, 1.0], [0.6, 0.8, 0.0], [-0.8, 0.6, 0.0]])

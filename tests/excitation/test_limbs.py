@@ -10,24 +10,24 @@ import pytest
 
 from invented import ball, tree, turned
 from steelyard.arrays import Array
-from steelyard.excitation import methods
-from steelyard.excitation.criteria import KINDS
-from steelyard.excitation.fourier_bases import RestFourier
+from steelyard.excitation.bases.fourier_bases import RestFourier
+from steelyard.excitation.constraints.markers import Marker, points_of
+from steelyard.excitation.constraints.workspace import tool_box
+from steelyard.excitation.criteria.criteria import KINDS
 from steelyard.excitation.limbs import Limb, composed, limbs_of
 from steelyard.excitation.limits import motion_limits
-from steelyard.excitation.markers import Marker, points_of
-from steelyard.excitation.methods import Gradient, seeded
 from steelyard.excitation.objective import Case
 from steelyard.excitation.problem import Problem
-from steelyard.excitation.starts import each_start, random_starts
-from steelyard.excitation.workspace import tool_box
+from steelyard.excitation.search import methods
+from steelyard.excitation.search.methods import Gradient, seeded
+from steelyard.excitation.search.starts import each_start, random_starts
 from steelyard.model import Model
 from steelyard.progress import Stopped
-from steelyard.regression.gradient import Shows
+from steelyard.regression.information_gradient import Shows
 from steelyard.robot.robot import Body, Coordinate, Robot
-from steelyard.terms.coulomb import Coulomb
-from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.viscous import Viscous
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.laws.viscous import Viscous
 
 LEFT, RIGHT = (0, 2), (1, 3)
 

@@ -7,12 +7,12 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from steelyard.errors import DataError
-from steelyard.excitation.export import write_export
-from steelyard.excitation.files import read_motion, trajectory_from_dict, write_motion
-from steelyard.excitation.fourier import FourierMotion
-from steelyard.excitation.piecewise import from_scipy
-from steelyard.excitation.random_fourier import random_fourier
-from steelyard.excitation.sampled import SampledMotion
+from steelyard.excitation.export.export import write_export
+from steelyard.excitation.trajectories.files import read_motion, trajectory_from_dict, write_motion
+from steelyard.excitation.trajectories.fourier import FourierMotion
+from steelyard.excitation.trajectories.piecewise import from_scipy
+from steelyard.excitation.trajectories.random_fourier import random_fourier
+from steelyard.excitation.trajectories.sampled import SampledMotion
 from steelyard.robot.robot import Body, Coordinate, Robot
 
 

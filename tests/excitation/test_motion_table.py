@@ -10,14 +10,14 @@ import pytest
 from excitation.tabled import OPEN, arm, designed, problem_of
 from oracles import body_positions, pinocchio_model
 from steelyard.arrays import Array
-from steelyard.excitation.build import limits_of
-from steelyard.excitation.exact import ExactTrajectory
-from steelyard.excitation.families import FAMILIES
-from steelyard.excitation.files import read_motion
-from steelyard.excitation.plans import PLANS, planned
+from steelyard.excitation.bases.families import FAMILIES
+from steelyard.excitation.from_tables import limits_of
+from steelyard.excitation.planned.plans import PLANS, planned
+from steelyard.excitation.trajectories.exact import ExactTrajectory
+from steelyard.excitation.trajectories.files import read_motion
 from steelyard.files import write_json
-from steelyard.kernel.kinematics import frame_of
-from steelyard.robot.motion_schema import KINDS
+from steelyard.kernel.quantities.kinematics import frame_of
+from steelyard.robot_file.motion_sections import KINDS
 
 ANY = f'{OPEN}[excitation.limits]\neffort = "any"\n'
 ALONE = "[excitation.motion]\n"

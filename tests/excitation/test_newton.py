@@ -8,10 +8,10 @@ import pytest
 
 from designing import FAMILIES, box, problem, torques
 from steelyard.arrays import Array
-from steelyard.excitation.reaching_basis import ReachingBasis
-from steelyard.excitation.newton import STAGES, minimised
-from steelyard.excitation.starts import random_starts
-from steelyard.excitation.walls import Walls, bounds
+from steelyard.excitation.barrier import Walls, bounds
+from steelyard.excitation.bases.reaching_basis import ReachingBasis
+from steelyard.excitation.search.newton import STAGES, minimised
+from steelyard.excitation.search.starts import random_starts
 from steelyard.progress import Stopped
 
 MIDDLE = np.array([-0.1, 0.1, 0.3])

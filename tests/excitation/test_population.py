@@ -10,11 +10,11 @@ import pytest
 from designing import FAMILIES, box, problem, torques
 from steelyard.arrays import Array
 from steelyard.errors import DataError
-from steelyard.excitation.constraint import Constraint
-from steelyard.excitation.methods import Method, seeded
-from steelyard.excitation.population import NOTHING, CmaEsSearch, GeneticSearch, _Genes
+from steelyard.excitation.constraints.constraint import Constraint
 from steelyard.excitation.problem import Problem
-from steelyard.excitation.starts import random_starts
+from steelyard.excitation.search.methods import Method, seeded
+from steelyard.excitation.search.population import NOTHING, CmaEsSearch, GeneticSearch, _Genes
+from steelyard.excitation.search.starts import random_starts
 from steelyard.progress import Stopped
 
 METHODS: dict[str, Method] = {

@@ -9,17 +9,17 @@ import pytest
 from designing import ARM, FAMILIES, MIDDLE, MODEL, box, problem
 from steelyard.arrays import Array
 from steelyard.errors import DataError
-from steelyard.excitation.criteria import KINDS
-from steelyard.excitation.criteria_measure import Measure
-from steelyard.excitation.methods import Gradient, searches, seeded
+from steelyard.excitation.criteria.criteria import KINDS
+from steelyard.excitation.criteria.measure import Measure
 from steelyard.excitation.objective import Case
 from steelyard.excitation.problem import KEPT_PER_WAVE, SHOWN_PER_WAVE, Problem, jumping
-from steelyard.excitation.register import METHODS, method_of
-from steelyard.excitation.starts import random_starts
+from steelyard.excitation.search.methods import Gradient, searches, seeded
+from steelyard.excitation.search.register import METHODS, method_of
+from steelyard.excitation.search.starts import random_starts
 from steelyard.progress import Stopped
-from steelyard.regression.gradient import Shows
+from steelyard.regression.information_gradient import Shows
 from steelyard.regression.regressor import base_regressor
-from steelyard.terms.coulomb import Coulomb
+from steelyard.terms.laws.coulomb import Coulomb
 
 ALL = pytest.mark.parametrize("name", FAMILIES)
 

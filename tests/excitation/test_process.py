@@ -6,16 +6,16 @@ import pytest
 from invented import dh_arm, single, tree
 from steelyard.arrays import Array
 from steelyard.errors import DataError
-from steelyard.excitation.attitudes import AnyAttitude, Attitude, Pointing
 from steelyard.excitation.limits import MotionLimits
-from steelyard.excitation.moves import ToolLimits
-from steelyard.excitation.process import (
+from steelyard.excitation.planned.attitudes import AnyAttitude, Attitude, Pointing
+from steelyard.excitation.planned.moves import ToolLimits
+from steelyard.excitation.planned.process import (
     PickAndPlace,
     Square,
     Waypoints,
     upwards,
 )
-from steelyard.excitation.tour import Manner, ProcessMotion
+from steelyard.excitation.planned.tour import Manner, ProcessMotion
 from tooled import DOWN, Arm, arm, boxes, invented_arm, plan
 
 

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from steelyard.errors import DataError
-from steelyard.excitation.follow import Astray
-from steelyard.excitation.moves import ToolLimits
-from steelyard.excitation.process import Box, PickAndPlace, Square, Waypoints
-from steelyard.excitation.tour import Manner
+from steelyard.excitation.planned.follow import Astray
+from steelyard.excitation.planned.moves import ToolLimits
+from steelyard.excitation.planned.process import Box, PickAndPlace, Square, Waypoints
+from steelyard.excitation.planned.tour import Manner
 from tooled import DOWN, arm, boxes, plan
 
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from steelyard.excitation.limits import MotionLimits, motion_limits
-from steelyard.excitation.random_fourier import random_fourier
+from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.robot.robot import Body, Coordinate, Limits, Robot
 
 LIMITS = (

@@ -9,15 +9,15 @@ from closed_chains import five_bar
 from excitation.colliding import ARM_WITHOUT, distances, link, postures, ur10, urdf, waves, written
 from excitation.tabled import OPEN, arm, model_of, problem_of, some_motion
 from steelyard.errors import ModelError
-from steelyard.excitation.build import build
-from steelyard.excitation.certificate import Certificate, certify
-from steelyard.excitation.exact import ExactTrajectory
-from steelyard.excitation.gap import Declined, Gap
-from steelyard.excitation.random_fourier import random_fourier
-from steelyard.excitation.room import RESERVE, Room
-from steelyard.excitation.solids import Ball, Box, Capsule
+from steelyard.excitation.collision.room import RESERVE, Room
+from steelyard.excitation.constraints.certificate import Certificate, certify
+from steelyard.excitation.from_tables import build
+from steelyard.excitation.shapes.solids import Ball, Box, Capsule
+from steelyard.excitation.trajectories.exact import ExactTrajectory
+from steelyard.excitation.trajectories.random_fourier import random_fourier
+from steelyard.excitation.uncovered import Declined, Gap
 from steelyard.excitation.workspace_tables import up_of
-from steelyard.robot.robot_file import load_robot
+from steelyard.robot_file.file import load_robot
 from steelyard.virtual.demo import _above_table, write_demo_arm
 
 ANY = f'{OPEN}[excitation.limits]\neffort = "any"\n[excitation.workspace]\n'

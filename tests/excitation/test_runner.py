@@ -14,8 +14,8 @@ import pytest
 
 from excitation.tabled import OPEN, arm, model_of
 from steelyard.errors import DataError
-from steelyard.excitation.build import Recipe, build
-from steelyard.excitation.runner import Effort, Harvest, harvested
+from steelyard.excitation.from_tables import Recipe, build
+from steelyard.excitation.search.parallel_search import Effort, Harvest, harvested
 from steelyard.progress import Event, Progress, Stopped, silent
 
 pytestmark = pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks at processes in /proc")
@@ -157,7 +157,7 @@ def task(folder: Path, searches: int | None, seconds: float = 60.0) -> str:
 
 def worker() -> "subprocess.Popen[str]":
     return subprocess.Popen(
-        [sys.executable, "-m", "steelyard.excitation.worker"],
+        [sys.executable, "-m", "steelyard.excitation.search.worker"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -196,13 +196,13 @@ def test_a_worker_that_is_done_says_nothing_else(tmp_path: Path) -> None:
 
 SCRIPT = """
 import sys
-from steelyard.cli import river
+from steelyard.identification.logs import model_of
 from steelyard.excitation.design import design
-from steelyard.excitation.runner import Effort
-from steelyard.robot.robot_file import load_robot
+from steelyard.excitation.search.parallel_search import Effort
+from steelyard.robot_file.file import load_robot
 
 loaded = load_robot("arm.toml")
-found = design(loaded, river.model_of(loaded), Effort(60.0, searches=2, processes=2))
+found = design(loaded, model_of(loaded), Effort(60.0, searches=2, processes=2))
 print(found.certificate.holds, found.searches)
 """
 

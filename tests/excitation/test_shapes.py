@@ -9,13 +9,13 @@ import pytest
 import closed_chains
 from excitation.colliding import SNAKE, joint, link, panda, snake, urdf, written
 from steelyard.errors import ModelError
-from steelyard.excitation.collision import self_clearance
-from steelyard.excitation.model_shapes import robot_shapes, world_shapes
-from steelyard.excitation.shapes import attached, obstacle, wall
-from steelyard.excitation.solids import (
+from steelyard.excitation.collision.collision import self_clearance
+from steelyard.excitation.shapes.model_shapes import robot_shapes, world_shapes
+from steelyard.excitation.shapes.shapes import attached, obstacle, wall
+from steelyard.excitation.shapes.solids import (
     Ball,
 )
-from steelyard.robot.robot_file import load_robot
+from steelyard.robot_file.file import load_robot
 
 BOMB = """<?xml version="1.0"?><!DOCTYPE robot [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;&a;">]>
 <{0} name="&b;"/>"""

@@ -8,7 +8,7 @@ import pytest
 from excitation.tabled import OPEN, designed
 from steelyard.cli.excite import results
 from steelyard.excitation import advice
-from steelyard.excitation.shown import deviations
+from steelyard.excitation.predicted_accuracy import deviations
 
 ANY = f'{OPEN}[excitation.limits]\neffort = "any"\n'
 
@@ -37,7 +37,7 @@ def test_what_is_not_told_apart_is_infinite_and_the_rest_is_not() -> None:
 
 
 def test_prior_information_makes_the_unseen_known() -> None:
-    from steelyard.excitation.shown import Shown
+    from steelyard.excitation.predicted_accuracy import Shown
 
     gram = np.diag([4.0, 0.0])
     shown = Shown(("a", "b"), ("", ""), gram, 1.0, 1.0, 1.0, np.ones(2))

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from excitation.exportable import Jumps, Swings, arm
-from steelyard.excitation.exact import ExactTrajectory
-from steelyard.excitation.files import trajectory_from_dict
-from steelyard.excitation.random_fourier import random_fourier
-from steelyard.excitation.slowed import SlowedMotion
+from steelyard.excitation.trajectories.exact import ExactTrajectory
+from steelyard.excitation.trajectories.files import trajectory_from_dict
+from steelyard.excitation.trajectories.random_fourier import random_fourier
+from steelyard.excitation.trajectories.slowed import SlowedMotion
 
 
 @pytest.mark.parametrize("motion", [Swings(), Jumps()])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from steelyard.excitation.solids import (
+from steelyard.excitation.shapes.solids import (
     FLAT,
     Ball,
     Box,

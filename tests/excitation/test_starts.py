@@ -8,9 +8,8 @@ import pytest
 from designing import END, FAMILIES, MIDDLE, START, box, limits, problem, torques
 from steelyard.arrays import Array
 from steelyard.errors import DataError
-from steelyard.excitation.constraint import Constraint, Margins
-from steelyard.excitation.exact import ExactTrajectory
-from steelyard.excitation.starts import (
+from steelyard.excitation.constraints.constraint import Constraint, Margins
+from steelyard.excitation.search.starts import (
     ATTEMPTS,
     nearest_free,
     postures,
@@ -18,6 +17,7 @@ from steelyard.excitation.starts import (
     standing,
     widened,
 )
+from steelyard.excitation.trajectories.exact import ExactTrajectory
 from steelyard.progress import Progress, silent
 
 WALLS: dict[str, list[Constraint]] = {

@@ -11,25 +11,31 @@ from invented import ball, dh_arm, measured, mimic, tree
 from oracles import pinocchio_torque
 from steelyard.arrays import Array
 from steelyard.errors import ModelError
-from steelyard.excitation.fourier import FourierMotion
-from steelyard.excitation.torque import TOLERANCE, EffortLimit, loaded, power_limit, torque_limit
+from steelyard.excitation.constraints.torque import (
+    TOLERANCE,
+    EffortLimit,
+    loaded,
+    power_limit,
+    torque_limit,
+)
+from steelyard.excitation.trajectories.fourier import FourierMotion
 from steelyard.model import Model, ValuedModel
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.robot import Body, Robot
-from steelyard.terms.coulomb import Coulomb
-from steelyard.terms.coupled import Coupled
-from steelyard.terms.directional import DirectionalCoulomb, DirectionalViscous
-from steelyard.terms.offset import Offset
-from steelyard.terms.powers import Cubic, Quadratic, Root
-from steelyard.terms.presliding import Dahl
-from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.rotor_inertia import RotorInertia
-from steelyard.terms.spring import Spring
-from steelyard.terms.stribeck import Stribeck
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.coupled import Coupled
+from steelyard.terms.laws.directional import DirectionalCoulomb, DirectionalViscous
+from steelyard.terms.laws.offset import Offset
+from steelyard.terms.laws.powers import Cubic, Quadratic, Root
+from steelyard.terms.laws.presliding import Dahl
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.laws.rotor_inertia import RotorInertia
+from steelyard.terms.laws.spring import Spring
+from steelyard.terms.laws.stribeck import Stribeck
+from steelyard.terms.laws.viscous import Viscous
 from steelyard.terms.term import Term
-from steelyard.terms.viscous import Viscous
 
 LAWS: dict[str, tuple[Term, ...]] = {
     "plain": (RotorInertia(), Coulomb(), Viscous(), Offset()),

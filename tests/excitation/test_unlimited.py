@@ -7,15 +7,15 @@ import pytest
 from excitation.colliding import written
 from excitation.tabled import ARM, OPEN, arm, model_of, problem_of
 from excitation.test_criterion_table import earlier
-from steelyard.cli.motion_wanted import refuse_formats
 from steelyard.errors import ModelError, OutputError
-from steelyard.excitation.build import build
+from steelyard.excitation.constraints.torque import EffortLimit
 from steelyard.excitation.design import design
-from steelyard.excitation.gap import Declined
+from steelyard.excitation.from_tables import build
 from steelyard.excitation.problem import Problem
-from steelyard.excitation.runner import Effort
-from steelyard.excitation.torque import EffortLimit
-from steelyard.robot.robot_file import load_robot
+from steelyard.excitation.search.parallel_search import Effort
+from steelyard.excitation.uncovered import Declined
+from steelyard.identification.excitation_inputs import refuse_formats
+from steelyard.robot_file.file import load_robot
 
 COMPENSATED = """[signals]
 time = "t"

@@ -8,9 +8,9 @@ import pytest
 
 from designing import FAMILIES, box, problem, torques
 from steelyard.arrays import Array
-from steelyard.excitation.constraint import Constraint, Margins
-from steelyard.excitation.exact import ExactTrajectory
-from steelyard.excitation.walls import APART, Walls, bounds
+from steelyard.excitation.barrier import APART, Walls, bounds
+from steelyard.excitation.constraints.constraint import Constraint, Margins
+from steelyard.excitation.trajectories.exact import ExactTrajectory
 from steelyard.progress import Progress, silent
 
 MIDDLE = np.array([-0.1, 0.1, 0.3])

@@ -11,11 +11,11 @@ from invented import dh_arm, measured, tree
 from oracles import pinocchio_model
 from steelyard.arrays import Array
 from steelyard.errors import ModelError
-from steelyard.excitation.constraint import Constraint
-from steelyard.excitation.fourier import FourierMotion
-from steelyard.excitation.keep_out import box_distance, keep_out
-from steelyard.excitation.markers import TOLERANCE, Marker
-from steelyard.excitation.workspace import planes, tool_box
+from steelyard.excitation.constraints.constraint import Constraint
+from steelyard.excitation.constraints.keep_out import box_distance, keep_out
+from steelyard.excitation.constraints.markers import TOLERANCE, Marker
+from steelyard.excitation.constraints.workspace import planes, tool_box
+from steelyard.excitation.trajectories.fourier import FourierMotion
 from steelyard.robot.robot import Frame, Robot
 
 OFFSET = (0.02, -0.03, 0.1)

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from steelyard.excitation.model_shapes import world_shapes
-from steelyard.excitation.pairs import find_srdf
-from steelyard.robot.robot_file import load_robot
+from steelyard.excitation.collision.pairs import find_srdf
+from steelyard.excitation.shapes.model_shapes import world_shapes
+from steelyard.robot_file.file import load_robot
 
 CELL = """<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="cell">
 <xacro:property name="size" value="0.5"/><link name="table"><collision><geometry>

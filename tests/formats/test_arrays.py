@@ -14,7 +14,7 @@ import scipy.io
 
 from steelyard.errors import LogError
 from steelyard.formats import open_log
-from steelyard.formats.arrays_log import ArraysLog
+from steelyard.formats.arrays.arrays_log import ArraysLog
 
 N = 40
 T = 0.01 * np.arange(N)
@@ -276,13 +276,13 @@ def test_a_crash_of_the_hdf5_library_is_an_error(
     path = of_hdf5(tmp_path / "run", {"t": T})
     log = opened(path)
     code = "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"
-    monkeypatch.setattr("steelyard.formats.hdf5.CHILD", (*_python(), "-c", code))
+    monkeypatch.setattr("steelyard.formats.arrays.hdf5.CHILD", (*_python(), "-c", code))
     with pytest.raises(LogError, match="the HDF5 library crashed on it"):
         list(log.parts(("t",)))
 
 
 def _python() -> tuple[str, ...]:
-    from steelyard.formats.hdf5 import CHILD
+    from steelyard.formats.arrays.hdf5 import CHILD
 
     return CHILD[:1]
 

@@ -21,7 +21,7 @@ from bag_writers import (
 from steelyard.errors import LogError
 from steelyard.formats import open_log
 from steelyard.formats.log import Log
-from steelyard.formats.message_log import topics
+from steelyard.formats.messages.message_log import topics
 
 NAMES = tuple(f"arm_{k}_joint" for k in range(1, 7))
 JOINTS = tuple(

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from bag_writers import floats, in_order, joint_state, wrench, write_bag1, write_bag2, write_mcap
 from steelyard.formats import open_log
-from steelyard.formats.align import KEPT, Track
+from steelyard.formats.messages.align import KEPT, Track
 
 MS = 1_000_000
 Q, FX = "/joint_states/position/a", "/wrench/wrench/force/x"

@@ -31,7 +31,7 @@ from bag_writers import (
 )
 from steelyard.errors import LogError
 from steelyard.formats import open_log
-from steelyard.formats.byte_streams import RATIO, SPARE
+from steelyard.formats.messages.byte_streams import RATIO, SPARE
 
 COLUMNS = ("/joint_states/stamp", "/joint_states/position/a", "/wrench/wrench/force/x")
 COUNT = 40

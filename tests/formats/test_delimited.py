@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from steelyard.errors import LogError
-from steelyard.formats import delimited as delimited_module
 from steelyard.formats import open_log
-from steelyard.robot.guess import guess_columns
+from steelyard.formats.tables import delimited as delimited_module
 from steelyard.robot.robot import Coordinate
+from steelyard.robot_file.template.guess_columns import guess_columns
 
 NAN = np.nan
 

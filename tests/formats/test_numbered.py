@@ -7,7 +7,7 @@ import polars as pl
 
 from steelyard.formats import open_log
 from steelyard.formats.numbered import Numbered
-from steelyard.robot.signals import ROW
+from steelyard.robot_file.signals import ROW
 
 
 def test_rows_are_numbered_from_the_first_whatever_is_read(tmp_path: Path) -> None:

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from steelyard.kernel import cache, compiled, machine
-from steelyard.kernel.program import Array, Program, Step
+from steelyard.kernel.native import cache, compiled, machine
+from steelyard.kernel.program.program import Array, Program, Step
 
 DOUBLE = Program((Array("x", 1),), (Step("input", (0, 0)), Step("add", (0, 0))), (1,))
 

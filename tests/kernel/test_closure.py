@@ -5,21 +5,27 @@ from closed_chains import CHAINS, Oracle, five_bar, independent_path, parallelog
 from invented import ball
 from steelyard.arrays import Array
 from steelyard.errors import DataError
-from steelyard.kernel import numpy_backend, small_systems
-from steelyard.kernel.closure import completed
-from steelyard.kernel.dynamics import JointState
-from steelyard.kernel.loops import Follower, all_joints, newton_code, random_positions
-from steelyard.kernel.program import Array as Input
-from steelyard.kernel.trace import symbolic
+from steelyard.kernel.equations import small_systems
+from steelyard.kernel.equations.closed_chains import completed
+from steelyard.kernel.equations.dynamics import JointState
+from steelyard.kernel.program import numpy_backend
+from steelyard.kernel.program.program import Array as Input
+from steelyard.kernel.program.trace import symbolic
+from steelyard.kernel.quantities.passive_joints import (
+    Follower,
+    all_joints,
+    newton_code,
+    random_positions,
+)
 from steelyard.model import Model
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
 from steelyard.regression.base import base_map, full_regressor
 from steelyard.regression.regressor import standard_regressor
-from steelyard.robot.loops import gaps, loop_equations
+from steelyard.robot.loop_equations import gaps, loop_equations
 from steelyard.robot.robot import Loop, Robot
-from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.viscous import Viscous
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.laws.viscous import Viscous
 
 REACH = 0.25
 

@@ -4,8 +4,8 @@ from closed_chains import twin_loops
 from steelyard.model import Model
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
-from steelyard.robot.loops import loop_equations
-from steelyard.terms.rigid_body import RigidBody
+from steelyard.robot.loop_equations import loop_equations
+from steelyard.terms.laws.rigid_body import RigidBody
 
 
 def test_far_steps_of_one_joint_are_the_torque_of_the_whole() -> None:

@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from steelyard.kernel import numpy_backend
-from steelyard.kernel.compiled import compiled
-from steelyard.kernel.emit import CHUNK
-from steelyard.kernel.program import Array, Program, Step
-from steelyard.kernel.trace import symbolic
+from steelyard.kernel.native.compiled import compiled
+from steelyard.kernel.native.emit import CHUNK
+from steelyard.kernel.program.program import Array, Program, Step, numpy_backend
+from steelyard.kernel.program.trace import symbolic
 from steelyard.model import Model
-from steelyard.robot.robot_file import load_robot
-from steelyard.terms.rigid_body import RigidBody
+from steelyard.robot_file.file import load_robot
+from steelyard.terms.laws.rigid_body import RigidBody
 
 WIDE = np.concatenate(
     [[0.0, -0.0], *(s * np.logspace(-9, e, 4001) for s in (1, -1) for e in (0, 2, 5))]

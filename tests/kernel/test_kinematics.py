@@ -10,7 +10,7 @@ from closed_chains import five_bar
 from invented import ROBOTS, tree, turned
 from oracles import body_map, body_positions, pinocchio_model
 from steelyard.errors import ModelError
-from steelyard.kernel.kinematics import frame_kinematics, frame_of, points_on
+from steelyard.kernel.quantities.kinematics import frame_kinematics, frame_of, points_on
 from steelyard.robot.robot import Frame, Robot
 
 PLACE = np.array([0.2, -0.1, 0.3])

@@ -7,16 +7,16 @@ from hypothesis import strategies as st
 
 from invented import ROBOTS
 from oracles import pinocchio_regressor, pinocchio_torque
-from steelyard.kernel import numpy_backend
-from steelyard.kernel.dynamics import JointState
-from steelyard.kernel.program import Array as Input
-from steelyard.kernel.trace import symbolic
+from steelyard.kernel.equations.dynamics import JointState
+from steelyard.kernel.program import numpy_backend
+from steelyard.kernel.program.program import Array as Input
+from steelyard.kernel.program.trace import symbolic
 from steelyard.model import Model
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
 from steelyard.regression.regressor import standard_regressor
 from steelyard.robot.robot import Robot
-from steelyard.terms.rigid_body import RigidBody
+from steelyard.terms.laws.rigid_body import RigidBody
 from steelyard.virtual.mujoco_model import build, inverse_dynamics
 
 

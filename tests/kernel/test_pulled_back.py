@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from steelyard.arrays import Array as Values
-from steelyard.kernel.compiled import compiled
-from steelyard.kernel.numpy_backend import run
-from steelyard.kernel.program import BINARY, UNARY, Array, Program, Step
-from steelyard.kernel.trace import pulled_back
+from steelyard.kernel.native.compiled import compiled
+from steelyard.kernel.program.numpy_backend import run
+from steelyard.kernel.program.program import BINARY, UNARY, Array, Program, Step
+from steelyard.kernel.program.trace import pulled_back
 
 KINKED = ("abs", "sign", "less", "less_equal", "minimum", "maximum")
 INPUTS = (Array("x", 3), Array("y", 2), Array("w", 2, shared=True))

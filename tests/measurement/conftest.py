@@ -11,7 +11,7 @@ import pytest
 from steelyard.arrays import frozen
 from steelyard.formats import open_log, parse_log_argument
 from steelyard.measurement import Recording
-from steelyard.robot.signals import Signals
+from steelyard.robot_file.signals import Signals
 
 Arrays = dict[str, np.ndarray]
 Make = Callable[..., Recording]

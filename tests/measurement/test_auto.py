@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from steelyard.errors import LogError
-from steelyard.measurement.auto import Auto, LowPasses, MeanPeriod, likeliest_cutoffs
-from steelyard.measurement.butterworth import Butterworth
-from steelyard.measurement.kalman import kalman_smoothed
-from steelyard.measurement.method import Choosing
-from steelyard.measurement.parts import continued
+from steelyard.measurement.chunks import continued
+from steelyard.measurement.methods.auto import Auto, LowPasses, MeanPeriod, likeliest_cutoffs
+from steelyard.measurement.methods.butterworth import Butterworth
+from steelyard.measurement.methods.kalman import kalman_smoothed
+from steelyard.measurement.methods.protocols import Choosing
 
 RATE = 250.0
 

@@ -8,13 +8,13 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from steelyard.errors import LogError, ModelError
 from steelyard.measurement import Processing, Recording, prepare
-from steelyard.measurement.butterworth import Butterworth
-from steelyard.measurement.interpolation import CUBIC, INTERPOLATIONS, Worst
-from steelyard.measurement.methods import METHODS, method_of
-from steelyard.measurement.moving_average import MovingAverage
+from steelyard.measurement.methods.butterworth import Butterworth
+from steelyard.measurement.methods.moving_average import MovingAverage
+from steelyard.measurement.methods.register import METHODS, method_of
 from steelyard.measurement.processing import asked
-from steelyard.measurement.resample import Lane, Thinning, sample_count, uniform
-from steelyard.robot.schema import ProcessingSection
+from steelyard.measurement.rows.interpolation import CUBIC, INTERPOLATIONS, Worst
+from steelyard.measurement.rows.resample import Lane, Thinning, sample_count, uniform
+from steelyard.robot_file.sections import ProcessingSection
 
 CHAINS = {
     "default": Processing(),
@@ -57,7 +57,7 @@ def test_any_split_gives_the_same(recording, sines, monkeypatch, name: str, velo
     data = whole.whole()
     raw = Recording.raw
     monkeypatch.setattr(Recording, "raw", lambda self, rows, size=0: raw(self, rows, 331))
-    monkeypatch.setattr("steelyard.measurement.parts.apply.__defaults__", (500,))
+    monkeypatch.setattr("steelyard.measurement.chunks.apply.__defaults__", (500,))
     again = prepare(made, CHAINS[name])
     parts = again.whole()
     assert again.quality.marked == whole.quality.marked

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from steelyard.errors import LogError
 from steelyard.measurement import prepare
-from steelyard.measurement.clean import Verdict
-from steelyard.measurement.clock import Scan, learn_clock, nice_rate
 from steelyard.measurement.recording import Recording
+from steelyard.measurement.rows.clock import Scan, learn_clock, nice_rate
+from steelyard.measurement.rows.validity import Verdict
 
 
 def scanned(recording: Recording) -> tuple[np.ndarray, np.ndarray, dict[str, int]]:

@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from steelyard.errors import LogError
+from steelyard.measurement.chunks import apply
 from steelyard.measurement.convolve import Bank, fast_length
-from steelyard.measurement.derivative import derivatives, smooth_derivatives
-from steelyard.measurement.lowpass import butterworth, low_pass, settling, zero_phase
-from steelyard.measurement.parts import apply
+from steelyard.measurement.methods.derivative import derivatives, smooth_derivatives
+from steelyard.measurement.methods.lowpass import butterworth, low_pass, settling, zero_phase
 
 
 def split(x: np.ndarray, cuts: list[int]) -> list[np.ndarray]:

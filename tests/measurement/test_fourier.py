@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from steelyard.errors import LogError, ModelError
-from steelyard.measurement.fourier import Fourier, fourier_series, refined_frequency
+from steelyard.measurement.methods.fourier import Fourier, fourier_series, refined_frequency
 
 RATE = 100.0
 

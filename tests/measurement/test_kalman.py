@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from steelyard.errors import LogError
-from steelyard.measurement.kalman import Kalman, kalman_smoothed, likeliest_ratio
+from steelyard.measurement.methods.kalman import Kalman, kalman_smoothed, likeliest_ratio
 
 
 def wandering(seed: int, count: int, jerk: float, step: np.ndarray) -> np.ndarray:

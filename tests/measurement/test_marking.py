@@ -3,9 +3,9 @@
 import numpy as np
 
 from steelyard.measurement import Processing, prepare
-from steelyard.measurement.outliers import bridged, outlying, sensor_step, usual_distance
-from steelyard.measurement.saturation import Extremes, saturated
-from steelyard.measurement.stale import stale
+from steelyard.measurement.rows.outliers import bridged, outlying, sensor_step, usual_distance
+from steelyard.measurement.rows.saturation import Extremes, saturated
+from steelyard.measurement.rows.stale import stale
 
 RATE = 250.0
 

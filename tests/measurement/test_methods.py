@@ -5,10 +5,15 @@ import pytest
 from scipy.signal import butter, savgol_filter, sosfiltfilt
 
 from steelyard.errors import LogError, ModelError
-from steelyard.measurement.butterworth import Butterworth
-from steelyard.measurement.fir import FIR
-from steelyard.measurement.method import Method, Smoother
-from steelyard.measurement.methods import (
+from steelyard.measurement.methods.butterworth import Butterworth
+from steelyard.measurement.methods.fir import FIR
+from steelyard.measurement.methods.moving_average import (
+    MovingAverage,
+    central_differences,
+    moving_average,
+)
+from steelyard.measurement.methods.protocols import Method, Smoother
+from steelyard.measurement.methods.register import (
     METHODS,
     SMOOTHERS,
     description_of,
@@ -16,12 +21,7 @@ from steelyard.measurement.methods import (
     method_of,
     smoother_of,
 )
-from steelyard.measurement.moving_average import (
-    MovingAverage,
-    central_differences,
-    moving_average,
-)
-from steelyard.measurement.savitzky_golay import SavitzkyGolay
+from steelyard.measurement.methods.savitzky_golay import SavitzkyGolay
 
 RATE, CUTOFF = 200.0, 10.0
 

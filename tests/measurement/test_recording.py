@@ -9,7 +9,7 @@ from steelyard.arrays import frozen
 from steelyard.formats import Cut
 from steelyard.measurement import Recording
 from steelyard.measurement.recording import HeldLog
-from steelyard.robot.signals import Signals
+from steelyard.robot_file.signals import Signals
 
 RATIOS = np.array([[50.0, 0.0], [40.0, -40.0]])
 OFFSET = np.array([0.3, -0.2])

@@ -9,10 +9,10 @@ import pytest
 
 from steelyard.errors import LogError
 from steelyard.measurement import Processing, Recording, prepare
-from steelyard.measurement.alignment import averaged
 from steelyard.measurement.periods import Repetitions
 from steelyard.measurement.prepare import prepare_mean
-from steelyard.measurement.repetitions import mean_of_logs, mean_of_periods, weights_of
+from steelyard.measurement.repetition.alignment import averaged
+from steelyard.measurement.repetition.repetitions import mean_of_logs, mean_of_periods, weights_of
 
 RATE = 200.0
 
@@ -144,7 +144,7 @@ def test_robot_files_ask_for_it(text: str) -> None:
     import tomllib
 
     from steelyard.measurement.processing import asked
-    from steelyard.robot.schema import ProcessingSection
+    from steelyard.robot_file.sections import ProcessingSection
 
     section = ProcessingSection(**tomllib.loads(f"repetitions = {text}"))
     found = asked(section, lambda *place: ".".join(place)).repetitions
@@ -155,7 +155,7 @@ def test_robot_files_ask_for_it(text: str) -> None:
 def test_the_panda_comes_back_after_its_period(real: Callable[[str], Recording]) -> None:
     log = real("panda/panda_gaz2019_trajectory1.parquet")
     from steelyard.measurement.periods import find_period
-    from steelyard.measurement.repetitions import _even
+    from steelyard.measurement.repetition.repetitions import _even
 
     channels, rate = _even(log.held())
     assert find_period(channels[log.channels.q], rate) == pytest.approx(13.333, abs=0.005)

@@ -10,7 +10,7 @@ from steelyard.measurement.defaults import (
     default_rest_speed,
     given_rest_speed,
 )
-from steelyard.measurement.rest import SpeedHistogram
+from steelyard.measurement.rows.standstill import SpeedHistogram
 from steelyard.measurement.spectrum import motion_band, welch
 
 

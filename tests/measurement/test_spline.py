@@ -5,7 +5,7 @@ import pytest
 from scipy.interpolate import make_smoothing_spline
 
 from steelyard.errors import LogError
-from steelyard.measurement.spline import SmoothingSpline, cross_validated, smoothing_spline
+from steelyard.measurement.methods.spline import SmoothingSpline, cross_validated, smoothing_spline
 
 
 @pytest.mark.parametrize("weight", [1e-8, 1e-4, 1.0])

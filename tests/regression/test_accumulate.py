@@ -12,7 +12,7 @@ from steelyard.model import Model
 from steelyard.regression.accumulate import MOVING, Accumulator, Stretch, Sums
 from steelyard.regression.gather import accumulate, cut
 from steelyard.regression.information import Information, Stamp
-from steelyard.regression.matched import MatchedFilter
+from steelyard.regression.parallel_filter import MatchedFilter
 from steelyard.regression.regressor import Regressor, base_regressor
 from steelyard.regression.windows import MOST_WINDOWS
 

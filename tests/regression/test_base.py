@@ -12,12 +12,12 @@ from steelyard.motion import Motion
 from steelyard.parameters import Parameters
 from steelyard.regression.base import BaseMap, base_map, refuse_twins
 from steelyard.robot.robot import Body, Coordinate, Robot
-from steelyard.terms.coulomb import Coulomb
-from steelyard.terms.offset import Offset
-from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.rotor_inertia import RotorInertia
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.offset import Offset
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.laws.rotor_inertia import RotorInertia
+from steelyard.terms.laws.viscous import Viscous
 from steelyard.terms.term import Term
-from steelyard.terms.viscous import Viscous
 
 
 @pytest.mark.parametrize(

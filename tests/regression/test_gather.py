@@ -14,10 +14,10 @@ from steelyard.regression.gather import gather
 from steelyard.regression.information import Window
 from steelyard.regression.regressor import base_regressor
 from steelyard.regression.windows import MOST_WINDOWS
-from steelyard.robot.signals import Signals
-from steelyard.terms.coulomb import Coulomb
-from steelyard.terms.presliding import Dahl
-from steelyard.terms.rigid_body import RigidBody
+from steelyard.robot_file.signals import Signals
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.presliding import Dahl
+from steelyard.terms.laws.rigid_body import RigidBody
 
 PLAIN = base_regressor(Model(single(), (RigidBody(), Coulomb())))
 RATE = 100.0

@@ -11,29 +11,29 @@ from closed_chains import CHAINS, independent_path, parallelogram
 from invented import ball, mimic, tree
 from moving import geared
 from steelyard.arrays import Array
-from steelyard.excitation.basis import Basis
-from steelyard.excitation.criteria import KINDS, worst
-from steelyard.excitation.criteria_measure import Measure
-from steelyard.excitation.fourier_bases import RestFourier
+from steelyard.excitation.bases.basis import Basis
+from steelyard.excitation.bases.fourier_bases import RestFourier
+from steelyard.excitation.bases.spline_bases import SplineBasis
+from steelyard.excitation.criteria.criteria import KINDS, worst
+from steelyard.excitation.criteria.measure import Measure
 from steelyard.excitation.objective import Case, Objective
-from steelyard.excitation.spline_bases import SplineBasis
 from steelyard.model import Model
-from steelyard.regression.gradient import Shows
+from steelyard.regression.information_gradient import Shows
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot.robot import Robot
-from steelyard.terms.coulomb import Coulomb
-from steelyard.terms.coupled import Coupled
-from steelyard.terms.directional import DirectionalCoulomb, DirectionalViscous
-from steelyard.terms.gravity_compensator import GravityCompensator
-from steelyard.terms.offset import Offset
-from steelyard.terms.powers import Cubic, Quadratic, Root
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.coupled import Coupled
+from steelyard.terms.laws.directional import DirectionalCoulomb, DirectionalViscous
+from steelyard.terms.laws.gravity_compensator import GravityCompensator
+from steelyard.terms.laws.offset import Offset
+from steelyard.terms.laws.powers import Cubic, Quadratic, Root
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.laws.rotor_inertia import RotorInertia
+from steelyard.terms.laws.spring import Spring
+from steelyard.terms.laws.stribeck import Stribeck
+from steelyard.terms.laws.viscous import Viscous
 from steelyard.terms.register import DEFAULT_TERMS, TERMS, description_of
-from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.rotor_inertia import RotorInertia
-from steelyard.terms.spring import Spring
-from steelyard.terms.stribeck import Stribeck
 from steelyard.terms.term import Term
-from steelyard.terms.viscous import Viscous
 
 CHOSEN = ("slider_joint", "tip_joint")
 WRIST = (("wrist", (("left_joint", 1.0), ("tip_joint", -2.0))),)

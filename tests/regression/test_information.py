@@ -7,7 +7,7 @@ import pytest
 
 from invented import tree
 from steelyard.errors import DataError
-from steelyard.estimation.least_squares import WeightedLeastSquares
+from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
 from steelyard.model import Model
 from steelyard.regression.accumulate import Accumulator, Stretch
 from steelyard.regression.information import Information, Stamp, Window

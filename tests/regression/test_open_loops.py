@@ -8,7 +8,7 @@ from closed_chains import five_bar
 from steelyard.arrays import Array
 from steelyard.errors import DataError
 from steelyard.measurement import Processing, Recording, prepare
-from steelyard.measurement.open_loops import open_stretches
+from steelyard.measurement.closure_failures import open_stretches
 from steelyard.measurement.recording import HeldLog
 from steelyard.measurement.run import Run
 from steelyard.model import Model
@@ -17,9 +17,9 @@ from steelyard.parameters import Parameters
 from steelyard.regression.gather import gather
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot.robot import Loop, Robot
-from steelyard.robot.signals import Signals
-from steelyard.terms.presliding import Dahl
-from steelyard.terms.rigid_body import RigidBody
+from steelyard.robot_file.signals import Signals
+from steelyard.terms.laws.presliding import Dahl
+from steelyard.terms.laws.rigid_body import RigidBody
 from steelyard.validation.score import score
 
 RATE = 200.0

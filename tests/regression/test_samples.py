@@ -9,15 +9,15 @@ import pytest
 from invented import single
 from steelyard.errors import DataError, LogError
 from steelyard.measurement import Processing, Recording, Run, prepare
-from steelyard.measurement.motion_error import motion_error
+from steelyard.measurement.noise_propagation import motion_error
 from steelyard.measurement.recording import HeldLog
 from steelyard.model import Model
 from steelyard.regression.gather import gather
 from steelyard.regression.gather_samples import gather_samples
 from steelyard.regression.information import Information, Window
-from steelyard.regression.matched import MatchedFilter
+from steelyard.regression.parallel_filter import MatchedFilter
 from steelyard.regression.regressor import base_regressor
-from steelyard.robot.signals import Signals
+from steelyard.robot_file.signals import Signals
 
 REGRESSOR = base_regressor(Model(single()))
 RATE, ENCODER = 100.0, 2e-4

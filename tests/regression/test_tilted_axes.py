@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from steelyard.excitation.build import memoryless
+from steelyard.excitation.from_tables import memoryless
 from steelyard.model import Model
 from steelyard.regression.base import base_map, clear_map, full_regressor
 from steelyard.regression.independence import independent_columns, rank
 from steelyard.robot.robot import Body, Coordinate, Robot
-from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.rotor_inertia import RotorInertia
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.laws.rotor_inertia import RotorInertia
 from tilted import ARMS, drawn, rank_by_gap, singular_values, tilted
 
 TERMS = (RigidBody(), RotorInertia())

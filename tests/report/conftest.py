@@ -11,14 +11,14 @@ from browser import Seen, chromium, look
 from steelyard.diagnosis import Diagnosis, Edit, Judgement, Mend
 from steelyard.diagnosis import Finding as SaidFinding
 from steelyard.diagnosis.finding import Hypothesis, Picture, Trace
-from steelyard.estimation.bootstrap import Bootstrap
-from steelyard.estimation.consistent import Consistent
+from steelyard.estimation.consistent.consistent import Consistent
 from steelyard.estimation.effort_scales import Scaled, Scales
 from steelyard.estimation.estimate import Blind, Estimate, OfRun, Standard
-from steelyard.estimation.fields import Finding
-from steelyard.estimation.gains import GainEstimate
+from steelyard.estimation.fields.fields import Finding
 from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimation.knowledge import Knowledge
+from steelyard.estimation.least_squares.bootstrap import Bootstrap
+from steelyard.estimation.payload.gains import GainEstimate
 from steelyard.estimation.zero_offset import ZeroOffsets
 from steelyard.model import Model
 from steelyard.parameters import Parameters
@@ -26,11 +26,11 @@ from steelyard.regression.base import BaseMap, base_map
 from steelyard.report.content import ReportContent
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.robot import Body, Coordinate, Robot
-from steelyard.robot.signals import Signals
-from steelyard.terms.coulomb import Coulomb
-from steelyard.terms.viscous import Viscous
+from steelyard.robot_file.signals import Signals
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.viscous import Viscous
 from steelyard.validation.effort_scales import EffortScales
-from steelyard.validation.friction import FrictionChoice, MixScore
+from steelyard.validation.friction.friction import FrictionChoice, MixScore
 from steelyard.validation.score import JointScore, RunScore, Traces
 from steelyard.validation.sensitivity import Sensitivity, Variation
 from steelyard.validation.trial import Comparison, Failure, Trial

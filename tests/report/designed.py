@@ -5,22 +5,22 @@ from dataclasses import replace
 import numpy as np
 
 from steelyard.excitation.advice import advice
-from steelyard.excitation.certificate import certify
-from steelyard.excitation.criteria import KINDS
-from steelyard.excitation.criteria_measure import Measure
-from steelyard.excitation.designed import Designed
+from steelyard.excitation.constraints.certificate import certify
+from steelyard.excitation.constraints.markers import Marker
+from steelyard.excitation.constraints.workspace import tool_box
+from steelyard.excitation.criteria.criteria import KINDS
+from steelyard.excitation.criteria.measure import Measure
 from steelyard.excitation.limits import motion_limits
-from steelyard.excitation.markers import Marker
 from steelyard.excitation.objective import Case
-from steelyard.excitation.random_fourier import random_fourier
-from steelyard.excitation.shown import shown
-from steelyard.excitation.workspace import tool_box
+from steelyard.excitation.predicted_accuracy import shown
+from steelyard.excitation.result import Designed
+from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.model import Model
-from steelyard.regression.gradient import Shows
+from steelyard.regression.information_gradient import Shows
 from steelyard.robot.robot import Frame, Robot
-from steelyard.terms.coulomb import Coulomb
-from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.viscous import Viscous
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.laws.viscous import Viscous
 
 REACH = 0.8
 """Length of the arm: two links of 0.4 m about y."""

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from steelyard.estimation.load import PayloadEstimate
+from steelyard.estimation.payload.load import PayloadEstimate
 from steelyard.report import ReportContent
-from steelyard.report.causes import tables
 from steelyard.report.sections.drives import DrivesSection
 from steelyard.report.sections.friction import FrictionSection
 from steelyard.report.sections.per_run import PerRunSection
 from steelyard.report.sections.section import Section
 from steelyard.report.sections.tables import PlainTable
+from steelyard.report.terminal.causes import tables
 
 NEW: tuple[Section, ...] = (FrictionSection(), DrivesSection(), PerRunSection())
 

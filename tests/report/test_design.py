@@ -15,11 +15,13 @@ from report.conftest import EVIL, identified, robot
 from report.designed import REACH, designed_for, renamed
 from report.test_page import own_html
 from steelyard.excitation.advice import Advice
-from steelyard.excitation.designed import Designed
-from steelyard.excitation.gap import Declined, Gap
+from steelyard.excitation.result import Designed
+from steelyard.excitation.uncovered import Declined, Gap
 from steelyard.report import ReportContent, render
-from steelyard.report.design_terminal import design_summary
-from steelyard.report.design_words import (
+from steelyard.report.sections.register import DESIGN_SECTIONS, SECTIONS
+from steelyard.report.skeleton import all_joints, skeleton, way_of
+from steelyard.report.terminal.design import design_summary
+from steelyard.report.text.design_words import (
     brings,
     detail,
     expected,
@@ -31,9 +33,7 @@ from steelyard.report.design_words import (
     tightest,
     used,
 )
-from steelyard.report.sections.register import DESIGN_SECTIONS, SECTIONS
-from steelyard.report.skeleton import all_joints, skeleton, way_of
-from steelyard.robot.excitation_schema import BoxSpans, WorkspaceSection
+from steelyard.robot_file.excitation_sections import BoxSpans, WorkspaceSection
 
 ROOM = WorkspaceSection(
     box=BoxSpans(x=(-1.0, 1.0), z=(-1.0, 1.0)),

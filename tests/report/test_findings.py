@@ -10,9 +10,9 @@ from report.conftest import EVIL, diagnosis
 from steelyard.diagnosis import Diagnosis, Finding, Judgement
 from steelyard.diagnosis.finding import Hypothesis
 from steelyard.report.check_page import CheckContent, render_check
-from steelyard.report.findings import diagnosis_dict, groups, headline, tally
-from steelyard.report.findings_terminal import notes, show
 from steelyard.report.sections.check import CheckSection, findings_of
+from steelyard.report.terminal.findings import notes, show
+from steelyard.report.text.findings import diagnosis_dict, groups, headline, tally
 
 
 def content(name: str = "arm", most: float = 1.0) -> CheckContent:

@@ -7,10 +7,10 @@ import pytest
 
 from steelyard.parameters import Parameters
 from steelyard.report import ReportContent
-from steelyard.report.judgement import exit_code, level_of, verdict
 from steelyard.report.sections.register import SECTIONS
 from steelyard.report.sections.section import Section
-from steelyard.report.table import rows
+from steelyard.report.text.judgement import exit_code, level_of, verdict
+from steelyard.report.text.table import rows
 
 BY_NAME: dict[str, Section] = {section.name: section for section in SECTIONS}
 

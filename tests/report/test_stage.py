@@ -8,14 +8,22 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from closed_chains import five_bar, independent_path, slider_crank, spatial
-from steelyard.excitation.markers import Marker
-from steelyard.excitation.random_fourier import random_fourier
-from steelyard.excitation.solids import Ball, Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Hull
+from steelyard.excitation.constraints.markers import Marker
+from steelyard.excitation.shapes.solids import (
+    Ball,
+    Box,
+    Capsule,
+    Cylinder,
+    Ellipsoid,
+    HalfSpace,
+    Hull,
+)
+from steelyard.excitation.trajectories.random_fourier import random_fourier
+from steelyard.report.replay.solid_mesh import mesh_of
+from steelyard.report.replay.stage import Stage, staged, sticks
 from steelyard.report.skeleton import all_joints
-from steelyard.report.solid_mesh import mesh_of
-from steelyard.report.stage import Stage, staged, sticks
-from steelyard.robot.loops import gaps
-from steelyard.robot.robot_file import load_robot
+from steelyard.robot.loop_equations import gaps
+from steelyard.robot_file.file import load_robot
 
 CORNERS = np.random.default_rng(1).standard_normal((30, 3))
 VOLUMES = [

@@ -5,9 +5,9 @@ from dataclasses import replace
 from rich.console import Console
 
 from steelyard.report import ReportContent, parameters_csv, summary
-from steelyard.report.judgement import verdict
-from steelyard.report.score_words import coverage_words
-from steelyard.report.terminal import CSV_COLUMNS
+from steelyard.report.terminal.terminal import CSV_COLUMNS
+from steelyard.report.text.judgement import verdict
+from steelyard.report.text.score_words import coverage_words
 
 
 def printed(content: ReportContent, width: int = 120) -> str:

@@ -1,6 +1,6 @@
 import pytest
 
-from steelyard.report.words import (
+from steelyard.report.text.words import (
     alike,
     count,
     fixed,

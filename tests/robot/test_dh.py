@@ -3,9 +3,9 @@ import pytest
 
 from oracles import body_positions, pinocchio_torque
 from steelyard.errors import ModelError
-from steelyard.robot.dh import DHConvention, DHRow, dh_mechanism
+from steelyard.robot.from_mechanism import reduced
 from steelyard.robot.geometry import turn
-from steelyard.robot.reduction import reduced
+from steelyard.robot.model_files.dh import DHConvention, DHRow, dh_mechanism
 from steelyard.robot.robot import Robot
 
 ROWS = (

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from steelyard.errors import ModelError
-from steelyard.robot.edits import edited, lines_of
-from steelyard.robot.robot_file import load_robot
+from steelyard.robot_file.edits import edited, lines_of
+from steelyard.robot_file.file import load_robot
 
 
 @dataclass(frozen=True)

@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 
 from steelyard.errors import ModelError
-from steelyard.robot.excitation_schema import ExcitationSection, changed_excitation
-from steelyard.robot.motion_schema import KINDS, MOTIONS
-from steelyard.robot.schema import RobotFile
-from steelyard.robot.toml_check import checked
+from steelyard.robot_file.excitation_sections import ExcitationSection, changed_excitation
+from steelyard.robot_file.motion_sections import KINDS, MOTIONS
+from steelyard.robot_file.sections import RobotFile
+from steelyard.robot_file.toml_check import checked
 
 
 def read(tables: str) -> ExcitationSection:

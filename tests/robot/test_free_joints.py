@@ -6,13 +6,13 @@ import pytest
 
 from oracles import pinocchio_torque
 from steelyard.errors import ModelError
-from steelyard.excitation.build import Recipe
+from steelyard.excitation.from_tables import Recipe
 from steelyard.model import Model
-from steelyard.robot.init_file import drafted
-from steelyard.robot.mjcf import read_mjcf
-from steelyard.robot.proposal import proposed
-from steelyard.robot.reduction import reduced
-from steelyard.robot.robot_file import load_robot
+from steelyard.robot.from_mechanism import reduced
+from steelyard.robot.mjcf.read import read_mjcf
+from steelyard.robot_file.file import load_robot
+from steelyard.robot_file.template.proposal import proposed
+from steelyard.robot_file.template.template import drafted
 
 BALL = '<geom type="sphere" size=".05" pos=".1 .02 0" mass=".7"/>'
 CUBE = '<body name="{}" pos="1 0 0"><freejoint/><geom type="box" size=".1 .1 .1"/></body>'

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from steelyard.errors import ModelError
-from steelyard.robot.gears import build_transmission
 from steelyard.robot.robot import Coordinate, Transmission
-from steelyard.robot.schema import EffortSection, SignalsSection, TransmissionSection
-from steelyard.robot.signals import Signals, build_signals, signals_from_dict, signals_to_dict
+from steelyard.robot_file.sections import EffortSection, SignalsSection, TransmissionSection
+from steelyard.robot_file.signals import Signals, build_signals, signals_from_dict, signals_to_dict
+from steelyard.robot_file.transmission import build_transmission
 
 JOINTS = ("elbow", "wrist")
 COORDINATES = tuple(Coordinate(name, "revolute") for name in JOINTS)

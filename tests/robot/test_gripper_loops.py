@@ -4,11 +4,11 @@ import mujoco
 import pytest
 
 from steelyard.errors import ModelError
-from steelyard.robot.init_file import drafted
-from steelyard.robot.mjcf import read_mjcf
-from steelyard.robot.proposal import proposed
-from steelyard.robot.reduction import reduced
-from steelyard.robot.robot_file import LoadedRobot, load_robot
+from steelyard.robot.from_mechanism import reduced
+from steelyard.robot.mjcf.read import read_mjcf
+from steelyard.robot_file.file import LoadedRobot, load_robot
+from steelyard.robot_file.template.proposal import proposed
+from steelyard.robot_file.template.template import drafted
 
 BALL = '<geom type="sphere" size=".05" pos=".1 .02 0" mass=".7"/>'
 HAND = """

@@ -4,10 +4,14 @@ import numpy as np
 import pytest
 
 from steelyard.errors import LogError, ModelError
-from steelyard.robot.column_words import Column, words_of
-from steelyard.robot.guess import guess_columns, guess_signals, velocities_beside
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.robot import Body, Coordinate, Limits, Robot
+from steelyard.robot_file.column_names import Column, words_of
+from steelyard.robot_file.template.guess_columns import (
+    guess_columns,
+    guess_signals,
+    velocities_beside,
+)
 
 UR = tuple(
     Coordinate(f"{n}_joint", "revolute")

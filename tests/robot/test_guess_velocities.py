@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from robot.test_guess import TWO, numbered
-from steelyard.robot.guess import guess_columns
-from steelyard.robot.guess_velocities import compared
+from steelyard.robot_file.template.guess_columns import guess_columns
+from steelyard.robot_file.template.guess_velocities import compared
 
 T = np.arange(4000) * 0.005
 

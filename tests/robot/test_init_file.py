@@ -5,12 +5,12 @@ import numpy as np
 import polars as pl
 import pytest
 
-from steelyard.cli.river import model_of
 from steelyard.errors import ModelError
-from steelyard.robot.init_file import drafted
-from steelyard.robot.proposal import proposed
+from steelyard.identification.logs import model_of
 from steelyard.robot.robot import Limits
-from steelyard.robot.robot_file import LoadedRobot, load_robot
+from steelyard.robot_file.file import LoadedRobot, load_robot
+from steelyard.robot_file.template.proposal import proposed
+from steelyard.robot_file.template.template import drafted
 
 DATA = os.environ.get("STEELYARD_DATA")
 needs_data = pytest.mark.skipif(not DATA, reason="STEELYARD_DATA names no folder with robots")

@@ -9,12 +9,12 @@ import pytest
 from closed_chains import CHAINS, Oracle, five_bar, parallelogram, spatial, twin_loops
 from invented import ball
 from steelyard.errors import ModelError
-from steelyard.robot.loops import closest, gaps, loop_equations, residual
-from steelyard.robot.mjcf import read_mjcf
-from steelyard.robot.reduction import reduced
+from steelyard.robot.from_mechanism import reduced
+from steelyard.robot.json import robot_from_dict, robot_to_dict
+from steelyard.robot.loop_equations import closest, gaps, loop_equations, residual
+from steelyard.robot.mjcf.read import read_mjcf
 from steelyard.robot.robot import Loop, Robot
-from steelyard.robot.robot_file import load_robot
-from steelyard.robot.serial import robot_from_dict, robot_to_dict
+from steelyard.robot_file.file import load_robot
 
 
 @pytest.mark.parametrize("name", CHAINS)

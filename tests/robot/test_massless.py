@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from steelyard.errors import ModelError
-from steelyard.estimation.load_case import carrier
-from steelyard.estimation.prior import default_knowledge
-from steelyard.estimation.prior_given import body_index
+from steelyard.estimation.payload.load_case import carrier
+from steelyard.estimation.prior.prior import default_knowledge
+from steelyard.estimation.prior.prior_given import body_index
 from steelyard.model import Model
 from steelyard.regression.base import base_map, full_regressor
-from steelyard.robot.mjcf import read_mjcf
-from steelyard.robot.reduction import reduced
+from steelyard.robot.from_mechanism import reduced
+from steelyard.robot.json import robot_from_dict, robot_to_dict
+from steelyard.robot.mjcf.read import read_mjcf
 from steelyard.robot.robot import Robot
-from steelyard.robot.serial import robot_from_dict, robot_to_dict
-from steelyard.terms.rigid_body import RigidBody
+from steelyard.terms.laws.rigid_body import RigidBody
 from steelyard.virtual.invent import random_truth
 
 HIP = """

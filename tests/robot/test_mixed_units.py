@@ -8,8 +8,8 @@ from typer.testing import CliRunner
 
 from steelyard.cli.app import app
 from steelyard.errors import LogError
-from steelyard.robot.guess import guess_columns
 from steelyard.robot.robot import Coordinate, Limits
+from steelyard.robot_file.template.guess_columns import guess_columns
 
 SCARA = (
     Coordinate("shoulder", "revolute"),

@@ -6,8 +6,8 @@ import pytest
 
 from oracles import body_map, body_positions, pinocchio_torque
 from steelyard.errors import ModelError
-from steelyard.robot.mjcf import read_mjcf
-from steelyard.robot.reduction import reduced
+from steelyard.robot.from_mechanism import reduced
+from steelyard.robot.mjcf.read import read_mjcf
 from steelyard.robot.robot import Robot
 
 ARM = """

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from steelyard.robot.mechanism import Mechanism
-from steelyard.robot.mjcf import read_mjcf
+from steelyard.robot.mjcf.read import read_mjcf
 from steelyard.robot.placeholders import is_placeholder
-from steelyard.robot.robot_file import LoadedRobot, load_robot
+from steelyard.robot_file.file import LoadedRobot, load_robot
 
 WORLD = """
 <mujoco model="arm">{options}

@@ -4,12 +4,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from steelyard.cli.river import model_of
-from steelyard.kernel.dynamics import JointState
-from steelyard.robot import proposal as init_proposal
-from steelyard.robot.init_file import drafted, notes_beside
-from steelyard.robot.robot_file import LoadedRobot, load_robot
-from steelyard.terms.spring import Spring
+from steelyard.identification.logs import model_of
+from steelyard.kernel.equations.dynamics import JointState
+from steelyard.robot_file.file import LoadedRobot, load_robot
+from steelyard.robot_file.template import proposal as init_proposal
+from steelyard.robot_file.template.template import drafted, notes_beside
+from steelyard.terms.laws.spring import Spring
 
 ARM = """
 <mujoco model="arm">

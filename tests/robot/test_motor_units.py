@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from steelyard.errors import ModelError
-from steelyard.robot.robot_file import load_robot
+from steelyard.robot_file.file import load_robot
 
 URDF = """<robot name="gantry"><link name="base"/><link name="slide"/><link name="hand"/>
 <joint name="lift" type="prismatic"><parent link="base"/><child link="slide"/><axis xyz="0 0 1"/>

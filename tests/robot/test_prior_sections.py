@@ -6,10 +6,10 @@ from types import SimpleNamespace
 import pytest
 
 from steelyard.errors import ModelError
-from steelyard.robot.edits import edited
-from steelyard.robot.init_file import drafted
-from steelyard.robot.proposal import proposed
-from steelyard.robot.robot_file import LoadedRobot, load_robot
+from steelyard.robot_file.edits import edited
+from steelyard.robot_file.file import LoadedRobot, load_robot
+from steelyard.robot_file.template.proposal import proposed
+from steelyard.robot_file.template.template import drafted
 
 URDF = """<robot name="one"><link name="a"/><link name="b"/>
 <joint name="elbow" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint>

@@ -3,10 +3,10 @@ import pytest
 
 from oracles import body_positions, pinocchio_torque
 from steelyard.errors import ModelError
+from steelyard.robot.from_mechanism import reduced
 from steelyard.robot.geometry import Placement, rpy_rotation
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.mechanism import Joint, Link, Mechanism, Mimic
-from steelyard.robot.reduction import reduced
 from steelyard.robot.robot import Limits
 
 BALL = Inertia.about_com(1.0, [0.1, 0.2, 0.3], 0.01 * np.eye(3))

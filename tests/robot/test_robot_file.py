@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 
 from steelyard.errors import ModelError
-from steelyard.robot.robot_file import load_robot, load_robot_file, read_mechanism
+from steelyard.robot_file.file import load_robot, load_robot_file, read_mechanism
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DATA = os.environ.get("STEELYARD_DATA")

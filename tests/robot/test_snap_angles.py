@@ -8,8 +8,8 @@ import pytest
 
 from steelyard.model import Model
 from steelyard.motion import Motion
-from steelyard.robot.robot_file import load_robot
-from steelyard.terms.rigid_body import RigidBody
+from steelyard.robot_file.file import load_robot
+from steelyard.terms.laws.rigid_body import RigidBody
 
 URDF = """<robot name="rounded">
   <link name="base"/>

@@ -3,7 +3,7 @@ import tomllib
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steelyard.robot.toml_lines import KeyPath, toml_lines
+from steelyard.robot_file.toml_lines import KeyPath, toml_lines
 
 TEXT = '''# a comment with [brackets] and "quotes"
 [robot] # another

@@ -11,8 +11,8 @@ from xml.etree import ElementTree
 import pytest
 
 from steelyard.errors import ModelError
-from steelyard.robot.robot_file import load_robot
-from steelyard.robot.xacro import expand, is_xacro, joined_reference, split_reference, stem_of
+from steelyard.robot.xacro.read import expand, is_xacro, joined_reference, split_reference, stem_of
+from steelyard.robot_file.file import load_robot
 
 Write = Callable[[str, str], Path]
 HEAD = '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="r">'

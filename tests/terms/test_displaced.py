@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from invented import ROBOTS, dh_arm
-from steelyard.kernel.dynamics import JointState
+from steelyard.kernel.equations.dynamics import JointState
 from steelyard.model import Model
 from steelyard.parameters import Parameters
 from steelyard.robot.inertia import skew
 from steelyard.robot.robot import Body, Robot
-from steelyard.terms.displaced import Displaced
-from steelyard.terms.rigid_body import RigidBody
+from steelyard.terms.errors.geometry_errors import Displaced
+from steelyard.terms.laws.rigid_body import RigidBody
 
 STEP = 1e-6
 

@@ -8,20 +8,20 @@ import pytest
 from invented import tree
 from moving import geared, torque
 from steelyard.errors import ModelError
-from steelyard.kernel.dynamics import JointState
-from steelyard.kernel.numpy_backend import run
-from steelyard.kernel.program import Array
-from steelyard.kernel.trace import slopes_of, symbolic
+from steelyard.kernel.equations.dynamics import JointState
+from steelyard.kernel.program.numpy_backend import run
+from steelyard.kernel.program.program import Array
+from steelyard.kernel.program.trace import slopes_of, symbolic
 from steelyard.model import Model
-from steelyard.terms.coulomb import Coulomb
-from steelyard.terms.coupled import Coupled
-from steelyard.terms.directional import DirectionalCoulomb, DirectionalViscous
-from steelyard.terms.powers import Cubic, Quadratic, Root
-from steelyard.terms.presliding import Dahl, LuGre, MaxwellSlip
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.coupled import Coupled
+from steelyard.terms.laws.directional import DirectionalCoulomb, DirectionalViscous
+from steelyard.terms.laws.powers import Cubic, Quadratic, Root
+from steelyard.terms.laws.presliding import Dahl, LuGre, MaxwellSlip
+from steelyard.terms.laws.stribeck import Stribeck
+from steelyard.terms.laws.viscous import Viscous
 from steelyard.terms.register import term_of
-from steelyard.terms.stribeck import Stribeck
 from steelyard.terms.term import Term
-from steelyard.terms.viscous import Viscous
 
 SPEEDS = np.array([0.0, 0.05, -0.1, 2.0])
 TINY, HUGE = 1e-300, 1e6

@@ -9,30 +9,29 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from moving import channels, cycles, geared, torque
-from steelyard.kernel import numpy_backend
-from steelyard.kernel.dynamics import JointState
-from steelyard.kernel.program import Array
-from steelyard.kernel.trace import symbolic
+from steelyard.kernel.equations.dynamics import JointState
+from steelyard.kernel.program.program import Array, numpy_backend
+from steelyard.kernel.program.trace import symbolic
 from steelyard.model import Model
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
 from steelyard.robot.robot import JointKind
 from steelyard.terms.axes import Axis
-from steelyard.terms.coulomb import Coulomb
-from steelyard.terms.coupled import Coupled
-from steelyard.terms.directional import DirectionalCoulomb, DirectionalViscous
-from steelyard.terms.gravity_compensator import GravityCompensator
-from steelyard.terms.load_dependent import LoadDependent
-from steelyard.terms.offset import Offset
-from steelyard.terms.powers import Cubic, Quadratic, Root
-from steelyard.terms.presliding import Dahl, LuGre, MaxwellSlip
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.coupled import Coupled
+from steelyard.terms.laws.directional import DirectionalCoulomb, DirectionalViscous
+from steelyard.terms.laws.gravity_compensator import GravityCompensator
+from steelyard.terms.laws.load_dependent import LoadDependent
+from steelyard.terms.laws.offset import Offset
+from steelyard.terms.laws.powers import Cubic, Quadratic, Root
+from steelyard.terms.laws.presliding import Dahl, LuGre, MaxwellSlip
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.laws.rotor_inertia import RotorInertia
+from steelyard.terms.laws.spring import Spring
+from steelyard.terms.laws.stribeck import Stribeck
+from steelyard.terms.laws.viscous import Viscous
 from steelyard.terms.register import TERMS, description_of, term_of
-from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.rotor_inertia import RotorInertia
-from steelyard.terms.spring import Spring
-from steelyard.terms.stribeck import Stribeck
 from steelyard.terms.term import Term
-from steelyard.terms.viscous import Viscous
 
 ROBOT = geared()
 CHOSEN = ("slider_joint", "tip_joint")

@@ -13,9 +13,9 @@ from steelyard.motion import Motion
 from steelyard.parameters import Parameters
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.robot import Body, Robot
-from steelyard.terms.load_dependent import LoadDependent
-from steelyard.terms.presliding import Dahl
-from steelyard.terms.rigid_body import RigidBody
+from steelyard.terms.laws.load_dependent import LoadDependent
+from steelyard.terms.laws.presliding import Dahl
+from steelyard.terms.laws.rigid_body import RigidBody
 
 
 def loads(robot: Robot, state: np.ndarray) -> np.ndarray:

@@ -3,11 +3,11 @@
 import numpy as np
 
 from invented import dh_arm
-from steelyard.kernel.dynamics import JointState
+from steelyard.kernel.equations.dynamics import JointState
 from steelyard.model import Model
 from steelyard.parameters import Parameters
-from steelyard.terms.misread import Misread
-from steelyard.terms.rigid_body import RigidBody
+from steelyard.terms.errors.reading_errors import Misread
+from steelyard.terms.laws.rigid_body import RigidBody
 
 ROBOT = dh_arm()
 

@@ -11,7 +11,7 @@ from moving import channels
 from steelyard.model import Model
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
-from steelyard.terms.presliding import Dahl, LuGre, MaxwellSlip
+from steelyard.terms.laws.presliding import Dahl, LuGre, MaxwellSlip
 from steelyard.terms.term import Term
 
 AMPLITUDE, REVERSALS = 0.05, 6

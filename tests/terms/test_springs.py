@@ -10,13 +10,13 @@ import pytest
 from invented import mimic
 from moving import geared, torque
 from steelyard.errors import ModelError
-from steelyard.kernel.dynamics import carried_point
-from steelyard.robot.mjcf import read_mjcf
-from steelyard.robot.reduction import reduced
+from steelyard.kernel.equations.dynamics import carried_point
+from steelyard.robot.from_mechanism import reduced
+from steelyard.robot.mjcf.read import read_mjcf
 from steelyard.robot.robot import Robot
-from steelyard.terms.gravity_compensator import GravityCompensator
+from steelyard.terms.laws.gravity_compensator import GravityCompensator
+from steelyard.terms.laws.spring import Spring
 from steelyard.terms.register import term_of
-from steelyard.terms.spring import Spring
 from steelyard.terms.term import Term
 
 POINTS = ((0.3, -0.4, 1.2), (0.1, 0.2, -0.3))

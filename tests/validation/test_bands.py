@@ -11,15 +11,15 @@ from in_amperes import GAINS, RATE, ROBOT, run_of
 from steelyard.estimation.calibration import Calibration
 from steelyard.estimation.estimate import Standard
 from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
-from steelyard.estimation.least_squares import WeightedLeastSquares
+from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
 from steelyard.measurement import Run
-from steelyard.measurement.lowpass import low_pass
-from steelyard.measurement.parts import apply
+from steelyard.measurement.chunks import apply
+from steelyard.measurement.methods.lowpass import low_pass
 from steelyard.measurement.run import Block
 from steelyard.model import Model
 from steelyard.parameters import Parameters
 from steelyard.regression.gather import along, gather
-from steelyard.regression.matched import MatchedFilter
+from steelyard.regression.parallel_filter import MatchedFilter
 from steelyard.regression.regressor import base_regressor
 from steelyard.validation.bands import Bands
 from steelyard.validation.score import RunScore, score

@@ -10,14 +10,14 @@ from in_amperes import GAINS, ROBOT, run_of
 from steelyard.errors import ModelError
 from steelyard.estimation.calibration import Calibration, bins
 from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance, load_model
-from steelyard.estimation.least_squares import WeightedLeastSquares
+from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
 from steelyard.measurement import Processing, Run
 from steelyard.model import Model
 from steelyard.regression.gather import gather
 from steelyard.regression.information import Information
 from steelyard.regression.regressor import base_regressor
+from steelyard.terms.laws.stribeck import Stribeck
 from steelyard.terms.register import DEFAULT_TERMS
-from steelyard.terms.stribeck import Stribeck
 from steelyard.validation.bands import Bands
 from steelyard.validation.calibrate import calibrate, quantile
 from steelyard.validation.left_out import runs_left_out, stretches_left_out

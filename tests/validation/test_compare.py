@@ -10,10 +10,13 @@ import pytest
 
 from invented import single, tree
 from steelyard.errors import DataError
-from steelyard.estimation.consistent import Consistent
+from steelyard.estimation.consistent.consistent import Consistent
 from steelyard.estimation.estimate import Estimate, Standard
-from steelyard.estimation.least_squares import OrdinaryLeastSquares, WeightedLeastSquares
-from steelyard.estimation.prior import default_knowledge
+from steelyard.estimation.least_squares.least_squares import (
+    OrdinaryLeastSquares,
+    WeightedLeastSquares,
+)
+from steelyard.estimation.prior.prior import default_knowledge
 from steelyard.estimation.register import ESTIMATORS, Context, Offer
 from steelyard.measurement import Processing, Recording, Run, prepare
 from steelyard.measurement.recording import HeldLog
@@ -24,7 +27,7 @@ from steelyard.regression.accumulate import Accumulator, Stretch
 from steelyard.regression.gather import gather
 from steelyard.regression.information import Information, Stamp, Window
 from steelyard.regression.regressor import base_regressor
-from steelyard.robot.signals import Signals
+from steelyard.robot_file.signals import Signals
 from steelyard.validation.compare import Parts, compare, impossible_bodies, trials_of
 from steelyard.validation.cross import longest_window
 from steelyard.validation.trial import Comparison, Trial, recommended

@@ -8,7 +8,10 @@ import pytest
 
 from invented import single, tree
 from steelyard.errors import DataError
-from steelyard.estimation.least_squares import OrdinaryLeastSquares, WeightedLeastSquares
+from steelyard.estimation.least_squares.least_squares import (
+    OrdinaryLeastSquares,
+    WeightedLeastSquares,
+)
 from steelyard.measurement import Processing, Recording, Run, prepare
 from steelyard.measurement.recording import HeldLog
 from steelyard.model import Model
@@ -16,7 +19,7 @@ from steelyard.regression.accumulate import Accumulator, Stretch
 from steelyard.regression.gather import gather
 from steelyard.regression.information import Information, Stamp, Window
 from steelyard.regression.regressor import base_regressor
-from steelyard.robot.signals import Signals
+from steelyard.robot_file.signals import Signals
 from steelyard.validation.cross import (
     FOLDS,
     Folding,

@@ -9,27 +9,27 @@ import pytest
 
 from invented import single
 from steelyard.errors import DataError
-from steelyard.estimation.fields import said_by
-from steelyard.estimation.least_squares import WeightedLeastSquares
+from steelyard.estimation.fields.fields import said_by
+from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
 from steelyard.measurement import Processing, Recording, Run, prepare
 from steelyard.measurement.recording import HeldLog
 from steelyard.model import Model, ValuedModel
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
 from steelyard.regression.regressor import base_regressor
-from steelyard.robot.schema import EffortKind
-from steelyard.robot.signals import Signals
-from steelyard.terms.coulomb import Coulomb
-from steelyard.terms.load_dependent import LoadDependent
-from steelyard.terms.powers import Cubic, Root
-from steelyard.terms.presliding import Dahl, MaxwellSlip
-from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.stribeck import Stribeck
+from steelyard.robot_file.sections import EffortKind
+from steelyard.robot_file.signals import Signals
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.load_dependent import LoadDependent
+from steelyard.terms.laws.powers import Cubic, Root
+from steelyard.terms.laws.presliding import Dahl, MaxwellSlip
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.laws.stribeck import Stribeck
+from steelyard.terms.laws.viscous import Viscous
 from steelyard.terms.term import Term
-from steelyard.terms.viscous import Viscous
 from steelyard.validation.cross import logarithms
-from steelyard.validation.friction import FrictionChoice, _staged, choose_friction
-from steelyard.validation.mixes import mix_name, remembers
+from steelyard.validation.friction.friction import FrictionChoice, _staged, choose_friction
+from steelyard.validation.friction.mixes import mix_name, remembers
 
 PLAIN, SMOOTH, SPRING = (Coulomb(),), (Coulomb(smoothing=0.02),), (Dahl(length=1e-3),)
 SPEED = ((Viscous(),), (Viscous(), Root()), (Viscous(), Cubic()))

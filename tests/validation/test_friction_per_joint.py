@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from invented import ball
-from steelyard.estimation.consistent import Consistent
-from steelyard.estimation.least_squares import WeightedLeastSquares
-from steelyard.estimation.prior import default_knowledge
+from steelyard.estimation.consistent.consistent import Consistent
+from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimation.prior.prior import default_knowledge
 from steelyard.measurement import Processing, Recording, Run, prepare
 from steelyard.measurement.recording import HeldLog
 from steelyard.model import Model
@@ -17,11 +17,11 @@ from steelyard.parameters import Parameters
 from steelyard.progress import Event
 from steelyard.regression.base import BaseMap
 from steelyard.robot.robot import Body, Coordinate, Robot
-from steelyard.robot.signals import Signals
-from steelyard.terms.presliding import Dahl
-from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.viscous import Viscous
-from steelyard.validation.friction import FrictionChoice, choose_friction
+from steelyard.robot_file.signals import Signals
+from steelyard.terms.laws.presliding import Dahl
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.laws.viscous import Viscous
+from steelyard.validation.friction.friction import FrictionChoice, choose_friction
 
 RATE = 100.0
 

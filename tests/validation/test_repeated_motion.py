@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from steelyard.arrays import Array
-from steelyard.excitation.random_fourier import random_fourier
+from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.measurement import Processing, Recording, Run, prepare
 from steelyard.measurement.motion_samples import LEAST, MOST, MotionSamples, motion_samples
 from steelyard.measurement.recording import HeldLog
-from steelyard.robot.robot_file import LoadedRobot
+from steelyard.robot_file.file import LoadedRobot
 from steelyard.validation.repeated_motion import repeat_of
 from steelyard.virtual.demo import write_demo_arm
 

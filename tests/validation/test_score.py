@@ -12,7 +12,7 @@ from steelyard.measurement.recording import HeldLog
 from steelyard.model import Model, ValuedModel
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
-from steelyard.robot.signals import Signals
+from steelyard.robot_file.signals import Signals
 from steelyard.validation.score import score
 
 MODEL = Model(single())

@@ -9,13 +9,13 @@ import pytest
 from steelyard.arrays import frozen
 from steelyard.model import Model
 from steelyard.parameters import Parameters
+from steelyard.robot.from_mechanism import reduced
 from steelyard.robot.geometry import turn
 from steelyard.robot.inertia import Inertia
-from steelyard.robot.reduction import reduced
+from steelyard.robot.model_files.urdf import read_urdf
 from steelyard.robot.robot import Body, Coordinate, JointKind, Limits, Loop, Robot
-from steelyard.robot.urdf import read_urdf
+from steelyard.terms.laws.rigid_body import RigidBody
 from steelyard.terms.register import DEFAULT_TERMS, TERMS, term_of
-from steelyard.terms.rigid_body import RigidBody
 from steelyard.terms.term import Term
 from steelyard.virtual.truth import Truth
 

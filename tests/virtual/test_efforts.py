@@ -9,20 +9,20 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from steelyard.errors import ModelError
-from steelyard.excitation.random_fourier import random_fourier
+from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.formats import open_log
 from steelyard.measurement import Recording
 from steelyard.model import Model
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
 from steelyard.robot.robot import Robot, Transmission
-from steelyard.robot.schema import EffortSection, SignalsSection
-from steelyard.robot.signals import Signals, build_signals
-from steelyard.terms.coulomb import Coulomb
-from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.rotor_inertia import RotorInertia
+from steelyard.robot_file.sections import EffortSection, SignalsSection
+from steelyard.robot_file.signals import Signals, build_signals
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.laws.rotor_inertia import RotorInertia
+from steelyard.terms.laws.viscous import Viscous
 from steelyard.terms.term import Term
-from steelyard.terms.viscous import Viscous
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.robot import VirtualRobot
 from steelyard.virtual.sensors import Sensors, TrueRun

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from steelyard.excitation.random_fourier import random_fourier
+from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.motion import Motion
 from steelyard.robot.robot import Robot
-from steelyard.terms.coulomb import Coulomb
+from steelyard.terms.laws.coulomb import Coulomb
 from steelyard.terms.register import DEFAULT_TERMS
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.plant import MujocoPlant

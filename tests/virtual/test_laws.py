@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from steelyard.excitation.random_fourier import random_fourier
+from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.model import Model
 from steelyard.motion import Motion
 from steelyard.robot.robot import Robot
-from steelyard.terms.coulomb import Coulomb
-from steelyard.terms.coupled import Coupled
-from steelyard.terms.directional import DirectionalCoulomb
-from steelyard.terms.load_dependent import LoadDependent
-from steelyard.terms.powers import Root
-from steelyard.terms.presliding import Dahl, LuGre, MaxwellSlip
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.coupled import Coupled
+from steelyard.terms.laws.directional import DirectionalCoulomb
+from steelyard.terms.laws.load_dependent import LoadDependent
+from steelyard.terms.laws.powers import Root
+from steelyard.terms.laws.presliding import Dahl, LuGre, MaxwellSlip
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.laws.rotor_inertia import RotorInertia
 from steelyard.terms.register import term_of
-from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.rotor_inertia import RotorInertia
 from steelyard.terms.term import Samples, Term
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.laws import Laws, LawsInUse

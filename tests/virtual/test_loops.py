@@ -7,13 +7,13 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from steelyard.errors import DataError
-from steelyard.excitation.random_fourier import random_fourier
+from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.motion import Motion
-from steelyard.robot.loops import gaps
+from steelyard.robot.loop_equations import gaps
 from steelyard.robot.robot import Robot
-from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.rotor_inertia import RotorInertia
-from steelyard.terms.viscous import Viscous
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.laws.rotor_inertia import RotorInertia
+from steelyard.terms.laws.viscous import Viscous
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.plant import MujocoPlant
 from steelyard.virtual.robot import VirtualRobot

@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 
 from oracles import pinocchio_torque
 from steelyard.errors import ModelError
+from steelyard.robot.from_mechanism import reduced
 from steelyard.robot.inertia import Inertia
-from steelyard.robot.reduction import reduced
+from steelyard.robot.model_files.urdf import read_urdf
 from steelyard.robot.robot import Body, Coordinate, Robot
-from steelyard.robot.urdf import read_urdf
 from steelyard.virtual.mujoco_model import Rotor, build, inverse_dynamics, mass_matrices
 
 MODELS = (

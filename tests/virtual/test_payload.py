@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from steelyard.errors import ModelError
-from steelyard.estimation.controller import JointPD
-from steelyard.excitation.random_fourier import random_fourier
+from steelyard.estimation.closed_loop.controller import JointPD
+from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.robot import Robot
 from steelyard.virtual.invent import random_truth

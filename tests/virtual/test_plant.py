@@ -10,10 +10,10 @@ from steelyard.errors import ModelError
 from steelyard.motion import Plant
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.robot import Robot
-from steelyard.terms.offset import Offset
-from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.rotor_inertia import RotorInertia
-from steelyard.terms.stribeck import Stribeck
+from steelyard.terms.laws.offset import Offset
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.laws.rotor_inertia import RotorInertia
+from steelyard.terms.laws.stribeck import Stribeck
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.mujoco_model import mass_matrices
 from steelyard.virtual.plant import MujocoPlant

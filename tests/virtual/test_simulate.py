@@ -6,11 +6,11 @@ import polars as pl
 import pytest
 
 from steelyard.errors import OutputError
-from steelyard.excitation.files import read_motion
-from steelyard.excitation.random_fourier import random_fourier
+from steelyard.excitation.trajectories.files import read_motion
+from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.progress import Event, Stopped
 from steelyard.robot.robot import Robot
-from steelyard.robot.robot_file import load_robot
+from steelyard.robot_file.file import load_robot
 from steelyard.virtual.demo import demo_runs
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.simulate import customary_sensors, simulate

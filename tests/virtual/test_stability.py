@@ -7,9 +7,9 @@ import pytest
 
 from steelyard.errors import ModelError
 from steelyard.robot.robot import Robot
-from steelyard.terms.presliding import Dahl, LuGre
-from steelyard.terms.spring import Spring
-from steelyard.terms.viscous import Viscous
+from steelyard.terms.laws.presliding import Dahl, LuGre
+from steelyard.terms.laws.spring import Spring
+from steelyard.terms.laws.viscous import Viscous
 from steelyard.virtual.plant import MujocoPlant
 
 

@@ -9,15 +9,15 @@ from steelyard.errors import ModelError
 from steelyard.model import Model
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.robot import Limits, Robot, Transmission
-from steelyard.terms.coulomb import Coulomb
-from steelyard.terms.find import Find
-from steelyard.terms.load_dependent import LoadDependent
-from steelyard.terms.presliding import Dahl, LuGre
-from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.rotor_inertia import RotorInertia
-from steelyard.terms.spring import Spring
-from steelyard.terms.stribeck import Stribeck
-from steelyard.terms.viscous import Viscous
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.load_dependent import LoadDependent
+from steelyard.terms.laws.presliding import Dahl, LuGre
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.laws.rotor_inertia import RotorInertia
+from steelyard.terms.laws.spring import Spring
+from steelyard.terms.laws.stribeck import Stribeck
+from steelyard.terms.laws.viscous import Viscous
+from steelyard.terms.open_fields import Find
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.plant import MujocoPlant
 from steelyard.virtual.scales import scales_of

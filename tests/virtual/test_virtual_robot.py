@@ -6,9 +6,9 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from steelyard.errors import DataError, OutputError
-from steelyard.estimation.controller import tuned_pd
-from steelyard.excitation.fourier import FourierMotion
-from steelyard.excitation.random_fourier import random_fourier
+from steelyard.estimation.closed_loop.controller import tuned_pd
+from steelyard.excitation.trajectories.fourier import FourierMotion
+from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.motion import Plant, Rig, run
 from steelyard.progress import Event, Stopped
 from steelyard.robot.robot import Robot

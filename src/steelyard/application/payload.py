@@ -26,11 +26,11 @@ from steelyard.arrays import Array
 from steelyard.errors import DataError
 from steelyard.estimation.estimate import Z95
 from steelyard.estimation.identified import IdentifiedModel
-from steelyard.estimation.joined import covariance_of, inverse
-from steelyard.estimation.load import PayloadEstimate, payload_of
-from steelyard.estimation.load_case import LoadCase, carrier, load_case, refuse_foreign
+from steelyard.estimation.payload.joined import covariance_of, inverse
+from steelyard.estimation.payload.load import PayloadEstimate, payload_of
+from steelyard.estimation.payload.load_case import LoadCase, carrier, load_case, refuse_foreign
 from steelyard.regression.information import Information
-from steelyard.robot.efforts import WITHOUT_TORQUE
+from steelyard.robot_file.efforts import WITHOUT_TORQUE
 
 DRIFT = 0.5
 """Drift of friction and offset from run to run, relative to the effort they make in each joint."""

@@ -11,7 +11,7 @@ from steelyard.cli.guard import guarded
 from steelyard.cli.options import LOG_HELP, FixedBase, Json, RobotArgument
 
 if TYPE_CHECKING:
-    from steelyard.cli.fix import Fixed
+    from steelyard.identification.fix import Fixed
     from steelyard.report.check_page import CheckContent
 
 
@@ -53,17 +53,17 @@ def check(
 
     Example: steelyard check ur10e.toml run1.parquet run2.parquet --fix
     """
-    from steelyard.cli import river
-    from steelyard.cli.evidence import diagnosed, refuse_foreign, subject_of
-    from steelyard.cli.fix import fixed, target_of
     from steelyard.cli.show import progress_bar
     from steelyard.estimation.identified import load_model
+    from steelyard.identification.check_case import diagnosed, refuse_foreign, subject_of
+    from steelyard.identification.fix import fixed, target_of
+    from steelyard.identification.logs import log_files, new_folder
     from steelyard.report.check_page import CheckContent
 
-    folder = None if output is None else river.new_folder(output, "")
+    folder = None if output is None else new_folder(output, "")
     target = None if fix is None else target_of(robot, fix)
     reference = None if model is None else load_model(model)
-    files = river.log_files(logs)
+    files = log_files(logs)
     subject = subject_of(robot, files[0], fixed_base)
     if reference is not None:
         refuse_foreign(reference, subject.loaded, str(model))
@@ -125,7 +125,7 @@ def results(
     content: "CheckContent", mended: "Fixed | None", folder: Path | None
 ) -> dict[str, object]:
     """What `--json` prints, and `check.json` holds."""
-    from steelyard.report.findings import diagnosis_dict
+    from steelyard.report.text.findings import diagnosis_dict
 
     return {
         "robot": content.file,
@@ -144,14 +144,14 @@ def show(content: "CheckContent", mended: "Fixed | None", folder: Path | None) -
     from rich.padding import Padding
     from rich.text import Text
 
-    from steelyard.report import findings_terminal
+    from steelyard.report.terminal.findings import show as show_findings
 
     console = Console()
     for note in content.notes:
         console.print(Text(f"note: {note}", style="dim"))
     if content.notes:
         console.print()
-    findings_terminal.show(content.diagnosis, console)
+    show_findings(content.diagnosis, console)
     if mended is not None:
         console.print()
         if not mended.changes:
@@ -166,7 +166,7 @@ def show(content: "CheckContent", mended: "Fixed | None", folder: Path | None) -
             console.print()
             console.print(Text(f"Checked again with {mended.subject.path}:", style="bold"))
             console.print()
-            findings_terminal.show(mended.diagnosis, console, fine=False)
+            show_findings(mended.diagnosis, console, fine=False)
     for line in hints(content, mended, folder):
         console.print(Text(line), soft_wrap=True)
 

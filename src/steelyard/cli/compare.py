@@ -14,8 +14,8 @@ from steelyard.cli.guard import guarded
 from steelyard.cli.options import LOG_HELP, FixedBase, Json, RobotArgument, Threads
 
 if TYPE_CHECKING:
-    from steelyard.cli.rivals import Rivals
     from steelyard.estimation.register import Offer
+    from steelyard.identification.compare_inputs import Rivals
     from steelyard.progress import Progress
     from steelyard.report import ReportContent
     from steelyard.validation.trial import Comparison, Trial
@@ -55,11 +55,11 @@ def compare(
 
     Example: steelyard compare ur10e.toml run1.parquet run2.parquet run3.parquet -o compared
     """
-    from steelyard.cli import river
-    from steelyard.cli.rivals import offers_of, rivals_of
     from steelyard.cli.show import progress_bar
+    from steelyard.identification.compare_inputs import offers_of, rivals_of
+    from steelyard.identification.logs import new_folder
 
-    folder = None if output is None else river.new_folder(output, "")
+    folder = None if output is None else new_folder(output, "")
     offers = offers_of(estimators or (), everything)
     with progress_bar() as progress:
         cores = threads or os.cpu_count() or 1
@@ -124,7 +124,7 @@ def show(content: "ReportContent", folder: Path | None) -> None:
     """Print the table, the advice, and where the page is."""
     from rich.console import Console
 
-    from steelyard.report.compare_terminal import comparison_lines
+    from steelyard.report.terminal.compare import comparison_lines
 
     comparison_lines(content, Console())
     if folder is not None:

@@ -10,9 +10,9 @@ from steelyard.cli.guard import guarded
 from steelyard.cli.options import Json, Output, Seed
 
 if TYPE_CHECKING:
-    from steelyard.excitation.designed import Designed
-    from steelyard.excitation.exact import ExactTrajectory
-    from steelyard.robot.robot_file import LoadedRobot
+    from steelyard.excitation.result import Designed
+    from steelyard.excitation.trajectories.exact import ExactTrajectory
+    from steelyard.robot_file.file import LoadedRobot
 
 DESIGN = 8.0
 """Seconds that the design of the motion may take."""
@@ -26,26 +26,27 @@ def demo(output: Output = None, seed: Seed = 0, as_json: Json = False) -> None:
     """
     from rich.console import Console
 
-    from steelyard.cli import interrupt, river
+    from steelyard.cli import interrupt
     from steelyard.cli.excite import results as design_results
     from steelyard.cli.excite import write_design
     from steelyard.cli.identify import results, run_identify
     from steelyard.cli.show import progress_bar
-    from steelyard.excitation.between_points import gaps_of_files
     from steelyard.excitation.design import design
-    from steelyard.excitation.runner import Effort
+    from steelyard.excitation.export.between_points import gaps_of_files
+    from steelyard.excitation.search.parallel_search import Effort
     from steelyard.files import whole_folder
-    from steelyard.report.design_terminal import design_summary
-    from steelyard.report.terminal import summary
+    from steelyard.identification.logs import model_of, new_folder
+    from steelyard.report.terminal.design import design_summary
+    from steelyard.report.terminal.terminal import summary
     from steelyard.virtual.demo import demo_runs
 
-    folder = river.new_folder(output, "steelyard-demo")
+    folder = new_folder(output, "steelyard-demo")
     found: list[Designed] = []
     with progress_bar() as progress, whole_folder(folder) as part:
 
         def designed(loaded: "LoadedRobot") -> "ExactTrajectory":
             effort = Effort(DESIGN, processes=os.cpu_count() or 1, seed=seed)
-            model = river.model_of(loaded)
+            model = model_of(loaded)
             motion = design(loaded, model, effort, progress=progress)
             found.append(motion.with_gaps(gaps_of_files(motion, ("csv",), None)))
             (part / "motion").mkdir()

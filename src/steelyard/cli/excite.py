@@ -15,9 +15,9 @@ from steelyard.cli.options import FixedBase, Json, Output, RobotArgument, Seed
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from steelyard.excitation.designed import Designed
+    from steelyard.excitation.result import Designed
     from steelyard.progress import Event, Progress
-    from steelyard.robot.robot_file import LoadedRobot
+    from steelyard.robot_file.file import LoadedRobot
 
 BUDGET = 10.0
 """Seconds of a design, if none are given."""
@@ -118,20 +118,26 @@ def excite(
     begun = time.monotonic()
     from rich.console import Console
 
-    from steelyard.cli import interrupt, river
-    from steelyard.cli.motion_wanted import asked, earlier_of, identified_before, refuse_formats
+    from steelyard.cli import interrupt
     from steelyard.cli.show import progress_bar
-    from steelyard.excitation.between_points import gaps_of_files
+    from steelyard.excitation.bases.families import FAMILIES
     from steelyard.excitation.design import design
-    from steelyard.excitation.families import FAMILIES
-    from steelyard.excitation.runner import Effort
+    from steelyard.excitation.export.between_points import gaps_of_files
+    from steelyard.excitation.search.parallel_search import Effort
     from steelyard.files import whole_folder
+    from steelyard.identification.excitation_inputs import (
+        asked,
+        earlier_of,
+        identified_before,
+        refuse_formats,
+    )
+    from steelyard.identification.logs import model_of, new_folder, with_friction
     from steelyard.model import Model
     from steelyard.progress import Stopped
-    from steelyard.report.design_terminal import design_summary
-    from steelyard.report.design_words import level
-    from steelyard.robot.robot_file import load_robot
-    from steelyard.robot.xacro import stem_of
+    from steelyard.report.terminal.design import design_summary
+    from steelyard.report.text.design_words import level
+    from steelyard.robot.xacro.read import stem_of
+    from steelyard.robot_file.file import load_robot
 
     loaded = asked(
         load_robot(robot, base=fixed_base),
@@ -143,12 +149,12 @@ def excite(
         still_unknown=still_unknown,
     )
     known = None if earlier is None else identified_before(earlier, loaded)
-    model = river.with_friction(river.model_of(loaded), loaded)
+    model = with_friction(model_of(loaded), loaded)
     if known is not None:
         model = Model(loaded.robot, known.model.terms)
     forms = ("csv", *(formats or ()))
     refuse_formats(loaded, forms, rate)
-    folder = river.new_folder(output, f"steelyard-{stem_of(robot)}-motion")
+    folder = new_folder(output, f"steelyard-{stem_of(robot)}-motion")
     effort = Effort(budget, searches, processes or os.cpu_count() or 1, seed)
     searched = loaded.excitation.motion.kind in FAMILIES
     try:
@@ -195,8 +201,8 @@ def write_design(
     rate: float | None,
 ) -> dict[str, str]:
     """Write a design into a new folder: what each file is, and its name."""
-    from steelyard.excitation.export import write_export
-    from steelyard.excitation.files import write_motion
+    from steelyard.excitation.export.export import write_export
+    from steelyard.excitation.trajectories.files import write_motion
     from steelyard.report import render
     from steelyard.report.content import ReportContent
 
@@ -228,8 +234,8 @@ def results(designed: "Designed") -> dict[str, Any]:
     """A design as values for JSON."""
     from math import isfinite
 
-    from steelyard.excitation.certificate import COVERS
-    from steelyard.report.design_words import headline
+    from steelyard.excitation.constraints.certificate import COVERS
+    from steelyard.report.text.design_words import headline
 
     shown = designed.shown
     std = shown.std(designed.prior)

@@ -10,8 +10,8 @@ from steelyard.cli.guard import guarded
 from steelyard.cli.options import Json
 
 if TYPE_CHECKING:
-    from steelyard.application.export import Exported
-    from steelyard.application.export_content import Format
+    from steelyard.application.export.content import Format
+    from steelyard.application.export.export import Exported
 
 ENDINGS: "dict[str, Format]" = {".urdf": "urdf", ".mjcf": "mjcf", ".xml": "mjcf"}
 FEW = 0.5
@@ -55,7 +55,7 @@ def export(
 
     Example: steelyard export steelyard-ur10e --to mjcf -o ur10e.xml
     """
-    from steelyard.application.export import exported, refuse_changed
+    from steelyard.application.export.export import exported, refuse_changed
     from steelyard.cli import interrupt
     from steelyard.estimation.identified import load_model
     from steelyard.files import whole_file
@@ -130,7 +130,7 @@ def _tell(path: Path, made: "Exported") -> None:
     from rich.console import Console
     from rich.text import Text
 
-    from steelyard.application.export import KEPT, UNSEEN, listed_under
+    from steelyard.application.export.export import KEPT, UNSEEN, listed_under
 
     content = made.content
     count = sum(not body.massless for body in content.robot.bodies)

@@ -13,9 +13,9 @@ from steelyard.cli.guard import guarded
 from steelyard.cli.options import LOG_HELP, FixedBase, Json, Output, RobotArgument, Threads
 
 if TYPE_CHECKING:
-    from steelyard.cli.fitting import Fit
     from steelyard.diagnosis import Diagnosis, Finding
     from steelyard.estimation.identified import IdentifiedModel
+    from steelyard.identification.fitting import Fit
     from steelyard.measurement import Run
     from steelyard.progress import Progress
     from steelyard.report import ReportContent
@@ -74,10 +74,10 @@ def identify(
     from rich.console import Console
 
     from steelyard.cli.show import progress_bar
-    from steelyard.report.bootstrap_terminal import bootstrap_lines
-    from steelyard.report.judgement import exit_code
-    from steelyard.report.sensitivity_terminal import sensitivity_lines
-    from steelyard.report.terminal import summary
+    from steelyard.report.terminal.bootstrap import bootstrap_lines
+    from steelyard.report.terminal.sensitivity import sensitivity_lines
+    from steelyard.report.terminal.terminal import summary
+    from steelyard.report.text.judgement import exit_code
 
     with progress_bar() as progress:
         content, folder = run_identify(
@@ -129,41 +129,50 @@ def run_identify(
     With `check`, a log that is not what the robot file says stops it. With `last`, nothing can
     stop the command once the folder is written.
     """
-    from steelyard.cli import describe, interrupt, river
-    from steelyard.cli.before import checked, passed
-    from steelyard.cli.drawn_again import drawn_again
-    from steelyard.cli.fitting import Payload, calibrated, fit
-    from steelyard.cli.repeats import refuse_same_rows
-    from steelyard.cli.sensitivity import varied
-    from steelyard.diagnosis.absurd import refuse_absurd
-    from steelyard.diagnosis.moving_base import of_base
+    from steelyard.cli import interrupt
+    from steelyard.diagnosis.fitted.absurd import refuse_absurd
+    from steelyard.diagnosis.signals.moving_base import of_base
     from steelyard.files import whole_folder
-    from steelyard.robot.robot_file import load_robot
+    from steelyard.identification.bootstrap import drawn_again
+    from steelyard.identification.descriptions import dropped, notes_of, provenance
+    from steelyard.identification.fitting import Payload, calibrated, fit
+    from steelyard.identification.logs import (
+        log_files,
+        model_of,
+        new_folder,
+        refuse_overlaps,
+        runs_of,
+        signals_of,
+    )
+    from steelyard.identification.precheck import checked, passed
+    from steelyard.identification.repeated_rows import refuse_same_rows
+    from steelyard.identification.sensitivity import varied
+    from steelyard.robot_file.file import load_robot
 
     file = load_robot(robot, base=fixed_base)
-    folder = river.new_folder(output, f"steelyard-{file.stem}")
-    known, carrying, unknown = (river.log_files(some) for some in (logs, loaded, validate))
-    river.refuse_overlaps([*known, *carrying], unknown)
-    signals, reasons = river.signals_of(file, known[0])
-    model = river.model_of(file)
+    folder = new_folder(output, f"steelyard-{file.stem}")
+    known, carrying, unknown = (log_files(some) for some in (logs, loaded, validate))
+    refuse_overlaps([*known, *carrying], unknown)
+    signals, reasons = signals_of(file, known[0])
+    model = model_of(file)
     with whole_folder(folder) as part:
         found_out = None
         if check:
             given = replace(file, signals=signals)
             found_out = checked(robot, given, (*known, *unknown), progress)
-        clean, unseen = river.runs_of(file, signals, [*known, *carrying], unknown, progress)
+        clean, unseen = runs_of(file, signals, [*known, *carrying], unknown, progress)
         doubts = () if found_out is None else passed(found_out, robot)
-        notes = (*file.notes, *reasons, *describe.notes_of((*clean, *unseen)), *doubts)
+        notes = (*file.notes, *reasons, *notes_of((*clean, *unseen)), *doubts)
         refuse_same_rows(clean, unseen)
         fitted, loaded_runs = clean[: len(known)], clean[len(known) :]
-        origin = describe.provenance(file, known, carrying, unknown, fitted, notes)
+        origin = provenance(file, known, carrying, unknown, fitted, notes)
         payload = Payload(payload_mass, payload_frame)
         found = fit(model, file, fitted, loaded_runs, payload, origin, threads, progress)
         if check:
             refuse_absurd(found.identified, robot)
         found = calibrated(found, threads, progress)
         unseen = tuple(found.alike(run) for run in unseen)
-        notes += (*found.notes, *describe.dropped(model, (*clean, *unseen)))
+        notes += (*found.notes, *dropped(model, (*clean, *unseen)))
         content = report_of(found, unseen, (*clean, *unseen), notes, progress)
         content = replace(content, diagnosis=found_out)
         limits = limitations_of(found, unseen, content, progress)
@@ -187,13 +196,14 @@ def report_of(
     progress: "Progress",
 ) -> "ReportContent":
     """Score the model on all runs; what the report shows."""
-    from steelyard.cli import describe, river
-    from steelyard.cli.repeats import marked_repeats
+    from steelyard.identification.descriptions import settings
+    from steelyard.identification.logs import scored
+    from steelyard.identification.repeated_rows import marked_repeats
     from steelyard.report import ReportContent
 
     identified, fitted = fit.identified, fit.runs
     name = identified.model.robot.name
-    scores = river.scored(identified, (*fitted, *unseen), progress)
+    scores = scored(identified, (*fitted, *unseen), progress)
     fresh = marked_repeats(identified, unseen, scores[len(fitted) :])
     return ReportContent(
         title=f"{name}: identified dynamics",
@@ -203,7 +213,7 @@ def report_of(
         fitted=scores[: len(fitted)],
         qualities=tuple((run.name, run.quality.rows_of_text) for run in logs),
         notes=notes,
-        settings=describe.settings(identified),
+        settings=settings(identified),
         friction=fit.choice,
         findings=fit.findings,
         gains=fit.gains,
@@ -219,7 +229,7 @@ def limitations_of(
     progress: "Progress",
 ) -> "tuple[Finding, ...]":
     """What checks of the fitted model find."""
-    from steelyard.diagnosis.post_fit import FittedCase, examine_fit
+    from steelyard.diagnosis.fitted.post_fit import FittedCase, examine_fit
 
     case = FittedCase(
         fit.identified,
@@ -250,7 +260,7 @@ def doubts_of(diagnosis: "Diagnosis | None", fitted: "Sequence[Run]") -> "tuple[
 def write_results(identified: "IdentifiedModel", content: "ReportContent", folder: Path) -> None:
     """Write `model.json`, `parameters.csv` and `report.html`."""
     from steelyard.report import render
-    from steelyard.report.terminal import parameters_csv
+    from steelyard.report.terminal.terminal import parameters_csv
 
     (folder / "model.json").write_text(identified.text(), encoding="utf-8")
     (folder / "parameters.csv").write_text(parameters_csv(identified), encoding="utf-8")
@@ -261,8 +271,8 @@ def results(content: "ReportContent", folder: Path) -> dict[str, object]:
     """What `--json` prints."""
     if content.identified is None:
         raise ValueError("there are results of an identified model only")
-    from steelyard.report.findings import diagnosis_dict, finding_dict
-    from steelyard.report.judgement import verdict
+    from steelyard.report.text.findings import diagnosis_dict, finding_dict
+    from steelyard.report.text.judgement import verdict
     from steelyard.terms.register import description_of
 
     estimate = content.identified.estimate

@@ -11,7 +11,7 @@ from steelyard.cli.guard import guarded
 from steelyard.cli.options import ARGUMENTS, FixedBase, Json
 
 if TYPE_CHECKING:
-    from steelyard.robot.init_file import Draft
+    from steelyard.robot_file.template.template import Draft
 
 INCOMPLETE = 1
 """Exit code where the robot file is written, but has to be completed before it is of use."""
@@ -49,12 +49,13 @@ def init(
 
     Without a column of time: steelyard init panda.urdf run1.csv --rate 1000
     """
-    from steelyard.cli import interrupt, river
+    from steelyard.cli import interrupt
     from steelyard.errors import ModelError, OutputError
     from steelyard.files import whole_file
-    from steelyard.robot.init_file import drafted, notes_beside
-    from steelyard.robot.proposal import proposed
-    from steelyard.robot.robot_file import load_robot
+    from steelyard.identification.logs import sample_of
+    from steelyard.robot_file.file import load_robot
+    from steelyard.robot_file.template.proposal import proposed
+    from steelyard.robot_file.template.template import drafted, notes_beside
 
     proposal = proposed(model, fixed_base)
     target = output if output is not None else Path(f"{proposal.loaded.stem}.toml")
@@ -70,7 +71,7 @@ def init(
             where="--rate",
             mend="name the log behind the model file, or leave --rate out",
         )
-    columns, sample = (None, None) if log is None else river.sample_of(log)
+    columns, sample = (None, None) if log is None else sample_of(log)
     draft = drafted(proposal, columns, sample, target, rate)
     with whole_file(target) as part:
         part.write_text(draft.text, encoding="utf-8")
@@ -114,7 +115,7 @@ def show(draft: "Draft", target: Path, notes: Sequence[str]) -> None:
     from rich.console import Console
     from rich.text import Text
 
-    from steelyard.report.words import count
+    from steelyard.report.text.words import count
 
     console = Console()
 

@@ -15,9 +15,9 @@ from steelyard.cli.options import LOG_HELP, Json
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from steelyard.cli.river import LogArgument
     from steelyard.estimation.identified import IdentifiedModel
-    from steelyard.estimation.load import PayloadEstimate
+    from steelyard.estimation.payload.load import PayloadEstimate
+    from steelyard.identification.logs import LogArgument
     from steelyard.progress import Progress
 
 
@@ -73,17 +73,18 @@ def payload(
     from rich.console import Console
     from rich.text import Text
 
-    from steelyard.cli import interrupt, river
+    from steelyard.cli import interrupt
     from steelyard.cli.show import progress_bar
     from steelyard.estimation.identified import load_model
-    from steelyard.estimation.load_case import carrier
+    from steelyard.estimation.payload.load_case import carrier
     from steelyard.files import whole_folder, write_json
+    from steelyard.identification.logs import log_files, new_folder, refuse_overlaps
 
     identified = load_model(model)
     carrier(identified.model.robot, frame)
-    folder = None if output is None else river.new_folder(output, "")
-    with_it, without = river.log_files(logs), river.log_files(unloaded or [])
-    river.refuse_overlaps([*with_it, *without], [])
+    folder = None if output is None else new_folder(output, "")
+    with_it, without = log_files(logs), log_files(unloaded or [])
+    refuse_overlaps([*with_it, *without], [])
     with progress_bar() as progress:
         estimate = _estimated(identified, with_it, without, frame, gain_uncertainty, progress)
     notes = (*estimate.notes, *_fitted_before(identified, with_it, bool(without)))
@@ -118,31 +119,32 @@ def _estimated(
 ) -> "PayloadEstimate":
     """Gather what the logs say, with the model's cut-offs, and weigh."""
     from steelyard.application.payload import identify_payload
-    from steelyard.cli import describe, river
+    from steelyard.identification.descriptions import dropped
+    from steelyard.identification.logs import prepared, processing_of, recording_of
     from steelyard.regression.gather import gather
     from steelyard.regression.regressor import base_regressor
-    from steelyard.validation.mixes import remembers
+    from steelyard.validation.friction.mixes import remembers
 
-    recordings = [river.recording_of(log, identified.signals) for log in (*loaded, *unloaded)]
+    recordings = [recording_of(log, identified.signals) for log in (*loaded, *unloaded)]
     regressor, threads = base_regressor(identified.model), os.cpu_count() or 1
-    runs = river.prepared(recordings, river.processing_of(identified), progress)
+    runs = prepared(recordings, processing_of(identified), progress)
     rests = remembers(identified.model.terms)
     said = [gather(regressor, run, rests=rests, threads=threads, progress=progress) for run in runs]
     count = len(loaded)
     found = identify_payload(identified, said[:count], frame, unloaded=said[count:], gain=gain)
-    return replace(found, notes=(*found.notes, *describe.dropped(identified.model, runs)))
+    return replace(found, notes=(*found.notes, *dropped(identified.model, runs)))
 
 
 def _fitted_before(
     identified: "IdentifiedModel", loaded: "list[LogArgument]", jointly: bool
 ) -> tuple[str, ...]:
     """A log that the model was identified from weighs nothing against it."""
-    from steelyard.cli import river
+    from steelyard.identification.logs import fitted_before
 
     return tuple(
         f"the model was identified from {log.path.name}: against itself it carries nothing"
         for log in loaded
-        if not jointly and river.fitted_before(identified, log)
+        if not jointly and fitted_before(identified, log)
     )
 
 

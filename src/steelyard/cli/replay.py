@@ -37,10 +37,10 @@ def replay(
     Example: steelyard replay panda.toml panda-motion/trajectory.json
     """
     from steelyard.cli import interrupt
-    from steelyard.excitation.files import read_motion
-    from steelyard.report.replay import replayed
-    from steelyard.report.stage import staged
-    from steelyard.robot.robot_file import load_robot
+    from steelyard.excitation.trajectories.files import read_motion
+    from steelyard.report.replay.replay import replayed
+    from steelyard.report.replay.stage import staged
+    from steelyard.robot_file.file import load_robot
 
     loaded = load_robot(robot)
     stage = staged(loaded, read_motion(trajectory, loaded.robot))

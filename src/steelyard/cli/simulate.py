@@ -10,7 +10,7 @@ from steelyard.cli.guard import guarded
 from steelyard.cli.options import FixedBase, Json, Output, RobotArgument, Seed
 
 if TYPE_CHECKING:
-    from steelyard.excitation.exact import ExactTrajectory
+    from steelyard.excitation.trajectories.exact import ExactTrajectory
     from steelyard.robot.robot import Robot
     from steelyard.virtual.payload import Payload
 
@@ -73,19 +73,20 @@ def simulate(
 
     Example: steelyard simulate panda.urdf --seed 1 -o panda-run1
     """
-    from steelyard.cli import interrupt, river
+    from steelyard.cli import interrupt
     from steelyard.cli.show import progress_bar
-    from steelyard.excitation.files import read_motion
-    from steelyard.excitation.random_fourier import random_fourier
+    from steelyard.excitation.trajectories.files import read_motion
+    from steelyard.excitation.trajectories.random_fourier import random_fourier
     from steelyard.files import whole_folder
-    from steelyard.robot.robot_file import load_robot
-    from steelyard.robot.signals import ROW
+    from steelyard.identification.logs import model_of, new_folder, with_friction
+    from steelyard.robot_file.file import load_robot
+    from steelyard.robot_file.signals import ROW
     from steelyard.virtual.invent import random_truth
     from steelyard.virtual.simulate import customary_sensors
     from steelyard.virtual.simulate import simulate as run
 
     loaded = load_robot(robot, base=fixed_base)
-    folder = river.new_folder(output, f"steelyard-{loaded.stem}-simulated")
+    folder = new_folder(output, f"steelyard-{loaded.stem}-simulated")
     _check_factor(dry_run)
     if motion is None:
         _check_length(period, periods, dry_run)
@@ -96,7 +97,7 @@ def simulate(
     )
     _check_length(once.duration, periods, dry_run)
     trajectory = _slowed(_repeated(once, loaded.robot, periods), dry_run)
-    terms = river.with_friction(river.model_of(loaded), loaded).terms
+    terms = with_friction(model_of(loaded), loaded).terms
     truth = random_truth(loaded.robot, seed, terms=terms)
     sensors = customary_sensors(loaded.robot, truth, noise)
     if loaded.signals is not None and any(loaded.signals.unknown_gains):
@@ -140,7 +141,7 @@ def _repeated(trajectory: "ExactTrajectory", robot: "Robot", periods: int) -> "E
         DataError: It does not end where and as it starts.
     """
     from steelyard.errors import DataError
-    from steelyard.excitation.chained import repeated
+    from steelyard.excitation.trajectories.chained import repeated
 
     for order, (what, unit, close) in enumerate(_ALIKE):
         first, last = trajectory.derivative([0.0, trajectory.duration], order)
@@ -194,7 +195,7 @@ def _check_length(once: float, periods: int, factor: float) -> None:
 
 def _slowed(trajectory: "ExactTrajectory", factor: float) -> "ExactTrajectory":
     """The motion at a share of its speed."""
-    from steelyard.excitation.slowed import SlowedMotion
+    from steelyard.excitation.trajectories.slowed import SlowedMotion
 
     return trajectory if factor == 1.0 else SlowedMotion(trajectory, factor)
 

@@ -42,8 +42,8 @@ def validate(
     from rich.console import Console
 
     from steelyard.cli.show import progress_bar
-    from steelyard.report.judgement import exit_code
-    from steelyard.report.terminal import summary
+    from steelyard.report.terminal.terminal import summary
+    from steelyard.report.text.judgement import exit_code
 
     with progress_bar() as progress:
         content = run_validate(model, logs, output, progress)
@@ -60,21 +60,30 @@ def run_validate(
     model: str, logs: list[str], output: Path | None, progress: "Progress"
 ) -> "ReportContent":
     """Score a model on logs; writes the output folder, if one is wanted, whole or not at all."""
-    from steelyard.cli import interrupt, river
-    from steelyard.cli.repeats import holds_fitted_rows, marked_repeats
+    from steelyard.cli import interrupt
     from steelyard.estimation.identified import load_model
     from steelyard.files import whole_folder
+    from steelyard.identification.logs import (
+        fitted_before,
+        log_files,
+        new_folder,
+        prepared,
+        processing_of,
+        recording_of,
+        scored,
+    )
+    from steelyard.identification.repeated_rows import holds_fitted_rows, marked_repeats
     from steelyard.report import render
 
     identified = load_model(model)
-    folder = None if output is None else river.new_folder(output, "")
-    files = river.log_files(logs)
-    recordings = [river.recording_of(log, identified.signals) for log in files]
-    runs = river.prepared(recordings, river.processing_of(identified), progress)
-    scores = river.scored(identified, runs, progress)
+    folder = None if output is None else new_folder(output, "")
+    files = log_files(logs)
+    recordings = [recording_of(log, identified.signals) for log in files]
+    runs = prepared(recordings, processing_of(identified), progress)
+    scores = scored(identified, runs, progress)
     scores = marked_repeats(identified, runs, scores)
     known = [
-        river.fitted_before(identified, log) or holds_fitted_rows(identified, run)
+        fitted_before(identified, log) or holds_fitted_rows(identified, run)
         for log, run in zip(files, runs, strict=True)
     ]
     content = _content(identified, runs, scores, known)
@@ -95,8 +104,8 @@ def results(content: "ReportContent") -> list[dict[str, object]]:
 
 
 def _result(content: "ReportContent", score: "RunScore", *, fitted: bool) -> dict[str, object]:
-    from steelyard.report.findings import finding_dict
-    from steelyard.report.judgement import verdict
+    from steelyard.report.text.findings import finding_dict
+    from steelyard.report.text.judgement import verdict
 
     own = replace(
         content,
@@ -119,7 +128,7 @@ def _content(
     known: Sequence[bool],
 ) -> "ReportContent":
     """What the report shows; `known` says which runs the model was fitted to."""
-    from steelyard.cli import describe
+    from steelyard.identification.descriptions import dropped, notes_of, settings
     from steelyard.report import ReportContent
 
     again = tuple(score for score, old in zip(scores, known, strict=True) if old)
@@ -131,11 +140,11 @@ def _content(
         fitted=again,
         qualities=tuple((run.name, run.quality.rows_of_text) for run in runs),
         notes=(
-            *describe.notes_of(runs),
-            *describe.dropped(identified.model, runs),
+            *notes_of(runs),
+            *dropped(identified.model, runs),
             *(f"{score.run} was fitted: its score is no test of the model" for score in again),
         ),
-        settings=describe.settings(identified),
+        settings=settings(identified),
     )
 
 
@@ -146,7 +155,7 @@ def limitations_of(
     known: Sequence[bool],
 ) -> "tuple[Finding, ...]":
     """What checks of the model on runs that it was not fitted to find."""
-    from steelyard.diagnosis.post_fit import FittedCase, examine_fit
+    from steelyard.diagnosis.fitted.post_fit import FittedCase, examine_fit
 
     fresh = [(run, score) for run, score, old in zip(runs, scores, known, strict=True) if not old]
     unseen, unseen_scores = tuple(run for run, _ in fresh), tuple(score for _, score in fresh)

@@ -13,7 +13,7 @@ from steelyard.formats.log import Log
 from steelyard.measurement import Processing, Recording, Run, prepare
 from steelyard.measurement.recording import Channels, Samples
 from steelyard.progress import Progress, silent
-from steelyard.robot.robot_file import LoadedRobot
+from steelyard.robot_file.file import LoadedRobot
 
 EXCERPT = 100_000
 """Rows of a log that are looked at one by one."""

@@ -16,17 +16,17 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.estimation.estimate import Estimate
+from steelyard.estimation.fields.reference import bodies_of
 from steelyard.estimation.per_run import Runs, own_columns
-from steelyard.estimation.reference import bodies_of
 from steelyard.model import Model
 from steelyard.regression.information import Information
-from steelyard.terms.displaced import Displaced
-from steelyard.terms.load_dependent import LoadDependent
-from steelyard.terms.misread import Misread
-from steelyard.terms.powers import Quadratic
-from steelyard.terms.presliding import Dahl
-from steelyard.terms.spring import Spring
-from steelyard.terms.stribeck import Stribeck
+from steelyard.terms.errors.geometry_errors import Displaced
+from steelyard.terms.errors.reading_errors import Misread
+from steelyard.terms.laws.load_dependent import LoadDependent
+from steelyard.terms.laws.powers import Quadratic
+from steelyard.terms.laws.presliding import Dahl
+from steelyard.terms.laws.spring import Spring
+from steelyard.terms.laws.stribeck import Stribeck
 from steelyard.terms.term import Term
 
 NEW = 1e-6

@@ -8,8 +8,8 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.finding import Finding, Judgement, Mend, Picture, Trace
-from steelyard.diagnosis.trial import LEAST, Trial
-from steelyard.diagnosis.verdict import verdict
+from steelyard.diagnosis.hypotheses.trial import LEAST, Trial
+from steelyard.diagnosis.hypotheses.verdict import verdict
 
 MUCH = 0.75
 """Range of friction over its mean from which on logs are not alike: more than from day to day."""

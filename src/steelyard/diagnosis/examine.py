@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from steelyard.diagnosis.case import Case
+from steelyard.diagnosis.check import Suspicion
 from steelyard.diagnosis.finding import Edit, Finding, Judgement
 from steelyard.diagnosis.register import SUSPICIONS
-from steelyard.diagnosis.suspicion import Suspicion
 from steelyard.diagnosis.together import together
 from steelyard.progress import tell
 

@@ -10,16 +10,16 @@ from steelyard.diagnosis.case import Case
 from steelyard.diagnosis.finding import Finding, Judgement, Mend
 from steelyard.errors import SteelyardError
 from steelyard.estimation.estimate import Blind, Estimate
-from steelyard.estimation.least_squares import WeightedLeastSquares
+from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
 from steelyard.measurement import Run, prepare
 from steelyard.model import Model
 from steelyard.regression.gather import gather
 from steelyard.regression.regressor import base_regressor
-from steelyard.terms.coulomb import Coulomb
-from steelyard.terms.find import finds_of
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.rotor_inertia import RotorInertia
+from steelyard.terms.laws.viscous import Viscous
+from steelyard.terms.open_fields import finds_of
 from steelyard.terms.register import DEFAULT_TERMS, term_of
-from steelyard.terms.rotor_inertia import RotorInertia
-from steelyard.terms.viscous import Viscous
 
 SHOWN = 6
 HELPS = {

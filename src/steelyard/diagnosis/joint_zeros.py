@@ -6,23 +6,23 @@ import numpy as np
 
 from steelyard.diagnosis.case import Case
 from steelyard.diagnosis.finding import Finding, Judgement
-from steelyard.diagnosis.identifiability import clean_runs, customary_model
-from steelyard.diagnosis.model_error import (
+from steelyard.diagnosis.fitted.model_error import (
     beginnings,
     can_be_ranked,
     ranked_causes,
     residuals,
 )
+from steelyard.diagnosis.identifiability import clean_runs, customary_model
 from steelyard.diagnosis.zero_offset import correction, estimated_offsets, far_offsets, numbers
 from steelyard.errors import SteelyardError
-from steelyard.estimation.fields import said_by
-from steelyard.estimation.least_squares import WeightedLeastSquares
+from steelyard.estimation.fields.fields import said_by
+from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
 from steelyard.estimation.per_run import own_columns
 from steelyard.estimation.zero_offset import ZeroOffsets
 from steelyard.measurement.run import Run
 from steelyard.model import Model
 from steelyard.regression.regressor import base_regressor
-from steelyard.validation.mixes import remembers
+from steelyard.validation.friction.mixes import remembers
 
 
 class JointZeros:

@@ -7,13 +7,13 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.errors import DataError
 from steelyard.estimation.identified import IdentifiedModel
-from steelyard.estimation.load_case import STEADY, carrier
+from steelyard.estimation.payload.load_case import STEADY, carrier
 from steelyard.model import Model, ValuedModel
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
 from steelyard.robot.inertia import INERTIAL_NAMES
 from steelyard.robot.robot import Robot
-from steelyard.terms.rigid_body import RigidBody
+from steelyard.terms.laws.rigid_body import RigidBody
 
 AXES = np.eye(3)
 

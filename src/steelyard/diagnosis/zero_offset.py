@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 from steelyard.diagnosis.finding import Edit, Mend
 from steelyard.errors import DataError
-from steelyard.estimation.fields import said_by
+from steelyard.estimation.fields.fields import said_by
 from steelyard.estimation.zero_offset import ZeroOffsets, find_offsets, with_offsets
 from steelyard.measurement.run import Run
 from steelyard.model import Model
-from steelyard.validation.mixes import remembers
+from steelyard.validation.friction.mixes import remembers
 
 BEYOND = 4.0
 """Standard deviations from what is given at which a zero offset is written as a number."""

@@ -14,11 +14,11 @@ from functools import cached_property
 import numpy as np
 
 from steelyard.arrays import Array, frozen
-from steelyard.estimation.consistent import Consistent, inverse_of
+from steelyard.estimation.consistent.consistent import Consistent, inverse_of
 from steelyard.estimation.estimate import Estimate
 from steelyard.estimation.known_scales import KnownScales
-from steelyard.estimation.normal_equations import condition_of
-from steelyard.estimation.whitened import whitened
+from steelyard.estimation.least_squares.normal_equations import condition_of
+from steelyard.estimation.least_squares.whitened import whitened
 from steelyard.parameters import Parameters
 from steelyard.regression.information import Information
 from steelyard.regression.predicted import with_predicted

@@ -17,7 +17,7 @@ from steelyard.measurement.processing import Processing
 from steelyard.model import Model, Stepper, ValuedModel
 from steelyard.motion import Motion
 from steelyard.regression.base import BaseMap
-from steelyard.robot.signals import Signals, signals_from_dict, signals_to_dict
+from steelyard.robot_file.signals import Signals, signals_from_dict, signals_to_dict
 
 SCHEMA = "steelyard.model"
 SCHEMA_VERSION = 4

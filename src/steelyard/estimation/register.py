@@ -5,11 +5,14 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from steelyard.errors import DataError
-from steelyard.estimation.consistent import Consistent
+from steelyard.estimation.consistent.consistent import Consistent
+from steelyard.estimation.consistent.physics import Free, Pullback
 from steelyard.estimation.estimate import Estimator
 from steelyard.estimation.knowledge import Knowledge
-from steelyard.estimation.least_squares import OrdinaryLeastSquares, WeightedLeastSquares
-from steelyard.estimation.physics import Free, Pullback
+from steelyard.estimation.least_squares.least_squares import (
+    OrdinaryLeastSquares,
+    WeightedLeastSquares,
+)
 from steelyard.progress import Progress, silent
 from steelyard.regression.regressor import Regressor
 
@@ -71,96 +74,96 @@ def _refuse_own(context: Context) -> None:
 
 
 def _bounded(context: Context) -> Estimator[Any]:
-    from steelyard.estimation.bounded import BoundedLeastSquares
-    from steelyard.estimation.box import base_bounds
+    from steelyard.estimation.least_squares.bounded import BoundedLeastSquares
+    from steelyard.estimation.least_squares.box import base_bounds
 
     bounds = base_bounds(context.regressor.base, context.knowledge)
     return BoundedLeastSquares(bounds, per_run=context.per_run)
 
 
 def _log_cholesky(context: Context) -> Estimator[Any]:
-    from steelyard.estimation.log_cholesky import LogCholesky
+    from steelyard.estimation.consistent.log_cholesky import LogCholesky
 
     base, own = context.regressor.base, context.per_run
     return LogCholesky(base, context.knowledge, per_run=own, equal=context.equal)
 
 
 def _genetic(context: Context) -> Estimator[Any]:
-    from steelyard.estimation.box import base_bounds
-    from steelyard.estimation.genetic import Genetic
+    from steelyard.estimation.least_squares.box import base_bounds
+    from steelyard.estimation.least_squares.genetic import Genetic
 
     bounds = base_bounds(context.regressor.base, context.knowledge)
     return Genetic(bounds, per_run=context.per_run, progress=context.progress)
 
 
 def _cma_es(context: Context) -> Estimator[Any]:
-    from steelyard.estimation.box import base_bounds
-    from steelyard.estimation.cma_es import CmaEs
+    from steelyard.estimation.least_squares.box import base_bounds
+    from steelyard.estimation.least_squares.cma_es import CmaEs
 
     bounds = base_bounds(context.regressor.base, context.knowledge)
     return CmaEs(bounds, per_run=context.per_run, progress=context.progress)
 
 
 def _huber(context: Context) -> Estimator[Any]:
-    from steelyard.estimation.robust import Huber, Reweighted
+    from steelyard.estimation.samples.robust import Huber, Reweighted
 
     return Reweighted(Huber(), WeightedLeastSquares(per_run=context.per_run))
 
 
 def _tukey(context: Context) -> Estimator[Any]:
-    from steelyard.estimation.robust import Reweighted, Tukey
+    from steelyard.estimation.samples.robust import Reweighted, Tukey
 
     return Reweighted(Tukey(), WeightedLeastSquares(per_run=context.per_run))
 
 
 def _total(context: Context) -> Estimator[Any]:
-    from steelyard.estimation.total_least_squares import TotalLeastSquares
+    from steelyard.estimation.samples.total_least_squares import TotalLeastSquares
 
     return TotalLeastSquares(per_run=context.per_run)
 
 
 def _ridge(context: Context) -> Estimator[Any]:
-    from steelyard.estimation.ridge import Ridge
+    from steelyard.estimation.least_squares.ridge import Ridge
 
     return Ridge.nominal(context.regressor.base, context.knowledge, context.per_run)
 
 
 def _recursive(context: Context) -> Estimator[Any]:
-    from steelyard.estimation.recursive import Recursive
+    from steelyard.estimation.least_squares.recursive import Recursive
 
     _refuse_own(context)
     return Recursive(forgetting=0.99)
 
 
 def _motion_noise(context: Context) -> Estimator[Any]:
-    from steelyard.estimation.motion_noise import MotionNoise
+    from steelyard.estimation.samples.motion_noise import MotionNoise
 
     return MotionNoise(context.regressor, per_run=context.per_run)
 
 
 def _instrumental(context: Context) -> Estimator[Any]:
-    from steelyard.estimation.instrumental import InstrumentalVariables
+    from steelyard.estimation.closed_loop.instrumental import InstrumentalVariables
 
     _refuse_own(context)
     return InstrumentalVariables(progress=context.progress)
 
 
 def _didim(context: Context) -> Estimator[Any]:
-    from steelyard.estimation.didim import Didim
+    from steelyard.estimation.closed_loop.didim import Didim
 
     _refuse_own(context)
     return Didim(progress=context.progress)
 
 
 def _output_error(context: Context) -> Estimator[Any]:
-    from steelyard.estimation.output_error import ClosedLoopOutputError
+    from steelyard.estimation.closed_loop.output_error import ClosedLoopOutputError
 
     _refuse_own(context)
     return ClosedLoopOutputError(progress=context.progress)
 
 
 def _kalman(context: Context) -> Estimator[Any]:
-    from steelyard.estimation.kalman_parameters import KalmanParameters
+    from steelyard.estimation.closed_loop.kalman_parameters import KalmanParameters
 
     _refuse_own(context)
     return KalmanParameters(progress=context.progress)

@@ -20,15 +20,15 @@ import numpy as np
 from steelyard.arrays import Array, frozen
 from steelyard.errors import DataError
 from steelyard.estimation.estimate import Z95, Estimate
-from steelyard.estimation.field_passes import Said
-from steelyard.estimation.least_squares import WeightedLeastSquares
+from steelyard.estimation.fields.passes import Said
+from steelyard.estimation.fields.reference import bodies_of
+from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
 from steelyard.estimation.per_run import own_columns
-from steelyard.estimation.reference import bodies_of
 from steelyard.measurement.run import Run
 from steelyard.model import Model
 from steelyard.regression.information import Information
 from steelyard.regression.regressor import base_regressor
-from steelyard.terms.displaced import Displaced
+from steelyard.terms.errors.geometry_errors import Displaced
 
 ROUNDS = 20
 """Most Gauss-Newton steps."""

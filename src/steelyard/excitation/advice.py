@@ -9,9 +9,9 @@ from steelyard.arrays import Array
 from steelyard.errors import DataError
 from steelyard.excitation.limits import MotionLimits
 from steelyard.excitation.objective import Case
+from steelyard.excitation.planned.sweeps import friction_sweeps, static_postures
+from steelyard.excitation.predicted_accuracy import Shown, deviations, information
 from steelyard.excitation.problem import jumping
-from steelyard.excitation.shown import Shown, deviations, information
-from steelyard.excitation.sweeps import friction_sweeps, static_postures
 from steelyard.motion import Trajectory
 
 SAMPLES_A_SECOND = 50.0

@@ -8,35 +8,35 @@ import numpy as np
 
 from steelyard.arrays import Array, frozen
 from steelyard.excitation.advice import Advice, advice, samples_of
-from steelyard.excitation.build import Recipe, build, cases_of, limits_of, memoryless
-from steelyard.excitation.certificate import certify
-from steelyard.excitation.constraint import Constraint
-from steelyard.excitation.designed import Designed
-from steelyard.excitation.earlier import Earlier
-from steelyard.excitation.exact import ExactTrajectory
-from steelyard.excitation.families import FAMILIES
-from steelyard.excitation.finish import finished
-from steelyard.excitation.gap import Gap
-from steelyard.excitation.holds import holds_said
+from steelyard.excitation.bases.families import FAMILIES
+from steelyard.excitation.constraints.certificate import certify
+from steelyard.excitation.constraints.constraint import Constraint
+from steelyard.excitation.constraints_from_tables import constraints_of
+from steelyard.excitation.from_tables import Recipe, build, cases_of, limits_of, memoryless
 from steelyard.excitation.limbs import composed
 from steelyard.excitation.limits import MotionLimits
 from steelyard.excitation.objective import Case
-from steelyard.excitation.plans import planned
-from steelyard.excitation.possible import refuse_impossible
+from steelyard.excitation.planned.plans import planned
+from steelyard.excitation.predicted_accuracy import Shown, shown
+from steelyard.excitation.previous_model import Earlier
 from steelyard.excitation.problem import Problem
-from steelyard.excitation.register import method_of
-from steelyard.excitation.runner import Effort, Harvest, harvested
-from steelyard.excitation.shown import Shown, shown
-from steelyard.excitation.starts import NoMotion
-from steelyard.excitation.time_after import Pace, time_after
-from steelyard.excitation.walled import constraints_of
-from steelyard.excitation.widening import explained
+from steelyard.excitation.result import Designed
+from steelyard.excitation.search.feasibility import refuse_impossible
+from steelyard.excitation.search.finish import finished
+from steelyard.excitation.search.parallel_search import Effort, Harvest, harvested
+from steelyard.excitation.search.register import method_of
+from steelyard.excitation.search.starts import NoMotion
+from steelyard.excitation.search.time_after import Pace, time_after
+from steelyard.excitation.search.widening import explained
+from steelyard.excitation.trajectories.exact import ExactTrajectory
+from steelyard.excitation.trajectories.holds import holds_said
+from steelyard.excitation.uncovered import Gap
 from steelyard.excitation.workspace_tables import tool_of
-from steelyard.kernel.kinematics import points_on
+from steelyard.kernel.quantities.kinematics import points_on
 from steelyard.model import Model
 from steelyard.progress import Progress, silent
 from steelyard.regression.base import base_map
-from steelyard.robot.robot_file import LoadedRobot
+from steelyard.robot_file.file import LoadedRobot
 
 NOISE = 0.01
 """Noise that is assumed without an earlier log, over the joint's greatest effort."""

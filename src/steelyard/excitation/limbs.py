@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.excitation.criteria import DOptimal
+from steelyard.excitation.barrier import Walls
+from steelyard.excitation.criteria.criteria import DOptimal
 from steelyard.excitation.objective import Objective
-from steelyard.excitation.walls import Walls
-from steelyard.regression.gradient import Shows
+from steelyard.regression.information_gradient import Shows
 
 SHARPNESS = 4.0
 """Of the criterion by which motions are compared before they are improved."""

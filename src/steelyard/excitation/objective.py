@@ -7,10 +7,10 @@ from functools import cached_property
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.excitation.basis import Basis
-from steelyard.excitation.criteria import Criterion, worst
-from steelyard.excitation.criteria_measure import Measure
-from steelyard.regression.gradient import Seen, Shows
+from steelyard.excitation.bases.basis import Basis
+from steelyard.excitation.criteria.criteria import Criterion, worst
+from steelyard.excitation.criteria.measure import Measure
+from steelyard.regression.information_gradient import Seen, Shows
 
 
 @dataclass(frozen=True, eq=False)

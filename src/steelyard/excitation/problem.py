@@ -8,13 +8,13 @@ from math import ceil
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.excitation.basis import Basis
-from steelyard.excitation.constraint import Constraint
-from steelyard.excitation.criteria import worst_value
+from steelyard.excitation.barrier import Walls
+from steelyard.excitation.bases.basis import Basis
+from steelyard.excitation.constraints.constraint import Constraint
+from steelyard.excitation.criteria.criteria import worst_value
 from steelyard.excitation.limbs import Limb, limbs_of
 from steelyard.excitation.limits import MotionLimits
 from steelyard.excitation.objective import Case, Objective
-from steelyard.excitation.walls import Walls
 from steelyard.robot.robot import Robot
 
 SHOWN_PER_WAVE = 20

@@ -7,21 +7,21 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import ModelError
-from steelyard.excitation.constraint import Constraint
-from steelyard.excitation.gap import Gap
-from steelyard.excitation.keep_out import checked_boxes, keep_out
-from steelyard.excitation.markers import Marker
-from steelyard.excitation.model_shapes import world_shapes
-from steelyard.excitation.room import room_of
-from steelyard.excitation.shapes import Shape, obstacle, wall
-from steelyard.excitation.solids import Box
-from steelyard.excitation.whole_robot import load_balls, whole_robot
-from steelyard.excitation.workspace import planes, tool_box
-from steelyard.kernel.kinematics import frame_of, last_frame
-from steelyard.robot.excitation_schema import BoxSpans, WorkspaceSection
-from steelyard.robot.model_source import beside
+from steelyard.excitation.collision.room import room_of
+from steelyard.excitation.collision.whole_robot import load_balls, whole_robot
+from steelyard.excitation.constraints.constraint import Constraint
+from steelyard.excitation.constraints.keep_out import checked_boxes, keep_out
+from steelyard.excitation.constraints.markers import Marker
+from steelyard.excitation.constraints.workspace import planes, tool_box
+from steelyard.excitation.shapes.model_shapes import world_shapes
+from steelyard.excitation.shapes.shapes import Shape, obstacle, wall
+from steelyard.excitation.shapes.solids import Box
+from steelyard.excitation.uncovered import Gap
+from steelyard.kernel.quantities.kinematics import frame_of, last_frame
 from steelyard.robot.robot import Robot
-from steelyard.robot.robot_file import LoadedRobot
+from steelyard.robot_file.excitation_sections import BoxSpans, WorkspaceSection
+from steelyard.robot_file.file import LoadedRobot
+from steelyard.robot_file.model_source import beside
 
 _AXES = "xyz"
 

@@ -14,7 +14,7 @@ from steelyard.formats.cut import Cut
 from steelyard.formats.log import PART, Log
 from steelyard.formats.window import TimeColumn, time_column, windowed
 from steelyard.progress import Progress, silent, tell
-from steelyard.robot.column_words import Column
+from steelyard.robot_file.column_names import Column
 
 KINDS = {
     ".csv": "text table",

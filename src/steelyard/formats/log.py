@@ -6,7 +6,7 @@ from typing import Protocol
 
 from steelyard.arrays import Array
 from steelyard.errors import LogError
-from steelyard.robot.nearest import advice
+from steelyard.suggest import advice
 
 PART = 50_000
 """Rows of a part. Twice as many need 15 MiB more, half as many take twice the time."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.formats.log import PART, Log, Rows
-from steelyard.robot.signals import ROW
+from steelyard.robot_file.signals import ROW
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,14 +4,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 from steelyard.errors import LogError
-from steelyard.formats.bag2 import METADATA
-from steelyard.formats.delimited import DelimitedLog
-from steelyard.formats.hdf5 import open_hdf5
+from steelyard.formats.arrays.hdf5 import open_hdf5
+from steelyard.formats.arrays.mat import open_mat
+from steelyard.formats.arrays.npz import open_npy, open_npz
 from steelyard.formats.log import Log, require_file
-from steelyard.formats.mat import open_mat
-from steelyard.formats.message_log import MessageLog
-from steelyard.formats.npz import open_npy, open_npz
-from steelyard.formats.parquet import ParquetLog
+from steelyard.formats.messages.bag2 import METADATA
+from steelyard.formats.messages.message_log import MessageLog
+from steelyard.formats.tables.delimited import DelimitedLog
+from steelyard.formats.tables.parquet import ParquetLog
 
 FORMATS: dict[str, Callable[[Path], Log]] = {
     ".parquet": ParquetLog.open,
@@ -39,7 +39,7 @@ def open_log(path: str | Path) -> Log:
     """
     path = Path(path)
     if path.is_dir():
-        from steelyard.formats.parquet_folder import PartitionedParquet
+        from steelyard.formats.tables.parquet_folder import PartitionedParquet
 
         return (MessageLog if (path / METADATA).is_file() else PartitionedParquet).open(path)
     require_file(path)

@@ -11,8 +11,8 @@ from steelyard.arrays import Array
 from steelyard.errors import LogError
 from steelyard.formats.cut import Cut
 from steelyard.formats.log import PART, Log
-from steelyard.robot.guess import guess_time
-from steelyard.robot.signals import TIME_UNITS
+from steelyard.robot_file.signals import TIME_UNITS
+from steelyard.robot_file.template.guess_columns import guess_time
 
 SAMPLE = 2000
 """Rows read to tell a column of time."""

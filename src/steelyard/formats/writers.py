@@ -15,7 +15,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import OutputError
-from steelyard.formats.parquet_writer import ParquetWriter
+from steelyard.formats.tables.parquet_writer import ParquetWriter
 
 Write = Callable[[Array], None]
 Writer = Callable[[Path, Sequence[str]], AbstractContextManager[Write]]

@@ -8,15 +8,15 @@ from math import ceil
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.measurement.auto import Auto
-from steelyard.measurement.clock import Clock, Piece, Scan
-from steelyard.measurement.interpolation import INTERPOLATIONS, Worst
-from steelyard.measurement.marking import CUT_OFF, Marking, Suspicion
-from steelyard.measurement.method import Designed, Smooth
-from steelyard.measurement.parts import apply, continued
+from steelyard.measurement.chunks import apply, continued
+from steelyard.measurement.methods.auto import Auto
+from steelyard.measurement.methods.protocols import Designed, Smooth
 from steelyard.measurement.processing import Processing
 from steelyard.measurement.recording import Channels, Recording
-from steelyard.measurement.resample import PASSED, Lane, Thinning, uniform
+from steelyard.measurement.rows.clock import Clock, Piece, Scan
+from steelyard.measurement.rows.interpolation import INTERPOLATIONS, Worst
+from steelyard.measurement.rows.marking import CUT_OFF, Marking, Suspicion
+from steelyard.measurement.rows.resample import PASSED, Lane, Thinning, uniform
 
 SPREAD = 0.5
 """How far around an effort at its limit samples do not count, in periods of the matched cut-off:

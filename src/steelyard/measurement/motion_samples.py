@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array, frozen
-from steelyard.measurement.clock import Scan
+from steelyard.measurement.rows.clock import Scan
 from steelyard.measurement.run import Run
 
 MOST, LEAST = 600, 32

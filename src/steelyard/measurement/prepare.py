@@ -8,7 +8,6 @@ from steelyard.arrays import Array, frozen
 from steelyard.errors import LogError
 from steelyard.formats.cut import Cut
 from steelyard.measurement.chain import Chain
-from steelyard.measurement.clean import Verdict
 from steelyard.measurement.defaults import (
     DEPARTED,
     SHORTEST,
@@ -17,17 +16,18 @@ from steelyard.measurement.defaults import (
     default_rest_speed,
     given_rest_speed,
 )
-from steelyard.measurement.marking import Marked, Marking
-from steelyard.measurement.method import Choosing, Method
+from steelyard.measurement.inspection import Survey, survey
+from steelyard.measurement.methods.protocols import Choosing, Method
+from steelyard.measurement.methods.response import noise_gain, responses
 from steelyard.measurement.processing import Processing
 from steelyard.measurement.quality import Quality, Segment
 from steelyard.measurement.recording import Recording
-from steelyard.measurement.repetitions import MeanMotion, mean_of_periods
-from steelyard.measurement.resample import sample_count
-from steelyard.measurement.response import noise_gain, responses
-from steelyard.measurement.rest import SpeedHistogram
+from steelyard.measurement.repetition.repetitions import MeanMotion, mean_of_periods
+from steelyard.measurement.rows.marking import Marked, Marking
+from steelyard.measurement.rows.resample import sample_count
+from steelyard.measurement.rows.standstill import SpeedHistogram
+from steelyard.measurement.rows.validity import Verdict
 from steelyard.measurement.run import Run, lost_ends
-from steelyard.measurement.survey import Survey, survey
 
 SAME_RATE = 1e-6
 """Relative difference up to which two rates are one."""

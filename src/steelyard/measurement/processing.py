@@ -5,13 +5,13 @@ from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, Literal
 
 from steelyard.errors import ModelError
-from steelyard.measurement.auto import Auto
-from steelyard.measurement.butterworth import Butterworth
-from steelyard.measurement.interpolation import INTERPOLATIONS
-from steelyard.measurement.method import Method, Smoother
-from steelyard.measurement.methods import description_of, in_words, method_of, smoother_of
+from steelyard.measurement.methods.auto import Auto
+from steelyard.measurement.methods.butterworth import Butterworth
+from steelyard.measurement.methods.protocols import Method, Smoother
+from steelyard.measurement.methods.register import description_of, in_words, method_of, smoother_of
 from steelyard.measurement.periods import Repetitions
-from steelyard.robot.schema import ProcessingSection, RepetitionsTable
+from steelyard.measurement.rows.interpolation import INTERPOLATIONS
+from steelyard.robot_file.sections import ProcessingSection, RepetitionsTable
 
 OUTLIERS = 15.0
 """Default distance from the rows around, in usual ones, from which on a row is an outlier: on clean

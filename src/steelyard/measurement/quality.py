@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from steelyard.arrays import Array
-from steelyard.measurement.marking import Marked
+from steelyard.measurement.rows.marking import Marked
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from steelyard.errors import LogError
 from steelyard.formats.cut import Cut
 from steelyard.formats.log import PART, Log, Rows, require_columns
 from steelyard.measurement.wrapped import ROWS, continuous, wrapped_middles
-from steelyard.robot.signals import Signals
+from steelyard.robot_file.signals import Signals
 
 
 @dataclass(frozen=True)

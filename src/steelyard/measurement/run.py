@@ -10,9 +10,9 @@ from steelyard.arrays import Array
 from steelyard.measurement.chain import Chain
 from steelyard.measurement.quality import Quality, Segment
 from steelyard.measurement.recording import Recording
-from steelyard.measurement.repetitions import Importance
+from steelyard.measurement.repetition.repetitions import Importance
 from steelyard.motion import Motion
-from steelyard.robot.signals import Signals
+from steelyard.robot_file.signals import Signals
 
 BLOCK = 4096
 """Samples of a block."""

@@ -17,12 +17,12 @@ from scipy.linalg import solve_triangular
 
 from steelyard.arrays import Array, frozen
 from steelyard.errors import ModelError
-from steelyard.kernel import cache
-from steelyard.kernel.loops import random_positions
-from steelyard.kernel.numpy_backend import run
+from steelyard.kernel.native import cache
+from steelyard.kernel.program.numpy_backend import run
+from steelyard.kernel.quantities.passive_joints import random_positions
 from steelyard.model import Model
 from steelyard.regression.independence import independent_columns, seen_columns
-from steelyard.terms.rigid_body import RigidBody
+from steelyard.terms.laws.rigid_body import RigidBody
 
 FAINT = 1e-3
 """Part of a column that others do not explain, over the norm of the largest one of its unit, below

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import LogError
-from steelyard.measurement.open_loops import closed_parts
+from steelyard.measurement.closure_failures import closed_parts
 from steelyard.measurement.run import Block, Run
 from steelyard.model import Model
 from steelyard.progress import Progress, silent, tell
 from steelyard.regression.accumulate import Accumulator, Stretch
 from steelyard.regression.information import Information, Stamp, Window
-from steelyard.regression.matched import MatchedFilter
+from steelyard.regression.parallel_filter import MatchedFilter
 from steelyard.regression.regressor import Regressor
 from steelyard.regression.windows import Windows
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array, frozen
-from steelyard.measurement.motion_error import motion_error
+from steelyard.measurement.noise_propagation import motion_error
 from steelyard.measurement.run import Run
 from steelyard.progress import Progress, silent, tell
 from steelyard.regression.accumulate import Accumulator, Stretch

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.kernel.compiled import Code, compiled
-from steelyard.kernel.program import Array as Input
-from steelyard.kernel.program import Program, Step
+from steelyard.kernel.native.compiled import Code, compiled
+from steelyard.kernel.program.program import Array as Input
+from steelyard.kernel.program.program import Program, Step
 from steelyard.model import Model
 from steelyard.regression.base import BaseMap, base_map
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array, frozen
-from steelyard.measurement.motion_error import MotionError
+from steelyard.measurement.noise_propagation import MotionError
 from steelyard.regression.information import Information, Stamp, Window
 from steelyard.regression.regressor import Layout
 

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.kernel.micro import TILE_COLUMNS, TILE_ROWS
+from steelyard.kernel.native.native_loops import TILE_COLUMNS, TILE_ROWS
 from steelyard.regression.regressor import Layout
 
 

@@ -2,5 +2,5 @@
 
 from steelyard.report.content import ReportContent as ReportContent
 from steelyard.report.page import render as render
-from steelyard.report.terminal import parameters_csv as parameters_csv
-from steelyard.report.terminal import summary as summary
+from steelyard.report.terminal.terminal import parameters_csv as parameters_csv
+from steelyard.report.terminal.terminal import summary as summary

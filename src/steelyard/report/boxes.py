@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.excitation.assumed_shapes import along
+from steelyard.excitation.shapes.assumed_shapes import along
 from steelyard.excitation.workspace_tables import up_of
 
 if TYPE_CHECKING:
-    from steelyard.robot.excitation_schema import BoxSpans, WorkspaceSection
     from steelyard.robot.robot import Robot
+    from steelyard.robot_file.excitation_sections import BoxSpans, WorkspaceSection
 
 AXES = "xyz"
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from typing import TYPE_CHECKING
 
-from steelyard.report.findings import OPEN, Group, groups, place
 from steelyard.report.html import fill
 from steelyard.report.page import Shown, page_of
 from steelyard.report.sections.check import findings_of
+from steelyard.report.text.findings import OPEN, Group, groups, place
 
 if TYPE_CHECKING:
     from steelyard.diagnosis import Diagnosis

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from steelyard.diagnosis import Diagnosis, Finding
-    from steelyard.estimation.bootstrap import Bootstrap
-    from steelyard.estimation.fields import Finding as FieldFinding
-    from steelyard.estimation.gains import GainEstimate
+    from steelyard.estimation.fields.fields import Finding as FieldFinding
     from steelyard.estimation.identified import IdentifiedModel
+    from steelyard.estimation.least_squares.bootstrap import Bootstrap
+    from steelyard.estimation.payload.gains import GainEstimate
     from steelyard.estimation.zero_offset import ZeroOffsets
-    from steelyard.excitation.designed import Designed
-    from steelyard.robot.excitation_schema import WorkspaceSection
+    from steelyard.excitation.result import Designed
+    from steelyard.robot_file.excitation_sections import WorkspaceSection
     from steelyard.validation.effort_scales import EffortScales
-    from steelyard.validation.friction import FrictionChoice
+    from steelyard.validation.friction.friction import FrictionChoice
     from steelyard.validation.score import RunScore
     from steelyard.validation.sensitivity import Sensitivity
     from steelyard.validation.trial import Comparison

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.report import words
+from steelyard.report.text import words
 
 if TYPE_CHECKING:
     from jinja2 import Environment

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.excitation.poses import ShapeKinematics
-from steelyard.excitation.shapes import Shape
-from steelyard.excitation.solids import Ball
-from steelyard.kernel.kinematics import frame_of
-from steelyard.robot.loops import closest, loop_equations
+from steelyard.excitation.shapes.poses import ShapeKinematics
+from steelyard.excitation.shapes.shapes import Shape
+from steelyard.excitation.shapes.solids import Ball
+from steelyard.kernel.quantities.kinematics import frame_of
+from steelyard.robot.loop_equations import closest, loop_equations
 from steelyard.robot.robot import Frame, Robot
 
 if TYPE_CHECKING:
-    from steelyard.excitation.markers import Marker
+    from steelyard.excitation.constraints.markers import Marker
 
 _SMALL = Ball(1e-3)
 

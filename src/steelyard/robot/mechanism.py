@@ -13,10 +13,10 @@ from steelyard.robot.links import Joint as Joint
 from steelyard.robot.links import Link as Link
 from steelyard.robot.links import MechanismJointKind as MechanismJointKind
 from steelyard.robot.model_notes import JointSpring, ModelNote
-from steelyard.robot.nearest import advice
 from steelyard.robot.ties import Coupling as Coupling
 from steelyard.robot.ties import Mimic as Mimic
 from steelyard.robot.ties import Pin as Pin
+from steelyard.suggest import advice
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,10 +11,10 @@ from math import isfinite
 from typing import Any, ClassVar, Literal
 
 from steelyard.errors import ModelError
-from steelyard.kernel.dynamics import Scalar
+from steelyard.kernel.equations.dynamics import Scalar
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import JointKind, Robot
-from steelyard.terms.find import Find
+from steelyard.terms.open_fields import Find
 
 Dissipation = Literal["none", "each", "together"]
 """What a law knows of energy: nothing; that each of its coefficients takes some; or that it takes

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from steelyard.errors import ModelError
-from steelyard.kernel.dynamics import Scalar
+from steelyard.kernel.equations.dynamics import Scalar
 from steelyard.terms.axes import Axis, per_axis
-from steelyard.terms.find import Find
+from steelyard.terms.open_fields import Find
 
 SHAPES: dict[str, Callable[[Scalar], Scalar]] = {
     "tanh": np.tanh,

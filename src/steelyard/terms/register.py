@@ -8,23 +8,23 @@ from typing import Any, cast
 import numpy as np
 
 from steelyard.errors import ModelError
-from steelyard.kernel.dynamics import JointState
+from steelyard.kernel.equations.dynamics import JointState
 from steelyard.robot.robot import Robot
-from steelyard.terms.coulomb import Coulomb
-from steelyard.terms.coupled import Coupled
-from steelyard.terms.directional import DirectionalCoulomb, DirectionalViscous
-from steelyard.terms.find import Find, asked, finds_of, is_asked
-from steelyard.terms.gravity_compensator import GravityCompensator
-from steelyard.terms.load_dependent import LoadDependent
-from steelyard.terms.offset import Offset
-from steelyard.terms.powers import Cubic, Quadratic, Root
-from steelyard.terms.presliding import Dahl, LuGre, MaxwellSlip
-from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.rotor_inertia import RotorInertia
-from steelyard.terms.spring import Spring
-from steelyard.terms.stribeck import Stribeck
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.coupled import Coupled
+from steelyard.terms.laws.directional import DirectionalCoulomb, DirectionalViscous
+from steelyard.terms.laws.gravity_compensator import GravityCompensator
+from steelyard.terms.laws.load_dependent import LoadDependent
+from steelyard.terms.laws.offset import Offset
+from steelyard.terms.laws.powers import Cubic, Quadratic, Root
+from steelyard.terms.laws.presliding import Dahl, LuGre, MaxwellSlip
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.laws.rotor_inertia import RotorInertia
+from steelyard.terms.laws.spring import Spring
+from steelyard.terms.laws.stribeck import Stribeck
+from steelyard.terms.laws.viscous import Viscous
+from steelyard.terms.open_fields import Find, asked, finds_of, is_asked
 from steelyard.terms.term import Remembering, Term, channels_of
-from steelyard.terms.viscous import Viscous
 
 TERMS: dict[str, type[Any]] = {
     term.law: term

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 from steelyard.arrays import Array
-from steelyard.kernel.dynamics import JointState, Scalar
+from steelyard.kernel.equations.dynamics import JointState, Scalar
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
 

@@ -19,9 +19,9 @@ from steelyard.arrays import Array, frozen
 from steelyard.estimation.calibration import Calibration
 from steelyard.estimation.estimate import Z95
 from steelyard.estimation.identified import IdentifiedModel
-from steelyard.measurement.lowpass import butterworth
+from steelyard.measurement.methods.lowpass import butterworth
 from steelyard.measurement.run import Block
-from steelyard.regression.matched import MatchedFilter
+from steelyard.regression.parallel_filter import MatchedFilter
 from steelyard.regression.regressor import Regressor, base_regressor
 from steelyard.validation.model_std import ModelStd
 

@@ -15,7 +15,7 @@ from steelyard.arrays import Array
 from steelyard.errors import DataError, LogError
 from steelyard.estimation.calibration import BINS, EDGES, Calibration, Kind, bins
 from steelyard.estimation.estimate import Z95, Estimate, Estimator
-from steelyard.estimation.fields import said_by
+from steelyard.estimation.fields.fields import said_by
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.measurement.run import Run
 from steelyard.progress import Progress, silent, tell
@@ -23,8 +23,8 @@ from steelyard.regression.information import Information
 from steelyard.regression.regressor import base_regressor
 from steelyard.validation.bands import Bands
 from steelyard.validation.cross import FOLDS
+from steelyard.validation.friction.mixes import remembers
 from steelyard.validation.left_out import LeftOut, runs_left_out, stretches_left_out
-from steelyard.validation.mixes import remembers
 from steelyard.validation.score import score
 
 LEVEL = 0.95

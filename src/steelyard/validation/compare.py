@@ -14,7 +14,7 @@ from steelyard.arrays import Array, frozen
 from steelyard.errors import DataError, SteelyardError
 from steelyard.estimation.estimate import Estimate, Estimator
 from steelyard.estimation.knowledge import Knowledge
-from steelyard.estimation.least_squares import WeightedLeastSquares
+from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
 from steelyard.estimation.register import Context, Needs, Offer
 from steelyard.measurement.run import Run
 from steelyard.progress import Progress, Stopped, silent, tell

@@ -13,7 +13,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import DataError
-from steelyard.estimation.consistent import Consistent
+from steelyard.estimation.consistent.consistent import Consistent
 from steelyard.estimation.effort_scales import DEVIATION, Scaled, Scales
 from steelyard.estimation.estimate import Z95
 from steelyard.progress import Progress, silent, tell

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.lib.stride_tricks import as_strided
 
 from steelyard.arrays import Array, frozen
-from steelyard.measurement.lowpass import low_pass
+from steelyard.measurement.methods.lowpass import low_pass
 from steelyard.regression.regressor import Layout
 
 TAIL = 1e-6

@@ -18,7 +18,7 @@ from steelyard.measurement.run import Run
 from steelyard.measurement.spectrum import welch
 from steelyard.model import ValuedModel
 from steelyard.regression.gather import along
-from steelyard.regression.matched import MatchedFilter
+from steelyard.regression.parallel_filter import MatchedFilter
 
 CLEAR = 2.0
 """Frequencies from that many matched cut-offs on hold none of what is fitted."""

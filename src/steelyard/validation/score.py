@@ -15,8 +15,8 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import DataError
-from steelyard.measurement.lowpass import low_pass, require_fitting
-from steelyard.measurement.parts import apply
+from steelyard.measurement.chunks import apply
+from steelyard.measurement.methods.lowpass import low_pass, require_fitting
 from steelyard.measurement.run import Block, Run
 from steelyard.model import ValuedModel
 from steelyard.regression.gather import Mask, along

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.measurement.parts import apply
+from steelyard.measurement.chunks import apply
 from steelyard.measurement.run import Block
 from steelyard.regression.gather import Mask
 from steelyard.validation.bands import Bands

@@ -1,7 +1,7 @@
 """The virtual robot's own control, for estimators that simulate it."""
 
 from steelyard.arrays import Array
-from steelyard.estimation.experiment import Loop
+from steelyard.estimation.closed_loop.experiment import Loop
 from steelyard.motion import Trajectory
 from steelyard.virtual.robot import VirtualRobot
 

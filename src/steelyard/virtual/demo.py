@@ -7,16 +7,16 @@ from pathlib import Path
 
 import numpy as np
 
-from steelyard.excitation.chained import repeated
-from steelyard.excitation.exact import ExactTrajectory
-from steelyard.excitation.files import write_motion
-from steelyard.excitation.fourier import FourierMotion
-from steelyard.excitation.random_fourier import random_fourier
+from steelyard.excitation.trajectories.chained import repeated
+from steelyard.excitation.trajectories.exact import ExactTrajectory
+from steelyard.excitation.trajectories.files import write_motion
+from steelyard.excitation.trajectories.fourier import FourierMotion
+from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.excitation.workspace_tables import workspace_of
 from steelyard.files import whole_folder, write_json
 from steelyard.motion import run
 from steelyard.progress import Progress, silent
-from steelyard.robot.robot_file import LoadedRobot, load_robot
+from steelyard.robot_file.file import LoadedRobot, load_robot
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.robot import VirtualRobot
 from steelyard.virtual.simulate import customary_sensors

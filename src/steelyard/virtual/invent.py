@@ -12,12 +12,12 @@ from steelyard.parameters import Parameter, Parameters
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.robot import Robot
 from steelyard.terms.axes import per_axis
-from steelyard.terms.find import Find
-from steelyard.terms.load_dependent import LoadDependent
-from steelyard.terms.presliding import LuGre, MaxwellSlip
+from steelyard.terms.laws.load_dependent import LoadDependent
+from steelyard.terms.laws.presliding import LuGre, MaxwellSlip
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.laws.rotor_inertia import RotorInertia
+from steelyard.terms.open_fields import Find
 from steelyard.terms.register import DEFAULT_TERMS
-from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.rotor_inertia import RotorInertia
 from steelyard.terms.term import Remembering, Term
 from steelyard.virtual.mujoco_model import TIMESTEP
 from steelyard.virtual.scales import Scales, scales_of

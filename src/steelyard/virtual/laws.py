@@ -13,11 +13,11 @@ from typing import Any, cast
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.kernel.compiled import Code, compiled
-from steelyard.kernel.dynamics import JointState, Scalar, inverse_dynamics
-from steelyard.kernel.program import Array as Input
-from steelyard.kernel.program import Program
-from steelyard.kernel.soften import softened
+from steelyard.kernel.equations.dynamics import JointState, Scalar, inverse_dynamics
+from steelyard.kernel.native.compiled import Code, compiled
+from steelyard.kernel.program.program import Array as Input
+from steelyard.kernel.program.program import Program
+from steelyard.kernel.program.smoothing import softened
 from steelyard.model import Model
 from steelyard.robot.robot import Robot
 from steelyard.terms.term import Remembering, Samples, Term, channels_of
@@ -112,7 +112,7 @@ class Laws:
         described = Model(self.robot, self.terms).to_dict()
 
         def build() -> tuple[Program, dict[str, Any]]:
-            from steelyard.kernel.trace import symbolic
+            from steelyard.kernel.program.trace import symbolic
 
             about: dict[str, Any] = {}
 

@@ -11,11 +11,11 @@ from functools import singledispatch
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.kernel.dynamics import Scalar
+from steelyard.kernel.equations.dynamics import Scalar
 from steelyard.robot.robot import Robot
 from steelyard.terms.axes import Axis, per_axis
-from steelyard.terms.load_dependent import LoadDependent, shares
-from steelyard.terms.presliding import Dahl, LuGre, MaxwellSlip
+from steelyard.terms.laws.load_dependent import LoadDependent, shares
+from steelyard.terms.laws.presliding import Dahl, LuGre, MaxwellSlip
 from steelyard.terms.term import Term
 
 Scalars = Sequence[Scalar]

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.arrays import Array
-from steelyard.robot.signals import ROW, Signals
+from steelyard.robot_file.signals import ROW, Signals
 from steelyard.virtual.sensors import Reading
 
 

@@ -9,15 +9,15 @@ from numpy.typing import ArrayLike
 
 from steelyard.arrays import Array, frozen
 from steelyard.errors import DataError
-from steelyard.estimation.controller import Controller, tuned_pd
+from steelyard.estimation.closed_loop.controller import Controller, tuned_pd
 from steelyard.files import write_table
 from steelyard.model import Model
 from steelyard.motion import Motion, Trajectory
 from steelyard.parameters import Parameters
 from steelyard.progress import Progress, silent, tell
 from steelyard.robot.robot import Robot
-from steelyard.robot.signals import Signals
-from steelyard.terms.rigid_body import RigidBody
+from steelyard.robot_file.signals import Signals
+from steelyard.terms.laws.rigid_body import RigidBody
 from steelyard.virtual.naming import as_declared
 from steelyard.virtual.payload import Payload
 from steelyard.virtual.plant import MujocoPlant

@@ -7,9 +7,9 @@ import numpy as np
 from steelyard.arrays import Array, frozen
 from steelyard.errors import ModelError
 from steelyard.excitation.limits import motion_limits
-from steelyard.kernel.dynamics import JointState
+from steelyard.kernel.equations.dynamics import JointState
 from steelyard.model import Model
-from steelyard.robot.loops import CLOSED, closest, gaps, residual
+from steelyard.robot.loop_equations import CLOSED, closest, gaps, residual
 from steelyard.robot.robot import Coordinate, Robot
 from steelyard.terms.axes import Axis
 from steelyard.terms.term import Remembering, Samples, Term

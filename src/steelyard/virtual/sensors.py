@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from steelyard.arrays import Array, frozen
 from steelyard.errors import DataError, ModelError
 from steelyard.robot.robot import Robot
-from steelyard.robot.schema import EffortKind
+from steelyard.robot_file.sections import EffortKind
 
 CONTROL_RATE = 1000.0
 """Ticks of the joint controller per second [1/s]."""

@@ -4,13 +4,13 @@ from dataclasses import dataclass
 from math import pi
 from pathlib import Path
 
-from steelyard.excitation.exact import ExactTrajectory
-from steelyard.excitation.files import write_motion
+from steelyard.excitation.trajectories.exact import ExactTrajectory
+from steelyard.excitation.trajectories.files import write_motion
 from steelyard.files import whole_folder, write_json
 from steelyard.motion import Rig, run
 from steelyard.progress import Progress, silent
 from steelyard.robot.robot import Robot
-from steelyard.robot.signals import Signals
+from steelyard.robot_file.signals import Signals
 from steelyard.virtual.mujoco_model import build
 from steelyard.virtual.payload import Payload
 from steelyard.virtual.robot import VirtualRobot

@@ -17,10 +17,10 @@ from steelyard.errors import ModelError
 from steelyard.model import Model
 from steelyard.parameters import Parameters
 from steelyard.robot.robot import Robot
-from steelyard.terms.coulomb import Coulomb
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.laws.rotor_inertia import RotorInertia
 from steelyard.terms.register import description_of, term_of
-from steelyard.terms.rigid_body import RigidBody
-from steelyard.terms.rotor_inertia import RotorInertia
 from steelyard.terms.term import Term
 from steelyard.virtual.laws import on_motors
 from steelyard.virtual.mujoco_model import Brake, Rotor

@@ -9,12 +9,12 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.estimation.estimate import Z95, Standard
 from steelyard.estimation.identified import IdentifiedModel
-from steelyard.estimation.prior import model_prior, rigid_bodies
+from steelyard.estimation.prior.prior import model_prior, rigid_bodies
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill
 from steelyard.report.sections.section import Numbers
 from steelyard.report.sections.tables import PlainTable, Row
-from steelyard.report.words import NONE, alike, fixed, share, significant
+from steelyard.report.text.words import NONE, alike, fixed, share, significant
 from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
 
 WORDS = (

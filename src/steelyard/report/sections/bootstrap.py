@@ -9,7 +9,7 @@ from steelyard.report.content import ReportContent
 from steelyard.report.html import fill
 from steelyard.report.sections.section import Numbers
 from steelyard.report.sections.tables import PlainTable, Row
-from steelyard.report.words import significant
+from steelyard.report.text.words import significant
 
 FAR = 2.0
 """Ratio of the two standard deviations from which on a row is marked."""

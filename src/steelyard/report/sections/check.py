@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from steelyard.report.content import ReportContent
-from steelyard.report.findings import (
+from steelyard.report.html import fill, packed, script_json
+from steelyard.report.sections.section import Numbers
+from steelyard.report.text.findings import (
     LEVELS,
     OPEN,
     groups,
@@ -18,10 +20,8 @@ from steelyard.report.findings import (
     tally,
     word_of,
 )
-from steelyard.report.html import fill, packed, script_json
-from steelyard.report.sections.section import Numbers
+from steelyard.report.text.words import percent
 from steelyard.report.thin import thin
-from steelyard.report.words import percent
 
 if TYPE_CHECKING:
     from steelyard.diagnosis import Diagnosis, Finding

@@ -11,7 +11,7 @@ from steelyard.report.content import ReportContent
 from steelyard.report.html import fill, rounded, script_json
 from steelyard.report.sections.section import Numbers
 from steelyard.report.sections.tables import PlainTable, Row
-from steelyard.report.words import NONE, percent, significant
+from steelyard.report.text.words import NONE, percent, significant
 
 if TYPE_CHECKING:
     from steelyard.validation.trial import Comparison, Failure, Trial

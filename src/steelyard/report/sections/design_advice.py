@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import ClassVar
 
 from steelyard.report.content import ReportContent
-from steelyard.report.design_words import brings, helpful, instead
 from steelyard.report.html import fill
 from steelyard.report.sections.section import Numbers
 from steelyard.report.sections.tables import PlainTable, Row
+from steelyard.report.text.design_words import brings, helpful, instead
 
 
 class DesignAdviceSection:

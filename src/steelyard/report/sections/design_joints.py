@@ -8,14 +8,14 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.report.content import ReportContent
-from steelyard.report.design_words import used
 from steelyard.report.html import fill, packed, rounded, script_json
 from steelyard.report.sections.section import Numbers
+from steelyard.report.text.design_words import used
+from steelyard.report.text.words import percent, significant
 from steelyard.report.thin import thin
-from steelyard.report.words import percent, significant
 
 if TYPE_CHECKING:
-    from steelyard.excitation.designed import Designed
+    from steelyard.excitation.result import Designed
 
 POINTS = 1000
 """Most points of one line."""

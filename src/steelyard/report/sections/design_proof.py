@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from steelyard.excitation.certificate import COVERS
+from steelyard.excitation.constraints.certificate import COVERS
 from steelyard.report.content import ReportContent
-from steelyard.report.design_words import least, margin, uncovered, used
 from steelyard.report.html import fill
 from steelyard.report.sections.section import Numbers
 from steelyard.report.sections.tables import PlainTable, Row
-from steelyard.report.words import count, significant
+from steelyard.report.text.design_words import least, margin, uncovered, used
+from steelyard.report.text.words import count, significant
 
 if TYPE_CHECKING:
-    from steelyard.excitation.certificate import Certificate, Extreme
-    from steelyard.excitation.proof import Proof
+    from steelyard.excitation.constraints.certificate import Certificate, Extreme
+    from steelyard.excitation.constraints.proof import Proof
 
 CALLED = {"velocity": "speed"}
 """Quantities by another name."""

@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from steelyard.report.content import ReportContent
-from steelyard.report.design_words import figure_of, searches
 from steelyard.report.html import fill, rounded, script_json
 from steelyard.report.sections.section import Numbers
-from steelyard.report.words import count, significant
+from steelyard.report.text.design_words import figure_of, searches
+from steelyard.report.text.words import count, significant
 
 if TYPE_CHECKING:
-    from steelyard.excitation.designed import Designed
+    from steelyard.excitation.result import Designed
 
 
 class DesignSearchSection:

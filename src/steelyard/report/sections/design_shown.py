@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from steelyard.report.content import ReportContent
-from steelyard.report.design_words import Expected, capital, expected
 from steelyard.report.html import fill, rounded, script_json
 from steelyard.report.sections.section import Numbers
-from steelyard.report.table import WEAK
-from steelyard.report.words import significant
+from steelyard.report.text.design_words import Expected, capital, expected
+from steelyard.report.text.table import WEAK
+from steelyard.report.text.words import significant
 
 if TYPE_CHECKING:
-    from steelyard.excitation.designed import Designed
+    from steelyard.excitation.result import Designed
 
 OPEN = 12
 """Rows of the table that are seen at once."""

@@ -13,10 +13,10 @@ from steelyard.report.content import ReportContent
 from steelyard.report.html import fill, packed, rounded, script_json
 from steelyard.report.sections.section import Numbers
 from steelyard.report.skeleton import all_joints, skeleton, way_of
-from steelyard.report.words import significant
+from steelyard.report.text.words import significant
 
 if TYPE_CHECKING:
-    from steelyard.robot.excitation_schema import WorkspaceSection
+    from steelyard.robot_file.excitation_sections import WorkspaceSection
 
 POINTS = 1500
 """Points of the path."""

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
-from steelyard.excitation.certificate import COVERS
+from steelyard.excitation.constraints.certificate import COVERS
 from steelyard.report.content import ReportContent
-from steelyard.report.design_words import (
+from steelyard.report.html import fill
+from steelyard.report.sections.section import Numbers
+from steelyard.report.text.design_words import (
     detail,
     hardest,
     headline,
@@ -15,12 +17,10 @@ from steelyard.report.design_words import (
     uncovered,
     unseen,
 )
-from steelyard.report.html import fill
-from steelyard.report.sections.section import Numbers
-from steelyard.report.words import NONE, significant
+from steelyard.report.text.words import NONE, significant
 
 if TYPE_CHECKING:
-    from steelyard.excitation.designed import Designed
+    from steelyard.excitation.result import Designed
 
 
 class DesignVerdictSection:

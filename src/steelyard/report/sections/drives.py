@@ -2,12 +2,12 @@
 
 from typing import ClassVar
 
-from steelyard.estimation.gains import GainEstimate
+from steelyard.estimation.payload.gains import GainEstimate
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill
 from steelyard.report.sections.section import Numbers
 from steelyard.report.sections.tables import PlainTable, Row
-from steelyard.report.words import significant
+from steelyard.report.text.words import significant
 
 
 class DrivesSection:

@@ -10,10 +10,10 @@ from steelyard.arrays import Array
 from steelyard.estimation.estimate import Z95
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill, packed, rounded, script_json
-from steelyard.report.score_words import relative
 from steelyard.report.sections.section import Numbers
+from steelyard.report.text.score_words import relative
+from steelyard.report.text.words import percent, significant
 from steelyard.report.thin import drawn, outline
-from steelyard.report.words import percent, significant
 
 if TYPE_CHECKING:
     from steelyard.estimation.identified import IdentifiedModel

@@ -6,7 +6,7 @@ from steelyard.report.content import ReportContent
 from steelyard.report.html import fill
 from steelyard.report.sections.section import Numbers
 from steelyard.report.sections.tables import PlainTable, Row
-from steelyard.report.words import alike, significant
+from steelyard.report.text.words import alike, significant
 from steelyard.validation.effort_scales import BEFORE, EffortScales
 
 

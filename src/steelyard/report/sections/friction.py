@@ -2,13 +2,13 @@
 
 from typing import ClassVar
 
-from steelyard.estimation.fields import Finding
+from steelyard.estimation.fields.fields import Finding
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill
 from steelyard.report.sections.section import Numbers
 from steelyard.report.sections.tables import PlainTable, Row
-from steelyard.report.words import significant
-from steelyard.validation.friction import FrictionChoice
+from steelyard.report.text.words import significant
+from steelyard.validation.friction.friction import FrictionChoice
 
 ERROR = "geometric mean of a typical joint's and of all joints' together, behind the matched filter"
 """What an error of a mix is."""

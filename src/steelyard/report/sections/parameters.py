@@ -7,7 +7,7 @@ import numpy as np
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill
 from steelyard.report.sections.section import Numbers
-from steelyard.report.table import LEARNED, WEAK, Row, rows
+from steelyard.report.text.table import LEARNED, WEAK, Row, rows
 
 
 class ParametersSection:

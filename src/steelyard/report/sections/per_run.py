@@ -6,7 +6,7 @@ from steelyard.report.content import ReportContent
 from steelyard.report.html import fill
 from steelyard.report.sections.section import Numbers
 from steelyard.report.sections.tables import PlainTable, Row
-from steelyard.report.words import significant
+from steelyard.report.text.words import significant
 
 
 class PerRunSection:

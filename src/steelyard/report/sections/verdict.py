@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill
-from steelyard.report.judgement import FAIR, GOOD, level_of, verdict
-from steelyard.report.score_words import Figure, band, figures, relative
 from steelyard.report.sections.section import Numbers
-from steelyard.report.table import rows
-from steelyard.report.words import percent, significant
+from steelyard.report.text.judgement import FAIR, GOOD, level_of, verdict
+from steelyard.report.text.score_words import Figure, band, figures, relative
+from steelyard.report.text.table import rows
+from steelyard.report.text.words import percent, significant
 
 if TYPE_CHECKING:
     from steelyard.validation.score import JointScore, RunScore

@@ -1,0 +1,1 @@
+"""Identified models as URDF and MJCF."""

@@ -1,0 +1,202 @@
+"""A robot's own URDF with the identified numbers in the place of its own.
+
+Meshes, comments and layout stay. The numbers of a moving link are those of all that moves with it,
+so links fixed to it lose their own; joints that were locked for the identification become fixed
+ones, where they were locked.
+"""
+
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from steelyard.application.export.content import Content, carriers_of
+from steelyard.application.export.spans import (
+    Edit,
+    Span,
+    edited,
+    indent_at,
+    spans_of,
+    with_indent,
+)
+from steelyard.application.export.urdf import dynamics_of, inertial_of, origin_of
+from steelyard.application.export.xml import comment
+from steelyard.errors import ModelError
+from steelyard.robot.geometry import Placement
+from steelyard.robot.robot import Frame
+from steelyard.robot.xacro.read import expand, split_reference
+from steelyard.robot_file.file import load_robot
+from steelyard.robot_file.model_source import read_mechanism
+from steelyard.suggest import advice
+
+MOVES = ("axis", "limit", "mimic", "dynamics", "safety_controller", "calibration")
+"""What only joints that move have."""
+
+
+def urdf_behind(path: Path) -> Path:
+    """The URDF that is meant: the file itself, the one that a robot file names, or an expanded one.
+
+    Raises:
+        ModelError: There is none.
+    """
+    if path.suffix.lower() == ".toml":
+        path = load_robot(path).sources[-1].path
+    elif expansion := expand(*split_reference(path)):
+        path = expansion.path
+    tag = None if path.suffix.lower() == ".toml" else spans_of(path)[1].tag
+    if tag != "robot":
+        raise ModelError(
+            "there is no URDF to put the numbers into",
+            where=str(path),
+            mend="give the robot's URDF, or leave out --model: the file is then written anew",
+        )
+    return path
+
+
+def urdf_with(content: Content, path: Path, head: str) -> str:
+    """The text of a URDF with the numbers of a model.
+
+    Args:
+        content: What the file is to hold.
+        path: The robot's URDF.
+        head: A comment for the file's head.
+
+    Raises:
+        ModelError: The file is not a URDF, or not of this robot.
+    """
+    mechanism = read_mechanism(path)
+    original, root = spans_of(path)
+    _refuse_stranger(content, root, path)
+    moving = [body.joint for body in content.robot.bodies]
+    carrying = {j.name for name in moving for j in mechanism.to_link(mechanism.joint(name).child)}
+    editing = _Editing(content, original, frozenset(carrying))
+    edits = [Edit(root.start, root.start, f"{head}\n")]
+    for link in root.all("link"):
+        edits += editing.link(link)
+    for joint in root.all("joint"):
+        edits += editing.joint(joint)
+    return edited(original, edits)
+
+
+def _refuse_stranger(content: Content, root: Span, path: Path) -> None:
+    robot = content.robot
+    for tag, wanted in (
+        ("link", [*(b.name for b in robot.bodies), *(f.name for f in robot.frames)]),
+        ("joint", [body.joint for body in robot.bodies]),
+    ):
+        there = [span.attributes.get("name", "") for span in root.all(tag)]
+        for name in wanted:
+            if name not in there:
+                raise ModelError(
+                    f"the file has no {tag} '{name}', which the identified model has",
+                    where=str(path),
+                    mend=f"give the URDF that the robot was identified with; "
+                    f"{advice(name, there, tag + 's')}",
+                )
+
+
+@dataclass(frozen=True)
+class _Editing:
+    """What changes in one file.
+
+    Attributes:
+        content: What it is to hold.
+        original: What it held.
+        carrying: Names of the joints that carry moving links.
+    """
+
+    content: Content
+    original: bytes
+    carrying: frozenset[str]
+
+    def link(self, link: Span) -> list[Edit]:
+        """A moving link gets the numbers; one that is fixed to it loses its own."""
+        robot, name = self.content.robot, link.attributes["name"]
+        bodies = [body.name for body in robot.bodies]
+        if name in bodies:
+            inertial = inertial_of(self.content.inertias[bodies.index(name)])
+            return self._put(link, "inertial", inertial)
+        frame = self._frame(name)
+        if frame is None or frame.body < 0:
+            return []
+        words = f"mass and inertia are among those of '{bodies[frame.body]}'"
+        return [Edit(old.start, old.stop, _note(words)) for old in link.all("inertial")]
+
+    def joint(self, joint: Span) -> list[Edit]:
+        """A joint of the model gets its friction; one that was locked is fixed."""
+        robot, name = self.content.robot, joint.attributes["name"]
+        joints = [body.joint for body in robot.bodies]
+        if name in joints:
+            index = joints.index(name)
+            coordinate = robot.bodies[index].coordinate
+            own = carriers_of(robot)[coordinate] == index
+            effects = self.content.joints[coordinate] if own else {}
+            return self._put(joint, "dynamics", *dynamics_of(effects))
+        parent, child = (
+            self._frame(joint.all(end)[0].attributes["link"]) for end in ("parent", "child")
+        )
+        if joint.attributes["type"] == "fixed" or parent is None or child is None:
+            return []
+        free = child.body < 0 and name not in self.carrying
+        return [] if free else self._locked(joint, parent, child)
+
+    def _frame(self, name: str) -> Frame | None:
+        return next((f for f in self.content.robot.frames if f.name == name), None)
+
+    def _locked(self, joint: Span, parent: Frame, child: Frame) -> list[Edit]:
+        tag = self.original[joint.start : joint.inside].decode("utf-8")
+        fixed = re.sub(r"""(\stype\s*=\s*)("[^"]*"|'[^']*')""", r'\1"fixed"', tag)
+        words = f"was {joint.attributes['type']}; locked where it was in the identification"
+        there = Placement(parent.rotation, parent.position)
+        back = Placement(there.rotation.T, -there.rotation.T @ there.position)
+        place = back @ Placement(child.rotation, child.position)
+        edits = [Edit(joint.start, joint.inside, f"{fixed}{_note(words)}")]
+        edits += [self._removed(x) for tag in MOVES for x in joint.all(tag)]
+        return edits + self._put(joint, "origin", origin_of(place.rotation, place.position))
+
+    def _put(self, parent: Span, tag: str, *new: ET.Element) -> list[Edit]:
+        """Elements in the place of those of a tag; where there are none, as the last ones."""
+        old = parent.all(tag)
+        if not new:
+            return [self._removed(span) for span in old]
+        if old:
+            indent = indent_at(self.original, old[0].start)
+            return [Edit(old[0].start, old[0].stop, _text(new, indent))]
+        outer = indent_at(self.original, parent.start)
+        indent = outer + "  "
+        if parent.children:
+            indent = indent_at(self.original, parent.children[0].start) or indent
+            last = parent.children[-1].stop
+            return [Edit(last, last, f"\n{indent}{_text(new, indent)}")]
+        text = f"\n{indent}{_text(new, indent)}\n{outer}"
+        if parent.stop > parent.inside:
+            return [Edit(parent.inside, parent.inside, text)]
+        opening = self.original[parent.start : parent.inside].decode("utf-8")
+        closed = f"{opening[:-2].rstrip()}>{text}</{parent.tag}>"
+        return [Edit(parent.start, parent.stop, closed)]
+
+    def _removed(self, span: Span) -> Edit:
+        """An element and, if it has its lines for itself, the line end before them."""
+        start = with_indent(self.original, span.start)
+        alone = self.original[span.stop :].lstrip(b" \t")[:1] in (b"\r", b"\n")
+        if start == span.start or not alone:
+            return Edit(span.start, span.stop, "")
+        before = self.original[:start]
+        return Edit(len(before.removesuffix(b"\n").removesuffix(b"\r")), span.stop, "")
+
+
+def _text(elements: tuple[ET.Element, ...], indent: str) -> str:
+    """Elements as text, the first line without indent."""
+
+    def lines() -> Iterator[str]:
+        for element in elements:
+            ET.indent(element)
+            yield from ET.tostring(element, encoding="unicode").splitlines()
+
+    return f"\n{indent}".join(lines())
+
+
+def _note(words: str) -> str:
+    """A comment of one line."""
+    return " ".join(comment(words).split())

@@ -1,0 +1,178 @@
+"""An identified model as a file that other programs read: URDF and MJCF."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from steelyard.application.export.content import NAMES, Content, Format, base_of, content_of
+from steelyard.application.export.edit import urdf_behind, urdf_with
+from steelyard.application.export.mjcf import mjcf_of
+from steelyard.application.export.origin import impossible_kept, mass_shares, unseen
+from steelyard.application.export.urdf import urdf_of
+from steelyard.application.export.xml import document, head_of
+from steelyard.arrays import Array
+from steelyard.errors import ModelError
+from steelyard.estimation.identified import IdentifiedModel
+from steelyard.robot.from_mechanism import reduced
+from steelyard.robot.mechanism import Mechanism
+from steelyard.robot.robot import Body, Robot
+from steelyard.robot_file.model_source import read_mechanism
+
+CLOSE = 1e-9
+"""How far numbers may move by being written and read again, relative to the largest."""
+
+MERGED = (
+    "Links that are fixed to a moving link, or that locked joints carry, have no mass of their "
+    "own here."
+)
+
+SHARES = "Share of each link's mass that comes from the data, the rest is prior:"
+UNSEEN = "Not seen by the data:"
+KEPT = (
+    "Links that the identification does not touch, and that cannot exist as the original has them:"
+)
+
+
+@dataclass(frozen=True)
+class Exported:
+    """The text of a model file.
+
+    Attributes:
+        text: The file's content.
+        form: Its format.
+        unheld: What of the model the format has no place for, one sentence each.
+        content: What the file holds.
+        mass_shares: Per link the share of its mass that comes from the data, 0 to 1.
+        unseen: Parameters that the data did not see.
+        impossible: Links that keep what the original says, and cannot exist as it says.
+    """
+
+    text: str
+    form: Format
+    unheld: tuple[str, ...]
+    content: Content
+    mass_shares: dict[str, float]
+    unseen: tuple[str, ...]
+    impossible: tuple[str, ...] = ()
+
+
+def unheld(identified: IdentifiedModel, form: Format) -> tuple[str, ...]:
+    """What of a model a format has no place for, one sentence each.
+
+    Raises:
+        ModelError: The model cannot be exported at all.
+    """
+    return content_of(identified, form).unheld
+
+
+def exported(
+    identified: IdentifiedModel, form: Format, original: str | Path | None = None
+) -> Exported:
+    """A model as the text of a file.
+
+    Args:
+        identified: The model, with all standard parameters.
+        form: `urdf` or `mjcf`.
+        original: The robot's own URDF, or the robot file that names it: numbers are put into it.
+            Without it a file of the moving bodies alone is made.
+
+    Raises:
+        ModelError: The model does not have all standard parameters, a link cannot exist, or the
+            original is of another robot.
+    """
+    content = content_of(identified, form)
+    origin = *_shares(identified, content), *_unseen(identified, content)
+    impossible: tuple[str, ...] = ()
+    if original is None:
+        root = urdf_of(content) if form == "urdf" else mjcf_of(content)
+        text = document(root, head_of(identified, content, form, origin))
+    elif form == "urdf":
+        path = urdf_behind(Path(original))
+        impossible = impossible_kept(content, path)
+        more = [MERGED, *origin, *listed_under(KEPT, impossible)]
+        text = urdf_with(content, path, head_of(identified, content, form, more))
+    else:
+        raise ModelError(
+            f"numbers can be put into a URDF, not into {NAMES[form]}",
+            where=str(original),
+            mend="leave out --model, or export to a URDF",
+        )
+    estimate = identified.estimate
+    shares, blind = mass_shares(estimate, content), unseen(estimate, content)
+    return Exported(text, form, content.unheld, content, shares, blind, impossible)
+
+
+def listed_under(heading: str, sentences: Iterable[str]) -> list[str]:
+    """Lines of a list, none if it is empty."""
+    lines = [f"  - {sentence}" for sentence in sentences]
+    return [heading, *lines] if lines else []
+
+
+def _shares(identified: IdentifiedModel, content: Content) -> list[str]:
+    shares = mass_shares(identified.estimate, content)
+    return listed_under(SHARES, (f"{name}: {share:.0%}" for name, share in shares.items()))
+
+
+def _unseen(identified: IdentifiedModel, content: Content) -> list[str]:
+    return listed_under(UNSEEN, unseen(identified.estimate, content))
+
+
+def refuse_changed(path: Path, made: Exported) -> None:
+    """Read a file that was written, and compare all bodies with those it was to hold.
+
+    Raises:
+        ModelError: One differs; the original that numbers were put into is of another robot.
+    """
+    wanted, inertias = made.content.robot, made.content.inertias
+    found = _reread(path, wanted, made.form)
+    for index, body in enumerate(wanted.bodies):
+        names = [other.name for other in found.bodies]
+        other = found.bodies[names.index(body.name)] if body.name in names else None
+        ten = inertias[index].ten
+        if other is None or _names(wanted, body) != _names(found, other):
+            what = "hangs on another link or joint"
+        elif not _alike(_place(body), _place(other)):
+            what = "stands or turns otherwise"
+        elif not other.massless and not _alike(ten, other.inertia.ten):
+            what = "has another mass or inertia"
+        else:
+            continue
+        raise ModelError(
+            f"link '{body.name}' {what} in the file than in the identified model",
+            where=f"export of '{wanted.name}' to {NAMES[made.form]}",
+            mend="give the URDF that the robot was identified with, or leave out --model",
+        )
+
+
+def _reread(path: Path, wanted: Robot, form: Format) -> Robot:
+    """The robot of a file, as a tree with the joints of another, its angles snapped or not."""
+    there = read_mechanism(path)
+    tree = Mechanism(there.name, there.links, there.joints, there.gravity, there.where)
+    base = base_of(wanted) if form == "urdf" else None
+    names = [c.name for c in wanted.joints]
+    snapped, exact = (reduced(tree, names, base=base, snap=snap)[0] for snap in (True, False))
+    return exact if _placed_alike(wanted, exact) else snapped
+
+
+def _placed_alike(one: Robot, other: Robot) -> bool:
+    """Whether the bodies of two robots stand and turn alike."""
+    pairs = zip(one.bodies, other.bodies, strict=False)
+    return all(_alike(_place(body), _place(twin)) for body, twin in pairs)
+
+
+def _names(robot: Robot, body: Body) -> tuple[str, ...]:
+    """What a body hangs on and moves with."""
+    parent = robot.bodies[body.parent].name if body.parent >= 0 else ""
+    return parent, body.joint, body.kind, robot.joints[body.coordinate].name
+
+
+def _place(body: Body) -> Array:
+    """Where a body is on its parent, and how it moves."""
+    turned = [*body.axis, *body.rotation.ravel()]
+    return np.array([body.ratio, body.offset, *body.position, *turned])
+
+
+def _alike(one: Array, other: Array) -> bool:
+    return bool(np.abs(one - other).max() <= CLOSE * np.abs(one).max())

@@ -1,0 +1,132 @@
+r"""Estimates that no robot can have: links denser than any metal, friction that drives.
+
+Of a link, a solid cylinder of tungsten as long as the link and half as thick is the most it can
+weigh; of the arm, ten times what the model file says. A link counts as at least 0.3 of the arm's
+reach long, for its geometry is not known. Estimates are held against these bounds with two standard
+deviations to spare.
+"""
+
+from collections.abc import Iterator
+from typing import ClassVar
+
+import numpy as np
+
+from steelyard.diagnosis.finding import Finding, Judgement, Mend
+from steelyard.diagnosis.fitted.fitted_case import FittedCase
+from steelyard.errors import DataError
+from steelyard.estimation.estimate import Estimate
+from steelyard.estimation.identified import IdentifiedModel
+from steelyard.robot.robot import Robot
+
+TUNGSTEN = 19_300.0
+"""Density [kg/m³]."""
+SLENDER = 0.5
+"""Thickness of a link over its length."""
+SHORTEST, LEAST_LENGTH = 0.3, 0.2
+"""Least length of a link, relative to the arm's reach, and in metres."""
+TOTAL = 10.0
+"""Factor between the arm's mass and that of the model file."""
+SURE = 2.0
+"""Standard deviations that an estimate must be beyond a bound."""
+LAWS = ("coulomb", "viscous")
+"""Friction that would drive if it were negative."""
+CHECK = (
+    "Check the kind, unit, sign and gains of the efforts and the order of the columns "
+    "(`steelyard check ROBOT LOG...`)"
+)
+
+
+class AbsurdBodies:
+    """Masses that no link can have, and friction that drives."""
+
+    name: ClassVar[str] = "absurd estimates"
+
+    def __call__(self, case: FittedCase) -> tuple[Finding, ...]:
+        """One finding if there is any; only for a model that was fitted here."""
+        found = absurdities(case.identified) if case.fitted else ()
+        if not found:
+            return ()
+        says = "the estimate is physically absurd: " + "; ".join(found)
+        return (Finding(self.name, "", Judgement.WRONG, says, "", mend=Mend(CHECK)),)
+
+
+def refuse_absurd(identified: IdentifiedModel, where: str) -> None:
+    """Stop at an estimate that no robot can have.
+
+    Args:
+        identified: The model.
+        where: The robot file, for the message.
+
+    Raises:
+        DataError: There is such a number.
+    """
+    found = absurdities(identified)
+    if found:
+        raise DataError(
+            f"the estimate is physically absurd: {'; '.join(found)}",
+            where=where,
+            mend=f"c{CHECK[1:]}; --no-check writes the model all the same",
+        )
+
+
+def absurdities(identified: IdentifiedModel) -> tuple[str, ...]:
+    """What no robot can have, in sentences."""
+    return (*_masses(identified), *_driving(identified))
+
+
+def _masses(identified: IdentifiedModel) -> Iterator[str]:
+    standard, robot = identified.estimate.standard, identified.model.robot
+    if standard is None:
+        return
+    names = list(standard.parameters.names)
+    places = [names.index(f"m.{b.name}") for b in robot.bodies if f"m.{b.name}" in names]
+    if len(places) != len(robot.bodies):
+        return
+    masses = standard.parameters.values[places]
+    covariance = standard.covariance[np.ix_(places, places)]
+    for body, mass, variance in zip(robot.bodies, masses, np.diag(covariance), strict=True):
+        most = heaviest(robot, robot.bodies.index(body))
+        if mass - SURE * np.sqrt(max(variance, 0.0)) > most:
+            yield (
+                f"link '{body.name}' of {mass:.4g} kg would be denser than tungsten "
+                f"(at most {most:.3g} kg for its size)"
+            )
+    nominal = sum(b.inertia.mass for b in robot.bodies if b.known)
+    total, spread = float(masses.sum()), float(np.sqrt(max(covariance.sum(), 0.0)))
+    if nominal <= 0.0 or not all(b.known for b in robot.bodies):
+        return
+    if total - SURE * spread > TOTAL * nominal or total + SURE * spread < nominal / TOTAL:
+        yield f"all links together come to {total:.3g} kg, in the model file to {nominal:.3g} kg"
+
+
+def heaviest(robot: Robot, index: int) -> float:
+    """Mass of a solid cylinder of tungsten as long as a link, half as thick [kg]."""
+    reach = sum(float(np.linalg.norm(body.position)) for body in robot.bodies)
+    ends = [b.position for b in robot.bodies if b.parent == index]
+    ends += [f.position for f in robot.frames if f.body == index]
+    longest = max((float(np.linalg.norm(end)) for end in ends), default=0.0)
+    length = max(longest, SHORTEST * reach, LEAST_LENGTH)
+    return TUNGSTEN * np.pi / 4.0 * (SLENDER * length) ** 2 * length
+
+
+def _driving(identified: IdentifiedModel) -> Iterator[str]:
+    """Joints whose friction least squares finds below zero, both laws for certain."""
+    plain = next((e for e in (*identified.reference, identified.estimate)), None)
+    if plain is None:
+        return
+    joints = identified.model.robot.joint_names
+    driving = [joint for joint in joints if all(_negative(plain, f"{x}.{joint}") for x in LAWS)]
+    if driving:
+        listed = ", ".join(f"'{joint}'" for joint in driving)
+        all_of_them = len(driving) == len(joints)
+        who = "all joints" if all_of_them else listed
+        its = "efforts have" if all_of_them else "its effort, or its position, has"
+        yield f"friction of {who} comes out negative: {its} the wrong sign"
+
+
+def _negative(estimate: Estimate, name: str) -> bool:
+    names = estimate.parameters.names
+    if name not in names:
+        return False
+    k = names.index(name)
+    return bool(estimate.parameters.values[k] < -SURE * estimate.std[k])

@@ -1,0 +1,175 @@
+"""Whether the load, the scale of efforts, or the offset of a joint changes within a run."""
+
+from collections.abc import Iterator
+from typing import ClassVar
+
+from steelyard.diagnosis.finding import Finding, Judgement, Mend
+from steelyard.diagnosis.fitted.fitted_case import FittedCase
+from steelyard.diagnosis.fitted.gain_drift import Drift, scale_drifts, together
+from steelyard.diagnosis.fitted.mid_log import Change, load_change, offset_steps
+from steelyard.errors import SteelyardError
+from steelyard.estimation.estimate import Z95
+from steelyard.estimation.fields.fields import said_by
+from steelyard.regression.information import Information
+from steelyard.regression.regressor import base_regressor
+from steelyard.validation.friction.mixes import remembers
+
+LOAD, OFFSET = 0.5, 0.93
+"""Least share of the squared residual that a change explains. In sound logs of nine real robots at
+most 0.14 (those shorter than 8 s aside) and 0.43; friction that falls by 60 % has up to 0.78."""
+RISES = {"load": 200.0, "offset": 100.0}
+"""Least rise of the squared residual over noise; at most 92 in those logs, both."""
+DRIFTS, DRIFT_RISES, LEAST_DRIFT = 0.3, 100.0, 0.05
+"""Least share of a joint's squared residual that a drift of its scale explains, least rise, and
+least change; in sound logs of ten real robots the rise is at most 44."""
+ABSURD = 3.0
+"""Relative change beyond which the number says no more than that it is large."""
+SURE = 5.0
+"""Standard deviations that a load or a step must have."""
+
+
+class ChangeInRun:
+    """A load that is picked up, or a torque sensor that is zeroed, while a run is logged."""
+
+    name: ClassVar[str] = "change within a run"
+
+    def __call__(self, case: FittedCase) -> tuple[Finding, ...]:
+        """Per run one finding of its load, or else its offsets that jump, or else its scale."""
+        found: list[Finding] = []
+        for run in _runs(case):
+            load = load_change(run, case.identified.model.robot, case.identified.base)
+            rows = scale_drifts(run)
+            drifts = [drift for drift in rows if _sure_drift(drift)]
+            picked = load is not None and _certain(load, LOAD, RISES["load"])
+            if load is not None and picked and not (drifts and together(rows) > load.explained):
+                found.append(_of_load(load))
+                continue
+            steps = _likelier(offset_steps(run), drifts)
+            found += [_of_offset(step, case) for step in steps]
+            if drifts and not steps:
+                found.append(_of_drift(drifts, case))
+            warm = [drift for drift in scale_drifts(run, friction=True) if _sure_drift(drift)]
+            if warm and not drifts and not steps:
+                found.append(_of_friction(warm, case))
+        return tuple(sorted(found, key=lambda finding: -finding.judgement))
+
+
+def _runs(case: FittedCase) -> Iterator[Information]:
+    """Information of each run by windows, of fitted ones as they were fitted."""
+    whole, model = case.information, case.identified.model
+    if whole is not None:
+        for name in dict.fromkeys(window.run for window in whole.windows):
+            yield whole.of([k for k, window in enumerate(whole.windows) if window.run == name])
+    for run in case.unseen:
+        try:
+            yield said_by([run], rests=remembers(model.terms))(base_regressor(model))
+        except SteelyardError:
+            continue
+
+
+def _certain(change: Change, share: float, rise: float) -> bool:
+    sure = abs(change.value) > SURE * change.std
+    return sure and change.explained >= share and change.rise >= rise
+
+
+def _likelier(steps: list[Change], drifts: list[Drift]) -> list[Change]:
+    """Steps of offsets that are certain, and explain more than the drift of their row."""
+    rows = {drift.row: drift.explained for drift in drifts}
+    certain = [step for step in steps if _certain(step, OFFSET, RISES["offset"])]
+    return [step for step in certain if step.explained > rows.get(step.row, 0.0)]
+
+
+def _sure_drift(drift: Drift) -> bool:
+    """Whether a scale drifts, without changing its sign."""
+    large = abs(drift.change) > max(LEAST_DRIFT, SURE * drift.std) and drift.change > -1.0
+    return large and drift.explained >= DRIFTS and drift.rise >= DRIFT_RISES
+
+
+def _when(change: Change) -> str:
+    return f"between {change.time - change.within:.3g} and {change.time + change.within:.3g} s"
+
+
+def _cut(change: Change) -> Mend:
+    early, late = change.time - change.within, change.time + change.within
+    return Mend(
+        f"take what lies before and after by itself: LOG@:{early:.3g} or LOG@{late:.3g}: "
+        "(seconds from its start)"
+    )
+
+
+def _explains(change: Change, bound: float) -> str:
+    share = f"{100.0 * change.explained:.0f} % of the squared residual"
+    return f"this explains {share}, bound {100.0 * bound:.0f} %"
+
+
+def _of_load(change: Change) -> Finding:
+    way = "picks up" if change.value > 0.0 else "puts down"
+    return Finding(
+        ChangeInRun.name,
+        change.run,
+        Judgement.WRONG,
+        f"the arm {way} a load of {abs(change.value):.3g} ± {Z95 * change.std:.1g} kg "
+        f"{_when(change)}",
+        _explains(change, LOAD),
+        mend=_cut(change),
+    )
+
+
+def _of_offset(change: Change, case: FittedCase) -> Finding:
+    joint = case.identified.model.robot.coordinates[change.row]
+    return Finding(
+        ChangeInRun.name,
+        change.run,
+        Judgement.DOUBTFUL,
+        f"the offset of '{joint.name}' jumps by {change.value:+.3g} ± {Z95 * change.std:.1g} "
+        f"{joint.effort_unit} {_when(change)}, as if its torque sensor were zeroed anew",
+        _explains(change, OFFSET),
+        (joint.name,),
+        mend=_cut(change),
+    )
+
+
+def _changes(drifts: list[Drift], case: FittedCase) -> tuple[tuple[str, ...], str]:
+    """Names of the joints, and by how much each changes."""
+    names = tuple(case.identified.model.robot.coordinates[drift.row].name for drift in drifts)
+    words = ", ".join(
+        f"'{name}' by {_size(drift.change)}" for name, drift in zip(names, drifts, strict=True)
+    )
+    return names, words
+
+
+def _size(change: float) -> str:
+    """A relative change in a few words."""
+    if change <= ABSURD:
+        return f"about {100.0 * change:+.0f} %"
+    return f"more than +{100.0 * ABSURD:.0f} %"
+
+
+def _of_friction(drifts: list[Drift], case: FittedCase) -> Finding:
+    names, words = _changes(drifts, case)
+    return Finding(
+        ChangeInRun.name,
+        drifts[0].run,
+        Judgement.OK,
+        f"friction drifts from start to end of the log, as it does while gears warm: {words}",
+        "",
+        names,
+        mend=Mend("Log once the gears are warm"),
+        headline=True,
+    )
+
+
+def _of_drift(drifts: list[Drift], case: FittedCase) -> Finding:
+    names, words = _changes(drifts, case)
+    least = min(drift.explained for drift in drifts)
+    return Finding(
+        ChangeInRun.name,
+        drifts[0].run,
+        Judgement.DOUBTFUL,
+        "the scale of efforts drifts from start to end of the log, as a gain or a sensor that "
+        f"warms does: {words}",
+        f"this explains {100.0 * least:.0f} % of the squared residual or more, bound "
+        f"{100.0 * DRIFTS:.0f} %",
+        names,
+        mend=Mend("log once the drives are warm, or cut the log into parts: LOG@START:STOP"),
+    )

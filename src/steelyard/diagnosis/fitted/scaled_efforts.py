@@ -1,0 +1,57 @@
+"""Efforts that were read with a scale: said beside the headline."""
+
+from typing import ClassVar
+
+import numpy as np
+
+from steelyard.diagnosis.finding import Finding, Judgement
+from steelyard.diagnosis.fitted.fitted_case import FittedCase
+from steelyard.diagnosis.fitted.model_error import beginnings, can_be_ranked, ranked_causes
+from steelyard.estimation.estimate import Z95
+from steelyard.terms.laws.load_dependent import LoadDependent
+from steelyard.terms.laws.spring import Spring
+
+ALIKE = (Spring.law, LoadDependent.law)
+"""Terms whose efforts change with posture or load, as those of a wrong scale do."""
+
+
+class ScaledEfforts:
+    """Scales of the efforts that differ from 1 by more than their interval."""
+
+    name: ClassVar[str] = "effort scales"
+
+    def __call__(self, case: FittedCase) -> tuple[Finding, ...]:
+        """One remark, if scales were estimated."""
+        scales = case.scales
+        if scales is None:
+            return ()
+        far = np.abs(np.log(scales.found.values)) > Z95 * scales.found.std
+        values = zip(scales.joints, scales.found.values, scales.half_width, far, strict=True)
+        off = [f"{joint} {x:.2f} ± {half:.2f}" for joint, x, half, is_far in values if is_far]
+        listed = ", ".join(off) or "none by itself beyond its interval"
+        says = (
+            f"efforts are read with a scale per joint ({listed}): sensors or gains are off by so "
+            "much, or the model lacks something that looks like it; masses are as uncertain as "
+            f"the scales{_term_instead(case, scales.found.distance)}"
+        )
+        return (Finding(self.name, "", Judgement.OK, says, "", headline=True),)
+
+
+def _term_instead(case: FittedCase, distance: float) -> str:
+    """A term that looks like a scale and explains more of what is left beside them than they do.
+
+    Args:
+        case: The fitted model and its runs.
+        distance: Of the scales from 1, squared, which is about what they take from chi square.
+    """
+    identified = case.identified
+    if not case.fitted or not can_be_ranked(identified.model):
+        return ""
+    runs = beginnings(case.fitted)
+    found = ranked_causes(identified.model, identified.estimate, runs).found
+    if not found or found[0].kind not in ALIKE or found[0].chi2 <= distance:
+        return ""
+    return (
+        f"; {found[0].says} explains more than they do (chi² {found[0].chi2:.0f} beside them, "
+        f"{distance:.0f} by them): try that first"
+    )

@@ -1,0 +1,210 @@
+"""Why a model does not predict a log that it was not fitted to.
+
+The log is read under the same explanations as in `check`, with the model as reference: a load, a
+sign, an order, a unit, a gain, a delay, another mounting, or else friction and offsets that
+changed. What none of them explains has no known cause, and that is what is said.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+
+from steelyard.diagnosis.case import Case, Evidence
+from steelyard.diagnosis.finding import Finding, Judgement, Mend
+from steelyard.diagnosis.fitted.fitted_case import FittedCase
+from steelyard.diagnosis.hypotheses.trial import Trial
+from steelyard.diagnosis.hypotheses.verdict import Verdict, verdict
+from steelyard.estimation.identified import IdentifiedModel
+from steelyard.measurement.run import Run
+from steelyard.robot_file.file import LoadedRobot
+from steelyard.robot_file.sections import EstimationSection, ProcessingSection, ValidationSection
+from steelyard.validation.score import RunScore
+
+ABOVE = 2.0
+"""RMS error over the residuals of the fit from which on a reason is looked for."""
+
+FAR = 4.0
+"""The same from which on it is said where no explanation is found."""
+
+LARGE = 10.0
+"""Typical relative error [%] below which an error without explanation is not remarkable."""
+
+NEAR, LEAST = 3.0, 3.0
+"""An explanation leaves no more than so many times the residuals of the fit, or this misfit [%]."""
+
+MOST, FALL = 20.0, 1.3
+"""No explanation leaves more than this misfit [%], or lowers it by a smaller factor."""
+FRICTION, LEFT = 0.5, 0.2
+"""Friction and offsets fitted anew leave no more than `ABOVE` times the residuals of the fit, or
+`LEAST`, and at most the first part of the error, for they lower that of any log; or the second."""
+
+RESTING = 1e-6
+"""Residual, relative to the largest, up to which a joint was not fitted as it did not move."""
+BODIES = 30.0
+"""Typical error [%] with friction and offsets fitted anew from which on bodies are wrong."""
+
+TRIED = "a load, signs, orders, units, gains, a delay, the mounting, friction and offsets"
+
+ADVICE = {
+    "payload": "weigh it with `steelyard payload`, or validate on a log without load",
+}
+"""What to do about an explanation, by its cause."""
+
+
+class UnseenReason:
+    """The most likely reason of a large error on a log that was not fitted."""
+
+    name: ClassVar[str] = "unseen log"
+
+    def __call__(self, case: FittedCase) -> tuple[Finding, ...]:
+        """At most one finding per unseen run."""
+        found = []
+        for run, score in zip(case.unseen, case.unseen_scores, strict=True):
+            ratio = excess(case.identified, score)
+            if ratio > ABOVE:
+                found.append(_reason(case, run, score, ratio))
+        return tuple(finding for finding in found if finding is not None)
+
+
+def excess(identified: IdentifiedModel, score: RunScore) -> float:
+    """RMS error of a run over the residuals of the fit, root mean square over joints that moved."""
+    gains = np.abs(np.asarray(identified.signals.gains))
+    sigma = np.asarray(identified.estimate.sigma) / gains
+    rmse = np.array([joint.rmse for joint in score.joints])
+    seen = sigma > RESTING * sigma.max(initial=0.0)
+    return float(np.sqrt(np.mean(np.square(rmse[seen] / sigma[seen])))) if seen.any() else 0.0
+
+
+def _reason(fit: FittedCase, run: Run, score: RunScore, ratio: float) -> Finding | None:
+    """The explanation that the data support, or that there is none."""
+    case, evidence = _case_of(fit.identified, run)
+    held = verdict(case, evidence)
+    typical, own = _typical(score), _own(fit.identified, score)
+    if held is not None and held.winners and _explains(held, own):
+        return _explained(fit, run, held)
+    if ratio < FAR or typical < LARGE:
+        return None
+    times = f"{ratio:.0f}" if ratio >= 10.0 else f"{ratio:.1f}"
+    figure = f"RMS error {times} times the residuals of the fit, typical error {typical:.1f} %"
+    left = typical if held is None else _with_other_friction(held.ranking.trial)
+    enough = max(min(max(LEAST, ABOVE * own), FRICTION * typical), LEFT * typical)
+    if left <= min(enough, BODIES):
+        return Finding(
+            UnseenReason.name,
+            run.name,
+            Judgement.DOUBTFUL,
+            "friction or offsets are not those of the fitted logs: fitted anew to this log, they "
+            f"bring the typical error from {typical:.1f} % to {left:.1f} %",
+            figure,
+            mend=Mend("identify from logs of one temperature, or give terms per_run"),
+        )
+    return _unexplained(fit, run, left, figure)
+
+
+def _explains(held: Verdict, own: float) -> bool:
+    """Whether the winners bring the misfit down, to about what the fit left of its own runs."""
+    left, before = held.winners[-1][0].percent, held.ranking.declared.percent
+    return left <= min(max(LEAST, NEAR * own), MOST) and left * FALL <= before
+
+
+def _unexplained(fit: FittedCase, run: Run, left: float, figure: str) -> Finding:
+    """That no cause was found, and what is to be looked at first."""
+    says = f"the cause of the error was not found; tried: {TRIED} (these leave {left:.1f} %)"
+    mend = Mend("`steelyard check ROBOT LOG --model MODEL` shows what was compared")
+    same = any(_one_file(run.name, name) for name in _fitted_names(fit))
+    if fit.doubts:
+        doubt = fit.doubts[0]
+        says += f". The check before the fit is doubtful about {doubt.log}: {doubt.says}"
+        mend = Mend("settle that first")
+    elif not same:
+        says += ". The log may be of another robot, or of one that was changed"
+        mend = Mend("make sure that all logs are of one robot, or identify this one by itself")
+    wrong = not same and not fit.doubts and left > BODIES
+    judgement = Judgement.WRONG if wrong else Judgement.DOUBTFUL
+    return Finding(UnseenReason.name, run.name, judgement, says, figure, mend=mend)
+
+
+def _fitted_names(fit: FittedCase) -> Sequence[str]:
+    """Names of the fitted runs; in `validate`, as the model has them."""
+    return [run.name for run in fit.fitted] or list(fit.identified.provenance.runs)
+
+
+def _one_file(one: str, other: str) -> bool:
+    """Whether two runs are windows of one file, as far as their names tell folders."""
+    first, second = (f"/{name.partition('@')[0]}" for name in (one, other))
+    return first.endswith(second) or second.endswith(first)
+
+
+def _own(identified: IdentifiedModel, score: RunScore) -> float:
+    """Typical misfit [%] that the fit left of its own runs, relative to this run's efforts."""
+    gains = np.abs(np.asarray(identified.signals.gains))
+    size = np.array([max(joint.predict_zero, 1e-12) for joint in score.joints])
+    shares = np.asarray(identified.estimate.sigma) / gains / size
+    return 100.0 * float(np.exp(np.mean(np.log(np.maximum(shares, 1e-6)))))
+
+
+def _explained(fit: FittedCase, run: Run, held: Verdict) -> Finding:
+    """The winners as one sentence, and what is to be settled before they can be believed."""
+    causes = tuple(rival for rival, _ in held.winners)
+    says = ", and ".join(rival.says for rival in causes)
+    before, after = held.ranking.declared, causes[-1]
+    first = causes[0].cause
+    names = held.ranking.trial.knowledge.robot.joint_names
+    judgement = max(judgement for _, judgement in held.winners)
+    reason = f"most likely reason of the error: {says}"
+    if fit.doubts:
+        judgement, doubt = Judgement.DOUBTFUL, fit.doubts[0]
+        reason = (
+            f"the check before the fit is doubtful about {doubt.log}: {doubt.says}. If that log is "
+            f"as declared, the {reason}"
+        )
+    return Finding(
+        UnseenReason.name,
+        run.name,
+        judgement,
+        reason,
+        f"misfit {before.percent:.1f} %, so explained {after.percent:.1f} %",
+        tuple(names[j] for j in causes[0].joints),
+        Mend(ADVICE.get(first, f"`steelyard check ROBOT LOG --model MODEL` shows the {first}")),
+    )
+
+
+def _with_other_friction(trial: Trial) -> float:
+    """Typical misfit [%] with friction and offsets fitted to the log; friction dissipates."""
+    lower, upper = (bound.copy() for bound in trial.bounds)
+    lower[:, :3], upper[:, :3] = -np.inf, np.inf
+    if trial.signals.effort_map is None:
+        turned = np.diag(trial.into_logged(trial.declared)) < 0.0
+        lower[~turned, :2], upper[turned, :2] = 0.0, 0.0
+    anew = replace(trial, bounds=(lower, upper))
+    return float(anew.score(trial.declared).percent[0])
+
+
+def _typical(score: RunScore) -> float:
+    """Geometric mean over joints of the relative error [%]: as a misfit of `check` is."""
+    errors = [max(joint.relative_percent, 1e-4) for joint in score.joints]
+    return float(np.exp(np.mean(np.log(errors))))
+
+
+def _case_of(identified: IdentifiedModel, run: Run) -> tuple[Case, Evidence]:
+    """The run as `check` with this model looks at it."""
+    cutoffs = identified.cutoffs
+    processing = replace(
+        identified.processing, motion_cutoff=cutoffs.motion, matched_cutoff=cutoffs.matched
+    )
+    evidence = Evidence(run.recording, processing, run.name)
+    loaded = LoadedRobot(
+        identified.model.robot,
+        (),
+        identified.signals,
+        None,
+        False,
+        ProcessingSection(),
+        EstimationSection(),
+        ValidationSection(),
+        (),
+        lambda *key: "the model",
+    )
+    return Case(loaded, (evidence,), identified), evidence

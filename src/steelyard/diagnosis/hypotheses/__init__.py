@@ -1,0 +1,1 @@
+"""Checks that compare interpretations of a log."""

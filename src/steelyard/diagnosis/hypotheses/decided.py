@@ -1,0 +1,215 @@
+r"""Which questions a nominal model can answer where it finds nothing wrong.
+
+Its misfit may come from wrong masses, or hide what is asked for. A question with a size (payload,
+tilt of gravity) is answered if that size alone could not make the misfit: for the effort per unit
+$c_j(t)$, and what is left of joint j's effort, $r_j(t)$, at most about
+
+$$ \min_j \operatorname{rms}(r_j) / \operatorname{std}(c_j) $$
+
+can be there, given the masses. A question with alternatives (signs, orders, units) is answered if
+each of them agrees clearly worse.
+"""
+
+from collections.abc import Iterator
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.arrays import Array
+from steelyard.diagnosis.hypotheses.possible import Possible, possible
+from steelyard.diagnosis.hypotheses.ranking import DECISIVE
+from steelyard.diagnosis.hypotheses.reading import Reading
+from steelyard.diagnosis.hypotheses.rivals_effort import poorly_shown
+from steelyard.diagnosis.hypotheses.rivals_position import Draft, judged
+from steelyard.diagnosis.hypotheses.rivals_world import NEAR, SHARP, payload_fit
+from steelyard.diagnosis.hypotheses.support import HEAVIEST, LATE
+from steelyard.diagnosis.hypotheses.trial import Score, Trial, regressors
+from steelyard.diagnosis.hypotheses.verdict import (
+    LEAST_DELAY,
+    LEAST_MASS,
+    LEAST_SHARE,
+    Verdict,
+    last_of,
+)
+from steelyard.diagnosis.hypotheses.ways import FACTORS
+
+SHOWN = 3
+"""Alternatives that are named."""
+
+
+def undecided(held: Verdict, cause: str) -> str:
+    """Why a nominal model cannot answer a question; empty if it can.
+
+    Args:
+        held: What holds of the log; nothing that is of this cause.
+        cause: The suspicion that asks.
+    """
+    trial, last = held.ranking.trial, last_of(held)
+    if trial.knowledge.identified:
+        return ""
+    open_factor = [r.cause for r, _ in held.winners if not r.fixed and r.cause in FACTORS]
+    if open_factor and cause in (*FACTORS, "payload"):
+        return f"cannot be told before {open_factor[-1]} is settled, see there"
+    score = trial.score(last.reading)
+    misfit = f"the nominal model comes only within {float(score.percent[0]):.1f} %"
+    if cause in ("payload", "mounting"):
+        return _hidden(trial, last.reading, score, cause, misfit)
+    if cause == "gain" and any(trial.signals.unknown_gains):
+        return ""
+    if cause == "gain":
+        return _gains(trial, last.reading, misfit)
+    if cause == "effort delay":
+        near = _times(trial, last.reading)
+        misfit = "a fit of bodies of any mass agrees as declared"
+    else:
+        near = _near(trial, last.reading, score, cause)
+    listed = ", ".join(near[:SHOWN]) + ", ..." * (len(near) > SHOWN)
+    return f"cannot be told: {misfit}, and about as well with {listed}" if near else ""
+
+
+def _hidden(trial: Trial, reading: Reading, score: Score, cause: str, misfit: str) -> str:
+    """The same where the misfit could hide a payload or a tilt."""
+    if cause == "payload":
+        mass = detectable_mass(trial, reading, score)
+        hidden = mass > least_mass(trial)
+        size = f"{mass:.2g} kg at the last link"
+    else:
+        tilt = detectable_tilt(trial, reading, score)
+        hidden = tilt > NEAR
+        size = f"a tilt by {np.rad2deg(tilt):.0f}°"
+    return f"cannot be told: {misfit}, as much as {size} may make" if hidden else ""
+
+
+def least_mass(trial: Trial) -> float:
+    """Payload from which on one matters [kg]."""
+    arm = sum(body.inertia.mass for body in trial.knowledge.robot.bodies)
+    return max(LEAST_MASS, LEAST_SHARE * arm)
+
+
+def detectable_mass(trial: Trial, reading: Reading, score: Score) -> float:
+    """Most that the arm may carry unseen, or carries by the best fit [kg]."""
+    q, dq, ddq = trial.motion(reading)
+    columns = trial.knowledge.payload(q, dq, ddq, reading.gravity)[:1]
+    bound = _size(trial, reading, score, columns)
+    fitted = payload_fit(trial, reading)
+    return max(bound, 0.0 if fitted is None else float(fitted.values[0]))
+
+
+def detectable_tilt(trial: Trial, reading: Reading, score: Score) -> float:
+    """Largest tilt of gravity that may be there unseen, about the worst axis [rad]."""
+    gravity, size = reading.gravity, float(np.linalg.norm(reading.gravity))
+    if size == 0.0:
+        return float(np.pi)
+    pulls = trial.knowledge.pulls(trial.motion(reading)[0])
+    across = np.linalg.svd(gravity[None])[2][1:]
+    columns = size * np.einsum("ai,ijt->ajt", across, pulls)
+    return float(np.arctan(max(_size(trial, reading, score, c[None]) for c in columns)))
+
+
+def _size(trial: Trial, reading: Reading, score: Score, columns: Array) -> float:
+    """What one number comes to if it makes all that is left, of the joint that shows it best.
+
+    Args:
+        trial: The log.
+        reading: How it is read.
+        score: Of that reading.
+        columns: Joint efforts per unit, shape `(1, n, N)`.
+    """
+    moving = _moving(trial, reading)
+    e = trial.excerpt.later([reading.delay])[0, list(reading.effort)]
+    e = e * reading.effort_scale[:, None]
+    unit = trial.into_logged(reading) @ columns[0]
+    left, shown = np.full(len(e), np.inf), np.ones(len(e))
+    for j in np.flatnonzero(score.counts[0] > 0.0):
+        left[j] = score.misfits[0, j] * np.sqrt(np.mean(np.square(e[j, moving[j]])))
+        shown[j] = max(float(np.std(unit[j, moving[j]])), 1e-12)
+    return float(np.min(left / shown))
+
+
+def _moving(trial: Trial, reading: Reading) -> NDArray[np.bool_]:
+    q, dq, ddq = trial.motion(reading)
+    u, du = trial.driven(dq), trial.driven(ddq)
+    arrays = (x[:, None] for x in (q, u, du, np.zeros_like(q)))
+    moving: NDArray[np.bool_] = regressors(*arrays)[1][:, 0] > 0.0
+    return moving
+
+
+def _gains(trial: Trial, reading: Reading, misfit: str) -> str:
+    weak = poorly_shown(trial, reading)
+    if not weak:
+        return ""
+    listed = ", ".join(f"'{name}'" for name in weak)
+    names = trial.knowledge.robot.joint_names
+    rest = [f"'{name}'" for name in names if name not in weak]
+    if not rest:
+        return f"cannot be told: {misfit}, with quite other gains as well"
+    return (
+        f"cannot be told of {listed}: the nominal model agrees with quite other gains as well; "
+        f"it agrees with those of {', '.join(rest)}"
+    )
+
+
+def _near(trial: Trial, reading: Reading, score: Score, cause: str) -> list[str]:
+    """Alternatives that do not agree clearly worse than a reading."""
+    least = float(score.log_likelihood[0]) - DECISIVE
+    seen = score.counts[0] > 0.0
+    drafts = [d for d in _drafts(trial, reading, cause) if np.any(seen[list(d.joints)])]
+    return [r.says for r in judged(trial, drafts) if float(r.score.log_likelihood) > least]
+
+
+def _times(trial: Trial, reading: Reading) -> list[str]:
+    """Delays that bodies of the log's own do not contradict."""
+    size, now = LEAST_DELAY[False], possible(trial, reading)
+    near = []
+    for more, way in ((size, "late"), (-size, "early")):
+        other = possible(trial, reading.changed(delay=reading.delay + more))
+        if now is None or other is None or _sharp(other) > _sharp(now) - LATE:
+            near.append(f"efforts {1e3 * size:.0f} ms {way}")
+    return near
+
+
+def _sharp(bodies: Possible) -> float:
+    return float(bodies.score.likelihood(SHARP, np.inf))
+
+
+def _drafts(trial: Trial, reading: Reading, cause: str) -> Iterator[Draft]:
+    """The alternatives of a question."""
+    names, n = trial.knowledge.robot.joint_names, trial.signals.n
+    every = tuple(range(n))
+    if cause == "position sign":
+        for j, name in enumerate(names):
+            changed = reading.changed(position_scale=_turned(n, j) * reading.position_scale)
+            yield Draft(cause, f"'{name}' the other way", changed, 0.0, (j,))
+    elif cause == "effort sign":
+        for j, name in enumerate(names):
+            changed = reading.with_factors(_turned(n, j))
+            yield Draft(cause, f"the other sign of '{name}'", changed, 0.0, (j,))
+        changed = reading.with_factors(-np.ones(n))
+        yield Draft(cause, "the other sign of all", changed, 0.0, every)
+    elif cause in ("effort unit", "effort kind"):
+        size = 1000.0 if cause == "effort unit" else HEAVIEST
+        for factor in (size, 1.0 / size):
+            changed = reading.with_factors(np.full(n, factor))
+            yield Draft(cause, f"efforts times {factor:.3g}", changed, 0.0, every)
+    elif cause == "joint order":
+        yield from _swaps(reading, names)
+
+
+def _swaps(reading: Reading, names: tuple[str, ...]) -> Iterator[Draft]:
+    for a, b in combinations(range(len(names)), 2):
+        order = list(range(len(names)))
+        order[a], order[b] = b, a
+        position = tuple(reading.position[k] for k in order)
+        effort = tuple(reading.effort[k] for k in order)
+        pair = f"'{names[a]}' and '{names[b]}' exchanged"
+        for what, changed in (
+            ("positions of ", reading.changed(position=position)),
+            ("efforts of ", reading.changed(effort=effort)),
+            ("", reading.changed(position=position, effort=effort)),
+        ):
+            yield Draft("joint order", what + pair, changed, 0.0, (a, b))
+
+
+def _turned(n: int, joint: int) -> Array:
+    return np.where(np.arange(n) == joint, -1.0, 1.0)

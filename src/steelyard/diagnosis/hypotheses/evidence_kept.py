@@ -1,0 +1,20 @@
+"""Whether another order of columns still has to explain the efforts of all joints that move."""
+
+from steelyard.diagnosis.hypotheses.reading import Reading
+from steelyard.diagnosis.hypotheses.trial import LEAST_SPAN, Trial
+
+
+def keeps_evidence(trial: Trial, reading: Reading) -> bool:
+    """Whether efforts that belong to motion as declared belong to motion under a reading too.
+
+    An order that gives the effort of a joint in motion to a resting position is not to be
+    compared with others: what contradicts it no longer counts.
+    """
+    return _in_motion(trial, trial.declared) <= _in_motion(trial, reading)
+
+
+def _in_motion(trial: Trial, reading: Reading) -> set[int]:
+    """Effort columns of the positions that move."""
+    span = trial.excerpt.span.tolist()
+    pairs = zip(reading.position, reading.effort, reading.position_scale.tolist(), strict=True)
+    return {e for p, e, scale in pairs if abs(scale) * span[p] > LEAST_SPAN}

@@ -1,0 +1,78 @@
+"""What to do where a number is poorly identifiable from a log: where to take it from, in order."""
+
+from steelyard.diagnosis.case import Case
+from steelyard.diagnosis.finding import Edit, Mend
+from steelyard.diagnosis.hypotheses.controller_gains import ControllerGains, controller_gains
+from steelyard.diagnosis.hypotheses.rival import Rival
+
+GO_ON = (
+    ". If masses are what is wrong in the model file, go on: the efforts are then right as declared"
+)
+FACTORS = ("gain", "effort kind", "effort unit")
+"""Causes that are a factor on efforts."""
+
+
+def ways(case: Case, rival: Rival, *, sure: bool) -> Mend:
+    """What to do about an explanation whose numbers are not written.
+
+    Args:
+        case: What there is.
+        rival: The explanation.
+        sure: Whether it is beyond doubt that efforts are wrong.
+    """
+    if rival.cause == "mounting":
+        return Mend(
+            f"{rival.says}, or something pulls at the arm (a cable, a balancer), or lengths and "
+            "axes are others than the model file says: the log alone cannot decide"
+        )
+    if rival.cause == "payload":
+        return Mend(
+            f"{rival.says}, or the bodies are others than the model file says: weigh it with "
+            "steelyard payload, against a model from clean runs, or give that here (--model)"
+        )
+    if rival.cause not in FACTORS:
+        return Mend(
+            f"{rival.says}, or the bodies are others than the model file says: the log alone "
+            "cannot decide; look at both, or give a model from clean runs (--model)"
+        )
+    gains = controller_gains(case) if rival.cause == "gain" else None
+    return Mend(_listed(case, sure=sure)) if gains is None else _of_controller(case, gains)
+
+
+def _of_controller(case: Case, gains: ControllerGains) -> Mend:
+    """The controller's own gains; those that its targets do not show are left to be identified."""
+    pairs = zip(case.joints, gains.values, gains.half_widths, gains.known, strict=True)
+    shown = ", ".join(f"{name} {g:.4g} ± {w:.2g}" for name, g, w, known in pairs if known)
+    says = (
+        "gains and masses cannot be identified together from this log; the controller's target "
+        f"torque over its target current ({gains.columns[0]} over {gains.columns[1]}, friction "
+        f"taken out) gives the gains {shown} (95 %)"
+    )
+    unknown = [f"'{n}'" for n, known in zip(case.joints, gains.known, strict=True) if not known]
+    if unknown:
+        says += (
+            f"; those of {', '.join(unknown)} are poorly identifiable from it: take them from the "
+            'data sheet, or leave them at "identify", relative to the others'
+        )
+    return Mend(says, (Edit(("signals", "effort", "gain"), gains.entries),))
+
+
+def _listed(case: Case, *, sure: bool) -> str:
+    """The ways to gains, in order."""
+    source = case.loaded.sources[0].path.name if case.loaded.sources else "ROBOT"
+    robot = source if source.endswith(".toml") else "ROBOT.toml"
+    log = case.logs[0].log.path.name if len(case.logs) == 1 else "LOG..."
+    entries = ['"identify"'] * len(case.joints)
+    entries[min(1, len(entries) - 1)] = "1.0"
+    one = f"[{', '.join(entries)}]"
+    return (
+        "gains and masses cannot be identified together from this log, and no number is written. "
+        "In this order: "
+        "(1) take gains from the controller's own target torque over its target current, or from "
+        "the data sheet (torque constant times gear ratio); "
+        '(2) write kind = "motor_current", unit = "A", gain = "identify" under [signals.effort] '
+        f"and run `steelyard identify {robot} {log} --loaded LOADED_LOG --payload-mass KG` with a "
+        "log that carries a known mass; "
+        f"(3) without its mass, write gain = {one}, and run the same without --payload-mass: "
+        "results are then up to one scale"
+    ) + ("" if sure else GO_ON)

@@ -1,0 +1,228 @@
+"""Is the clock regular, and in the unit that the robot file declares?"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.diagnosis.case import Case, Evidence
+from steelyard.diagnosis.finding import Edit, Finding, Judgement, Mend, Picture
+from steelyard.diagnosis.pictures import histogram, trace
+from steelyard.diagnosis.signal_overview import JITTER, LATE, look, once
+from steelyard.diagnosis.signals.lost_rows import Leaps, leaps
+from steelyard.diagnosis.signals.time_scale import by_velocities, time_scale
+from steelyard.diagnosis.signals.unit_costs import LONGEST_STEP, SHORTEST_STEP
+from steelyard.diagnosis.signals.units import reading
+from steelyard.measurement.rows.clock import GAP_SECONDS, GAP_STEPS
+from steelyard.robot_file.signals import ROW
+
+GAPS, GAPS_PER_ROW = 5, 2.5e-4
+"""Short gaps of a doubtful clock: so many, or three that are so frequent."""
+LEAPS, LOST, MUCH_LOST = 5, 0.005, 0.05
+"""Leaps of all joints, and share of rows missing at them, from which on a clock that is even is
+doubtful, and wrong. Sound logs of seven real robots have at most 4 leaps and 0.1 %."""
+REPEATS, BACKWARD = 0.01, 0.05
+"""Shares of stamps that repeat (doubtful) or run backward (wrong)."""
+
+
+@dataclass(frozen=True)
+class _Steps:
+    """What the stamps say, in true seconds.
+
+    Attributes:
+        step: Median step forward [s].
+        steps: All steps [s].
+        jitter: Standard deviation of steps without gaps, over the median one.
+    """
+
+    step: float
+    steps: Array
+    jitter: float
+
+    @property
+    def long(self) -> Array:
+        """Steps that miss some rows [s]."""
+        return self.steps[self.steps > GAP_STEPS * self.step]
+
+    @property
+    def gaps(self) -> Array:
+        """Steps too long to be bridged [s]."""
+        return self.steps[self.steps > max(GAP_STEPS * self.step, GAP_SECONDS)]
+
+    @property
+    def missing(self) -> bool:
+        """Whether more is missing than an interpolation bridges."""
+        count = len(self.long)
+        often = count >= 3 and count >= GAPS_PER_ROW * len(self.steps)
+        return len(self.gaps) > 0 or count >= GAPS or often
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Rate, jitter, gaps, repeats, steps backward, and the unit of time."""
+
+    name: ClassVar[str] = "clock"
+    asks: ClassVar[str] = "Is the clock regular?"
+    quick: ClassVar[bool] = True
+
+    def __call__(self, case: Case) -> tuple[Finding, ...]:
+        """One finding per log; one more if a fit shows that the clock runs fast or slow."""
+        found = tuple(self._look(case, evidence) for evidence in case.logs)
+        if any(finding.judgement for finding in found):
+            return found
+        off = [by_velocities(case, evidence, self.name) for evidence in case.logs]
+        found = tuple(o or f for o, f in zip(off, found, strict=True))
+        scale = time_scale(case, self.name)
+        return found if scale is None else (scale, *found)
+
+    def _look(self, case: Case, evidence: Evidence) -> Finding:
+        """One log's finding."""
+        sight, units = look(case, evidence), reading(case, evidence)
+        if sight.step == 0.0:
+            return _stands(evidence)
+        steps = _Steps(
+            sight.step * units.second, np.diff(sight.stamps) * units.second, sight.jitter
+        )
+        if units.second != 1.0:
+            return _other_unit(evidence, units.time_unit, steps, sight.step)
+        judgement, says, figure, mend = _judged(steps)
+        if evidence.recording.signals.time == ROW:
+            says += ", as declared: the log has no column of time"
+        gone = lost(case, evidence)
+        if judgement is Judgement.OK and gone is not None:
+            return _leaps(evidence, gone, steps.step)
+        return Finding(
+            self.name,
+            evidence.name,
+            judgement,
+            says,
+            figure,
+            mend=None if mend is None else Mend(mend),
+            picture=_picture(steps, sight.stamps),
+        )
+
+
+@once
+def lost(case: Case, evidence: Evidence) -> Leaps | None:
+    """Where rows are missing though stamps go on evenly; `None` if there are hardly any."""
+    sight = look(case, evidence)
+    if not sight.moves:
+        return None
+    found = leaps(sight.t, sight.q)
+    often = len(found.rows) >= LEAPS and found.missing.sum() >= LOST * found.moving
+    return found if often else None
+
+
+def _leaps(evidence: Evidence, found: Leaps, step: float) -> Finding:
+    share = float(found.missing.sum()) / max(found.moving, 1)
+    typical = float(np.median(found.missing))
+    return Finding(
+        Clock.name,
+        evidence.name,
+        Judgement.WRONG if share >= MUCH_LOST else Judgement.DOUBTFUL,
+        f"rows are missing though stamps go on evenly: at {len(found.rows)} places all joints leap "
+        f"ahead at once, by {typical:.2g} rows typically; {_time(step * found.missing.sum())} in "
+        "all. Stamps were made evenly after rows got lost",
+        f"{100.0 * share:.2g} % of the rows in motion are missing (bound {100.0 * LOST:g} %)",
+        mend=Mend("log the controller's own stamps, and keep them as they are"),
+    )
+
+
+def _stands(evidence: Evidence) -> Finding:
+    column = evidence.recording.signals.time
+    return Finding(
+        Clock.name,
+        evidence.name,
+        Judgement.WRONG,
+        f"column '{column}' never goes forward: it is no clock",
+        "median step 0 s",
+        mend=Mend("name the log's clock as time = ... under [signals]"),
+    )
+
+
+def _other_unit(evidence: Evidence, unit: str, steps: _Steps, declared: float) -> Finding:
+    return Finding(
+        Clock.name,
+        evidence.name,
+        Judgement.WRONG,
+        f"the stamps are in {unit}: rows would be {declared:.4g} s apart as declared, and are "
+        f"{_time(steps.step)}",
+        f"step of {declared:.4g} s as declared, logs have {SHORTEST_STEP:g} to {LONGEST_STEP:g} s",
+        mend=Mend(f"say that time is in {unit}", (Edit(("signals", "time_unit"), unit),)),
+        picture=Picture("step [s]", "rows", (histogram("steps", steps.steps),)),
+    )
+
+
+def _judged(steps: _Steps) -> tuple[Judgement, str, str, str | None]:
+    """Judgement, sentence, figure and mend of the worst that is wrong with a clock."""
+    count = max(len(steps.steps), 1)
+    backward = int(np.count_nonzero(steps.steps < 0.0))
+    repeats = int(np.count_nonzero(steps.steps == 0.0))
+    jitter = f"jitter {100.0 * steps.jitter:.2g} % of the step"
+    facts = _facts(steps)
+    if backward:
+        judgement = Judgement.WRONG if backward > BACKWARD * count else Judgement.DOUBTFUL
+        return (
+            judgement,
+            f"time runs backward at {backward} rows; {facts}",
+            f"{backward} of {count} steps backward, bound 0",
+            "log the controller's own clock, not the arrival of messages, or sort the rows",
+        )
+    if steps.missing:
+        lost = float((steps.long - steps.step).sum())
+        return (
+            Judgement.DOUBTFUL,
+            f"rows are missing: {len(steps.long)} gaps, the longest of "
+            f"{_time(float(steps.long.max()))}, {_time(lost)} in all; {facts}",
+            f"{len(steps.long)} steps longer than {GAP_STEPS:g} median ones, "
+            f"{len(steps.gaps)} of them not bridged",
+            "find out why rows get lost; what lies between gaps is used by itself",
+        )
+    if steps.jitter >= JITTER:
+        return (
+            Judgement.DOUBTFUL,
+            f"the stamps jitter; {facts}",
+            f"{jitter}, bound {100.0 * JITTER:g} %",
+            "log the controller's own clock, not the arrival of messages",
+        )
+    if repeats > REPEATS * count:
+        return (
+            Judgement.DOUBTFUL,
+            f"{repeats} rows have the stamp of the row before; {facts}",
+            f"{100.0 * repeats / count:.2g} % of the stamps repeat, bound {100.0 * REPEATS:g} %",
+            "log stamps with more digits; rows that repeat a stamp are dropped",
+        )
+    return Judgement.OK, facts, f"{jitter}, bound {100.0 * JITTER:g} %", None
+
+
+def _facts(steps: _Steps) -> str:
+    """Rate, steps and jitter in words."""
+    forward = steps.steps[steps.steps > 0.0]
+    mean = float(np.mean(forward[forward < LATE * steps.step]))
+    low, high = np.quantile(forward, [0.01, 0.99])
+    words = f"{1.0 / mean:.4g} Hz, steps "
+    if high - low <= 1e-3 * steps.step:
+        return words + f"of {_time(steps.step)}, even"
+    longest = f", the longest {_time(float(forward.max()))}" if forward.max() > 1.5 * high else ""
+    spread = _time(steps.jitter * steps.step)
+    return f"{words}{_time(float(low))} to {_time(float(high))}{longest}, jitter {spread}"
+
+
+def _time(seconds: float) -> str:
+    return f"{seconds:.3g} s" if seconds >= 1.0 else f"{1e3 * seconds:.3g} ms"
+
+
+def _picture(steps: _Steps, stamps: Array) -> Picture:
+    """A histogram of the steps; of few long ones, when they come."""
+    if steps.missing and len(steps.steps):
+        at = stamps[1:] - stamps[0]
+        long = steps.steps > LATE * steps.step
+        gaps = trace("steps that miss rows", at[long], steps.steps[long], "points")
+        return Picture("time [s]", "step [s]", (gaps,))
+    return Picture("step [s]", "rows", (histogram("steps", steps.steps),))
+
+
+def irregular(case: Case, evidence: Evidence) -> bool:
+    """Whether the clock of a log is to blame for what goes wrong with it."""
+    return Clock()._look(case, evidence).judgement != Judgement.OK

@@ -1,0 +1,190 @@
+"""Are positions the joints' own, and in the declared unit?"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.diagnosis.case import Case, Evidence
+from steelyard.diagnosis.finding import Edit, Finding, Judgement, Mend, Picture
+from steelyard.diagnosis.pictures import of_joints
+from steelyard.diagnosis.signal_overview import look, with_rows
+from steelyard.diagnosis.signals.unit_costs import SAME, beyond
+from steelyard.diagnosis.signals.units import Reading, declared_units, motion, reading, unit_value
+from steelyard.robot_file.column_names import Column
+from steelyard.robot_file.signals import POSITION_UNITS
+
+OUTSIDE = 1.1
+"""Distance from the middle of a joint's range over half of it, above which positions are
+doubtful."""
+MOTOR = 3.0
+"""How far outside positions of motors are at least."""
+
+
+@dataclass(frozen=True)
+class Position:
+    """Unit of the positions, whether they are motors', and whether they keep within limits."""
+
+    name: ClassVar[str] = "position"
+    asks: ClassVar[str] = "Are positions in the declared unit?"
+    quick: ClassVar[bool] = True
+
+    def __call__(self, case: Case) -> tuple[Finding, ...]:
+        """One finding per log that has rows."""
+        return tuple(self._look(case, evidence) for evidence in with_rows(case))
+
+    def _look(self, case: Case, evidence: Evidence) -> Finding:
+        low, high = np.quantile(look(case, evidence).q, [0.005, 0.995], axis=0)
+        off = _off(case, low, high)
+        units = reading(case, evidence)
+        declared = declared_units(evidence, case)
+        other = [j for j, unit in enumerate(declared) if units.joints[j].position_unit != unit]
+        picture = _picture(case, low, high)
+        if _of_motors(case, evidence, off, units):
+            return _motors(case, evidence, low, high, picture)
+        if other:
+            return _other_unit(case, evidence, units, other, off, picture)
+        outside = np.flatnonzero(off > OUTSIDE)
+        names = tuple(case.joints[j] for j in outside)
+        said = f"{', '.join(names)} is outside its limits; " if names else ""
+        return Finding(
+            self.name,
+            evidence.name,
+            Judgement.DOUBTFUL if names else Judgement.OK,
+            said + _facts(case, evidence),
+            _figure(case, off),
+            joints=names,
+            mend=Mend(
+                "check position_offset under [signals], the zero of the joints, and their limits"
+            )
+            if names
+            else None,
+            picture=picture,
+        )
+
+
+def _off(case: Case, low: Array, high: Array) -> Array:
+    """How far each joint gets from the middle of its range, over half the range."""
+    joints = zip(case.loaded.robot.coordinates, low, high, strict=True)
+    return np.array([beyond(c, float(a), float(b)) for c, a, b in joints])
+
+
+def _of_motors(case: Case, evidence: Evidence, off: Array, units: Reading) -> bool:
+    """Whether positions are motors', but not declared so: by their names, or as nothing fits."""
+    signals = evidence.recording.signals
+    if signals.position_map is not None:
+        return False
+    far = off > MOTOR
+    if all(Column(name).has("motor", "motors") for name in signals.position):
+        declared = [joint.position_unit for joint in units.as_declared]
+        return bool(far.any()) or declared != [joint.position_unit for joint in units.joints]
+    mended = np.array([j.position_scale for j in units.joints])
+    return bool(far.all() and (off * np.minimum(mended, 1.0) > MOTOR).all())
+
+
+def _motors(case: Case, evidence: Evidence, low: Array, high: Array, picture: Picture) -> Finding:
+    limits = [c.limits for c in case.loaded.robot.coordinates]
+    span = np.array([x.upper - x.lower for x in limits])
+    ranged = np.isfinite(span) & (span > 0.0)
+    ratios = np.ceil(np.divide(high - low, span, out=np.ones(len(span)), where=ranged))
+    off = _off(case, low, high)
+    outside = bool((off > OUTSIDE).any())
+    far = f"up to {off.max():.0f} times farther than the joints can go"
+    least = " ".join(f"{ratio:.0f}" for ratio in ratios)
+    return Finding(
+        Position.name,
+        evidence.name,
+        Judgement.WRONG,
+        "positions look like motors', not joints': they are "
+        + (far if outside else "called so, and faster than joints"),
+        _figure(case, off),
+        joints=tuple(case.joints[j] for j in np.flatnonzero(off > OUTSIDE)),
+        mend=Mend(
+            'declare coordinates = "motor" under [signals], and the gears as ratios = [...] under '
+            "[robot.transmission]"
+            + (f"; for positions to be within limits they must be at least {least}" * outside)
+        ),
+        picture=picture,
+    )
+
+
+def _other_unit(
+    case: Case,
+    evidence: Evidence,
+    units: Reading,
+    other: list[int],
+    off: Array,
+    picture: Picture,
+) -> Finding:
+    names = tuple(case.joints[j] for j in other)
+    gains = {j: units.as_declared[j].cost - units.joints[j].cost for j in other}
+    clear = max(other, key=gains.__getitem__)
+    unit = " and ".join(sorted({units.joints[j].position_unit for j in other}))
+    value = unit_value([j.position_unit for j in units.joints], case, POSITION_UNITS)
+    sure = units.sure
+    edit = Edit(("signals", "position_unit"), value)
+    says = f"say that these positions are in {unit}"
+    return Finding(
+        Position.name,
+        evidence.name,
+        Judgement.WRONG if sure else Judgement.DOUBTFUL,
+        f"positions of {', '.join(names)} {'are' if sure else 'may be'} in {unit}: as declared, "
+        f"{case.joints[clear]} would {_reasons(case, evidence, units, clear, off)}",
+        _figure(case, off),
+        joints=names,
+        mend=Mend(says, (edit,)) if sure else Mend(f"look at the log, and {says} if they are"),
+        picture=picture,
+    )
+
+
+def _reasons(case: Case, evidence: Evidence, units: Reading, joint: int, off: Array) -> str:
+    """What speaks against the declared unit: range, speed and logged velocities."""
+    fast, limit = motion(case, evidence), case.loaded.robot.coordinates[joint].limits.velocity
+    speed = np.quantile(np.abs(fast.v[joint]), 0.995) if fast.v.shape[1] else 0.0
+    found = []
+    if off[joint] > OUTSIDE:
+        found.append(f"get {off[joint]:.2g} times as far as its limits")
+    if speed > 0.0:
+        known = f" (limit {limit:.2g})" if np.isfinite(limit) else ""
+        found.append(f"move at {speed:.2g}{known}")
+    if units.agreement is not None and units.agreement.told[joint]:
+        scale = abs(float(units.agreement.scale[joint]))
+        if abs(np.log(scale)) > np.log(SAME):
+            found.append(f"have logged velocities {scale:.3g} times the derivative")
+    return ", ".join(found) or "hardly move"
+
+
+def _facts(case: Case, evidence: Evidence) -> str:
+    signals, gears = evidence.recording.signals, case.loaded.robot.transmission
+    units = " and ".join(sorted(set(declared_units(evidence, case))))
+    if wrapped := evidence.recording.wrapped:
+        units += f" ({', '.join(wrapped)} wrap at a turn: made continuous)"
+    if signals.position_map is None or gears is None:
+        return f"positions in {units}, within the joints' limits"
+    ratios = " ".join(f"{r:g}" for r in np.diag(gears.matrix))
+    coupled = ", coupled" if gears.coupled else ""
+    return f"motor-side signals, ratios {ratios}{coupled}; positions in {units}, within limits"
+
+
+def _figure(case: Case, off: Array) -> str:
+    far = int(np.argmax(off))
+    return (
+        f"{case.joints[far]} gets {off[far]:.3g} times as far from the middle as its limits, "
+        f"bound {OUTSIDE:g}"
+    )
+
+
+def _picture(case: Case, low: Array, high: Array) -> Picture:
+    limits = [c.limits for c in case.loaded.robot.coordinates]
+    lower = np.array([x.lower if np.isfinite(x.lower) else np.nan for x in limits])
+    upper = np.array([x.upper if np.isfinite(x.upper) else np.nan for x in limits])
+    return of_joints(
+        "position as declared [rad; m]",
+        (
+            ("lowest", low, "bars"),
+            ("highest", high, "bars"),
+            ("lower limit", lower, "points"),
+            ("upper limit", upper, "points"),
+        ),
+    )

@@ -1,0 +1,151 @@
+"""Do rows repeat positions, or efforts, although the robot moves?"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.arrays import Array
+from steelyard.diagnosis.case import Case, Evidence
+from steelyard.diagnosis.finding import Edit, Finding, Judgement, Mend, Picture, Trace
+from steelyard.diagnosis.signal_overview import Sight, look
+from steelyard.diagnosis.signals.held import Hold, hold, mean_age, old_rows
+from steelyard.measurement.rows.stale import LONGEST_STALE
+
+SPAN = 10
+"""Rows in which a joint must get far for the row in the middle to be one in motion."""
+FAR = 2.0
+"""Steps of the sensor per row that are far."""
+OFTEN = 0.2
+"""Share of repeated rows from which on a log is doubtful."""
+LATE = 2e-3
+"""Mean age of held samples from which on a log is doubtful [s]."""
+
+
+@dataclass(frozen=True)
+class Repeats:
+    """Rows with old positions or efforts: a controller that was read too often."""
+
+    name: ClassVar[str] = "repeats"
+    asks: ClassVar[str] = "Do rows repeat old positions, or old efforts?"
+    quick: ClassVar[bool] = True
+
+    def __call__(self, case: Case) -> tuple[Finding, ...]:
+        """One finding per log that moves fast enough to tell, another where efforts are held."""
+        found = (f for evidence in case.logs for f in self._both(case, evidence))
+        return tuple(finding for finding in found if finding is not None)
+
+    def _both(self, case: Case, evidence: Evidence) -> tuple[Finding | None, ...]:
+        sight = look(case, evidence)
+        if len(sight.t) <= 2 * SPAN:
+            return ()
+        c = sight.channels
+        positions = hold(sight.q, sight.resolution[c.q])
+        efforts = hold(sight.effort, sight.resolution[c.effort])
+        rows = np.ones(len(sight.t), dtype=np.bool_)
+        if evidence.processing.bridge_repeats and 0 < positions.every - 1 <= LONGEST_STALE:
+            rows = ~old_rows(sight.q)
+        age = mean_age(sight.q, positions, rows) * sight.step
+        late = mean_age(sight.effort, efforts, rows) * sight.step - age
+        return (
+            self._irregular(evidence, sight)
+            if positions.every == 1
+            else self._positions(evidence, sight, positions, round(age, 5)),
+            None
+            if efforts.every == 1
+            else self._efforts(evidence, sight, efforts, round(late, 5) + 0.0),
+        )
+
+    def _positions(self, evidence: Evidence, sight: Sight, held: Hold, left: float) -> Finding:
+        """Positions that are new every n-th row, and their mean age once rows are bridged [s]."""
+        age = 0.5 * (held.every - 1) * sight.step
+        doubtful = round(age, 4) > LATE or held.every - 1 > LONGEST_STALE
+        does = (
+            f"they are {1e3 * left:.2g} ms late on average, and rows are not bridged"
+            if left > 0.0
+            else "repeated rows are bridged"
+        )
+        return Finding(
+            self.name,
+            evidence.name,
+            Judgement.DOUBTFUL if doubtful else Judgement.OK,
+            f"positions are new {_every(sight, held)}: {does}",
+            f"{held.figure}; {1e3 * age:.3g} ms old on average, bound {1e3 * LATE:g} ms and "
+            f"{LONGEST_STALE} repeated rows",
+            mend=Mend(
+                f"log at the rate at which positions are new, {1.0 / sight.step / held.every:.3g} "
+                "Hz, or update them at the log's"
+            )
+            if doubtful
+            else None,
+            picture=held.picture,
+        )
+
+    def _efforts(self, evidence: Evidence, sight: Sight, held: Hold, late: float) -> Finding:
+        """Efforts that are new every n-th row, and how much older than positions they are [s]."""
+        stated = evidence.recording.signals.effort_delay
+        doubtful = round(late - stated, 4) > LATE
+        does = (
+            f"they are {1e3 * late:.2g} ms late on average"
+            if late > 0.0
+            else "no later than positions"
+        )
+        known = f" ([signals.effort] delay takes out {1e3 * stated:g} ms)" if stated else ""
+        return Finding(
+            self.name,
+            evidence.name,
+            Judgement.DOUBTFUL if doubtful else Judgement.OK,
+            f"efforts are new {_every(sight, held)}: {does}{known}",
+            f"{held.figure}; {1e3 * late:.3g} ms later than positions, bound {1e3 * LATE:g} ms",
+            mend=Mend(
+                f"log efforts as they are measured, or state the mean delay, {1e3 * late:.3g} ms",
+                (Edit(("signals", "effort", "delay"), late),),
+            )
+            if doubtful
+            else None,
+            picture=held.picture,
+        )
+
+    def _irregular(self, evidence: Evidence, sight: Sight) -> Finding | None:
+        """Rows in motion that repeat positions now and then."""
+        q, step = sight.q, sight.resolution[sight.channels.q]
+        far = np.abs(q[SPAN:] - q[:-SPAN]) > FAR * SPAN * step
+        fast: NDArray[np.bool_] = np.any(far & (step > 0.0), axis=1)
+        if not fast.any():
+            return None
+        same = np.all(q[1:] == q[:-1], axis=1)
+        again: NDArray[np.bool_] = same[SPAN // 2 : SPAN // 2 + len(fast)] & fast
+        count, total = int(again.sum()), int(fast.sum())
+        share = count / total
+        often = share > OFTEN
+        return Finding(
+            self.name,
+            evidence.name,
+            Judgement.DOUBTFUL if often else Judgement.OK,
+            f"{count} rows in motion repeat the positions of the row before"
+            if count
+            else "no row in motion repeats the one before",
+            f"{count} of {total} rows in motion ({100.0 * share:.2g} %), bound {100.0 * OFTEN:g} %",
+            mend=Mend(
+                f"log at the rate at which positions are new, about {1.0 - share:.2g} of this one"
+            )
+            if often
+            else None,
+            picture=_picture(sight.t[SPAN // 2 + 1 :][: len(again)] - sight.t[0], again)
+            if count
+            else None,
+        )
+
+
+def _every(sight: Sight, held: Hold) -> str:
+    """How often samples are new."""
+    rate = 1.0 / sight.step
+    return f"every {held.every} rows ({rate / held.every:.3g} Hz of {rate:.3g} Hz)"
+
+
+def _picture(t: Array, again: NDArray[np.bool_]) -> Picture:
+    """Repeated rows over time."""
+    count, edges = np.histogram(t[again], bins=100, range=(float(t[0]), float(t[-1])))
+    bars = Trace("repeated rows", 0.5 * (edges[1:] + edges[:-1]), count.astype(np.float64), "bars")
+    return Picture("time [s]", "repeated rows", (bars,))

@@ -1,0 +1,118 @@
+"""Do efforts stay at an extreme, as if something were cut off?"""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.arrays import Array
+from steelyard.diagnosis.case import Case, Evidence
+from steelyard.diagnosis.finding import Finding, Judgement, Mend, Picture
+from steelyard.diagnosis.pictures import trace
+from steelyard.diagnosis.signal_overview import Sight, look, with_rows
+from steelyard.measurement.rows.outliers import stretches
+
+STAYS = 5
+"""Stays of usual length that a stay at the highest or lowest value must be long at least."""
+OFTEN = 0.005
+"""Share of all rows there from which on an effort is cut off, too."""
+BESIDE = 5
+"""Steps of the sensor next to an extreme that tell how long a signal stays at one level."""
+RATIO = 8.0
+r"""Stay at the extreme over the mean stay beside it, at least. A smooth peak that fills its highest
+level stays $2\sqrt2$ there and $\sqrt{k+1} - \sqrt k$ on each side of the levels below it: a ratio
+of 6.9 for $k = 1 ... 5$, and a row more by rounding."""
+REACH = BESIDE + 0.5
+"""The same with room for rounding."""
+GAP = 0.15
+"""Distance to the next level over the range, from which on an effort is switched, not cut off."""
+
+
+@dataclass(frozen=True)
+class _Stay:
+    """How long an effort stays at an extreme: its value, the rows, and those that are cut off."""
+
+    value: float
+    rows: int
+    bound: float
+
+    @property
+    def share(self) -> float:
+        """Rows over the bound: 1 or more of what is cut off."""
+        return self.rows / self.bound
+
+
+@dataclass(frozen=True)
+class Saturation:
+    """Efforts that stay at exactly their highest or lowest value."""
+
+    name: ClassVar[str] = "saturation"
+    asks: ClassVar[str] = "Are efforts cut off?"
+    quick: ClassVar[bool] = True
+
+    def __call__(self, case: Case) -> tuple[Finding, ...]:
+        """One finding per log that has rows."""
+        return tuple(self._look(case, evidence) for evidence in with_rows(case))
+
+    def _look(self, case: Case, evidence: Evidence) -> Finding:
+        sight = look(case, evidence)
+        stays = [_stay(column) for column in sight.effort.T]
+        cut = [j for j, stay in enumerate(stays) if stay.share >= 1.0]
+        worst = max(range(len(stays)), key=lambda j: stays[j].share)
+        names = tuple(case.joints[j] for j in cut)
+        unit = evidence.recording.signals.effort_units
+        said = [
+            f"the effort of {case.joints[j]} stays at {stays[j].value:.4g} {unit[j]} "
+            f"for {stays[j].rows} rows"
+            for j in cut
+        ]
+        return Finding(
+            self.name,
+            evidence.name,
+            Judgement.DOUBTFUL if cut else Judgement.OK,
+            "; ".join(said) or "no effort stays at its extreme",
+            f"{stays[worst].rows} rows at an extreme ({case.joints[worst]})"
+            + (f", bound {stays[worst].bound:.0f}" if np.isfinite(stays[worst].bound) else ""),
+            joints=names,
+            mend=Mend("move slower or with less load, or raise the range of what measures efforts")
+            if cut
+            else None,
+            picture=_picture(case, evidence, sight, worst) if cut else None,
+        )
+
+
+def _stay(effort: Array) -> _Stay:
+    """The more striking of the stays at the highest and at the lowest value."""
+    high, low = _highest(effort), _highest(-effort)
+    return high if high.share >= low.share else replace(low, value=-low.value)
+
+
+def _highest(effort: Array) -> _Stay:
+    """The longest stay at the highest value, or all of them, whichever is more striking."""
+    levels = np.unique(effort)[::-1]
+    top, stays = levels[0], _stays(effort, levels[0])
+    once = _Stay(float(top), int(stays.max()), np.inf)
+    if len(levels) <= BESIDE or top - levels[1] > GAP * (top - levels[-1]):
+        return once
+    near = levels[1 : 1 + BESIDE]
+    beside = [_stays(effort, level) for level in near]
+    step = float(np.abs(np.diff(levels[: 1 + BESIDE])).min())
+    close = [own for own, level in zip(beside, near, strict=True) if top - level < REACH * step]
+    usual = STAYS * float(np.median(np.concatenate(beside)))
+    mean = sum(float(np.square(own).sum() / own.sum()) for own in close) / BESIDE
+    often = OFTEN * len(effort), RATIO * sum(int(own.sum()) for own in close) / BESIDE
+    once = replace(once, bound=float(np.ceil(max(usual, RATIO * mean))))
+    many = replace(once, rows=int(stays.sum()), bound=float(np.ceil(max(usual, *often))))
+    return many if many.share >= 1.0 else once
+
+
+def _stays(effort: Array, level: float) -> NDArray[np.intp]:
+    """Lengths of the stays at a level, in rows."""
+    return np.array([stop - start for start, stop in stretches(effort == level)])
+
+
+def _picture(case: Case, evidence: Evidence, sight: Sight, joint: int) -> Picture:
+    unit = evidence.recording.signals.effort_units[joint]
+    effort = trace(case.joints[joint], sight.t - sight.t[0], sight.effort[:, joint])
+    return Picture("time [s]", f"effort [{unit}]", (effort,))

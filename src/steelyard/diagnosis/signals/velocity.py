@@ -1,0 +1,297 @@
+"""Are logged velocities the derivatives of the positions?"""
+
+from dataclasses import dataclass
+from math import log
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.diagnosis.case import Case, Evidence
+from steelyard.diagnosis.finding import Edit, Finding, Judgement, Mend, Picture
+from steelyard.diagnosis.hypotheses.verdict import positions_at_fault
+from steelyard.diagnosis.pictures import trace
+from steelyard.diagnosis.signal_overview import look
+from steelyard.diagnosis.signals.agreement import Agreement
+from steelyard.diagnosis.signals.clock import lost
+from steelyard.diagnosis.signals.differences import one_sided
+from steelyard.diagnosis.signals.unit_costs import SAME
+from steelyard.diagnosis.signals.units import Reading, driven, reading, unit_value, velocities
+from steelyard.robot_file.signals import VELOCITY_UNITS
+
+LATE_STEPS, LATE_ERRORS = 1.5, 3.0
+"""A lag is one if it is longer than so many steps of the clock and so many standard errors."""
+SHOWN = 10.0
+"""Length of the picture [s]."""
+REMOVED = tuple(
+    Edit(("signals", key), None) for key in ("velocity", "velocity_unit", "velocity_sign")
+)
+WITHOUT = "leave the velocities out: positions are differentiated then"
+
+
+@dataclass(frozen=True, eq=False)
+class _Faults:
+    """What is wrong with velocities; arrays are masks over the joints.
+
+    Attributes:
+        swapped: Another column fits.
+        unit: They are in another unit.
+        turned: They have the other sign.
+        scaled: They are off by a factor that is no unit's.
+        strange: They are not the derivative of any position.
+        late: They lag.
+        differenced: They are differences of a row's position and its neighbour's.
+    """
+
+    swapped: NDArray[np.bool_]
+    unit: NDArray[np.bool_]
+    turned: NDArray[np.bool_]
+    scaled: NDArray[np.bool_]
+    strange: NDArray[np.bool_]
+    late: NDArray[np.bool_]
+    differenced: NDArray[np.bool_]
+
+    @property
+    def grave(self) -> NDArray[np.bool_]:
+        """Joints with a fault that is not only a lag."""
+        bad: NDArray[np.bool_] = self.swapped | self.unit | self.turned | self.scaled | self.strange
+        return bad
+
+    @property
+    def misplaced(self) -> bool:
+        """Whether nothing is wrong but order and sign, which positions may have instead."""
+        other: NDArray[np.bool_] = self.unit | self.scaled | self.strange
+        return bool((self.swapped | self.turned).any() and not other.any())
+
+
+@dataclass(frozen=True)
+class Velocity:
+    """Scale, sign, order and lag of logged velocities, against the derivative of positions."""
+
+    name: ClassVar[str] = "velocity"
+    asks: ClassVar[str] = "Are velocities the derivatives?"
+    quick: ClassVar[bool] = True
+
+    def __call__(self, case: Case) -> tuple[Finding, ...]:
+        """One finding per log that has velocities, declared or not, and motion to tell them by."""
+        found = []
+        for evidence in case.logs:
+            logged, units = velocities(case, evidence), reading(case, evidence)
+            agreed = units.agreement
+            if logged is None or agreed is None or not agreed.moving.any():
+                continue
+            if look(case, evidence).moves:
+                found.append(_found(case, evidence, logged[0], units, agreed))
+        return tuple(found)
+
+
+def _found(
+    case: Case, evidence: Evidence, columns: tuple[str, ...], units: Reading, agreed: Agreement
+) -> Finding:
+    declared = evidence.recording.signals.velocity is not None
+    faults = _faults(case, evidence, units, agreed)
+    said = _said(case, columns, units, agreed, faults, declared)
+    judgement, mend, answered = Judgement.OK, None, True
+    if lost(case, evidence) is not None:
+        said, answered = ["rows are missing, which breaks d(q)/dt: see clock"], False
+    elif declared and faults.misplaced and positions_at_fault(case, evidence):
+        said.append("it is the positions that are wrong")
+    elif declared and faults.grave.any() and _with_positions(units, faults):
+        judgement = Judgement.DOUBTFUL
+        mend = Mend("look at the unit of the positions, which they agree with as declared")
+    elif declared and faults.grave.any():
+        judgement, mend = Judgement.WRONG, _mended(case, evidence, columns, units, faults)
+    elif declared and (faults.late | faults.differenced).any():
+        judgement, mend = Judgement.DOUBTFUL, Mend(WITHOUT, REMOVED)
+    bad = faults.grave | faults.late | faults.differenced
+    facts = _facts(agreed)
+    left_out = "" if declared else f"velocities ({columns[0]} ...) are logged but left out; "
+    return Finding(
+        Velocity.name,
+        evidence.name,
+        judgement,
+        left_out + "; ".join([*said, facts]),
+        _figure(case, evidence, units, agreed),
+        joints=tuple(case.joints[j] for j in np.flatnonzero(bad)),
+        mend=mend,
+        picture=_picture(case, agreed, _worst(agreed, bad)),
+        answered=answered,
+    )
+
+
+def _faults(case: Case, evidence: Evidence, units: Reading, agreed: Agreement) -> _Faults:
+    n = len(agreed.order)
+    # what is only dragged along moves too little to tell a scale or a lag by
+    told = agreed.told & driven(case, evidence)
+    relative = np.array([abs(units.relative(j)) for j in range(n)])
+    step = look(case, evidence).step * units.second
+    declared = [joint.velocity_unit for joint in units.as_declared]
+    with np.errstate(invalid="ignore"):
+        off = told & (np.abs(np.log(np.where(relative > 0.0, relative, np.nan))) > log(SAME))
+        signals = evidence.recording.signals
+        taken_out = 0.0 if signals.velocity is None else signals.velocity_delay
+        lag = np.abs(agreed.lag - taken_out)
+        late = lag > np.maximum(LATE_STEPS * step, LATE_ERRORS * agreed.lag_std)
+        turned = told & (agreed.scale < 0.0)
+    changed = np.array([u.velocity_unit for u in units.joints]) != np.array(declared)
+    return _Faults(
+        agreed.order != np.arange(n),
+        told & changed,
+        turned,
+        off,
+        driven(case, evidence) & ~told,
+        told & late,
+        _differenced(case, evidence, units),
+    )
+
+
+def _differenced(case: Case, evidence: Evidence, units: Reading) -> NDArray[np.bool_]:
+    """Velocities that are differences of positions, once all units are right."""
+    sight, logged = look(case, evidence), velocities(case, evidence)
+    if logged is None:
+        return np.zeros(sight.channels.joints, dtype=np.bool_)
+    q, dq = (
+        np.array([getattr(joint, f"{name}_scale") for joint in units.joints])
+        for name in ("position", "velocity")
+    )
+    alike = one_sided(units.second * sight.t, q * sight.q, dq * logged[1])
+    return alike & driven(case, evidence)
+
+
+def _with_positions(units: Reading, faults: _Faults) -> bool:
+    """Whether only units are wrong, and only if those of the positions are, which is doubtful."""
+    other = faults.swapped | faults.turned | faults.scaled | faults.strange
+    pairs = zip(units.as_declared, units.joints, strict=True)
+    changed = np.array([a.position_unit != b.position_unit for a, b in pairs])
+    return not units.sure and not other.any() and bool(changed[faults.unit].all())
+
+
+def _said(
+    case: Case,
+    columns: tuple[str, ...],
+    units: Reading,
+    agreed: Agreement,
+    faults: _Faults,
+    declared: bool,
+) -> list[str]:
+    """What is wrong, one clause each."""
+    said = []
+    if faults.swapped.any():
+        pairs = [
+            f"{columns[agreed.order[j]]} is of {case.joints[j]}"
+            for j in np.flatnonzero(faults.swapped)
+        ]
+        said.append(f"velocity columns are swapped: {', '.join(pairs)}")
+    if faults.unit.any():
+        unit = " and ".join(sorted({units.joints[j].velocity_unit for j in _at(faults.unit)}))
+        doubted = _with_positions(units, faults)
+        said.append(
+            f"velocities of {_names(case, faults.unit)} {'may be' if doubted else 'are'} in {unit}"
+        )
+    if faults.turned.any():
+        said.append(
+            f"position and velocity of {_names(case, faults.turned)} have opposite signs, either "
+            "may be at fault"
+        )
+    if faults.scaled.any():
+        factors = ", ".join(f"{abs(units.relative(j)):.3g}" for j in _at(faults.scaled))
+        said.append(f"velocities of {_names(case, faults.scaled)} are {factors} times d(q)/dt")
+    if faults.strange.any():
+        said.append(f"velocities of {_names(case, faults.strange)} are not their derivatives")
+    if faults.late.any():
+        used = "" if declared else ", but are not used"
+        said.append(f"velocities of {_names(case, faults.late)} are late{used}")
+    if faults.differenced.any():
+        used = "" if declared else ", but are not used"
+        said.append(
+            f"velocities of {_names(case, faults.differenced)} are differences of each position "
+            f"and its neighbour's: half a row late, with twice the noise{used}"
+        )
+    return said
+
+
+def _mended(
+    case: Case, evidence: Evidence, columns: tuple[str, ...], units: Reading, faults: _Faults
+) -> Mend:
+    """Order, unit and sign put right; or no velocities, if they cannot be."""
+    agreed, signals = units.agreement, evidence.recording.signals
+    if faults.scaled.any() or faults.strange.any() or agreed is None:
+        return Mend(WITHOUT, REMOVED)
+    edits, says = [], []
+    if faults.swapped.any():
+        order: Any = [columns[k] for k in agreed.order]
+        edits.append(Edit(("signals", "velocity"), order))
+        says.append("order the columns as the joints are")
+    if faults.unit.any():
+        value = unit_value([j.velocity_unit for j in units.joints], case, VELOCITY_UNITS)
+        edits.append(Edit(("signals", "velocity_unit"), value))
+        says.append("say the velocities' unit")
+    if faults.turned.any() and signals.velocity_scale is not None:
+        own = np.sign(signals.velocity_scale)[agreed.order]
+        signs = np.where(faults.turned, -own, own)
+        edits.append(Edit(("signals", "velocity_sign"), [int(s) for s in signs]))
+        says.append("turn the velocities' signs (or the positions', if a model says so)")
+    return Mend("; ".join(says), tuple(edits))
+
+
+def _at(mask: NDArray[np.bool_]) -> list[int]:
+    return np.flatnonzero(mask).tolist()
+
+
+def _names(case: Case, mask: NDArray[np.bool_]) -> str:
+    if len(mask) > 2 and mask.all():
+        return f"all {len(mask)} joints"
+    return ", ".join(case.joints[j] for j in _at(mask))
+
+
+def _facts(agreed: Agreement) -> str:
+    """The lags in words."""
+    told = agreed.told
+    if not told.any():
+        return "no lag can be told"
+    lag = 1e3 * agreed.lag[told]
+    error = 1e3 * float(np.max(agreed.lag_std[told]))
+    spread = f"{lag.min():.3g} to {lag.max():.3g}" if len(lag) > 1 else f"{lag[0]:.3g}"
+    return f"velocities lag {spread} ms (± {error:.1g}) behind d(q)/dt"
+
+
+def _figure(case: Case, evidence: Evidence, units: Reading, agreed: Agreement) -> str:
+    told = _at(agreed.told)
+    if not told:
+        best = float(np.nanmax(np.abs(agreed.correlation)))
+        return f"correlation of {best:.2g} with d(q)/dt, bound 0.9"
+    ratio = np.array([units.relative(j) for j in range(len(agreed.order))])
+    far = max(told, key=lambda j: abs(ratio[j] - 1.0))
+    late = max(told, key=lambda j: abs(float(agreed.lag[j])))
+    step = 1e3 * look(case, evidence).step * units.second
+    declared = float(agreed.scale[far])
+    return (
+        f"{case.joints[far]}: {declared:.3g} times d(q)/dt (bound {1.0 / SAME:.2g} to {SAME:g}); "
+        f"{case.joints[late]}: {1e3 * agreed.lag[late]:.2f} ± {1e3 * agreed.lag_std[late]:.2f} ms "
+        f"late (bound {LATE_STEPS * step:.3g} ms)"
+    )
+
+
+def _worst(agreed: Agreement, bad: NDArray[np.bool_]) -> int:
+    if bad.any():
+        return _at(bad)[0]
+    lag = np.where(agreed.told, np.abs(agreed.lag), -1.0)
+    return int(np.argmax(lag))
+
+
+def _picture(case: Case, agreed: Agreement, joint: int) -> Picture:
+    """Derivative and velocity of a joint where it is busiest, as declared."""
+    v, t = agreed.derivative[joint], agreed.t
+    length = min(len(t), max(2, int(SHOWN / max(t[1] - t[0], 1e-9)))) if len(t) > 1 else len(t)
+    energy = np.concatenate(([0.0], np.cumsum(np.square(v))))
+    start = int(np.argmax(energy[length:] - energy[: len(energy) - length]))
+    at = slice(start, start + length)
+    name = case.joints[joint]
+    return Picture(
+        "time [s]",
+        "velocity as declared",
+        (
+            trace(f"d(q)/dt of {name}", t[at], v[at]),
+            trace(f"logged velocity of {name}", t[at], agreed.logged[joint][at]),
+        ),
+    )

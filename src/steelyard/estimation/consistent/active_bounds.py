@@ -1,0 +1,120 @@
+"""Parameters that a bound holds, and what is known before the data that the data contradict."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.estimation.consistent.program import Program, Wishes
+
+NEAR, BEYOND = 1e-3, 1e-3
+"""Distance to a bound, and distance beyond it that the data ask for, in standard deviations, at
+which a parameter counts as held by it."""
+
+CONTRADICTED = 2.0
+"""Standard deviations by which data miss a wish that they contradict."""
+
+FAR = 1e3
+"""Size of a wish that is to be looked at, in units of a body's prior or of the whole effort."""
+
+NAMED = 3
+"""Wishes that are named: those that the data miss most."""
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """Unknowns with those that a bound holds put onto it, and those that nothing tells to zero.
+
+    Attributes:
+        u: The unknowns.
+        names: Standard parameters that a bound holds.
+    """
+
+    u: Array
+    names: tuple[str, ...]
+
+
+def held(program: Program, u: Array, covariance: Array) -> Held:
+    """Find the parameters that a bound of their own holds.
+
+    Args:
+        program: The program.
+        u: Its optimum, shape `(m,)`.
+        covariance: Of the unknowns, shape `(m, m)`.
+    """
+    known, wishes = program.unknowns, program.wishes
+    slope = known.matrix.T @ (known.matrix @ u - known.vector) + known.weak * u
+    own = (np.count_nonzero(wishes.matrix, axis=1) == 1) & ~wishes.equal
+    first = 10 * len(known.priors)
+    at, names = u.copy(), []
+    for number in np.flatnonzero(own):
+        k = int(np.argmax(np.abs(wishes.matrix[number])))
+        if k < first:
+            continue
+        sign, std = wishes.matrix[number, k], float(np.sqrt(max(covariance[k, k], 0.0)))
+        for bound, outward in ((wishes.lower[number], 1.0), (wishes.upper[number], -1.0)):
+            slack = outward * (sign * u[k] - bound)
+            if slack <= NEAR * std and outward * sign * slope[k] * std >= BEYOND:
+                at[k] = sign * bound
+                names.append(known.names[known.terms[k - first]])
+    for k in _untold(program):
+        alone = wishes.matrix[:, k] != 0.0
+        both = np.array([wishes.lower[alone], wishes.upper[alone]])
+        edges = np.sort(both / wishes.matrix[alone, k], axis=0)
+        at[k] = np.clip(0.0, edges[0].max(initial=-np.inf), edges[1].min(initial=np.inf))
+    return Held(at, tuple(dict.fromkeys(names)))
+
+
+def _untold(program: Program) -> list[int]:
+    """Unknowns of terms that neither data nor wishes about several parameters tell."""
+    several = program.wishes.matrix[np.count_nonzero(program.wishes.matrix, axis=1) > 1]
+    told = np.any(program.unknowns.matrix != 0.0, axis=0) | np.any(several != 0.0, axis=0)
+    first = 10 * len(program.unknowns.priors)
+    return [k for k in range(first, len(told)) if not told[k]]
+
+
+def contradicted(program: Program, free: Array, covariance: Array) -> tuple[str, ...]:
+    """Wishes of the user that the data miss without them, with what these would have instead.
+
+    Args:
+        program: The program with the wishes.
+        free: The unknowns at the optimum without them, shape `(m,)`.
+        covariance: Of these, shape `(m, m)`.
+    """
+    wishes, known = program.wishes, program.unknowns
+    found: dict[str, tuple[float, float]] = {}
+    values = wishes.matrix @ free
+    squares = np.einsum("rm,mn,rn->r", wishes.matrix, covariance, wishes.matrix)
+    stds = np.sqrt(np.maximum(squares, 0.0))
+    standard = dict(zip(known.names, known.standard(free).tolist(), strict=True))
+    for row, value, std, low, high in zip(
+        wishes.rows, values, stds, wishes.lower, wishes.upper, strict=True
+    ):
+        missed = max(low - value, value - high)
+        if missed <= CONTRADICTED * std or missed <= 0.0:
+            continue
+        worth = missed / max(std, 1e-300)
+        data = sum(factor * standard[name] for name, factor in row.coefficients.items())
+        if row.label not in found or worth > found[row.label][0]:
+            found[row.label] = (worth, data)
+    order = sorted(found, key=lambda label: -found[label][0])
+    return _named(order, [found[label][1] for label in order])
+
+
+def far_wishes(wishes: Wishes) -> tuple[str, ...]:
+    """Wishes of sizes that hardly any parameter has, for messages."""
+    sizes = np.where(np.isfinite(wishes.lower), np.abs(wishes.lower), 0.0)
+    sizes = np.maximum(sizes, np.where(np.isfinite(wishes.upper), np.abs(wishes.upper), 0.0))
+    found = [row.label for row, size in zip(wishes.rows, sizes, strict=True) if size > FAR]
+    return tuple(dict.fromkeys(found))[:NAMED]
+
+
+def _named(labels: Sequence[str], values: Sequence[float]) -> tuple[str, ...]:
+    """The first few with what the data would have."""
+    told = [
+        f"{label}: {value:.4g} without it"
+        for label, value in list(zip(labels, values, strict=True))[:NAMED]
+    ]
+    rest = len(labels) - NAMED
+    return (*told, *([f"and {rest} more"] if rest > 0 else []))

@@ -1,0 +1,337 @@
+r"""Physically consistent parameters: bodies that can exist, near their priors [Wensing2018].
+
+The data come whitened and compressed, bodies in the scale of their prior, friction, rotor inertia
+and stiffness within their bounds; the program is convex: Clarabel comes near its optimum, Newton's
+method gets there. Its curvature at the optimum is the posterior's precision (Laplace), so intervals
+count data and prior alike, and each parameter tells how much of it is data. Near the edge of what
+can exist the penalty is steep, which makes no parameter better known: the prior counts there with
+the curvature that it has at its own values.
+"""
+
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from steelyard.arrays import Array, frozen
+from steelyard.estimation.consistent.active_bounds import far_wishes, held
+from steelyard.estimation.consistent.conic import MOST_ITERATIONS, Infeasible, Unsolved, solved
+from steelyard.estimation.consistent.contradictions import refuse_contradictions
+from steelyard.estimation.consistent.costs import cost_notes
+from steelyard.estimation.consistent.physics import Entropic, Form
+from steelyard.estimation.consistent.polish import polished
+from steelyard.estimation.consistent.program import Program, wishes
+from steelyard.estimation.consistent.unknowns import Unknowns, unknowns
+from steelyard.estimation.consistent.weight import Tried, Weighed, weighed
+from steelyard.estimation.estimate import Estimate, Standard
+from steelyard.estimation.knowledge import Knowledge
+from steelyard.estimation.least_squares.normal_equations import Solution, Spread, described
+from steelyard.estimation.least_squares.whitened import Whitened, whitened
+from steelyard.parameters import Parameters
+from steelyard.regression.base import BaseMap
+from steelyard.regression.information import Information
+
+ROUGH = 1e-8
+"""Gap and infeasibility that the solver is asked for where Newton's method does the rest."""
+
+UNITS = (1e4, 1e6)
+"""Units of the squares that are tried where the solver stops in that of the noise, before that of
+the whole effort."""
+
+SHARE = 1e-5
+"""Gap that is enough in such a unit: of squares that are nearly all of the effort's."""
+
+ENOUGH = 5e-5
+"""Gap of the objective that moves no value by more than 0.01 standard deviations: within a gap `g`
+the data and the prior together leave a distance of the root of `2 g`."""
+
+TOLD = 6
+"""Wishes that the notes repeat."""
+
+
+@dataclass(frozen=True, eq=False)
+class Consistent:
+    """The convex estimate with a prior; the default.
+
+    Attributes:
+        base: Lifts base parameters to standard ones.
+        knowledge: Priors, bounds and wishes.
+        form: How bodies are held to their priors, and that they can exist.
+        gamma: Weight of the prior; of its stated uncertainty, or found from the data, if `None`.
+        per_run: Columns whose parameters every run has for itself.
+        equal: Whether all rows weigh the same, whatever their noise.
+        iterations: After which the solver gives up.
+    """
+
+    base: BaseMap
+    knowledge: Knowledge
+    form: Form = Entropic()
+    gamma: float | None = None
+    per_run: tuple[str, ...] = ()
+    equal: bool = False
+    iterations: int = MOST_ITERATIONS
+
+    def __post_init__(self) -> None:
+        if self.gamma is not None and not self.gamma > 0.0:
+            raise ValueError("a weight of the prior is positive; the form `Free` takes none")
+
+    def __call__(self, information: Information) -> Estimate:
+        """Estimate all standard parameters.
+
+        Raises:
+            DataError: The data are too few, the wishes contradict each other, or the solver stopped
+                before the optimum.
+        """
+        data = whitened(information, self.per_run, equal=self.equal)
+        program = self.program(data)
+        found = self.weighed(program)
+        return self._described(data, program, found)
+
+    def values(self, information: Information, gamma: float | None = None) -> tuple[Array, float]:
+        """Values of the information's columns, without all that tells how sure they are.
+
+        Args:
+            information: What the data say; no run has parameters of its own.
+            gamma: Weight of the prior; as of a call if `None`.
+
+        Returns:
+            The values, shape `(p,)`, zero of columns without a base parameter, and the weight.
+
+        Raises:
+            DataError: As of a call.
+        """
+        program = self.program(whitened(information, equal=self.equal))
+        tried = self.weighed(program).tried if gamma is None else self._tried(program, gamma)
+        lifted = self.base.lift @ program.unknowns.standard(tried.u)
+        known = dict(zip(self.base.base_names, lifted.tolist(), strict=True))
+        return np.array([known.get(c, 0.0) for c in information.layout.columns]), tried.gamma
+
+    def program(self, data: Whitened) -> Program:
+        """The convex program of whitened data."""
+        known = unknowns(data, self.base, self.knowledge)
+        return Program(known, wishes(known, self.knowledge), self.form)
+
+    def solve(self, program: Program, gamma: float) -> Array:
+        """The unknowns at the optimum with a weight of the prior.
+
+        Raises:
+            DataError: As of a call.
+        """
+        try:
+            return self._optimum(program, gamma)
+        except (Infeasible, Unsolved) as error:
+            refuse_contradictions(self.knowledge)
+            if far := far_wishes(program.wishes):
+                raise type(error)(
+                    error.wrong,
+                    where=self._where,
+                    mend=f"look at the sizes in [[knowledge]]: {'; '.join(far)}",
+                ) from None
+            raise
+
+    def _optimum(self, program: Program, gamma: float) -> Array:
+        """Near it by the solver and to the end by Newton's method, or all by the solver."""
+        conic, m = program.conic(gamma), len(program.unknowns.weak)
+        if self.form.penalises and all(program.unknowns.priors):
+            with suppress(Infeasible, Unsolved):
+                near = solved(conic, self._where, self.iterations, aim=ROUGH, enough=ENOUGH)[:m]
+                end = polished(program, near, gamma)
+                if end is not None:
+                    return end
+        try:
+            return solved(conic, self._where, self.iterations, enough=ENOUGH)[:m]
+        except (Infeasible, Unsolved):
+            found = self._rescaled(program, gamma)
+            if found is None:
+                raise
+            return found
+
+    def _rescaled(self, program: Program, gamma: float) -> Array | None:
+        """The optimum in other units of the squares; `None` where they do not help either.
+
+        Where possible bodies contradict the data, the squares are so many times the prior's
+        penalty that the solver loses the latter's digits.
+        """
+        for unit in units_of(program.unknowns):
+            with suppress(Infeasible, Unsolved):
+                conic = program.conic(gamma, unit=unit)
+                near = solved(conic, self._where, self.iterations, aim=ROUGH, enough=SHARE)
+                return near[: len(program.unknowns.weak)]
+        return None
+
+    @property
+    def _where(self) -> str:
+        return f"the consistent estimate ({self.form.name} prior)"
+
+    def weighed(self, program: Program) -> Weighed:
+        """The solution with the weight of the prior that is given, stated or found."""
+        known = program.unknowns
+
+        def at(gamma: float) -> Tried:
+            return self._tried(program, gamma)
+
+        stated = self.gamma
+        if stated is None and self.knowledge.uncertainty is not None:
+            stated = self.knowledge.uncertainty**-2
+        if stated is None and self.form.penalises and any(known.priors):
+            return weighed(at, len(known.vector))
+        return Weighed(at(0.0 if stated is None else stated))
+
+    def _tried(self, program: Program, gamma: float) -> Tried:
+        """The solution with one weight."""
+        u = self.solve(program, gamma)
+        return Tried(gamma, u, program.unknowns.chi_squared(u), program.evidence(u, gamma))
+
+    def _described(self, data: Whitened, program: Program, found: Weighed) -> Estimate:
+        """The estimate: base parameters as the data see them, and all standard ones."""
+        known = program.unknowns
+        covariance, before = _covariances(data, program, found.tried)
+        at = held(program, found.tried.u, covariance)
+        standard = known.standard(at.u)
+        spread = known.scale @ covariance @ known.scale.T
+        lift = self.base.lift
+        solution = _solution(data, lift @ standard, lift @ spread @ lift.T, self.base)
+        own = [part.covariance(solution.kept, solution.inverse) for part in solution.locals]
+        fit = replace(data.fit, solution=solution)
+        name = f"consistent ({self.form.name} prior)"
+        estimate = described(name, fit, Spread(solution.inverse, tuple(own)))
+        place = {n: k for k, n in enumerate(self.base.base_names)}
+        rows = [place[n] for n in estimate.parameters.names]
+        learned = _share(lift @ known.scale, program.wishes.free, covariance, before)[rows]
+        learned[[n in self.per_run for n in estimate.parameters.names]] = 1.0
+        alone = {n for n, row in zip(self.base.base_names, lift, strict=True) if _alone(row)}
+        return replace(
+            estimate,
+            standard=self._standard(
+                estimate,
+                standard,
+                spread,
+                _share(known.scale, program.wishes.free, covariance, before),
+            ),
+            learned=frozen(learned),
+            at_bound=tuple(n for n in estimate.parameters.names if n in at.names and n in alone),
+            notes=(*self.knowledge.notes, *self._notes(data, program, found)),
+        )
+
+    def _notes(self, data: Whitened, program: Program, found: Weighed) -> tuple[str, ...]:
+        """What was known, how its weight came about, and what it costs."""
+        return (
+            *_told(self.knowledge),
+            *_weight_note(found, self, len(program.unknowns.vector), any(program.unknowns.priors)),
+            *cost_notes(
+                program,
+                self.knowledge,
+                found,
+                self._tried,
+                lambda some, tried: _covariances(data, some, tried)[0],
+            ),
+        )
+
+    def _standard(self, estimate: Estimate, values: Array, spread: Array, share: Array) -> Standard:
+        """All standard parameters; what every run has for itself is as a new run is expected."""
+        learned = share.copy()
+        full, covariance = values.copy(), spread.copy()
+        place = {name: k for k, name in enumerate(self.base.names)}
+        for name in self.per_run:
+            if name in estimate.parameters.names:
+                k, own = place[name], estimate.parameters.names.index(name)
+                full[k], learned[k] = estimate.parameters.values[own], 1.0
+                covariance[k, k] = estimate.covariance[own, own]
+        # what the wishes give has no variance, but for rounding
+        np.fill_diagonal(covariance, np.maximum(np.diag(covariance), 0.0))
+        return Standard(
+            Parameters(self.base.names, self.base.units, full),
+            frozen(0.5 * (covariance + covariance.T)),
+            frozen(learned),
+        )
+
+
+def units_of(unknowns: Unknowns) -> tuple[float, ...]:
+    """Units of the squares to be tried, up to that of the whole effort."""
+    whole = float(unknowns.vector @ unknowns.vector)
+    return tuple(unit for unit in (*UNITS, whole) if 1.0 < unit <= whole)
+
+
+def _covariances(data: Whitened, program: Program, tried: Tried) -> tuple[Array, Array]:
+    """Covariance of the unknowns with the data and without, within the wishes' equations.
+
+    Where rows do not weigh by their noise, that of the data is between the inverses.
+    """
+    known, free = program.unknowns, program.wishes.free
+    prior = program.stated_precision(tried.u, tried.gamma)
+    after, before = (
+        free @ inverse_of(free.T @ precision @ free) @ free.T
+        for precision in (prior + known.matrix.T @ known.matrix, prior)
+    )
+    if not np.array_equal(data.noise, np.eye(len(data.noise))):
+        after = after @ (known.matrix.T @ data.noise @ known.matrix + prior) @ after
+    return after, before
+
+
+def _alone(row: Array) -> bool:
+    """Whether a base parameter is one standard parameter."""
+    return int(np.count_nonzero(row)) == 1
+
+
+def inverse_of(precision: Array) -> Array:
+    """Inverse of a precision; of what nothing is known, a large variance."""
+    values, vectors = np.linalg.eigh(precision)
+    floor = 1e-14 * max(float(values.max(initial=0.0)), 1.0)
+    return np.asarray((vectors / np.maximum(values, floor)) @ vectors.T)
+
+
+def _share(parameters: Array, free: Array, after: Array, before: Array) -> Array:
+    """Share of what is known that the data taught; nothing of what the wishes' equations give.
+
+    Args:
+        parameters: As sums of the unknowns, shape `(p, m)`.
+        free: Directions of the unknowns that the equations leave, shape `(m, k)`.
+        after: Covariance of the unknowns with the data.
+        before: The same without.
+    """
+    taught, guessed = (
+        np.einsum("pm,mn,pn->p", parameters, covariance, parameters)
+        for covariance in (after, before)
+    )
+    lengths = np.linalg.norm(parameters, axis=1)
+    given = np.linalg.norm(parameters @ free, axis=1) <= 1e-9 * lengths
+    ratio = taught / np.where(given | (guessed <= 0.0), 1.0, guessed)
+    return np.where(given | (guessed <= 0.0), 0.0, np.clip(1.0 - ratio, 0.0, 1.0))
+
+
+def _solution(data: Whitened, values: Array, covariance: Array, base: BaseMap) -> Solution:
+    """The values as a solution in base parameters, with the parameters of single runs."""
+    old, columns = data.fit.solution, data.fit.data.whole.layout.columns
+    place = {name: k for k, name in enumerate(base.base_names)}
+    rows = [place[name] for name in columns]
+    local = list(data.fit.data.local)
+    full = values[rows]
+    full[local] = 0.0
+    kept = [rows[k] for k in old.kept]
+    return replace(
+        old,
+        values=full,
+        inverse=covariance[np.ix_(kept, kept)],
+        locals=tuple(part.solved(full) for part in data.eliminated),
+    )
+
+
+def _told(knowledge: Knowledge) -> tuple[str, ...]:
+    """The wishes that were followed, for people to read."""
+    labels = tuple(dict.fromkeys(row.label for row in knowledge.rows))
+    more = f"; and {len(labels) - TOLD} more" if len(labels) > TOLD else ""
+    return (f"known before the data: {'; '.join(labels[:TOLD])}{more}",) if labels else ()
+
+
+def _weight_note(found: Weighed, estimator: Consistent, rank: int, priors: bool) -> tuple[str, ...]:
+    """How the weight came about."""
+    gamma = found.tried.gamma
+    if not gamma or not priors:
+        return ()
+    how = "as stated"
+    if estimator.gamma is None and estimator.knowledge.uncertainty is None:
+        how = f"found from the data in {found.solves} solutions"
+    return (
+        f"prior uncertainty {100.0 * gamma**-0.5:.3g} % ({how}); all that is known costs "
+        f"{found.tried.rise:.4g} in chi², which noise explains up to {rank}",
+    )

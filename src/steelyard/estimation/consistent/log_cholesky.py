@@ -1,0 +1,152 @@
+r"""The consistent estimate by Gauss–Newton in log-Cholesky coordinates [Rucker2022].
+
+The same criterion as the convex estimate's, in coordinates in which every choice is a body that can
+exist, with the convex estimate's margin: no cones. The data are far sharper than the prior, so that
+steps straight in the coordinates creep along narrow curved valleys [Transtrum2012]; each therefore
+ends where the bodies themselves would be after a straight step, and priors count with their exact
+curvature. A barrier that fades keeps coordinates finite where the margin holds.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.errors import DataError
+from steelyard.estimation.consistent.consistent import Consistent
+from steelyard.estimation.consistent.contradictions import refuse_contradictions
+from steelyard.estimation.consistent.gauss_newton import Settled, bounded_gauss_newton
+from steelyard.estimation.consistent.log_cholesky_criterion import Criterion, bounds_of
+from steelyard.estimation.consistent.physics import Entropic
+from steelyard.estimation.consistent.program import Program
+from steelyard.estimation.estimate import Estimate
+from steelyard.estimation.knowledge import Knowledge, Row
+from steelyard.estimation.least_squares.whitened import whitened
+from steelyard.parameters import Parameters
+from steelyard.regression.information import Information
+from steelyard.robot.inertia import INERTIAL_NAMES
+
+BROKEN = 1e-6
+"""By how much a wish may be missed, relative to what it adds up."""
+
+BARRIERS = (1.0, 1e-2, 1e-4, 1e-6, 1e-8)
+"""Weights of the barrier, one after the other; four of the last per body is what it may cost."""
+
+CENTRED = 0.1
+"""What a step still promises, relative to the barrier's weight, where the next barrier begins."""
+
+
+@dataclass(frozen=True, eq=False)
+class LogCholesky(Consistent):
+    """The consistent estimate in coordinates that need no cones.
+
+    Bounds of friction and its like are kept, and wishes about a single one of them. Those about
+    bodies, and ties, are not looked at: notes count them, and name those that the result breaks.
+
+    Attributes:
+        steps: After which the solver gives up.
+    """
+
+    steps: int = 500
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not isinstance(self.form, Entropic):
+            raise ValueError("in log-Cholesky coordinates the prior is the entropic one")
+
+    def __call__(self, information: Information) -> Estimate:
+        """Estimate all standard parameters.
+
+        Raises:
+            DataError: The data are too few, or the solver stopped before the optimum.
+        """
+        estimate = super(LogCholesky, self._heard).__call__(information)
+        unheard = _unheard(self.knowledge)
+        notes = (*estimate.notes, *unheard, *_broken(self.knowledge, estimate.values))
+        return replace(estimate, estimator="log-Cholesky Gauss-Newton", notes=notes)
+
+    @property
+    def _heard(self) -> "LogCholesky":
+        """The same, told only what it keeps."""
+        return replace(self, knowledge=_kept(self.knowledge))
+
+    def weight(self, information: Information) -> float:
+        """The weight of the prior that is given, stated or found for these data."""
+        data, heard = whitened(information, self.per_run, equal=self.equal), self._heard
+        return heard.weighed(heard.program(data)).tried.gamma
+
+    def solve(self, program: Program, gamma: float) -> Array:
+        """The unknowns at the optimum with a weight of the prior.
+
+        Raises:
+            DataError: The wishes contradict each other, or the solver stopped before the optimum.
+        """
+        lower, upper = bounds_of(program)
+        if np.any(lower > upper):
+            refuse_contradictions(self.knowledge)
+        criterion = Criterion.of(program, gamma)
+        x, left = criterion.start, self.steps
+        for size in BARRIERS:
+            barrier = size * max(1.0, criterion.plain(x)) if size < 1.0 else 1.0
+            found = bounded_gauss_newton(
+                replace(criterion, barrier=barrier),
+                x,
+                criterion.lower,
+                criterion.upper,
+                left,
+                CENTRED * barrier,
+            )
+            x, left = found.x, left - found.steps
+            if not found.settled:
+                raise self._unsettled(found)
+        return criterion.unknowns_at(x)[0]
+
+    def _unsettled(self, found: Settled) -> DataError:
+        return DataError(
+            f"log-Cholesky Gauss-Newton did not reach the optimum in {self.steps} steps: "
+            f"a further one promises {found.promise:.2g} of {found.cost:.4g}",
+            where=", ".join(self.knowledge.bodies),
+            mend="take the convex consistent estimate, which minimises the same",
+        )
+
+
+def _kept(knowledge: Knowledge) -> Knowledge:
+    """What is known, without what is not looked at."""
+    bodies = [k for body in range(len(knowledge.bodies)) for k in knowledge.tens(body)]
+    lower, upper = knowledge.lower.copy(), knowledge.upper.copy()
+    lower[bodies], upper[bodies] = -np.inf, np.inf
+    return replace(knowledge, lower=lower, upper=upper, rows=tuple(filter(_single, knowledge.rows)))
+
+
+def _single(row: Row) -> bool:
+    """Whether a row is about one parameter that is not a body's."""
+    kinds = {name.split(".")[0] for name in row.coefficients}
+    return len(row.coefficients) == 1 and not kinds & set(INERTIAL_NAMES)
+
+
+def _unheard(knowledge: Knowledge) -> tuple[str, ...]:
+    """How many wishes play no part."""
+    labels = {row.label for row in knowledge.rows if not _single(row)}
+    if not labels:
+        return ()
+    one = len(labels) == 1
+    count, verb = ("1 wish", "counts") if one else (f"{len(labels)} wishes", "count")
+    return (f"{count} of [[knowledge]] about bodies or ties {verb} for nothing in this estimator",)
+
+
+def _broken(knowledge: Knowledge, values: Parameters) -> tuple[str, ...]:
+    """Wishes that were not looked at and do not hold."""
+    found = values.as_dict()
+    rows = [
+        Row(f"{name} between {low:g} and {high:g}", {name: 1.0}, low, high)
+        for name, low, high in zip(
+            knowledge.names, knowledge.lower.tolist(), knowledge.upper.tolist(), strict=True
+        )
+    ]
+    labels = []
+    for row in (*rows, *knowledge.rows):
+        parts = [x * found[name] for name, x in row.coefficients.items()]
+        slack = BROKEN * sum(abs(part) for part in parts)
+        if not row.lower - slack <= sum(parts) <= row.upper + slack:
+            labels.append(row.label)
+    return (f"wishes that this estimate does not keep: {'; '.join(labels)}",) if labels else ()

@@ -1,0 +1,210 @@
+r"""The convex program of consistent parameters, over the unknowns of `unknowns`.
+
+$\min \tfrac12\|y\|^2 + \gamma \sum_i D(X_i) + \tfrac12\sum_k w_k u_k^2$ with $y = Au - z$ as an
+equation: with $A^T A$ in the cost, solvers call points solved that are not.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.arrays import Array
+from steelyard.estimation.consistent.conic import Block, Conic
+from steelyard.estimation.consistent.physics import Form, Free
+from steelyard.estimation.consistent.unknowns import Unknowns
+from steelyard.estimation.knowledge import Knowledge, Row
+from steelyard.robot.inertia import INERTIAL_NAMES
+
+BEYOND = 1e6
+"""Bound that nothing reaches, in units of a body's prior or of the whole effort."""
+
+
+@dataclass(frozen=True, eq=False)
+class Wishes:
+    r"""Bounds and rows over the unknowns, each scaled to unit length: $l \le a\,u \le h$.
+
+    Attributes:
+        rows: The wishes as they were told.
+        matrix: Shape `(rows, m)`.
+        lower: Shape `(rows,)`.
+        upper: Shape `(rows,)`.
+    """
+
+    rows: tuple[Row, ...]
+    matrix: Array
+    lower: Array
+    upper: Array
+
+    @property
+    def free(self) -> Array:
+        """Directions that the equations leave, shape `(m, free)`, orthonormal."""
+        _, sizes, turned = np.linalg.svd(self.matrix[self.equal], full_matrices=True)
+        return np.asarray(turned[int(np.sum(sizes > 1e-10)) :].T)
+
+    @property
+    def equal(self) -> NDArray[np.bool_]:
+        """Those that are equations, as a mask."""
+        return np.asarray(self.lower == self.upper)
+
+
+def wishes(unknowns: Unknowns, knowledge: Knowledge) -> Wishes:
+    """Bounds of the parameters and the user's rows; those that hold for any body are left out."""
+    rows = (*_bounds(unknowns, knowledge), *knowledge.curves, *knowledge.rows)
+    place = {name: k for k, name in enumerate(unknowns.names)}
+    matrix = np.zeros((len(rows), unknowns.scale.shape[1]))
+    for number, row in enumerate(rows):
+        for name, coefficient in row.coefficients.items():
+            matrix[number] += coefficient * unknowns.scale[place[name]]
+    sizes = np.linalg.norm(matrix, axis=1)
+    sizes = np.where(sizes > 0.0, sizes, 1.0)
+    lower, upper = (
+        np.array([getattr(row, side) for row in rows]) / sizes for side in ("lower", "upper")
+    )
+    equal = lower == upper
+    lower = np.where((lower < -BEYOND) & ~equal, -np.inf, lower)
+    upper = np.where((upper > BEYOND) & ~equal, np.inf, upper)
+    return Wishes(rows, matrix / sizes[:, None], lower, upper)
+
+
+def _bounds(unknowns: Unknowns, knowledge: Knowledge) -> list[Row]:
+    bodies = {name for name in unknowns.names if name.split(".")[0] in INERTIAL_NAMES}
+    found = []
+    for k, name in enumerate(unknowns.names):
+        low, high = float(knowledge.lower[k]), float(knowledge.upper[k])
+        low = -np.inf if name in knowledge.shaped or (name in bodies and low == 0.0) else low
+        if np.isfinite(low) or np.isfinite(high):
+            label = f"{name} between {low:g} and {high:g}"
+            found.append(Row(label, {name: 1.0}, low, high))
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Program:
+    """The program but for the weight of the prior, so that many weights share it.
+
+    Attributes:
+        unknowns: The unknowns.
+        wishes: Bounds and rows.
+        form: The penalty of bodies that have a prior.
+    """
+
+    unknowns: Unknowns
+    wishes: Wishes
+    form: Form
+
+    def conic(self, gamma: float, *, data: bool = True, unit: float = 1.0) -> Conic:
+        """The program with a weight.
+
+        Args:
+            gamma: Weight of the prior.
+            unit: Of the squares, in that of the noise; the optimum does not depend on it.
+            data: Whether the data play a part; without them it asks whether the wishes can hold.
+        """
+        known = self.unknowns
+        m, rank = len(known.weak), len(known.vector) if data else 0
+        square, linear = [known.weak, np.ones(rank)], [np.zeros(m), np.zeros(rank)]
+        blocks = [*_wished(self.wishes)]
+        if data:
+            columns = np.arange(m + rank)
+            matrix = np.hstack([known.matrix, -np.eye(rank)])
+            matrix[:, :m] /= np.sqrt(unit)
+            blocks.insert(0, Block("zero", columns, matrix, known.vector / np.sqrt(unit)))
+        total = m + rank
+        for body, prior in enumerate(known.priors):
+            part = self._form(prior).part(gamma)
+            helpers = len(part.linear) - 10
+            place = np.concatenate([10 * body + np.arange(10), total + np.arange(helpers)])
+            square[0] = _added(square[0], place[:10], part.square[:10])
+            linear[0] = _added(linear[0], place[:10], part.linear[:10])
+            square.append(part.square[10:])
+            linear.append(part.linear[10:])
+            blocks += [
+                Block(b.kind, place[b.columns], b.matrix, b.offset, b.order) for b in part.blocks
+            ]
+            total += helpers
+        square[:1] = [square[0] / unit]
+        square[2:], linear = [x / unit for x in square[2:]], [x / unit for x in linear]
+        return Conic(np.concatenate(square), np.concatenate(linear), tuple(blocks))
+
+    def cost(self, u: Array, gamma: float) -> float:
+        """The objective."""
+        known = self.unknowns
+        total = 0.5 * (known.chi_squared(u) + float(known.weak @ np.square(u)))
+        for x, prior in zip(known.pseudo(u), known.priors, strict=True):
+            total += self._weight(prior, gamma) * self._form(prior).cost(x)
+        return total
+
+    def _form(self, prior: bool) -> Form:
+        """The penalty of a body with or without prior."""
+        return self.form if prior else Free(self.form.margin)
+
+    def _weight(self, prior: bool, gamma: float) -> float:
+        return gamma if prior and self.form.penalises else 1.0
+
+    def evidence(self, u: Array, gamma: float) -> float:
+        r"""Logarithm of the data's likelihood at a weight of the prior, but for a constant.
+
+        Laplace's approximation at the optimum,
+        $-f(u) + \tfrac12 \log\det P - \tfrac12 \log\det(P + A^T A)$ with the prior's precision $P$,
+        within the wishes' equations.
+        """
+        free = self.wishes.free
+        prior = self.precision(u, gamma)
+        before = free.T @ prior @ free
+        data = self.unknowns.matrix @ free
+        before, after = np.linalg.slogdet(before)[1], np.linalg.slogdet(before + data.T @ data)[1]
+        return -self.cost(u, gamma) + 0.5 * float(before - after)
+
+    def slope(self, u: Array, gamma: float) -> Array:
+        """Derivative of the objective, shape `(m,)`."""
+        known = self.unknowns
+        slope = known.matrix.T @ (known.matrix @ u - known.vector) + known.weak * u
+        for body, (x, prior) in enumerate(zip(known.pseudo(u), known.priors, strict=True)):
+            part = slice(10 * body, 10 * body + 10)
+            slope[part] += self._weight(prior, gamma) * self._form(prior).slope(x)
+        return slope
+
+    def precision(self, u: Array, gamma: float) -> Array:
+        """Second derivative of the objective without the data, shape `(m, m)`."""
+        return self._precision(self.unknowns.pseudo(u), gamma)
+
+    def stated_precision(self, u: Array, gamma: float) -> Array:
+        r"""The same without what is gained by being near the edge of possible bodies.
+
+        Where an eigenvalue $\lambda$ of $X$ nears zero, the penalty's curvature grows with
+        $\lambda^{-2}$: it keeps the body possible, but knows the parameters no better. There the
+        curvature at $\lambda = 1$ counts, the prior's own.
+        """
+        values, vectors = np.linalg.eigh(self.unknowns.pseudo(u))
+        lifted = (vectors * np.maximum(values, 1.0)[:, None, :]) @ vectors.transpose(0, 2, 1)
+        return self._precision(lifted, gamma)
+
+    def _precision(self, bodies: Array, gamma: float) -> Array:
+        """Second derivative of the objective without the data, at bodies `X`, `(bodies, 4, 4)`."""
+        known = self.unknowns
+        matrix = np.diag(known.weak)
+        for body, (x, prior) in enumerate(zip(bodies, known.priors, strict=True)):
+            part = slice(10 * body, 10 * body + 10)
+            matrix[part, part] += self._weight(prior, gamma) * self._form(prior).curvature(x)
+        return matrix
+
+
+def _added(values: Array, place: Array, more: Array) -> Array:
+    values = values.copy()
+    values[place] += more
+    return values
+
+
+def _wished(wishes: Wishes) -> Sequence[Block]:
+    """Equations, then lower and upper bounds that are finite."""
+    equal, columns = wishes.equal, np.arange(wishes.matrix.shape[1])
+    low, high = (np.isfinite(side) & ~equal for side in (wishes.lower, wishes.upper))
+    matrix = np.vstack([-wishes.matrix[low], wishes.matrix[high]])
+    offset = np.concatenate([-wishes.lower[low], wishes.upper[high]])
+    blocks = [
+        Block("zero", columns, wishes.matrix[equal], wishes.lower[equal]),
+        Block("nonnegative", columns, matrix, offset),
+    ]
+    return [block for block in blocks if len(block.offset)]

@@ -1,0 +1,1 @@
+"""Fields of terms that are not linear, found from data."""

@@ -1,0 +1,219 @@
+r"""Fields of terms found from data: Stribeck speeds, smoothing widths, presliding lengths.
+
+Candidates on a logarithmic grid enter one wide pass as a dictionary of columns. The search selects
+sub-Grams: weighted least squares per choice, coordinate descent over the fields from several
+starts, on the criterion $\sum_j n_j \log \sigma_j^2$ of the rows' residual variances (minus twice
+the log likelihood). Further passes take the grid finer around the best choice and keep it wide
+elsewhere; a quadratic through the last one gives the values, and the rise of the weighted squares
+by 3.84 their 95 % intervals.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from operator import add
+from typing import Any
+
+import numpy as np
+
+from steelyard.estimation.fields.passes import (
+    WIDEST,
+    Said,
+    Search,
+    Unknown,
+    bounds_of,
+    points_of,
+    settled,
+    unknowns_of,
+    value_of,
+)
+from steelyard.estimation.fields.shape import Shape
+from steelyard.measurement.run import Run
+from steelyard.model import Model
+from steelyard.progress import Progress, silent
+from steelyard.regression.gather import gather
+from steelyard.regression.information import Information
+from steelyard.regression.regressor import Regressor
+from steelyard.terms.open_fields import finds_of
+from steelyard.terms.term import Term
+
+ROUNDS = 12
+"""Most searches per term where terms are searched one after another."""
+
+SETTLED = 3e-3
+"""Relative change of all fields at which such searches are settled."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A field's value, as found.
+
+    Attributes:
+        term: Name of the term.
+        field: Name of the field.
+        joint: Name of the coordinate it belongs to; `None` if all share it.
+        value: In the field's unit.
+        interval: Of 95 %; ends at the bounds if the data do not end it before.
+        bounds: Between which it was searched.
+    """
+
+    term: str
+    field: str
+    joint: str | None
+    value: float
+    interval: tuple[float, float]
+    bounds: tuple[float, float]
+
+    @property
+    def open_ends(self) -> tuple[bool, bool]:
+        """Whether the data leave the lower and the upper end open."""
+        return self.interval[0] <= self.bounds[0], self.interval[1] >= self.bounds[1]
+
+    @property
+    def told(self) -> bool:
+        """Whether the data tell the value: both ends of the interval lie within the bounds."""
+        return not any(self.open_ends)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values."""
+        return {**vars(self), "interval": list(self.interval), "bounds": list(self.bounds)}
+
+    @property
+    def warning(self) -> str | None:
+        """What the user should know if the data cannot tell."""
+        if self.told:
+            return None
+        low, high = self.interval
+        of = f"the {self.field} of term '{self.term}'"
+        of += f" at '{self.joint}'" if self.joint else ""
+        fix = f"fix it: {self.field} = {self.value:.3g}"
+        log = "log slower motion with reversals"
+        if all(self.open_ends):
+            return (
+                f"the data cannot tell {of}: any value from {low:.3g} to {high:.3g} fits as well; "
+                f"{log}, or {fix}"
+            )
+        if self.value in self.bounds:
+            return f"{of} fits best at its bound {self.value:.3g}; search wider, or {fix}"
+        side = f"below {high:.3g}" if self.open_ends[0] else f"above {low:.3g}"
+        return f"the data cannot tell {of}, only that it is {side}; {log}, or {fix}"
+
+
+@dataclass(frozen=True, eq=False)
+class FoundFields:
+    """A model whose fields are all numbers.
+
+    Attributes:
+        model: The model.
+        findings: Every field that was searched.
+    """
+
+    model: Model
+    findings: tuple[Finding, ...]
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """One sentence for every field that the data cannot tell."""
+        return tuple(f.warning for f in self.findings if f.warning is not None)
+
+
+def said_by(
+    runs: Sequence[Run],
+    *,
+    rests: bool = False,
+    longest: float = np.inf,
+    threads: int = 1,
+    progress: Progress = silent,
+) -> Said:
+    """What runs say, with their efforts in the joints' units; every call is a pass over the runs.
+
+    Args:
+        runs: At least one.
+        rests: Whether rests count, see `gather`.
+        longest: Length that a window should not exceed [s].
+        threads: Native threads.
+        progress: Told about every window; may stop the search.
+    """
+
+    def said(regressor: Regressor) -> Information:
+        units = regressor.model.robot.effort_units
+        parts = [
+            gather(
+                regressor, run, rests=rests, longest=longest, threads=threads, progress=progress
+            ).scaled(run.recording.signals.gains, units)
+            for run in runs
+        ]
+        return reduce(add, parts)
+
+    return said
+
+
+def find_fields(
+    model: Model, said: Said, *, starts: int = 8, seed: int = 0, progress: Progress = silent
+) -> FoundFields:
+    """Find all fields that stand as `Find` in a model.
+
+    If all candidates together are too many columns, terms are searched one after another; the
+    intervals of one then hold for the values of the others.
+
+    Args:
+        model: A model; without a `Find` it comes back as it is.
+        said: What the data say about a regressor, see `said_by`.
+        starts: Random choices of candidates from which the search starts.
+        seed: Of the starts.
+        progress: Told about every pass.
+
+    Raises:
+        ModelError: A field cannot be found from data.
+        Stopped: `progress` asked to stop.
+    """
+    unknowns = unknowns_of(model)
+    logs = {u: float(np.mean(bounds_of(u))) for u in unknowns}
+    groups = _groups(model, unknowns)
+    random = np.random.default_rng(seed)
+    findings: dict[Unknown, Finding] = {}
+    for _ in range(ROUNDS if len(groups) > 1 else len(groups)):
+        before = dict(logs)
+        for group in groups:
+            held = {t: settled(model, t, logs) for t in {u.term for u in unknowns} - set(group)}
+            mine = tuple(u for u in unknowns if u.term in group)
+            shape = Search(_with(model, held), group, mine)(said, starts, random, progress)
+            for k, u in enumerate(mine):
+                logs[u] = float(shape.place[k])
+                findings[u] = _finding(model, u, shape, k)
+        if all(abs(logs[u] - before[u]) < SETTLED for u in unknowns):
+            break
+    done = _with(model, {u.term: settled(model, u.term, logs) for u in unknowns})
+    return FoundFields(done, tuple(findings[u] for u in unknowns))
+
+
+def _with(model: Model, terms: Mapping[int, Term]) -> Model:
+    return Model(model.robot, tuple(terms.get(k, term) for k, term in enumerate(model.terms)))
+
+
+def _finding(model: Model, unknown: Unknown, shape: Shape, number: int) -> Finding:
+    low, high = shape.interval(number)
+    return Finding(
+        term=model.terms[unknown.term].law,
+        field=unknown.field,
+        joint=unknown.axis,
+        value=value_of(unknown, float(shape.place[number])),
+        interval=(value_of(unknown, low), value_of(unknown, high)),
+        bounds=(unknown.find.lower, unknown.find.upper),
+    )
+
+
+def _groups(model: Model, unknowns: Sequence[Unknown]) -> list[tuple[int, ...]]:
+    """Terms that are searched together, so that no pass gets too wide."""
+    groups: list[tuple[int, ...]] = []
+    room = 0
+    for term in dict.fromkeys(u.term for u in unknowns):
+        count = len(finds_of(model.terms[term]))
+        width = points_of(model, term) ** count * len(model.terms[term].parameters(model.robot))
+        if groups and width <= room:
+            groups[-1] += (term,)
+            room -= width
+        else:
+            groups.append((term,))
+            room = WIDEST - width
+    return groups

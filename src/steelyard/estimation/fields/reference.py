@@ -1,0 +1,76 @@
+"""The frozen reference model of load-dependent friction, refitted until it stands still."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from steelyard.estimation.estimate import Estimate, Estimator
+from steelyard.estimation.fields.passes import Said
+from steelyard.model import Model
+from steelyard.regression.information import Information
+from steelyard.regression.regressor import base_regressor
+from steelyard.robot.inertia import INERTIAL_NAMES
+from steelyard.terms.laws.load_dependent import LoadDependent
+
+PASSES = 3
+"""Most refits of the reference."""
+
+SETTLED = 1e-3
+"""Relative change of the reference's parameters at which it stands still."""
+
+
+def bodies_of(estimate: Estimate) -> dict[str, float]:
+    """The estimated numbers of the bodies, by name."""
+    found = estimate.parameters.as_dict()
+    return {name: x for name, x in found.items() if name.split(".")[0] in INERTIAL_NAMES}
+
+
+def reference_of(model: Model, said: Said, estimator: Estimator[Information]) -> dict[str, float]:
+    """Bodies fitted without load-dependent friction."""
+    terms = tuple(t for t in model.terms if not isinstance(t, LoadDependent))
+    return bodies_of(estimator(said(base_regressor(replace(model, terms=terms)))))
+
+
+def with_references(model: Model, reference: Mapping[str, float]) -> Model:
+    """The model with a reference in every load-dependent term."""
+    terms = (
+        term.with_reference(reference) if isinstance(term, LoadDependent) else term
+        for term in model.terms
+    )
+    return replace(model, terms=tuple(terms))
+
+
+def needs_reference(model: Model) -> bool:
+    """Whether a term's load comes from a reference model."""
+    return any(isinstance(term, LoadDependent) for term in model.terms)
+
+
+def settled_reference(
+    model: Model, said: Said, estimator: Estimator[Information]
+) -> tuple[Model, bool]:
+    """Fit, take the bodies as reference, and fit again until they stand still.
+
+    Args:
+        model: A model with load-dependent friction.
+        said: What the data say about a regressor, see `fields.said_by`.
+        estimator: The estimator.
+
+    Returns:
+        The model with its reference, and whether the reference stands still.
+    """
+    reference = reference_of(model, said, estimator)
+    for _ in range(PASSES):
+        model = with_references(model, reference)
+        found = bodies_of(estimator(said(base_regressor(model))))
+        change = _change(reference, found)
+        reference = found
+        if change < SETTLED:
+            return model, True
+    return model, False
+
+
+def _change(before: Mapping[str, float], after: Mapping[str, float]) -> float:
+    names = sorted({*before, *after})
+    a, b = (np.array([values.get(name, 0.0) for name in names]) for values in (before, after))
+    return float(np.linalg.norm(b - a) / max(float(np.linalg.norm(b)), 1e-300))

@@ -1,0 +1,214 @@
+"""Between which values base parameters are searched, and what came of a search."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.errors import DataError
+from steelyard.estimation.estimate import Estimate
+from steelyard.estimation.knowledge import Knowledge
+from steelyard.estimation.least_squares.normal_equations import Fit, Spread, described
+from steelyard.estimation.least_squares.whitened import Whitened
+from steelyard.regression.base import BaseMap
+
+Bounds = Mapping[str, tuple[float, float]]
+"""Lower and upper bound by name of the column; infinite where there is none."""
+
+REACHED = 1.0 + 1e-6
+"""Weighted squares over those of the optimum up to which a search has reached it."""
+
+AT_BOUND = 1e-6
+"""Distance from a bound, in standard deviations, up to which a parameter lies on it."""
+
+
+def base_bounds(base: BaseMap, knowledge: Knowledge) -> Bounds:
+    """Bounds of base parameters that follow from those of the standard parameters in them.
+
+    Args:
+        base: Standard parameters to base parameters.
+        knowledge: Bounds of the standard parameters.
+    """
+    lower = dict(zip(knowledge.names, knowledge.lower, strict=True))
+    upper = dict(zip(knowledge.names, knowledge.upper, strict=True))
+    result = {}
+    for name, row in zip(base.base_names, base.lift, strict=True):
+        low = high = 0.0
+        for k in np.flatnonzero(row):
+            ends = (row[k] * lower[base.names[k]], row[k] * upper[base.names[k]])
+            low, high = low + min(ends), high + max(ends)
+        result[name] = (float(low), float(high))
+    return result
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    r"""Least squares of the columns that the data see, within a box.
+
+    Attributes:
+        data: The whitened data.
+        names: Columns that the data see, `k` of them.
+        lower: Their lower bounds, shape `(k,)`.
+        upper: Their upper bounds, likewise.
+        root: Their columns of $R$, shape `(rank, k)`.
+        rest: Weighted squares of the residuals that no values explain.
+    """
+
+    data: Whitened
+    names: tuple[str, ...]
+    lower: Array
+    upper: Array
+    root: Array
+    rest: float
+
+    @classmethod
+    def of(cls, data: Whitened, bounds: Bounds) -> "Box":
+        """A box of given bounds.
+
+        Of a parameter that stands for others, which the data cannot tell from it, bounds do not
+        hold: they are left out.
+
+        Raises:
+            DataError: A bound is of no column, or leaves no room.
+        """
+        solution, columns = data.fit.solution, data.fit.data.whole.layout.columns
+        refuse_bad_bounds(bounds, columns)
+        tied = {name for blind in solution.blind for name in blind.tied_to}
+        names = tuple(columns[k] for k in solution.kept)
+        free = (-np.inf, np.inf)
+        ends = [free if name in tied else bounds.get(name, free) for name in names]
+        lower, upper = np.array(ends, dtype=np.float64).reshape(-1, 2).T
+        root = data.matrix[:, [data.names.index(name) for name in names]]
+        squares = float(np.sum(residual_squares(data.fit, solution.values) / data.fit.variances))
+        left = root @ solution.values[solution.kept] - data.vector
+        return cls(data, names, lower, upper, root, max(squares - float(left @ left), 0.0))
+
+    def closed(self, reach: float) -> "Box":
+        r"""The same with ends everywhere: no parameter beyond $\pm r\,s$ around zero.
+
+        $s$ is the parameter's size, $\max(|\varphi|, 3\sigma)$ of weighted least squares; where
+        that range misses the bounds, it begins at the bound.
+
+        Args:
+            reach: $r$.
+        """
+        solution = self.data.fit.solution
+        sizes = np.maximum(
+            np.abs(solution.values[solution.kept]), 3.0 * np.sqrt(np.diag(solution.inverse))
+        )
+        half = reach * np.maximum(sizes, 1e-12)
+        lower, upper = np.maximum(self.lower, -half), np.minimum(self.upper, half)
+        above, below = self.lower >= half, self.upper <= -half
+        upper = np.where(above, np.minimum(self.upper, self.lower + 2.0 * half), upper)
+        lower = np.where(below, np.maximum(self.lower, self.upper - 2.0 * half), lower)
+        return replace(self, lower=lower, upper=upper)
+
+    def costs(self, values: Array) -> Array:
+        """Weighted squares of the residuals of a population `(B, k)`, shape `(B,)`."""
+        residuals = values @ self.root.T - self.data.vector
+        return np.asarray(np.sum(np.square(residuals), axis=1) + self.rest)
+
+    def optimum(self) -> Array:
+        """The best values within the box, by bounded least squares, shape `(k,)`.
+
+        Raises:
+            DataError: The solver did not finish.
+        """
+        from scipy.optimize import lsq_linear
+
+        lengths = np.linalg.norm(self.root, axis=0)
+        ends = (self.lower * lengths, self.upper * lengths)
+        found = lsq_linear(self.root / lengths, self.data.vector, ends, method="bvls", tol=1e-14)
+        if not found.success:
+            raise DataError(
+                f"bounded least squares did not finish: {found.message}",
+                where=f"{len(lengths)} parameters",
+                mend="take bounds away that contradict the data, or use WLS",
+            )
+        return np.asarray(np.clip(found.x / lengths, self.lower, self.upper))
+
+    def estimate(self, name: str, values: Array, notes: tuple[str, ...]) -> Estimate:
+        """An estimate at these values `(k,)`; it says which of them lie at a bound.
+
+        The covariance is that of weighted least squares, with the residuals that the values leave.
+        """
+        fit = self.data.fit
+        data, old = fit.data, fit.solution
+        full = np.zeros(len(old.values))
+        full[old.kept] = values
+        rise = residual_squares(fit, full) - residual_squares(fit, old.values)
+        variances = fit.variances + np.maximum(rise, 0.0) / np.maximum(data.whole.n_samples, 1.0)
+        matrix = data.normal(1.0 / variances)[0][np.ix_(old.kept, old.kept)]
+        lengths = np.sqrt(np.diag(matrix))
+        inverse = np.linalg.inv(matrix / lengths[:, None] / lengths) / lengths[:, None] / lengths
+        locals_ = tuple(part.solved(full) for part in data.normal(1.0 / variances)[2])
+        solution = replace(old, values=full, inverse=inverse, locals=locals_)
+        own = tuple(part.covariance(old.kept, inverse) for part in locals_)
+        made = described(name, Fit(data, solution, variances), Spread(inverse, own))
+        held = self.held(values)
+        at = (f"at a bound: {', '.join(held)}",) if held else ()
+        return replace(made, notes=(*notes, *at))
+
+    def held(self, values: Array) -> list[str]:
+        """Names of the parameters that lie at a bound."""
+        slack = AT_BOUND / np.linalg.norm(self.root, axis=0)
+        at = (values <= self.lower + slack) | (values >= self.upper - slack)
+        return [name for name, is_at in zip(self.names, at, strict=True) if is_at]
+
+    def searched(self, name: str, values: Array, evaluations: int, why: str) -> Estimate:
+        """What a search found, with an honest word on how near it came to the optimum.
+
+        Args:
+            name: Of the estimator.
+            values: The best ones found, shape `(k,)`.
+            evaluations: How often the criterion was evaluated.
+            why: Why the search ended.
+        """
+        found, best = self.costs(np.array([values, self.optimum()]))
+        ratio = found / best if best > 0.0 else np.inf
+        verb = "reached" if ratio <= REACHED else "did not reach"
+        notes = (
+            f"{why}, after {evaluations} evaluations of the criterion",
+            f"{verb} the optimum: weighted squares {ratio:.6g} times those of bounded least "
+            "squares",
+            "a search gives no intervals: these are of weighted least squares with the residuals "
+            "that it leaves",
+        )
+        return self.estimate(name, values, notes)
+
+
+def residual_squares(fit: Fit, values: Array) -> Array:
+    """Sum of squared residuals per row, `(rows,)`, with each run's own parameters fitted.
+
+    Args:
+        fit: Weighted least squares, whose weights fit what is a run's own.
+        values: Of the shared columns, shape `(p,)`.
+    """
+    total = np.zeros(len(fit.variances))
+    for run, own in zip(fit.data.runs, fit.solution.locals, strict=True):
+        mine = values.copy()
+        mine[list(own.columns)] = own.solved(values).values
+        total += run.residual_squares(mine)
+    return total
+
+
+def refuse_bad_bounds(bounds: Bounds, columns: tuple[str, ...]) -> None:
+    """Bounds must be of known columns and leave room.
+
+    Raises:
+        DataError: They are not, or do not.
+    """
+    for name, (lower, upper) in bounds.items():
+        if name not in columns:
+            raise DataError(
+                f"there is no column '{name}' that could be bounded",
+                where="bounds of the parameters",
+                mend=f"its columns are {', '.join(columns[:12])}, ...",
+            )
+        if not lower < upper:
+            raise DataError(
+                f"the bounds of '{name}' leave no room: {lower:g} to {upper:g}",
+                where="bounds of the parameters",
+                mend="give a lower bound below the upper one, or leave the term out of the model",
+            )

@@ -1,0 +1,188 @@
+r"""Uncertainty that the residuals themselves tell: scores by windows of time.
+
+A covariance counts on residuals that are white behind the matched filter. Model error, drift and
+coloured noise are not; neighbouring residuals are then alike for longer than the filter, and there
+are fewer independent ones. The scores of windows show it,
+$g_{wj} = A_{wj}^T (b - A\hat\phi)_{wj} / \sigma_j^2$: over windows longer than the correlation
+they scatter as much as the estimate really does [Newey1987] [Cameron2015].
+
+The full sandwich $K (\sum_w g_w g_w^T) K$, $K$ the inverse of the normal matrix, needs many more
+windows than parameters: with 4 to 19 windows and 8 to 40 parameters its 95 % intervals hold in 83
+to 89 % of cases. One factor per effort row, all columns together, is told by four windows:
+
+$$\varphi_j = \frac{\sum_w g_{wj}^T K g_{wj}}
+{\sum_w \mathrm{tr}\,(K G_{wj} - (K G_{wj})^2)}, \qquad
+C = K \Big(\sum_j \varphi_j G_j\Big) K,$$
+
+with $G_{wj} = A_{wj}^T A_{wj} / \sigma_j^2$; the square is what the fit took from the scores. Its
+intervals hold in 93 to 96 % of cases, from white noise to drift over seconds. It is never below
+one: chance must not narrow an interval.
+
+What changes from run to run (another day, a motion that the model describes less well) scatters
+between runs more than between windows. With several runs, the larger of the two factors counts:
+that of windows, and that of whole runs.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.estimation.least_squares.normal_equations import Fit, shared_map
+from steelyard.estimation.per_run import Eliminated
+from steelyard.regression.information import Information
+
+WINDOWS = 24
+"""Windows that all runs together are cut into; more make them shorter, and tell no more."""
+
+FEWEST = 2
+"""Windows of a run that are kept apart, however many runs there are."""
+
+FREEDOM = 2.0
+"""Expected squares of scores below which they tell nothing."""
+
+TOLD = 1.5
+"""Factor on the width of intervals from which on people are told."""
+
+
+def inflations(fit: Fit) -> Array:
+    r"""How many times more the estimate scatters than by white residuals, per row: $\varphi_j$.
+
+    Args:
+        fit: Weighted least squares, weighted by the inverse of its variances.
+
+    Returns:
+        Shape `(rows,)`, at least 1; 1 where the windows are too few to tell.
+    """
+    runs = len({window.run for window in fit.data.whole.windows})
+    factors = _scatter(fit, max(FEWEST, WINDOWS // max(runs, 1)))
+    return np.maximum(factors, _scatter(fit, 1)) if runs > 1 else factors
+
+
+def _scatter(fit: Fit, most: int) -> Array:
+    r"""$\varphi_j$ of scores in at most so many windows per run, shape `(rows,)`, at least 1."""
+    found, expected = np.zeros(len(fit.variances)), np.zeros(len(fit.variances))
+    for part in _parts(fit, most):
+        place = {column: k for k, column in enumerate(part.columns)}
+        for row, seen in enumerate(part.windows.layout.sees):
+            mine = [k for k, column in enumerate(seen) if column in place]
+            theirs = [place[seen[k]] for k in mine]
+            grams, scores = (x / fit.variances[row] for x in _row(part, row, mine))
+            inverse = part.inverse[np.ix_(theirs, theirs)]
+            taken = inverse @ grams
+            found[row] += np.sum((scores @ inverse) * scores)
+            expected[row] += np.trace(taken, axis1=1, axis2=2).sum()
+            expected[row] -= np.sum(taken * taken.transpose(0, 2, 1))
+    told = expected >= (FREEDOM if len(fit.data.whole.windows) > 1 else np.inf)
+    return np.where(told, np.maximum(found / np.where(told, expected, 1.0), 1.0), 1.0)
+
+
+def honest_covariance(
+    fit: Fit, inverse: Array, prior: Array | None = None, factors: Array | None = None
+) -> Array:
+    r"""Covariance of the shared parameters, $K (\sum_j \varphi_j G_j + P) K$.
+
+    Args:
+        fit: Weighted least squares of the data.
+        inverse: $K$, inverse of the second derivative of what was minimised, over the columns
+            `fit.solution.kept`; for a regularised estimate its prior is part of that.
+        prior: $P$, second derivative of the prior, if there is one.
+        factors: $\varphi_j$, if they are known already.
+
+    Returns:
+        Over the columns `fit.solution.kept`.
+    """
+    factors = inflations(fit) if factors is None else factors
+    kept = fit.solution.kept
+    middle = np.zeros((len(kept), len(kept))) if prior is None else prior.copy()
+    for run, own in zip(fit.data.runs, fit.solution.locals, strict=True):
+        matrix, _, _ = run.normal(factors / fit.variances)
+        shared = shared_map(own, kept)
+        middle += shared.T @ matrix @ shared
+    return _symmetric(inverse @ middle @ inverse)
+
+
+def sandwich(fit: Fit) -> Array:
+    r"""The full sandwich by windows, $\frac{W}{W-1} K (\sum_w g_w g_w^T) K$.
+
+    Its rank is $W - 1$ at most: of use only with several times more windows than parameters.
+
+    Args:
+        fit: Weighted least squares of the data.
+
+    Returns:
+        Over the columns `fit.solution.kept`.
+    """
+    size, kept, inverse = len(fit.solution.values), fit.solution.kept, fit.solution.inverse
+    found = []
+    for part in _parts(fit, len(fit.data.whole.windows)):
+        scores = np.zeros((len(part.windows.windows), size))
+        for row, seen in enumerate(part.windows.layout.sees):
+            mine = [k for k, column in enumerate(seen) if column in part.columns]
+            _, own = _row(part, row, mine)
+            scores[:, [seen[k] for k in mine]] += own / fit.variances[row]
+        found.append(scores @ shared_map(part.own, kept))
+    stacked = np.concatenate(found)
+    count = len(stacked)
+    middle = stacked.T @ stacked * (count / max(count - 1, 1))
+    return _symmetric(inverse @ middle @ inverse)
+
+
+def note_of(rows: Sequence[str], factors: Array) -> tuple[str, ...]:
+    """For people to read: where intervals became much wider."""
+    wide = [
+        f"{row} x {np.sqrt(factor):.1f}"
+        for row, factor in zip(rows, factors, strict=True)
+        if factor > TOLD**2
+    ]
+    if not wide:
+        return ()
+    return (
+        "residuals are alike for longer than the filter, or runs disagree (model error, drift), so "
+        f"intervals are wider: {', '.join(wide)}",
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """Windows of runs that share all parameters.
+
+    Attributes:
+        windows: The windows.
+        own: Parameters of the run itself.
+        values: Values of all columns, shape `(p,)`.
+        columns: Columns with a value.
+        inverse: Inverse of the normal matrix over these.
+    """
+
+    windows: Information
+    own: Eliminated
+    values: Array
+    columns: list[int]
+    inverse: Array
+
+
+def _parts(fit: Fit, most: int) -> Iterator[_Part]:
+    """The data in at most so many windows per run."""
+    solution, whole = fit.solution, fit.data.whole
+    for run, own in zip(fit.data.runs, solution.locals, strict=True):
+        names = {w.run for w in run.windows}
+        mine = [k for k, w in enumerate(whole.windows) if w.run in names]
+        values = solution.values.copy()
+        values[list(own.columns)] = own.values
+        columns, inverse = own.joined(solution.kept, solution.inverse)
+        yield _Part(whole.of(mine).merged(most), own, values, columns, inverse)
+
+
+def _row(part: _Part, row: int, mine: Sequence[int]) -> tuple[Array, Array]:
+    """Per window the Gram matrix of some of a row's columns, and their products with residuals."""
+    windows, seen = part.windows, part.windows.layout.sees[row]
+    grams = windows.row_grams(row)
+    weights = np.append(-part.values[list(seen)], 1.0)
+    scores = grams[:, :-1] @ weights
+    return grams[:, :-1, :-1][np.ix_(range(len(grams)), mine, mine)], scores[:, mine]
+
+
+def _symmetric(matrix: Array) -> Array:
+    return np.asarray(0.5 * (matrix + matrix.T))

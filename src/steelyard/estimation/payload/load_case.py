@@ -1,0 +1,189 @@
+r"""Runs with and without a payload as one linear problem.
+
+The payload's numbers, moved to the frame of the body that carries it, add to that body's: with
+`lift` the map from standard to base parameters, $\phi_\mathrm{base} + B\,\phi_L$, $B$ = `lift`'s
+ten columns of the body times the move.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.errors import DataError, ModelError
+from steelyard.estimation.payload.joined import Part, joined
+from steelyard.model import Model
+from steelyard.regression.base import BaseMap
+from steelyard.regression.information import Information
+from steelyard.robot.inertia import INERTIAL_NAMES, INERTIAL_UNITS, Inertia
+from steelyard.robot.robot import Frame, Robot
+from steelyard.suggest import advice
+
+STEADY = ("rigid_body", "rotor_inertia", "spring", "gravity_compensator")
+"""Laws whose parameters stay from day to day; friction and offset drift."""
+
+WINDOWS = 8
+"""Windows kept per run; they tell how long residuals are alike."""
+
+
+def carrier(robot: Robot, name: str | None = None) -> Frame:
+    """The frame of that name; that of the last link if none is named.
+
+    Raises:
+        ModelError: There is none, it is fixed to the base, or has no body.
+    """
+    links = {
+        body.name: Frame(body.name, k, np.eye(3), np.zeros(3))
+        for k, body in enumerate(robot.bodies)
+    }
+    frames = links | {frame.name: frame for frame in robot.frames}
+    if name is None:
+        return links[robot.bodies[-1].name]
+    if name not in frames:
+        raise ModelError(
+            f"there is no frame '{name}'",
+            where=f"robot '{robot.name}'",
+            mend=advice(name, frames, "frames"),
+        )
+    if frames[name].body < 0:
+        raise ModelError(
+            f"frame '{name}' is fixed to the base: a payload there loads no joint",
+            where=f"robot '{robot.name}'",
+            mend=f"name a frame that moves, such as '{robot.bodies[-1].name}'",
+        )
+    if robot.bodies[frames[name].body].massless:
+        raise ModelError(
+            f"frame '{name}' lies between two joints of one body, and carries nothing",
+            where=f"robot '{robot.name}'",
+            mend=f"name a link with mass, such as '{robot.bodies[-1].name}'",
+        )
+    return frames[name]
+
+
+def payload_lift(robot: Robot, base: BaseMap, frame: Frame) -> Array:
+    """What a payload's ten numbers in a frame add to the base parameters, shape `(b, 10)`.
+
+    Raises:
+        ModelError: The model has no bodies, to which it could add.
+    """
+    body = robot.bodies[frame.body].name
+    if f"{INERTIAL_NAMES[0]}.{body}" not in base.names:
+        raise ModelError(
+            "a payload adds to the robot's bodies, but the model's terms have none",
+            where=f"robot '{robot.name}', list of terms",
+            mend='list the term "rigid_body", and identify the model anew',
+        )
+    move = np.array(
+        [Inertia.from_ten(e).moved(frame.rotation, frame.position).ten for e in np.eye(10)]
+    ).T
+    columns = [base.names.index(f"{name}.{body}") for name in INERTIAL_NAMES]
+    return np.asarray(base.lift[:, columns] @ move)
+
+
+def drifting(model: Model, columns: Sequence[str]) -> tuple[int, ...]:
+    """Numbers of the columns that differ from day to day: friction, offset, what is per run."""
+    steady = {
+        parameter.name
+        for term in model.terms
+        if term.law in STEADY and not getattr(term, "per_run", False)
+        for parameter in term.parameters(model.robot)
+    }
+    return tuple(k for k, name in enumerate(columns) if name not in steady)
+
+
+@dataclass(frozen=True, eq=False)
+class LoadCase:
+    """Runs with and without a payload as one linear problem.
+
+    The parameters are those of the arm, then what each run's friction and offset deviate from
+    them, then the payload's ten.
+
+    Attributes:
+        information: About all of these.
+        n_arm: How many parameters the arm has.
+        drift: Columns of the arm that deviate per run.
+    """
+
+    information: Information
+    n_arm: int
+    drift: tuple[int, ...]
+
+    @property
+    def size(self) -> int:
+        """Number of all parameters."""
+        return len(self.information.layout.columns)
+
+    @property
+    def payload(self) -> tuple[int, ...]:
+        """Numbers of the payload's ten parameters."""
+        return tuple(range(self.size - 10, self.size))
+
+    @property
+    def deviations(self) -> tuple[tuple[int, ...], ...]:
+        """Numbers of the parameters that deviate, per run that does."""
+        width = max(len(self.drift), 1)
+        inner = range(self.n_arm, self.size - 10)
+        return tuple(tuple(inner[k : k + width]) for k in range(0, len(inner), width))
+
+
+def load_case(
+    model: Model,
+    base: BaseMap,
+    frame: Frame,
+    unloaded: Sequence[Information],
+    loaded: Sequence[Information],
+    *,
+    first_deviates: bool,
+    drifts: bool = True,
+) -> LoadCase:
+    """Put runs together.
+
+    Args:
+        model: The model.
+        base: Its base parameters.
+        frame: What carries the payload.
+        unloaded: Runs without it, one piece of information each.
+        loaded: Runs with it.
+        first_deviates: Whether the first run deviates from the arm's friction too.
+        drifts: Whether friction and offset are each run's own.
+    """
+    runs = tuple(run.merged(WINDOWS) for run in (*unloaded, *loaded))
+    layout = runs[0].layout
+    n_arm, drift = len(layout.columns), drifting(model, layout.columns) if drifts else ()
+    deviating = range(0 if first_deviates else 1, len(runs))
+    place = {name: k for k, name in enumerate(base.base_names)}
+    lift = payload_lift(model.robot, base, frame)[[place[name] for name in layout.columns]]
+    size = n_arm + len(drift) * len(deviating) + 10
+    parts = []
+    for number, run in enumerate(runs):
+        transform = np.zeros((n_arm, size))
+        transform[:, :n_arm] = np.eye(n_arm)
+        if number in deviating:
+            start = n_arm + len(drift) * deviating.index(number)
+            transform[list(drift), range(start, start + len(drift))] = 1.0
+        if number >= len(unloaded):
+            transform[:, -10:] = lift
+        pieces = [run.of([k]) for k in range(len(run.windows))] or [run]
+        parts += [Part(piece, transform) for piece in pieces]
+    own = [
+        (f"{layout.columns[k]} of run {r + 1}", layout.units[k]) for r in deviating for k in drift
+    ]
+    ten = zip((f"{name}.payload" for name in INERTIAL_NAMES), INERTIAL_UNITS, strict=True)
+    named = [*zip(layout.columns, layout.units, strict=True), *own, *ten]
+    return LoadCase(joined(parts, [n for n, _ in named], [u for _, u in named]), n_arm, drift)
+
+
+def refuse_foreign(model: Model, runs: Sequence[Information]) -> None:
+    """Runs must have been gathered with the model.
+
+    Raises:
+        DataError: One was not.
+    """
+    for run in runs:
+        if run.stamp.model != model.fingerprint:
+            raise DataError(
+                "the runs were gathered with another model",
+                where=f"run '{run.windows[0].run if run.windows else '?'}'",
+                mend="gather them with the regressor of this model",
+            )

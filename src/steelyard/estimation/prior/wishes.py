@@ -1,0 +1,185 @@
+"""All wishes by the names they have in robot files; from model and robot file to knowledge."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import MISSING, fields, replace
+from typing import Any, cast, get_type_hints
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.errors import ModelError
+from steelyard.estimation.consistent.contradictions import refuse_contradictions
+from steelyard.estimation.consistent.friction_curves import friction_curves, shaped
+from steelyard.estimation.knowledge import Knowledge, Row
+from steelyard.estimation.per_run import own_columns
+from steelyard.estimation.prior.prior_given import given_knowledge
+from steelyard.estimation.prior.wish import Scope, Wish
+from steelyard.estimation.prior.wishes_bodies import (
+    CentreInBox,
+    CentreInHull,
+    Equal,
+    Mass,
+    Mirrored,
+    Symmetric,
+    TotalMass,
+)
+from steelyard.estimation.prior.wishes_parameters import Known, Tied
+from steelyard.model import Model
+from steelyard.robot.inertia import INERTIAL_NAMES
+from steelyard.robot_file.file import LoadedRobot
+from steelyard.robot_file.sections import as_declared
+from steelyard.suggest import advice
+from steelyard.terms.register import TERMS
+
+WISHES: dict[str, type[Any]] = {
+    wish.kind: wish
+    for wish in (
+        Mass,
+        TotalMass,
+        CentreInBox,
+        CentreInHull,
+        Known,
+        Tied,
+        Equal,
+        Mirrored,
+        Symmetric,
+    )
+}
+
+
+def knowledge_of(model: Model, loaded: LoadedRobot, fastest: Array | None = None) -> Knowledge:
+    """All that model and robot file say before the data.
+
+    Wishes about friction that was chosen from the data, or is still to be, and is not in the
+    model, are passed over with a note.
+
+    Args:
+        model: The model.
+        loaded: The robot file.
+        fastest: Greatest speed of each joint in the data [rad/s; m/s], up to which and beyond
+            friction is bounded as a whole; without it, coefficient by coefficient.
+
+    Raises:
+        ModelError: A wish is no wish, names what is not there, or contradicts itself.
+        DataError: Wishes contradict each other.
+    """
+    known = given_knowledge(model, loaded.prior, loaded.where)
+    rows: list[Row] = []
+    notes = list(known.notes)
+    for number, table in enumerate(loaded.knowledge):
+        where = loaded.where("knowledge", number)
+        wish = wish_of(table, where)
+        if loaded.friction and (absent := _of_absent_law(wish, model)):
+            notes.append(f"the model has no '{absent}': what is known of it counts for nothing")
+            continue
+        mine = wish.rows(Scope(model, where))
+        _refuse_own(mine, own_columns(model), where)
+        rows += mine
+    lower, loosened = _loosened(known, rows)
+    notes += [f"'{name}' may be below zero, as the robot file says" for name in loosened]
+    known = replace(known, lower=lower, rows=tuple(rows), notes=tuple(notes))
+    refuse_contradictions(known)
+    return known if fastest is None else _with_curves(known, model, fastest, loosened)
+
+
+def _with_curves(
+    known: Knowledge, model: Model, fastest: Array, loosened: Sequence[str]
+) -> Knowledge:
+    """The same with friction bounded as a whole, where the user has not set a bound lower."""
+    curves = tuple(
+        row for row in friction_curves(model, fastest) if not set(loosened) & set(row.coefficients)
+    )
+    return replace(known, curves=curves, shaped=shaped(model, curves))
+
+
+def _refuse_own(rows: Sequence[Row], own: Sequence[str], where: str) -> None:
+    """Stop at a wish about what every run has for itself."""
+    for name in own:
+        if any(name in row.coefficients for row in rows):
+            raise ModelError(
+                f"every run has a '{name}' of its own, of which nothing can be known before",
+                where=where,
+                mend="leave the wish out, or take per_run from the term",
+            )
+
+
+def wish_of(table: Mapping[str, Any], where: str) -> Wish:
+    """A wish from a table with its `kind` and its fields.
+
+    Args:
+        table: As the robot file has it.
+        where: For messages.
+
+    Raises:
+        ModelError: There is no such kind, a field is missing or unknown, or of another type.
+    """
+    given = dict(table)
+    kind = given.pop("kind", None)
+    if not isinstance(kind, str) or kind not in WISHES:
+        said = "a table does not say what `kind` of knowledge it is"
+        raise ModelError(
+            said if kind is None else f"'{kind}' is no kind of knowledge",
+            where=where,
+            mend=advice(kind if isinstance(kind, str) else "", WISHES, "kinds"),
+        )
+    wish = WISHES[kind]
+    known = [field.name for field in fields(wish)]
+    for name in given:
+        if name not in known:
+            raise ModelError(
+                f"knowledge of kind '{kind}' does not understand '{name}'",
+                where=where,
+                mend=advice(name, known, "keys there"),
+            )
+    for field in fields(wish):
+        if field.default is MISSING and field.name not in given:
+            raise ModelError(
+                f"knowledge of kind '{kind}' needs '{field.name}'",
+                where=where,
+                mend=f"add {field.name} = ... to it",
+            )
+    hints = get_type_hints(wish)
+    values = {name: _value(hints[name], name, value, where) for name, value in given.items()}
+    return cast(Wish, wish(**values))
+
+
+def _value(declared: Any, name: str, value: Any, where: str) -> Any:
+    try:
+        return as_declared(declared, _tuples(value))
+    except ValueError as error:
+        raise ModelError(
+            f"{value!r} cannot be used for '{name}'",
+            where=where,
+            mend=str(error)
+            .replace("input", "it")
+            .replace("tuple", "list in [ ]")
+            .replace("field required", "give three numbers, [x, y, z]"),
+        ) from None
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(_tuples(x) for x in value) if isinstance(value, list) else value
+
+
+def _of_absent_law(wish: Wish, model: Model) -> str | None:
+    """The parameter of a friction law that the model lacks, if a wish names one."""
+    if not isinstance(wish, Known | Tied):
+        return None
+    names = (wish.parameter, wish.to) if isinstance(wish, Tied) else (wish.parameter,)
+    absent = tuple(set(TERMS) - {term.law for term in model.terms})
+    return next((name for name in names if name.startswith(absent)), None)
+
+
+def _loosened(known: Knowledge, rows: list[Row]) -> tuple[Array, list[str]]:
+    """Lower bounds with those of laws that the user sets lower, and the names of these."""
+    lower, place = np.array(known.lower), {name: k for k, name in enumerate(known.names)}
+    bodies = {f"{kind}.{name}" for kind in INERTIAL_NAMES for name in known.bodies}
+    loosened = []
+    for row in rows:
+        if len(row.coefficients) != 1 or not np.isfinite(row.lower):
+            continue
+        name = next(iter(row.coefficients))
+        if name not in bodies and row.lower < lower[place[name]]:
+            lower[place[name]] = row.lower
+            loosened.append(name)
+    return lower, loosened

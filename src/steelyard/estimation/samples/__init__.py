@@ -1,0 +1,1 @@
+"""Estimators that look at single samples."""

@@ -1,0 +1,259 @@
+r"""Maximum likelihood with motion noise: positions are measured too, and noisy.
+
+A residual then has the variance $v_i = \sigma_j^2 + g_i^T \Sigma g_i$, with $g$ the torque's change
+with $q, \dot q, \ddot q$, $\Sigma$ their covariance behind the filters, and $g$ depends on the
+parameters and on where the robot is [Leboutet2021]. The true motion maximised out, parameters
+minimise $\sum_i e_i^2 / v_i(\phi)$, which, unlike least squares, is not drawn towards zero by noise
+in the columns; $\sigma_j^2$ is that of greatest likelihood, log-variance term included.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from steelyard.arrays import Array, frozen
+from steelyard.errors import DataError
+from steelyard.estimation.estimate import Estimate
+from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimation.least_squares.normal_equations import refuse_few
+from steelyard.estimation.samples.motion_gradients import motion_roots, slopes
+from steelyard.estimation.samples.robust import FREEDOM, residuals_of
+from steelyard.parameters import Parameters
+from steelyard.regression.regressor import Regressor
+from steelyard.regression.samples import Samples
+
+FLOOR = 1e-24
+"""Least variance of the effort's own noise over the mean square of the effort."""
+
+HALVINGS = 5
+"""How often a step that does not help is halved."""
+
+
+@dataclass(frozen=True, eq=False)
+class MotionNoise:
+    """Gauss-Newton steps on standardised residuals, variances and their bend included.
+
+    Efforts of different joints count as independent. The covariance is that of the scores,
+    $H^{-1} M H^{-1}$, to first order in the noise. Parameters that runs have for themselves stay as
+    weighted least squares has them.
+
+    Attributes:
+        regressor: Model and columns of the samples.
+        position: Standard deviation of a position, one for all joints or one per joint [rad; m];
+            `None`: as it is found in the runs.
+        rounds: Most steps.
+        tolerance: Change of the parameters, in standard deviations, at which they are settled.
+        per_run: Columns whose parameters every run has for itself.
+    """
+
+    regressor: Regressor
+    position: float | tuple[float, ...] | None = None
+    rounds: int = 30
+    tolerance: float = 1e-4
+    per_run: tuple[str, ...] = ()
+
+    def __call__(self, samples: Samples) -> Estimate:
+        """Estimate all columns that the samples see.
+
+        Raises:
+            DataError: They see none, or nothing is known of the noise of their motion.
+        """
+        start = WeightedLeastSquares(per_run=self.per_run)(samples.information())
+        refuse_few(samples.information(), len(start.parameters), FREEDOM)
+        problem = _Problem.of(self.regressor, samples, start, _roots(samples, self.position))
+        state = problem.likeliest(problem.at(problem.first, np.square(start.sigma)))
+        for count in range(1, self.rounds + 1):
+            before = state.values
+            state, spread = problem.stepped(state)
+            if np.max(np.abs(state.values - before) / spread) < self.tolerance:
+                return problem.estimate(start, state, f"settled after {count} steps")
+            state = problem.likeliest(state)
+        return problem.estimate(start, state, f"not settled after {self.rounds} steps")
+
+
+def _roots(samples: Samples, position: ArrayLike | None) -> list[Array]:
+    """Per source what an error of motion is made of, see `motion_roots`."""
+    found = []
+    for source in samples.sources:
+        if source.error is None:
+            raise DataError(
+                "nothing is known of how noise of positions becomes noise of the motion",
+                where=source.run,
+                mend="gather the samples from a run, whose filters are known",
+            )
+        found.append(motion_roots(source.error.covariance(position)))
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """Where the search is; all but the first two per effort row.
+
+    Attributes:
+        values: Parameters that are searched, shape `(k,)`.
+        own: Variance of each row's own noise, shape `(rows,)`.
+        residuals: Shape `(N_j,)`.
+        motion: Variance of each residual through noise of the motion, shape `(N_j,)`.
+        bends: Half the change of that with the parameters, shape `(N_j, k_j)`.
+        total: Variance of each residual, shape `(N_j,)`.
+        loss: What is minimised.
+    """
+
+    values: Array
+    own: Array
+    residuals: tuple[Array, ...]
+    motion: tuple[Array, ...]
+    bends: tuple[Array, ...]
+    total: tuple[Array, ...]
+    loss: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """Samples with what is searched and what is held.
+
+    Attributes:
+        regressor: Model and columns.
+        samples: The samples, without what parameters of single runs explain of their efforts.
+        roots: Per source the roots of the motion's covariance.
+        names: What is searched.
+        place: Its columns.
+        held: Values of the other columns, shape `(p,)`.
+        first: Where the search begins.
+    """
+
+    regressor: Regressor
+    samples: Samples
+    roots: list[Array]
+    names: tuple[str, ...]
+    place: tuple[int, ...]
+    held: Array
+    first: Array
+
+    @classmethod
+    def of(
+        cls, regressor: Regressor, samples: Samples, start: Estimate, roots: list[Array]
+    ) -> "_Problem":
+        """Begin at an estimate."""
+        columns, known = samples.layout.columns, start.parameters.as_dict()
+        own = {name for one in start.per_run for name in one.parameters.names}
+        names = tuple(name for name in start.parameters.names if name not in own)
+        held = np.array([known[c] if c in own else 0.0 for c in columns])
+        shared = np.array([known.get(c, 0.0) if c not in own else 0.0 for c in columns])
+        rows = []
+        for rest, weight, row, seen in zip(
+            residuals_of(samples, start),
+            samples.weights,
+            samples.rows,
+            samples.layout.sees,
+            strict=True,
+        ):
+            effort = rest / np.sqrt(weight) + row[:, :-1] @ shared[list(seen)]
+            rows.append(np.column_stack([row[:, :-1], effort]))
+        first = np.array([known[name] for name in names])
+        place = tuple(columns.index(name) for name in names)
+        alone = replace(samples, rows=tuple(rows))
+        return cls(regressor, alone, roots, names, place, held, first)
+
+    def at(self, values: Array, own: Array) -> _State:
+        """The state at some parameters and variances of the efforts' own noise."""
+        shared = np.zeros(len(self.held))
+        shared[list(self.place)] = values
+        found = slopes(self.regressor, self.samples, self.roots, shared + self.held)
+        residuals = self.samples.residuals(shared)
+        return self._state(_State(values, own, residuals, found.variances, found.bends, (), 0.0))
+
+    def _state(self, state: _State) -> _State:
+        """The same with what follows from the variances."""
+        total = tuple(
+            own / weight + motion
+            for own, weight, motion in zip(
+                state.own, self.samples.weights, state.motion, strict=True
+            )
+        )
+        parts = zip(self.samples.shares, state.residuals, total, strict=True)
+        loss = sum(float(np.sum(share * np.square(e) / v)) for share, e, v in parts)
+        return replace(state, total=total, loss=loss)
+
+    def likeliest(self, state: _State) -> _State:
+        """The same parameters with the variances that are likeliest then."""
+        own = [self._own(row, state) for row in range(len(state.own))]
+        return self._state(replace(state, own=np.array(own)))
+
+    def _own(self, row: int, state: _State) -> float:
+        """Variance of one row's own noise: least sum of `log v + e² / v`."""
+        from scipy.optimize import minimize_scalar
+
+        squares, share = np.square(state.residuals[row]), self.samples.shares[row]
+        weight, motion = self.samples.weights[row], state.motion[row]
+        size = np.square(self.samples.rows[row][:, -1])
+        least = FLOOR * float(size.mean()) if len(size) and size.any() else 1.0
+        most = 2.0 * float((squares * weight).mean()) if len(size) else 0.0
+        if most <= least:
+            return least
+
+        def loss(logarithm: float) -> float:
+            v = np.exp(logarithm) / weight + motion
+            return float(np.sum(share * (np.log(v) + squares / v)))
+
+        found = minimize_scalar(loss, bounds=(np.log(least), np.log(most)), method="bounded")
+        return float(np.exp(found.x))
+
+    def stepped(self, state: _State) -> tuple[_State, Array]:
+        """The state a step on, variances as they were, and the parameters' deviations."""
+        matrix, vector, _ = self._sums(state)
+        inverse = _inverse(matrix)
+        step = inverse @ vector
+        for halving in range(HALVINGS):
+            new = self.at(state.values + 0.5**halving * step, state.own)
+            if new.loss <= state.loss:
+                return new, np.sqrt(np.diag(inverse))
+        return state, np.sqrt(np.diag(inverse))
+
+    def _sums(self, state: _State) -> tuple[Array, Array, Array]:
+        """Normal matrix and vector of a step, and the sum of squared scores."""
+        p = len(self.held)
+        matrix, vector, scores = np.zeros((p, p)), np.zeros(p), np.zeros((p, p))
+        for row, seen in enumerate(self.samples.layout.sees):
+            e, v, share = state.residuals[row], state.total[row], self.samples.shares[row]
+            columns = self.samples.rows[row][:, :-1] + state.bends[row] * (e / v)[:, None]
+            columns = columns / np.sqrt(v)[:, None]
+            r, index = e / np.sqrt(v), np.array(seen, dtype=int)
+            matrix[np.ix_(index, index)] += (columns.T * share) @ columns
+            vector[index] += columns.T @ (share * r)
+            scores[np.ix_(index, index)] += (columns.T * (share * np.square(r))) @ columns
+        k = list(self.place)
+        return matrix[np.ix_(k, k)], vector[k], scores[np.ix_(k, k)]
+
+    def estimate(self, start: Estimate, state: _State, how: str) -> Estimate:
+        """What was found, in the form that the search began with."""
+        matrix, _, scores = self._sums(state)
+        inverse = _inverse(matrix)
+        worth = float(start.n_samples.sum())
+        noise = scores * worth / max(worth - len(self.names), 1.0)
+        place = [start.parameters.names.index(name) for name in self.names]
+        values, covariance = start.parameters.values.copy(), start.covariance.copy()
+        values[place] = state.values
+        covariance[np.ix_(place, place)] = inverse @ noise @ inverse
+        each = zip(state.residuals, self.samples.weights, state.motion, state.total, strict=True)
+        rows = [
+            (np.sqrt(np.mean(np.square(e) * w)), m.sum() / v.sum()) if len(e) else (0.0, 0.0)
+            for e, w, m, v in each
+        ]
+        shares = " ".join(f"{100.0 * share:.2g}" for _, share in rows)
+        note = f"share of the variance that comes from the motion, per joint: {shares} %"
+        return replace(
+            start,
+            estimator="maximum likelihood with motion noise",
+            parameters=Parameters(start.parameters.names, start.parameters.units, values),
+            covariance=frozen(0.5 * (covariance + covariance.T)),
+            sigma=frozen([sigma for sigma, _ in rows]),
+            notes=(how, note),
+        )
+
+
+def _inverse(matrix: Array) -> Array:
+    lengths = np.sqrt(np.diag(matrix))
+    inverse = np.linalg.inv(matrix / lengths[:, None] / lengths)
+    return np.asarray(inverse / lengths[:, None] / lengths)

@@ -1,0 +1,233 @@
+r"""The walls that a motion may not touch while it is optimised: a logarithmic barrier.
+
+Limits of joints are linear in the coefficients, $o_{jr} - \sum_i s_{ri} x_{ji} \ge 0$; their
+barrier is $-\sum \log$ of the margins in units of the limit. Other constraints matter only nearer
+than their room: with $s$ the margin over the room their barrier is
+$-\log s - (1 - s) - \tfrac12 (1 - s)^2$ for $s < 1$ and zero beyond, twice differentiable at 1.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.excitation.bases.basis import Basis
+from steelyard.excitation.constraints.constraint import Constraint
+from steelyard.excitation.limits import MotionLimits
+
+_DIPS = 1.2
+_MOST = 0.9
+_SPARSE = 5
+
+APART = 2
+"""Constraints are looked at in every second sample: they change more slowly than accelerations."""
+
+
+@dataclass(frozen=True, eq=False)
+class Barrier:
+    """The barrier at one motion, with the derivatives that Newton's method takes.
+
+    Attributes:
+        value: Mean over the samples.
+        slope: Shape `(n, m)`.
+        curvature: Shape `(n m, n m)`; of constraints that are not linear the part without their
+            second derivatives.
+    """
+
+    value: float
+    slope: Array
+    curvature: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Walls:
+    """Margins of a motion at sample times.
+
+    Attributes:
+        basis: The family of motions.
+        limits: Of the joints.
+        constraints: All else that must hold.
+        t: Sample times, shape `(N,)` [s]; constraints are looked at in each second one.
+        reserves: What each constraint's margins keep for the time between samples, each `(N', k)`;
+            nothing if empty.
+        edge: What the limits' margins keep for it, shape `(n, 2 R)`.
+    """
+
+    basis: Basis
+    limits: MotionLimits
+    constraints: Sequence[Constraint]
+    t: Array
+    reserves: Sequence[Array] = ()
+    edge: Array | float = 0.0
+
+    def closer(self) -> "Walls":
+        """The same with twice the samples and no reserves."""
+        ends = np.append(self.t, 2.0 * self.t[-1] - self.t[-2])
+        t = np.sort(np.concatenate([self.t, 0.5 * (ends[1:] + ends[:-1])]))
+        return Walls(self.basis, self.limits, self.constraints, t)
+
+    @cached_property
+    def sparser(self) -> "Walls":
+        """The same with every `_SPARSE`th sample and no reserves, for a first look."""
+        return Walls(self.basis, self.limits, self.constraints, self.t[::_SPARSE])
+
+    @cached_property
+    def shapes(self) -> list[Array]:
+        """The basis' functions and their derivatives at the samples, each `(N, m)`."""
+        return [self.basis.shapes(self.t, order) for order in range(self._orders)]
+
+    @cached_property
+    def offsets(self) -> list[Array]:
+        """What the basis has without coefficients, each `(N, n)`."""
+        return [self.basis.offset(self.t, order) for order in range(self._orders)]
+
+    @property
+    def _orders(self) -> int:
+        return 3 if self.limits.jerk is None else 4
+
+    @cached_property
+    def _rows(self) -> Array:
+        """All orders one after another, shape `(R, m)`."""
+        return np.vstack(self.shapes)
+
+    @cached_property
+    def _middle(self) -> Array:
+        """What the limits leave in the middle, less the offset, shape `(n, R)`."""
+        sides = zip(bounds(self.limits)[: self._orders], self.offsets, strict=True)
+        return np.hstack([0.5 * (low + high)[:, None] - offset.T for (low, high), offset in sides])
+
+    @cached_property
+    def _halves(self) -> Array:
+        """Half of each limit's range, shape `(n, R)`."""
+        halves = [0.5 * (high - low) for low, high in bounds(self.limits)[: self._orders]]
+        return np.repeat(np.column_stack(halves), len(self.t), axis=1)
+
+    def linear(self, x: Array) -> Array:
+        """Margins of the limits in units of half their range, shape `(n, 2 R)`."""
+        place = (x @ self._rows.T - self._middle) / self._halves
+        return np.hstack([1.0 - place, 1.0 + place]) - self.edge
+
+    def away(self, dx: Array) -> Array:
+        """How fast those margins change along `dx`."""
+        rate = (dx @ self._rows.T) / self._halves
+        return np.hstack([-rate, rate])
+
+    def state(self, x: Array) -> tuple[Array, Array, Array]:
+        """Position, speed and acceleration at the constraints' samples, each `(N', n)`."""
+        q, dq, ddq = (
+            s[::APART] @ x.T + o[::APART]
+            for s, o in zip(self.shapes[:3], self.offsets[:3], strict=True)
+        )
+        return q, dq, ddq
+
+    def reserving(self, x: Array, extra: Sequence[Array] = ()) -> "Walls":
+        """Walls that keep what margins dip between the samples of a motion inside.
+
+        Between two samples a margin with second difference $c$ dips by $c/8$ at most, as far as it
+        is a parabola; no more than nine tenths of a margin is reserved.
+
+        Args:
+            x: The motion.
+            extra: What each constraint's margins keep on top, each `(k,)`; nothing if empty.
+        """
+        state = self.state(x)
+        found = []
+        for number, constraint in enumerate(self.constraints):
+            values = constraint.margins(*state).values
+            wanted = _dips(values) + (extra[number] if extra else 0.0)
+            found.append(np.minimum(wanted, _MOST * np.maximum(values, 0.0)))
+        margins = replace(self, edge=0.0).linear(x)
+        blocks = margins.reshape(-1, len(self.t))
+        edge = np.minimum(_dips(blocks.T).T.reshape(margins.shape), _MOST * margins)
+        return replace(self, reserves=tuple(found), edge=np.maximum(edge, 0.0))
+
+    def worst(self, x: Array) -> float:
+        """The smallest margin of all, in units of limits and rooms; positive inside."""
+        least = float(self.linear(x).min())
+        for constraint in self.constraints if least > 0.0 else ():
+            values = constraint.margins(*self.state(x)).values
+            least = float(np.minimum(least, (values / constraint.room).min()))
+        return -np.inf if np.isnan(least) else least
+
+    def barrier(self, x: Array) -> Barrier | None:
+        """The barrier at `x`, or `None` where a margin is not positive."""
+        value, slope, curvature = 0.0, np.zeros_like(x), np.zeros((x.size, x.size))
+        for part in self._parts(x):
+            if part is None:
+                return None
+            value += part.value
+            slope += part.slope
+            curvature += part.curvature
+        return Barrier(value, slope, curvature)
+
+    def _parts(self, x: Array) -> Iterator[Barrier | None]:
+        """Barriers of the limits and of each constraint, until one is not inside."""
+        yield self._limited(x)
+        state = self.state(x) if self.constraints else None
+        for number, constraint in enumerate(self.constraints):
+            assert state is not None
+            reserve = self.reserves[number] if self.reserves else 0.0
+            yield self._curved(constraint, state, x.shape, reserve)
+
+    def _limited(self, x: Array) -> Barrier | None:
+        """The barrier of the joints' limits."""
+        margins = self.linear(x)
+        if not margins.min() > 0.0:
+            return None
+        n, m = x.shape
+        above, below = np.hsplit(1.0 / margins, 2)
+        slope = ((above - below) / self._halves) @ self._rows
+        bend = (above**2 + below**2) / self._halves**2
+        curvature = np.zeros((n * m, n * m))
+        for joint, weights in enumerate(bend):
+            own = slice(joint * m, (joint + 1) * m)
+            curvature[own, own] = (self._rows.T * weights) @ self._rows
+        count = len(self.t)
+        return Barrier(-float(np.log(margins).sum()) / count, slope / count, curvature / count)
+
+    def _curved(
+        self,
+        constraint: Constraint,
+        state: tuple[Array, Array, Array],
+        shape: tuple[int, ...],
+        reserve: Array | float,
+    ) -> Barrier | None:
+        """The barrier of one constraint."""
+        margins = constraint.margins(*state)
+        s = (margins.values - reserve) / constraint.room
+        if not s.min() > 0.0:
+            return None
+        times, which = np.nonzero(s < 1.0)
+        near, unit = s[times, which], constraint.room[which]
+        lack = 1.0 - near
+        value = float((-np.log(near) - lack - 0.5 * lack**2).sum())
+        rows = np.zeros((len(times), *shape))
+        for by, functions in zip(
+            (margins.by_q, margins.by_dq, margins.by_ddq), self.shapes[:3], strict=True
+        ):
+            if by is not None:
+                change = by[times, which] / unit[:, None]
+                rows += change[:, :, None] * functions[APART * times][:, None, :]
+        flat = rows.reshape(len(times), shape[0] * shape[1])
+        slope = ((-1.0 / near + 1.0 + lack) @ flat).reshape(shape)
+        curvature = (flat * (1.0 / near**2 - 1.0)[:, None]).T @ flat
+        count = len(state[0])
+        return Barrier(value / count, slope / count, curvature / count)
+
+
+def _dips(margins: Array) -> Array:
+    """How far margins at samples `(N, k)` may dip beside them, as far as they are parabolas."""
+    bend = np.zeros_like(margins)
+    bend[1:-1] = np.maximum(margins[:-2] - 2.0 * margins[1:-1] + margins[2:], 0.0)
+    beside = np.vstack([bend[:1], bend, bend[-1:]])
+    return _DIPS / 8.0 * np.maximum(np.maximum(beside[:-2], beside[2:]), bend)
+
+
+def bounds(limits: MotionLimits) -> list[tuple[Array, Array]]:
+    """Lower and upper bound of position, speed, acceleration and, where limited, jerk."""
+    sides = [(limits.lower, limits.upper)]
+    symmetric = [limits.velocity, limits.acceleration]
+    symmetric += [] if limits.jerk is None else [limits.jerk]
+    return sides + [(-most, most) for most in symmetric]

@@ -1,0 +1,1 @@
+"""Families of motions that are linear in their coefficients."""

@@ -1,0 +1,58 @@
+"""Families of motions that are linear in their coefficients."""
+
+from typing import Protocol
+
+from numpy.typing import ArrayLike
+
+from steelyard.arrays import Array
+from steelyard.excitation.trajectories.exact import ExactTrajectory
+
+
+class Basis(Protocol):
+    r"""Functions $\phi_i$ that all joints share: $q_j(t) = o_j(t) + \sum_i x_{ji} \phi_i(t)$.
+
+    Attributes:
+        joints: Number of joints `n`.
+        count: Functions per joint `m`.
+        duration: Length in time [s].
+        highest: The highest frequency that the functions hold [Hz]; says how densely to sample.
+    """
+
+    @property
+    def joints(self) -> int:
+        """Number of joints."""
+        ...
+
+    @property
+    def count(self) -> int:
+        """Functions per joint."""
+        ...
+
+    @property
+    def duration(self) -> float:
+        """Length in time [s]."""
+        ...
+
+    @property
+    def highest(self) -> float:
+        """Highest frequency that the functions hold [Hz]."""
+        ...
+
+    def shapes(self, t: ArrayLike, order: int) -> Array:
+        """The functions, or their derivative of order 1 to 3, shape `(N, m)`."""
+        ...
+
+    def offset(self, t: ArrayLike, order: int) -> Array:
+        """What is there without coefficients, shape `(N, n)`."""
+        ...
+
+    def still(self, posture: Array) -> Array:
+        """Coefficients, shape `(n, m)`, of standing still at `posture` `(n,)`.
+
+        Where the basis is held to a start posture of its own, it stands there.
+        """
+        ...
+
+    def motion(self, x: Array) -> ExactTrajectory:
+        """The motion of coefficients `x`, shape `(n, m)`."""
+        ...

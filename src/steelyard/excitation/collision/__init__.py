@@ -1,0 +1,1 @@
+"""Clearances between links, tools and the cell."""

@@ -1,0 +1,1 @@
+"""What a motion must keep at all times, and the proof that it does."""

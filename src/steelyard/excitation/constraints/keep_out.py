@@ -1,0 +1,168 @@
+"""Boxes of the cell that spheres on frames of the robot stay out of."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from steelyard.arrays import Array, frozen
+from steelyard.errors import ModelError
+from steelyard.excitation.constraints.bounding import Stretches, proven_minimum
+from steelyard.excitation.constraints.constraint import Margins
+from steelyard.excitation.constraints.markers import (
+    PROOF,
+    ROOM,
+    TOLERANCE,
+    TOOL_ONLY,
+    Marker,
+    paths,
+    points_of,
+)
+from steelyard.excitation.shapes.reach import point_rates
+from steelyard.excitation.trajectories.exact import ExactTrajectory
+from steelyard.kernel.quantities.kinematics import Points
+from steelyard.progress import Progress, silent
+from steelyard.robot.robot import Robot
+
+
+@dataclass(frozen=True, eq=False)
+class KeepOut:
+    """Spheres that stay out of boxes; distances are to the nearest face, edge or corner.
+
+    Attributes:
+        name: For certificates and messages.
+        labels: What each of the `k` margins is.
+        room: Shape `(k,)` [m].
+        points: Centres of the spheres.
+        which: Per margin the index of its point.
+        radii: Per margin the radius of its sphere, shape `(k,)` [m].
+        centres: Of the boxes, shape `(k, 3)` [m].
+        halves: Half their edges, shape `(k, 3)` [m].
+    """
+
+    name: str
+    labels: tuple[str, ...]
+    room: Array
+    points: Points
+    which: tuple[int, ...]
+    radii: Array
+    centres: Array
+    halves: Array
+
+    @property
+    def how(self) -> str:
+        """How it is proven, in one sentence."""
+        return PROOF
+
+    @property
+    def scope(self) -> str:
+        """What of the robot it is about."""
+        return TOOL_ONLY
+
+    @property
+    def unit(self) -> str:
+        """Unit of the margins."""
+        return "m"
+
+    def margins(self, q: Array, dq: Array, ddq: Array) -> Margins:
+        """Distances from the boxes at states of shape `(N, n)`."""
+        positions, slopes = self.points(q)
+        chosen = list(self.which)
+        apart = positions[:, chosen] - self.centres
+        beyond = np.abs(apart) - self.halves
+        values = box_distance(beyond) - self.radii
+        direction = _steepest(beyond) * np.where(apart < 0.0, -1.0, 1.0)
+        by_q = (direction[:, :, None, :] @ slopes[:, chosen])[:, :, 0]
+        return Margins(values, by_q=by_q)
+
+    def proven(self, trajectory: ExactTrajectory, progress: Progress = silent) -> Array:
+        """Lower bounds of the distances at all times, shape `(k,)` [m]."""
+        return proven_minimum(
+            trajectory, self._bound, np.full(len(self.which), TOLERANCE), progress, self.name
+        )
+
+    def reaches(self, lower: Array, upper: Array) -> Array:
+        """Change of every margin per change of each joint within bounds, `(k, n)` [m/rad; 1]."""
+        return point_rates(self.points.robot, self.points, lower, upper)[list(self.which)]
+
+    def _bound(self, stretches: Stretches) -> tuple[Array, Array]:
+        path = paths(self.points, stretches)
+        values, lower = np.empty((2, len(self.which), len(stretches.middle)))
+        for k, point in enumerate(self.which):
+            place = np.stack([path.along(point, axis) for axis in np.eye(3)], axis=-1)
+            values[k], lower[k] = (self._least(k, bounds) for bounds in place)
+        return values, lower
+
+    def _least(self, k: int, bounds: Array) -> Array:
+        """Least distance while each coordinate is within bounds, `(2, B, 3)`: shape `(B,)`."""
+        above, below = bounds[0] - self.centres[k], self.centres[k] - bounds[1]
+        distance = box_distance(np.maximum(above, below) - self.halves[k])
+        return np.asarray(distance - self.radii[k])
+
+
+def keep_out(
+    robot: Robot,
+    markers: Sequence[Marker],
+    lower: ArrayLike,
+    upper: ArrayLike,
+    name: str = "forbidden boxes",
+) -> KeepOut:
+    """Spheres that stay out of boxes along the base frame's axes.
+
+    Args:
+        robot: The robot.
+        markers: The spheres.
+        lower: Least x, y and z of every box, shape `(b, 3)` [m].
+        upper: Greatest, likewise.
+        name: For certificates and messages.
+
+    Raises:
+        ModelError: A box is empty, or a frame does not exist.
+    """
+    low, high = checked_boxes(lower, upper, name)
+    every = [(k, m, b) for k, m in enumerate(markers) for b in range(len(low))]
+    boxes = [b for _, _, b in every]
+    return KeepOut(
+        name,
+        labels=tuple(f"{m.title} out of box {b + 1}" for _, m, b in every),
+        room=np.full(len(every), ROOM),
+        points=points_of(robot, markers, name),
+        which=tuple(k for k, _, _ in every),
+        radii=np.array([m.radius for _, m, _ in every]),
+        centres=(0.5 * (low + high))[boxes],
+        halves=(0.5 * (high - low))[boxes],
+    )
+
+
+def checked_boxes(lower: ArrayLike, upper: ArrayLike, name: str) -> tuple[Array, Array]:
+    """Corners of boxes, shape `(b, 3)` each [m].
+
+    Raises:
+        ModelError: There is none, or one is empty.
+    """
+    low = frozen(lower, (None, 3))
+    high = frozen(upper, low.shape)
+    if not len(low) or not np.all(low < high):
+        raise ModelError(
+            f"box {int(np.argmin((low < high).all(axis=1))) + 1} is empty"
+            if len(low)
+            else "there are no boxes",
+            where=name,
+            mend="give every box a lower corner below its upper one in x, y and z",
+        )
+    return low, high
+
+
+def box_distance(beyond: Array) -> Array:
+    """Signed distance from a box, from how far each coordinate is beyond its faces, `(..., 3)`."""
+    outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=-1)
+    return np.asarray(outside + np.minimum(beyond.max(axis=-1), 0.0))
+
+
+def _steepest(beyond: Array) -> Array:
+    """Derivative of `box_distance`, shape `(..., 3)`; at an edge inside that of one face."""
+    outside = np.maximum(beyond, 0.0)
+    length = np.linalg.norm(outside, axis=-1, keepdims=True)
+    inside = np.eye(3)[beyond.argmax(axis=-1)]
+    return np.where(length > 0.0, outside / np.where(length > 0.0, length, 1.0), inside)

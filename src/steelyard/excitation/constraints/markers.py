@@ -1,0 +1,143 @@
+r"""Spheres on frames of the robot, and where their centres can be during stretches of time.
+
+Over a stretch of half length $r$ about its middle,
+$p(t) \in p_m + [-r, r]\,\dot p_m + \tfrac{1}{2}[0, r^2]\,A$, with accelerations $A$ bounded by
+interval arithmetic over all states of the stretch.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from steelyard.arrays import Array, frozen
+from steelyard.errors import ModelError
+from steelyard.excitation.constraints.bounding import Stretches
+from steelyard.kernel.quantities.kinematics import Points, frame_of, points_on
+from steelyard.robot.robot import Robot
+
+ROOM = 0.05
+"""Distance from a wall at which it begins to matter [m]."""
+
+TOLERANCE = 5e-4
+"""How far below the least margin at a sample a proof may stay [m]."""
+
+PROOF = (
+    "positions and velocities at the middle of every stretch of time, and interval bounds of the "
+    "accelerations all over it"
+)
+"""How margins of spheres are proven."""
+
+TOOL_ONLY = "tool point only"
+"""What of a robot such margins are about."""
+
+_ROUNDING = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Marker:
+    """A sphere that a frame of the robot carries.
+
+    Attributes:
+        frame: Name of the frame.
+        offset: Its centre in the frame, shape `(3,)` [m].
+        radius: Zero for a point [m].
+    """
+
+    frame: str
+    offset: Array
+    radius: float
+
+    def __init__(self, frame: str, offset: ArrayLike = (0.0, 0.0, 0.0), radius: float = 0.0):
+        object.__setattr__(self, "frame", frame)
+        object.__setattr__(self, "offset", frozen(offset, (3,)))
+        object.__setattr__(self, "radius", float(radius))
+        if not 0.0 <= self.radius < np.inf:
+            raise ValueError(f"a sphere of radius {radius} m")
+
+    @property
+    def ball(self) -> str:
+        """Such as `ball of 50 mm`, the radius."""
+        return f"ball of {1e3 * self.radius:.3g} mm"
+
+    @property
+    def title(self) -> str:
+        """Name for labels, such as `'hand' + (0, 0, 0.1) (ball of 50 mm)`."""
+        name = f"'{self.frame}'"
+        if self.offset.any():
+            name += f" + ({', '.join(f'{x:g}' for x in self.offset)})"
+        return f"{name} ({self.ball})" if self.radius > 0.0 else name
+
+
+@dataclass(frozen=True, eq=False)
+class Paths:
+    """Where points are during stretches.
+
+    Attributes:
+        middles: Bounds of their positions at the middles, shape `(2, m, 3, B)` [m].
+        speeds: Bounds of their velocities at the middles, likewise [m/s].
+        bends: Bounds of their accelerations all over the stretches, likewise [m/s²].
+        half: Half the stretches' lengths, shape `(B,)` [s].
+    """
+
+    middles: Array
+    speeds: Array
+    bends: Array
+    half: Array
+
+    def along(self, point: int, normal: Array) -> Array:
+        """Bounds of a point's coordinate along a vector.
+
+        Returns:
+            Shape `(2, 2, B)` [m]: at the middles and all over the stretches, lower and upper.
+        """
+        at, speed, bend = (
+            _combined(x[:, point], normal) for x in (self.middles, self.speeds, self.bends)
+        )
+        away = self.half * np.abs(speed).max(axis=0)
+        turned = 0.5 * self.half**2 * np.stack([np.minimum(bend[0], 0.0), np.maximum(bend[1], 0.0)])
+        over = at + turned + np.stack([-away - _ROUNDING, away + _ROUNDING])
+        return np.stack([at, over])
+
+
+def paths(points: Points, stretches: Stretches) -> Paths:
+    """Where points are during stretches of a motion."""
+    m = len(points.carriers)
+    flow = np.stack(stretches.middles(points.flow)).reshape(2, 2, m, 3, -1)
+    bend = np.stack(stretches.throughout(points.bend)).reshape(2, m, 3, -1)
+    return Paths(flow[:, 0], flow[:, 1], bend, stretches.half)
+
+
+def points_of(robot: Robot, markers: Sequence[Marker], where: str) -> Points:
+    """Centres of the spheres.
+
+    Raises:
+        ModelError: There is none, or a frame does not exist, does not move, or hangs on a closed
+            chain.
+    """
+    if not markers:
+        raise ModelError(
+            "no point of the robot is named",
+            where=where,
+            mend="name at least one frame, such as that of the last link, "
+            f"'{robot.bodies[-1].name}'",
+        )
+    frames = [frame_of(robot, marker.frame) for marker in markers]
+    if still := [frame.name for frame in frames if frame.body < 0]:
+        raise ModelError(
+            f"frame '{still[0]}' is fixed to the base: no motion moves it",
+            where=where,
+            mend=f"name a frame that moves, such as '{robot.bodies[-1].name}'",
+        )
+    places = [
+        frame.rotation @ marker.offset + frame.position
+        for frame, marker in zip(frames, markers, strict=True)
+    ]
+    return points_on(robot, [frame.body for frame in frames], places)
+
+
+def _combined(bounds: Array, normal: Array) -> Array:
+    """Bounds of a vector along another, from those of its entries, `(2, 3, B)`: `(2, B)`."""
+    parts = bounds * normal[:, None]
+    return np.asarray(np.sort(parts, axis=0).sum(axis=1))

@@ -1,0 +1,111 @@
+"""Margins of one constraint over all times of a motion, as a value."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.excitation.constraints.constraint import Constraint
+from steelyard.excitation.trajectories.exact import ExactTrajectory
+from steelyard.progress import Progress
+
+SAMPLES = 1000
+"""Samples of a motion whose least margins stand beside the proven ones."""
+
+BOUNDS = "bounds over stretches of time that leave no time out"
+"""How a constraint is proven that does not say more."""
+
+
+@runtime_checkable
+class Explained(Protocol):
+    """A constraint that says how it is proven."""
+
+    @property
+    def how(self) -> str:
+        """One sentence."""
+
+
+@runtime_checkable
+class Scoped(Protocol):
+    """A constraint that says what of the robot it is about."""
+
+    @property
+    def scope(self) -> str:
+        """Such as `tool point only`."""
+
+
+@dataclass(frozen=True)
+class Proof:
+    """Margins of one constraint.
+
+    Attributes:
+        name: Of the constraint.
+        unit: Of the margins.
+        how: How they were proven, in one sentence.
+        labels: What each margin is.
+        proven: A lower bound of each that holds at all times.
+        sampled: The least of each at samples; from the constraint's `room` on it may be less, as
+            the constraint tells no more there, but it is never less than `proven`.
+        room: How far from zero each begins to matter; none in older files.
+        scope: What of the robot the constraint is about, if it says so.
+    """
+
+    name: str
+    unit: str
+    how: str
+    labels: tuple[str, ...]
+    proven: tuple[float, ...]
+    sampled: tuple[float, ...]
+    room: tuple[float, ...] = ()
+    scope: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """As values for JSON; a margin without a bound is `None`."""
+        margins = [
+            {"label": label, "proven": least if np.isfinite(least) else None, "sampled": seen}
+            for label, least, seen in zip(self.labels, self.proven, self.sampled, strict=True)
+        ]
+        for values, room in zip(margins, self.room, strict=False):
+            values["room"] = room
+        head = {"name": self.name, "unit": self.unit, "how": self.how, "scope": self.scope}
+        return {**head, "margins": margins}
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> "Proof":
+        """The proof that `to_dict` wrote."""
+        margins = values["margins"]
+        return cls(
+            values["name"],
+            values["unit"],
+            values["how"],
+            tuple(x["label"] for x in margins),
+            tuple(-np.inf if x["proven"] is None else float(x["proven"]) for x in margins),
+            tuple(float(x["sampled"]) for x in margins),
+            tuple(float(x["room"]) for x in margins if "room" in x),
+            values.get("scope", ""),
+        )
+
+
+def proof_of(
+    trajectory: ExactTrajectory,
+    constraint: Constraint,
+    progress: Progress,
+    known: Array | None = None,
+) -> Proof:
+    """What is proven of a motion, or was before (`known`, `(k,)`), beside what samples show."""
+    proven = constraint.proven(trajectory, progress) if known is None else known
+    motion = trajectory.sample(np.linspace(0.0, trajectory.duration, SAMPLES))
+    sampled = constraint.margins(motion.q, motion.dq, motion.ddq).values.min(axis=0)
+    sampled = np.where(sampled >= constraint.room, np.maximum(sampled, proven), sampled)
+    return Proof(
+        constraint.name,
+        constraint.unit,
+        constraint.how if isinstance(constraint, Explained) else BOUNDS,
+        tuple(constraint.labels),
+        tuple(float(x) for x in proven),
+        tuple(float(x) for x in sampled),
+        tuple(float(x) for x in constraint.room),
+        constraint.scope if isinstance(constraint, Scoped) else "",
+    )

@@ -1,0 +1,1 @@
+"""Criteria of how well a motion shows the parameters."""

@@ -1,0 +1,148 @@
+"""Motions that are planned, not searched, from the `[excitation.motion]` table."""
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from steelyard.errors import DataError
+from steelyard.excitation.bases.families import posture_of
+from steelyard.excitation.constraints.markers import Marker
+from steelyard.excitation.limits import MotionLimits
+from steelyard.excitation.planned.attitudes import AnyAttitude, Pointing
+from steelyard.excitation.planned.moves import ToolLimits
+from steelyard.excitation.planned.process import Box, PickAndPlace, Process, Square, Waypoints
+from steelyard.excitation.planned.sweeps import friction_sweeps, static_postures
+from steelyard.excitation.planned.tour import Manner
+from steelyard.excitation.trajectories.exact import ExactTrajectory
+from steelyard.excitation.trajectories.files import read_motion
+from steelyard.excitation.trajectories.slowed import SlowedMotion
+from steelyard.excitation.workspace_tables import tool_of
+from steelyard.kernel.quantities.kinematics import frame_of
+from steelyard.robot.robot import Frame, Robot
+from steelyard.robot_file.excitation_sections import BoxSpans
+from steelyard.robot_file.file import LoadedRobot
+from steelyard.robot_file.model_source import beside
+
+WHERE = "[excitation.motion]"
+
+Planned = tuple[ExactTrajectory, tuple[str, ...]]
+"""A motion, and what is to be said of it."""
+
+Plan = Callable[[Any, LoadedRobot, MotionLimits, int], Planned]
+
+
+def _process(task: Process, loaded: LoadedRobot, limits: MotionLimits, seed: int) -> Planned:
+    robot, frame = with_tool_point(loaded.robot, tool_of(loaded.excitation.workspace, loaded.robot))
+    motion = task.plan(robot, limits, frame, seed=seed)
+    return motion.trajectory, (motion.summary,)
+
+
+def with_tool_point(robot: Robot, tool: Marker) -> tuple[Robot, str]:
+    """The robot with a frame at the tool's point, and the frame's name."""
+    if not tool.offset.any():
+        return robot, tool.frame
+    frame = frame_of(robot, tool.frame)
+    place = frame.position + frame.rotation @ tool.offset
+    point = Frame(tool.title, frame.body, frame.rotation, place)
+    return robot.changed(frames=(*robot.frames, point)), tool.title
+
+
+def _manner(s: Any, path: str) -> Manner:
+    attitude = AnyAttitude() if s.tool_axis is None else Pointing(s.tool_axis)
+    return Manner(
+        path="joint" if path == "joint" else "line",
+        attitude=attitude,
+        tool=ToolLimits(s.speed, s.acceleration),
+        dwell=s.dwell,
+    )
+
+
+def _box(spans: BoxSpans, key: str) -> Box:
+    """A closed box.
+
+    Raises:
+        DataError: It is open.
+    """
+    given = [getattr(spans, axis) for axis in "xyz"]
+    if None in given:
+        raise DataError(
+            f"the box '{key}' is open",
+            where=f"{WHERE} {key}",
+            mend="give x, y and z, two numbers each [m]; equal ones for a flat box",
+        )
+    lower, upper = zip(*given, strict=True)
+    centre = tuple(0.5 * (a + b) for a, b in zip(lower, upper, strict=True))
+    size = tuple(b - a for a, b in zip(lower, upper, strict=True))
+    return Box(centre, size)
+
+
+def _pick_and_place(s: Any, loaded: LoadedRobot, limits: MotionLimits, seed: int) -> Planned:
+    pick, place = _box(s.pick, "pick"), _box(s.place, "place")
+    task = PickAndPlace(pick, place, s.cycles, s.lift, _manner(s, s.path))
+    return _process(task, loaded, limits, seed)
+
+
+def _square(s: Any, loaded: LoadedRobot, limits: MotionLimits, seed: int) -> Planned:
+    return _process(
+        Square(s.centre, s.side, laps=s.laps, manner=_manner(s, "line")), loaded, limits, seed
+    )
+
+
+def _waypoints(s: Any, loaded: LoadedRobot, limits: MotionLimits, seed: int) -> Planned:
+    return _process(Waypoints(s.points, manner=_manner(s, s.path)), loaded, limits, seed)
+
+
+def _sweeps(s: Any, loaded: LoadedRobot, limits: MotionLimits, seed: int) -> Planned:
+    posture = posture_of(s.start, loaded.robot, "start")
+    motion = friction_sweeps(limits, posture, speeds=s.speeds, slowest=s.slowest, fraction=1.0)
+    return motion, (f"each joint alone at {s.speeds} speeds, both ways",)
+
+
+def _postures(s: Any, loaded: LoadedRobot, limits: MotionLimits, seed: int) -> Planned:
+    motion = static_postures(limits, count=s.count, seed=seed, dwell_s=s.dwell, fraction=1.0)
+    return motion, (f"{s.count} postures, {s.dwell:g} s at each",)
+
+
+def _replay(s: Any, loaded: LoadedRobot, limits: MotionLimits, seed: int) -> Planned:
+    path = beside(loaded.sources[0].path, s.file, f"{WHERE} file")
+    return read_motion(path, loaded.robot), (f"the motion of '{path.name}'",)
+
+
+PLANS: Mapping[str, Plan] = MappingProxyType(
+    {
+        "pick_and_place": _pick_and_place,
+        "square": _square,
+        "waypoints": _waypoints,
+        "sweeps": _sweeps,
+        "postures": _postures,
+        "replay": _replay,
+    }
+)
+
+
+def planned(loaded: LoadedRobot, limits: MotionLimits, seed: int) -> Planned:
+    """The motion of a kind that is planned.
+
+    Args:
+        loaded: The robot and its tables.
+        limits: Of its joints.
+        seed: Same seed, same motion.
+
+    Raises:
+        DataError: The task cannot be done; says where and how it would have to be changed.
+    """
+    section = loaded.excitation.motion
+    try:
+        motion, said = PLANS[section.kind](section, loaded, limits, seed)
+    except ValueError as error:
+        raise DataError(str(error), where=WHERE, mend="change that number") from error
+    if limits.jerk is None or section.kind == "replay":
+        return motion, said
+    least, most = motion.extremes(3)
+    excess = float(np.max(np.maximum(-least, most) / limits.jerk))
+    if excess <= 1.0:
+        return motion, said
+    ratio = excess ** (-1.0 / 3.0) * (1.0 - 1e-9)
+    return SlowedMotion(motion, ratio), (*said, f"slowed to {ratio:.2g} of its speed by its jerk")

@@ -1,0 +1,1 @@
+"""Search for the coefficients of a motion."""

@@ -1,0 +1,250 @@
+"""Searches side by side, in processes of their own."""
+
+import json
+import os
+import queue
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.errors import DataError
+from steelyard.excitation.from_tables import Recipe
+from steelyard.excitation.problem import Problem
+from steelyard.excitation.search.starts import NoMotion
+from steelyard.progress import Progress, Stopped, silent, tell
+
+KEPT = 4
+"""Best motions that are kept for the end."""
+
+_TICK = 0.05
+_GRACE = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A motion that a search ended with.
+
+    Attributes:
+        number: Of the search.
+        x: Coefficients, shape `(n, m)`.
+        figure: The criterion.
+        seconds: When, since the searches began [s].
+        whole: Whether the search came to its end, not only to the end of the time.
+    """
+
+    number: int
+    x: Array
+    figure: float
+    seconds: float
+    whole: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Harvest:
+    """What the searches found.
+
+    Attributes:
+        best: The best of them, best first.
+        searches: Searches that came to their end.
+        course: Time [s] and figure of every improvement.
+        stopped: Whether the user stopped them before the time.
+        lost: Processes that something else ended.
+    """
+
+    best: tuple[Found, ...]
+    searches: int
+    course: tuple[tuple[float, float], ...]
+    stopped: bool
+    lost: int = 0
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is searched.
+
+    Attributes:
+        seconds: How long.
+        searches: After how many to stop before that; `None` for never.
+        processes: How many search side by side.
+        seed: Same seed, same searches.
+    """
+
+    seconds: float
+    searches: int | None = None
+    processes: int = 1
+    seed: int = 0
+
+    @property
+    def useful(self) -> int:
+        """Processes that have something to search."""
+        return self.processes if self.searches is None else min(self.processes, self.searches)
+
+
+@dataclass(frozen=True, eq=False)
+class _Over:
+    """How processes ended.
+
+    Attributes:
+        ends: Exit codes.
+        refused: Searches that found no way to begin.
+    """
+
+    ends: list[int] = field(default_factory=list)
+    refused: list[DataError] = field(default_factory=list)
+
+
+def harvested(
+    recipe: Recipe, problem: Problem, method: str, effort: Effort, progress: Progress = silent
+) -> Harvest:
+    """Search until the time is spent; the best so far if the watcher stops it.
+
+    Args:
+        recipe: From which every process builds the problem.
+        problem: The same, built.
+        method: Name of the search method.
+        effort: How much is searched.
+        progress: Told how much time is spent, and of the best figure.
+
+    Raises:
+        NoMotion: No motion keeps everything.
+        DataError: No search found one.
+        Stopped: The watcher stopped them before one was found.
+    """
+    begun = time.monotonic()
+    found, course, stopped = list[Found](), list[tuple[float, float]](), False
+    over = _Over()
+    with _workers(recipe, method, effort) as said:
+        try:
+            for line in _lines(said, effort, begun, found, over, progress):
+                x = np.array(line["x"])
+                one = Found(
+                    line["number"], x, problem.figure(x), time.monotonic() - begun, line["whole"]
+                )
+                if not found or one.figure < found[0].figure:
+                    course.append((one.seconds, one.figure))
+                found.append(one)
+                found.sort(key=lambda f: (f.figure, f.number))
+        except Stopped:
+            if not found:
+                raise
+            stopped = True
+    lost = [code for code in over.ends if code]
+    if not found:
+        raise over.refused[0] if over.refused else _nothing(lost)
+    whole = sum(f.whole for f in found)
+    return Harvest(tuple(found[:KEPT]), whole, tuple(course), stopped, len(lost))
+
+
+def _nothing(lost: Sequence[int]) -> DataError:
+    """No motion: the time was too short, or processes were ended from outside."""
+    if lost:
+        how = f"signal {-lost[0]}" if lost[0] < 0 else f"exit code {lost[0]}"
+        return DataError(
+            f"{len(lost)} processes that search ended too early ({how}), and none found a motion",
+            where="search processes",
+            mend="signal 9 often means too little memory: try fewer with --processes",
+        )
+    return DataError(
+        "no motion was found in the time given",
+        where="excitation",
+        mend="give more time with --budget; the first motion takes a second or two, longer with "
+        "collision",
+    )
+
+
+def _lines(
+    said: "queue.Queue[Any]",
+    effort: Effort,
+    begun: float,
+    found: Sequence[Found],
+    over: _Over,
+    progress: Progress,
+) -> Iterator[dict[str, Any]]:
+    """What the processes say, until all of them have ended; how they did goes into `over`."""
+    while len(over.ends) < effort.useful:
+        spent = time.monotonic() - begun
+        note = f"best {found[0].figure:.4g} of {len(found)}" if found else ""
+        tell(progress, "designing", min(spent, effort.seconds), effort.seconds, note)
+        if spent > effort.seconds + _GRACE and found:
+            return
+        try:
+            line = said.get(timeout=_TICK)
+        except queue.Empty:
+            continue
+        if "ended" in line:
+            over.ends.append(line["ended"])
+        elif "error" in line:
+            kind = NoMotion if line["none"] else DataError
+            error = kind(line["error"], where=line["where"], mend=line["mend"])
+            if not line["none"]:
+                raise error
+            over.refused.append(error)
+        elif "broken" in line:
+            raise RuntimeError(f"a process that searches broke down:\n{line['broken']}")
+        else:
+            yield line
+
+
+@contextmanager
+def _workers(recipe: Recipe, method: str, effort: Effort) -> Iterator["queue.Queue[Any]"]:
+    """Processes that search, and the queue of what they say and how they ended."""
+    said: queue.Queue[Any] = queue.Queue()
+    with ExitStack() as stack:
+        for number in range(effort.useful):
+            stack.enter_context(_worker(recipe, method, effort, number, said))
+        yield said
+
+
+@contextmanager
+def _worker(
+    recipe: Recipe, method: str, effort: Effort, number: int, said: "queue.Queue[Any]"
+) -> Iterator[None]:
+    """A process that searches; a session of its own keeps Ctrl-C from it."""
+    task = {
+        "problem": asdict(recipe),
+        "method": method,
+        "seed": effort.seed,
+        "until": time.time() + effort.seconds,
+        "first": number,
+        "step": effort.useful,
+        "searches": effort.searches,
+    }
+    process = subprocess.Popen(
+        [sys.executable, "-P", "-m", "steelyard.excitation.search.worker"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        encoding="utf-8",
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
+        start_new_session=True,
+    )
+    listener = threading.Thread(target=_hear, args=(process, said), daemon=True)
+    listener.start()
+    assert process.stdin is not None and process.stdout is not None
+    try:
+        with suppress(BrokenPipeError):
+            process.stdin.write(json.dumps(task) + "\n")
+            process.stdin.flush()
+        yield
+    finally:
+        process.kill()
+        listener.join()
+        with suppress(BrokenPipeError):
+            process.stdin.close()
+        process.stdout.close()
+
+
+def _hear(process: "subprocess.Popen[str]", said: "queue.Queue[Any]") -> None:
+    """Put what a process says into the queue, and its exit code; half a line is none."""
+    assert process.stdout is not None
+    for line in process.stdout:
+        if line.endswith("\n"):
+            said.put(json.loads(line))
+    said.put({"ended": process.wait()})

@@ -1,0 +1,199 @@
+"""Postures that keep all constraints, and random motions about them to begin a search from."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.errors import DataError
+from steelyard.excitation.barrier import Walls
+from steelyard.excitation.constraints.constraint import Constraint
+from steelyard.excitation.limits import MotionLimits
+
+ATTEMPTS = 60
+"""Random postures from which a free one is sought before it is said that there is none."""
+
+_MIDDLE = 0.4
+_EDGE = 0.95
+_SHARE = 0.8
+_SHRINK = 0.7
+_POWERS = 20
+"""Times that a motion is shrunk before it is next to nothing, a thousandth."""
+_WANTED = 0.05
+_POSTURES = 30
+_DRAWN = 180
+
+
+class NoMotion(DataError):
+    """No motion was found that keeps everything."""
+
+
+@dataclass(frozen=True, eq=False)
+class Standing:
+    """A posture, and what it lacks.
+
+    Attributes:
+        posture: Shape `(n,)`.
+        lacks: Constraint, label and margin of everything that it does not keep, worst first.
+    """
+
+    posture: Array
+    lacks: tuple[tuple[Constraint, str, float], ...]
+
+
+def standing(constraints: Sequence[Constraint], posture: Array) -> Standing:
+    """What standing still at a posture lacks."""
+    still = np.zeros((1, len(posture)))
+    lacks = [
+        (constraint, label, float(value))
+        for constraint in constraints
+        for label, value in zip(
+            constraint.labels,
+            constraint.margins(posture[None], still, still).values[0],
+            strict=True,
+        )
+        if not value > 0.0
+    ]
+    return Standing(posture, tuple(sorted(lacks, key=lambda lack: lack[2])))
+
+
+def nearest_free(
+    limits: MotionLimits, constraints: Sequence[Constraint], posture: Array
+) -> Standing:
+    """Where a descent of what is lacking ends that begins at a posture."""
+    from scipy.optimize import minimize
+
+    if not constraints or not standing(constraints, posture).lacks:
+        return Standing(posture, ())
+    edge = (1.0 - _EDGE) * 0.5 * (limits.upper - limits.lower)
+    bounds = list(zip(limits.lower + edge, limits.upper - edge, strict=True))
+    still = np.zeros((1, len(posture)))
+
+    def lack(q: Array) -> tuple[float, Array]:
+        value, slope = 0.0, np.zeros(len(q))
+        for constraint in constraints:
+            margins = constraint.margins(q[None], still, still)
+            short = np.minimum(margins.values[0] / constraint.room - _WANTED, 0.0)
+            value += float(short @ short)
+            if margins.by_q is not None:
+                slope += 2.0 * (short / constraint.room) @ margins.by_q[0]
+        return value, slope
+
+    found = minimize(lack, posture, jac=True, method="L-BFGS-B", bounds=bounds)
+    return standing(constraints, np.asarray(found.x))
+
+
+def postures(
+    limits: MotionLimits,
+    constraints: Sequence[Constraint],
+    random: np.random.Generator,
+    attempts: int = ATTEMPTS,
+) -> Iterator[Standing]:
+    """Postures that descents from random ones end at; the first half of them in the middle."""
+    middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
+    for attempt in range(attempts):
+        share = _MIDDLE if attempt < attempts // 2 else _EDGE
+        yield nearest_free(
+            limits, constraints, middle + share * half * random.uniform(-1.0, 1.0, len(middle))
+        )
+
+
+def random_starts(walls: Walls, random: np.random.Generator, count: int) -> list[Array]:
+    """All of `each_start`."""
+    return list(each_start(walls, random, count))
+
+
+def each_start(
+    walls: Walls,
+    random: np.random.Generator,
+    count: int,
+    limbs: Sequence[Sequence[int]] = (),
+) -> Iterator[Array]:
+    """Motions about random postures, as large as the walls allow but for a fifth.
+
+    Args:
+        walls: What may not be touched.
+        random: Source of all random choices.
+        count: How many, if so many postures are free; some of them, but one at least, if not.
+        limbs: Joints that are given as much room as there is one limb after the other, in random
+            order; all at once if empty.
+
+    Yields:
+        Coefficients, each of shape `(n, m)`.
+
+    Raises:
+        NoMotion: No posture was found about which the robot may move.
+    """
+    found = 0
+    for posture in _free(walls, random, count):
+        still = walls.basis.still(posture)
+        if walls.worst(still) > 0.0:
+            moved = _widened_in_turn(walls, still, random, limbs)
+            if moved is not None:
+                found += 1
+                yield moved
+        if found == count:
+            return
+    if not found:
+        raise NoMotion(
+            f"no motion about any of {count + _POSTURES} random postures keeps all limits and "
+            "constraints",
+            where="[excitation]",
+            mend="widen the limits or the boxes, or give a start posture with room around it",
+        )
+
+
+def _free(walls: Walls, random: np.random.Generator, count: int) -> Iterator[Array]:
+    """Random postures that are free, and where too few are, ends of descents from others."""
+    limits = walls.limits
+    middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
+    drawn = middle + _MIDDLE * half * random.uniform(
+        -1.0, 1.0, (max(3 * count, _DRAWN), len(middle))
+    )
+    still, free = np.zeros_like(drawn), np.ones(len(drawn), dtype=bool)
+    for constraint in walls.constraints:
+        free &= (constraint.margins(drawn, still, still).values > 0.0).all(axis=1)
+    yield from drawn[free]
+    if free.sum() < count:
+        for place in postures(limits, walls.constraints, random, _POSTURES):
+            yield place.posture
+
+
+def _widened_in_turn(
+    walls: Walls, still: Array, random: np.random.Generator, limbs: Sequence[Sequence[int]]
+) -> Array | None:
+    """A random change of standing still, as much of it as the walls allow each limb."""
+    change = random.standard_normal(still.shape)
+    if len(limbs) < 2:
+        return widened(walls, still, change)
+    moved, any_ = still, False
+    for number in random.permutation(len(limbs)):
+        part, joints = np.zeros_like(change), list(limbs[number])
+        part[joints] = change[joints]
+        wider = widened(walls, moved, part)
+        if wider is not None:
+            moved, any_ = wider, True
+    return moved if any_ else None
+
+
+def widened(walls: Walls, still: Array, change: Array) -> Array | None:
+    """Standing still, plus as much of a change as the walls allow; `None` if next to nothing."""
+    rates, margins = walls.away(change), walls.linear(still)
+    room = np.min(margins / np.maximum(-rates, 1e-12), axis=1)
+    sized = _SHARE * room[:, None] * change
+    for power in range(_widest(walls.sparser, still, sized), _POWERS):
+        moved = still + _SHRINK**power * sized
+        if walls.worst(moved) > 0.0:
+            return np.asarray(moved)
+    return None
+
+
+def _widest(walls: Walls, still: Array, change: Array) -> int:
+    """The power of the shrinking at which a motion comes inside, by halving their range."""
+    low, high = 0, _POWERS
+    while low < high:
+        middle = (low + high) // 2
+        inside = walls.worst(still + _SHRINK**middle * change) > 0.0
+        low, high = (low, middle) if inside else (middle + 1, high)
+    return low

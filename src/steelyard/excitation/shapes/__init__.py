@@ -1,0 +1,1 @@
+"""Shapes of links, tools and cells, and their distances."""

@@ -1,0 +1,1 @@
+"""Motions whose extremes over all times are known."""

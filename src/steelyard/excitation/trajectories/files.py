@@ -1,0 +1,191 @@
+"""Motions from files: our own JSON, or a table of postures."""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.errors import DataError
+from steelyard.excitation.trajectories.chained import ChainedMotion
+from steelyard.excitation.trajectories.exact import ExactTrajectory
+from steelyard.excitation.trajectories.fourier import FourierMotion
+from steelyard.excitation.trajectories.piecewise import PiecewiseMotion
+from steelyard.excitation.trajectories.sampled import SampledMotion
+from steelyard.excitation.trajectories.slowed import SlowedMotion
+from steelyard.excitation.trajectories.trended import TrendedMotion
+from steelyard.excitation.trajectories.windowed import WindowedMotion
+from steelyard.files import write_json
+from steelyard.robot.robot import Coordinate, Robot
+from steelyard.suggest import advice
+
+_AT_REST = 1e-9
+"""Speeds up to this are rounding [rad/s; m/s]."""
+
+
+def _chained(values: Mapping[str, Any]) -> ChainedMotion:
+    """Parts may be of any kind."""
+    parts = [trajectory_from_dict(part) for part in values["parts"]]
+    return ChainedMotion(parts, int(values["times"]))
+
+
+def _slowed(values: Mapping[str, Any]) -> SlowedMotion:
+    """A motion of any kind at reduced speed."""
+    return SlowedMotion(trajectory_from_dict(values["motion"]), float(values["factor"]))
+
+
+KINDS: dict[str, Callable[[Mapping[str, Any]], ExactTrajectory]] = {
+    "fourier": FourierMotion.from_dict,
+    "sampled": SampledMotion.from_dict,
+    "piecewise": PiecewiseMotion.from_dict,
+    "chained": _chained,
+    "trended": TrendedMotion.from_dict,
+    "windowed": WindowedMotion.from_dict,
+    "slowed": _slowed,
+}
+
+
+def trajectory_from_dict(values: Mapping[str, Any]) -> ExactTrajectory:
+    """The trajectory that `to_dict` described; `KeyError` or `ValueError` if it did not."""
+    kind = values["kind"]
+    if kind not in KINDS:
+        raise ValueError(f"its kind is {kind!r}, and the known ones are {', '.join(KINDS)}")
+    return KINDS[kind](values)
+
+
+def read_motion(path: Path, robot: Robot) -> ExactTrajectory:
+    """The motion in a file.
+
+    Args:
+        path: `trajectory.json`, or a `.csv` or `.parquet` table with a column of times
+            (`time_s`, `time` or `t`) and one of positions per joint: `q1_rad` (`q1_m`), `q1`,
+            `q_NAME` or `NAME`. Where it has speeds of all joints too (`dq1_rad_s`, `dq1` or
+            `dq_NAME`), it starts and ends with those of its first and last row, else at rest.
+        robot: Says how many joints there are, and their names.
+
+    Raises:
+        DataError: The file is missing, is not a motion, or not one of this robot.
+    """
+    if not path.is_file():
+        raise _refused(path, "the file does not exist", "check its name and folder")
+    motion = _read_json(path, robot) if path.suffix == ".json" else _read_table(path, robot)
+    joints = motion.sample([0.0]).n_joints
+    if joints != robot.n:
+        raise _refused(
+            path,
+            f"the motion is one of {joints} joints, the robot has {robot.n}",
+            "give a motion of this robot's joints",
+        )
+    return motion
+
+
+def write_motion(path: Path, motion: ExactTrajectory, robot: Robot) -> None:
+    """Write a motion as `trajectory.json`, with the names of the joints that it is for."""
+    write_json(path, {"joints": list(robot.joint_names), **motion.to_dict()})
+
+
+def _read_json(path: Path, robot: Robot) -> ExactTrajectory:
+    """A motion that this package wrote."""
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+        motion, joints = trajectory_from_dict(values), values.get("joints")
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        lacking = f"it has no {error}" if isinstance(error, KeyError) else str(error)
+        raise _refused(
+            path,
+            f"the file is not a motion of ours: {lacking}",
+            "give a trajectory.json that steelyard wrote, or a .csv or .parquet table",
+        ) from error
+    if joints is not None and joints != list(robot.joint_names):
+        raise _refused(
+            path,
+            f"the motion is for the joints {joints}, the robot '{robot.name}' has "
+            f"{list(robot.joint_names)}",
+            "give a motion of this robot; to run it all the same, take 'joints' out of the file",
+        )
+    return motion
+
+
+def _read_table(path: Path, robot: Robot) -> SampledMotion:
+    """A motion from a table of times and postures."""
+    import polars
+
+    try:
+        if path.suffix == ".parquet":
+            table = polars.read_parquet(path)
+        else:
+            table = polars.read_csv(path, infer_schema_length=None)
+    except (polars.exceptions.PolarsError, OSError, UnicodeDecodeError) as error:
+        raise _refused(
+            path,
+            f"the file is not a table: {str(error).splitlines()[0]}",
+            "give a .csv or .parquet file with a row of column names",
+        ) from error
+    names = {column.lower(): column for column in table.columns}
+    wanted = [("time", ["time_s", "time", "t"])]
+    wanted += [(f"joint '{c.name}'", _names(j, c)) for j, c in enumerate(robot.coordinates)]
+    columns = []
+    for what, choices in wanted:
+        name = _find(path, what, choices, names)
+        columns.append(_numbers(path, name, table[name]))
+    try:
+        return SampledMotion(columns[0], np.column_stack(columns[1:]), _ends(table, names, robot))
+    except ValueError as error:
+        raise _refused(path, str(error), "sort the rows by time and drop repeated ones") from error
+
+
+def _names(index: int, joint: Coordinate) -> list[str]:
+    """Names that a joint's column of positions may have."""
+    number = index + 1
+    return [f"q{number}_{joint.unit}", f"q{number}", f"q_{joint.name}", joint.name]
+
+
+def _ends(table: Any, names: Mapping[str, str], robot: Robot) -> Array | None:
+    """Speeds in the first and the last row, shape `(2, n)`; `None` if not given, or at rest."""
+    import polars
+
+    found = []
+    for j, joint in enumerate(robot.coordinates):
+        choices = [f"dq{j + 1}_{joint.unit}_s", f"dq{j + 1}", f"dq_{joint.name.lower()}"]
+        found += [names[choice] for choice in choices if choice in names][:1]
+    if len(found) < robot.n or not table.height:
+        return None
+    rows = table.select(polars.col(found).cast(polars.Float64, strict=False))
+    ends = np.array([rows.row(0), rows.row(-1)], dtype=np.float64)
+    if not np.isfinite(ends).all() or np.abs(ends).max() <= _AT_REST:
+        return None
+    return ends
+
+
+def _find(path: Path, what: str, choices: Sequence[str], names: Mapping[str, str]) -> str:
+    """The table's own name of the first choice that it has."""
+    for choice in choices:
+        if choice.lower() in names:
+            return names[choice.lower()]
+    raise _refused(
+        path,
+        f"no column for {what}",
+        f"name it '{choices[0]}'; " + advice(choices[0], names.values(), "columns"),
+    )
+
+
+def _numbers(path: Path, name: str, column: Any) -> Array:
+    """A column as finite numbers."""
+    import polars
+
+    values = column.cast(polars.Float64, strict=False).to_numpy()
+    good = np.isfinite(values)
+    if not good.all():
+        row = int(np.argmin(good)) + 1
+        raise _refused(
+            path,
+            f"column '{name}' holds something other than a finite number in row {row}",
+            "correct or drop that row",
+        )
+    return np.asarray(values, dtype=np.float64)
+
+
+def _refused(path: Path, wrong: str, mend: str) -> DataError:
+    return DataError(wrong, where=str(path), mend=mend)

@@ -1,0 +1,1 @@
+"""Files of recorded messages: MCAP and ROS bags."""

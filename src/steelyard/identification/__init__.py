@@ -1,0 +1,1 @@
+"""From logs to an identified model: what the commands do, without a command line."""

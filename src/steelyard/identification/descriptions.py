@@ -1,0 +1,65 @@
+"""What a run, a fit and its settings look like in words, for the terminal and the report."""
+
+from collections.abc import Sequence
+from importlib.metadata import version
+
+from steelyard.estimation.identified import IdentifiedModel, Provenance
+from steelyard.identification.logs import LogArgument, sha256
+from steelyard.measurement import Run
+from steelyard.measurement.closure_failures import open_stretches
+from steelyard.model import Model
+from steelyard.robot_file.file import LoadedRobot
+
+
+def provenance(
+    loaded: LoadedRobot,
+    fitted: Sequence[LogArgument],
+    carrying: Sequence[LogArgument],
+    validated: Sequence[LogArgument],
+    runs: Sequence[Run],
+    notes: Sequence[str],
+) -> Provenance:
+    """Hashes of all inputs, and what was decided on the way."""
+    inputs = {f"robot {s.path.name}": s.sha256 for s in loaded.sources}
+    roles = (("identification", fitted), ("loaded", carrying), ("validation", validated))
+    for role, logs in roles:
+        for path in dict.fromkeys(log.path for log in logs):
+            name = f"{role} {path.name}"
+            more = sum(key == name or key.startswith(f"{name} (") for key in inputs)
+            inputs[f"{name} ({more + 1})" if more else name] = sha256(path)
+    return Provenance(version("steelyard"), inputs, tuple(r.name for r in runs), tuple(notes))
+
+
+def settings(identified: IdentifiedModel) -> tuple[tuple[str, str], ...]:
+    """Settings as label and value."""
+    signals, cutoffs = identified.signals, identified.cutoffs
+    gains = f"gains {', '.join(f'{g:g}' for g in signals.gains)}"
+    if signals.effort_map is not None:
+        gains = "of the motors, behind coupled gears"
+    velocity = "logged" if signals.velocity else "differentiated positions"
+    return (
+        ("estimator", identified.estimate.estimator),
+        ("motion cut-off (positions, velocities, accelerations)", f"{cutoffs.motion:g} Hz"),
+        ("matched cut-off (regressor and effort)", f"{cutoffs.matched:g} Hz"),
+        ("score cut-off (measured and predicted effort)", f"{cutoffs.score:g} Hz"),
+        ("velocities", velocity),
+        ("motion", f"by {identified.processing.motion_words}"),
+        ("efforts", identified.processing.effort_words),
+        ("effort", f"{signals.effort_kind.replace('_', ' ')}, {gains}"),
+    )
+
+
+def notes_of(runs: Sequence[Run]) -> tuple[str, ...]:
+    """The cut-offs, the chain, and one line for whatever of each run could not be used."""
+    first = runs[0]
+    cut = f"cut-offs: motion {first.motion_cutoff:g} Hz, matched {first.matched_cutoff:g} Hz"
+    chains = {f"chain: {run.chain.words}": run.name for run in runs}
+    told = (words if len(chains) == 1 else f"{name}: {words}" for words, name in chains.items())
+    return (cut, *told, *(f"{run.name}: {loss}" for run in runs for loss in run.quality.losses))
+
+
+def dropped(model: Model, runs: Sequence[Run]) -> tuple[str, ...]:
+    """The stretches at which a loop does not close, where those are left out."""
+    if model.robot.open_loops != "drop":
+        return ()
+    return tuple(str(one) for run in runs for one in open_stretches(run, model.robot))

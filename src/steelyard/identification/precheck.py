@@ -1,0 +1,78 @@
+"""The quick check before an identification: what is wrong stops it, what is doubtful is noted."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from steelyard.diagnosis.examine import Diagnosis
+from steelyard.diagnosis.finding import Judgement
+from steelyard.errors import DataError
+from steelyard.identification.check_case import Subject, diagnosed
+from steelyard.identification.logs import LogArgument
+from steelyard.progress import Progress
+from steelyard.report.terminal.findings import notes
+from steelyard.report.text.findings import lines, place
+from steelyard.robot_file.file import LoadedRobot, robot_text
+
+
+def checked(
+    robot: str, loaded: LoadedRobot, files: Sequence[LogArgument], progress: Progress
+) -> Diagnosis:
+    """What the quick suspicions find.
+
+    Raises:
+        DataError: Something is wrong that lines of the robot file mend.
+    """
+    path = Path(robot)
+    text = robot_text(path) if path.suffix.lower() == ".toml" else ""
+    diagnosis = diagnosed(Subject(path, text, loaded), files, None, progress, quick=True)
+    mendable = [f for f in diagnosis.findings if f.mend is not None and f.mend.edits]
+    _refuse(Diagnosis(tuple(mendable)), robot)
+    return diagnosis
+
+
+def passed(diagnosis: Diagnosis, robot: str) -> tuple[str, ...]:
+    """Notes on what is doubtful; asked for once runs are clean, whose own errors say more.
+
+    Raises:
+        DataError: Something is wrong.
+    """
+    _refuse(diagnosis, robot)
+    return notes(diagnosis)
+
+
+def _refuse(diagnosis: Diagnosis, robot: str) -> None:
+    error = refusal(diagnosis, robot)
+    if error is not None:
+        raise error
+
+
+def refusal(diagnosis: Diagnosis, robot: str) -> DataError | None:
+    """Why an identification stops at what is wrong; `None` if nothing is.
+
+    Args:
+        diagnosis: What was found.
+        robot: The robot file's name, for the advice.
+    """
+    wrong = [f for f in diagnosis.findings if f.judgement == Judgement.WRONG]
+    if not wrong:
+        return None
+    places = [f"{place(f)} ({f.figure})" if place(f) else f.figure for f in wrong]
+    mends = [f.mend for f in wrong if f.mend is not None]
+    edits = Diagnosis(tuple(wrong)).edits
+    advice = "; ".join(dict.fromkeys(mend.says for mend in mends)) or "look at the log"
+    if edits:
+        advice += f":\n\n{_indented(lines(edits))}\n\n  " + (
+            f"`steelyard check {robot} LOG... --fix` writes a robot file with these lines; "
+        )
+    else:
+        advice += f"; `steelyard check {robot} LOG...` shows the evidence; "
+    return DataError(
+        f"the log is wrong, {', '.join(dict.fromkeys(f.suspicion for f in wrong))}: "
+        + "; ".join(dict.fromkeys(f.says for f in wrong)),
+        where="; ".join(dict.fromkeys(places)),
+        mend=f"{advice}--no-check goes on all the same",
+    )
+
+
+def _indented(text: str) -> str:
+    return "\n".join(f"    {line}" if line else "" for line in text.split("\n"))

@@ -1,0 +1,257 @@
+"""What a fit stands on: what a robot file leaves open is found, all but the parameters."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from steelyard.errors import DataError, ModelError
+from steelyard.estimation.consistent.consistent import Consistent
+from steelyard.estimation.estimate import Estimator
+from steelyard.estimation.fields.fields import Finding, find_fields, said_by
+from steelyard.estimation.fields.passes import Said
+from steelyard.estimation.fields.reference import needs_reference, settled_reference
+from steelyard.estimation.payload.gains import GainEstimate, identified_gains
+from steelyard.estimation.per_run import own_columns as own_columns
+from steelyard.estimation.prior.wishes import knowledge_of
+from steelyard.estimation.zero_offset import ZeroOffsets, find_offsets, with_offsets
+from steelyard.identification.logs import with_friction
+from steelyard.measurement import Run
+from steelyard.measurement.run import fastest_of
+from steelyard.model import Model
+from steelyard.progress import Progress
+from steelyard.regression.base import base_map, refuse_twins
+from steelyard.regression.gather import gather
+from steelyard.regression.information import Information
+from steelyard.regression.regressor import base_regressor
+from steelyard.robot_file.file import LoadedRobot
+from steelyard.terms.open_fields import finds_of
+from steelyard.validation.friction.friction import FrictionChoice, choose_friction, refuse_listed
+from steelyard.validation.friction.mixes import remembers
+from steelyard.validation.friction.trials import ConsistentOf
+
+_UNSETTLED = (
+    "the reference of load-dependent friction still moved after three passes: "
+    "its coefficients are rough"
+)
+
+
+@dataclass(frozen=True)
+class Payload:
+    """What the loaded runs carry, as far as it is known.
+
+    Attributes:
+        mass: [kg]; `None` if it is unknown.
+        frame: Frame to give its numbers in; that of the last link if `None`.
+    """
+
+    mass: float | None = None
+    frame: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """A model of which only the parameters are open, and its runs.
+
+    Attributes:
+        model: The model.
+        runs: The runs to be fitted, with the gains that were found.
+        said: What they say about a regressor; every call is a pass.
+        choice: How the friction laws were chosen, if they were.
+        findings: Fields that were found.
+        gains: Drive gains that were found, if any.
+        offsets: Zero offsets that were estimated, if any.
+        notes: What was decided, for people to read.
+    """
+
+    model: Model
+    runs: tuple[Run, ...]
+    said: Said
+    choice: FrictionChoice | None
+    findings: tuple[Finding, ...]
+    gains: GainEstimate | None
+    offsets: ZeroOffsets | None
+    notes: tuple[str, ...]
+
+
+def grounded(
+    model: Model,
+    loaded_robot: LoadedRobot,
+    runs: Sequence[Run],
+    carrying: Sequence[Run],
+    payload: Payload,
+    estimator: Estimator[Information],
+    threads: int,
+    progress: Progress,
+) -> Ground:
+    """Gains, friction laws and their fields.
+
+    Args:
+        model: The model; without friction where that is to be chosen.
+        loaded_robot: What the robot file says.
+        runs: Runs without payload.
+        carrying: Runs with it, for the gains.
+        payload: What they carry.
+        estimator: How references are fitted, and laws where the estimate is least squares.
+        threads: Native threads.
+        progress: Told about every pass.
+    """
+    if loaded_robot.friction:
+        refuse_listed(model)
+        _refuse_finds(model)
+    gains = _gains(model, loaded_robot, runs, carrying, payload, threads, progress)
+    if gains is not None:
+        runs = [_with_gains(run, gains) for run in runs]
+    offsets = _offsets(model, loaded_robot, runs, gains, threads, progress)
+    if offsets is not None:
+        runs = with_offsets(runs, offsets.values)
+    choice = None
+    if loaded_robot.friction:
+        judge = _judge(loaded_robot, model, runs, gains)
+        choice = choose_friction(model, runs, estimator, judge, threads=threads, progress=progress)
+        model = replace(model, terms=(*model.terms, *choice.terms))
+    said = said_by(runs, rests=remembers(model.terms), threads=threads, progress=progress)
+    found = find_fields(model, said, progress=progress)
+    model, settled = found.model, True
+    refuse_twins(model, base_map(model))
+    if needs_reference(model):
+        model, settled = settled_reference(model, said, estimator)
+    notes = (
+        *([_gain_note(gains)] if gains is not None else []),
+        *([offsets.note] if offsets is not None else []),
+        *([choice.note] if choice is not None else []),
+        *found.notes,
+        *([] if settled else [_UNSETTLED]),
+    )
+    return Ground(model, tuple(runs), said, choice, found.findings, gains, offsets, notes)
+
+
+def consistent_of(loaded: LoadedRobot, runs: Sequence[Run]) -> ConsistentOf:
+    """The consistent estimate with what the robot file knows, for models of the robot.
+
+    Args:
+        loaded: The robot file.
+        runs: The runs to be fitted, whose speeds friction is bounded for.
+    """
+    fastest, equal = fastest_of(runs), loaded.estimation.weights == "equal"
+    return lambda model, base: Consistent(base, knowledge_of(model, loaded, fastest), equal=equal)
+
+
+def _judge(
+    loaded: LoadedRobot, model: Model, runs: Sequence[Run], gains: GainEstimate | None
+) -> ConsistentOf | None:
+    """What judges friction laws: the consistent estimate, if the model is to be given it."""
+    unscaled = gains is not None and gains.relative
+    if loaded.estimation.method == "least_squares" or unscaled or own_columns(model):
+        return None
+    return consistent_of(loaded, runs)
+
+
+def _refuse_finds(model: Model) -> None:
+    """Fields are found for friction that is there; which is there is still to be chosen."""
+    asking = [term.law for term in model.terms if finds_of(term)]
+    if asking:
+        raise ModelError(
+            f"a field of term '{asking[0]}' is to be found, and friction is to be chosen at once",
+            where="[model] friction",
+            mend='give the field a number, or list the friction laws in place of "auto"',
+        )
+
+
+def _with_gains(run: Run, gains: GainEstimate) -> Run:
+    signals = replace(
+        run.recording.signals, gains=gains.gains, unknown_gains=(False,) * len(gains.gains)
+    )
+    return replace(run, recording=replace(run.recording, signals=signals))
+
+
+def _gains(
+    model: Model,
+    loaded_robot: LoadedRobot,
+    runs: Sequence[Run],
+    carrying: Sequence[Run],
+    payload: Payload,
+    threads: int,
+    progress: Progress,
+) -> GainEstimate | None:
+    """The drive gains that the robot file asks for."""
+    signals = runs[0].recording.signals
+    if not any(signals.unknown_gains):
+        if carrying or payload != Payload():
+            given = "loaded logs are" if carrying else "a payload is"
+            raise ModelError(
+                f"{given} given, but no drive gain is to be identified",
+                where="--loaded" if carrying else "--payload-mass, --payload-frame",
+                mend='give gain = "identify" in [signals.effort], or weigh the payload with '
+                "`steelyard payload MODEL LOG`",
+            )
+        return None
+    model = with_friction(model, loaded_robot)
+    if any(finds_of(term) for term in model.terms):
+        raise DataError(
+            "drive gains and fields of terms cannot be found at once",
+            where="[signals.effort] gain",
+            mend="identify the gains with fields that are given, and write them into the file",
+        )
+    regressor = base_regressor(model)
+    rests = remembers(model.terms)
+    unloaded, loaded = (
+        [gather(regressor, run, rests=rests, threads=threads, progress=progress) for run in some]
+        for some in (runs, carrying)
+    )
+    known = {
+        joint: float(gain)
+        for joint, gain, unknown in zip(
+            model.robot.joint_names, signals.gains, signals.unknown_gains, strict=True
+        )
+        if not unknown
+    }
+    return identified_gains(
+        model, unloaded, loaded, mass=payload.mass, frame=payload.frame, known=known
+    )
+
+
+def _offsets(
+    model: Model,
+    loaded_robot: LoadedRobot,
+    runs: Sequence[Run],
+    gains: GainEstimate | None,
+    threads: int,
+    progress: Progress,
+) -> ZeroOffsets | None:
+    """The zero offsets that the robot file asks for."""
+    signals = runs[0].recording.signals
+    if not any(signals.unknown_offsets) or signals.position_offset is None:
+        return None
+    model = with_friction(model, loaded_robot)
+    if gains is not None or any(finds_of(term) for term in model.terms):
+        beside = "drive gains" if gains is not None else "fields of terms"
+        raise DataError(
+            f"zero offsets and {beside} cannot be identified at once",
+            where="[signals] position_offset",
+            mend="identify the offsets with values given there, and write them into the file",
+        )
+    rests = remembers(model.terms)
+    return find_offsets(
+        model,
+        lambda offsets: said_by(
+            with_offsets(runs, offsets), rests=rests, threads=threads, progress=progress
+        ),
+        signals.position_offset,
+        signals.unknown_offsets,
+    )
+
+
+def _gain_note(gains: GainEstimate) -> str:
+    found, assumed = [], []
+    for joint, gain, half, unit, known, held in gains.each:
+        if held:
+            assumed.append(f"{joint} {gain:.4g} {unit}")
+        elif not known:
+            found.append(f"{joint} {gain:.4g} ± {half:.2g} {unit}")
+    text = f"drive gains identified: {', '.join(found) or 'none'}"
+    if assumed:
+        text += (
+            "; not identifiable from these data, assumed to be the geometric mean of the others: "
+            f"{', '.join(assumed)}; efforts of these joints in Nm, their friction and rotors are "
+            "in that scale"
+        )
+    return text

@@ -1,0 +1,1 @@
+"""Equations of rigid-body dynamics over scalars of any kind."""

@@ -1,0 +1,1 @@
+"""Equations traced to straight-line programs, and what is done with programs."""

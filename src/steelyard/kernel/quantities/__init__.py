@@ -1,0 +1,1 @@
+"""Quantities of a robot as compiled functions."""

@@ -1,0 +1,258 @@
+r"""Where frames and points of a robot are, and how joints move them, as machine code.
+
+Everything is said in the base frame, for trees of independent joints. The linear part of a
+Jacobian is the derivative of a point's position, the angular part maps joint speeds to the angular
+velocity: $\omega = J_\omega \dot q$.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from steelyard.arrays import Array, frozen
+from steelyard.errors import ModelError
+from steelyard.kernel.equations.dynamics import (
+    Matrix,
+    Scalar,
+    Vector,
+    _constant,
+    _placement,
+    _times,
+    carried_point,
+)
+from steelyard.kernel.native.compiled import Code, compiled
+from steelyard.kernel.program.json import program_from_json, program_to_json
+from steelyard.kernel.program.program import Array as Input
+from steelyard.kernel.program.program import Program
+from steelyard.robot.json import robot_to_dict
+from steelyard.robot.robot import Frame, Robot
+from steelyard.suggest import advice
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Points that are fixed to bodies of a robot.
+
+    Attributes:
+        robot: The robot.
+        carriers: Per point the index of its body; -1 is the base.
+        places: Shape `(m, 3)` [m], each in its body's frame.
+        code: Input `q`; outputs the positions, then their derivatives, point by point.
+        flow: Inputs `q`, `dq`; outputs all positions, then all velocities.
+        bend: Inputs `q`, `dq`, `ddq`; outputs all accelerations.
+    """
+
+    robot: Robot
+    carriers: tuple[int, ...]
+    places: Array
+    code: Code
+    flow: Program
+    bend: Program
+
+    def __call__(self, q: Array) -> tuple[Array, Array]:
+        """Positions `(N, m, 3)` [m] and their derivatives `(N, m, 3, n)` at `q`, `(N, n)`."""
+        m, n = len(self.carriers), self.robot.n
+        values = self.code([q.T]).T
+        slopes = values[:, 3 * m :].reshape(len(q), m, 3, n)
+        return values[:, : 3 * m].reshape(len(q), m, 3), slopes
+
+    def positions(self, q: Array) -> Array:
+        """Positions at `q`, shape `(N, n)`: shape `(N, m, 3)` [m]."""
+        return self(q)[0]
+
+    def jacobian(self, q: Array) -> Array:
+        """Derivatives of the positions at `q`, shape `(N, n)`: shape `(N, m, 3, n)`."""
+        return self(q)[1]
+
+
+@dataclass(frozen=True, eq=False)
+class FrameKinematics:
+    """Pose and Jacobian of one frame.
+
+    Attributes:
+        robot: The robot.
+        frame: The frame.
+        code: Input `q`; outputs position, rotation and Jacobian, row by row.
+    """
+
+    robot: Robot
+    frame: Frame
+    code: Code
+
+    def __call__(self, q: Array) -> tuple[Array, Array, Array]:
+        """Position `(N, 3)`, rotation `(N, 3, 3)` and Jacobian `(N, 6, n)` at `q`, `(N, n)`."""
+        values = self.code([q.T]).T
+        count = len(q)
+        jacobian = values[:, 12:].reshape(count, 6, self.robot.n)
+        return values[:, :3], values[:, 3:12].reshape(count, 3, 3), jacobian
+
+    def pose(self, q: Array) -> tuple[Array, Array]:
+        """Where the frame is in the base frame.
+
+        Args:
+            q: Shape `(N, n)` [rad; m].
+
+        Returns:
+            Its origin, shape `(N, 3)` [m], and its axes, the columns of `(N, 3, 3)`.
+        """
+        return self(q)[:2]
+
+    def jacobian(self, q: Array) -> Array:
+        """Joint speeds to the origin's velocity and the angular velocity, shape `(N, 6, n)`.
+
+        Args:
+            q: Shape `(N, n)` [rad; m].
+        """
+        return self(q)[2]
+
+
+def last_frame(robot: Robot) -> str:
+    """Name of the frame at the robot's end: the last one on its last body, or that body's own."""
+    last = len(robot.bodies) - 1
+    on_it = [frame.name for frame in robot.frames if frame.body == last]
+    return on_it[-1] if on_it else robot.bodies[last].name
+
+
+def frame_of(robot: Robot, name: str) -> Frame:
+    """The frame of that name: of a moving link, or of one that is fixed to a link or the base.
+
+    Raises:
+        ModelError: The robot has none.
+    """
+    frames = {
+        body.name: Frame(body.name, k, np.eye(3), np.zeros(3))
+        for k, body in enumerate(robot.bodies)
+    } | {frame.name: frame for frame in robot.frames}
+    if name not in frames:
+        raise ModelError(
+            f"there is no frame '{name}'",
+            where=f"robot '{robot.name}'",
+            mend=advice(name, frames, "frames"),
+        )
+    return frames[name]
+
+
+def frame_kinematics(robot: Robot, frame: str | Frame) -> FrameKinematics:
+    """Pose and Jacobian of a frame.
+
+    Args:
+        robot: The robot.
+        frame: The frame, or its name.
+
+    Raises:
+        ModelError: There is none of that name, or loops decide where it is.
+    """
+    chosen = frame_of(robot, frame) if isinstance(frame, str) else frame
+    refuse_passive(robot, chosen.body, chosen.name)
+
+    def build() -> tuple[Program, dict[str, Any]]:
+        from steelyard.kernel.program.trace import symbolic
+
+        def outputs(q: Sequence[Scalar]) -> list[Scalar]:
+            position, slopes = carried_point(robot, q, chosen.body, chosen.position)
+            rotation, axes = _turned(robot, q, chosen)
+            linear = _rows(slopes, robot.n)
+            return [*position, *rotation.ravel(), *linear, *_rows(axes, robot.n)]
+
+        return symbolic(outputs, [Input("q", robot.n)]), {}
+
+    place = [chosen.body, chosen.rotation.tolist(), chosen.position.tolist()]
+    code = compiled(["frame", robot_to_dict(robot), place], build)
+    return FrameKinematics(robot, chosen, code)
+
+
+def points_on(robot: Robot, carriers: Sequence[int], places: ArrayLike) -> Points:
+    """Points of bodies, for their positions and derivatives.
+
+    Args:
+        robot: The robot.
+        carriers: Per point the index of its body; -1 is the base.
+        places: Shape `(m, 3)` [m], each in its body's frame.
+
+    Raises:
+        ModelError: Loops decide where one is.
+    """
+    points = frozen(places, (len(carriers), 3))
+    for body in carriers:
+        refuse_passive(robot, body, robot.bodies[body].name if body >= 0 else "base")
+
+    def build() -> tuple[Program, dict[str, Any]]:
+        from steelyard.kernel.program.trace import symbolic
+
+        def outputs(q: Sequence[Scalar]) -> list[Scalar]:
+            found = [
+                carried_point(robot, q, body, point)
+                for body, point in zip(carriers, points, strict=True)
+            ]
+            positions = [x for position, _ in found for x in position]
+            return [*positions, *(x for _, slopes in found for x in _rows(slopes, robot.n))]
+
+        programs = _moving_points(robot, carriers, points)
+        return symbolic(outputs, [Input("q", robot.n)]), programs
+
+    code = compiled(["points", robot_to_dict(robot), list(carriers), points.tolist()], build)
+    flow, bend = (program_from_json(code.about[name]) for name in ("flow", "bend"))
+    return Points(robot, tuple(carriers), points, code, flow, bend)
+
+
+def _moving_points(robot: Robot, carriers: Sequence[int], points: Array) -> dict[str, Any]:
+    """Programs of the points' positions and velocities, and of their accelerations."""
+    from steelyard.kernel.program.trace import carried_along, symbolic
+
+    def flow(q: Sequence[Scalar], dq: Sequence[Scalar]) -> list[Scalar]:
+        found = zip(carriers, points, strict=True)
+        positions = [x for body, p in found for x in carried_point(robot, q, body, p)[0]]
+        return [*positions, *carried_along(positions, q, dq)]
+
+    def bend(q: Sequence[Scalar], dq: Sequence[Scalar], ddq: Sequence[Scalar]) -> list[Scalar]:
+        velocities = flow(q, dq)[3 * len(points) :]
+        return carried_along(velocities, [*q, *dq], [*dq, *ddq])
+
+    inputs = [Input(name, robot.n) for name in ("q", "dq", "ddq")]
+    return {
+        "flow": program_to_json(symbolic(flow, inputs[:2])),
+        "bend": program_to_json(symbolic(bend, inputs)),
+    }
+
+
+def refuse_passive(robot: Robot, body: int, name: str) -> None:
+    """Frames here hang on independent joints only.
+
+    Raises:
+        ModelError: A joint that loops determine carries the body.
+    """
+    while body >= 0:
+        link = robot.bodies[body]
+        if link.coordinate >= robot.n:
+            raise ModelError(
+                f"frame '{name}' hangs on joint '{link.joint}', which a closed loop determines",
+                where=f"robot '{robot.name}'",
+                mend="name a frame that hangs on driven joints only; frames behind passive "
+                "joints are not computed",
+            )
+        body = link.parent
+
+
+def _turned(robot: Robot, q: Sequence[Scalar], frame: Frame) -> tuple[Matrix, dict[int, Vector]]:
+    """Axes of a frame in the base frame, and the angular velocity per joint speed."""
+    way: list[int] = []
+    body = frame.body
+    while body >= 0:
+        way.append(body)
+        body = robot.bodies[body].parent
+    rotation, axes = _constant(np.eye(3)), dict[int, Vector]()
+    for link in (robot.bodies[k] for k in reversed(way)):
+        if link.kind == "revolute":
+            axis = _times(rotation @ _constant(link.rotation @ link.axis), link.ratio)
+            axes[link.coordinate] = axis + axes.get(link.coordinate, 0.0)
+        turned, _ = _placement(link, link.ratio * q[link.coordinate] + link.offset)
+        rotation = rotation @ turned
+    return rotation @ _constant(frame.rotation), axes
+
+
+def _rows(columns: dict[int, Vector], n: int) -> list[Scalar]:
+    """Three rows of `n` from the columns that are not zero."""
+    return [columns[j][axis] if j in columns else 0.0 for axis in range(3) for j in range(n)]

@@ -1,0 +1,239 @@
+"""Passive positions along a motion: Newton's method, warm-started from sample to sample."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.arrays import Array
+from steelyard.errors import DataError
+from steelyard.kernel.equations.closed_chains import completed, corrected
+from steelyard.kernel.equations.dynamics import JointState
+from steelyard.kernel.native.compiled import Code, compiled
+from steelyard.kernel.program.program import Array as Input
+from steelyard.kernel.program.program import Program
+from steelyard.robot.json import robot_to_dict
+from steelyard.robot.loop_equations import CLOSED, closest, gaps, loop_equations
+from steelyard.robot.robot import Robot
+
+ITERATIONS = 12
+"""Newton steps after which a sample counts as open."""
+
+STRIDE = 0.5
+"""Passive joints that would move farther at once are followed in halves [rad; m]."""
+
+HALVINGS = 6
+"""How often a way is halved before its end counts as open."""
+
+FASTEST = 20.0
+"""Speed of a passive joint per speed of an independent one beyond which a dead point is near."""
+
+_SETTLED = 1e-8
+"""A last Newton step: the error after it is of the order of its square."""
+
+
+class Follower:
+    """Finds the passive positions of consecutive samples; remembers where the loops were closed.
+
+    It starts at the robot's assembly and follows the way to each sample, so that the mechanism
+    stays assembled as it is.
+
+    Attributes:
+        robot: The robot.
+        closed: Independent and passive positions where the loops were closed last.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+        assembly = loop_equations(robot).assembly
+        self.closed: tuple[Array, Array] = (assembly[: robot.n], assembly[robot.n :])
+        self._newton = _Newton(robot)
+        self._drift = np.zeros(len(robot.passive))
+
+    def __call__(self, q: Array, stop: bool = False) -> tuple[Array, NDArray[np.bool_]]:
+        """Passive positions of consecutive samples.
+
+        Args:
+            q: Independent joints, shape `(n, N)`.
+            stop: Whether to look no further behind a sample that is not closed.
+
+        Returns:
+            Shape `(n_passive, N)`, and whether the loops are closed, shape `(N,)`; where they are
+            not, the positions are those of the last sample that was closed.
+        """
+        passive = np.empty((len(self.robot.passive), q.shape[1]))
+        good = np.zeros(q.shape[1], dtype=bool)
+        # a copy: the caller may reuse its array, and `closed` outlives the call
+        samples = np.array(q.T, order="C")
+        for k, sample in enumerate(samples):
+            good[k] = self.step(sample)
+            passive[:, k] = self.closed[1]
+            if stop and not good[k]:
+                break
+        return passive, good
+
+    def step(self, q: Array) -> bool:
+        """Follow the loops to one more sample, shape `(n,)`; whether they close there."""
+        last = self.closed[1]
+        found = self._newton(q, last + self._drift)
+        if found is None or np.abs(found - last).max() > STRIDE:
+            found = self._towards(*self.closed, q, HALVINGS)
+        if found is None:
+            self._drift = np.zeros_like(self._drift)
+            return False
+        self._drift = found - last
+        self.closed = (q, found)
+        return True
+
+    def gap(self, q: Array) -> tuple[str, float]:
+        """Which loop stays open at a sample, shape `(n,)`, and its points' distance [m]."""
+        robot = self.robot
+        start = np.concatenate([q, self.closed[1]])
+        distances = gaps(robot, closest(robot, start, range(robot.n, robot.n_joints)))
+        worst = int(distances.argmax())
+        return robot.loops[worst].name, float(distances[worst])
+
+    def _towards(self, start: Array, passive: Array, q: Array, halvings: int) -> Array | None:
+        """Passive positions at `q`, found on a straight way that begins at closed loops."""
+        found = self._newton(q, passive)
+        if found is not None and np.abs(found - passive).max() <= STRIDE:
+            return found
+        if not halvings:
+            return None
+        middle = 0.5 * (start + q)
+        between = self._towards(start, passive, middle, halvings - 1)
+        return None if between is None else self._towards(middle, between, q, halvings - 1)
+
+
+def open_loop(
+    follower: Follower, q: Array, closed: NDArray[np.bool_], t: Array | None
+) -> DataError:
+    """What to say of the first sample that is not closed.
+
+    Args:
+        follower: It stopped there.
+        q: Independent joints, shape `(n, N)`.
+        closed: Whether each sample is closed, shape `(N,)`.
+        t: Times, shape `(N,)` [s]; `None` if samples have none.
+    """
+    first = int(np.argmin(closed))
+    name, gap = follower.gap(q[:, first])
+    when = "at this sample" if t is None else f"at t = {t[first]:.4f} s"
+    return DataError(
+        f"loop '{name}' does not close {when}: its points stay {gap:.3g} m apart",
+        where=f"robot '{follower.robot.name}', measured positions",
+        mend="check the loop's points and links, and the zeros and signs of the positions; or "
+        'write open_loops = "drop" under [robot] to leave such samples out',
+    )
+
+
+def all_joints(
+    robot: Robot, q: Array, dq: Array, ddq: Array, passive: Array
+) -> tuple[Array, Array, Array]:
+    """Positions, velocities and accelerations of all joints, each `(n_joints, N)`.
+
+    Args:
+        robot: The robot.
+        q: Independent joints, shape `(n, N)`.
+        dq: Their velocities.
+        ddq: Their accelerations.
+        passive: Positions of the passive joints, shape `(n_passive, N)`.
+    """
+    if not robot.passive:
+        return q, dq, ddq
+    state, _ = completed(robot, JointState([*q], [*dq], [*ddq], [*passive]))
+    whole = (np.stack(np.broadcast_arrays(*x)) for x in (state.q, state.dq, state.ddq))
+    first, second, third = whole
+    return first, second, third
+
+
+def random_positions(robot: Robot, n_samples: int, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Positions anywhere; where there are loops, a walk from the assembly on which they close.
+
+    The walk keeps to the limits of the independent joints and away from dead points.
+
+    Returns:
+        Independent joints, shape `(n, N)`, and passive ones, shape `(n_passive, N)`.
+    """
+    if not robot.passive:
+        return rng.uniform(-np.pi, np.pi, (robot.n, n_samples)), np.empty((0, n_samples))
+    follower = Follower(robot)
+    start = follower.closed[0]
+    lower, upper = (
+        np.array([getattr(c.limits, side) for c in robot.coordinates])
+        for side in ("lower", "upper")
+    )
+    lower = np.minimum(start, np.where(np.isfinite(lower), lower, start - np.pi))
+    upper = np.maximum(start, np.where(np.isfinite(upper), upper, start + np.pi))
+    found: list[tuple[Array, Array]] = []
+    reach, fastest = 1.0, max(FASTEST, 2.0 * _speed(robot, *follower.closed))
+    while len(found) < n_samples:
+        here = follower.closed
+        aim = here[0] + reach * (rng.uniform(lower, upper) - here[0])
+        if follower.step(aim) and _speed(robot, *follower.closed) <= fastest:
+            found.append(follower.closed)
+            reach = 1.0
+        else:
+            follower.closed = here
+            reach *= 0.5
+    q, passive = (np.array(x).T for x in zip(*found, strict=True))
+    return q, passive
+
+
+def _speed(robot: Robot, q: Array, passive: Array) -> float:
+    """Largest speed of a passive joint per speed of an independent one."""
+    still = [0.0] * robot.n
+    _, torque_map = completed(robot, JointState([*q], still, still, [*passive]))
+    return float(np.abs([g for row in torque_map for g in row if g is not None]).max(initial=0.0))
+
+
+class _Newton:
+    """Newton's method for the passive positions of one sample."""
+
+    def __init__(self, robot: Robot) -> None:
+        code = newton_code(robot)
+        count = len(robot.passive)
+        self._count, self._lanes, self._raw = count, code.lanes, code.raw
+        self._q = np.zeros((robot.n, code.lanes))
+        self._passive = np.zeros((count, code.lanes))
+        self._result = np.zeros((code.n_outputs, code.lanes))
+        self._code = code
+        self._addresses = [
+            number
+            for x in (self._q, self._passive, self._result)
+            for number in (x.ctypes.data, code.lanes)
+        ]
+
+    def __call__(self, q: Array, start: Array) -> Array | None:
+        """Passive positions where the loops close, from a start nearby; `None` if they do not."""
+        count, result = self._count, self._result
+        self._q[:] = q[:, None]
+        self._passive[:] = start[:, None]
+        for _ in range(ITERATIONS):
+            self._raw(self._lanes, *self._addresses)
+            step = float(np.abs(result[:count, 0] - self._passive[:, 0]).max())
+            if not step < np.inf:
+                return None
+            self._passive[:] = result[:count]
+            if step < _SETTLED:
+                gap = float(result[count:, 0].max())
+                return self._passive[:, 0].copy() if gap <= CLOSED**2 else None
+        return None
+
+
+def newton_code(robot: Robot) -> Code:
+    """Machine code of `corrected`: inputs are independent and passive positions."""
+
+    def build() -> tuple[Program, dict[str, Any]]:
+        from steelyard.kernel.program.trace import symbolic
+
+        def equations(q: Sequence[Any], passive: Sequence[Any]) -> list[Any]:
+            return corrected(robot, q, passive)
+
+        return symbolic(equations, (Input("q", robot.n), Input("passive", len(robot.passive)))), {}
+
+    described = robot_to_dict(robot)
+    for body in described["bodies"]:
+        del body["inertia"], body["known"]
+    return compiled(["loops", described], build)

@@ -1,0 +1,1 @@
+"""Methods from positions to motion, and smoothers of efforts."""

@@ -1,0 +1,82 @@
+r"""What noise of measured positions becomes in motion, and behind a filter of the residuals.
+
+A method of motion is linear: of white noise with standard deviation $s$ in the positions, its
+responses $h_0, h_1, h_2$ to a single sample leave errors of $q, \dot q, \ddot q$ with covariance
+$s^2 \sum_k h_{ak} h_{bk}$; noise of logged velocities adds its own. Where residuals go through a
+low-pass with taps $m$, and the motion changes slowly against it, $h$ becomes $m * h$.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from steelyard.arrays import Array, frozen
+from steelyard.measurement.inspection import survey
+from steelyard.measurement.methods.response import motion_responses
+from steelyard.measurement.run import Run
+
+
+@dataclass(frozen=True, eq=False)
+class MotionError:
+    """Noise of one run's positions and velocities, and its way into motion.
+
+    Attributes:
+        position: Standard deviation of a measured position on the uniform clock, `(n,)` [rad; m].
+        velocity: The same of a logged velocity; zero where none is logged [rad/s; m/s].
+        of_position: Covariance of `q, dq, ddq` per variance of a position, shape `(n, 3, 3)`.
+        of_velocity: The same per variance of a logged velocity.
+    """
+
+    position: Array
+    velocity: Array
+    of_position: Array
+    of_velocity: Array
+
+    def covariance(self, position: ArrayLike | None = None) -> Array:
+        """Covariance of each joint's `q, dq, ddq`, shape `(n, 3, 3)`.
+
+        Args:
+            position: Standard deviation of a position in place of the one found, one for all
+                joints or one per joint [rad; m].
+        """
+        s = self.position if position is None else np.broadcast_to(position, self.position.shape)
+        variances = np.square(s)[:, None, None], np.square(self.velocity)[:, None, None]
+        return np.asarray(variances[0] * self.of_position + variances[1] * self.of_velocity)
+
+
+def motion_error(run: Run, taps: Array | None = None) -> MotionError:
+    """The noise of a run's positions, from the upper half of their spectrum.
+
+    The median over the spectrum is a little low for runs of less than a minute. Methods that are
+    not local count as the Butterworth low-pass of their cut-off.
+
+    Args:
+        run: The run; its log is read once more.
+        taps: Of the filter that residuals go through; none if `None`.
+    """
+    found = survey(run.recording.held(), run.chain.processing)
+    channels = run.recording.channels
+    of_position, of_velocity = motion_responses(
+        run.chain.processing.motion, run.motion_cutoff, run.rate, channels.joints
+    )
+    if channels.velocities:
+        of_position[1:] = 0.0
+    nyquist = 0.5 * run.rate
+    speeds = np.zeros(channels.joints) if found.velocity_noise is None else found.velocity_noise
+    return MotionError(
+        frozen(np.sqrt(nyquist * found.band.noise)),
+        frozen(np.sqrt(nyquist * speeds)),
+        frozen(_products(of_position, taps)),
+        frozen(_products(of_velocity, taps)),
+    )
+
+
+def _products(responses: Array, taps: Array | None) -> Array:
+    """Sums of products of responses `(3, n, L)` behind a filter, shape `(n, 3, 3)`."""
+    if taps is not None:
+        length = responses.shape[2] + len(taps) - 1
+        size = 1 << (length - 1).bit_length()
+        spectrum = np.fft.rfft(responses, size) * np.fft.rfft(taps, size)
+        responses = np.fft.irfft(spectrum, size)[:, :, :length]
+    return np.asarray(np.einsum("anl,bnl->nab", responses, responses))

@@ -1,0 +1,1 @@
+"""Means over repetitions of one motion."""

@@ -1,0 +1,1 @@
+"""What is done with single rows: validity, clock, outliers, saturation, resampling."""

@@ -1,0 +1,1 @@
+"""Motions replayed in a browser."""

@@ -1,0 +1,139 @@
+"""What the detective found, in a terminal: a table, the lines that mend it, the verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from steelyard.report.terminal.terminal import COLOURS
+from steelyard.report.text.findings import (
+    LEVELS,
+    OPEN,
+    Group,
+    groups,
+    headline,
+    lines,
+    mends,
+    place,
+    tally,
+)
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    from steelyard.diagnosis import Diagnosis, Finding
+
+SHOWN = 3
+"""Findings of one suspicion and judgement that are shown one by one."""
+
+NAMED = 4
+"""Logs that are named after them."""
+
+
+def show(diagnosis: Diagnosis, console: Console, *, fine: bool = True) -> None:
+    """Print the findings, the worst last, then what to do and the verdict.
+
+    Args:
+        diagnosis: What was found.
+        fine: Whether to print those that are ok.
+        console: Where to print.
+    """
+    from rich.padding import Padding
+    from rich.text import Text
+
+    shown = [group for group in groups(diagnosis) if fine or group.judgement]
+    if shown:
+        console.print(_table(shown))
+    for mend, findings in mends(diagnosis).values():
+        names = ", ".join(dict.fromkeys(f.suspicion for f in findings))
+        console.print()
+        console.print(Text.assemble((f"mend {names}: ", "bold"), mend.says))
+        if mend.edits:
+            console.print(Padding(Text(lines(mend.edits), style="cyan"), (0, 0, 0, 4)))
+    if shown:
+        console.print()
+    style = f"bold {COLOURS[LEVELS[diagnosis.judgement.word]]}"
+    console.print(Text.assemble((headline(diagnosis), style), f"  ({tally(diagnosis)})"))
+
+
+def notes(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """The findings that are not ok, one sentence per suspicion."""
+    said = []
+    for group in groups(diagnosis):
+        if group.judgement:
+            first = group.findings[0]
+            more = _others(group, 1)
+            where = f"{place(first)}: " if place(first) else ""
+            said.append(
+                f"check, {group.suspicion}: {where}{first.says} ({first.figure})"
+                + (f"; {more}" if more else "")
+            )
+    return tuple(said)
+
+
+def _table(shown: Sequence[Group]) -> Table:
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
+    table.add_column(no_wrap=True)
+    table.add_column(max_width=18)
+    table.add_column(ratio=1)
+    before = None
+    for group in shown:
+        alike = _open_alike(shown, group)
+        if alike and alike[0] is not group:
+            continue
+        if before not in (None, group.judgement):
+            table.add_row()
+        before = group.judgement
+        style = f"bold {COLOURS[group.level]}" if group.word != OPEN else "dim"
+        word = Text(group.word, style=style)
+        name, found = Text(group.suspicion), _found(group)
+        if len(alike) > 1:
+            name = Text(f"{len(alike)} questions")
+            found = Text(", ".join(g.suspicion for g in alike) + ": ").append_text(found)
+        table.add_row(word, name, found)
+    return table
+
+
+def _open_alike(shown: Sequence[Group], group: Group) -> list[Group]:
+    """The open questions that are open for the same reason."""
+    says = group.findings[0].says
+    if group.word != OPEN:
+        return []
+    return [g for g in shown if g.word == OPEN and g.findings[0].says == says]
+
+
+def _found(group: Group) -> Text:
+    """What one row says; of many that are ok the first speaks."""
+    from rich.text import Text
+
+    first, count = group.findings[0], len(group.findings)
+    if not group.judgement:
+        alike = f"{count} findings alike, {first.log or 'all logs'}: " if count > 1 else ""
+        return Text.assemble((alike, "dim"), first.says)
+    shown = [_one(finding) for finding in group.findings[:SHOWN]]
+    rest = _others(group, SHOWN)
+    return Text("\n").join([*shown, Text(rest, style="dim")] if rest else shown)
+
+
+def _one(finding: Finding) -> Text:
+    from rich.text import Text
+
+    parts = [(f"{place(finding)}: ", "bold")] if place(finding) else []
+    figure = [(f"\n{finding.figure}", "dim")] if finding.figure else []
+    return Text.assemble(*parts, finding.says, *figure)
+
+
+def _others(group: Group, shown: int) -> str:
+    """The logs of the findings that are not shown."""
+    rest = [finding.log or "all logs" for finding in group.findings[shown:]]
+    if not rest:
+        return ""
+    more = len(rest) - NAMED
+    return f"and {len(rest)} more: {', '.join(rest[:NAMED])}" + (
+        f" and {more} others" if more > 0 else ""
+    )

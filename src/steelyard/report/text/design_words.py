@@ -1,0 +1,308 @@
+"""What there is to say of a designed motion, for the page and the terminal alike."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import inf, isfinite, sqrt
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.excitation.advice import HELPS
+from steelyard.excitation.bases.families import FAMILIES
+from steelyard.report.text.judgement import Level
+from steelyard.report.text.words import NONE, count, significant
+
+if TYPE_CHECKING:
+    from steelyard.excitation.advice import Advice
+    from steelyard.excitation.constraints.certificate import Extreme
+    from steelyard.excitation.constraints.proof import Proof
+    from steelyard.excitation.result import Designed
+
+KINDS = {
+    "fourier": "Fourier series from rest to rest",
+    "raw_fourier": "Fourier series",
+    "blended_fourier": "Fourier series with blends from and to rest",
+    "ramped_fourier": "Fourier series that swells from rest and dies down to it",
+    "spline": "B-splines from rest to rest",
+    "reaching": "minimum-jerk moves between postures",
+    "pick_and_place": "pick-and-place cycles",
+    "square": "edges of a square",
+    "waypoints": "moves from point to point",
+    "sweeps": "one joint after another at several speeds",
+    "postures": "standing at many postures",
+    "replay": "motion from a file",
+}
+"""What kinds of motion are called."""
+
+MILLIMETRES = 0.1
+"""Lengths below this [m] are told in millimetres."""
+
+NAMED = 3
+"""Most parameters that a line of advice names."""
+
+TIGHT = 0.9
+"""Share of a joint's limit from which on it is tight."""
+
+CLOSE = 0.2
+"""Margins below this share of where they begin to matter are tight."""
+
+HARDLY = 50.0
+"""Std over what it were with all other parameters known: above it others hide a parameter."""
+
+ALIKE = 0.02
+"""Shares of deviations that differ by less are told as one."""
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What a motion will tell of one parameter.
+
+    Attributes:
+        name: The base parameter.
+        unit: Its unit.
+        std: Predicted standard deviation; infinite if nothing shows it.
+        value: As far as it is known.
+        relative_percent: `std` over the value [%]; `None` without a value, or at zero.
+        spread: `std` over that with all other parameters known; `None` if nothing shows it.
+    """
+
+    name: str
+    unit: str
+    std: float
+    value: float | None
+    relative_percent: float | None
+    spread: float | None
+
+    @property
+    def rank(self) -> tuple[bool, float, float]:
+        """Grows with how badly it will be known: first what is not shown, then by the value."""
+        return (
+            not isfinite(self.std),
+            -1.0 if self.relative_percent is None else self.relative_percent,
+            -1.0 if self.spread is None else self.spread,
+        )
+
+
+def expected(designed: Designed) -> tuple[Expected, ...]:
+    """All base parameters, the worst shown first."""
+    shown, prior = designed.shown, designed.prior
+    gram = shown.gram if prior is None else shown.gram + prior
+    alone = np.diagonal(gram)
+    found = []
+    for name, unit, std, own in zip(shown.names, shown.units, shown.std(prior), alone, strict=True):
+        value = designed.values.get(name)
+        found.append(
+            Expected(
+                name,
+                unit,
+                float(std),
+                None if value is None else float(value),
+                100.0 * float(std) / abs(value) if value else None,
+                float(std) * sqrt(own) if own > 0.0 and isfinite(std) else None,
+            )
+        )
+    return tuple(sorted(found, key=lambda one: one.rank, reverse=True))
+
+
+def used(extreme: Extreme) -> float | None:
+    """Share of the way from the middle between two limits to the nearer one that is used."""
+    if extreme.margin is None or extreme.lower is None or extreme.upper is None:
+        return None
+    half = 0.5 * (extreme.upper - extreme.lower)
+    return 1.0 - extreme.margin / half if half > 0.0 else None
+
+
+def hardest(designed: Designed) -> tuple[Extreme, float] | None:
+    """The limit of a joint that is used most, and the share that is used of it."""
+    shares = [(one, used(one)) for one in designed.certificate.extremes]
+    known = [(one, share) for one, share in shares if share is not None]
+    return max(known, key=lambda pair: pair[1], default=None)
+
+
+def least(proof: Proof) -> tuple[str, float] | None:
+    """The least proven margin of a constraint, and which it is."""
+    margins = zip(proof.labels, proof.proven, strict=True)
+    return min(margins, key=lambda pair: pair[1], default=None)
+
+
+def tightest(designed: Designed) -> list[str]:
+    """All limits of joints that are nearly used up, and the least margins of every constraint."""
+    groups: dict[tuple[str, bool], list[tuple[str, float]]] = {}
+    for one in designed.certificate.extremes:
+        share = used(one)
+        if share is not None and share >= TIGHT:
+            own = (one.quantity, (one.quantity, one.joint) in designed.limits.assumed)
+            groups.setdefault(own, []).append((one.joint, share))
+    lines = [_nearly(designed, *group, joints) for group, joints in groups.items()]
+    for proof in designed.certificate.proofs:
+        near = closest(proof)
+        said = [f"{label} by {margin(value, proof.unit)}" for label, value in near[:NAMED]]
+        said += [f"{len(near) - NAMED} more"] if len(near) > NAMED else []
+        lines += [f"{proof.name}: {'; '.join(said)}"] if said else []
+    return lines
+
+
+def _nearly(
+    designed: Designed, quantity: str, assumed: bool, joints: Sequence[tuple[str, float]]
+) -> str:
+    """Joints that nearly use up their limits of one quantity, and where these come from."""
+    shares = sorted(100.0 * share for _, share in joints)
+    names = ", ".join(name for name, _ in joints)
+    share = 1.0 if quantity == "position" else designed.limits.share
+    origin = f"{100.0 * share:g} % of " if share < 1.0 else ""
+    if len(joints) == 1:
+        given = "an assumed one" if assumed else "the given one" if origin else ""
+        which = f", which is {origin}{given}" if given else ""
+        return f"{quantity} of {names}: {shares[0]:.1f} % of its limit used{which}"
+    given = "assumed ones" if assumed else "the given ones" if origin else ""
+    which = f", which are {origin}{given}" if given else ""
+    ends = dict.fromkeys(f"{share:.1f}" for share in (shares[0], shares[-1]))
+    spread = f"{' to '.join(ends)} %"
+    return f"{quantity} of {len(joints)} joints: {spread} of their limits used{which}: {names}"
+
+
+def closest(proof: Proof) -> list[tuple[str, float]]:
+    """The tight margins, the least in units of where it begins to matter first."""
+    rooms = proof.room or (inf,) * len(proof.labels)
+    margins = zip(proof.labels, proof.proven, rooms, strict=True)
+    tight = [(label, own, own / room) for label, own, room in margins if own < CLOSE * room]
+    return [(label, own) for label, own, _ in sorted(tight, key=lambda one: one[2])]
+
+
+def margin(value: float, unit: str) -> str:
+    """A margin with its unit, small lengths in millimetres."""
+    if value == -inf:
+        return "no bound"
+    if unit == "m" and abs(value) < MILLIMETRES:
+        return f"{significant(1e3 * value)} mm"
+    return f"{significant(value)} {unit}"
+
+
+def capital(words: str) -> str:
+    """Words with a capital at the start."""
+    return words[:1].upper() + words[1:]
+
+
+def level(designed: Designed) -> Level:
+    """Good if all is proven, looked at and shown well; fair if something is not."""
+    if not designed.certificate.holds:
+        return "poor"
+    blurred = designed.kind in FAMILIES and hidden(designed)[list(designed.asked)].any()
+    return "fair" if designed.certificate.gaps or unended(designed) or blurred else "good"
+
+
+def hidden(designed: Designed) -> NDArray[np.bool_]:
+    """Which parameters others hide, by more than `HARDLY`, or wholly; shape `(b,)`."""
+    gram = designed.shown.gram if designed.prior is None else designed.shown.gram + designed.prior
+    alone = 1.0 / np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
+    std = designed.shown.std(designed.prior)
+    return np.asarray(np.isinf(std) | (std > HARDLY * alone))
+
+
+def unended(designed: Designed) -> bool:
+    """Whether a motion that is searched comes from no search that came to its end."""
+    return designed.kind in FAMILIES and designed.searches == 0
+
+
+def headline(designed: Designed) -> str:
+    """What the motion shows, whether it is safe, and of what that is proven, in a line."""
+    missing = unseen(designed)
+    every = len(designed.shown.names) + designed.faint
+    shows = f"Shows all {every} base parameters"
+    if missing or designed.faint:
+        shows = f"Shows {every - missing - designed.faint} of {every} base parameters"
+    if hardly := int(hidden(designed).sum()) - missing:
+        shows += f", {hardly} of them hardly"
+    if unended(designed):
+        shows += ", but no search came to an end"
+    certificate = designed.certificate
+    if certificate.failures:
+        return f"{shows}; not safe: {count(len(certificate.failures), 'limit')} not proven"
+    limits = "every limit looked at" if uncovered(designed) else "every limit"
+    words = f"{shows}; {limits} is proven for all times from its start to its end"
+    scopes = [f"{proof.name}: {proof.scope}" for proof in certificate.proofs if proof.scope]
+    return words + (f" ({'; '.join(scopes)})" if scopes else "")
+
+
+def uncovered(designed: Designed) -> tuple[str, ...]:
+    """What was not looked at, one sentence each."""
+    return (*designed.certificate.gaps, *designed.certificate.declined)
+
+
+def figure_of(designed: Designed) -> str:
+    """The figure that was asked for."""
+    value = designed.shown.figure
+    return significant(value) if isfinite(value) else "infinite"
+
+
+def detail(designed: Designed) -> str:
+    """Which motion it is and how it was found."""
+    kind = KINDS.get(designed.kind, designed.kind)
+    words = f"{designed.trajectory.duration:.4g} s, {kind}; {designed.criterion} "
+    words += f"{figure_of(designed)} (smaller is better)"
+    if unended(designed):
+        words += f", the best that an unfinished search found in {designed.seconds:.3g} s"
+    elif designed.course:
+        words += f", best of {searches(designed)} in {designed.seconds:.3g} s"
+    if designed.stopped:
+        words += ", stopped early"
+    return words
+
+
+def searches(designed: Designed) -> str:
+    """Like `1 search`, `12 searches`."""
+    return "1 search" if designed.searches == 1 else f"{designed.searches} searches"
+
+
+def unseen(designed: Designed) -> int:
+    """How many parameters nothing will show."""
+    return int(np.sum(~np.isfinite(designed.shown.std(designed.prior))))
+
+
+def brings(designed: Designed, one: Advice, most: int = NAMED) -> str:
+    """What a further motion would bring, such as `viscous.j3 from 0.12 to 0.05 Nm s/rad`.
+
+    Args:
+        designed: The motion.
+        one: The further motion.
+        most: So many parameters are named.
+    """
+    if not one.helps:
+        return f"nothing falls below {100.0 * HELPS:.0f} % of its std"
+    shares = [share for _, share in one.helps]
+    if len(shares) == len(designed.shown.names) and max(shares) - min(shares) < ALIKE:
+        return f"every std to {100.0 * shares[0]:.0f} %"
+    named = "; ".join(_fall(designed, one, name) for name, _ in one.helps[:most])
+    more = len(one.helps) - most
+    return named + (f"; {more} more" if more > 0 else "")
+
+
+def _fall(designed: Designed, one: Advice, name: str) -> str:
+    shown = designed.shown
+    k = shown.names.index(name)
+    before, after = float(shown.std(designed.prior)[k]), float(one.std[k])
+    unit = shown.units[k]
+    if not isfinite(before):
+        return f"{name} to {significant(after, 2)} {unit}, not seen before"
+    return f"{name} from {significant(before, 2)} to {significant(after, 2)} {unit}"
+
+
+def instead(designed: Designed, one: Advice) -> str:
+    """What as many seconds of the designed motion itself would bring."""
+    if designed.prior is not None or one.seconds <= 0.0:
+        return NONE
+    length = designed.trajectory.duration
+    return f"{100.0 * sqrt(length / (length + one.seconds)):.0f} %"
+
+
+def helpful(advice: Sequence[Advice]) -> list[Advice]:
+    """Advice in the order of how many parameters it helps."""
+    return sorted(advice, key=lambda one: -len(one.helps))
+
+
+def spread_words(value: float | None) -> str:
+    """How much of a deviation is owed to the other parameters, like `3.2 ×`."""
+    return NONE if value is None else f"{significant(value, 2)} ×"

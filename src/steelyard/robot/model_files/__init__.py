@@ -1,0 +1,1 @@
+"""URDF files and Denavit-Hartenberg tables as mechanisms."""

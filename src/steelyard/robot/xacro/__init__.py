@@ -1,0 +1,1 @@
+"""Xacro files, expanded in this process."""

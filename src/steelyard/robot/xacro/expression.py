@@ -1,0 +1,232 @@
+"""Expressions of xacro files: Python's syntax, but only arithmetic, texts, lists and tables.
+
+Xacro itself hands expressions to Python. Here the syntax tree is walked instead, and what is not
+listed below does not exist: no attribute of any object but entries of tables, no function but
+`FUNCTIONS`, no method but `METHODS`.
+"""
+
+import ast
+import operator
+import warnings
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from steelyard.robot.xacro.functions import FUNCTIONS, METHODS
+from steelyard.robot.xacro.values import (
+    Budget,
+    XacroError,
+    bounded,
+    power,
+    product,
+    remainder,
+)
+
+LENGTH = 4000
+"""Characters of one expression."""
+
+_BINARY: Mapping[type, Callable[[Any, Any], Any]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: product,
+    ast.Div: operator.truediv,
+    ast.FloorDiv: operator.floordiv,
+    ast.Mod: remainder,
+    ast.Pow: power,
+    ast.BitAnd: operator.and_,
+    ast.BitOr: operator.or_,
+}
+_UNARY: Mapping[type, Callable[[Any], Any]] = {
+    ast.USub: operator.neg,
+    ast.UAdd: operator.pos,
+    ast.Not: operator.not_,
+}
+_COMPARED: Mapping[type, Callable[[Any, Any], Any]] = {
+    ast.Eq: operator.eq,
+    ast.NotEq: operator.ne,
+    ast.Lt: operator.lt,
+    ast.LtE: operator.le,
+    ast.Gt: operator.gt,
+    ast.GtE: operator.ge,
+    ast.Is: operator.is_,
+    ast.IsNot: operator.is_not,
+    ast.In: lambda a, b: a in b,
+    ast.NotIn: lambda a, b: a not in b,
+}
+
+
+class Names:
+    """What names of an expression stand for; as a value, a namespace: `arm.length`."""
+
+    def value(self, name: str) -> Any:
+        """The value of a name.
+
+        Raises:
+            XacroError: It has none.
+        """
+        if name in FUNCTIONS:
+            return FUNCTIONS[name]
+        raise XacroError(f"'{name}' is not defined", f"define '{name}' before it is used")
+
+
+def evaluate(text: str, names: Names, budget: Budget) -> Any:
+    """The value of an expression.
+
+    Raises:
+        XacroError: It is no expression, does what is not supported, fails, or is too large.
+    """
+    shown = text if len(text) < 200 else f"{text[:200]}..."
+    try:
+        if len(text) > LENGTH:
+            raise XacroError(f"an expression is longer than {LENGTH} characters")
+        with warnings.catch_warnings(action="ignore"):
+            tree = ast.parse(text.strip(), mode="eval")
+        return _Evaluation(names, budget).of(tree.body)
+    except XacroError as error:
+        raise XacroError(f"expression '{shown}': {error.wrong}", error.mend) from None
+    except (RecursionError, MemoryError):
+        raise XacroError(f"expression '{shown}' is nested too deeply") from None
+    except SyntaxError:
+        raise XacroError(f"'{shown}' is not an expression") from None
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        raise XacroError(f"expression '{shown}': {str(error)[:200]}") from None
+
+
+class _Evaluation:
+    """The walk through one syntax tree."""
+
+    def __init__(self, names: Names, budget: Budget) -> None:
+        self.names = names
+        self.budget = budget
+        self.own: dict[str, Any] = {}
+
+    def of(self, node: ast.expr) -> Any:
+        self.budget.spend(1)
+        visit = getattr(self, f"_{type(node).__name__.lower()}", None)
+        if visit is None:
+            kind = type(node).__name__.lower()
+            raise XacroError(f"'{kind}' is not supported in expressions", _MEND)
+        return visit(node)
+
+    def _made(self, value: Any) -> Any:
+        return bounded(value, self.budget)
+
+    def _constant(self, node: ast.Constant) -> Any:
+        if node.value is not None and not isinstance(node.value, int | float | str):
+            raise XacroError(f"the constant {node.value!r:.40} is not supported", _MEND)
+        return self._made(node.value)
+
+    def _name(self, node: ast.Name) -> Any:
+        return self.own[node.id] if node.id in self.own else self.names.value(node.id)
+
+    def _attribute(self, node: ast.Attribute) -> Any:
+        if node.attr.startswith("_"):
+            raise XacroError(f"'{node.attr}' cannot be asked for", _MEND)
+        inside = self.of(node.value)
+        if isinstance(inside, Mapping):
+            if node.attr not in inside:
+                raise XacroError(f"there is no entry '{node.attr}'")
+            return inside[node.attr]
+        if isinstance(inside, Names):
+            return inside.value(node.attr)
+        raise XacroError(f"'{node.attr}' cannot be asked for", _MEND)
+
+    def _binop(self, node: ast.BinOp) -> Any:
+        operation = self._operation(_BINARY, node.op)
+        return self._made(operation(self.of(node.left), self.of(node.right)))
+
+    def _unaryop(self, node: ast.UnaryOp) -> Any:
+        return self._made(self._operation(_UNARY, node.op)(self.of(node.operand)))
+
+    def _boolop(self, node: ast.BoolOp) -> Any:
+        wanted = isinstance(node.op, ast.Or)
+        value: Any = None
+        for part in node.values:
+            value = self.of(part)
+            if bool(value) is wanted:
+                break
+        return value
+
+    def _compare(self, node: ast.Compare) -> Any:
+        left = self.of(node.left)
+        for kind, comparator in zip(node.ops, node.comparators, strict=True):
+            right = self.of(comparator)
+            if not self._operation(_COMPARED, kind)(left, right):
+                return False
+            left = right
+        return True
+
+    def _operation(self, table: Mapping[type, Any], kind: Any) -> Any:
+        if type(kind) not in table:
+            name = type(kind).__name__.lower()
+            raise XacroError(f"the operation '{name}' is not supported", _MEND)
+        return table[type(kind)]
+
+    def _ifexp(self, node: ast.IfExp) -> Any:
+        return self.of(node.body if self.of(node.test) else node.orelse)
+
+    def _subscript(self, node: ast.Subscript) -> Any:
+        inside = self.of(node.value)
+        if not isinstance(inside, str | list | tuple | dict):
+            raise XacroError("only texts, lists and tables have entries")
+        key = self.of(node.slice)
+        if isinstance(inside, dict) and key not in inside:
+            raise XacroError(f"there is no entry '{str(key)[:80]}'")
+        return inside[key]
+
+    def _slice(self, node: ast.Slice) -> slice:
+        return slice(*(part and self.of(part) for part in (node.lower, node.upper, node.step)))
+
+    def _list(self, node: ast.List) -> list[Any]:
+        return self._made([self.of(part) for part in node.elts])  # type: ignore[no-any-return]
+
+    def _tuple(self, node: ast.Tuple) -> tuple[Any, ...]:
+        return tuple(self._list(ast.List(node.elts)))
+
+    def _dict(self, node: ast.Dict) -> Any:
+        if None in node.keys:
+            raise XacroError("'**' is not supported in expressions", _MEND)
+        pairs = zip(node.keys, node.values, strict=True)
+        return self._made({self.of(k): self.of(v) for k, v in pairs if k is not None})
+
+    def _listcomp(self, node: ast.ListComp | ast.GeneratorExp) -> list[Any]:
+        if len(node.generators) != 1 or not isinstance(node.generators[0].target, ast.Name):
+            raise XacroError("only one loop over one name is supported in expressions", _MEND)
+        loop, kept = node.generators[0], []
+        name, before = node.generators[0].target.id, dict(self.own)
+        for value in list(self.of(loop.iter)):
+            self.own[name] = value
+            if all(self.of(condition) for condition in loop.ifs):
+                kept.append(self.of(node.elt))
+        self.own = before
+        return self._made(kept)  # type: ignore[no-any-return]
+
+    _generatorexp = _listcomp
+
+    def _call(self, node: ast.Call) -> Any:
+        function = self._function(node.func)
+        if any(isinstance(part, ast.Starred) for part in node.args):
+            raise XacroError("'*' is not supported in expressions", _MEND)
+        given = [self.of(part) for part in node.args]
+        named = {part.arg: self.of(part.value) for part in node.keywords if part.arg}
+        if len(named) < len(node.keywords) or not all(_plain(v) for v in (*given, *named.values())):
+            raise XacroError("a function is not given plain values", _MEND)
+        return self._made(function(*given, **named))
+
+    def _function(self, node: ast.expr) -> Callable[..., Any]:
+        if isinstance(node, ast.Attribute):
+            inside = self.of(node.value)
+            methods = METHODS.get(type(inside), {})
+            if node.attr in methods:
+                method = methods[node.attr]
+                return lambda *given: method(inside, *given)
+        function = self.of(node)
+        if not callable(function):
+            raise XacroError(f"'{ast.unparse(node)[:80]}' is not a function", _MEND)
+        return function  # type: ignore[no-any-return]
+
+
+def _plain(value: Any) -> bool:
+    return value is None or isinstance(value, int | float | str | list | tuple | dict)
+
+
+_MEND = "write it with numbers, texts, lists and the functions of docs/robot-file.md"

@@ -1,0 +1,1 @@
+"""Robot files: a model in any format, its signals, and all settings of an identification."""

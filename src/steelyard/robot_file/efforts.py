@@ -1,0 +1,138 @@
+"""What effort columns hold: units, gains, and the side of the gears they are logged on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from steelyard.arrays import Array, frozen
+from steelyard.errors import ModelError
+from steelyard.robot.robot import Coordinate, Transmission
+
+if TYPE_CHECKING:
+    from steelyard.robot_file.sections import EffortSection, SignalsSection
+
+Locate = Callable[..., str]
+"""Key path in the robot file to the words of a message's `where`."""
+
+MOTOR_KINDS = ("motor_current", "motor_torque")
+EFFORT_UNITS = {
+    "A": ("A", 1.0),
+    "mA": ("A", 1e-3),
+    "Nm": ("Nm", 1.0),
+    "N": ("N", 1.0),
+    "%": ("%", 1.0),
+}
+WITHOUT_TORQUE = {"A": "motor current", "%": "percent of some effort"}
+"""Base units that are no torque or force, and what columns in them hold."""
+
+
+def check_sides(section: SignalsSection, gears: Transmission | None, locate: Locate) -> None:
+    """Signals of the motors' side need a transmission."""
+    for side, keys in (
+        (section.coordinates, ("signals", "coordinates")),
+        (section.effort.side, ("signals", "effort", "side")),
+    ):
+        if side == "motor" and gears is None:
+            raise ModelError(
+                "signals are those of the motors, but the robot has no transmission",
+                where=locate(*keys),
+                mend="give [robot.transmission] ratios = [...], or a matrix",
+            )
+    if section.effort.side == "motor" and section.effort.kind not in MOTOR_KINDS:
+        raise ModelError(
+            f"an effort of kind '{section.effort.kind}' is not one of the motors",
+            where=locate("signals", "effort", "side"),
+            mend='use kind = "motor_torque" or "motor_current" with side = "motor"',
+        )
+
+
+def coupled_map(
+    gears: Transmission, gains: Array, unknown: Sequence[bool], locate: Locate
+) -> Array:
+    r"""Joint efforts of motors' behind coupled gears, $\tau = R^T \operatorname{diag}(k)\,y$."""
+    if any(unknown):
+        raise ModelError(
+            "gains behind coupled gears cannot be identified",
+            where=locate("signals", "effort", "gain"),
+            mend="give each motor's gain (its torque constant), or log joint torques",
+        )
+    return frozen(gears.matrix.T * gains)
+
+
+def effort_units_of(
+    effort: EffortSection, coordinates: Sequence[Coordinate], locate: Locate
+) -> tuple[tuple[str, ...], Array]:
+    """Base unit of each effort column, and base units per logged unit."""
+    where = locate("signals", "effort", "unit")
+    units = effort.unit if isinstance(effort.unit, tuple) else (effort.unit,) * len(coordinates)
+    check_count(len(units), "units", coordinates, where)
+    for unit, coordinate in zip(units, coordinates, strict=True):
+        if effort.kind not in MOTOR_KINDS and unit != coordinate.effort_unit:
+            raise ModelError(
+                f"unit '{unit}' does not fit the joint torque of '{coordinate.name}', "
+                f"which is {coordinate.kind}",
+                where=where,
+                mend=f"use '{coordinate.effort_unit}' there, or kind = \"motor_current\" with "
+                "gains if the columns hold currents",
+            )
+        if effort.kind == "motor_torque" and unit in ("A", "mA"):
+            raise ModelError(
+                f"unit '{unit}' is a current's, but the effort's kind is motor_torque",
+                where=where,
+                mend='use kind = "motor_current", or unit = "Nm"',
+            )
+    return tuple(EFFORT_UNITS[u][0] for u in units), frozen([EFFORT_UNITS[u][1] for u in units])
+
+
+def gains_of(
+    effort: EffortSection,
+    columns: Sequence[str],
+    units: Sequence[str],
+    coordinates: Sequence[Coordinate],
+    locate: Locate,
+) -> tuple[Array, tuple[bool, ...]]:
+    """Joint effort per base unit, 1 where it is to be identified; and where it is."""
+    where = locate("signals", "effort", "gain")
+    n = len(coordinates)
+    if effort.gain is None:
+        for unit, column, coordinate in zip(units, columns, coordinates, strict=True):
+            if unit in WITHOUT_TORQUE:
+                raise ModelError(
+                    f"column '{column}' holds {WITHOUT_TORQUE[unit]}, but joint "
+                    f"'{coordinate.name}' has no drive gain",
+                    where=where,
+                    mend=f"give gain = [...] in {coordinate.effort_unit}/{unit} per joint, or "
+                    'gain = "identify" with a known payload',
+                )
+        return frozen(np.ones(n)), (False,) * n
+    given = effort.gain if isinstance(effort.gain, tuple) else (effort.gain,) * n
+    check_count(len(given), "gains", coordinates, where)
+    unknown = tuple(gain == "identify" for gain in given)
+    gains = frozen([1.0 if gain == "identify" else float(gain) for gain in given])
+    if not np.all(gains):
+        name = coordinates[int(np.argmin(np.abs(gains)))].name
+        raise ModelError(
+            f"the gain of joint '{name}' is zero",
+            where=where,
+            mend="give the torque at the joint per logged unit; its sign may be negative",
+        )
+    return gains, unknown
+
+
+def check_count(got: int, what: str, coordinates: Sequence[Coordinate], where: str) -> None:
+    """There is one of something per joint.
+
+    Raises:
+        ModelError: There is another number.
+    """
+    if got != len(coordinates):
+        names = ", ".join(c.name for c in coordinates)
+        raise ModelError(
+            f"{got} {what} are given for {len(coordinates)} identified joints ({names})",
+            where=where,
+            mend="give one per joint, in the joints' order; [robot] joints = [...] says which "
+            "joints are identified",
+        )

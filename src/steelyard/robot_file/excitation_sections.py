@@ -1,0 +1,181 @@
+"""The `[excitation]` tables of the robot file: which motion is wanted, and what it must keep."""
+
+from math import pi
+from typing import Annotated, Literal
+
+from pydantic import Field, ValidationError
+
+from steelyard.robot_file.motion_sections import (
+    KINDS,
+    MOTIONS,
+    FourierSection,
+    MotionSection,
+    Share,
+)
+from steelyard.robot_file.motion_sections import BoxSpans as BoxSpans
+from steelyard.robot_file.section import Name, Names, Numbers, Positive, Section, Vector
+
+PerJoint = Positive | Annotated[tuple[Positive, ...], Field(strict=False)] | dict[str, Positive]
+Pairs = Annotated[
+    tuple[Annotated[tuple[Name, Name], Field(strict=False)], ...], Field(strict=False)
+]
+
+WATER = 1000.0
+"""Density that a load without a radius is taken to have [kg/m³]."""
+
+
+class MotionLimitsSection(Section):
+    """What joints may do; what is left out says the robot, or is assumed and noted."""
+
+    share: Share = 0.95
+    position_margin: Annotated[float, Field(ge=0.0)] | None = None
+    velocity: PerJoint | None = None
+    acceleration: PerJoint | None = None
+    jerk: PerJoint | None = None
+    effort: PerJoint | Literal["robot", "any"] = "robot"
+    power: PerJoint | None = None
+    total_power: Positive | None = None
+
+
+class PlaneSection(Section):
+    """A half-space: normal . point >= above."""
+
+    normal: Vector
+    above: float
+
+
+class WorkspaceSection(Section):
+    """Where the robot may be, in the frame of its base.
+
+    `floor`, `planes` and `keep_out` hold for all links but those in `without`, the tool and the
+    loads; with `only_tool`, planes and boxes hold for the tool's ball alone. `box` is always of the
+    tool's ball alone.
+    """
+
+    frame: Name | None = None
+    point: Vector = (0.0, 0.0, 0.0)
+    radius: Annotated[float, Field(ge=0.0)] = 0.0
+    floor: float | None = None
+    box: BoxSpans = BoxSpans()
+    planes: Annotated[tuple[PlaneSection, ...], Field(strict=False)] = ()
+    keep_out: Annotated[tuple[BoxSpans, ...], Field(strict=False)] = ()
+    only_tool: bool = False
+    without: Names = ()
+
+    @property
+    def walled(self) -> bool:
+        """Whether anything keeps all links away from something."""
+        return self.floor is not None or bool(not self.only_tool and (self.planes or self.keep_out))
+
+
+class CollisionSection(Section):
+    """What may not touch: the robot's own bodies, and the world; walls do not ask `without`."""
+
+    bodies: bool = True
+    margin: Annotated[float, Field(ge=0.0)] = 0.01
+    world: Name | None = None
+    ignore: Pairs = ()
+    without: Names = ()
+
+
+class CriterionSection(Section):
+    """What is minimised.
+
+    `chosen`: laws or base parameters that matter; all, if left out. `weights` of the joints: all
+    `equal`, or by the `noise` of an earlier log. `relative`: to the parameters' earlier values.
+    `after_earlier`: of what earlier runs and this motion show together.
+    """
+
+    kind: Name = "d_optimal"
+    chosen: Names | None = None
+    weights: Literal["equal", "noise"] | Numbers = "equal"
+    relative: bool = False
+    after_earlier: bool = False
+
+
+class LoadSection(Section):
+    """A load that may hang on the robot: a ball, to walls and for the inertia that torques count.
+
+    Without a radius the ball is that of as much water.
+    """
+
+    mass: Positive
+    frame: Name | None = None
+    com: Vector = (0.0, 0.0, 0.0)
+    radius: Positive | None = None
+
+    @property
+    def ball(self) -> float:
+        """Radius of the ball [m]."""
+        return self.radius or float((0.75 * self.mass / (pi * WATER)) ** (1.0 / 3.0))
+
+
+class SearchSection(Section):
+    """How the motion is looked for."""
+
+    method: Name = "gradient"
+
+
+class ExcitationSection(Section):
+    """All about the motion that is wanted."""
+
+    motion: MotionSection = FourierSection()
+    limits: MotionLimitsSection = MotionLimitsSection()
+    workspace: WorkspaceSection | None = None
+    collision: CollisionSection | None = None
+    criterion: CriterionSection = CriterionSection()
+    loads: Annotated[tuple[LoadSection, ...], Field(strict=False)] = ()
+    search: SearchSection = SearchSection()
+    samples: Annotated[int, Field(ge=20, le=1_000_000)] = 1000
+
+
+def changed_excitation(
+    section: ExcitationSection,
+    *,
+    motion: str | None = None,
+    period: float | None = None,
+    harmonics: int | None = None,
+    criterion: str | None = None,
+    method: str | None = None,
+    still_unknown: bool = False,
+) -> ExcitationSection:
+    """The tables with some things said otherwise.
+
+    Args:
+        section: The tables.
+        motion: Another kind of motion; its numbers are then the usual ones.
+        period: Length of the period or of the motion [s].
+        harmonics: Of a Fourier series.
+        criterion: Kind of criterion.
+        method: Search method.
+        still_unknown: Whether what earlier runs show counts too.
+
+    Raises:
+        ValueError: The kind of motion has no such number, or cannot have it; says which.
+    """
+    told = section.model_dump()
+    if motion is not None and motion != section.motion.kind:
+        told["motion"] = {"kind": motion}
+    kind = told["motion"]["kind"]
+    if kind not in KINDS:
+        raise ValueError(f"there is no motion '{kind}', but " + ", ".join(KINDS))
+    known = MOTIONS[KINDS.index(kind)].model_fields
+    for name, value in (("period", period), ("harmonics", harmonics)):
+        key = "duration" if name == "period" and "duration" in known else name
+        if value is not None and key not in known:
+            raise ValueError(f"a motion of kind '{kind}' has no {name}")
+        if value is not None:
+            told["motion"][key] = value
+    if criterion is not None:
+        told["criterion"]["kind"] = criterion
+    if method is not None:
+        told["search"]["method"] = method
+    if still_unknown:
+        told["criterion"]["after_earlier"] = True
+    try:
+        return ExcitationSection.model_validate(told)
+    except ValidationError as error:
+        flaw = error.errors()[0]
+        what = ".".join(str(part) for part in flaw["loc"] if part != kind)
+        message = flaw["msg"].replace("Field required", "is missing")
+        raise ValueError(f"[excitation] {what}: {message[:1].lower()}{message[1:]}") from None

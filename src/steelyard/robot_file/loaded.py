@@ -1,0 +1,99 @@
+"""A robot with all that its files say."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from steelyard.robot.model_notes import JointSpring
+from steelyard.robot.robot import Robot
+from steelyard.robot.xacro.read import joined_reference, stem_of
+from steelyard.robot_file.efforts import Locate
+from steelyard.robot_file.sections import (
+    EstimationSection,
+    ExcitationSection,
+    PriorSection,
+    ProcessingSection,
+    ValidationSection,
+)
+from steelyard.robot_file.signals import Signals
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file that was read, and what was in it."""
+
+    path: Path
+    sha256: str
+
+
+@dataclass(frozen=True)
+class TermSpec:
+    """A cause of torque as the robot file names it: a law's name, or a table with `law`."""
+
+    description: str | Mapping[str, Any]
+    where: str
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedRobot:
+    """A robot and all that its file says.
+
+    Attributes:
+        robot: The robot, with the joints to identify.
+        notes: What was assumed, one sentence each, for the user.
+        signals: Columns of its logs; `None` if the file does not say.
+        terms: Causes of torque; `None` if the file does not say.
+        friction: Whether the friction laws are to be chosen from the data.
+        processing: Filter settings; what is `None` is chosen from the data.
+        estimation: How parameters are estimated.
+        validation: Score settings.
+        sources: The file given, then the model file it names, if any.
+        where: Places in the file, for messages about what later rooms make of it.
+        prior: What is known of links before the data, beside the model file.
+        knowledge: Further wishes, a table with its `kind` each.
+        excitation: Which motion is wanted, and what it must keep.
+        arguments: Of a xacro file that was given itself; those of a robot file stand there.
+        springs: Springs of the model file along its coordinates, by name; no term has them unless
+            it is listed.
+        unfollowed: What the model file says of forces that the model does not follow, a sentence
+            for each kind.
+        base: The link that is fixed to the world; `None` if it is the model's root.
+        floats: Whether that link floats in the model: its being at rest is an assumption.
+    """
+
+    robot: Robot
+    notes: tuple[str, ...]
+    signals: Signals | None
+    terms: tuple[TermSpec, ...] | None
+    friction: bool
+    processing: ProcessingSection
+    estimation: EstimationSection
+    validation: ValidationSection
+    sources: tuple[Source, ...]
+    where: Locate
+    prior: PriorSection = PriorSection()
+    knowledge: tuple[Mapping[str, Any], ...] = ()
+    excitation: ExcitationSection = ExcitationSection()
+    springs: Mapping[str, JointSpring] = field(default_factory=dict)
+    unfollowed: Mapping[str, str] = field(default_factory=dict)
+    arguments: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    base: str | None = None
+    floats: bool = False
+
+    @property
+    def reference(self) -> str:
+        """What `load_robot` takes for the same robot."""
+        return joined_reference(self.sources[0].path, self.arguments)
+
+    @property
+    def model_given(self) -> Path:
+        """The model file as it was given, before a xacro file is expanded."""
+        models = (s.path for s in self.sources if s.path.suffix.lower() != ".toml")
+        return next(models, self.sources[-1].path)
+
+    @property
+    def stem(self) -> str:
+        """The name of the file given, without its endings."""
+        return stem_of(self.sources[0].path)

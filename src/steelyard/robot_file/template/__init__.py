@@ -1,0 +1,1 @@
+"""The commented robot file that `steelyard init` writes."""

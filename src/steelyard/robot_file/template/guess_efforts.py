@@ -1,0 +1,76 @@
+"""What columns of efforts hold, by their names and values: currents, torques, counts, nothing."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.robot.robot import Coordinate
+from steelyard.robot_file.column_names import CURRENTS, TORQUES, Column
+
+TORQUE = (
+    "torque by their names, which do not say of which side of the gears: taken as joint torque "
+    'with rotor inertia in it; of sensors behind the gears say kind = "link_torque" and take '
+    "rotor_inertia out of [model] terms"
+)
+OTHERS = 6
+"""Effort-like columns that were not chosen and are listed."""
+COUNTS = ("count", "counts", "ticks", "adc", "lsb")
+"""Words of columns without a physical unit."""
+
+
+def effort_units(
+    columns: Sequence[Column], joints: Sequence[Coordinate], values: Mapping[str, Array]
+) -> tuple[str, list[str]]:
+    """Why, and the unit of each effort column."""
+    units, unsaid = [], []
+    for column, joint in zip(columns, joints, strict=True):
+        if column.has("ma"):
+            units.append("mA")
+        elif _is_current(column):
+            far = reach(column.name, values) > 200.0 and not column.has("a", "amp", "amps")
+            units.append("mA" if far else "A")
+        else:
+            units.append(joint.effort_unit)
+            unsaid.append(column)
+    if len(unsaid) == len(columns):
+        return TORQUE, units
+    return "motor current by their names" + _unsaid(unsaid, units), units
+
+
+def _unsaid(columns: Sequence[Column], units: Sequence[str]) -> str:
+    """Columns beside currents whose names speak of none, in words; empty if there are none."""
+    if not columns:
+        return ""
+    names, taken = ", ".join(c.name for c in columns), set(units) - {"A", "mA"}
+    return f", but not of {names}: taken in {' and '.join(sorted(taken))}; check unit and gain"
+
+
+def _is_current(column: Column) -> bool:
+    """Whether a name speaks of amperes: `TorqueCur1` is a torque."""
+    if column.has("a", "amp", "amps"):
+        return True
+    return column.has(*CURRENTS) and not column.has(*TORQUES)
+
+
+def changes(name: str, values: Mapping[str, Array]) -> bool:
+    """Whether a column changes in the sample, as measured efforts do; without one nobody knows."""
+    sampled = values.get(name)
+    return sampled is None or len(sampled) == 0 or bool(np.ptp(sampled) > 0.0)
+
+
+def others(effort: Sequence[Column], every: Sequence[Column]) -> str:
+    """Effort-like columns that were not chosen, in words; empty if there are none."""
+    left = [c.name for c in every if c not in effort]
+    if not left:
+        return ""
+    shown = ", ".join(left[:OTHERS]) + f" and {len(left) - OTHERS} more" * (len(left) > OTHERS)
+    return f"; other columns that may be efforts: {shown}: name them instead if they are measured"
+
+
+def reach(name: str, values: Mapping[str, Array]) -> float:
+    """How far from zero a column goes, a few broken values aside; zero if not sampled."""
+    sampled = values.get(name)
+    if sampled is None or not len(sampled):
+        return 0.0
+    return float(np.quantile(np.abs(sampled), 0.98))

@@ -1,0 +1,174 @@
+r"""Whether logged velocities are worth using: compared with positions, in a sample of a log.
+
+If velocities $v$ have a scale $1/a$ and come late by $\delta$, positions are
+$q = c_0 + c_1 t + a \int v + a \delta v$, a linear fit that needs no derivative. They are used if
+they agree in every joint, are not late, and have less noise than differences of positions.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from steelyard.arrays import Array
+from steelyard.robot_file.column_names import Column
+from steelyard.robot_file.signals import TIME_UNITS
+
+LEAST_ROWS, LEAST_SECONDS, LEAST_RANGE = 200, 0.5, 0.05
+"""Rows and length of a sample [s], and range of a joint [rad; m], from which on velocities can be
+judged."""
+SCALE, OF_JOINT, STEPS, SECONDS, NOISE = 0.02, 0.1, 1.0, 0.01, 0.5
+"""Most that the median scale and that of any joint differ from 1, most steps of the clock and
+seconds that velocities are late, and most noise over that of differences of positions: with as
+much noise they are worth nothing."""
+ABSURD = 1e6
+"""Values that no sensor has."""
+SMOOTHED = 0.1
+"""Moving average before noises are compared [s]: about what later filters leave."""
+
+SMALL_UNITS = {"deg": np.pi / 180.0, "mm": 1e-3}
+"""Units of positions that are not rad or m."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Velocities of a log against its positions, medians over the joints that move.
+
+    Attributes:
+        scale: Of the positions over the integrated velocities.
+        late: How late velocities come [s].
+        step: Of the clock [s].
+        noise: Of the velocities over that of differences of positions.
+        farthest: The scale that differs most from 1, of any joint that moves.
+    """
+
+    scale: float
+    late: float
+    step: float
+    noise: float
+    farthest: float
+
+    @property
+    def delay(self) -> str:
+        """How late or early they are, in words."""
+        return f"{_figures(abs(1e3 * self.late))} ms {'late' if self.late >= 0.0 else 'early'}"
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """Why they are not to be used, in words; empty if they are."""
+        found = []
+        if abs(self.scale - 1.0) > SCALE:
+            found.append(f"they are {_figures(1.0 / self.scale, 3)} times the derivative")
+        elif abs(self.farthest - 1.0) > OF_JOINT:
+            found.append("one joint's are not the derivative of its position")
+        if abs(self.late) > min(STEPS * self.step, SECONDS):
+            found.append(f"they are {self.delay}")
+        if self.noise > NOISE:
+            found.append(
+                f"their noise is {_figures(self.noise)} times that of differences of positions"
+            )
+        return tuple(found)
+
+
+def judged(
+    velocity: Sequence[Column],
+    position: Sequence[Column],
+    unit: Any,
+    clock: Mapping[str, Any],
+    sample: Mapping[str, ArrayLike],
+) -> tuple[tuple[Column, ...], str]:
+    """Velocity columns that are used, all or none, and why.
+
+    Args:
+        velocity: Columns that look like velocities, joint by joint.
+        position: The position columns.
+        unit: Of the positions: one, one per joint, or `None` for rad and m.
+        clock: What the robot file says of time.
+        sample: Values of columns from the first row on.
+    """
+    names = [c.name for c in (*position, *velocity)]
+    listed = ", ".join(c.name for c in velocity)
+    if not velocity or not sample.keys() >= {*names, *([clock["time"]] if "time" in clock else [])}:
+        return (), f"velocities ({listed}) are left out, as they are often late"
+    values = [np.asarray(sample[name], dtype=np.float64) for name in names]
+    rows = np.arange(len(values[0]), dtype=np.float64)
+    t = rows / clock["rate"] if "rate" in clock else np.asarray(sample[clock["time"]], np.float64)
+    t = t * TIME_UNITS[str(clock.get("time_unit", "s"))]
+    units = [unit] * len(position) if unit is None or isinstance(unit, str) else unit
+    scales = [SMALL_UNITS.get(str(one), 1.0) for one in units]
+    q, v = (
+        [x * s for x, s in zip(part, scales, strict=True)]
+        for part in (values[: len(position)], values[len(position) :])
+    )
+    found = compared(t, q, v)
+    if found is None:
+        why = f"left out, as the first {len(rows)} rows do not show whether they are good"
+    elif found.faults:
+        why = f"left out, as {' and '.join(found.faults)}"
+    else:
+        why = (
+            f"used: they are the derivative of the positions, {found.delay}, with "
+            f"{found.noise:.2g} times the noise of differences of positions"
+        )
+    used = tuple(velocity) if found is not None and not found.faults else ()
+    return used, f"velocities ({listed}) are {why}"
+
+
+def rates(unit: Any) -> Any:
+    """Units of velocities from those of positions."""
+    return f"{unit}/s" if isinstance(unit, str) else [f"{one}/s" for one in unit]
+
+
+def compared(t: Array, q: Sequence[Array], v: Sequence[Array]) -> Comparison | None:
+    """Compare velocities with positions; `None` where too little moves.
+
+    Args:
+        t: Time, shape `(N,)` [s].
+        q: Positions, joint by joint, each `(N,)`.
+        v: Velocities in the same units per second, likewise.
+    """
+    rows = np.array([*q, *v])
+    with np.errstate(invalid="ignore"):
+        fine = np.isfinite(t) & (np.abs(rows) < ABSURD).all(axis=0)
+    t = t[fine]
+    if len(t) < LEAST_ROWS or not (np.diff(t) >= 0.0).all():
+        return None
+    step = float(np.median(np.diff(t)))
+    length = t[-1] - t[0]
+    if step <= 0.0 or not LEAST_SECONDS <= length <= 2.0 * step * len(t):
+        return None
+    even = np.arange(t[0], t[-1], step)
+    found = []
+    for position, velocity in zip(q, v, strict=True):
+        if np.ptp(position[fine]) >= LEAST_RANGE:
+            x, y = (np.interp(even, t, values[fine]) for values in (position, velocity))
+            found.append(_of_joint(even, x, y))
+    if not found:
+        return None
+    scale, late, noise = (float(x) for x in np.median(found, axis=0))
+    farthest = max((one[0] for one in found), key=lambda scale: abs(scale - 1.0))
+    return Comparison(scale, late, step, noise, farthest)
+
+
+def _of_joint(t: Array, q: Array, v: Array) -> tuple[float, float, float]:
+    """Scale, delay [s] and noise of one joint's velocities."""
+    step = t[1] - t[0]
+    way = np.concatenate(([0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * step)))
+    columns = np.column_stack((np.ones_like(t), t - t[0], way, v))
+    fit = np.linalg.lstsq(columns, q, rcond=None)[0]
+    width = max(1, round(SMOOTHED / step))
+    scale = float(fit[2]) or 1e-300
+    noise = _noise(v, width) / _noise(np.gradient(q, step), width)
+    return scale, float(fit[3]) / scale, noise
+
+
+def _noise(x: Array, width: int) -> float:
+    smooth = np.convolve(x, np.full(width, 1.0 / width), "valid")
+    return max(float(np.sqrt(np.mean(np.square(np.diff(smooth, 2))))), 1e-300)
+
+
+def _figures(value: float, digits: int = 2) -> str:
+    """A number to so many figures, never in the form `2e+02`."""
+    return np.format_float_positional(value, digits, unique=True, fractional=False, trim="-")

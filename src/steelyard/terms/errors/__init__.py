@@ -1,0 +1,1 @@
+"""Small errors of geometry and of readings as columns beside the model."""

@@ -1,0 +1,1 @@
+"""Causes of torque: one law a file."""

@@ -1,0 +1,72 @@
+"""Dry friction: a constant torque against the direction of motion."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from steelyard.errors import ModelError
+from steelyard.kernel.equations.dynamics import JointState
+from steelyard.parameters import Parameter
+from steelyard.robot.robot import Robot
+from steelyard.terms.axes import Acting, Dissipation, each, per_axis, spread
+from steelyard.terms.direction import (
+    SHAPES,
+    Field,
+    directions,
+    is_zero,
+    refuse_negative,
+    refuse_unknown,
+)
+from steelyard.terms.term import Columns
+
+
+@dataclass(frozen=True)
+class Coulomb(Acting):
+    r"""Coulomb friction, $f = f_c\,s(v)$ [Nm; N if prismatic].
+
+    $s$ is the sign of the velocity, zero up to `threshold`, or with `smoothing` $w$ the smooth
+    $\tanh(v/w)$, $\tfrac{2}{\pi}\arctan(v/w)$ or $2/(1 + e^{-v/w}) - 1$.
+
+    Attributes:
+        threshold: Speed up to which the friction is zero, one for all or one per coordinate
+            [rad/s; m/s].
+        smoothing: Speed $w$ of the smooth law, likewise; zero for the sign.
+        shape: Which smooth law: `tanh`, `arctan` or `logistic`.
+    """
+
+    law: ClassVar[str] = "coulomb"
+    dissipation: ClassVar[Dissipation] = "each"
+    bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"smoothing": (1e-3, 1.0)}
+    threshold: Field = 0.0
+    smoothing: Field = 0.0
+    shape: str = "tanh"
+
+    def __post_init__(self) -> None:
+        refuse_unknown(self.law, "shape", self.shape, tuple(SHAPES))
+        refuse_negative(self.law, threshold=self.threshold, smoothing=self.smoothing)
+        if not is_zero(self.threshold) and not is_zero(self.smoothing):
+            raise ModelError(
+                f"Coulomb friction with threshold {self.threshold} and smoothing {self.smoothing}",
+                where="list of terms",
+                mend="give one of the two, as a positive speed, or none for the plain sign",
+            )
+
+    @property
+    def jumps(self) -> bool:
+        """Whether the direction is the plain sign: at rest, friction then holds up to its size."""
+        return is_zero(self.threshold) and is_zero(self.smoothing)
+
+    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """One per coordinate, not negative."""
+        return each(self.axes(robot), self.law, lambda axis: axis.effort_unit, lower=0.0)
+
+    def columns(self, robot: Robot, state: JointState) -> Columns:
+        """Direction of motion."""
+        axes = self.axes(robot)
+        sense = directions(axes, state.dq, self.smoothing, self.law, self.shape)
+        if is_zero(self.threshold):
+            return spread(axes, lambda k, _: sense[k])
+        rest = per_axis(self.threshold, axes, self.law)
+        return spread(axes, lambda k, axis: sense[k] * (np.abs(axis.of(state.dq)) > rest[k]))

@@ -1,0 +1,144 @@
+"""Friction that grows with the load on the joint."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import isfinite
+from typing import Any, ClassVar
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.errors import ModelError
+from steelyard.kernel.equations.closed_chains import completed, projected
+from steelyard.kernel.equations.dynamics import JointState
+from steelyard.parameters import Parameter
+from steelyard.robot.inertia import INERTIAL_NAMES
+from steelyard.robot.robot import Robot
+from steelyard.suggest import advice
+from steelyard.terms.axes import Axis, each, per_axis
+from steelyard.terms.laws.presliding import OneState, dahl_states
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.term import Samples
+
+
+@dataclass(frozen=True)
+class LoadDependent(OneState):
+    r"""Load-dependent friction, $f = \mu\,|\tau_\mathrm{rigid}|\,s$, without a unit.
+
+    $\tau_\mathrm{rigid}$ is what the rigid bodies of a reference model load the coordinate with,
+    $s$ the direction of motion as a Dahl state [Dahl1968]. The reference is frozen, so the torque
+    stays linear in $\mu$; an outer loop may refit it.
+
+    Attributes:
+        length: Presliding length of the direction, one for all or one per coordinate [rad; m].
+        reference: Ten numbers per body by name, `{"m.forearm": 3.2, ...}`, absent ones zero; the
+            robot's nominal bodies if nothing is named.
+    """
+
+    law: ClassVar[str] = "load_dependent"
+    aside: ClassVar[tuple[str, ...]] = ("length", "reference")
+    reference: tuple[tuple[str, float], ...] = ()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "reference", _numbers(self.reference))
+
+    def with_reference(self, values: Mapping[str, float]) -> "LoadDependent":
+        """The same law with another reference model.
+
+        Args:
+            values: Parameters by name; those that are not numbers of bodies do not matter.
+        """
+        bodies = {n: float(v) for n, v in values.items() if n.split(".")[0] in INERTIAL_NAMES}
+        if not bodies:
+            raise ModelError(
+                "the reference of load-dependent friction names no number of a body",
+                where="list of terms",
+                mend='list "rigid_body" among the terms, or give standard parameters by name: '
+                '{"m.forearm": 3.2, ...}',
+            )
+        return replace(self, reference=tuple(bodies.items()))
+
+    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """One per coordinate, not negative."""
+        return each(self.axes(robot), self.law, lambda _: "1", lower=0.0)
+
+    def remember(self, robot: Robot, samples: Samples, memory: Any) -> tuple[Array, Any]:
+        """Load times direction along the motion."""
+        axes = self.axes(robot)
+        lengths = per_axis(self.length, axes, self.law)
+        sense, end = dahl_states(axes, lengths, samples, memory)
+        load = shares(robot, axes) @ _borne(robot, samples, self.reference_of(robot))
+        return np.abs(load) * sense, end
+
+    def reference_of(self, robot: Robot) -> Array:
+        """Ten numbers per body of the reference, shape `(10 n_bodies,)`.
+
+        Raises:
+            ModelError: The reference names no body's number, or nothing is known of the bodies.
+        """
+        if not self.reference:
+            if not robot.nominal.any():
+                raise ModelError(
+                    "load-dependent friction needs a reference model, but no body has a mass",
+                    where=f"robot '{robot.name}', list of terms",
+                    mend="give the robot's links masses, or the term a `reference` from an "
+                    "earlier result",
+                )
+            return robot.nominal.ravel()
+        names = [p.name for p in RigidBody().parameters(robot)]
+        values = dict(self.reference)
+        if strange := [name for name in values if name not in names]:
+            raise ModelError(
+                f"the reference of load-dependent friction names '{strange[0]}'",
+                where=f"robot '{robot.name}', list of terms",
+                mend=advice(strange[0], names, "numbers of bodies"),
+            )
+        return np.array([values.get(name, 0.0) for name in names])
+
+
+def _numbers(reference: Any) -> tuple[tuple[str, float], ...]:
+    """Named finite numbers, from a table or named pairs."""
+    try:
+        values = tuple((str(name), float(x)) for name, x in dict(reference).items())
+    except (TypeError, ValueError):
+        values = None
+    if values is None or not all(isfinite(x) for _, x in values):
+        raise ModelError(
+            f"load-dependent friction has reference = {reference!r}",
+            where="list of terms",
+            mend='give finite numbers of bodies by name: reference = {"m.forearm" = 3.2}',
+        )
+    return values
+
+
+def _borne(robot: Robot, samples: Samples, tens: Array) -> Array:
+    """What the joints bear of the rigid bodies, `(n_joints, N)`; passive joints bear nothing."""
+    torque = samples.rigid_torque(tens)
+    if not robot.passive:
+        return torque
+    n = robot.n
+    q, dq, ddq = (list(x) for x in (samples.q, samples.dq, samples.ddq))
+    _, torque_map = completed(robot, JointState(q[:n], dq[:n], ddq[:n], q[n:]))
+    rows = projected(robot, {(row, 0): x for row, x in enumerate(torque)}, torque_map)
+    borne = np.zeros_like(torque)
+    borne[:n] = [rows[row, 0] for row in range(n)]
+    return borne
+
+
+def shares(robot: Robot, axes: Sequence[Axis]) -> Array:
+    r"""Loads along the axes per torque of the joints, shape `(axes, n_joints)`.
+
+    A motor bears its row of $R^{-T}\tau$; another coordinate $c$ bears $c \cdot \tau / \|c\|^2$.
+    """
+    gears, rows = robot.transmission, []
+    for axis in axes:
+        row = np.array(axis.row)
+        share = row / (row @ row)
+        if gears is not None and axis.name in gears.motors:
+            motor = gears.motors.index(axis.name)
+            if np.array_equal(row[: robot.n], gears.matrix[motor]):
+                share = np.zeros(robot.n_joints)
+                share[: robot.n] = np.linalg.inv(gears.matrix)[:, motor]
+        rows.append(share)
+    return np.array(rows)

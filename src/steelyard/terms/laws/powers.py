@@ -1,0 +1,74 @@
+"""Friction that grows with a power of speed."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from steelyard.kernel.equations.dynamics import JointState, Scalar
+from steelyard.parameters import Parameter
+from steelyard.robot.robot import Robot
+from steelyard.terms.axes import Acting, Dissipation, each, spread
+from steelyard.terms.term import Columns
+
+CREEP = 1e-12
+"""Speed up to which the root is a straight line, so that its slope stays finite [rad/s; m/s]."""
+
+
+class _OfSpeed(Acting, ABC):
+    """One parameter per coordinate, not negative, times a function of its speed."""
+
+    law: ClassVar[str]
+    dissipation: ClassVar[Dissipation] = "together"
+    per: ClassVar[str]
+    """Unit of the function, with `{}` for that of speed."""
+
+    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """One per coordinate, not negative."""
+        axes = self.axes(robot)
+        return each(axes, self.law, lambda x: x.effort_per(self.per.format(x.speed_unit)), 0.0)
+
+    def columns(self, robot: Robot, state: JointState) -> Columns:
+        """The function of each coordinate's speed."""
+        return spread(self.axes(robot), lambda _, axis: self.curve(axis.of(state.dq)))
+
+    @abstractmethod
+    def curve(self, speed: Scalar) -> Scalar:
+        """Friction per unit of the parameter; odd."""
+
+
+@dataclass(frozen=True)
+class Quadratic(_OfSpeed):
+    r"""Friction with the square of speed, $f = f_2\,|v|\,v$: turbulent oil, fans."""
+
+    law: ClassVar[str] = "quadratic"
+    per: ClassVar[str] = "({})²"
+
+    def curve(self, speed: Scalar) -> Scalar:
+        """The square with the speed's sign."""
+        return np.abs(speed) * speed
+
+
+@dataclass(frozen=True)
+class Cubic(_OfSpeed):
+    r"""Friction with the cube of speed, $f = f_3\,v^3$."""
+
+    law: ClassVar[str] = "cubic"
+    per: ClassVar[str] = "({})³"
+
+    def curve(self, speed: Scalar) -> Scalar:
+        """The cube."""
+        return speed * speed * speed
+
+
+@dataclass(frozen=True)
+class Root(_OfSpeed):
+    r"""Friction with the root of speed, $f = f_{1/2}\,\sqrt{|v|}\,\mathrm{sign}(v)$: grease."""
+
+    law: ClassVar[str] = "root"
+    per: ClassVar[str] = "√({})"
+
+    def curve(self, speed: Scalar) -> Scalar:
+        """The root with the speed's sign."""
+        return speed / np.sqrt(np.maximum(np.abs(speed), CREEP))

@@ -1,0 +1,68 @@
+"""Springs on the coordinates themselves."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from steelyard.errors import ModelError
+from steelyard.kernel.equations.dynamics import JointState
+from steelyard.parameters import Parameter
+from steelyard.robot.robot import Robot
+from steelyard.terms.axes import Acting, Axis, each, spread
+from steelyard.terms.term import Columns
+
+
+@dataclass(frozen=True)
+class Spring(Acting):
+    r"""Spring along a coordinate, $f = k\,(x - x_0)$, the effort that holds it [N m/rad; N/m].
+
+    With `free = "unknown"` the torque is $f = k\,x - p$ with a preload $p = k\,x_0$, a parameter of
+    its own. A preload and the term `offset` on one coordinate cannot be told apart.
+
+    Attributes:
+        free: Position $x_0$ where the spring is free, one for all or one per coordinate [rad; m],
+            or `unknown`.
+    """
+
+    law: ClassVar[str] = "spring"
+    free: float | tuple[float, ...] | str = 0.0
+
+    def __post_init__(self) -> None:
+        numbers = self.free if isinstance(self.free, tuple) else (self.free,)
+        known = all(isinstance(x, float | int) and abs(x) < float("inf") for x in numbers)
+        if self.free != "unknown" and not known:
+            raise ModelError(
+                f"term 'spring' has free = {self.free!r}",
+                where="list of terms",
+                mend="give the position where the spring is free [rad; m], one for all or a list, "
+                'or free = "unknown"',
+            )
+
+    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """Stiffness per coordinate, not negative; then the preloads, where they are unknown."""
+        axes = self.axes(robot)
+        stiffness = each(axes, self.law, lambda axis: axis.stiffness_unit, lower=0.0)
+        if self.free != "unknown":
+            return stiffness
+        return (*stiffness, *each(axes, f"{self.law}_preload", lambda axis: axis.effort_unit))
+
+    def columns(self, robot: Robot, state: JointState) -> Columns:
+        """The stretch; with unknown free positions, the position and minus one."""
+        axes = self.axes(robot)
+        if self.free == "unknown":
+            return {
+                **spread(axes, lambda _, axis: axis.of(state.q)),
+                **spread(axes, lambda _, axis: 0.0 * axis.of(state.q) - 1.0, len(axes)),
+            }
+        free = self._free(axes)
+        return spread(axes, lambda k, axis: axis.of(state.q) - free[k])
+
+    def _free(self, axes: tuple[Axis, ...]) -> tuple[float, ...]:
+        if not isinstance(self.free, tuple):
+            return (float(self.free),) * len(axes)
+        if len(self.free) != len(axes):
+            raise ModelError(
+                f"term 'spring' has {len(self.free)} free positions for {len(axes)} coordinates",
+                where="list of terms",
+                mend="give one position for all, or a list with one per coordinate",
+            )
+        return self.free

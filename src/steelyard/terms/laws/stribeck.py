@@ -1,0 +1,64 @@
+"""Friction that falls when motion begins."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from steelyard.kernel.equations.dynamics import JointState, Scalar
+from steelyard.parameters import Parameter
+from steelyard.robot.robot import Robot
+from steelyard.terms.axes import Acting, Dissipation, each, per_axis, spread
+from steelyard.terms.direction import (
+    Field,
+    directions,
+    refuse_negative,
+    refuse_not_positive,
+    refuse_unknown,
+)
+from steelyard.terms.term import Columns
+
+
+@dataclass(frozen=True)
+class Stribeck(Acting):
+    r"""Stribeck friction, the excess of breakaway over Coulomb friction.
+
+    $$ f = (f_s - f_c)\,e^{-|v/v_s|^\beta}\,s(v) $$
+
+    The Coulomb part is the term `coulomb`, the viscous one `viscous`.
+
+    Attributes:
+        speed: Stribeck speed $v_s$, one for all or one per coordinate [rad/s; m/s].
+        exponent: $\beta$, 1 or 2.
+        smoothing: Speed $w$ of $s = \tanh(v/w)$, one for all or one per coordinate [rad/s; m/s];
+            zero for the sign.
+    """
+
+    law: ClassVar[str] = "stribeck"
+    dissipation: ClassVar[Dissipation] = "together"
+    bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"speed": (1e-3, 1.0)}
+    speed: Field = 0.1
+    exponent: int = 1
+    smoothing: Field = 0.0
+
+    def __post_init__(self) -> None:
+        refuse_unknown(self.law, "exponent", self.exponent, (1, 2))
+        refuse_not_positive(self.law, speed=self.speed)
+        refuse_negative(self.law, smoothing=self.smoothing)
+
+    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """The excess per coordinate, not negative."""
+        return each(self.axes(robot), self.law, lambda axis: axis.effort_unit, lower=0.0)
+
+    def columns(self, robot: Robot, state: JointState) -> Columns:
+        """The direction of motion, fading with speed."""
+        axes = self.axes(robot)
+        sense = directions(axes, state.dq, self.smoothing, self.law)
+        scales = per_axis(self.speed, axes, self.law)
+
+        def value(k: int, relative: Scalar) -> Scalar:
+            power = np.abs(relative) if self.exponent == 1 else relative * relative
+            return sense[k] * np.exp(-power)
+
+        return spread(axes, lambda k, axis: value(k, axis.of(state.dq) / scales[k]))

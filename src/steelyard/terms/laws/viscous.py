@@ -1,0 +1,26 @@
+"""Friction that grows with speed."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from steelyard.kernel.equations.dynamics import JointState
+from steelyard.parameters import Parameter
+from steelyard.robot.robot import Robot
+from steelyard.terms.axes import Acting, Dissipation, each, spread
+from steelyard.terms.term import Columns
+
+
+@dataclass(frozen=True)
+class Viscous(Acting):
+    r"""Viscous friction, $f = f_v\,v$ [N m s/rad; N s/m if prismatic]."""
+
+    law: ClassVar[str] = "viscous"
+    dissipation: ClassVar[Dissipation] = "each"
+
+    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """One per coordinate, not negative."""
+        return each(self.axes(robot), self.law, lambda axis: axis.rate_unit, lower=0.0)
+
+    def columns(self, robot: Robot, state: JointState) -> Columns:
+        """The coordinate's velocity."""
+        return spread(self.axes(robot), lambda _, axis: axis.of(state.dq))

@@ -1,0 +1,1 @@
+"""The choice of friction laws by left-out motion."""

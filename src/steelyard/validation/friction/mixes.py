@@ -1,0 +1,143 @@
+"""Mixes of friction laws: candidates of `friction = "auto"`, stage by stage, and their names."""
+
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from itertools import groupby
+from typing import Any, Literal, cast
+
+from steelyard.model import Model
+from steelyard.robot.robot import Robot
+from steelyard.robot_file.sections import EffortKind
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.load_dependent import LoadDependent
+from steelyard.terms.laws.offset import Offset
+from steelyard.terms.laws.powers import Cubic, Quadratic, Root
+from steelyard.terms.laws.presliding import Dahl, LuGre, MaxwellSlip
+from steelyard.terms.laws.spring import Spring
+from steelyard.terms.laws.stribeck import Stribeck
+from steelyard.terms.laws.viscous import Viscous
+from steelyard.terms.term import Remembering, Term
+
+FINE = (3e-4, 1e-3, 3e-3, 1e-2)
+WIDE = (1e-3, 4e-3, 2e-2, 1e-1)
+
+DIRECTION: tuple[tuple[Term, ...], ...] = (
+    (Coulomb(),),
+    *((Coulomb(smoothing=speed),) for speed in (0.005, 0.02, 0.05)),
+    *((Dahl(length=length),) for length in (3e-4, 1e-3, 3e-3, 1e-2)),
+    *(
+        (LuGre(length=length, breakaway=1.15, speed=speed),)
+        for length in (3e-4, 1e-3)
+        for speed in (0.1, 0.3)
+    ),
+    (MaxwellSlip(lengths=FINE),),
+    (MaxwellSlip(lengths=WIDE, relaxing=True),),
+    (Coulomb(), MaxwellSlip(lengths=FINE)),
+)
+"""How friction turns round with the direction of motion, the simplest first."""
+
+SPEED: tuple[tuple[Term, ...], ...] = (
+    (Viscous(),),
+    (Viscous(), Root()),
+    (Viscous(), Quadratic()),
+    (Viscous(), Cubic()),
+    *((Viscous(), Stribeck(speed=speed)) for speed in (0.02, 0.1)),
+)
+"""How friction grows with speed."""
+
+LOADED = ("motor_current", "motor_torque")
+"""Kinds of effort that gears stand behind: their friction grows with the load."""
+
+LOAD: tuple[tuple[Term, ...], ...] = ((), (LoadDependent(length=1e-3),))
+"""Whether friction grows with the load."""
+
+LEVER = 0.1
+"""Arm at which a prismatic joint's speeds and lengths are those of a revolute one [m]."""
+
+SPRINGS: tuple[tuple[Term, ...], ...] = ((), (Spring(),))
+"""Whether cables or springs pull the joints."""
+
+
+def stages_of(
+    model: Model, kind: EffortKind, left_out: Literal["run", "stretch"]
+) -> tuple[tuple[tuple[Term, ...], ...], ...]:
+    """The candidates for a model, stage by stage.
+
+    Laws of speed act along further coordinates as well, where the model has viscous friction along
+    them. A spring that the model has is no candidate.
+
+    Args:
+        model: The model without the friction that is to be chosen.
+        kind: Of the efforts.
+        left_out: What is left out in turn: stretches of one motion share its postures, and cannot
+            tell a spring from what else depends on posture.
+    """
+    aside = [x for x in model.terms if isinstance(x, Viscous) and (x.along or x.motors)]
+    speed = [(*laws, *_along(laws[1:], aside)) for laws in SPEED]
+    stages = [_sized(DIRECTION, model.robot), _sized(speed, model.robot)]
+    if kind in LOADED:
+        stages.append(_sized(LOAD, model.robot))
+    if left_out == "run" and not any(isinstance(term, Spring) for term in model.terms):
+        free = any(isinstance(term, Offset) for term in model.terms)
+        stages.append(SPRINGS if free else ((), (Spring(free="unknown"),)))
+    return tuple(stages)
+
+
+def _sized(stage: Sequence[tuple[Term, ...]], robot: Robot) -> tuple[tuple[Term, ...], ...]:
+    """The candidates with speeds and lengths of prismatic joints as at a lever."""
+    sizes = [LEVER if c.kind == "prismatic" else 1.0 for c in robot.coordinates]
+    if LEVER not in sizes:
+        return tuple(stage)
+    return tuple(tuple(_with_sizes(term, sizes) for term in mix) for mix in stage)
+
+
+def _with_sizes(term: Term, sizes: Sequence[float]) -> Term:
+    if any(getattr(term, name, None) for name in ("joints", "motors", "along")):
+        return term
+    given = {name: getattr(term, name, None) for name in ("smoothing", "length", "speed")}
+    wanted = {name: tuple(value * x for x in sizes) for name, value in given.items() if value}
+    return cast(Term, replace(cast(Any, term), **wanted)) if wanted else term
+
+
+def _along(laws: Sequence[Term], aside: Sequence[Viscous]) -> tuple[Term, ...]:
+    """The laws along the coordinates of others."""
+    return tuple(
+        replace(cast(Any, law), joints=x.joints, motors=x.motors, along=x.along)
+        for law in laws
+        for x in aside
+    )
+
+
+def remembers(terms: Sequence[Term]) -> bool:
+    """Whether friction at rest is known: some law has a memory of where the joint came from."""
+    return any(isinstance(term, Remembering) for term in terms)
+
+
+def mix_name(terms: Sequence[Term]) -> str:
+    """A mix for people to read: laws with their speeds and lengths, and what else is not usual."""
+    return " + ".join(_term_name(term) for term in terms)
+
+
+def _term_name(term: Term) -> str:
+    told = {f.name: getattr(term, f.name) for f in fields(term)}  # type: ignore[arg-type]
+    usual = {f.name: f.default for f in fields(term)}  # type: ignore[arg-type]
+    always = getattr(term, "bounds", {})
+    given = [
+        name if value is True else f"{name} {_short(value)}"
+        for name, value in told.items()
+        if name not in HIDDEN and value and (name in always or value != usual[name])
+    ]
+    return f"{term.law} ({', '.join(given)})" if given else term.law
+
+
+HIDDEN = ("reference", "joints", "per_run")
+"""Fields that no name holds."""
+
+
+def _short(value: object) -> str:
+    if isinstance(value, tuple) and value and isinstance(value[0], tuple):
+        return ", ".join(str(name) for name, _ in value)
+    if isinstance(value, tuple):
+        alike = [(x, len(list(same))) for x, same in groupby(value)]
+        return ", ".join(_short(x) + (f" x {n}" if n > 1 else "") for x, n in alike)
+    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,135 @@
+"""Errors of mixes of friction laws on what was left out."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.errors import DataError
+from steelyard.estimation.consistent.consistent import Consistent
+from steelyard.estimation.estimate import Estimator
+from steelyard.model import Model
+from steelyard.progress import Progress, silent, tell
+from steelyard.regression.base import BaseMap
+from steelyard.regression.information import Information
+from steelyard.terms.laws.presliding import Dahl
+from steelyard.terms.term import Term
+from steelyard.validation.cross import left_out_errors, logarithms, too_short, values_by
+from steelyard.validation.friction.candidates import Candidates, length_of, same_lengths
+from steelyard.validation.friction.mixes import remembers
+
+ConsistentOf = Callable[[Model, BaseMap], Consistent]
+"""The consistent estimate for a model and its base parameters."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trials:
+    """Errors of mixes on what was left out.
+
+    Attributes:
+        model: The model without friction.
+        wide: All candidates' columns.
+        moving: One window per fold, without rests.
+        whole: The same with rests.
+        estimator: How each mix is fitted.
+        consistent: Fits them in its place, if it is there.
+        known: Errors of the mixes that were tried, shape `(folds, rows)`.
+        gammas: Weight of the prior, one for all mixes and parts: that of the first mix and all
+            runs. One for each part would scatter by more than mixes differ.
+        progress: Told about every fit.
+        count: How many mixes there may be.
+    """
+
+    model: Model
+    wide: Candidates
+    moving: Information
+    whole: Information
+    estimator: Estimator[Information]
+    consistent: ConsistentOf | None
+    known: dict[tuple[Term, ...], Array] = field(default_factory=dict)
+    gammas: list[float] = field(default_factory=list)
+    progress: Progress = silent
+    count: int = 1
+
+    @cached_property
+    def sizes(self) -> Array:
+        """Squares of the efforts, shape `(folds, rows)`."""
+        count = len(self.whole.windows)
+        return np.array([self.whole.of([k]).effort_squares() for k in range(count)])
+
+    def errors(self, mix: tuple[Term, ...]) -> Array | None:
+        """One figure per fold; `None` of a mix that the data are too few for.
+
+        Raises:
+            DataError: They are too few for the first.
+        """
+        names = self.wide.columns_of(mix)
+        tested = self.whole.select(names)
+        fitted = tested if remembers(mix) else self.moving.select(names)
+        try:
+            self.known[mix] = left_out_errors(fitted, tested, self.fitting(mix))
+        except DataError as error:
+            if self.known:
+                return None
+            raise too_short(self.whole) from error
+        return logarithms(self.known[mix], self.sizes)
+
+    def fitting(self, mix: tuple[Term, ...]) -> Callable[[Information], Array]:
+        """How the columns of a mix get their values."""
+        if self.consistent is None:
+            return values_by(self.estimator)
+        whole = replace(self.model, terms=(*self.model.terms, *mix))
+        added = whole.parameters[len(self.model.parameters) :]
+        base = self.wide.base.beside([p.name for p in added], [p.unit for p in added])
+        estimator = self.consistent(whole, base)
+        if not self.gammas:
+            everything = self.moving.select(self.wide.columns_of(mix))
+            self.gammas.append(estimator.values(_plain(everything))[1])
+
+        def fitted(information: Information) -> Array:
+            tell(self.progress, "choosing friction laws", len(self.known), self.count)
+            return estimator.values(_plain(information), self.gammas[0])[0]
+
+        return fitted
+
+    def per_joint(self, following: tuple[Term, ...]) -> list[tuple[tuple[Term, ...], Array]]:
+        """Dahl friction with the best length of each joint.
+
+        The lengths are those of all folds; a fold is judged with those of the others.
+        """
+        tried = [mix for mix in self.known if isinstance(mix[0], Dahl) and mix[1:] == following]
+        if len(self.whole.layout.rows) < 2 or len(tried) < 2:
+            return []
+        logs = np.log(np.maximum([self.known[mix] for mix in tried], 1e-12))
+        logs = np.where(self.sizes > 0.0, logs, 0.0)
+        best = self._with_lengths(tried, logs.sum(axis=1), following)
+        if any(same_lengths(best[0], mix[0], len(self.whole.layout.rows)) for mix in tried):
+            return []
+        count = len(self.whole.windows)
+        found = []
+        for fold in range(count):
+            others = [k for k in range(count) if k != fold]
+            mix = self._with_lengths(tried, logs[:, others].sum(axis=1), following)
+            names = self.wide.columns_of(mix)
+            some = self.whole.select(names)
+            try:
+                errors = left_out_errors(some, some, self.fitting(mix), only=(fold,))
+            except DataError:
+                return []
+            found.append(errors[0])
+        return [(best, logarithms(np.array(found), self.sizes))]
+
+    def _with_lengths(
+        self, tried: Sequence[tuple[Term, ...]], logs: Array, following: tuple[Term, ...]
+    ) -> tuple[Term, ...]:
+        best = np.argmin(logs, axis=0).tolist()
+        lengths = tuple(length_of(tried[k][0], joint) for joint, k in enumerate(best))
+        return (Dahl(length=lengths), *following)
+
+
+def _plain(information: Information) -> Information:
+    """With the names that columns have in a model."""
+    named = tuple(name.partition("@")[0] for name in information.layout.columns)
+    return replace(information, layout=replace(information.layout, columns=named))
