@@ -14,8 +14,9 @@ from claims import Claim, data_folder, main_of
 
 from steelyard.arrays import Array
 from steelyard.kernel.equations.dynamics import JointState
+from steelyard.kernel.program import numpy_backend
 from steelyard.kernel.program.program import Array as Input
-from steelyard.kernel.program.program import Program, numpy_backend
+from steelyard.kernel.program.program import Program
 from steelyard.kernel.program.trace import symbolic
 from steelyard.model import Model
 from steelyard.motion import Motion

@@ -10,7 +10,8 @@ import pytest
 from invented import ball, single, tree
 from steelyard.errors import ModelError
 from steelyard.estimation.knowledge import Knowledge
-from steelyard.estimation.prior.prior import THINNEST, default_knowledge, mended_body, prior_shapes
+from steelyard.estimation.prior import prior_shapes
+from steelyard.estimation.prior.prior import THINNEST, default_knowledge, mended_body
 from steelyard.estimation.prior.prior_given import given_knowledge
 from steelyard.model import Model
 from steelyard.robot.inertia import Inertia

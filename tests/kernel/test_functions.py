@@ -10,7 +10,8 @@ import pytest
 
 from steelyard.kernel.native.compiled import compiled
 from steelyard.kernel.native.emit import CHUNK
-from steelyard.kernel.program.program import Array, Program, Step, numpy_backend
+from steelyard.kernel.program import numpy_backend
+from steelyard.kernel.program.program import Array, Program, Step
 from steelyard.kernel.program.trace import symbolic
 from steelyard.model import Model
 from steelyard.robot_file.file import load_robot

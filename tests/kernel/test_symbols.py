@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from invented import tree
+from steelyard.kernel.program import trace
 from steelyard.kernel.program.numpy_backend import run
-from steelyard.kernel.program.program import Array, Program, Step, trace
+from steelyard.kernel.program.program import Array, Program, Step
 from steelyard.kernel.program.trace import affine, carried_along, slopes_of, symbolic
 from steelyard.model import Model
 from steelyard.regression.regressor import base_regressor

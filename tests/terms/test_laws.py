@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from moving import channels, cycles, geared, torque
 from steelyard.kernel.equations.dynamics import JointState
-from steelyard.kernel.program.program import Array, numpy_backend
+from steelyard.kernel.program import numpy_backend
+from steelyard.kernel.program.program import Array
 from steelyard.kernel.program.trace import symbolic
 from steelyard.model import Model
 from steelyard.motion import Motion
