@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 from mistakes import Arm, Job
 
-from steelyard.cli.identify import run_identify
-from steelyard.cli.validate import run_validate
 from steelyard.diagnosis import Diagnosis
 from steelyard.errors import SteelyardError
 from steelyard.identification.check_case import diagnosed, subject_of
 from steelyard.identification.fix import fixed
+from steelyard.identification.identify import identify
 from steelyard.identification.logs import log_files
+from steelyard.identification.validate import validate
 from steelyard.progress import silent
 from steelyard.report import ReportContent
 from steelyard.report.text.judgement import verdict
@@ -93,7 +93,9 @@ def identified(
 ) -> ReportContent | str:
     """What `identify` reports, or its error's words."""
     try:
-        return run_identify(robot, logs[:-1], logs[-1:], folder, 1, silent, check=check)[0]
+        found = identify(robot, logs[:-1], logs[-1:], threads=1, check=check)
+        found.save(folder)
+        return found.content
     except SteelyardError as error:
         return str(error)
 
@@ -101,7 +103,7 @@ def identified(
 def validation(model: Path, log: str) -> list[str]:
     """What `validate` says of a log."""
     try:
-        return sentences(run_validate(str(model), [log], None, silent), "validate")
+        return sentences(validate(model, log).content, "validate")
     except SteelyardError as error:
         return [f"validate refusal: {error}"]
 

@@ -26,7 +26,7 @@ EVENTS = 50
 IDENTIFY = """
 import sys
 from pathlib import Path
-from steelyard.cli.identify import run_identify
+from steelyard.identification.identify import identify
 
 events, fitted = {}, 0.0
 
@@ -41,7 +41,7 @@ def watch(event):
     events.setdefault(event.phase, []).append(event.done / max(event.total, 1e-9))
     return True
 
-run_identify(sys.argv[1], [sys.argv[2]], [], Path(sys.argv[3]), 2, watch)
+identify(sys.argv[1], sys.argv[2], threads=2, progress=watch).save(sys.argv[3])
 rising = all(a <= b for done in events.values() for a, b in zip(done, done[1:]))
 print("RESULT", fitted, peak(), max(map(len, events.values())), rising)
 """

@@ -23,11 +23,10 @@ from p41_clean_logs import nominal
 from p42_two_faults import run
 from safety_robots import arm_urdf, random_arm
 
-from steelyard.cli.identify import run_identify
 from steelyard.errors import SteelyardError
 from steelyard.excitation.trajectories.random_fourier import random_fourier
+from steelyard.identification.identify import identify
 from steelyard.motion import Motion
-from steelyard.progress import silent
 from steelyard.robot_file.file import load_robot
 from steelyard.terms.laws.coulomb import Coulomb
 from steelyard.terms.laws.load_dependent import LoadDependent
@@ -102,16 +101,14 @@ def one_of(folder: Path, number: int) -> Outcome:
     text = (there / "zero.toml").read_text()
 
     def error(file: str) -> float:
-        content, _ = run_identify(
-            str(there / f"{file}.toml"),
-            [str(there / "fit.parquet")],
-            [str(there / "unseen.parquet")],
-            there / f"out-{file}",
-            1,
-            silent,
+        found = identify(
+            there / f"{file}.toml",
+            there / "fit.parquet",
+            there / "unseen.parquet",
+            threads=1,
             check=file == "zero",
         )
-        return float(np.mean([joint.relative_percent for joint in content.scores[0].joints]))
+        return float(np.mean([joint.relative_percent for joint in found.content.scores[0].joints]))
 
     name = " + ".join(law.law for law in laws)
     try:

@@ -20,11 +20,10 @@ import numpy as np
 from claims import Claim, data_folder, main_of
 from p42_two_faults import run
 
-from steelyard.cli.identify import run_identify
 from steelyard.errors import SteelyardError
 from steelyard.estimation.estimate import Z95
 from steelyard.estimation.identified import load_model
-from steelyard.progress import silent
+from steelyard.identification.identify import identify
 
 DRAWS, PROCESSES = 2, 2
 
@@ -119,11 +118,12 @@ def one_of(folder: Path, robot: Path, motion: list[object], seed: int) -> Outcom
         done("simulate", robot, "--seed", seed + 1000, "-o", other)
         done("simulate", robot, "--motion", other / "trajectory.json", "--seed", seed, "-o", unseen)
         done("check", robot, fitted / "log.parquet")
-        logs = [str(fitted / "log.parquet")], [str(unseen / "log.parquet")]
-        content, _ = run_identify(str(robot), *logs, there, 1, silent)
+        logs = fitted / "log.parquet", unseen / "log.parquet"
+        found = identify(robot, *logs, threads=1)
+        found.save(there)
     except (SteelyardError, RuntimeError) as error:
         return Outcome(name, {}, why=str(error).splitlines()[0])
-    errors = [joint.relative_percent for joint in content.scores[0].joints]
+    errors = [joint.relative_percent for joint in found.content.scores[0].joints]
     inside = covered(there / "model.json", fitted / "truth.json")
     return Outcome(name, inside, float(np.mean(errors)))
 

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from excitation.tabled import OPEN, designed
-from steelyard.cli.excite import results
+from excitation.tabled import OPEN, arm, designed
 from steelyard.excitation import advice
 from steelyard.excitation.predicted_accuracy import deviations
+from steelyard.identification.design import DesignedMotion
 
 ANY = f'{OPEN}[excitation.limits]\neffort = "any"\n'
 
@@ -85,5 +85,5 @@ def test_one_joint_at_a_time_leaves_parameters_unseen(tmp_path: Path) -> None:
     for one in found.advice:
         assert not np.isnan(one.std).any()
         assert all(np.isfinite(share) for _, share in one.helps)
-    told = results(found)
+    told = DesignedMotion(found, arm(tmp_path)).to_dict()
     assert told["figure"] is None and None in told["predicted_std"].values()

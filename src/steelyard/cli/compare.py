@@ -1,24 +1,15 @@
 """`steelyard compare`: estimators beside each other, each judged by a run it was not fitted to."""
 
 import json
-import os
-from collections.abc import Sequence
-from dataclasses import replace
+from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from steelyard.cli import interrupt
 from steelyard.cli.guard import guarded
 from steelyard.cli.options import LOG_HELP, FixedBase, Json, RobotArgument, Threads
-
-if TYPE_CHECKING:
-    from steelyard.estimation.register import Offer
-    from steelyard.identification.compare_inputs import Rivals
-    from steelyard.progress import Progress
-    from steelyard.report import ReportContent
-    from steelyard.validation.trial import Comparison, Trial
 
 
 @guarded
@@ -55,77 +46,37 @@ def compare(
 
     Example: steelyard compare ur10e.toml run1.parquet run2.parquet run3.parquet -o compared
     """
+    from rich.console import Console
+
     from steelyard.cli.show import progress_bar
-    from steelyard.identification.compare_inputs import offers_of, rivals_of
+    from steelyard.files import whole_folder
+    from steelyard.identification.compare import compare as compared
     from steelyard.identification.logs import new_folder
 
     folder = None if output is None else new_folder(output, "")
-    offers = offers_of(estimators or (), everything)
-    with progress_bar() as progress:
-        cores = threads or os.cpu_count() or 1
-        rivals = rivals_of(robot, logs, not no_check, cores, progress, fixed_base)
-        comparison = kept(offers, rivals, progress)
-    content = rivals.content(comparison)
-    write(content, folder)
+    with progress_bar() as progress, ExitStack() as parts:
+        found = compared(
+            robot,
+            logs,
+            estimators or (),
+            everything=everything,
+            check=not no_check,
+            fixed_base=fixed_base,
+            threads=threads,
+            progress=progress,
+            interruption=interrupt.Interrupted,
+        )
+        if found.untried:
+            interrupt.answered()
+        if folder is not None:
+            found.write(parts.enter_context(whole_folder(folder)))
+            interrupt.too_late()
     if as_json:
-        typer.echo(json.dumps(results(comparison, content, folder), allow_nan=False))
+        told = {**found.to_dict(), "output": folder and str(folder)}
+        typer.echo(json.dumps(told, allow_nan=False))
     else:
-        show(content, folder)
-    if comparison.untried:
+        found.show(Console())
+        if folder is not None:
+            typer.echo(f"\npage  {folder / 'compare.html'}\nJSON  {folder / 'compare.json'}")
+    if found.untried:
         raise typer.Exit(interrupt.INTERRUPTED)
-
-
-def kept(offers: "Sequence[Offer]", rivals: "Rivals", progress: "Progress") -> "Comparison":
-    """The comparison as far as it comes: after Ctrl-C, of the estimators that are done.
-
-    Raises:
-        Interrupted: Ctrl-C was pressed before the first was done.
-    """
-    from steelyard.validation.compare import compared, trials_of
-
-    trials: list[Trial] = []
-    try:
-        for trial in trials_of(offers, rivals.context, rivals.parts, progress=progress):
-            trials.append(trial)
-    except interrupt.Interrupted:
-        if not trials:
-            raise
-        interrupt.answered()
-    found = compared(trials, offers, rivals.context, rivals.parts)
-    return replace(found, lines=rivals.lines)
-
-
-def write(content: "ReportContent", folder: Path | None) -> None:
-    """Write the page and its numbers, whole or not at all."""
-    from steelyard.files import whole_folder
-    from steelyard.report.compare_page import render_comparison
-
-    if folder is None or content.comparison is None:
-        return
-    with whole_folder(folder) as part:
-        told = {**content.comparison.to_dict(), "notes": list(content.notes)}
-        (part / "compare.html").write_text(render_comparison(content), encoding="utf-8")
-        (part / "compare.json").write_text(f"{json.dumps(told, indent=1)}\n", encoding="utf-8")
-        interrupt.too_late()
-
-
-def results(
-    comparison: "Comparison", content: "ReportContent", folder: Path | None
-) -> dict[str, object]:
-    """What `--json` prints."""
-    return {
-        **comparison.to_dict(),
-        "notes": list(content.notes),
-        "output": None if folder is None else str(folder),
-    }
-
-
-def show(content: "ReportContent", folder: Path | None) -> None:
-    """Print the table, the advice, and where the page is."""
-    from rich.console import Console
-
-    from steelyard.report.terminal.compare import comparison_lines
-
-    comparison_lines(content, Console())
-    if folder is not None:
-        typer.echo(f"\npage  {folder / 'compare.html'}\nJSON  {folder / 'compare.json'}")

@@ -5,7 +5,7 @@ import os
 import time
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -13,11 +13,7 @@ from steelyard.cli.guard import guarded
 from steelyard.cli.options import FixedBase, Json, Output, RobotArgument, Seed
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from steelyard.excitation.result import Designed
     from steelyard.progress import Event, Progress
-    from steelyard.robot_file.file import LoadedRobot
 
 BUDGET = 10.0
 """Seconds of a design, if none are given."""
@@ -120,27 +116,20 @@ def excite(
 
     from steelyard.cli import interrupt
     from steelyard.cli.show import progress_bar
-    from steelyard.excitation.bases.families import FAMILIES
-    from steelyard.excitation.design import design
-    from steelyard.excitation.export.between_points import gaps_of_files
     from steelyard.excitation.search.parallel_search import Effort
     from steelyard.files import whole_folder
-    from steelyard.identification.excitation_inputs import (
-        asked,
-        earlier_of,
-        identified_before,
-        refuse_formats,
-    )
-    from steelyard.identification.logs import model_of, new_folder, with_friction
-    from steelyard.model import Model
+    from steelyard.identification.design import design_task
+    from steelyard.identification.logs import new_folder
     from steelyard.progress import Stopped
-    from steelyard.report.terminal.design import design_summary
     from steelyard.report.text.design_words import level
     from steelyard.robot.xacro.read import stem_of
-    from steelyard.robot_file.file import load_robot
 
-    loaded = asked(
-        load_robot(robot, base=fixed_base),
+    task = design_task(
+        robot,
+        earlier=earlier,
+        formats=formats or (),
+        rate=rate,
+        fixed_base=fixed_base,
         motion=motion,
         period=period,
         harmonics=harmonics,
@@ -148,121 +137,34 @@ def excite(
         method=method,
         still_unknown=still_unknown,
     )
-    known = None if earlier is None else identified_before(earlier, loaded)
-    model = with_friction(model_of(loaded), loaded)
-    if known is not None:
-        model = Model(loaded.robot, known.model.terms)
-    forms = ("csv", *(formats or ()))
-    refuse_formats(loaded, forms, rate)
     folder = new_folder(output, f"steelyard-{stem_of(robot)}-motion")
     effort = Effort(budget, searches, processes or os.cpu_count() or 1, seed)
-    searched = loaded.excitation.motion.kind in FAMILIES
     try:
         with progress_bar() as progress, whole_folder(folder) as part:
-            with interrupt.quietly() if searched else nullcontext():
-                designed = design(
-                    loaded,
-                    model,
-                    effort,
-                    earlier=None if known is None else earlier_of(known),
-                    progress=_ending(progress) if searched else progress,
-                    since=begun,
-                )
-                if not designed.stopped:
+            with interrupt.quietly() if task.searched else nullcontext():
+                watch = _ending(progress) if task.searched else progress
+                found = task.done(effort, progress=watch, since=begun)
+                if not found.designed.stopped:
                     interrupt.answered()
-            gaps = gaps_of_files(designed, may_write(designed, forms), rate)
-            designed = designed.with_gaps(gaps)
-            files = write_design(designed, loaded, part, forms, rate)
+            files = found.written_to(part)
             interrupt.too_late()
     except Stopped:
         interrupt.leave()
     written = {name: str(folder / path) for name, path in files.items()}
     if as_json:
-        typer.echo(json.dumps(results(designed) | {"files": written}, allow_nan=False))
+        typer.echo(json.dumps(found.to_dict() | {"files": written}, allow_nan=False))
     else:
-        design_summary(designed, Console())
+        found.show(Console())
         typer.echo("")
         for name, path in written.items():
             typer.echo(f"{name:<12} {path}")
-        withheld = [form for form in forms if form not in may_write(designed, forms)]
+        withheld = [form for form in task.formats if form not in found.written_formats]
         if withheld:
             typer.echo(
                 f"not written  {', '.join(withheld)}: the motion is not proven, do not run it"
             )
-    if code := EXITS[level(designed)]:
+    if code := EXITS[level(found.designed)]:
         raise typer.Exit(code)
-
-
-def write_design(
-    designed: "Designed",
-    loaded: "LoadedRobot",
-    folder: Path,
-    formats: "Sequence[str]",
-    rate: float | None,
-) -> dict[str, str]:
-    """Write a design into a new folder: what each file is, and its name."""
-    from steelyard.excitation.export.export import write_export
-    from steelyard.excitation.trajectories.files import write_motion
-    from steelyard.report import render
-    from steelyard.report.content import ReportContent
-
-    write_motion(folder / "trajectory.json", designed.trajectory, designed.robot)
-    designed.certificate.write(folder / "certificate.json")
-    names = {"trajectory": "trajectory.json", "certificate": "certificate.json"}
-    for form in may_write(designed, formats):
-        path = write_export(designed.trajectory, designed.robot, form, folder, rate)
-        names[form] = path.name
-    title = f"A motion for {designed.robot.name}"
-    content = ReportContent(
-        title=title,
-        robot=designed.robot.name,
-        design=designed,
-        workspace=loaded.excitation.workspace,
-        files=tuple(names.items()),
-    )
-    (folder / "report.html").write_text(render(content), encoding="utf-8")
-    return names | {"report": "report.html"}
-
-
-def may_write(designed: "Designed", formats: "Sequence[str]") -> list[str]:
-    """The formats that are written: no program for a controller of a motion that is not proven."""
-    wanted = list(dict.fromkeys(formats))
-    return wanted if designed.certificate.holds else [form for form in wanted if form == "csv"]
-
-
-def results(designed: "Designed") -> dict[str, Any]:
-    """A design as values for JSON."""
-    from math import isfinite
-
-    from steelyard.excitation.constraints.certificate import COVERS
-    from steelyard.report.text.design_words import headline
-
-    shown = designed.shown
-    std = shown.std(designed.prior)
-    return {
-        "robot": designed.robot.name,
-        "motion": designed.kind,
-        "duration_s": designed.trajectory.duration,
-        "criterion": designed.criterion,
-        "figure": shown.figure if isfinite(shown.figure) else None,
-        "condition": shown.raw if isfinite(shown.raw) else None,
-        "condition_normalised": shown.normalised if isfinite(shown.normalised) else None,
-        "certified": designed.certificate.holds,
-        "headline": headline(designed),
-        "covers": COVERS,
-        "not_covered": list(designed.certificate.gaps),
-        "not_covered_as_asked": list(designed.certificate.declined),
-        "failures": list(designed.certificate.failures),
-        "searches": designed.searches,
-        "seconds": designed.seconds,
-        "stopped": designed.stopped,
-        "predicted_std": {
-            name: float(value) if isfinite(value) else None
-            for name, value in zip(shown.names, std, strict=True)
-        },
-        "noise": designed.noise_from,
-        "notes": list(designed.notes),
-    }
 
 
 def _ending(progress: "Progress") -> "Progress":

@@ -1,8 +1,6 @@
 """`steelyard payload`: what a robot carries, from logs with the payload and an identified model."""
 
 import json
-import os
-from dataclasses import replace
 from math import floor, isfinite, log10
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,10 +13,7 @@ from steelyard.cli.options import LOG_HELP, Json
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from steelyard.estimation.identified import IdentifiedModel
     from steelyard.estimation.payload.load import PayloadEstimate
-    from steelyard.identification.logs import LogArgument
-    from steelyard.progress import Progress
 
 
 IMPOSSIBLE = (
@@ -75,20 +70,15 @@ def payload(
 
     from steelyard.cli import interrupt
     from steelyard.cli.show import progress_bar
-    from steelyard.estimation.identified import load_model
-    from steelyard.estimation.payload.load_case import carrier
     from steelyard.files import whole_folder, write_json
-    from steelyard.identification.logs import log_files, new_folder, refuse_overlaps
+    from steelyard.identification.logs import new_folder
+    from steelyard.identification.payload import payload_inputs
 
-    identified = load_model(model)
-    carrier(identified.model.robot, frame)
+    task = payload_inputs(model, logs, frame, unloaded or ())
     folder = None if output is None else new_folder(output, "")
-    with_it, without = log_files(logs), log_files(unloaded or [])
-    refuse_overlaps([*with_it, *without], [])
     with progress_bar() as progress:
-        estimate = _estimated(identified, with_it, without, frame, gain_uncertainty, progress)
-    notes = (*estimate.notes, *_fitted_before(identified, with_it, bool(without)))
-    result = estimate.to_dict() | {"notes": list(notes)}
+        estimate = task.done(gain_uncertainty, progress)
+    result = estimate.to_dict()
     if folder is not None:
         with whole_folder(folder) as part:
             write_json(part / "payload.json", result)
@@ -103,49 +93,10 @@ def payload(
     console.print(_table(estimate))
     for line in estimate.remarks:
         console.print(Text(line))
-    for note in notes:
+    for note in estimate.notes:
         console.print(Text(f"note: {note}"))
     if folder is not None:
         typer.echo(f"\npayload  {folder / 'payload.json'}")
-
-
-def _estimated(
-    identified: "IdentifiedModel",
-    loaded: "list[LogArgument]",
-    unloaded: "list[LogArgument]",
-    frame: str | None,
-    gain: float | None,
-    progress: "Progress",
-) -> "PayloadEstimate":
-    """Gather what the logs say, with the model's cut-offs, and weigh."""
-    from steelyard.application.payload import identify_payload
-    from steelyard.identification.descriptions import dropped
-    from steelyard.identification.logs import prepared, processing_of, recording_of
-    from steelyard.regression.gather import gather
-    from steelyard.regression.regressor import base_regressor
-    from steelyard.validation.friction.mixes import remembers
-
-    recordings = [recording_of(log, identified.signals) for log in (*loaded, *unloaded)]
-    regressor, threads = base_regressor(identified.model), os.cpu_count() or 1
-    runs = prepared(recordings, processing_of(identified), progress)
-    rests = remembers(identified.model.terms)
-    said = [gather(regressor, run, rests=rests, threads=threads, progress=progress) for run in runs]
-    count = len(loaded)
-    found = identify_payload(identified, said[:count], frame, unloaded=said[count:], gain=gain)
-    return replace(found, notes=(*found.notes, *dropped(identified.model, runs)))
-
-
-def _fitted_before(
-    identified: "IdentifiedModel", loaded: "list[LogArgument]", jointly: bool
-) -> tuple[str, ...]:
-    """A log that the model was identified from weighs nothing against it."""
-    from steelyard.identification.logs import fitted_before
-
-    return tuple(
-        f"the model was identified from {log.path.name}: against itself it carries nothing"
-        for log in loaded
-        if not jointly and fitted_before(identified, log)
-    )
 
 
 def _table(estimate: "PayloadEstimate") -> "Table":

@@ -2,24 +2,12 @@
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from steelyard.cli.guard import guarded
 from steelyard.cli.options import FixedBase, Json, Output, RobotArgument, Seed
-
-if TYPE_CHECKING:
-    from steelyard.excitation.trajectories.exact import ExactTrajectory
-    from steelyard.robot.robot import Robot
-    from steelyard.virtual.payload import Payload
-
-
-_LONGEST = 24.0 * 3600.0
-"""Robot time that a run may take [s]."""
-
-_ALIKE = (("position", "", 1e-9), ("speed", "/s", 1e-6))
-"""What must be the same at both ends of a motion to be repeated, its unit, how closely."""
 
 
 @guarded
@@ -75,56 +63,37 @@ def simulate(
     """
     from steelyard.cli import interrupt
     from steelyard.cli.show import progress_bar
-    from steelyard.excitation.trajectories.files import read_motion
-    from steelyard.excitation.trajectories.random_fourier import random_fourier
     from steelyard.files import whole_folder
-    from steelyard.identification.logs import model_of, new_folder, with_friction
-    from steelyard.robot_file.file import load_robot
-    from steelyard.robot_file.signals import ROW
-    from steelyard.virtual.invent import random_truth
-    from steelyard.virtual.simulate import customary_sensors
-    from steelyard.virtual.simulate import simulate as run
+    from steelyard.identification.logs import new_folder
+    from steelyard.identification.simulate import simulate as simulated
+    from steelyard.robot.xacro.read import stem_of
 
-    loaded = load_robot(robot, base=fixed_base)
-    folder = new_folder(output, f"steelyard-{loaded.stem}-simulated")
-    _check_factor(dry_run)
-    if motion is None:
-        _check_length(period, periods, dry_run)
-    once = (
-        random_fourier(loaded.robot, seed=seed, period=period)
-        if motion is None
-        else read_motion(motion, loaded.robot)
-    )
-    _check_length(once.duration, periods, dry_run)
-    trajectory = _slowed(_repeated(once, loaded.robot, periods), dry_run)
-    terms = with_friction(model_of(loaded), loaded).terms
-    truth = random_truth(loaded.robot, seed, terms=terms)
-    sensors = customary_sensors(loaded.robot, truth, noise)
-    if loaded.signals is not None and any(loaded.signals.unknown_gains):
-        sensors = sensors.with_random_gains(loaded.robot.n, seed)
-    if loaded.signals is not None and loaded.signals.time == ROW:
-        sensors = sensors.with_even_rows(1.0 / loaded.signals.time_scale)
-    load = _payload(loaded.robot, payload_mass, payload_frame, attach, release)
+    folder = new_folder(output, f"steelyard-{stem_of(robot)}-simulated")
     with progress_bar() as progress, whole_folder(folder) as part:
-        files = run(
-            loaded.robot,
-            truth,
-            trajectory,
-            sensors,
+        made = simulated(
+            robot,
             part,
+            motion,
+            period=period,
+            periods=periods,
+            dry_run=dry_run,
+            noise=noise,
+            payload_mass=payload_mass,
+            payload_frame=payload_frame,
+            attach=attach,
+            release=release,
+            fixed_base=fixed_base,
             seed=seed,
-            signals=loaded.signals,
-            payload=load,
             progress=progress,
         )
         interrupt.too_late()
-    written = {name: str(folder / path.name) for name, path in vars(files).items()}
+    written = {name: str(folder / path.name) for name, path in vars(made.files).items()}
     if as_json:
         typer.echo(json.dumps(written))
         return
-    for note in loaded.notes:
+    for note in made.notes:
         typer.echo(f"note        {note}")
-    for line in _running(once.duration, periods, dry_run):
+    for line in _running(made.seconds, periods, dry_run):
         typer.echo(line)
     typer.echo(
         f"robot       the one of seed {seed}: another seed is another robot; for another motion of "
@@ -134,72 +103,6 @@ def simulate(
         typer.echo(f"{name:<11} {path}")
 
 
-def _repeated(trajectory: "ExactTrajectory", robot: "Robot", periods: int) -> "ExactTrajectory":
-    """The motion several times without a stop.
-
-    Raises:
-        DataError: It does not end where and as it starts.
-    """
-    from steelyard.errors import DataError
-    from steelyard.excitation.trajectories.chained import repeated
-
-    for order, (what, unit, close) in enumerate(_ALIKE):
-        first, last = trajectory.derivative([0.0, trajectory.duration], order)
-        jumps = abs(last - first)
-        worst = int(jumps.argmax())
-        if periods > 1 and jumps[worst] > close:
-            joint = robot.coordinates[worst]
-            raise DataError(
-                f"{periods} periods are asked for, but the motion does not end as it starts: joint "
-                f"'{joint.name}' begins with {what} {first[worst]:.4g} {joint.unit}{unit} and "
-                f"ends with {last[worst]:.4g} {joint.unit}{unit}",
-                where="--periods",
-                mend="leave it out, or give a motion that returns to its start",
-            )
-    return repeated(trajectory, periods)
-
-
-def _check_factor(factor: float) -> None:
-    """A dry run is slower than the motion.
-
-    Raises:
-        DataError: It is not.
-    """
-    from steelyard.errors import DataError
-
-    if not 0.0 < factor <= 1.0:
-        raise DataError(
-            f"a dry run at {factor:g} of the speed is not slower than the motion",
-            where="--dry-run",
-            mend="give a number above 0 and at most 1, such as 0.2",
-        )
-
-
-def _check_length(once: float, periods: int, factor: float) -> None:
-    """The run takes a day of robot time at most.
-
-    Raises:
-        DataError: It takes longer.
-    """
-    from steelyard.errors import DataError
-
-    seconds = once * periods / factor
-    if not seconds <= _LONGEST:
-        raise DataError(
-            f"the run would be {seconds / 3600.0:.4g} hours long: {periods} times {once:g} s at "
-            f"{factor:g} of the speed; a log holds 24 hours at most",
-            where="--period, --motion, --periods or --dry-run",
-            mend="ask for fewer periods, a dry run less slow, or a shorter motion",
-        )
-
-
-def _slowed(trajectory: "ExactTrajectory", factor: float) -> "ExactTrajectory":
-    """The motion at a share of its speed."""
-    from steelyard.excitation.trajectories.slowed import SlowedMotion
-
-    return trajectory if factor == 1.0 else SlowedMotion(trajectory, factor)
-
-
 def _running(once: float, periods: int, factor: float) -> list[str]:
     """What is run otherwise than the motion says, a line each."""
     lines = [f"periods     {periods} of {once:g} s"] if periods > 1 else []
@@ -207,26 +110,3 @@ def _running(once: float, periods: int, factor: float) -> list[str]:
         full = once * periods
         lines.append(f"dry run     at {factor:g} of the speed: {full / factor:g} s, not {full:g} s")
     return lines
-
-
-def _payload(
-    robot: "Robot", mass: float | None, frame: str | None, attach: float, release: float
-) -> "Payload | None":
-    """The load that the options describe.
-
-    Raises:
-        ModelError: It has no mass, or cannot be carried.
-    """
-    from steelyard.errors import ModelError
-    from steelyard.virtual.payload import Payload
-
-    if mass is not None:
-        named = [f.name for f in robot.frames] or [b.name for b in robot.bodies]
-        return Payload.ball(mass, named[-1] if frame is None else frame, attach, release)
-    if frame is not None or attach > 0.0 or release < float("inf"):
-        raise ModelError(
-            "a payload is taken, but it has no mass",
-            where="--payload-frame, --attach or --release",
-            mend="add --payload-mass KG",
-        )
-    return None

@@ -11,10 +11,11 @@ from steelyard.diagnosis.examine import Diagnosis
 from steelyard.diagnosis.finding import Edit, Finding, Judgement
 from steelyard.errors import ModelError, OutputError
 from steelyard.estimation.identified import IdentifiedModel
+from steelyard.files import whole_file
 from steelyard.identification.check_case import Subject, diagnosed
 from steelyard.identification.logs import LogArgument
 from steelyard.progress import Progress
-from steelyard.report.text.findings import edit_dict, place
+from steelyard.report.text.findings import diagnosis_dict, edit_dict, place
 from steelyard.robot.xacro.read import stem_of
 from steelyard.robot_file.edits import edited, lines_of
 
@@ -59,10 +60,21 @@ class Fixed:
     diagnosis: Diagnosis
     reasons: tuple[str, ...] = ()
 
+    def save(self) -> Path:
+        """Write the robot file; where nothing was changed there is none to write.
+
+        Raises:
+            OutputError: It cannot be written.
+            ValueError: Nothing was changed.
+        """
+        if not self.changes:
+            raise ValueError("nothing was changed, so there is no robot file to write")
+        with whole_file(self.subject.path) as part:
+            part.write_text(self.subject.text, encoding="utf-8")
+        return self.subject.path
+
     def to_dict(self) -> dict[str, Any]:
         """As JSON values."""
-        from steelyard.report.text.findings import diagnosis_dict
-
         return {
             "robot_file": str(self.subject.path) if self.changes else None,
             "reasons": list(self.reasons),

@@ -1,0 +1,113 @@
+"""Estimators, each judged by runs it was not fitted to: what `steelyard compare` does."""
+
+import json
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+
+from steelyard.identification.compare_inputs import offers_of, rivals_of
+from steelyard.identification.result import Result, paths_of
+from steelyard.progress import Progress, silent
+from steelyard.report import ReportContent
+from steelyard.report.compare_page import render_comparison
+from steelyard.report.terminal.compare import comparison_lines
+from steelyard.validation.compare import compared, trials_of
+from steelyard.validation.trial import Comparison, Trial
+
+if TYPE_CHECKING:
+    from polars import DataFrame
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class EstimatorComparison(Result):
+    """Estimators beside each other.
+
+    Attributes:
+        content: What the page shows.
+        comparison: Errors of every estimator where it was not fitted, and the advice.
+    """
+
+    content: ReportContent
+    comparison: Comparison
+
+    @property
+    def untried(self) -> Sequence[str]:
+        """Estimators that an interruption left out."""
+        return self.comparison.untried
+
+    @property
+    def table(self) -> "DataFrame":
+        """One row per estimator: its errors where it was not fitted, and its time."""
+        from polars import DataFrame
+
+        return DataFrame(self.comparison.to_dict()["estimators"], infer_schema_length=None)
+
+    def report(self) -> str:
+        """The page: HTML that needs no other file."""
+        return render_comparison(self.content)
+
+    def write(self, folder: Path) -> None:
+        """Write `compare.html` and `compare.json`."""
+        (folder / "compare.html").write_text(self.report(), encoding="utf-8")
+        text = json.dumps(self.to_dict(), indent=1, allow_nan=False)
+        (folder / "compare.json").write_text(f"{text}\n", encoding="utf-8")
+
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers as JSON values, as `steelyard compare --json` prints them."""
+        return {**self.comparison.to_dict(), "notes": list(self.content.notes)}
+
+    def show(self, console: Console) -> None:
+        """Print the table and the advice."""
+        comparison_lines(self.content, console)
+
+
+def compare(
+    robot: str | Path,
+    logs: str | Path | Iterable[str | Path],
+    estimators: Sequence[str] = (),
+    *,
+    everything: bool = False,
+    check: bool = True,
+    fixed_base: str | None = None,
+    threads: int | None = None,
+    progress: Progress = silent,
+    interruption: type[BaseException] = KeyboardInterrupt,
+) -> EstimatorComparison:
+    """Fit estimators to all logs but one, predict that one, each in turn.
+
+    Args:
+        robot: Robot file (TOML), URDF, xacro or MJCF.
+        logs: The logs; a single one is left out in stretches.
+        estimators: Names of estimators; those that neither search nor simulate if empty.
+        everything: Without names, all estimators.
+        check: Whether the logs are checked before.
+        fixed_base: Link of a model file that is fixed to the world; `None` for its root.
+        threads: Native threads; as many as the machine has cores if `None`.
+        progress: Receives events of progress; an exception from it stops the work.
+        interruption: Exception that ends the comparison with the estimators that are done.
+
+    Raises:
+        SteelyardError: A file cannot be used, or there is no estimator of a name.
+
+    Example:
+        >>> found = compare("arm.toml", "fit.parquet", ["OLS", "WLS"])
+        >>> list(found.table["estimator"])
+        ['OLS', 'WLS']
+    """
+    offers = offers_of(estimators, everything)
+    cores = threads or os.cpu_count() or 1
+    rivals = rivals_of(str(robot), paths_of(logs), check, cores, progress, fixed_base)
+    trials: list[Trial] = []
+    try:
+        for trial in trials_of(offers, rivals.context, rivals.parts, progress=progress):
+            trials.append(trial)
+    except interruption:
+        if not trials:
+            raise
+    found = compared(trials, offers, rivals.context, rivals.parts)
+    found = replace(found, lines=rivals.lines)
+    return EstimatorComparison(rivals.content(found), found)

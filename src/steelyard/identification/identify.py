@@ -1,0 +1,268 @@
+"""From a robot and logs to an identified model with its scores: what `steelyard identify` does."""
+
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+
+from steelyard.diagnosis import Diagnosis, Finding, Judgement
+from steelyard.diagnosis.fitted.absurd import refuse_absurd
+from steelyard.diagnosis.fitted.post_fit import FittedCase, examine_fit
+from steelyard.diagnosis.signals.moving_base import of_base
+from steelyard.estimation.identified import IdentifiedModel
+from steelyard.identification.bootstrap import drawn_again
+from steelyard.identification.descriptions import dropped, notes_of, provenance, settings
+from steelyard.identification.fitting import Fit, Payload, calibrated, fit
+from steelyard.identification.logs import (
+    log_files,
+    model_of,
+    refuse_overlaps,
+    runs_of,
+    scored,
+    signals_of,
+)
+from steelyard.identification.precheck import checked, passed
+from steelyard.identification.repeated_rows import marked_repeats, refuse_same_rows
+from steelyard.identification.result import Result, paths_of, scores_frame
+from steelyard.identification.sensitivity import varied
+from steelyard.measurement import Run
+from steelyard.progress import Progress, silent
+from steelyard.report import ReportContent, parameters_csv, render, summary
+from steelyard.report.terminal.bootstrap import bootstrap_lines
+from steelyard.report.terminal.sensitivity import sensitivity_lines
+from steelyard.report.text.findings import diagnosis_dict, finding_dict
+from steelyard.report.text.judgement import Verdict, verdict
+from steelyard.report.text.table import rows
+from steelyard.robot_file.file import load_robot
+from steelyard.terms.register import description_of
+
+if TYPE_CHECKING:
+    from polars import DataFrame
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Identification(Result):
+    """An identified model, and how well it predicts.
+
+    Attributes:
+        model: The identified model.
+        content: All that the report shows.
+    """
+
+    model: IdentifiedModel
+    content: ReportContent
+
+    @property
+    def verdict(self) -> Verdict:
+        """The headline, its level and what qualifies it."""
+        return verdict(self.content)
+
+    @property
+    def parameters(self) -> "DataFrame":
+        """The base parameters, one a row: value, standard deviation, 95 % interval, status."""
+        from polars import DataFrame
+
+        return DataFrame([vars(row) for row in rows(self.model)], infer_schema_length=None)
+
+    @property
+    def scores(self) -> "DataFrame":
+        """Errors of predicted efforts, one row per joint of each log, fitted or not."""
+        return scores_frame(self.content)
+
+    def report(self) -> str:
+        """The page: HTML that needs no other file."""
+        return render(self.content)
+
+    def write(self, folder: Path) -> None:
+        """Write `model.json`, `parameters.csv` and `report.html`."""
+        (folder / "model.json").write_text(self.model.text(), encoding="utf-8")
+        (folder / "parameters.csv").write_text(parameters_csv(self.model), encoding="utf-8")
+        (folder / "report.html").write_text(self.report(), encoding="utf-8")
+
+    def show(self, console: Console) -> None:
+        """Print the verdict, the errors of every joint, and what could not be identified."""
+        summary(self.content, console)
+        if self.content.sensitivity is not None:
+            sensitivity_lines(self.content.sensitivity, console)
+        if self.content.bootstrap is not None:
+            bootstrap_lines(self.content, console)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers as JSON values, as `steelyard identify --json` prints them."""
+        content, estimate = self.content, self.model.estimate
+        return {
+            "verdict": self.verdict.to_dict(),
+            "n_base_parameters": len(self.model.base),
+            "parameters": [
+                {"name": n, "unit": u, "value": v, "std": s}
+                for n, u, v, s in zip(
+                    estimate.parameters.names,
+                    estimate.parameters.units,
+                    estimate.parameters.values.tolist(),
+                    estimate.std.tolist(),
+                    strict=True,
+                )
+            ],
+            "per_run": [{"run": own.run, **own.parameters.as_dict()} for own in estimate.per_run],
+            "terms": [description_of(term) for term in self.model.model.terms],
+            "friction": None if content.friction is None else content.friction.to_dict(),
+            "fields": [finding.to_dict() for finding in content.findings],
+            "gains": None if content.gains is None else content.gains.to_dict(),
+            "zero_offsets": None if content.offsets is None else content.offsets.to_dict(),
+            "effort_scales": None if content.scales is None else content.scales.to_dict(),
+            "not_seen": [blind.name for blind in estimate.blind],
+            "condition": estimate.condition,
+            "condition_normalised": estimate.condition_normalised,
+            "validation": [score.to_dict() for score in content.scores],
+            "identification": [score.to_dict() | {"motion": "fitted"} for score in content.fitted],
+            "limitations": [finding_dict(finding) for finding in content.limitations],
+            "check": None if content.diagnosis is None else diagnosis_dict(content.diagnosis),
+            "sensitivity": None if content.sensitivity is None else content.sensitivity.to_dict(),
+            "bootstrap": None if content.bootstrap is None else content.bootstrap.to_dict(),
+            "notes": list(content.notes),
+        }
+
+    def _repr_html_(self) -> str:
+        tables = f"{self.scores._repr_html_()}{self.parameters._repr_html_()}"
+        line = escape(self.verdict.line)
+        return f"<h4>{escape(self.content.title)}</h4><p><strong>{line}</strong></p>{tables}"
+
+
+def identify(
+    robot: str | Path,
+    logs: str | Path | Iterable[str | Path],
+    validate: str | Path | Iterable[str | Path] = (),
+    *,
+    loaded: str | Path | Iterable[str | Path] = (),
+    payload_mass: float | None = None,
+    payload_frame: str | None = None,
+    check: bool = True,
+    sensitivity: bool = False,
+    bootstrap: int | None = None,
+    fixed_base: str | None = None,
+    threads: int | None = None,
+    progress: Progress = silent,
+) -> Identification:
+    """Identify a robot's dynamics from logs of its motion.
+
+    Args:
+        robot: Robot file (TOML), URDF, xacro or MJCF.
+        logs: Logs to fit; `run.csv@5:20` is a window in seconds, `run.csv#100:900` in rows.
+        validate: Logs of other motions, to be predicted.
+        loaded: Logs with a payload, to identify drive gains that are not known.
+        payload_mass: Mass of that payload [kg].
+        payload_frame: Frame that carries it; the last link's if `None`.
+        check: Whether the logs are checked before; what is wrong then stops the identification.
+        sensitivity: Whether to fit again with other cut-off frequencies.
+        bootstrap: How often to estimate again from windows of time drawn again; `None` for never.
+        fixed_base: Link of a model file that is fixed to the world; `None` for its root.
+        threads: Native threads; as many as the machine has cores if `None`.
+        progress: Receives events of progress; an exception from it stops the work.
+
+    Returns:
+        The model, its scores and its report.
+
+    Raises:
+        SteelyardError: A file cannot be used, or the data are not what the robot file says.
+
+    Example:
+        >>> found = identify("arm.toml", "fit.parquet", validate="other.parquet")
+        >>> print(found.verdict.level)
+        good
+        >>> found.model.joints
+        ('joint1', 'joint2')
+    """
+    cores = threads or os.cpu_count() or 1
+    file = load_robot(robot, base=fixed_base)
+    known, carrying, unknown = (log_files(paths_of(some)) for some in (logs, loaded, validate))
+    refuse_overlaps([*known, *carrying], unknown)
+    signals, reasons = signals_of(file, known[0])
+    model = model_of(file)
+    found_out = None
+    if check:
+        given = replace(file, signals=signals)
+        found_out = checked(str(robot), given, (*known, *unknown), progress)
+    clean, unseen = runs_of(file, signals, [*known, *carrying], unknown, progress)
+    doubts = () if found_out is None else passed(found_out, str(robot))
+    notes = (*file.notes, *reasons, *notes_of((*clean, *unseen)), *doubts)
+    refuse_same_rows(clean, unseen)
+    fitted, loaded_runs = clean[: len(known)], clean[len(known) :]
+    origin = provenance(file, known, carrying, unknown, fitted, notes)
+    payload = Payload(payload_mass, payload_frame)
+    found = fit(model, file, fitted, loaded_runs, payload, origin, cores, progress)
+    if check:
+        refuse_absurd(found.identified, str(robot))
+    found = calibrated(found, cores, progress)
+    unseen = tuple(found.alike(run) for run in unseen)
+    notes += (*found.notes, *dropped(model, (*clean, *unseen)))
+    content = _content(found, unseen, (*clean, *unseen), notes, progress)
+    content = replace(content, diagnosis=found_out)
+    limits = _limitations(found, unseen, content, progress)
+    limits += of_base(file, () if found_out is None else found_out.findings)
+    content = replace(content, limitations=limits)
+    if sensitivity:
+        content = varied(content, found, (known, unknown), cores, progress)
+    if bootstrap is not None:
+        content = drawn_again(content, found, bootstrap, progress)
+    return Identification(found.identified, content)
+
+
+def _content(
+    fit: Fit,
+    unseen: Sequence[Run],
+    logs: Sequence[Run],
+    notes: tuple[str, ...],
+    progress: Progress,
+) -> ReportContent:
+    """Score the model on all runs; what the report shows."""
+    identified, fitted = fit.identified, fit.runs
+    name = identified.model.robot.name
+    scores = scored(identified, (*fitted, *unseen), progress)
+    fresh = marked_repeats(identified, unseen, scores[len(fitted) :])
+    return ReportContent(
+        title=f"{name}: identified dynamics",
+        robot=name,
+        identified=identified,
+        scores=fresh,
+        fitted=scores[: len(fitted)],
+        qualities=tuple((run.name, run.quality.rows_of_text) for run in logs),
+        notes=notes,
+        settings=settings(identified),
+        friction=fit.choice,
+        findings=fit.findings,
+        gains=fit.gains,
+        offsets=fit.offsets,
+        scales=fit.scales,
+    )
+
+
+def _limitations(
+    fit: Fit, unseen: Sequence[Run], content: ReportContent, progress: Progress
+) -> tuple[Finding, ...]:
+    """What checks of the fitted model find."""
+    case = FittedCase(
+        fit.identified,
+        tuple(fit.runs),
+        tuple(unseen),
+        content.fitted,
+        content.scores,
+        fit.information,
+        _doubts(content.diagnosis, fit.runs),
+        fit.scales,
+    )
+    return examine_fit(case, progress)
+
+
+def _doubts(diagnosis: Diagnosis | None, fitted: Sequence[Run]) -> tuple[Finding, ...]:
+    """Other interpretations of the fitted runs that the check before found as good, or better."""
+    names = {run.name for run in fitted}
+    found = () if diagnosis is None else diagnosis.findings
+    return tuple(
+        finding
+        for finding in found
+        if finding.judgement == Judgement.DOUBTFUL and finding.hypotheses and finding.log in names
+    )

@@ -1,0 +1,114 @@
+"""What a robot carries, from logs and an identified model: what `steelyard payload` does."""
+
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from steelyard.application.payload import identify_payload as payload_of
+from steelyard.estimation.identified import IdentifiedModel, load_model
+from steelyard.estimation.payload.load import PayloadEstimate
+from steelyard.estimation.payload.load_case import carrier
+from steelyard.identification.descriptions import dropped
+from steelyard.identification.logs import (
+    LogArgument,
+    fitted_before,
+    log_files,
+    prepared,
+    processing_of,
+    recording_of,
+    refuse_overlaps,
+)
+from steelyard.identification.result import paths_of
+from steelyard.progress import Progress, silent
+from steelyard.regression.gather import gather
+from steelyard.regression.regressor import base_regressor
+from steelyard.validation.friction.mixes import remembers
+
+
+@dataclass(frozen=True, eq=False)
+class PayloadTask:
+    """Logs with a payload, and the model; checked as far as that is possible before reading.
+
+    Attributes:
+        identified: The model.
+        loaded: Logs with the payload.
+        unloaded: Logs without it.
+        frame: Frame to give the numbers in; the last link's if `None`.
+    """
+
+    identified: IdentifiedModel
+    loaded: list[LogArgument]
+    unloaded: list[LogArgument]
+    frame: str | None
+
+    def done(self, gain_uncertainty: float | None, progress: Progress) -> PayloadEstimate:
+        """The estimate, with the model's cut-off frequencies."""
+        identified, count = self.identified, len(self.loaded)
+        recordings = [
+            recording_of(log, identified.signals) for log in (*self.loaded, *self.unloaded)
+        ]
+        regressor, threads = base_regressor(identified.model), os.cpu_count() or 1
+        runs = prepared(recordings, processing_of(identified), progress)
+        rests = remembers(identified.model.terms)
+        said = [
+            gather(regressor, run, rests=rests, threads=threads, progress=progress) for run in runs
+        ]
+        found = payload_of(
+            identified, said[:count], self.frame, unloaded=said[count:], gain=gain_uncertainty
+        )
+        notes = (*found.notes, *dropped(identified.model, runs), *self._fitted_before())
+        return replace(found, notes=notes)
+
+    def _fitted_before(self) -> tuple[str, ...]:
+        """A log that the model was identified from weighs nothing against it."""
+        return tuple(
+            f"the model was identified from {log.path.name}: against itself it carries nothing"
+            for log in self.loaded
+            if not self.unloaded and fitted_before(self.identified, log)
+        )
+
+
+def payload_inputs(
+    model: str | Path | IdentifiedModel,
+    logs: str | Path | Iterable[str | Path],
+    frame: str | None,
+    unloaded: str | Path | Iterable[str | Path],
+) -> PayloadTask:
+    """The model and the logs; the arguments and errors are those of `identify_payload`."""
+    identified = model if isinstance(model, IdentifiedModel) else load_model(model)
+    carrier(identified.model.robot, frame)
+    with_it, without = log_files(paths_of(logs)), log_files(paths_of(unloaded))
+    refuse_overlaps([*with_it, *without], [])
+    return PayloadTask(identified, with_it, without, frame)
+
+
+def identify_payload(
+    model: str | Path | IdentifiedModel,
+    logs: str | Path | Iterable[str | Path],
+    frame: str | None = None,
+    *,
+    unloaded: str | Path | Iterable[str | Path] = (),
+    gain_uncertainty: float | None = None,
+    progress: Progress = silent,
+) -> PayloadEstimate:
+    """Identify what a robot carries: mass, centre and inertia, with intervals.
+
+    Args:
+        model: The model, its `model.json`, or the folder that holds it.
+        logs: Logs with the payload.
+        frame: Frame to give the numbers in; the last link's if `None`.
+        unloaded: Logs without the payload: all is then estimated from the logs together.
+        gain_uncertainty: Relative standard deviation of each drive gain; if `None` 0.02 where
+            efforts are currents, nothing beside identified scales.
+        progress: Receives events of progress; an exception from it stops the work.
+
+    Raises:
+        SteelyardError: A file cannot be used, or there is no such frame.
+
+    Example:
+        >>> carried = identify_payload("arm-model", "other.parquet")
+        >>> abs(carried.mass) < 0.1
+        True
+    """
+    return payload_inputs(model, logs, frame, unloaded).done(gain_uncertainty, progress)

@@ -1,0 +1,82 @@
+"""What the results of all jobs have in common: a page, a text, files, and a view in notebooks."""
+
+import io
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+
+from steelyard.files import whole_folder
+from steelyard.report import ReportContent
+
+if TYPE_CHECKING:
+    from polars import DataFrame
+
+TEXT_WIDTH = 120
+"""Columns of the text that `print` shows."""
+
+
+class Result(ABC):
+    """A result: `print` it, `save` it, or look at it in a notebook."""
+
+    @abstractmethod
+    def report(self) -> str:
+        """The page: HTML that needs no other file."""
+
+    @abstractmethod
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers as JSON values, as the command's `--json` prints them."""
+
+    @abstractmethod
+    def write(self, folder: Path) -> None:
+        """Write the result's files into a folder that is there."""
+
+    @abstractmethod
+    def show(self, console: Console) -> None:
+        """Print the result for people."""
+
+    def save(self, folder: str | Path) -> Path:
+        """Make a folder with the page and the numbers, whole or not at all.
+
+        Args:
+            folder: Where; it must not exist yet, or be empty.
+
+        Returns:
+            The folder.
+
+        Raises:
+            OutputError: It is there and not empty, or cannot be written.
+        """
+        with whole_folder(Path(folder)) as part:
+            self.write(part)
+        return Path(folder)
+
+    def __str__(self) -> str:
+        text = io.StringIO()
+        self.show(Console(file=text, width=TEXT_WIDTH))
+        return text.getvalue()
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(str(self))}</pre>"
+
+
+def scores_frame(content: ReportContent) -> "DataFrame":
+    """Errors of predicted efforts, one row per joint of each log, fitted or not."""
+    from polars import DataFrame
+
+    scored = [(True, score) for score in content.fitted]
+    scored += [(False, score) for score in content.scores]
+    joints = [
+        {"run": score.run, "fitted": fitted, **joint}
+        for fitted, score in scored
+        for joint in score.to_dict()["joints"]
+    ]
+    return DataFrame(joints, infer_schema_length=None)
+
+
+def paths_of(logs: str | Path | Iterable[str | Path]) -> list[str]:
+    """One log or several as texts."""
+    return [str(logs)] if isinstance(logs, str | Path) else [str(log) for log in logs]

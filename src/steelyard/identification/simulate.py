@@ -1,0 +1,198 @@
+"""A virtual robot runs a motion and writes a log like a real one's: what `steelyard simulate` does."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from steelyard.errors import DataError, ModelError
+from steelyard.excitation.trajectories.chained import repeated
+from steelyard.excitation.trajectories.exact import ExactTrajectory
+from steelyard.excitation.trajectories.files import read_motion
+from steelyard.excitation.trajectories.random_fourier import random_fourier
+from steelyard.excitation.trajectories.slowed import SlowedMotion
+from steelyard.identification.logs import model_of, with_friction
+from steelyard.progress import Progress, silent
+from steelyard.robot.robot import Robot
+from steelyard.robot_file.file import load_robot
+from steelyard.robot_file.signals import ROW
+from steelyard.virtual.invent import random_truth
+from steelyard.virtual.payload import Payload
+from steelyard.virtual.simulate import SimulatedFiles, customary_sensors
+from steelyard.virtual.simulate import simulate as simulate_robot
+
+_LONGEST = 24.0 * 3600.0
+"""Robot time that a run may take [s]."""
+
+_ALIKE = (("position", "", 1e-9), ("speed", "/s", 1e-6))
+"""What must be the same at both ends of a motion to be repeated, its unit, how closely."""
+
+
+@dataclass(frozen=True)
+class SimulatedRun:
+    """A simulated run.
+
+    Attributes:
+        files: What was written.
+        notes: What was assumed of the robot.
+        seconds: Length of the motion that was repeated or slowed [s].
+    """
+
+    files: SimulatedFiles
+    notes: tuple[str, ...]
+    seconds: float
+
+
+def simulate(
+    robot: str | Path,
+    folder: str | Path,
+    motion: str | Path | None = None,
+    *,
+    period: float = 10.0,
+    periods: int = 1,
+    dry_run: float = 1.0,
+    noise: float = 1.0,
+    payload_mass: float | None = None,
+    payload_frame: str | None = None,
+    attach: float = 0.0,
+    release: float = float("inf"),
+    fixed_base: str | None = None,
+    seed: int = 0,
+    progress: Progress = silent,
+) -> SimulatedRun:
+    """Simulate a robot with invented true parameters near its nominal ones.
+
+    Args:
+        robot: Robot file (TOML), URDF, xacro or MJCF.
+        folder: Folder to make, for `log.parquet`, `trajectory.json` and `truth.json`.
+        motion: Motion to follow, a `trajectory.json` or a table of postures; a random one if
+            `None`.
+        period: Length of the random motion [s].
+        periods: How often the motion is run through.
+        dry_run: Share of the speed.
+        noise: Factor on the sensor noise of a usual arm.
+        payload_mass: Mass of a steel ball that is carried [kg]; `None` for none.
+        payload_frame: Frame that carries it; the last link's if `None`.
+        attach: When it is taken [s].
+        release: When it is let go [s].
+        fixed_base: Link of a model file that is fixed to the world; `None` for its root.
+        seed: Same seed, same robot and same random motion.
+        progress: Receives events of progress; asked to stop, nothing is written.
+
+    Raises:
+        SteelyardError: A file cannot be used, or the folder is there and not empty.
+        Stopped: `progress` asked to stop.
+
+    Example:
+        >>> run = simulate("arm.toml", "run2", seed=2, period=5.0)
+        >>> run.files.log.name
+        'log.parquet'
+    """
+    loaded = load_robot(robot, base=fixed_base)
+    _check_factor(dry_run)
+    if motion is None:
+        _check_length(period, periods, dry_run)
+    once = (
+        random_fourier(loaded.robot, seed=seed, period=period)
+        if motion is None
+        else read_motion(Path(motion), loaded.robot)
+    )
+    _check_length(once.duration, periods, dry_run)
+    trajectory = _slowed(_repeated(once, loaded.robot, periods), dry_run)
+    terms = with_friction(model_of(loaded), loaded).terms
+    truth = random_truth(loaded.robot, seed, terms=terms)
+    sensors = customary_sensors(loaded.robot, truth, noise)
+    if loaded.signals is not None and any(loaded.signals.unknown_gains):
+        sensors = sensors.with_random_gains(loaded.robot.n, seed)
+    if loaded.signals is not None and loaded.signals.time == ROW:
+        sensors = sensors.with_even_rows(1.0 / loaded.signals.time_scale)
+    load = _payload(loaded.robot, payload_mass, payload_frame, attach, release)
+    files = simulate_robot(
+        loaded.robot,
+        truth,
+        trajectory,
+        sensors,
+        Path(folder),
+        seed=seed,
+        signals=loaded.signals,
+        payload=load,
+        progress=progress,
+    )
+    return SimulatedRun(files, loaded.notes, once.duration)
+
+
+def _repeated(trajectory: ExactTrajectory, robot: Robot, periods: int) -> ExactTrajectory:
+    """The motion several times without a stop.
+
+    Raises:
+        DataError: It does not end where and as it starts.
+    """
+    for order, (what, unit, close) in enumerate(_ALIKE):
+        first, last = trajectory.derivative([0.0, trajectory.duration], order)
+        jumps = abs(last - first)
+        worst = int(jumps.argmax())
+        if periods > 1 and jumps[worst] > close:
+            joint = robot.coordinates[worst]
+            raise DataError(
+                f"{periods} periods are asked for, but the motion does not end as it starts: joint "
+                f"'{joint.name}' begins with {what} {first[worst]:.4g} {joint.unit}{unit} and "
+                f"ends with {last[worst]:.4g} {joint.unit}{unit}",
+                where="--periods",
+                mend="leave it out, or give a motion that returns to its start",
+            )
+    return repeated(trajectory, periods)
+
+
+def _check_factor(factor: float) -> None:
+    """A dry run is slower than the motion.
+
+    Raises:
+        DataError: It is not.
+    """
+    if not 0.0 < factor <= 1.0:
+        raise DataError(
+            f"a dry run at {factor:g} of the speed is not slower than the motion",
+            where="--dry-run",
+            mend="give a number above 0 and at most 1, such as 0.2",
+        )
+
+
+def _check_length(once: float, periods: int, factor: float) -> None:
+    """The run takes a day of robot time at most.
+
+    Raises:
+        DataError: It takes longer.
+    """
+    seconds = once * periods / factor
+    if not seconds <= _LONGEST:
+        raise DataError(
+            f"the run would be {seconds / 3600.0:.4g} hours long: {periods} times {once:g} s at "
+            f"{factor:g} of the speed; a log holds 24 hours at most",
+            where="--period, --motion, --periods or --dry-run",
+            mend="ask for fewer periods, a dry run less slow, or a shorter motion",
+        )
+
+
+def _slowed(trajectory: ExactTrajectory, factor: float) -> ExactTrajectory:
+    """The motion at a share of its speed."""
+    return trajectory if factor == 1.0 else SlowedMotion(trajectory, factor)
+
+
+def _payload(
+    robot: Robot, mass: float | None, frame: str | None, attach: float, release: float
+) -> Payload | None:
+    """The load that the options describe.
+
+    Raises:
+        ModelError: It has no mass, or cannot be carried.
+    """
+    from steelyard.virtual.payload import Payload
+
+    if mass is not None:
+        named = [f.name for f in robot.frames] or [b.name for b in robot.bodies]
+        return Payload.ball(mass, named[-1] if frame is None else frame, attach, release)
+    if frame is not None or attach > 0.0 or release < float("inf"):
+        raise ModelError(
+            "a payload is taken, but it has no mass",
+            where="--payload-frame, --attach or --release",
+            mend="add --payload-mass KG",
+        )
+    return None

@@ -1,0 +1,157 @@
+"""How well an identified model predicts other logs: what `steelyard validate` does."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+
+from steelyard.diagnosis import Finding
+from steelyard.diagnosis.fitted.post_fit import FittedCase, examine_fit
+from steelyard.estimation.identified import IdentifiedModel, load_model
+from steelyard.identification.descriptions import dropped, notes_of, settings
+from steelyard.identification.logs import (
+    fitted_before,
+    log_files,
+    prepared,
+    processing_of,
+    recording_of,
+    scored,
+)
+from steelyard.identification.repeated_rows import holds_fitted_rows, marked_repeats
+from steelyard.identification.result import Result, paths_of, scores_frame
+from steelyard.measurement import Run
+from steelyard.progress import Progress, silent
+from steelyard.report import ReportContent, render, summary
+from steelyard.report.text.findings import finding_dict
+from steelyard.report.text.judgement import Verdict, verdict
+from steelyard.validation.score import RunScore
+
+if TYPE_CHECKING:
+    from polars import DataFrame
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Validation(Result):
+    """Errors of a model on logs.
+
+    Attributes:
+        content: All that the report shows.
+    """
+
+    content: ReportContent
+
+    @property
+    def verdict(self) -> Verdict:
+        """The headline, its level and what qualifies it."""
+        return verdict(self.content)
+
+    @property
+    def scores(self) -> "DataFrame":
+        """Errors of predicted efforts, one row per joint of each log."""
+        return scores_frame(self.content)
+
+    def report(self) -> str:
+        """The page: HTML that needs no other file."""
+        return render(self.content)
+
+    def write(self, folder: Path) -> None:
+        """Write `report.html`."""
+        (folder / "report.html").write_text(self.report(), encoding="utf-8")
+
+    def show(self, console: Console) -> None:
+        """Print the verdict and the errors of every joint."""
+        summary(self.content, console)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The verdict, and under `logs` the scores of each log, in the order of the logs."""
+        order = [name for name, _ in self.content.qualities]
+        found = [self._result(score, fitted=False) for score in self.content.scores]
+        found += [self._result(score, fitted=True) for score in self.content.fitted]
+        found.sort(key=lambda one: order.index(one["run"]))
+        return {"verdict": self.verdict.to_dict(), "logs": found}
+
+    def _result(self, score: RunScore, *, fitted: bool) -> dict[str, Any]:
+        own = replace(
+            self.content,
+            scores=() if fitted else (score,),
+            fitted=(score,) if fitted else (),
+            limitations=tuple(f for f in self.content.limitations if f.log in ("", score.run)),
+        )
+        return {
+            **score.to_dict(),
+            "fitted": fitted,
+            "verdict": verdict(own).to_dict(),
+            "limitations": [finding_dict(finding) for finding in own.limitations],
+        }
+
+
+def validate(
+    model: str | Path | IdentifiedModel,
+    logs: str | Path | Iterable[str | Path],
+    *,
+    progress: Progress = silent,
+) -> Validation:
+    """Score an identified model on logs that it was not fitted to.
+
+    Args:
+        model: The model, its `model.json`, or the folder that holds it.
+        logs: The logs; `run.csv@5:20` is a window in seconds.
+        progress: Receives events of progress; an exception from it stops the work.
+
+    Raises:
+        SteelyardError: A file cannot be used.
+
+    Example:
+        >>> scored = validate("arm-model", "other.parquet")
+        >>> scored.scores["relative_percent"].max() < 10.0
+        True
+    """
+    identified = model if isinstance(model, IdentifiedModel) else load_model(model)
+    files = log_files(paths_of(logs))
+    recordings = [recording_of(log, identified.signals) for log in files]
+    runs = prepared(recordings, processing_of(identified), progress)
+    scores = marked_repeats(identified, runs, scored(identified, runs, progress))
+    known = [
+        fitted_before(identified, log) or holds_fitted_rows(identified, run)
+        for log, run in zip(files, runs, strict=True)
+    ]
+    content = _content(identified, runs, scores, known)
+    return Validation(replace(content, limitations=_limitations(identified, runs, scores, known)))
+
+
+def _content(
+    identified: IdentifiedModel,
+    runs: Sequence[Run],
+    scores: Sequence[RunScore],
+    known: Sequence[bool],
+) -> ReportContent:
+    """What the report shows; `known` says which runs the model was fitted to."""
+    again = tuple(score for score, old in zip(scores, known, strict=True) if old)
+    return ReportContent(
+        title=f"{identified.model.robot.name}: validation",
+        robot=identified.model.robot.name,
+        identified=identified,
+        scores=tuple(score for score, old in zip(scores, known, strict=True) if not old),
+        fitted=again,
+        qualities=tuple((run.name, run.quality.rows_of_text) for run in runs),
+        notes=(
+            *notes_of(runs),
+            *dropped(identified.model, runs),
+            *(f"{score.run} was fitted: its score is no test of the model" for score in again),
+        ),
+        settings=settings(identified),
+    )
+
+
+def _limitations(
+    identified: IdentifiedModel,
+    runs: Sequence[Run],
+    scores: Sequence[RunScore],
+    known: Sequence[bool],
+) -> tuple[Finding, ...]:
+    """What checks of the model on runs that it was not fitted to find."""
+    fresh = [(run, score) for run, score, old in zip(runs, scores, known, strict=True) if not old]
+    unseen, unseen_scores = tuple(run for run, _ in fresh), tuple(score for _, score in fresh)
+    return examine_fit(FittedCase(identified, unseen=unseen, unseen_scores=unseen_scores))
