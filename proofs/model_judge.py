@@ -24,7 +24,7 @@ from steelyard.errors import SteelyardError
 from steelyard.kernel.equations.dynamics import JointState
 from steelyard.kernel.quantities.passive_joints import random_positions
 from steelyard.model import Model
-from steelyard.regression.base import base_map
+from steelyard.regression.base import base_parameters
 from steelyard.robot.robot import Robot
 from steelyard.robot_file.file import load_robot
 from steelyard.terms.laws.rigid_body import RigidBody
@@ -77,7 +77,7 @@ def judged(file: ModelFile, say: Callable[[str], None] = lambda stage: None) -> 
     try:
         with tempfile.TemporaryDirectory() as name:
             robot, given, used = _loaded(file, Path(name))
-            n_base = len(base_map(Model(robot, (RigidBody(),))))
+            n_base = len(base_parameters(Model(robot, (RigidBody(),))))
             states = _states(robot)
             torque = _torque(robot, states)
     except SteelyardError as error:

@@ -140,12 +140,12 @@ def _each(name: str, values: np.ndarray, bounds: np.ndarray, unit: str) -> Claim
 
 def _rigid_ur10e() -> Claim:
     from steelyard.model import Model
-    from steelyard.regression.base import base_map
+    from steelyard.regression.base import base_parameters
     from steelyard.robot_file.file import load_robot
     from steelyard.terms.laws.rigid_body import RigidBody
 
     data_folder()
-    count = len(base_map(Model(load_robot(EXAMPLES / "ur10e.toml").robot, (RigidBody(),))))
+    count = len(base_parameters(Model(load_robot(EXAMPLES / "ur10e.toml").robot, (RigidBody(),))))
     return Claim("UR10e, base parameters of the bodies alone", f"{count}", "36", count == 36)
 
 

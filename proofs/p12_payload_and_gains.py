@@ -21,7 +21,7 @@ from steelyard.estimation.payload.load_case import carrier, load_case
 from steelyard.identification.logs import log_files, model_of, prepared, recording_of, wanted_by
 from steelyard.model import Model
 from steelyard.progress import silent
-from steelyard.regression.base import base_map
+from steelyard.regression.base import base_parameters
 from steelyard.regression.gather import gather
 from steelyard.regression.information import Information
 from steelyard.regression.regressor import base_regressor
@@ -108,7 +108,9 @@ def biased_gains(pair: tuple[str, str], mass: float) -> np.ndarray:
     """The same with noisy currents among the regressor's columns, as is customary."""
     model, unloaded, with_it = said(pair)
     frame = carrier(model.robot, "tool0")
-    case = load_case(model, base_map(model), frame, [unloaded], [with_it], first_deviates=False)
+    case = load_case(
+        model, base_parameters(model), frame, [unloaded], [with_it], first_deviates=False
+    )
     return 1.0 / Bilinear.of(case, mass, np.full(model.robot.n, np.nan), True).first()
 
 

@@ -243,7 +243,7 @@ def of_solver(given: Path) -> list[Claim]:
     from steelyard.formats import open_log
     from steelyard.measurement import Recording, prepare
     from steelyard.model import Model
-    from steelyard.regression.base import base_map
+    from steelyard.regression.base import base_parameters
     from steelyard.regression.gather import gather
     from steelyard.regression.regressor import base_regressor
     from steelyard.robot_file.file import load_robot
@@ -253,7 +253,7 @@ def of_solver(given: Path) -> list[Claim]:
     model = Model(loaded.robot, DEFAULT_TERMS)
     run = prepare(Recording(open_log(given / "identification.parquet"), loaded.signals))
     information = gather(base_regressor(model), run)
-    estimator = Consistent(base_map(model), default_knowledge(model), gamma=10.0)
+    estimator = Consistent(base_parameters(model), default_knowledge(model), gamma=10.0)
     best = estimator(information)
     std = best.standard.std if best.standard is not None else best.std
     stopped, off, strange = 0, 0.0, ""

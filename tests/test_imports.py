@@ -17,6 +17,7 @@ ORDER = (
     ("kernel",),
     ("terms",),
     ("model",),
+    ("dynamics",),
     ("formats",),
     ("measurement",),
     ("regression",),

@@ -1,7 +1,15 @@
-"""steelyard: weigh a robot from its motion and its torque.
+"""steelyard: identify a robot's dynamics from its motion and its torque.
 
-`load_model(path).torque(motion)` predicts joint efforts with a model that `steelyard identify`
-wrote; `load_model(path).start().step(q, dq, ddq)` does so sample by sample.
+A robot file and logs in, a model with its uncertainty out:
+
+    import steelyard
+
+    found = steelyard.identify("ur10e.toml", ["run1.csv", "run2.csv"], validate="run3.csv")
+    print(found)
+    found.save("ur10e-model")
+    torque = found.model.torque(steelyard.Motion(t, q, dq, ddq))
+
+`dir(steelyard)` lists all names; each has an example in its docstring.
 """
 
 from typing import TYPE_CHECKING, Any
@@ -9,17 +17,64 @@ from typing import TYPE_CHECKING, Any
 from steelyard.errors import SteelyardError as SteelyardError
 
 if TYPE_CHECKING:
+    from steelyard import terms as terms
+    from steelyard.estimation.estimate import Estimate as Estimate
     from steelyard.estimation.identified import IdentifiedModel as IdentifiedModel
     from steelyard.estimation.identified import load_model as load_model
+    from steelyard.formats.register import open_log as open_log
+    from steelyard.identification.check import check as check
+    from steelyard.identification.compare import compare as compare
+    from steelyard.identification.design import design_excitation as design_excitation
+    from steelyard.identification.identify import identify as identify
+    from steelyard.identification.parts import export as export
+    from steelyard.identification.parts import information as information
+    from steelyard.identification.parts import load_runs as load_runs
+    from steelyard.identification.parts import model_of as model_of
+    from steelyard.identification.parts import read_trajectory as read_trajectory
+    from steelyard.identification.payload import identify_payload as identify_payload
+    from steelyard.identification.simulate import simulate as simulate
+    from steelyard.identification.validate import validate as validate
+    from steelyard.measurement.run import Run as Run
+    from steelyard.model import Model as Model
     from steelyard.motion import Motion as Motion
+    from steelyard.regression.base import base_parameters as base_parameters
+    from steelyard.regression.information import Information as Information
+    from steelyard.robot.robot import Robot as Robot
+    from steelyard.robot_file.file import load_robot as load_robot
+    from steelyard.robot_file.loaded import LoadedRobot as LoadedRobot
 
     __version__: str
 
 _HOMES = {
-    "Motion": "steelyard.motion",
-    "load_model": "steelyard.estimation.identified",
-    "IdentifiedModel": "steelyard.estimation.identified",
+    "Estimate": "estimation.estimate",
+    "IdentifiedModel": "estimation.identified",
+    "Information": "regression.information",
+    "LoadedRobot": "robot_file.loaded",
+    "Model": "model",
+    "Motion": "motion",
+    "Robot": "robot.robot",
+    "Run": "measurement.run",
+    "base_parameters": "regression.base",
+    "check": "identification.check",
+    "compare": "identification.compare",
+    "design_excitation": "identification.design",
+    "export": "identification.parts",
+    "identify": "identification.identify",
+    "identify_payload": "identification.payload",
+    "information": "identification.parts",
+    "load_model": "estimation.identified",
+    "load_robot": "robot_file.file",
+    "load_runs": "identification.parts",
+    "model_of": "identification.parts",
+    "open_log": "formats.register",
+    "read_trajectory": "identification.parts",
+    "simulate": "identification.simulate",
+    "terms": "",
+    "validate": "identification.validate",
 }
+"""Where names live: a module, and behind a colon the name there if it is another one."""
+
+__all__ = ["SteelyardError", *_HOMES]
 
 
 def __getattr__(name: str) -> Any:
@@ -28,6 +83,13 @@ def __getattr__(name: str) -> Any:
 
     if name == "__version__":
         return importlib.import_module("importlib.metadata").version("steelyard")
-    if name in _HOMES:
-        return getattr(importlib.import_module(_HOMES[name]), name)
-    raise AttributeError(f"module 'steelyard' has no attribute '{name}'")
+    if name not in _HOMES:
+        raise AttributeError(f"module 'steelyard' has no attribute '{name}'")
+    module, _, attribute = _HOMES[name].partition(":")
+    if not module:
+        return importlib.import_module(f"steelyard.{name}")
+    return getattr(importlib.import_module(f"steelyard.{module}"), attribute or name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*__all__, "__version__"])

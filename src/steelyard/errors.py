@@ -8,6 +8,13 @@ class SteelyardError(Exception):
         wrong: What is wrong, in one sentence.
         where: The file, line, column or joint it is wrong in.
         mend: What the user can do about it.
+
+    Example:
+        >>> try:
+        ...     load_robot("missing.urdf")
+        ... except SteelyardError as error:
+        ...     print(error.where)
+        missing.urdf
     """
 
     def __init__(self, wrong: str, *, where: str, mend: str) -> None:

@@ -30,17 +30,26 @@ from steelyard.terms.term import Columns, Remembering, Term, channels_of
 BLOCK = 4096
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Model:
     """A robot and its terms; values of the parameters are not part of it.
 
     Attributes:
         robot: The robot.
         terms: Causes of torque; their columns stand side by side in this order.
+
+    Example:
+        >>> arm = load_robot("arm.toml").robot
+        >>> Model(arm, (terms.RigidBody(), terms.Viscous()))
+        Model(Robot('arm', 2 joints), rigid_body, viscous: 22 parameters)
     """
 
     robot: Robot
     terms: tuple[Term, ...] = DEFAULT_TERMS
+
+    def __repr__(self) -> str:
+        laws = ", ".join(term.law for term in self.terms)
+        return f"Model({self.robot!r}, {laws}: {len(self.parameters)} parameters)"
 
     def __post_init__(self) -> None:
         names = [parameter.name for parameter in self.parameters]
@@ -230,7 +239,7 @@ class Model:
         return ValuedModel(self, Parameters(self.names, self.units, values))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ValuedModel:
     """A model with values for its standard parameters.
 
@@ -240,6 +249,9 @@ class ValuedModel:
 
     model: Model
     values: Parameters
+
+    def __repr__(self) -> str:
+        return f"ValuedModel({self.model!r})"
 
     def torque(self, motion: Motion) -> Array:
         """Joint efforts along a motion.

@@ -20,6 +20,12 @@ class Motion:
         q: Positions, shape `(N, n)` [rad; m for prismatic joints].
         dq: Velocities, shape `(N, n)` [rad/s; m/s].
         ddq: Accelerations, shape `(N, n)` [rad/s²; m/s²].
+
+    Example:
+        >>> rest = [[0.0, 0.0], [0.0, 0.0]]
+        >>> motion = Motion(t=[0.0, 0.1], q=[[0.1, 0.2], [0.1, 0.2]], dq=rest, ddq=rest)
+        >>> motion.n_joints
+        2
     """
 
     t: Array

@@ -23,7 +23,7 @@ from steelyard.estimation.identified import IdentifiedModel
 from steelyard.measurement.motion_samples import MotionSamples
 from steelyard.model import Model
 from steelyard.motion import Motion
-from steelyard.regression.base import base_map
+from steelyard.regression.base import base_parameters
 from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
 from steelyard.robot.robot import Limits, Robot
 from steelyard.robot_file.file import load_robot
@@ -356,7 +356,7 @@ def test_frames_between_the_joints_of_one_body_stay_frames(form: Format, tmp_pat
     again = load_robot(written(identified, form, tmp_path)).robot
     assert [body.massless for body in again.bodies] == [True, True, False]
     models = [Model(one, (RigidBody(),)) for one in (again, robot)]
-    assert base_map(models[0]).base_names == base_map(models[1]).base_names
+    assert base_parameters(models[0]).base_names == base_parameters(models[1]).base_names
     motion, prior = motion_of(robot), models[0].prior
     assert prior is not None
     close(prior.torque(motion), identified.torque(motion))

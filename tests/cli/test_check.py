@@ -281,7 +281,7 @@ def test_the_output_is_a_page_and_json(
     done = command("check", ROBOT, degrees, OTHER, "-o", tmp_path / "out", "--json")
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["check.html", "check.json"]
     told = json.loads((tmp_path / "out" / "check.json").read_text())
-    assert told == json.loads(done.stdout) and told["output"] == str(tmp_path / "out")
+    assert told | {"output": str(tmp_path / "out")} == json.loads(done.stdout)
     again = command("check", ROBOT, degrees, "-o", tmp_path / "out")
     assert again.exit_code == 2 and "the output folder exists already" in again.stderr
     program = chromium()

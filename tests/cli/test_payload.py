@@ -127,7 +127,7 @@ def test_an_impossible_body_is_the_headline(
 ) -> None:
     ten = np.array([1.0, 0.0, 0.0, 0.0, -0.1, 0.0, 0.2, 0.0, 0.0, 0.2])
     wrong = PayloadEstimate("tool", "tip", ten, 1e-6 * np.eye(10), np.ones(6), np.ones(6))
-    monkeypatch.setattr("steelyard.cli.payload._estimated", lambda *_: wrong)
+    monkeypatch.setattr("steelyard.identification.payload.PayloadTask.done", lambda *_: wrong)
     done = command("payload", identified, loaded)
     assert done.exit_code == 0, done.output
     assert done.stdout.startswith("NOT A POSSIBLE BODY: a principal moment of inertia is negative")

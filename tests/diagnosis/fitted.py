@@ -15,7 +15,7 @@ from steelyard.estimation.least_squares.least_squares import WeightedLeastSquare
 from steelyard.identification.logs import log_files, model_of, runs_of
 from steelyard.measurement import Run
 from steelyard.motion import Motion
-from steelyard.regression.base import base_map
+from steelyard.regression.base import base_parameters
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot.robot import Robot
 from steelyard.robot_file.file import LoadedRobot, load_robot
@@ -73,5 +73,7 @@ def case(loaded: LoadedRobot, paths: Sequence[Path]) -> FittedCase:
     estimate = WeightedLeastSquares()(information)
     cutoffs = Cutoffs(runs[0].motion_cutoff, runs[0].matched_cutoff, runs[0].matched_cutoff)
     origin = Provenance("0", {}, (), ())
-    identified = IdentifiedModel(model, base_map(model), estimate, (), signals, cutoffs, origin)
+    identified = IdentifiedModel(
+        model, base_parameters(model), estimate, (), signals, cutoffs, origin
+    )
     return FittedCase(identified, tuple(runs), information=information)

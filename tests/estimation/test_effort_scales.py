@@ -13,7 +13,7 @@ from steelyard.model import Model
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
 from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.base import base_map
+from steelyard.regression.base import base_parameters
 from steelyard.regression.information import Information, Stamp, Window
 from steelyard.regression.predicted import with_predicted
 from steelyard.regression.regressor import base_regressor
@@ -57,7 +57,7 @@ def said(scales: np.ndarray, seed: int, noise: float = 0.01) -> Information:
 
 
 def consistent() -> Consistent:
-    return Consistent(base_map(MODEL), default_knowledge(MODEL))
+    return Consistent(base_parameters(MODEL), default_knowledge(MODEL))
 
 
 def test_the_predicted_effort_is_a_column() -> None:

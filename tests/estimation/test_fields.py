@@ -14,7 +14,7 @@ from steelyard.estimation.fields.passes import unknowns_of
 from steelyard.model import Model
 from steelyard.progress import Event, Stopped
 from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.base import base_map
+from steelyard.regression.base import base_parameters
 from steelyard.regression.information import Information, Stamp, Window
 from steelyard.regression.regressor import Regressor, base_regressor, chosen_regressor
 from steelyard.robot.robot import Coordinate, Robot
@@ -222,7 +222,7 @@ def test_further_passes_need_no_new_program() -> None:
 def test_candidates_keep_the_other_terms_base_parameters() -> None:
     said, passes = data(DEFAULT_TERMS, Stribeck(speed=0.07), 0.05)
     find_fields(Model(ROBOT, (*DEFAULT_TERMS, Stribeck(speed=SPEEDS))), said)
-    base = base_map(Model(ROBOT))
+    base = base_parameters(Model(ROBOT))
     columns = passes[0].layout.columns
     assert columns[: len(base)] == base.base_names
     assert len(columns) == len(base) + 12 * ROBOT.n
@@ -239,10 +239,10 @@ def test_dictionary_columns_are_the_terms_columns(law: type[Any], field: str) ->
     candidates = [law(**{field: x}, **fixed) for x in np.geomspace(low, high, 4).tolist()]
     wide = Model(ROBOT, (Viscous(), Dictionary.of(ROBOT, candidates, candidates[-1])))
     samples, width = motion(3, 500), len(candidates[0].parameters(ROBOT))
-    dense = chosen_regressor(wide, base_map(wide), range(len(wide.names))).dense(*samples)
+    dense = chosen_regressor(wide, base_parameters(wide), range(len(wide.names))).dense(*samples)
     for c, term in enumerate(candidates):
         alone = Model(ROBOT, (term,))
-        wanted = chosen_regressor(alone, base_map(alone), range(width)).dense(*samples)
+        wanted = chosen_regressor(alone, base_parameters(alone), range(width)).dense(*samples)
         start = ROBOT.n + c * width
         assert np.allclose(dense[:, :, start : start + width], wanted, rtol=1e-12, atol=1e-14)
         assert wide.names[start : start + width] == tuple(f"{name}@{c}" for name in alone.names)

@@ -13,7 +13,7 @@ from oracles import body_map, body_positions, pinocchio_model
 from steelyard.errors import DataError
 from steelyard.estimation.closed_loop.forward import LEAST_WIDTH, Forward, Integration
 from steelyard.model import Model
-from steelyard.regression.base import base_map
+from steelyard.regression.base import base_parameters
 from steelyard.robot.robot import Robot
 from steelyard.terms.laws.coulomb import Coulomb
 from steelyard.terms.laws.presliding import Dahl
@@ -31,7 +31,7 @@ def drawn(robot: Robot, count: int = 5, seed: int = 0) -> tuple[np.ndarray, np.n
 
 def based(model: Model, **others: float) -> tuple[Forward, np.ndarray]:
     """Forward dynamics in base parameters of the nominal bodies."""
-    base = base_map(model)
+    base = base_parameters(model)
     known = {p.name: p.prior for p in RigidBody().parameters(model.robot)} | others
     values = base.base_values([known.get(name, 0.0) for name in model.names])
     return Forward(model, base.independent), values

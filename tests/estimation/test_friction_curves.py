@@ -14,7 +14,7 @@ from steelyard.model import Model
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
 from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.base import base_map
+from steelyard.regression.base import base_parameters
 from steelyard.regression.information import Information, Stamp, Window
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot.robot import Coordinate, Limits
@@ -235,7 +235,7 @@ def test_a_curve_that_bends_down_is_found() -> None:
     curved = replace(plain, curves=rows, shaped=shaped(model, rows))
 
     def values(knowledge: Knowledge) -> dict[str, float]:
-        found = Consistent(base_map(model), knowledge, gamma=1.0)(information)
+        found = Consistent(base_parameters(model), knowledge, gamma=1.0)(information)
         return found.parameters.as_dict()
 
     found = values(curved)

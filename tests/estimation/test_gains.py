@@ -10,7 +10,7 @@ from steelyard.errors import DataError, ModelError, SteelyardError
 from steelyard.estimation.payload.bilinear import Bilinear
 from steelyard.estimation.payload.gains import identified_gains
 from steelyard.estimation.payload.load_case import carrier, load_case
-from steelyard.regression.base import base_map
+from steelyard.regression.base import base_parameters
 from steelyard.regression.information import Information
 
 JOINTS = MODEL.robot.joint_names
@@ -88,7 +88,7 @@ def test_intervals_hold_the_truth() -> None:
 def start(unloaded: Sequence[Information], loaded: Sequence[Information]) -> np.ndarray:
     """Gains on the side of the parameters: noisy efforts among the columns."""
     frame = carrier(MODEL.robot, "tool")
-    case = load_case(MODEL, base_map(MODEL), frame, unloaded, loaded, first_deviates=False)
+    case = load_case(MODEL, base_parameters(MODEL), frame, unloaded, loaded, first_deviates=False)
     return 1.0 / Bilinear.of(case, LOAD.mass, np.full(4, np.nan), True).first()
 
 
@@ -106,7 +106,7 @@ def test_noise_does_not_bias_gains_as_it_does_with_efforts_among_the_columns() -
 
 def problem(runs: Sequence[Information], laws: frozenset[str]) -> Bilinear:
     frame = carrier(MODEL.robot, None)
-    case = load_case(MODEL, base_map(MODEL), frame, runs, (), first_deviates=False)
+    case = load_case(MODEL, base_parameters(MODEL), frame, runs, (), first_deviates=False)
     return Bilinear.of(case, None, np.array([12.0, *[np.nan] * 3]), False, laws)
 
 

@@ -16,7 +16,7 @@ from steelyard.estimation.known_scales import KnownScales
 from steelyard.model import Model
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
-from steelyard.regression.base import base_map
+from steelyard.regression.base import base_parameters
 from steelyard.robot_file.signals import Signals
 from steelyard.terms.laws.coulomb import Coulomb
 from steelyard.terms.laws.rigid_body import RigidBody
@@ -25,7 +25,7 @@ from steelyard.terms.laws.rigid_body import RigidBody
 @pytest.fixture
 def identified() -> IdentifiedModel:
     model = Model(tree(), (RigidBody(), Coulomb(smoothing=0.05)))
-    base = base_map(model)
+    base = base_parameters(model)
     rng = np.random.default_rng(0)
     size = len(base)
     spread = rng.normal(size=(size, size))

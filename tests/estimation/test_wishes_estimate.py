@@ -16,7 +16,7 @@ from steelyard.estimation.prior.wish import Scope
 from steelyard.estimation.prior.wishes import wish_of
 from steelyard.model import Model
 from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.base import base_map
+from steelyard.regression.base import base_parameters
 from steelyard.regression.information import Information, Stamp, Window
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot.inertia import Inertia
@@ -28,7 +28,7 @@ CORNERS = [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]]
 
 def measured(count: int = 1200) -> Information:
     """What a motion says of the tree with half a unit of every friction, and noise."""
-    rng, regressor, base = np.random.default_rng(0), base_regressor(MODEL), base_map(MODEL)
+    rng, regressor, base = np.random.default_rng(0), base_regressor(MODEL), base_parameters(MODEL)
     truth = np.array([0.5 if p.prior is None else p.prior for p in MODEL.parameters])
     values = dict(zip(base.base_names, base.lift @ truth, strict=True))
     columns = regressor.layout.columns
@@ -59,7 +59,7 @@ def knowing(*tables: Mapping[str, Any]) -> Knowledge:
 
 
 def estimated(knowledge: Knowledge) -> Standard:
-    standard = Consistent(base_map(MODEL), knowledge)(INFORMATION).standard
+    standard = Consistent(base_parameters(MODEL), knowledge)(INFORMATION).standard
     assert standard is not None
     return standard
 

@@ -11,7 +11,7 @@ from steelyard.arrays import Array
 from steelyard.errors import DataError
 from steelyard.excitation.previous_model import Earlier
 from steelyard.excitation.problem import Problem
-from steelyard.regression.base import base_map
+from steelyard.regression.base import base_parameters
 
 ANY = f'{OPEN}[excitation.limits]\neffort = "any"\n'
 QUICK = "[excitation.motion]\nperiod = 4.0\nharmonics = 3\n"
@@ -20,7 +20,7 @@ QUICK = "[excitation.motion]\nperiod = 4.0\nharmonics = 3\n"
 def earlier(folder: Path, blind: int = 0, size: float = 1.0) -> Earlier:
     """An earlier estimate of the arm's values, without the last base parameters."""
     model = model_of(arm(folder))
-    base, random = base_map(model), np.random.default_rng(3)
+    base, random = base_parameters(model), np.random.default_rng(3)
     standard = {p.name: 0.3 if p.prior is None else size * p.prior for p in model.parameters}
     values = base.base_values([standard[name] for name in model.names])
     seen = len(base) - blind
@@ -194,7 +194,7 @@ def test_what_is_still_unknown_gets_known(tmp_path: Path) -> None:
         criterion = f'[excitation.criterion]\nkind = "a_optimal"\nafter_earlier = {after}\n'
         found = designed(tmp_path, ANY + QUICK + criterion, earlier=known)
         assert (found.prior is not None) == (after == "true")
-        prior = known.information(base_map(model_of(arm(tmp_path))))
+        prior = known.information(base_parameters(model_of(arm(tmp_path))))
         means.append(np.sum(found.shown.std(prior)[-3:] ** 2))
     assert means[1] < means[0]
 

@@ -20,7 +20,7 @@ from steelyard.kernel.quantities.passive_joints import (
 from steelyard.model import Model
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
-from steelyard.regression.base import base_map, full_regressor
+from steelyard.regression.base import base_parameters, full_regressor
 from steelyard.regression.regressor import standard_regressor
 from steelyard.robot.loop_equations import gaps, loop_equations
 from steelyard.robot.robot import Loop, Robot
@@ -221,7 +221,7 @@ def test_random_positions_close_within_the_limits(name: str) -> None:
 def test_base_parameters_hold_the_whole_torque(name: str) -> None:
     robot = CHAINS[name]()
     model = Model(robot)
-    base, other = base_map(model), full_regressor(model, seed=5)
+    base, other = base_parameters(model), full_regressor(model, seed=5)
     values = np.random.default_rng(2).normal(size=len(model.names))
     assert np.linalg.matrix_rank(other, 1e-9 * np.linalg.norm(other, 2)) == len(base)
     lifted = other[:, list(base.independent)] @ base.base_values(values)
@@ -231,7 +231,7 @@ def test_base_parameters_hold_the_whole_torque(name: str) -> None:
 def test_a_parallelogram_has_four_base_parameters_and_three_when_bars_are_straight() -> None:
     bars = tuple(ball(k) for k in range(4))
     model = Model(parallelogram(bars, 0.2, 0.3), (RigidBody(),))  # type: ignore[arg-type]
-    base = base_map(model)
+    base = base_parameters(model)
     assert len(base) == 4
     straight = [k for k, name in enumerate(model.names) if not name.startswith("my.")]
     regressor = full_regressor(model)[:, straight]

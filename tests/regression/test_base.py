@@ -10,7 +10,7 @@ from steelyard.errors import ModelError
 from steelyard.model import Model
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
-from steelyard.regression.base import BaseMap, base_map, refuse_twins
+from steelyard.regression.base import BaseMap, base_parameters, refuse_twins
 from steelyard.robot.robot import Body, Coordinate, Robot
 from steelyard.terms.laws.coulomb import Coulomb
 from steelyard.terms.laws.offset import Offset
@@ -30,19 +30,19 @@ from steelyard.terms.term import Term
     ],
 )
 def test_counts_of_real_robots(name: str, terms: tuple[RigidBody, ...], count: int) -> None:
-    assert len(base_map(Model(measured(name), terms))) == count
+    assert len(base_parameters(Model(measured(name), terms))) == count
 
 
 def test_the_count_depends_on_gravity() -> None:
     sideways = measured("rokae_ar5")
     upright = Robot(sideways.name, sideways.bodies, sideways.coordinates, (0.0, 0.0, -9.81))
-    assert len(base_map(Model(upright, (RigidBody(),)))) == 43
+    assert len(base_parameters(Model(upright, (RigidBody(),)))) == 43
 
 
 @pytest.mark.parametrize("name", list(ROBOTS))
 def test_torque_depends_on_base_parameters_only(name: str, tmp_path: Path) -> None:
     model = Model(ROBOTS[name](tmp_path))
-    base = base_map(model)
+    base = base_parameters(model)
     rng = np.random.default_rng(0)
     q, dq, ddq = rng.normal(size=(3, 40, model.robot.n))
     motion = Motion(np.arange(40), q, dq, ddq)
@@ -56,14 +56,14 @@ def test_torque_depends_on_base_parameters_only(name: str, tmp_path: Path) -> No
 def test_a_torso_lift_cannot_tell_mass_offset_and_rotor_apart() -> None:
     lift = Body("torso", "lift", "prismatic", -1, np.eye(3), np.zeros(3), [0, 0, 1.0], 0)
     robot = Robot("torso", (lift,), (Coordinate("lift", "prismatic"),))
-    base = base_map(Model(robot, (RigidBody(), RotorInertia(), Offset())))
+    base = base_parameters(Model(robot, (RigidBody(), RotorInertia(), Offset())))
     assert base.base_names == ("m.torso", "rotor_inertia.lift")
     assert base.grouping(0) == "m.torso + 0.1019 offset.lift"
     assert base.grouping(1) == "rotor_inertia.lift - 0.1019 offset.lift"
 
 
 def test_round_trip_is_exact() -> None:
-    base = base_map(Model(ROBOTS["tree"](Path())))
+    base = base_parameters(Model(ROBOTS["tree"](Path())))
     again = BaseMap.from_dict(base.to_dict())
     assert again.base_names == base.base_names
     assert np.array_equal(again.coefficients, base.coefficients)
@@ -73,7 +73,7 @@ def twins(*terms: Term) -> str:
     """What is said of terms on a robot; nothing if they can be told apart."""
     model = Model(ROBOTS["single"](Path()), terms)
     try:
-        refuse_twins(model, base_map(model))
+        refuse_twins(model, base_parameters(model))
     except ModelError as error:
         return str(error)
     return ""
@@ -90,7 +90,7 @@ def test_causes_that_no_motion_tells_apart_are_named() -> None:
 def test_causes_that_differ_are_allowed_and_so_are_rotors_beside_bodies() -> None:
     assert twins(RigidBody(), Coulomb(), Viscous(), Offset()) == ""
     model = Model(ROBOTS["single"](Path()), (RigidBody(), RotorInertia(), Offset()))
-    base = base_map(model)
+    base = base_parameters(model)
     assert "rotor_inertia.hinge" in [base.names[k] for k in base.dependent]
     refuse_twins(model, base)
 
@@ -101,10 +101,10 @@ def test_a_twin_of_several_names_them_all() -> None:
             ("third", (("left_joint", 1.0), ("trunk_joint", 2.0))))  # fmt: skip
     given = Viscous(joints=("left_joint", "trunk_joint"))
     model = Model(ROBOTS["tree"](Path()), (RigidBody(), given, Viscous(along=sums[:1])))
-    assert refuse_twins(model, base_map(model)) is None  # type: ignore[func-returns-value]
+    assert refuse_twins(model, base_parameters(model)) is None  # type: ignore[func-returns-value]
     model = Model(ROBOTS["tree"](Path()), (RigidBody(), given, Viscous(along=sums[:2])))
     with pytest.raises(ModelError) as caught:
-        refuse_twins(model, base_map(model))
+        refuse_twins(model, base_parameters(model))
     assert "'viscous.minus' cannot be told from " in caught.value.wrong
     assert all(
         f"'viscous.{n}'" in caught.value.wrong for n in ("left_joint", "trunk_joint", "plus")

@@ -5,7 +5,7 @@ import pytest
 
 from steelyard.excitation.from_tables import memoryless
 from steelyard.model import Model
-from steelyard.regression.base import base_map, clear_map, full_regressor
+from steelyard.regression.base import base_parameters, clear_map, full_regressor
 from steelyard.regression.independence import independent_columns, rank
 from steelyard.robot.robot import Body, Coordinate, Robot
 from steelyard.terms.laws.rigid_body import RigidBody
@@ -59,12 +59,12 @@ def test_clean_arms_keep_the_customary_grouping() -> None:
         for column in range(regressor.shape[1]):
             if np.linalg.matrix_rank(regressor[:, [*taken, column]], tol=1e-9) > len(taken):
                 taken.append(column)
-        assert list(base_map(model).independent) == taken, name
+        assert list(base_parameters(model).independent) == taken, name
 
 
 def test_torque_is_the_same_behind_tilted_axes() -> None:
     model = Model(drawn(4), TERMS)
-    regressor, base = full_regressor(model, 1), base_map(model)
+    regressor, base = full_regressor(model, 1), base_parameters(model)
     values = np.random.default_rng(0).normal(size=regressor.shape[1])
     torque = regressor @ values
     grouped = regressor[:, list(base.independent)] @ base.base_values(values)
@@ -74,12 +74,12 @@ def test_torque_is_the_same_behind_tilted_axes() -> None:
 def test_motions_are_designed_for_what_they_can_show() -> None:
     tilts = np.zeros((6, 3))
     upright = Model(tilted("elbow", tilts), TERMS)
-    assert clear_map(upright).base_names == base_map(upright).base_names
+    assert clear_map(upright).base_names == base_parameters(upright).base_names
     tilts[0] = tilts[2] = [1e-4, 0.0, 0.0]
     model = Model(tilted("elbow", tilts), TERMS)
-    found, clear = base_map(model), clear_map(model)
+    found, clear = base_parameters(model), clear_map(model)
     faint = set(found.base_names) - set(clear.base_names)
-    assert len(clear) == len(base_map(upright)) and len(faint) == len(found) - len(clear) > 0
+    assert len(clear) == len(base_parameters(upright)) and len(faint) == len(found) - len(clear) > 0
     bare, notes = memoryless(model)
     assert bare.terms == model.terms
     assert notes == (

@@ -22,7 +22,7 @@ from steelyard.estimation.payload.gains import GainEstimate
 from steelyard.estimation.zero_offset import ZeroOffsets
 from steelyard.model import Model
 from steelyard.parameters import Parameters
-from steelyard.regression.base import BaseMap, base_map
+from steelyard.regression.base import BaseMap, base_parameters
 from steelyard.report.content import ReportContent
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.robot import Body, Coordinate, Robot
@@ -92,7 +92,7 @@ def standard(model: Model) -> Standard:
 
 def identified(arm: Robot) -> IdentifiedModel:
     model = Model(arm)
-    base = base_map(model)
+    base = base_parameters(model)
     n = arm.n
     offset = base.base_names[-2], base.base_units[-2]
     drift = tuple(

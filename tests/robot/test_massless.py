@@ -10,7 +10,7 @@ from steelyard.estimation.payload.load_case import carrier
 from steelyard.estimation.prior.prior import default_knowledge
 from steelyard.estimation.prior.prior_given import body_index
 from steelyard.model import Model
-from steelyard.regression.base import base_map, full_regressor
+from steelyard.regression.base import base_parameters, full_regressor
 from steelyard.robot.from_mechanism import reduced
 from steelyard.robot.json import robot_from_dict, robot_to_dict
 from steelyard.robot.mjcf.read import read_mjcf
@@ -41,7 +41,7 @@ def test_base_parameters_are_those_of_the_two_bodies(tmp_path: Path) -> None:
     robot = leg(tmp_path)
     assert [body.name for body in robot.bodies if not body.massless] == ["thigh", "shin"]
     model = Model(robot, (RigidBody(),))
-    base = base_map(model)
+    base = base_parameters(model)
     assert {name.split(".")[1] for name in base.base_names} == {"thigh", "shin"}
     # ten of the thigh but its mass, seven of the shin beyond those grouped with it
     assert len(base) == 16

@@ -83,7 +83,7 @@ class Standard:
         return np.sqrt(np.diag(self.covariance))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Estimate:
     """Estimated base parameters.
 
@@ -105,6 +105,11 @@ class Estimate:
         at_bound: Those of `parameters` that a bound of a law or of the user holds: the data would
             have them beyond it.
         notes: What was decided on the way, for people to read.
+
+    Example:
+        >>> estimate = load_model("arm-model").estimate
+        >>> len(estimate.std) == len(estimate.parameters)
+        True
     """
 
     estimator: str
@@ -120,6 +125,9 @@ class Estimate:
     learned: Array | None = None
     at_bound: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"Estimate({self.estimator}: {len(self.parameters)} parameters)"
 
     @property
     def values(self) -> Parameters:

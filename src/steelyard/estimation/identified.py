@@ -7,6 +7,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from numpy.typing import ArrayLike
+
+from steelyard import dynamics
 from steelyard.arrays import Array
 from steelyard.errors import ModelError
 from steelyard.estimation.calibration import Calibration
@@ -49,7 +52,7 @@ class Cutoffs:
     score: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class IdentifiedModel:
     """A model with estimated values, and how to read logs of its robot.
 
@@ -67,6 +70,13 @@ class IdentifiedModel:
             out, or nothing was.
         effort_scales: Scales of the efforts that were estimated; the gains of `signals` count them
             already. `None` without.
+
+    Example:
+        >>> model = load_model("arm-model")
+        >>> model.mass_matrix([0.0, 0.5]).shape
+        (2, 2)
+        >>> model.gravity([0.0, 0.5]).shape
+        (2,)
     """
 
     model: Model
@@ -81,14 +91,52 @@ class IdentifiedModel:
     calibration: Calibration | None = None
     effort_scales: KnownScales | None = None
 
+    def __repr__(self) -> str:
+        return f"IdentifiedModel({self.model!r})"
+
+    def __str__(self) -> str:
+        estimate, robot = self.estimate, self.model.robot
+        known = f"{len(estimate.parameters)} of {len(self.base)} base parameters identified"
+        noise = zip(estimate.sigma, robot.effort_units, strict=True)
+        return "\n".join(
+            [
+                f"{robot.name}: {', '.join(robot.joint_names)}",
+                f"terms      {', '.join(term.law for term in self.model.terms)}",
+                f"estimate   {estimate.estimator}: {known}",
+                f"residuals  std {', '.join(f'{sigma:.3g} {unit}' for sigma, unit in noise)}",
+                f"fitted to  {', '.join(self.provenance.runs)}",
+            ]
+        )
+
     @cached_property
     def valued(self) -> ValuedModel:
         """The model with the estimated values."""
         return self.model.at(self.estimate.values)
 
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints, in the order of all arrays."""
+        return self.model.robot.joint_names
+
     def torque(self, motion: Motion) -> Array:
         """Joint efforts along a motion, shape `(N, n)` [Nm; N]."""
         return self.valued.torque(motion)
+
+    def gravity(self, q: ArrayLike) -> Array:
+        """Efforts that hold the bodies at rest at `q`, `(n,)` or `(N, n)`; its shape [Nm; N]."""
+        return dynamics.gravity(self.valued, q)
+
+    def bias(self, q: ArrayLike, dq: ArrayLike) -> Array:
+        """Coriolis, centrifugal and gravity efforts at `q`, `dq`; their shape [Nm; N]."""
+        return dynamics.bias(self.valued, q, dq)
+
+    def mass_matrix(self, q: ArrayLike) -> Array:
+        """Inertia of bodies and rotors, `(n, n)` or `(N, n, n)` [kg m²; kg m; kg]."""
+        return dynamics.mass_matrix(self.valued, q)
+
+    def friction(self, motion: Motion) -> Array:
+        """Efforts of the friction laws along a motion, shape `(N, n)` [Nm; N]."""
+        return dynamics.friction(self.valued, motion)
 
     def start(self) -> Stepper:
         """Begin to evaluate sample by sample: `start().step(q, dq, ddq)`."""
@@ -151,6 +199,10 @@ def load_model(path: str | Path) -> IdentifiedModel:
 
     Raises:
         ModelError: It is missing, not an identified model, or of another version.
+
+    Example:
+        >>> print(str(load_model("arm-model")).splitlines()[0])
+        arm: joint1, joint2
     """
     file = Path(path)
     if file.is_dir():

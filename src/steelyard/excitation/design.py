@@ -35,7 +35,7 @@ from steelyard.excitation.workspace_tables import tool_of
 from steelyard.kernel.quantities.kinematics import points_on
 from steelyard.model import Model
 from steelyard.progress import Progress, silent
-from steelyard.regression.base import base_map
+from steelyard.regression.base import base_parameters
 from steelyard.robot_file.file import LoadedRobot
 
 NOISE = 0.01
@@ -230,7 +230,7 @@ def _described(
         notes=(*loaded.notes, *said, *motion.hints),
         constraints=tuple(motion.constraints),
         chosen=motion.cases[0].chosen,
-        faint=len(base_map(shows.model)) - len(base),
+        faint=len(base_parameters(shows.model)) - len(base),
     )
 
 

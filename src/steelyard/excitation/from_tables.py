@@ -19,7 +19,7 @@ from steelyard.excitation.previous_model import Earlier
 from steelyard.excitation.problem import Problem
 from steelyard.excitation.uncovered import Declined, Gap
 from steelyard.model import Model
-from steelyard.regression.base import FAINT, base_map, clear_map
+from steelyard.regression.base import FAINT, base_parameters, clear_map
 from steelyard.regression.information_gradient import Shows
 from steelyard.robot.robot import Robot
 from steelyard.robot_file.excitation_sections import (
@@ -120,7 +120,7 @@ def memoryless(model: Model) -> tuple[Model, tuple[str, ...]]:
     ]
     bare = Model(model.robot, kept)
     clear = clear_map(bare).base_names
-    if faint := [name for name in base_map(bare).base_names if name not in clear]:
+    if faint := [name for name in base_parameters(bare).base_names if name not in clear]:
         notes.append(
             "left out of the criterion, as no motion shows more than "
             f"{100.0 * FAINT:g} % of them apart from others: {', '.join(faint)}"

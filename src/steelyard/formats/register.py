@@ -36,6 +36,10 @@ def open_log(path: str | Path) -> Log:
 
     Raises:
         LogError: Not there, of an unknown kind, or not what its suffix says.
+
+    Example:
+        >>> open_log("fit.parquet").columns[0]
+        'time_s'
     """
     path = Path(path)
     if path.is_dir():

@@ -25,7 +25,7 @@ from steelyard.measurement import Run
 from steelyard.measurement.motion_samples import motion_samples
 from steelyard.model import Model
 from steelyard.progress import Progress
-from steelyard.regression.base import base_map
+from steelyard.regression.base import base_parameters
 from steelyard.regression.information import Information
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot_file.file import LoadedRobot
@@ -98,7 +98,7 @@ def fit(
     model, runs = ground.model, ground.runs
     information = ground.said(base_regressor(model))
     more = _least_squares_because(loaded_robot, ground.gains)
-    consistent = consistent_of(loaded_robot, runs)(model, base_map(model))
+    consistent = consistent_of(loaded_robot, runs)(model, base_parameters(model))
     estimator = least_squares if more else _of_runs(consistent, model)
     scales, why = None, _unscaled_because(loaded_robot, ground, information)
     asked = loaded_robot.estimation.effort_scales == "auto"
@@ -120,7 +120,7 @@ def fit(
     )
     identified = IdentifiedModel(
         model=model,
-        base=base_map(model),
+        base=base_parameters(model),
         estimate=estimate,
         reference=(reference,),
         signals=runs[0].recording.signals,

@@ -18,7 +18,7 @@ from steelyard.measurement import Run
 from steelyard.measurement.run import fastest_of
 from steelyard.model import Model
 from steelyard.progress import Progress
-from steelyard.regression.base import base_map, refuse_twins
+from steelyard.regression.base import base_parameters, refuse_twins
 from steelyard.regression.gather import gather
 from steelyard.regression.information import Information
 from steelyard.regression.regressor import base_regressor
@@ -111,7 +111,7 @@ def grounded(
     said = said_by(runs, rests=remembers(model.terms), threads=threads, progress=progress)
     found = find_fields(model, said, progress=progress)
     model, settled = found.model, True
-    refuse_twins(model, base_map(model))
+    refuse_twins(model, base_parameters(model))
     if needs_reference(model):
         model, settled = settled_reference(model, said, estimator)
     notes = (

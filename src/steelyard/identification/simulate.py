@@ -1,4 +1,4 @@
-"""A virtual robot runs a motion and writes a log like a real one's: what `steelyard simulate` does."""
+"""A virtual robot runs a motion and writes a log: what `steelyard simulate` does."""
 
 from dataclasses import dataclass
 from pathlib import Path

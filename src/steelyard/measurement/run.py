@@ -122,6 +122,11 @@ class Run:
         span: Times of the first and last motion of any joint, from the log's start [s].
         quality: What was found in the log.
         importance: Weights of efforts over time, of a mean over repetitions.
+
+    Example:
+        >>> (run,) = load_runs("arm.toml", "fit.parquet")
+        >>> run.whole().motion.n_joints
+        2
     """
 
     recording: Recording

@@ -32,7 +32,7 @@ ENGINE = 2
 """Raised whenever the choice of columns changes: old cache entries are then not used."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class BaseMap:
     r"""Standard parameters to base parameters, $\phi_\mathrm{base} = \phi_b + K \phi_d$.
 
@@ -51,6 +51,9 @@ class BaseMap:
     dependent: tuple[int, ...]
     unseen: tuple[int, ...]
     coefficients: Array
+
+    def __repr__(self) -> str:
+        return f"BaseMap({len(self)} base parameters of {len(self.names)})"
 
     def __len__(self) -> int:
         return len(self.independent)
@@ -126,8 +129,14 @@ class BaseMap:
         )
 
 
-def base_map(model: Model) -> BaseMap:
-    """The structural base parameters of a model, from the cache where possible."""
+def base_parameters(model: Model) -> BaseMap:
+    """The structural base parameters of a model, from the cache where possible.
+
+    Example:
+        >>> base = base_parameters(model_of("arm.toml"))
+        >>> base.base_names[:2]
+        ('mx.upper', 'mz.upper')
+    """
     return _found("base", model, independent_columns)
 
 
@@ -140,7 +149,7 @@ def clear_map(model: Model) -> BaseMap:
     with loops all are kept: how much they show depends on where the loops are.
     """
     if model.robot.passive:
-        return base_map(model)
+        return base_parameters(model)
     return _found("clear base", model, lambda regressor: _clear(model, regressor))
 
 

@@ -57,7 +57,7 @@ class Window:
     stop: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Information:
     """Sums over samples, per window.
 
@@ -69,6 +69,12 @@ class Information:
         absolute: Sums of |column| and |effort| of all rows, shape `(w, width)`.
         counts: Samples per window and row, shape `(w, rows)`; behind a filter, which makes
             neighbours alike, as many as there are independent ones.
+
+    Example:
+        >>> runs = load_runs("arm.toml", ["fit.parquet", "other.parquet"])
+        >>> first, second = (information(model_of("arm.toml"), [run]) for run in runs)
+        >>> len((first + second).windows) == len(first.windows) + len(second.windows)
+        True
     """
 
     layout: Layout
@@ -77,6 +83,10 @@ class Information:
     grams: Array
     absolute: Array
     counts: Array
+
+    def __repr__(self) -> str:
+        columns, runs = len(self.layout.columns), len({window.run for window in self.windows})
+        return f"Information({columns} columns, {len(self.windows)} windows of {runs} runs)"
 
     def __add__(self, other: "Information") -> "Information":
         """All windows of both.

@@ -11,7 +11,7 @@ from steelyard.kernel.native.compiled import Code, compiled
 from steelyard.kernel.program.program import Array as Input
 from steelyard.kernel.program.program import Program, Step
 from steelyard.model import Model
-from steelyard.regression.base import BaseMap, base_map
+from steelyard.regression.base import BaseMap, base_parameters
 
 
 @dataclass(frozen=True)
@@ -69,13 +69,13 @@ class Regressor:
 
 def base_regressor(model: Model) -> Regressor:
     """The regressor of the structural base parameters."""
-    base = base_map(model)
+    base = base_parameters(model)
     return chosen_regressor(model, base, base.independent)
 
 
 def standard_regressor(model: Model) -> Regressor:
     """The regressor of all standard parameters."""
-    return chosen_regressor(model, base_map(model), range(len(model.parameters)))
+    return chosen_regressor(model, base_parameters(model), range(len(model.parameters)))
 
 
 def chosen_regressor(model: Model, base: BaseMap, columns: Sequence[int]) -> Regressor:

@@ -155,7 +155,7 @@ class Loop:
         object.__setattr__(self, "points", frozen(self.points, (2, 3)))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Robot:
     """A fixed-base tree of bodies, whose chains pins may close.
 
@@ -170,6 +170,10 @@ class Robot:
         transmission: Gears between motors and joints; `None` if motors are not spoken of.
         frames: Named frames on the bodies.
         open_loops: What to do where measured positions cannot close a loop.
+
+    Example:
+        >>> load_robot("arm.toml").robot.joint_names
+        ('joint1', 'joint2')
     """
 
     name: str
@@ -182,6 +186,9 @@ class Robot:
     transmission: Transmission | None
     frames: tuple[Frame, ...]
     open_loops: OpenLoops
+
+    def __repr__(self) -> str:
+        return f"Robot('{self.name}', {self.n} joints)"
 
     def __init__(
         self,

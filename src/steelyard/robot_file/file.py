@@ -57,6 +57,10 @@ def load_robot(
 
     Raises:
         ModelError: The file cannot be used.
+
+    Example:
+        >>> load_robot("arm.toml").stem
+        'arm'
     """
     if base is not None and Path(path).suffix.lower() == ".toml":
         raise ModelError(

@@ -36,7 +36,7 @@ class TermSpec:
     where: str
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class LoadedRobot:
     """A robot and all that its file says.
 
@@ -61,6 +61,10 @@ class LoadedRobot:
             for each kind.
         base: The link that is fixed to the world; `None` if it is the model's root.
         floats: Whether that link floats in the model: its being at rest is an assumption.
+
+    Example:
+        >>> load_robot("arm.urdf").robot
+        Robot('arm', 2 joints)
     """
 
     robot: Robot
@@ -81,6 +85,9 @@ class LoadedRobot:
     arguments: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     base: str | None = None
     floats: bool = False
+
+    def __repr__(self) -> str:
+        return f"LoadedRobot('{self.reference}', {self.robot!r})"
 
     @property
     def reference(self) -> str:

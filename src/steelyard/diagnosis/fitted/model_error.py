@@ -17,7 +17,7 @@ from steelyard.estimation.least_squares.sandwich import inflations
 from steelyard.estimation.per_run import own_columns
 from steelyard.measurement.run import Run
 from steelyard.model import Model
-from steelyard.regression.base import base_map
+from steelyard.regression.base import base_parameters
 from steelyard.regression.regressor import base_regressor
 from steelyard.terms.laws.rigid_body import RigidBody
 from steelyard.validation.friction.mixes import remembers
@@ -125,7 +125,7 @@ def ranked_causes(model: Model, estimate: Estimate, runs: Sequence[Run]) -> Rank
     wide = base_regressor(wide_model(model, estimate))
     information = said_by(runs, rests=remembers(model.terms))(wide)
     found = causes(model, information, estimate.sigma, beside.ratios)
-    own = information.select(base_map(model).base_names)
+    own = information.select(base_parameters(model).base_names)
     fit = WeightedLeastSquares(per_run=own_columns(model)).fit(own)
     blamed = _blamed(found, float(inflations(fit).max()))
     return Ranked(beside, found, blamed, float(information.n_samples.sum()))

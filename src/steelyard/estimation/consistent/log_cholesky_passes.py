@@ -9,7 +9,7 @@ from steelyard.arrays import frozen
 from steelyard.estimation.consistent.log_cholesky import LogCholesky
 from steelyard.estimation.fields.passes import Said, Unknown, bounds_of, settled
 from steelyard.model import Model
-from steelyard.regression.base import BaseMap, base_map
+from steelyard.regression.base import BaseMap, base_parameters
 from steelyard.regression.information import Information
 from steelyard.regression.regressor import Regressor, chosen_regressor
 from steelyard.terms.candidates import Dictionary
@@ -41,7 +41,7 @@ class Joint:
     def of(cls, model: Model, unknowns: tuple[Unknown, ...], said: Said) -> "Joint":
         """A model, its fields, and what the data say of it."""
         middle = {u: float(np.mean(bounds_of(u))) for u in unknowns}
-        base = base_map(with_fields(model, unknowns, middle))
+        base = base_parameters(with_fields(model, unknowns, middle))
         wide = _wide(model, unknowns, middle)
         chosen = [k for k, name in enumerate(wide.names) if "@" in name or name in base.base_names]
         return cls(model, unknowns, said, base, chosen_regressor(wide, base, chosen))

@@ -11,7 +11,7 @@ from steelyard.estimation.fields.search import Indices, Problem, Slots
 from steelyard.estimation.fields.shape import Shape
 from steelyard.model import Model
 from steelyard.progress import Progress, tell
-from steelyard.regression.base import BaseMap, base_map
+from steelyard.regression.base import BaseMap, base_parameters
 from steelyard.regression.information import Information
 from steelyard.regression.regressor import Regressor, chosen_regressor
 from steelyard.terms.candidates import Dictionary
@@ -143,7 +143,7 @@ class Search:
         wide = Model(robot, (*others.terms, *(self._dictionary(t, grids) for t in self.terms)))
         if before is not None:
             return replace(before, model=wide)
-        base = base_map(others) if others.parameters else _EMPTY
+        base = base_parameters(others) if others.parameters else _EMPTY
         columns = (*base.independent, *range(len(others.parameters), len(wide.parameters)))
         return chosen_regressor(wide, base, columns)
 

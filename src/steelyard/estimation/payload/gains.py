@@ -21,7 +21,7 @@ from steelyard.estimation.payload.joined import covariance_of
 from steelyard.estimation.payload.load import PayloadEstimate, payload_of
 from steelyard.estimation.payload.load_case import LoadCase, carrier, load_case, refuse_foreign
 from steelyard.model import Model
-from steelyard.regression.base import base_map
+from steelyard.regression.base import base_parameters
 from steelyard.regression.information import Information
 from steelyard.robot.robot import Frame, Robot
 from steelyard.suggest import advice
@@ -149,7 +149,7 @@ def identified_gains(
         given[0] = 1.0
     refuse_foreign(model, (*unloaded, *loaded))
     carries = carrier(model.robot, frame)
-    case = load_case(model, base_map(model), carries, unloaded, loaded, first_deviates=False)
+    case = load_case(model, base_parameters(model), carries, unloaded, loaded, first_deviates=False)
     problem = Bilinear.of(case, mass, given, bool(loaded), _dissipative(model))
     solution = solved(problem)
     units = _units(model, case.information.stamp.effort)

@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Any, cast
 
 from steelyard.model import Model
-from steelyard.regression.base import BaseMap, base_map
+from steelyard.regression.base import BaseMap, base_parameters
 from steelyard.regression.regressor import Regressor, chosen_regressor
 from steelyard.terms.candidates import Dictionary
 from steelyard.terms.term import Remembering, Term
@@ -38,7 +38,7 @@ class Candidates:
             for terms in by_law.values()
         )
         wide = Model(model.robot, (*model.terms, *dictionaries))
-        return cls(wide, base_map(model), by_law)
+        return cls(wide, base_parameters(model), by_law)
 
     @cached_property
     def regressor(self) -> Regressor:

@@ -1,0 +1,87 @@
+r"""Quantities of a model with values: gravity, bias, mass matrix and friction.
+
+Each is a part of $\tau = M(q)\ddot q + b(q, \dot q) + \tau_f(q, \dot q)$, taken from the torque
+of the terms that make it: bodies for $b$ and for gravity $b(q, 0)$, bodies and rotors for $M$.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from steelyard.arrays import Array
+from steelyard.model import Model, ValuedModel
+from steelyard.motion import Motion
+from steelyard.parameters import Parameters
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.laws.rotor_inertia import RotorInertia
+from steelyard.terms.term import Term
+
+
+def gravity(valued: ValuedModel, q: ArrayLike) -> Array:
+    """Efforts that hold the bodies at rest against gravity.
+
+    Args:
+        valued: The model.
+        q: Positions, shape `(n,)` or `(N, n)` [rad; m].
+
+    Returns:
+        Shape of `q` [Nm; N].
+    """
+    return bias(valued, q, np.zeros_like(np.asarray(q, dtype=np.float64)))
+
+
+def bias(valued: ValuedModel, q: ArrayLike, dq: ArrayLike) -> Array:
+    """Coriolis, centrifugal and gravity efforts of the bodies.
+
+    Args:
+        valued: The model.
+        q: Positions, shape `(n,)` or `(N, n)` [rad; m].
+        dq: Velocities, likewise.
+
+    Returns:
+        Shape of `q` [Nm; N].
+    """
+    q, dq = np.asarray(q, dtype=np.float64), np.asarray(dq, dtype=np.float64)
+    bodies = part(valued, lambda term: isinstance(term, RigidBody))
+    efforts = bodies.torque(_samples(q, dq, np.zeros_like(q)))
+    return efforts.reshape(q.shape)
+
+
+def mass_matrix(valued: ValuedModel, q: ArrayLike) -> Array:
+    """Inertia of bodies and rotors as the joints feel it, symmetric.
+
+    Args:
+        valued: The model.
+        q: Positions, shape `(n,)` or `(N, n)` [rad; m].
+
+    Returns:
+        Shape `(n, n)` or `(N, n, n)` [kg m²; kg m; kg].
+    """
+    q = np.asarray(q, dtype=np.float64)
+    many, n = np.atleast_2d(q), q.shape[-1]
+    masses = part(valued, lambda term: isinstance(term, RigidBody | RotorInertia))
+    postures = np.repeat(many, n + 1, axis=0)
+    rest, unit = np.zeros_like(postures), np.tile(np.eye(n + 1, n, -1), (len(many), 1))
+    efforts = masses.torque(_samples(postures, rest, unit)).reshape(len(many), n + 1, n)
+    matrix = (efforts[:, 1:] - efforts[:, :1]).swapaxes(1, 2)
+    matrix = 0.5 * (matrix + matrix.swapaxes(1, 2))
+    return matrix.reshape(*q.shape, n)
+
+
+def friction(valued: ValuedModel, motion: Motion) -> Array:
+    """Efforts of the friction laws along a motion, shape `(N, n)` [Nm; N]."""
+    return part(valued, lambda term: getattr(term, "dissipation", "none") != "none").torque(motion)
+
+
+def part(valued: ValuedModel, chosen: Callable[[Term], bool]) -> ValuedModel:
+    """The model with some of its terms only."""
+    terms = tuple(term for term in valued.model.terms if chosen(term))
+    model = Model(valued.model.robot, terms)
+    values = valued.values.as_dict()
+    return model.at(Parameters(model.names, model.units, [values[name] for name in model.names]))
+
+
+def _samples(q: Array, dq: Array, ddq: Array) -> Motion:
+    q, dq, ddq = (np.atleast_2d(x) for x in (q, dq, ddq))
+    return Motion(np.zeros(len(q)), q, dq, ddq)

@@ -1,0 +1,153 @@
+"""Single steps of an identification, for programs that put them together themselves."""
+
+import os
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from steelyard.application.export.export import exported, refuse_changed
+from steelyard.errors import OutputError
+from steelyard.estimation.fields.fields import said_by
+from steelyard.estimation.identified import IdentifiedModel
+from steelyard.excitation.trajectories.exact import ExactTrajectory
+from steelyard.excitation.trajectories.files import read_motion
+from steelyard.files import whole_file
+from steelyard.identification.logs import log_files, runs_of, signals_of, with_friction
+from steelyard.identification.logs import model_of as model_with_open_friction
+from steelyard.identification.result import paths_of
+from steelyard.measurement import Run
+from steelyard.model import Model
+from steelyard.progress import Progress, silent
+from steelyard.regression.information import Information
+from steelyard.regression.regressor import base_regressor
+from steelyard.robot_file.file import load_robot
+from steelyard.robot_file.loaded import LoadedRobot
+from steelyard.validation.friction.mixes import remembers
+
+
+def model_of(robot: str | Path | LoadedRobot) -> Model:
+    """The model that a robot file describes.
+
+    Its terms are those of the file, or rigid bodies, rotors, Coulomb and viscous friction and
+    offsets where it names none.
+
+    Args:
+        robot: Robot file (TOML), URDF, xacro or MJCF, or what `load_robot` made of it.
+
+    Raises:
+        SteelyardError: The file cannot be used.
+
+    Example:
+        >>> model_of("arm.toml").robot.n
+        2
+    """
+    loaded = _loaded(robot)
+    return with_friction(model_with_open_friction(loaded), loaded)
+
+
+def load_runs(
+    robot: str | Path | LoadedRobot,
+    logs: str | Path | Iterable[str | Path],
+    *,
+    progress: Progress = silent,
+) -> tuple[Run, ...]:
+    """Logs as runs: motion and effort on a uniform clock, in SI units and joint order.
+
+    Args:
+        robot: Robot file (TOML), URDF, xacro or MJCF, or what `load_robot` made of it.
+        logs: The logs; `run.csv@5:20` is a window in seconds.
+        progress: Receives events of progress; an exception from it stops the work.
+
+    Raises:
+        SteelyardError: A file cannot be used.
+
+    Example:
+        >>> (run,) = load_runs("arm.toml", "fit.parquet")
+        >>> run.whole().motion.n_joints
+        2
+    """
+    loaded = _loaded(robot)
+    files = log_files(paths_of(logs))
+    return runs_of(loaded, signals_of(loaded, files[0])[0], files, (), progress)[0]
+
+
+def information(
+    model: Model,
+    runs: Sequence[Run],
+    *,
+    threads: int | None = None,
+    progress: Progress = silent,
+) -> Information:
+    """What runs say about the base parameters of a model, in one pass over their samples.
+
+    Args:
+        model: The model.
+        runs: The runs.
+        threads: Native threads; as many as the machine has cores if `None`.
+        progress: Receives events of progress; an exception from it stops the work.
+
+    Example:
+        >>> said = information(model_of("arm.toml"), load_runs("arm.toml", "fit.parquet"))
+        >>> said.normal()[0].shape == (len(said.layout.columns),) * 2
+        True
+    """
+    cores = threads or os.cpu_count() or 1
+    said = said_by(runs, rests=remembers(model.terms), threads=cores, progress=progress)
+    return said(base_regressor(model))
+
+
+def read_trajectory(path: str | Path, robot: str | Path | LoadedRobot) -> ExactTrajectory:
+    """The motion in a file.
+
+    Args:
+        path: `trajectory.json` of `excite` or `simulate`, or a CSV or Parquet table of postures.
+        robot: The robot that it is for.
+
+    Raises:
+        SteelyardError: The file is no motion of this robot.
+
+    Example:
+        >>> read_trajectory("fit/trajectory.json", "arm.toml").duration > 5.0
+        True
+    """
+    return read_motion(Path(path), _loaded(robot).robot)
+
+
+def export(
+    model: IdentifiedModel, path: str | Path, original: str | Path | None = None
+) -> tuple[str, ...]:
+    """Write an identified model as URDF (`.urdf`) or MJCF (`.xml`).
+
+    Args:
+        model: The model.
+        path: File to make; it must not exist.
+        original: The robot's own URDF, to put the numbers into; a file of the moving bodies alone
+            is made if `None`.
+
+    Returns:
+        What the format has no place for, a sentence each.
+
+    Raises:
+        SteelyardError: The file exists, its name ends otherwise, or the model lacks parameters.
+
+    Example:
+        >>> lost = export(load_model("arm-model"), "identified.urdf")
+        >>> print(lost[0].split(":")[0])
+        rotor inertia
+    """
+    target = Path(path)
+    form = {".urdf": "urdf", ".xml": "mjcf"}.get(target.suffix.lower())
+    if form is None or target.exists():
+        raise OutputError(
+            "the file exists already" if form else f"no format of files '{target.suffix}' is known",
+            where=str(target),
+            mend="give the name of a new file that ends in .urdf or .xml",
+        )
+    made = exported(model, "urdf" if form == "urdf" else "mjcf", original)
+    with whole_file(target) as part:
+        part.write_text(made.text, encoding="utf-8", newline="")
+        refuse_changed(part, made)
+    return tuple(made.unheld)
+
+
+def _loaded(robot: str | Path | LoadedRobot) -> LoadedRobot:
+    return robot if isinstance(robot, LoadedRobot) else load_robot(robot)

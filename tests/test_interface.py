@@ -1,0 +1,136 @@
+"""The Python interface: every name has an example, and every example does what it says."""
+
+import doctest
+import types
+from pathlib import Path
+from shutil import copyfile
+
+import numpy as np
+import pytest
+
+import steelyard
+from steelyard import terms
+from steelyard.kernel.equations.dynamics import inverse_dynamics
+
+URDF = """<robot name="arm">
+  <link name="base"/>
+  <link name="upper"><inertial><origin xyz="0.2 0 0"/><mass value="2"/>
+    <inertia ixx="0.01" iyy="0.05" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="lower"><inertial><origin xyz="0.15 0 0"/><mass value="1.5"/>
+    <inertia ixx="0.01" iyy="0.03" izz="0.03" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="joint1" type="revolute"><parent link="base"/><child link="upper"/>
+    <axis xyz="0 1 0"/><limit lower="-2" upper="2" velocity="3" effort="80"/></joint>
+  <joint name="joint2" type="revolute"><parent link="upper"/><child link="lower"/>
+    <origin xyz="0.4 0 0"/><axis xyz="0 1 0"/>
+    <limit lower="-2" upper="2" velocity="3" effort="40"/></joint>
+</robot>
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the arm, two logs of it, and its identified model."""
+    place = tmp_path_factory.mktemp("interface")
+    (place / "arm.urdf").write_text(URDF)
+    (place / "arm.toml").write_text('[robot]\nurdf = "arm.urdf"\n')
+    robot = place / "arm.toml"
+    steelyard.simulate(robot, place / "fit", seed=1)
+    steelyard.simulate(robot, place / "random", seed=2)
+    motion = place / "random" / "trajectory.json"
+    steelyard.simulate(robot, place / "other", motion, seed=1)
+    for name in ("fit", "other"):
+        copyfile(place / name / "log.parquet", place / f"{name}.parquet")
+    steelyard.identify(robot, place / "fit.parquet").save(place / "arm-model")
+    return place
+
+
+@pytest.mark.parametrize("name", [n for n in steelyard.__all__ if n != "terms"])
+def test_every_name_has_an_example_that_holds(
+    name: str, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(folder)
+    names = {each: getattr(steelyard, each) for each in steelyard.__all__}
+    found = doctest.DocTestParser().get_doctest(
+        names[name].__doc__ or "", dict(names), name, None, 0
+    )
+    assert found.examples, f"{name} has no example"
+    runner = doctest.DocTestRunner(optionflags=doctest.REPORT_NDIFF)
+    said: list[str] = []
+    runner.run(found, out=said.append)
+    assert runner.summarize(verbose=False).failed == 0, "".join(said)
+
+
+def test_all_names_are_listed() -> None:
+    assert set(steelyard.__all__) < set(dir(steelyard))
+    assert not [name for name in dir(steelyard) if name[0] == "_" and name != "__version__"]
+    assert all(
+        not isinstance(getattr(steelyard, n), types.ModuleType) or n == "terms"
+        for n in steelyard.__all__
+    )
+    assert {"Coulomb", "RigidBody", "Stribeck"} < set(dir(terms))
+    assert terms.Viscous.law == "viscous"
+    with pytest.raises(AttributeError, match="no attribute 'Sticky'"):
+        terms.Sticky  # noqa: B018
+
+
+def test_large_values_print_in_a_few_lines(folder: Path) -> None:
+    model = steelyard.load_model(folder / "arm-model")
+    assert len(str(model).splitlines()) == 5
+    for value in (model, model.model, model.valued, model.base, model.estimate):
+        assert len(repr(value)) < 200, type(value)
+    assert len(repr(steelyard.load_robot(folder / "arm.toml"))) < 300
+    (run,) = steelyard.load_runs(folder / "arm.toml", folder / "fit.parquet")
+    assert len(repr(steelyard.information(model.model, [run]))) < 200
+
+
+def test_quantities_add_up_to_the_torque(folder: Path) -> None:
+    model = steelyard.load_model(folder / "arm-model")
+    rng = np.random.default_rng(3)
+    q, dq, ddq = (rng.uniform(-2.0, 2.0, (20, 2)) for _ in range(3))
+    motion = steelyard.Motion(np.zeros(20), q, dq, ddq)
+    masses = model.mass_matrix(q)
+    np.testing.assert_allclose(masses, masses.swapaxes(1, 2))
+    assert (np.linalg.eigvalsh(masses) > 0.0).all()
+    offset = model.torque(steelyard.Motion([0.0], [[0.3, 0.4]], [[0.0, 0.0]], [[0.0, 0.0]]))
+    offset = offset[0] - model.gravity([0.3, 0.4])
+    parts = np.einsum("nij,nj->ni", masses, ddq) + model.bias(q, dq) + model.friction(motion)
+    np.testing.assert_allclose(parts + offset, model.torque(motion), atol=1e-9)
+    tens = [model.valued.values.values[10 * k : 10 * k + 10].tolist() for k in range(2)]
+    from steelyard.kernel.equations.dynamics import JointState
+
+    state = JointState(q[0].tolist(), dq[0].tolist(), [0.0, 0.0], [])
+    expected = inverse_dynamics(model.model.robot, state, tens)
+    np.testing.assert_allclose(model.bias(q[0], dq[0]), np.array(expected, dtype=float), atol=1e-9)
+
+
+def test_results_print_save_and_tabulate(folder: Path, tmp_path: Path) -> None:
+    found = steelyard.identify(
+        folder / "arm.toml", folder / "fit.parquet", validate=folder / "other.parquet"
+    )
+    assert "joint1" in str(found) and found.verdict.headline[:60] in str(found)
+    assert found.scores["joint"].to_list() == ["joint1", "joint2"] * 2
+    assert set(found.parameters["name"]) >= set(found.model.estimate.parameters.names)
+    assert "<strong>" in found._repr_html_() and "joint2" in found._repr_html_()
+    assert found.report().startswith("<!doctype html>")
+    saved = found.save(tmp_path / "out")
+    assert {path.name for path in saved.iterdir()} == {
+        "model.json",
+        "parameters.csv",
+        "report.html",
+    }
+    with pytest.raises(steelyard.SteelyardError, match="exists already"):
+        found.save(saved)
+    again = steelyard.validate(saved, folder / "other.parquet")
+    assert again.scores["relative_percent"].to_list() == pytest.approx(
+        [j.relative_percent for j in found.content.scores[0].joints]
+    )
+
+
+def test_a_file_of_another_name_is_not_written_over(folder: Path, tmp_path: Path) -> None:
+    model = steelyard.load_model(folder / "arm-model")
+    target = tmp_path / "arm.urdf"
+    steelyard.export(model, target)
+    with pytest.raises(steelyard.SteelyardError, match="exists already"):
+        steelyard.export(model, target)
+    with pytest.raises(steelyard.SteelyardError, match="no format"):
+        steelyard.export(model, tmp_path / "arm.sdf")
