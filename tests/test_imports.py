@@ -1,6 +1,7 @@
 """Imports go one way, from later rooms to earlier ones; heavy packages wait until needed."""
 
 import ast
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -120,6 +121,35 @@ def _place(module: str) -> str:
         return _place(module.rpartition(".")[0])
     beside = any(child.is_dir() and child.name[0] != "_" for child in folder.parent.iterdir())
     return module if beside else ".".join(module.split(".")[:-1])
+
+
+def test_the_map_lists_every_room_in_the_order_of_imports() -> None:
+    text = (PACKAGE.parent.parent / "docs/rooms.md").read_text(encoding="utf-8")
+    listed = [
+        name.rstrip("/")
+        for line in text.splitlines()
+        if line.startswith("| `")
+        for name in re.findall(r"`([\w/.]+)`", line.split("|")[1])
+    ]
+    rooms = [name for name in listed if not name.endswith(".py")]
+    parts = [p for p in PACKAGE.rglob("*") if (p / "__init__.py").exists()]
+    subs = {p.relative_to(PACKAGE).as_posix() for p in parts}
+    assert set(rooms) == {s for s in subs if s != "kernel"}
+    assert {n for n in listed if n.endswith(".py")} == {
+        p.name for p in PACKAGE.glob("*.py") if p.name[:2] != "__"
+    }
+    for path in FILES:
+        own = path.parent.relative_to(PACKAGE).as_posix()
+        for name in imports(path, types=True):
+            other = _place(name.removeprefix("steelyard.")).replace(".", "/")
+            if own in rooms and other in rooms and own != other:
+                assert rooms.index(other) < rooms.index(own) or own in other or other in own, (
+                    f"{own} imports {name}, which stands below it in docs/rooms.md"
+                )
+    begin = re.findall(r"^\| `([\w/]+)/` \|[^|]*\|([^|]*)\|", text, re.M)
+    for room, files in begin:
+        for file in re.findall(r"`([\w.]+)`", files):
+            assert (PACKAGE / room / file).exists(), f"{room}/{file}"
 
 
 @pytest.mark.parametrize("package", list(ONE_FILE))
