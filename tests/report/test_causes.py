@@ -15,7 +15,6 @@ from steelyard.report.sections.friction import FrictionSection
 from steelyard.report.sections.per_run import PerRunSection
 from steelyard.report.sections.section import Section
 from steelyard.report.sections.tables import PlainTable
-from steelyard.report.terminal.causes import tables
 
 NEW: tuple[Section, ...] = (FrictionSection(), DrivesSection(), PerRunSection())
 
@@ -34,8 +33,9 @@ def cells(table: PlainTable) -> list[tuple[str, ...]]:
 
 def printed(content: ReportContent) -> str:
     console = Console(file=io.StringIO(), width=110)
-    for table in tables(content):
-        console.print(table)
+    for section in NEW:
+        for part in section.printed(content):
+            console.print(part)
     return console.file.getvalue()  # type: ignore[attr-defined]
 
 
@@ -43,7 +43,7 @@ def printed(content: ReportContent) -> str:
 def test_nothing_found_shows_no_section(section: Section, usual: ReportContent) -> None:
     assert section.numbers(ReportContent("title", "arm")) is None
     plain = replace(usual, friction=None, findings=(), gains=None, identified=None)
-    assert section.numbers(plain) is None and tables(plain) == []
+    assert section.numbers(plain) is None and not list(section.printed(plain))
 
 
 @pytest.mark.parametrize("section", NEW, ids=lambda section: section.name)
@@ -81,7 +81,7 @@ def test_fields_have_intervals_and_doubts(usual: ReportContent) -> None:
 
 def test_friction_and_fields_may_come_alone(usual: ReportContent) -> None:
     alone = tables_of(FrictionSection(), replace(usual, findings=()))
-    assert [table.caption for table in alone] == ["Mixes compared"]
+    assert [table.caption for table in alone] == ["Friction laws compared"]
     alone = tables_of(FrictionSection(), replace(usual, friction=None))
     assert [table.caption for table in alone] == ["Fields found"]
 
@@ -119,22 +119,22 @@ def test_every_run_is_a_column(usual: ReportContent) -> None:
 def test_the_terminal_has_the_same_tables(usual: ReportContent) -> None:
     text = printed(usual)
     for title in (
-        "Friction laws, one run left out in turn",
-        "Fields found, with 95 % intervals",
-        "Drive gains, with 95 % intervals",
+        "Friction laws compared",
+        "Fields found",
+        "Drive gains",
     ):
         assert text.count(title) == 1
     lines = [[c.strip() for c in line.split("│")[1:-1]] for line in text.splitlines()]
-    assert ["stribeck: speed", "all", "0.0512", "0.0431", "0.0612"] in lines
-    assert ["shoulder", "12.0", "0.196", "Nm/A"] in lines
+    assert ["stribeck", "speed", "all", "0.0512", "0.0431 to 0.0612", ""] in lines
+    assert ["shoulder", "12.0", "± 0.196", "Nm/A"] in lines
     assert ["elbow", "9.83", "given", "Nm/A"] in lines
     chosen = next(line for line in lines if "smoothing 0.02" in " ".join(line))
-    assert chosen[1:] == ["9.87 %", "20.1 %", "± 1.2", "chosen"]
+    assert chosen[1:] == ["9.87 %", "20.1 %", "± 1.2 %", "chosen"]
     assert usual.gains is not None
     lacking = replace(usual.gains, known=(False, False), assumed=(False, True))
     text = printed(replace(usual, gains=lacking))
     lines = [[c.strip() for c in line.split("│")[1:-1]] for line in text.splitlines()]
-    assert ["elbow", "9.83", "assumed", "Nm/A"] in lines
+    assert ["elbow", "9.83", "assumed: not identifiable, mean of the others", "Nm/A"] in lines
 
 
 def test_names_in_the_terminal_are_no_markup(usual: ReportContent) -> None:

@@ -32,13 +32,10 @@ from steelyard.identification.sensitivity import varied
 from steelyard.measurement import Run
 from steelyard.progress import Progress, silent
 from steelyard.report import ReportContent, parameters_csv, render, summary
-from steelyard.report.terminal.bootstrap import bootstrap_lines
-from steelyard.report.terminal.sensitivity import sensitivity_lines
-from steelyard.report.text.findings import diagnosis_dict, finding_dict
+from steelyard.report.sections.register import SECTIONS
 from steelyard.report.text.judgement import Verdict, verdict
 from steelyard.report.text.table import rows
 from steelyard.robot_file.file import load_robot
-from steelyard.terms.register import description_of
 
 if TYPE_CHECKING:
     from polars import DataFrame
@@ -86,44 +83,13 @@ class Identification(Result):
     def show(self, console: Console) -> None:
         """Print the verdict, the errors of every joint, and what could not be identified."""
         summary(self.content, console)
-        if self.content.sensitivity is not None:
-            sensitivity_lines(self.content.sensitivity, console)
-        if self.content.bootstrap is not None:
-            bootstrap_lines(self.content, console)
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers as JSON values, as `steelyard identify --json` prints them."""
-        content, estimate = self.content, self.model.estimate
         return {
-            "verdict": self.verdict.to_dict(),
-            "n_base_parameters": len(self.model.base),
-            "parameters": [
-                {"name": n, "unit": u, "value": v, "std": s}
-                for n, u, v, s in zip(
-                    estimate.parameters.names,
-                    estimate.parameters.units,
-                    estimate.parameters.values.tolist(),
-                    estimate.std.tolist(),
-                    strict=True,
-                )
-            ],
-            "per_run": [{"run": own.run, **own.parameters.as_dict()} for own in estimate.per_run],
-            "terms": [description_of(term) for term in self.model.model.terms],
-            "friction": None if content.friction is None else content.friction.to_dict(),
-            "fields": [finding.to_dict() for finding in content.findings],
-            "gains": None if content.gains is None else content.gains.to_dict(),
-            "zero_offsets": None if content.offsets is None else content.offsets.to_dict(),
-            "effort_scales": None if content.scales is None else content.scales.to_dict(),
-            "not_seen": [blind.name for blind in estimate.blind],
-            "condition": estimate.condition,
-            "condition_normalised": estimate.condition_normalised,
-            "validation": [score.to_dict() for score in content.scores],
-            "identification": [score.to_dict() | {"motion": "fitted"} for score in content.fitted],
-            "limitations": [finding_dict(finding) for finding in content.limitations],
-            "check": None if content.diagnosis is None else diagnosis_dict(content.diagnosis),
-            "sensitivity": None if content.sensitivity is None else content.sensitivity.to_dict(),
-            "bootstrap": None if content.bootstrap is None else content.bootstrap.to_dict(),
-            "notes": list(content.notes),
+            field: value
+            for section in SECTIONS
+            for field, value in section.to_dict(self.content).items()
         }
 
     def _repr_html_(self) -> str:

@@ -11,8 +11,7 @@ from steelyard.estimation.estimate import Z95, Standard
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.estimation.prior.prior import model_prior, rigid_bodies
 from steelyard.report.content import ReportContent
-from steelyard.report.html import fill
-from steelyard.report.sections.section import Numbers
+from steelyard.report.sections.section import TableSection
 from steelyard.report.sections.tables import PlainTable, Row
 from steelyard.report.text.words import NONE, alike, fixed, share, significant
 from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
@@ -64,28 +63,23 @@ class Solid:
         return np.asarray(np.sqrt(np.maximum(variances, 0.0)))
 
 
-class BodiesSection:
+class BodiesSection(TableSection):
     """One row per link, and their sum."""
 
     name: ClassVar[str] = "bodies"
     title: ClassVar[str] = "Bodies"
 
-    def numbers(self, content: ReportContent) -> Numbers | None:
+    def tables(self, content: ReportContent) -> list[PlainTable]:
         """The table, if the estimate knows all standard parameters."""
         identified = content.identified
         if identified is None or identified.estimate.standard is None:
-            return None
+            return []
         links = tuple(solids(identified))
         if not links:
-            return None
+            return []
         total = _total(identified, identified.estimate.standard)
         rows = [_row(link) for link in links]
-        table = PlainTable("", WORDS, HEADINGS, [*rows, total], (0, 3, 4))
-        return {"tables": [table], "title": self.title}
-
-    def show(self, numbers: Numbers) -> str:
-        """The numbers as safe HTML."""
-        return fill("tables.html", numbers)
+        return [PlainTable("", WORDS, HEADINGS, [*rows, total], (0, 3, 4))]
 
 
 def solids(identified: IdentifiedModel) -> Iterator[Solid]:

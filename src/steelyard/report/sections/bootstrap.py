@@ -1,35 +1,63 @@
 """How the estimate scatters when windows of time are drawn again, beside what was stated."""
 
-from typing import ClassVar
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.report.content import ReportContent
-from steelyard.report.html import fill
-from steelyard.report.sections.section import Numbers
+from steelyard.report.sections.section import TableSection
 from steelyard.report.sections.tables import PlainTable, Row
-from steelyard.report.text.words import significant
+from steelyard.report.text.words import count, significant
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+NAMED = 3
+"""Parameters that the terminal names: those that scatter most beside what was stated."""
 
 FAR = 2.0
 """Ratio of the two standard deviations from which on a row is marked."""
 
 
-class BootstrapSection:
+class BootstrapSection(TableSection):
     """Stated and drawn standard deviations of every parameter."""
 
     name: ClassVar[str] = "bootstrap"
     title: ClassVar[str] = "Scatter over windows of time"
 
-    def numbers(self, content: ReportContent) -> Numbers | None:
+    def tables(self, content: ReportContent) -> list[PlainTable]:
         """One table, if it was asked for."""
-        if content.bootstrap is None or content.identified is None:
-            return None
-        return {"tables": [scatter_table(content)], "title": self.title}
+        asked = content.bootstrap is not None and content.identified is not None
+        return [scatter_table(content)] if asked else []
 
-    def show(self, numbers: Numbers) -> str:
-        """The numbers as safe HTML."""
-        return fill("tables.html", numbers)
+    def to_dict(self, content: ReportContent) -> dict[str, Any]:
+        """The scatter."""
+        return {"bootstrap": None if content.bootstrap is None else content.bootstrap.to_dict()}
+
+    def printed(self, content: ReportContent) -> Iterable[RenderableType]:
+        """How the scatter of drawn windows compares with the stated uncertainty."""
+        found = content.bootstrap
+        if found is None:
+            return
+        from rich.text import Text
+
+        over = ratios(content)
+        names = found.parameters.names
+        order = np.argsort(-np.nan_to_num(over))[:NAMED]
+        most = ", ".join(f"{names[k]} {significant(float(over[k]))}" for k in order)
+        lines = [
+            f"bootstrap: {len(found.draws)} draws of {count(found.windows, 'window')} scatter by "
+            f"{significant(float(np.nanmedian(over)))} of the stated standard deviation in the "
+            "median",
+            f"most: {most}; {int(np.sum(over > FAR))} of {len(over)} by more than {FAR:g}",
+        ]
+        if found.failed:
+            lines.append(f"{count(found.failed, 'draw')} gave no estimate")
+        yield Text("\n".join(lines))
 
 
 def ratios(content: ReportContent) -> Array:

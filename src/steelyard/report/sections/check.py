@@ -8,10 +8,11 @@ import numpy as np
 
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill, packed, script_json
-from steelyard.report.sections.section import Numbers
+from steelyard.report.sections.section import Numbers, Section
 from steelyard.report.text.findings import (
     LEVELS,
     OPEN,
+    diagnosis_dict,
     groups,
     headline,
     lines,
@@ -49,7 +50,7 @@ EXACT = 1e5
 """Numbers from here on, such as times that are dates, are drawn in double precision."""
 
 
-class CheckSection:
+class CheckSection(Section):
     """The verdict on the logs, and every finding; what is not ok with its picture."""
 
     name: ClassVar[str] = "check"
@@ -60,6 +61,10 @@ class CheckSection:
         if content.diagnosis is None:
             return None
         return findings_of(content.diagnosis, FEW, fine=False)
+
+    def to_dict(self, content: ReportContent) -> dict[str, Any]:
+        """The findings."""
+        return {"check": None if content.diagnosis is None else diagnosis_dict(content.diagnosis)}
 
     def show(self, numbers: Numbers) -> str:
         """The numbers as safe HTML."""

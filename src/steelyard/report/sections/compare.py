@@ -9,7 +9,7 @@ import numpy as np
 
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill, rounded, script_json
-from steelyard.report.sections.section import Numbers
+from steelyard.report.sections.section import Numbers, Section
 from steelyard.report.sections.tables import PlainTable, Row
 from steelyard.report.text.words import NONE, percent, significant
 
@@ -23,7 +23,7 @@ DECADES = {-5: "10 µs", -4: "0.1 ms", -3: "1 ms", -2: "10 ms", -1: "0.1 s", 0: 
 """Times on the axis by their decimal logarithm."""
 
 
-class CompareSection:
+class CompareSection(Section):
     """The advice, a picture of all errors, and tables."""
 
     name: ClassVar[str] = "compare"

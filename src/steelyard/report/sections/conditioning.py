@@ -9,7 +9,7 @@ import numpy as np
 
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill
-from steelyard.report.sections.section import Numbers
+from steelyard.report.sections.section import Numbers, Section
 
 if TYPE_CHECKING:
     from steelyard.estimation.estimate import Estimate
@@ -21,7 +21,7 @@ ALIKE = 0.9
 """Correlation of two estimates from which on they are named."""
 
 
-class ConditioningSection:
+class ConditioningSection(Section):
     """Condition numbers, noise per joint, parameters that are told apart badly."""
 
     name: ClassVar[str] = "conditioning"

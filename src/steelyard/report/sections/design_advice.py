@@ -6,12 +6,12 @@ from typing import ClassVar
 
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill
-from steelyard.report.sections.section import Numbers
+from steelyard.report.sections.section import Numbers, Section
 from steelyard.report.sections.tables import PlainTable, Row
 from steelyard.report.text.design_words import brings, helpful, instead
 
 
-class DesignAdviceSection:
+class DesignAdviceSection(Section):
     """Motions beside the designed one."""
 
     name: ClassVar[str] = "design-advice"

@@ -9,7 +9,7 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill, packed, rounded, script_json
-from steelyard.report.sections.section import Numbers
+from steelyard.report.sections.section import Numbers, Section
 from steelyard.report.text.design_words import used
 from steelyard.report.text.words import percent, significant
 from steelyard.report.thin import thin
@@ -35,7 +35,7 @@ ROOM = 0.06
 """Share of the limits' width that is drawn beyond them."""
 
 
-class DesignJointsSection:
+class DesignJointsSection(Section):
     """One picture per joint."""
 
     name: ClassVar[str] = "design-joints"

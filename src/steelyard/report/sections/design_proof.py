@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from steelyard.excitation.constraints.certificate import COVERS
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill
-from steelyard.report.sections.section import Numbers
+from steelyard.report.sections.section import Numbers, Section
 from steelyard.report.sections.tables import PlainTable, Row
 from steelyard.report.text.design_words import least, margin, uncovered, used
 from steelyard.report.text.words import count, significant
@@ -20,7 +20,7 @@ CALLED = {"velocity": "speed"}
 """Quantities by another name."""
 
 
-class DesignProofSection:
+class DesignProofSection(Section):
     """Tables of extremes and of margins."""
 
     name: ClassVar[str] = "design-proof"

@@ -6,10 +6,10 @@ from typing import ClassVar
 
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill
-from steelyard.report.sections.section import Numbers
+from steelyard.report.sections.section import Numbers, Section
 
 
-class DesignRunSection:
+class DesignRunSection(Section):
     """Files and commands."""
 
     name: ClassVar[str] = "design-run"

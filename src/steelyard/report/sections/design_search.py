@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill, rounded, script_json
-from steelyard.report.sections.section import Numbers
+from steelyard.report.sections.section import Numbers, Section
 from steelyard.report.text.design_words import figure_of, searches
 from steelyard.report.text.words import count, significant
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from steelyard.excitation.result import Designed
 
 
-class DesignSearchSection:
+class DesignSearchSection(Section):
     """A picture of all improvements, and whether more time would pay."""
 
     name: ClassVar[str] = "design-search"

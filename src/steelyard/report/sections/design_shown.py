@@ -9,7 +9,7 @@ import numpy as np
 
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill, rounded, script_json
-from steelyard.report.sections.section import Numbers
+from steelyard.report.sections.section import Numbers, Section
 from steelyard.report.text.design_words import Expected, capital, expected
 from steelyard.report.text.table import WEAK
 from steelyard.report.text.words import significant
@@ -27,7 +27,7 @@ FLOOR = 1e-8
 """Singular values below this share of the greatest are drawn there."""
 
 
-class DesignShownSection:
+class DesignShownSection(Section):
     """Predicted standard deviations, what they assume, and singular values."""
 
     name: ClassVar[str] = "design-shown"

@@ -11,7 +11,7 @@ from steelyard.arrays import Array
 from steelyard.report.boxes import AXES, Face, all_lines, corners, faces_of, segment
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill, packed, rounded, script_json
-from steelyard.report.sections.section import Numbers
+from steelyard.report.sections.section import Numbers, Section
 from steelyard.report.skeleton import all_joints, skeleton, way_of
 from steelyard.report.text.words import significant
 
@@ -26,7 +26,7 @@ PATH, ARM, PALE, START = "#0068a8", "#7488a0", "#c3ccd6", "#00694b"
 WALL, FORBIDDEN = "#a8261d", "#f3c9c5"
 
 
-class DesignToolSection:
+class DesignToolSection(Section):
     """A picture in space, and one from each side."""
 
     name: ClassVar[str] = "design-tool"

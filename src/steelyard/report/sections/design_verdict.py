@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 from steelyard.excitation.constraints.certificate import COVERS
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill
-from steelyard.report.sections.section import Numbers
+from steelyard.report.sections.section import Numbers, Section
 from steelyard.report.text.design_words import (
     detail,
     hardest,
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from steelyard.excitation.result import Designed
 
 
-class DesignVerdictSection:
+class DesignVerdictSection(Section):
     """Headline, figures, what is tight, and what was assumed."""
 
     name: ClassVar[str] = "design"

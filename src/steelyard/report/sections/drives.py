@@ -1,30 +1,29 @@
 """Drive gains that were identified, and the payload that fixed their scale."""
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from steelyard.estimation.payload.gains import GainEstimate
 from steelyard.report.content import ReportContent
-from steelyard.report.html import fill
-from steelyard.report.sections.section import Numbers
+from steelyard.report.sections.section import TableSection
 from steelyard.report.sections.tables import PlainTable, Row
 from steelyard.report.text.words import significant
 
 
-class DrivesSection:
+class DrivesSection(TableSection):
     """Gains with intervals."""
 
     name: ClassVar[str] = "drives"
     title: ClassVar[str] = "Drive gains"
 
-    def numbers(self, content: ReportContent) -> Numbers | None:
-        """One table, if gains were identified."""
-        if content.gains is None:
-            return None
-        return {"tables": [_gains(content.gains)], "title": self.title}
+    in_terminal: ClassVar[bool] = True
 
-    def show(self, numbers: Numbers) -> str:
-        """The numbers as safe HTML."""
-        return fill("tables.html", numbers)
+    def tables(self, content: ReportContent) -> list[PlainTable]:
+        """One table, if gains were identified."""
+        return [] if content.gains is None else [_gains(content.gains)]
+
+    def to_dict(self, content: ReportContent) -> dict[str, Any]:
+        """The gains."""
+        return {"gains": None if content.gains is None else content.gains.to_dict()}
 
 
 def _gains(gains: GainEstimate) -> PlainTable:

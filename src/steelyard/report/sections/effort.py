@@ -10,7 +10,7 @@ from steelyard.arrays import Array
 from steelyard.estimation.estimate import Z95
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill, packed, rounded, script_json
-from steelyard.report.sections.section import Numbers
+from steelyard.report.sections.section import Numbers, Section
 from steelyard.report.text.score_words import relative
 from steelyard.report.text.words import percent, significant
 from steelyard.report.thin import drawn, outline
@@ -40,7 +40,7 @@ RESTS = 80
 """Most rests that are shaded in one plot."""
 
 
-class EffortSection:
+class EffortSection(Section):
     """One plot per joint; a menu chooses the run."""
 
     name: ClassVar[str] = "effort"

@@ -1,30 +1,27 @@
 """Scales of the logged efforts that were estimated."""
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from steelyard.report.content import ReportContent
-from steelyard.report.html import fill
-from steelyard.report.sections.section import Numbers
+from steelyard.report.sections.section import TableSection
 from steelyard.report.sections.tables import PlainTable, Row
 from steelyard.report.text.words import alike, significant
 from steelyard.validation.effort_scales import BEFORE, EffortScales
 
 
-class EffortScalesSection:
+class EffortScalesSection(TableSection):
     """Scales with intervals."""
 
     name: ClassVar[str] = "effort_scales"
     title: ClassVar[str] = "Scales of the efforts"
 
-    def numbers(self, content: ReportContent) -> Numbers | None:
+    def tables(self, content: ReportContent) -> list[PlainTable]:
         """One table, if scales were estimated."""
-        if content.scales is None:
-            return None
-        return {"tables": [_scales(content.scales)], "title": self.title}
+        return [] if content.scales is None else [_scales(content.scales)]
 
-    def show(self, numbers: Numbers) -> str:
-        """The numbers as safe HTML."""
-        return fill("tables.html", numbers)
+    def to_dict(self, content: ReportContent) -> dict[str, Any]:
+        """The scales."""
+        return {"effort_scales": None if content.scales is None else content.scales.to_dict()}
 
 
 def _scales(scales: EffortScales) -> PlainTable:

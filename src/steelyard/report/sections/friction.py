@@ -1,11 +1,10 @@
 """How the friction laws, and what they are not linear in, were found."""
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from steelyard.estimation.fields.fields import Finding
 from steelyard.report.content import ReportContent
-from steelyard.report.html import fill
-from steelyard.report.sections.section import Numbers
+from steelyard.report.sections.section import TableSection
 from steelyard.report.sections.tables import PlainTable, Row
 from steelyard.report.text.words import significant
 from steelyard.validation.friction.friction import FrictionChoice
@@ -14,24 +13,25 @@ ERROR = "geometric mean of a typical joint's and of all joints' together, behind
 """What an error of a mix is."""
 
 
-class FrictionSection:
+class FrictionSection(TableSection):
     """The mixes that were compared, and the fields that were found."""
 
     name: ClassVar[str] = "friction"
     title: ClassVar[str] = "Friction"
 
-    def numbers(self, content: ReportContent) -> Numbers | None:
-        """One table each, if there is anything in it."""
-        tables = []
-        if content.friction is not None:
-            tables.append(_mixes(content.friction))
-        if content.findings:
-            tables.append(_fields(content.findings))
-        return {"tables": tables, "title": self.title} if tables else None
+    in_terminal: ClassVar[bool] = True
 
-    def show(self, numbers: Numbers) -> str:
-        """The numbers as safe HTML."""
-        return fill("tables.html", numbers)
+    def tables(self, content: ReportContent) -> list[PlainTable]:
+        """One table each, if there is anything in it."""
+        mixes = [] if content.friction is None else [_mixes(content.friction)]
+        return [*mixes, *([_fields(content.findings)] if content.findings else [])]
+
+    def to_dict(self, content: ReportContent) -> dict[str, Any]:
+        """The choice of laws, and the fields."""
+        return {
+            "friction": None if content.friction is None else content.friction.to_dict(),
+            "fields": [finding.to_dict() for finding in content.findings],
+        }
 
 
 def _mixes(choice: FrictionChoice) -> PlainTable:
@@ -49,7 +49,7 @@ def _mixes(choice: FrictionChoice) -> PlainTable:
         for mix in choice.table
     ]
     return PlainTable(
-        "Mixes compared",
+        "Friction laws compared",
         f"Error on one {choice.left_out} from a fit to all others, each {choice.left_out} in turn: "
         f"{ERROR}; "
         "the gain is against the first mix. A simpler mix is preferred to a better one whose gain "
@@ -57,6 +57,7 @@ def _mixes(choice: FrictionChoice) -> PlainTable:
         ("Friction laws", "Error", "Gain", "Spread", ""),
         rows,
         (0, 4),
+        f"one {choice.left_out} left out in turn; error: {ERROR}",
     )
 
 

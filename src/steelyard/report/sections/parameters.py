@@ -1,16 +1,29 @@
 """The parameters: values, intervals, groupings."""
 
-from typing import Any, ClassVar
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill
-from steelyard.report.sections.section import Numbers
+from steelyard.report.sections.section import Numbers, Section
 from steelyard.report.text.table import LEARNED, WEAK, Row, rows
+from steelyard.report.text.words import count, significant
+from steelyard.terms.register import description_of
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from steelyard.estimation.identified import IdentifiedModel
+
+NAMED = 8
+"""Most parameters that a line of the terminal names."""
 
 
-class ParametersSection:
+class ParametersSection(Section):
     """A table of base parameters, with a mark on those that are poorly determined."""
 
     name: ClassVar[str] = "parameters"
@@ -43,8 +56,59 @@ class ParametersSection:
         """The numbers as safe HTML."""
         return fill("parameters.html", numbers)
 
+    def to_dict(self, content: ReportContent) -> dict[str, Any]:
+        """The parameters that the data see, the names of the others, and the conditioning."""
+        if content.identified is None:
+            return {}
+        estimate = content.identified.estimate
+        known = estimate.parameters
+        values = zip(
+            known.names, known.units, known.values.tolist(), estimate.std.tolist(), strict=True
+        )
+        return {
+            "n_base_parameters": len(content.identified.base),
+            "parameters": [{"name": n, "unit": u, "value": v, "std": s} for n, u, v, s in values],
+            "terms": [description_of(term) for term in content.identified.model.terms],
+            "not_seen": [blind.name for blind in estimate.blind],
+            "condition": estimate.condition,
+            "condition_normalised": estimate.condition_normalised,
+        }
+
+    def printed(self, content: ReportContent) -> Iterable[RenderableType]:
+        """How many parameters there are, and which the data show poorly or not at all."""
+        if content.identified is None:
+            return
+        from rich.text import Text
+
+        yield Text("\n".join(_parameters(content.identified)))
+
 
 def _shown(row: Row, members: int) -> dict[str, Any]:
     relative = row.relative_percent
     bar = 100.0 if relative is None or not relative < 100.0 else relative
     return {**vars(row), "bar": bar, "others": members - 1}
+
+
+def _parameters(identified: IdentifiedModel) -> list[str]:
+    """What is known of the parameters, in a few lines."""
+    table = rows(identified)
+    condition = significant(identified.estimate.condition_normalised)
+    lines = [f"{count(len(table), 'base parameter')}, normalised condition number {condition}"]
+    weak = [row for row in table if row.grade in ("weak", "zero")]
+    if weak:
+        lines.append(f"{len(weak)} poorly determined: {_some(weak)}")
+    held = [row for row in table if row.grade == "bound"]
+    if held:
+        lines.append(f"{len(held)} at a bound: {_some(held)}")
+    prior = [row for row in table if row.grade == "prior"]
+    if prior:
+        lines.append(f"{len(prior)} known mostly from the prior: {_some(prior)}")
+    unseen = [row for row in table if row.grade == "unseen"]
+    if unseen:
+        lines.append(f"{len(unseen)} not seen by these data: {_some(unseen)}")
+    return lines
+
+
+def _some(chosen: list[Row]) -> str:
+    rest = len(chosen) - NAMED
+    return ", ".join(row.name for row in chosen[:NAMED]) + (f" and {rest} more" if rest > 0 else "")

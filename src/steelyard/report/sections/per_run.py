@@ -1,25 +1,26 @@
 """Parameters that every run has for itself."""
 
-from typing import ClassVar
+from collections.abc import Sequence
+from typing import Any, ClassVar
 
+from steelyard.estimation.estimate import OfRun
 from steelyard.report.content import ReportContent
-from steelyard.report.html import fill
-from steelyard.report.sections.section import Numbers
+from steelyard.report.sections.section import TableSection
 from steelyard.report.sections.tables import PlainTable, Row
 from steelyard.report.text.words import significant
 
 
-class PerRunSection:
+class PerRunSection(TableSection):
     """One column a run."""
 
     name: ClassVar[str] = "per-run"
     title: ClassVar[str] = "Parameters of single runs"
 
-    def numbers(self, content: ReportContent) -> Numbers | None:
+    def tables(self, content: ReportContent) -> list[PlainTable]:
         """One table, if there are such parameters."""
-        if content.identified is None or not content.identified.estimate.per_run:
-            return None
-        runs = content.identified.estimate.per_run
+        runs = _runs(content)
+        if not runs:
+            return []
         names = list(dict.fromkeys(name for own in runs for name in own.parameters.names))
         found = [own.parameters.as_dict() for own in runs]
         rows = [Row((name, *(significant(known.get(name)) for known in found))) for name in names]
@@ -27,9 +28,12 @@ class PerRunSection:
             "Every run has these for itself; for a new run the model takes their mean, with the "
             "spread between runs as its uncertainty."
         )
-        table = PlainTable("", words, ("Parameter", *(own.run for own in runs)), rows)
-        return {"tables": [table], "title": self.title}
+        return [PlainTable("", words, ("Parameter", *(own.run for own in runs)), rows)]
 
-    def show(self, numbers: Numbers) -> str:
-        """The numbers as safe HTML."""
-        return fill("tables.html", numbers)
+    def to_dict(self, content: ReportContent) -> dict[str, Any]:
+        """The parameters of every run."""
+        return {"per_run": [{"run": own.run, **own.parameters.as_dict()} for own in _runs(content)]}
+
+
+def _runs(content: ReportContent) -> Sequence[OfRun]:
+    return () if content.identified is None else content.identified.estimate.per_run

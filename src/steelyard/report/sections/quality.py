@@ -4,13 +4,13 @@ from typing import ClassVar
 
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill
-from steelyard.report.sections.section import Numbers
+from steelyard.report.sections.section import Numbers, Section
 
 LONG = 80
 """Letters from which on a value stands below its run, over the whole width."""
 
 
-class QualitySection:
+class QualitySection(Section):
     """Rows, rates, gaps and dropped samples of every run."""
 
     name: ClassVar[str] = "quality"

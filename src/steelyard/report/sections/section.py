@@ -1,15 +1,23 @@
-"""What a section is: a title, numbers, and a way to show them."""
+"""What a section is: a title, and its data for the page, the terminal and `--json`."""
 
-from collections.abc import Mapping
-from typing import Any, ClassVar, Protocol
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from steelyard.report.content import ReportContent
+from steelyard.report.html import fill
+from steelyard.report.sections.tables import PlainTable, text_table
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
 
 Numbers = Mapping[str, Any]
 """Everything a section's template shows, by name."""
 
 
-class Section(Protocol):
+class Section(ABC):
     """One section of the report."""
 
     name: ClassVar[str]
@@ -18,10 +26,43 @@ class Section(Protocol):
     title: ClassVar[str]
     """Its heading."""
 
+    @abstractmethod
     def numbers(self, content: ReportContent) -> Numbers | None:
         """What there is to show; `None` leaves the section out."""
-        ...
 
+    @abstractmethod
     def show(self, numbers: Numbers) -> str:
         """The numbers as safe HTML."""
-        ...
+
+    def to_dict(self, content: ReportContent) -> dict[str, Any]:
+        """Fields of `--json`; they are there, and `None`, where there is nothing to show."""
+        return {}
+
+    def printed(self, content: ReportContent) -> Iterable[RenderableType]:
+        """What the terminal shows, an empty line before each."""
+        return ()
+
+
+class TableSection(Section):
+    """A section that is plain tables."""
+
+    in_terminal: ClassVar[bool] = False
+    """Whether the terminal shows them too."""
+
+    @abstractmethod
+    def tables(self, content: ReportContent) -> Sequence[PlainTable]:
+        """The tables; none leaves the section out."""
+
+    def numbers(self, content: ReportContent) -> Numbers | None:
+        """The tables under the section's title."""
+        tables = self.tables(content)
+        return {"tables": tables, "title": self.title} if tables else None
+
+    def show(self, numbers: Numbers) -> str:
+        """The tables as safe HTML."""
+        return fill("tables.html", numbers)
+
+    def printed(self, content: ReportContent) -> Iterable[RenderableType]:
+        """The tables, if the terminal shows them."""
+        if self.in_terminal:
+            yield from (text_table(table, self.title) for table in self.tables(content))

@@ -1,36 +1,55 @@
 """How much the result hangs on the cut-offs."""
 
-from typing import ClassVar
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from steelyard.report.content import ReportContent
-from steelyard.report.html import fill
-from steelyard.report.sections.section import Numbers
-from steelyard.report.sections.tables import PlainTable, Row
+from steelyard.report.sections.section import TableSection
+from steelyard.report.sections.tables import PlainTable, Row, text_table
 from steelyard.report.text.words import significant
 from steelyard.validation.sensitivity import Sensitivity
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+SAID = 3
+"""Parameters that the terminal names."""
 
 NAMED = 10
 """Parameters that are named: those that move most."""
 
 
-class SensitivitySection:
+class SensitivitySection(TableSection):
     """Fits with other cut-offs, and the parameters that move most between them."""
 
     name: ClassVar[str] = "sensitivity"
     title: ClassVar[str] = "Sensitivity to the cut-offs"
 
-    def numbers(self, content: ReportContent) -> Numbers | None:
+    def tables(self, content: ReportContent) -> list[PlainTable]:
         """Two tables, if it was asked for."""
-        if content.sensitivity is None:
-            return None
-        tables = [fits_table(content.sensitivity), _moved(content.sensitivity)]
-        return {"tables": tables, "title": self.title}
+        found = content.sensitivity
+        return [] if found is None else [fits_table(found), _moved(found)]
 
-    def show(self, numbers: Numbers) -> str:
-        """The numbers as safe HTML."""
-        return fill("tables.html", numbers)
+    def to_dict(self, content: ReportContent) -> dict[str, Any]:
+        """The fits."""
+        found = content.sensitivity
+        return {"sensitivity": None if found is None else found.to_dict()}
+
+    def printed(self, content: ReportContent) -> Iterable[RenderableType]:
+        """The fits, and which parameters move most between them."""
+        found = content.sensitivity
+        if found is None:
+            return
+        from rich.text import Text
+
+        yield text_table(fits_table(found), self.title)
+        order = np.argsort(-found.spread)[:SAID]
+        most = ", ".join(f"{found.parameters.names[k]} {found.spread[k]:.1f}" for k in order)
+        yield Text(f"parameters that move most, in standard deviations: {most}")
 
 
 def fits_table(found: Sensitivity) -> PlainTable:

@@ -4,10 +4,10 @@ from typing import ClassVar
 
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill
-from steelyard.report.sections.section import Numbers
+from steelyard.report.sections.section import Numbers, Section
 
 
-class SettingsSection:
+class SettingsSection(Section):
     """Everything that is needed to make the same results again."""
 
     name: ClassVar[str] = "settings"

@@ -1,7 +1,13 @@
 """Plain tables in sections: headings, rows of words, one of them marked."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 
 @dataclass(frozen=True)
@@ -22,6 +28,7 @@ class PlainTable:
         headings: One per column.
         rows: The rows.
         text: Columns that hold words, not numbers.
+        note: What the terminal says below it, in the place of `words`.
     """
 
     caption: str
@@ -29,3 +36,21 @@ class PlainTable:
     headings: Sequence[str]
     rows: Sequence[Row]
     text: Sequence[int] = (0,)
+    note: str = ""
+
+
+def text_table(table: PlainTable, title: str) -> Table:
+    """The table for the terminal, under its caption, or under `title` if it has none."""
+    from rich.table import Table
+    from rich.text import Text
+
+    shown = Table(title=Text(table.caption or title), title_justify="left")
+    if table.note:
+        shown.caption, shown.caption_justify = Text(table.note), "left"
+    for number, heading in enumerate(table.headings):
+        justify = "left" if number in table.text else "right"
+        shown.add_column(heading, justify=justify, overflow="fold")  # type: ignore[arg-type]
+    for row in table.rows:
+        cells = (Text(cell) for cell in row.cells)
+        shown.add_row(*cells, style="bold" if row.marked else None)
+    return shown

@@ -4,11 +4,11 @@ from typing import ClassVar
 
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill
-from steelyard.report.sections.section import Numbers
+from steelyard.report.sections.section import Numbers, Section
 from steelyard.robot.inertia import INERTIAL_NAMES
 
 
-class UnseenSection:
+class UnseenSection(Section):
     """Parameters that no motion shows, and those that these motions do not show."""
 
     name: ClassVar[str] = "unseen"

@@ -1,30 +1,27 @@
 """Zero offsets of joints that were identified."""
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from steelyard.estimation.zero_offset import ZeroOffsets
 from steelyard.report.content import ReportContent
-from steelyard.report.html import fill
-from steelyard.report.sections.section import Numbers
+from steelyard.report.sections.section import TableSection
 from steelyard.report.sections.tables import PlainTable, Row
 from steelyard.report.text.words import alike, significant
 
 
-class ZeroOffsetsSection:
+class ZeroOffsetsSection(TableSection):
     """Offsets with intervals."""
 
     name: ClassVar[str] = "zero_offsets"
     title: ClassVar[str] = "Zero offsets"
 
-    def numbers(self, content: ReportContent) -> Numbers | None:
+    def tables(self, content: ReportContent) -> list[PlainTable]:
         """One table, if offsets were identified."""
-        if content.offsets is None:
-            return None
-        return {"tables": [_offsets(content.offsets)], "title": self.title}
+        return [] if content.offsets is None else [_offsets(content.offsets)]
 
-    def show(self, numbers: Numbers) -> str:
-        """The numbers as safe HTML."""
-        return fill("tables.html", numbers)
+    def to_dict(self, content: ReportContent) -> dict[str, Any]:
+        """The offsets."""
+        return {"zero_offsets": None if content.offsets is None else content.offsets.to_dict()}
 
 
 def _offsets(found: ZeroOffsets) -> PlainTable:

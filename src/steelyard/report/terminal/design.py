@@ -6,7 +6,6 @@ from math import isfinite
 from typing import TYPE_CHECKING
 
 from steelyard.excitation.constraints.certificate import COVERS
-from steelyard.report.terminal.terminal import COLOURS
 from steelyard.report.text.design_words import (
     brings,
     detail,
@@ -19,6 +18,7 @@ from steelyard.report.text.design_words import (
     uncovered,
     unseen,
 )
+from steelyard.report.text.judgement import COLOURS
 from steelyard.report.text.words import count, relative, significant
 
 if TYPE_CHECKING:

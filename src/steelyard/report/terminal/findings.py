@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from steelyard.report.terminal.terminal import COLOURS
 from steelyard.report.text.findings import (
     LEVELS,
     OPEN,
@@ -17,6 +16,7 @@ from steelyard.report.text.findings import (
     place,
     tally,
 )
+from steelyard.report.text.judgement import COLOURS
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -33,6 +33,9 @@ FAIR = 30.0
 SEVERITY: tuple[Level, ...] = ("good", "none", "fair", "poor")
 """Levels, the best first."""
 
+COLOURS: dict[Level, str] = {"good": "green", "fair": "yellow", "poor": "red", "none": "default"}
+"""Colours of levels in a terminal."""
+
 LIMITED: dict[str, Level] = {"ok": "none", "doubtful": "fair", "wrong": "poor"}
 """The best level that a limitation of this severity leaves; one that is ok leaves every level."""
 
