@@ -48,19 +48,19 @@ class Knowledge:
         if np.allclose(gravity, self.robot.gravity):
             return self._of(self.steady, q, dq, ddq)
         still = np.zeros_like(q)
-        free = self._under(np.zeros(3))
+        free = self.under(np.zeros(3))
         result = self._of(free, q, dq, ddq)
         for axis, part in zip(AXES, gravity, strict=True):
             if part != 0.0:
-                pull = self._of(self._under(axis), q, still, still)
+                pull = self._of(self.under(axis), q, still, still)
                 result = result + part * (pull - self._of(free, q, still, still))
         return result
 
     def pulls(self, q: Array) -> Array:
         """Joint efforts that hold against gravity 1 m/s² along x, y and z, shape `(3, n, N)`."""
         still = np.zeros_like(q)
-        rest = self._of(self._under(np.zeros(3)), q, still, still)
-        return np.array([self._of(self._under(axis), q, still, still) - rest for axis in AXES])
+        rest = self._of(self.under(np.zeros(3)), q, still, still)
+        return np.array([self._of(self.under(axis), q, still, still) - rest for axis in AXES])
 
     def friction(self, q: Array, dq: Array, ddq: Array) -> Array:
         """Friction and offset of the reference along a motion, shape `(n, N)`."""
@@ -82,7 +82,8 @@ class Knowledge:
             found.append(self._of(bare.at(one), q, dq, ddq))
         return np.array(found)
 
-    def _under(self, gravity: Array) -> ValuedModel:
+    def under(self, gravity: Array) -> ValuedModel:
+        """The bodies, rotors and springs under another gravity [m/s²], shape `(3,)`."""
         key = np.asarray(gravity, dtype=np.float64).tobytes()
         if key not in self._turned:
             robot = self.robot.changed(gravity=np.asarray(gravity))

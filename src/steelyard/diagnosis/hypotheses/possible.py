@@ -22,7 +22,7 @@ from steelyard.arrays import Array
 from steelyard.diagnosis.hypotheses.nuisance import NUISANCES
 from steelyard.diagnosis.hypotheses.reading import Reading
 from steelyard.diagnosis.hypotheses.trial import FLOOR, Score, Trial, regressors, score_of
-from steelyard.diagnosis.knowledge import Knowledge
+from steelyard.diagnosis.knowledge import AXES, Knowledge
 from steelyard.errors import DataError
 from steelyard.estimation.consistent.conic import solved
 from steelyard.estimation.consistent.physics import Entropic
@@ -30,8 +30,9 @@ from steelyard.estimation.consistent.program import Program, Wishes
 from steelyard.estimation.consistent.unknowns import Unknowns, ten_map
 from steelyard.estimation.payload.load_case import carrier
 from steelyard.estimation.prior.prior import model_prior
-from steelyard.model import ValuedModel
-from steelyard.parameters import Parameters
+from steelyard.model import Model, check_angles
+from steelyard.regression.base import base_parameters
+from steelyard.regression.regressor import Regressor, chosen_regressor
 
 SAMPLES = 600
 """Samples that bodies are fitted to."""
@@ -131,16 +132,39 @@ def rows_of(trial: Trial, reading: Reading) -> tuple[Array, Array, Array]:
 
 
 def columns_of(knowledge: Knowledge, q: Array, dq: Array, ddq: Array, gravity: Array) -> Array:
-    """Joint efforts per unit of every body's ten numbers, shape `(10 bodies, n, N)`."""
-    steady = knowledge.steady
-    found = []
-    for k in range(10 * len(steady.model.robot.bodies)):
-        values = np.zeros(len(steady.model.names))
-        values[k] = 1.0
-        one = Parameters(steady.model.names, steady.model.units, values)
-        unit = replace(knowledge, steady=ValuedModel(steady.model, one), _turned={})
-        found.append(unit.torque(q, dq, ddq, gravity))
-    return np.array(found)
+    """Joint efforts per unit of every body's ten numbers, shape `(10 bodies, n, N)`.
+
+    NaN where the states are impossible.
+    """
+    try:
+        check_angles(q)
+        return _columns_under(knowledge, q, dq, ddq, gravity)
+    except (DataError, ValueError):
+        return np.full((10 * len(knowledge.robot.bodies), *q.shape), np.nan)
+
+
+def _columns_under(knowledge: Knowledge, q: Array, dq: Array, ddq: Array, gravity: Array) -> Array:
+    """Columns are linear in gravity: under another one they are put together from four models."""
+    if np.allclose(gravity, knowledge.robot.gravity):
+        return _dense(knowledge.steady.model, q, dq, ddq)
+    still = np.zeros_like(q)
+    free = knowledge.under(np.zeros(3)).model
+    columns, rest = _dense(free, q, dq, ddq), _dense(free, q, still, still)
+    for axis, part in zip(AXES, gravity, strict=True):
+        if part != 0.0:
+            columns += part * (_dense(knowledge.under(axis).model, q, still, still) - rest)
+    return columns
+
+
+def _dense(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
+    """Columns of the bodies of one model, shape `(10 bodies, n, N)`."""
+    if model not in _REGRESSORS:
+        count = 10 * len(model.robot.bodies)
+        _REGRESSORS[model] = chosen_regressor(model, base_parameters(model), range(count))
+    return np.moveaxis(_REGRESSORS[model].dense(q, dq, ddq), -1, 0).copy()
+
+
+_REGRESSORS: "WeakKeyDictionary[Model, Regressor]" = WeakKeyDictionary()
 
 
 class _Problem:

@@ -101,7 +101,7 @@ def solved(
         if end.status == "PrimalInfeasible":
             raise _infeasible(where)
         ends.append(end)
-        if end.error <= GOOD or end.status == "MaxIterations":
+        if end.error <= max(GOOD, aim) or end.status == "MaxIterations":
             break
     best = min(ends, key=lambda end: end.error)
     if best.error <= FAIR or (best.gap <= enough and best.infeasibility <= FAIR):
