@@ -1,6 +1,7 @@
 """What is written is read back bit for bit, in every format."""
 
-from collections.abc import Sequence
+import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import h5py
@@ -12,9 +13,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from bag_writers import joint_state, write_bag2
 from steelyard.errors import OutputError
 from steelyard.formats import open_log
-from steelyard.formats.writers import WRITERS, matlab_names, writer_for
+from steelyard.formats.writers import WRITERS, matlab_names, parquet, writer_for
 
 COLUMNS = ("t", "q_1", "q, in \"rad\"")  # fmt: skip
 SUFFIXES = sorted(WRITERS)
@@ -77,6 +79,32 @@ def test_many_columns_and_no_rows(tmp_path: Path) -> None:
     assert pl.read_parquet(path).columns == names
     empty = written(tmp_path / "none.parquet", np.zeros((0, 2)), ("a", "b"))
     assert pl.read_parquet(empty).shape == (0, 2)
+
+
+def test_a_bag_in_sqlite_becomes_parquet(tmp_path: Path) -> None:
+    """SQLite serves the thread that opened it, Polars draws rows by threads of its own."""
+    notes = [joint_state(k * 10**6, ["a"], [k], [0], [0]) for k in range(200)]
+    log = open_log(write_bag2(tmp_path / "run", notes))
+    with writer_for(tmp_path / "run.parquet")(tmp_path / "run.parquet", log.columns) as write:
+        for part in log.parts(log.columns, size=30):
+            write(part)
+    found = pl.read_parquet(tmp_path / "run.parquet")["/joint_states/position/a"]
+    np.testing.assert_array_equal(found.to_numpy(), np.arange(200.0))
+
+
+def test_parquet_is_written_in_bounded_memory(tmp_path: Path, peak: Callable[[], float]) -> None:
+    part = np.random.default_rng(0).normal(size=(50_000, 20))
+    with parquet(tmp_path / "run.parquet", [f"c{k}" for k in range(20)]) as write:
+        for _ in range(40):
+            write(part)
+    assert pl.scan_parquet(tmp_path / "run.parquet").select(pl.len()).collect().item() == 2_000_000
+    assert peak() < 200.0  # of 305 MiB
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="this disk is always full on Linux only")
+def test_a_full_disk_is_said_by_the_system() -> None:
+    with pytest.raises(OSError), parquet(Path("/dev/full"), ("t",)) as write:
+        write(np.zeros((1000, 1)))
 
 
 def test_names_for_matlab() -> None:

@@ -15,13 +15,14 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import OutputError
-from steelyard.formats.tables.parquet_writer import ParquetWriter
 
 Write = Callable[[Array], None]
 Writer = Callable[[Path, Sequence[str]], AbstractContextManager[Write]]
 """Opens a file for columns; what it gives appends rows, shape `(N, number of columns)`."""
 
 LONGEST_VARIABLE = (1 << 31) - 1
+GROUP = 10_000
+"""Rows of Parquet's row groups; Polars holds more of them at a time the more cores there are."""
 
 
 def writer_for(path: Path) -> Writer:
@@ -63,12 +64,25 @@ def text_table(path: Path, columns: Sequence[str]) -> Iterator[Write]:
 
 @contextmanager
 def parquet(path: Path, columns: Sequence[str]) -> Iterator[Write]:
-    """Parquet, one row group a part."""
+    """Parquet, by Polars; its threads fetch the rows, which a reader of SQLite could not serve."""
+    import polars as pl
+    from polars.io.plugins import register_io_source
+
     _require_distinct(path, columns)
-    with path.open("wb") as file:
-        writer = ParquetWriter(file, columns)
-        yield writer.write
-        writer.close()
+    schema = dict.fromkeys(columns, pl.Float64)
+    with _Spool(path, len(columns)) as spool:
+        yield spool.write
+
+        def drawn(*_: object) -> "Iterator[pl.DataFrame]":
+            for block in spool.blocks():
+                yield pl.DataFrame(block.T, schema=schema, orient="row")
+
+        try:
+            register_io_source(drawn, schema=schema).sink_parquet(
+                path, compression="uncompressed", statistics=False, row_group_size=GROUP
+            )
+        except pl.exceptions.ComputeError as error:
+            raise OSError(str(error)) from error
 
 
 @contextmanager
@@ -178,9 +192,18 @@ class _Spool:
         self._file.close()
 
     def write(self, part: Array) -> None:
-        self._parts.append((self._file.tell(), len(part)))
-        self._file.write(np.ascontiguousarray(part.T, dtype="<f8").data)
-        self.rows += len(part)
+        for at in range(0, len(part), GROUP):
+            few = part[at : at + GROUP]
+            self._parts.append((self._file.tell(), len(few)))
+            self._file.write(np.ascontiguousarray(few.T, dtype="<f8").data)
+            self.rows += len(few)
+
+    def blocks(self) -> Iterator[Array]:
+        """The rows, in arrays of shape `(number of columns, at most GROUP)`."""
+        for start, rows in self._parts:
+            self._file.seek(start)
+            block = self._file.read(8 * rows * self._width)
+            yield np.frombuffer(block, "<f8").reshape(self._width, rows)
 
     def column(self, place: int) -> Iterator[bytes]:
         """The floats of a column as bytes, in the parts they came in."""
