@@ -113,5 +113,6 @@ def write_messages(folder: Path, table: Table) -> dict[str, Path]:
         "MCAP": bag_writers.write_mcap(folder / "run.mcap", notes),
         "ROS 2 bag, sqlite": bag_writers.write_bag2(folder / "bag_sqlite", notes),
         "ROS 2 bag, mcap": bag_writers.write_bag2(folder / "bag_mcap", notes, "mcap"),
+        "ROS 2 bag, zstd": bag_writers.write_bag2(folder / "bag_zstd", notes, packed="file"),
         "ROS 1 bag": bag_writers.write_bag1(folder / "run.bag", notes),
     }

@@ -64,6 +64,7 @@ def main(cases: int = CASES, slow: int = SLOW) -> list[Claim]:
     """All kinds of files."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
+        os.environ["TMPDIR"] = name  # unpacked copies that a killed child leaves
         seeds = sound_files(folder)
         missing = set(FORMATS) - {path.suffix for path in seeds.values()}
         if missing:
@@ -235,9 +236,7 @@ def sound_files(folder: Path) -> dict[str, Path]:
         frame.write_parquet(files[f"Parquet, {codec}"], compression=codec, row_group_size=128)
     files |= {"TSV": folder / "run.tsv", "TXT": folder / "run.txt", ".hdf5": folder / "run.hdf5"}
     for label, path in write_messages(folder, table).items():
-        inside = (
-            [path] if path.is_file() else sorted(path.glob("*.db3")) + sorted(path.glob("*.mcap"))
-        )
+        inside = [path] if path.is_file() else [p for p in path.iterdir() if p.suffix != ".yaml"]
         files[label] = inside[0]
     (folder / "run.active").write_bytes(files["ROS 1 bag"].read_bytes())
     return {**files, "ROS 1 bag, active": folder / "run.active"}

@@ -37,6 +37,10 @@ WRITERS: dict[str, Writer] = {
     "bag1-bz2": lambda folder, notes: write_bag1(folder / "run.bag", notes, "bz2"),
     "bag2-sqlite": lambda folder, notes: write_bag2(folder / "run", notes),
     "bag2-sqlite-packed": lambda folder, notes: write_bag2(folder / "run", notes, packed="message"),
+    "bag2-sqlite-zstd": lambda folder, notes: write_bag2(folder / "run", notes, packed="file"),
+    "db3-zstd": lambda folder, notes: (
+        write_bag2(folder / "run", notes, packed="file") / "run.db3.zstd"
+    ),
     "bag2-mcap": lambda folder, notes: write_bag2(folder / "run", notes, "mcap"),
     "db3": lambda folder, notes: write_bag2(folder / "run", notes) / "run.db3",
     "mcap-zstd": lambda folder, notes: write_mcap(folder / "run.mcap", notes, chunk=4000),

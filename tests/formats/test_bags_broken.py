@@ -161,7 +161,7 @@ def test_a_flipped_bit_in_a_chunk_is_said_with_its_place(tmp_path: Path, kind: s
         ("run.mcap", b"\x89MCAP0\r\n", "holds no messages"),
         ("run.mcap", b"\x89MCAP0\r\n" + b"\x05" + b"\xff" * 100, "was not announced"),
         ("run.db3", b"SQLite format 3\0" + bytes(1000), "database"),
-        ("run.db3", b"\x28\xb5\x2f\xfd" + bytes(1000), "compressed"),
+        ("run.db3", b"\x28\xb5\x2f\xfd" + b"\xff" * 1000, "it cannot be unpacked"),
     ],
 )
 def test_stumps_are_refused(tmp_path: Path, name: str, data: bytes, words: str) -> None:
@@ -180,11 +180,55 @@ def test_an_encrypted_bag_is_refused(tmp_path: Path) -> None:
     assert "rosbag decrypt" in caught.value.mend
 
 
-def test_compressed_bags_are_named(tmp_path: Path) -> None:
+def test_packed_bags_of_another_kind_are_refused(tmp_path: Path) -> None:
     folder = write_bag2(tmp_path / "run", [joint_state(0, ["a"], [1], [], [])], packed="file")
-    with pytest.raises(LogError, match=r"files are compressed \(zstd\)") as caught:
+    metadata = folder / "metadata.yaml"
+    metadata.write_text(
+        metadata.read_text().replace("compression_format: zstd", "compression_format: xz")
+    )
+    with pytest.raises(
+        LogError, match=r"files are compressed \(xz\), where zstd is read"
+    ) as caught:
         open_log(folder)
-    assert "zstd -d run.db3.zstd" in caught.value.mend
+    assert "ros2 bag convert" in caught.value.mend
+
+
+def test_errors_of_a_packed_bag_name_it_and_not_its_copy(tmp_path: Path) -> None:
+    path = write(tmp_path, "db3")
+    packed = tmp_path / "run.db3.zstd"
+    packed.write_bytes(zstandard.compress(path.read_bytes()[:-100]))
+    with pytest.raises(LogError, match="its database cannot be read .it has") as caught:
+        open_log(packed)
+    assert caught.value.where == str(packed)
+    packed.write_bytes(zstandard.compress(b"something else"))
+    with pytest.raises(LogError, match="neither an MCAP file nor the database") as caught:
+        open_log(packed)
+    assert caught.value.where == str(packed)
+
+
+def test_a_packed_bag_that_unpacks_without_end_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """rosbags' reader fills the disk with it."""
+    monkeypatch.setattr("steelyard.formats.messages.byte_streams.SPARE", 1 << 20)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    path = tmp_path / "run.db3.zstd"
+    path.write_bytes(zeros("zstd", 64 << 20))
+    with pytest.raises(LogError, match="more than 1000 times its packed size") as caught:
+        open_log(path)
+    assert caught.value.where == str(path)
+    assert [p for p in tmp_path.rglob("*") if p.is_file()] == [path]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="memory is limited as Linux does it")
+def test_a_packed_message_that_unpacks_to_gigabytes_is_one_too_long(tmp_path: Path) -> None:
+    """rosbags' reader takes 0.9 GiB of memory for it."""
+    notes = [joint_state(k * 10**7, ["a"], [k], [1], [2]) for k in range(COUNT)]
+    folder = write_bag2(tmp_path / "run", notes, packed="message")
+    with closing(sqlite3.connect(folder / "run.db3")) as base:
+        base.execute("UPDATE messages SET data = ? WHERE id = 9", (zeros("zstd", 300 << 20),))
+        base.commit()
+    assert read_in_little(folder).strip() == str(COUNT)
 
 
 def test_a_database_of_something_else_is_refused(tmp_path: Path) -> None:

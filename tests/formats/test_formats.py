@@ -18,7 +18,7 @@ COLUMNS = ("time_s", "q1_rad", "q2_rad", "current1_A")
 TABLE = np.arange(240.0).reshape(60, 4) / 7.0
 
 
-MESSAGES = {".mcap", ".active", ".bag", ".db3"}
+MESSAGES = {".mcap", ".active", ".bag", ".db3", ".zstd"}
 """Logs of messages have laws of their own."""
 
 SUFFIXES = sorted(set(FORMATS) - MESSAGES)

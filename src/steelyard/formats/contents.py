@@ -28,6 +28,7 @@ KINDS = {
     ".hdf5": "HDF5",
     ".mcap": "MCAP",
     ".db3": "ROS 2 bag",
+    ".zstd": "ROS 2 bag",
     ".bag": "ROS 1 bag",
 }
 """What files are, by their suffix."""

@@ -27,6 +27,7 @@ FORMATS: dict[str, Callable[[Path], Log]] = {
     ".bag": MessageLog.open,
     ".active": MessageLog.open,
     ".db3": MessageLog.open,
+    ".zstd": MessageLog.open,
 }
 """Suffix to opener."""
 

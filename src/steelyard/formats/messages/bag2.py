@@ -1,4 +1,9 @@
-"""Messages in ROS 2 bags: a folder with `metadata.yaml`, or one of its files alone."""
+"""Messages in ROS 2 bags: a folder with `metadata.yaml`, or one of its files alone.
+
+`rosbags.rosbag2.Reader` is not used for files of strangers: it unpacks whatever a file stands for
+(a bag of 16 kB to 500 MB on the disk, one of 0.4 MB to 0.9 GiB of memory), and refuses a bag that
+was cut off and a file whose folder has no `metadata.yaml`.
+"""
 
 import re
 import sqlite3
@@ -13,6 +18,8 @@ from steelyard.formats.messages.byte_streams import Damaged, unpacked_whole
 from steelyard.formats.messages.mcap import MAGIC as MCAP_MAGIC
 from steelyard.formats.messages.mcap import McapFile, unreadable
 from steelyard.formats.messages.messages import LARGEST, Channel, Container, Message
+from steelyard.formats.messages.zstd_file import MAGIC as ZSTD_MAGIC
+from steelyard.formats.messages.zstd_file import ZstdFile, unpacked_copy
 
 METADATA = "metadata.yaml"
 SQLITE_MAGIC = b"SQLite format 3\0"
@@ -166,7 +173,7 @@ class Bag2:
         """Read which files the bag has.
 
         Raises:
-            LogError: The metadata cannot be understood, or a file is missing or compressed.
+            LogError: The metadata cannot be understood, or a file is missing or of another kind.
         """
         metadata = path / METADATA
         try:
@@ -179,7 +186,7 @@ class Bag2:
             raise _bad_metadata(metadata, "it lists no 'relative_file_paths'")
         mode, form = (_value(text, f"compression_{key}").lower() for key in ("mode", "format"))
         packed = mode == "message"
-        if mode == "file" or (packed and form != "zstd"):
+        if mode in ("file", "message") and form != "zstd":
             raise _compressed(path, names[0], form)
         return cls(path, tuple(storage(path / Path(name).name) for name in names), packed)
 
@@ -210,25 +217,34 @@ def _unpacked(data: bytes | None) -> bytes | None:
 
 
 def storage(path: Path) -> Container:
-    """A file of a ROS 2 bag, whatever its suffix.
+    """A file of a ROS 2 bag, whatever its suffix, packed or not.
 
     Raises:
         LogError: It is neither of the two kinds there are.
     """
     require_file(path)
-    with path.open("rb") as file:
-        start = file.read(len(SQLITE_MAGIC))
+    if _start(path).startswith(ZSTD_MAGIC):
+        return ZstdFile(path, _plain(unpacked_copy(path), path))
+    return _plain(path, path)
+
+
+def _plain(path: Path, named: Path) -> Container:
+    """A file that is not packed, or the unpacked copy of the one `named`."""
+    start = _start(path)
     if start.startswith(MCAP_MAGIC):
         return McapFile.open(path)
     if start == SQLITE_MAGIC:
         return SqliteFile(path)
-    if start.startswith(b"\x28\xb5\x2f\xfd"):
-        raise _compressed(path.parent, path.name, "zstd")
     raise LogError(
         "the file is neither an MCAP file nor the database of a ROS 2 bag",
-        where=str(path),
+        where=str(named),
         mend="copy it again; a text table needs the suffix .csv",
     )
+
+
+def _start(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return file.read(len(SQLITE_MAGIC))
 
 
 def _value(text: str, key: str) -> str:
@@ -257,8 +273,8 @@ def _bad_metadata(path: Path, why: str) -> LogError:
 
 
 def _compressed(folder: Path, name: str, form: str) -> LogError:
-    if form == "zstd":
-        mend = f"unpack it beside the bag, `zstd -d {name}`, and name the unpacked file"
-    else:
-        mend = "convert it with `ros2 bag convert` to one that is not compressed"
-    return LogError(f"the bag's files are compressed ({form})", where=str(folder / name), mend=mend)
+    return LogError(
+        f"the bag's files are compressed ({form}), where zstd is read",
+        where=str(folder / name),
+        mend="convert it with `ros2 bag convert` to one that is not compressed",
+    )
