@@ -1,12 +1,17 @@
-"""Machine code of the tests is kept for one session only."""
+"""Machine code of the tests is kept for one session only; memory as the system counts it."""
 
 import os
+import re
 import tempfile
+from collections.abc import Callable
+from pathlib import Path
 
 # matrices are small here: threads of their own only wait for each other
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
+
+STATUS = Path("/proc/self/status")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -17,3 +22,18 @@ def pytest_configure(config: pytest.Config) -> None:
     folder = tempfile.TemporaryDirectory(prefix="steelyard-tests-")
     os.environ["STEELYARD_CACHE"] = folder.name
     config.add_cleanup(folder.cleanup)
+
+
+@pytest.fixture
+def peak() -> Callable[[], float]:
+    """How far memory has risen since the test began, at most [MiB]."""
+    if not STATUS.exists():
+        pytest.skip("this system does not tell a process its memory")
+
+    def figure(name: str) -> float:
+        found = re.search(rf"{name}:\s+(\d+) kB", STATUS.read_text())
+        return float(found[1]) / 1024.0 if found else 0.0
+
+    Path("/proc/self/clear_refs").write_text("5")
+    before = figure("VmRSS")
+    return lambda: figure("VmHWM") - before

@@ -212,6 +212,53 @@ def test_small_integers_stand_for_doubles_in_matlab(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found["q"], [9, 8, 7, 6])
 
 
+def matlab(*variables: bytes) -> bytes:
+    """A file of such variables."""
+    head = b"MATLAB 5.0".ljust(116) + bytes(8) + pack("<H2s", 0x0100, b"IM")
+    return head + b"".join(variables)
+
+
+def start_of_matrix(klass: int, count: int, name: bytes, length: int) -> bytes:
+    """The headers of a vector of a class, whose content has a length."""
+    flags, shape = pack("<4I", 6, 8, klass, 0), pack("<2I2i", 5, 8, count, 1)
+    body = flags + shape + pack("<2H4s", 1, len(name), name)
+    return pack("<2I", 14, len(body) + length) + body
+
+
+def test_structs_that_lie_too_deep_are_left_out(tmp_path: Path) -> None:
+    """SciPy's `loadmat` crashes on these."""
+    numbers = pack("<2I", 9, 8 * N) + T.tobytes()
+    field = pack("<2H4s2I8s", 5, 4, pack("<i", 8), 1, 8, b"x")
+    blocks = [start_of_matrix(6, N, b"", len(numbers)) + numbers]
+    length = len(blocks[0])
+    for depth in range(20_000):
+        name = b"a" if depth == 19_999 else b""
+        blocks.append(start_of_matrix(2, 1, name, len(field) + length) + field)
+        length += len(blocks[-1])
+    time = start_of_matrix(6, N, b"t", len(numbers)) + numbers
+    path = tmp_path / "run.mat"
+    path.write_bytes(matlab(time, *reversed(blocks)))
+    log = opened(path)
+    assert log.columns == ("t",)
+    assert [why for _, why in log.left_out] == ["it lies more than 16 structs deep"]
+
+
+@pytest.mark.parametrize(
+    ("klass", "why"), [(1, "a cell array"), (2, "one of more than 1000 structs")]
+)
+def test_announced_elements_of_matlab_need_no_memory(
+    tmp_path: Path, peak: Callable[[], float], klass: int, why: str
+) -> None:
+    """SciPy's `loadmat` takes 1.5 GiB for 200 bytes."""
+    numbers = pack("<2I", 9, 8 * N) + T.tobytes()
+    time = start_of_matrix(6, N, b"t", len(numbers)) + numbers
+    path = tmp_path / "run.mat"
+    path.write_bytes(matlab(time, start_of_matrix(klass, 200_000_000, b"c", 0)))
+    log = opened(path)
+    assert log.columns == ("t",) and why in dict(log.left_out)["c"]
+    assert peak() < 16.0
+
+
 def test_old_matlab_is_refused(tmp_path: Path) -> None:
     scipy.io.savemat(tmp_path / "run.mat", {"t": T}, format="4")
     with pytest.raises(LogError, match="no MATLAB file of version 5 or later") as caught:

@@ -319,9 +319,11 @@ def test_small_files_that_unpack_to_gigabytes_are_refused_in_little_memory(
 @pytest.mark.skipif(sys.platform != "linux", reason="memory is limited as Linux does it")
 def test_huge_claims_need_no_memory(tmp_path: Path) -> None:
     start = b"\x89MCAP0\r\n"
+    frame = b"\x28\xb5\x2f\xfd\xa0" + struct.pack("<I", 2_000_000_000) + b"\x01\0\0"
     claims = {
         "record.mcap": start + b"\x03" + struct.pack("<Q", 1 << 40),
         "chunk.mcap": bomb(b"x" * 100, 1 << 40, b"zstd"),
+        "frame.mcap": bomb(frame, 2_000_000_000, b"zstd"),
         "message.bag": b"#ROSBAG V2.0\n" + struct.pack("<I", 0xFFFFFFF0),
     }
     for name, data in claims.items():

@@ -61,6 +61,18 @@ def test_it_is_the_textbooks(order: int, ratio: float, count: int) -> None:
     np.testing.assert_allclose(narrow, variances, rtol=1e-6, atol=1e-12)
 
 
+@pytest.mark.parametrize("ratio", [1e-18, 1e-12])
+def test_a_parabola_stays_one_however_little_noise_there_is(ratio: float) -> None:
+    """The banded normal equations of the states are off by percents, or have no Cholesky factor."""
+    h = np.concatenate(([0.0], np.ones(1999)))
+    t = np.cumsum(h)
+    y = 3.0 + 0.2 * t + 0.01 * t**2
+    start = np.array([3.0, 0.2, 0.02])
+    states, _ = smoothed(filtered(y, h, ratio, start, 1e6 * np.eye(3)), h)
+    truth = np.stack((y, 0.2 + 0.02 * t, np.full_like(t, 0.02)), axis=1)
+    assert (np.abs(states - truth).max(axis=0) < [1e-8, 1e-10, 1e-12]).all()
+
+
 def test_no_samples_and_wrong_shapes() -> None:
     none = np.zeros(0)
     kept = filtered(none, none, 1.0, np.zeros(3), np.eye(3))

@@ -1,3 +1,5 @@
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from scipy import signal
@@ -27,6 +29,12 @@ def test_welch_with_the_mean_is_scipys() -> None:
     density = welch(x, 100.0, 10.0, detrend=False)[1]
     expected = signal.welch(x, 100.0, "hann", 1000, 500, detrend=False)[1]
     np.testing.assert_allclose(density[:, 1:-1], expected[:, 1:-1], rtol=1e-3)
+
+
+def test_welch_holds_one_window_at_a_time(peak: Callable[[], float]) -> None:
+    x = np.ones((2, 2_000_000))
+    welch(x, 1000.0)
+    assert peak() < x.nbytes / 2**20 + 10.0
 
 
 @pytest.mark.parametrize("resting", [0, 3])

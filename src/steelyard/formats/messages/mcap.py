@@ -1,6 +1,8 @@
 """Messages in MCAP files, with or without chunks, index and end.
 
 The records are read from front to back, as that also works for a file whose recorder lost power.
+`mcap.stream_reader` does so too, but unpacks a chunk whole, whatever the limit of a record: 10 kB
+that stand for 300 MiB take it 600 MiB, and 73 bytes make it ask for 1.9 GiB.
 """
 
 import struct

@@ -11,6 +11,12 @@ A measured velocity is one order lower: $x = (\dot q, \ddot q)$ with the lower r
 
 Backward it takes Bryson and Frazier's form of the Rauch-Tung-Striebel smoother [Bierman1977]: the
 same result, without the inverse of a covariance.
+
+The normal equations of all states are banded, too, but `scipy.linalg.solveh_banded` takes eleven
+times as long for 1e5 samples (50 ms), gives no variances and no innovations, and loses digits that
+this form keeps: at $\rho$ = 4e-5, of a real motion, positions are off by 3e-9 of their range and
+accelerations by 5e-7 (2e-13 and 3e-9 here), at 1e-12 by 2 %, and at 1e-18 its Cholesky factor does
+not exist.
 """
 
 from collections.abc import Iterable
