@@ -56,15 +56,23 @@ class Case:
         return cls(regressor, knowledge, regressor.base.base_values(standard))
 
     def samples(
-        self, noise: float = 0.0, count: int = 400, seed: int = 0, run: str = "run", **fixed: Any
+        self,
+        noise: float = 0.0,
+        count: int = 400,
+        seed: int = 0,
+        run: str = "run",
+        alike: int = 1,
+        **fixed: Any,
     ) -> Samples:
-        """A drawn motion; `noise` is relative to each joint's torque."""
+        """A drawn motion, each instant `alike` times; `noise` is relative to torques."""
         n = len(self.regressor.layout.rows)
-        motion = motion_of(n, count, seed, fixed.pop("still", ()))
+        motion = motion_of(n, count // alike, seed, fixed.pop("still", ()))
         torque = self.regressor.dense(*motion) @ self.truth
         size = np.sqrt(np.mean(np.square(torque), axis=1, keepdims=True))
         drawn = np.random.default_rng([seed, 1]).normal(size=torque.shape)
-        return samples_of(self.regressor, motion, torque + noise * size * drawn, run, **fixed)
+        effort = torque + noise * size * drawn
+        motion = tuple(np.repeat(x, alike, axis=1) for x in motion)
+        return samples_of(self.regressor, motion, np.repeat(effort, alike, axis=1), run, **fixed)
 
     def fit(self, offer: Offer, samples: Samples) -> Estimate:
         """What an estimator makes of samples; skips where a package is missing."""
@@ -166,7 +174,7 @@ def test_standard_deviations_grow_with_the_noise(offer: Offer) -> None:
 def test_more_samples_tell_more(offer: Offer) -> None:
     name = "single" if offer.slow else "arm"
     few = case(name).fit(offer, case(name).samples(0.05, 200))
-    worth = case(name).fit(offer, case(name).samples(0.05, 200, share=0.25))
+    worth = case(name).fit(offer, case(name).samples(0.05, 200, share=0.25, alike=4))
     many = case(name).fit(offer, case(name).samples(0.05, 3200))
     assert np.median(many.std / few.std) < 0.4
     assert np.median(worth.std / few.std) > 1.2

@@ -15,6 +15,7 @@ from steelyard.estimation.least_squares.sandwich import (
     inflations,
     note_of,
     sandwich,
+    scatter,
 )
 from steelyard.model import Model
 from steelyard.regression.accumulate import Accumulator, Stretch
@@ -36,7 +37,7 @@ def slow(rng: np.random.Generator, count: int, lag: float) -> np.ndarray:
 
 
 def data(
-    seed: int, lag: float, windows: int = 8, count: int = 1600
+    seed: int, lag: float, windows: int = 8, count: int = 1600, fast: float = 0.0
 ) -> tuple[Information, np.ndarray, np.ndarray, np.ndarray]:
     """Information in windows, truth, regressor and effort of a slow motion."""
     rng = np.random.default_rng(seed)
@@ -47,7 +48,9 @@ def data(
     dq, ddq = (rates * np.cos(wave)).sum(axis=1), -(rates**2 * np.sin(wave)).sum(axis=1)
     truth = rng.normal(size=len(REGRESSOR.layout.columns))
     dense = REGRESSOR.dense(q, dq, ddq)
-    effort = dense @ truth + SIZES[:, None] * slow(rng, count, lag)
+    drawn = slow(rng, count, lag)
+    drawn[:, 1:] -= fast * drawn[:, :-1]
+    effort = dense @ truth + SIZES[:, None] * drawn
     edges = np.linspace(0, count, windows + 1).astype(int)
     sums = [
         Accumulator(REGRESSOR)(Stretch(*(x[:, a:b] for x in (q, dq, ddq, effort))))
@@ -127,6 +130,23 @@ def test_chance_never_narrows_an_interval() -> None:
     for seed in range(10):
         fit = WeightedLeastSquares().fit(data(seed, 0.0)[0])
         assert inflations(fit).min() >= 1.0
+        assert scatter(fit).min() > 0.6
+
+
+def test_noise_above_the_motion_narrows_intervals_that_still_hold() -> None:
+    inside, ratios = [], []
+    for seed in range(25):
+        information, truth, _, _ = data(seed, 0.0, fast=0.9)
+        fit, estimate = (
+            WeightedLeastSquares().fit(information),
+            WeightedLeastSquares()(information),
+        )
+        assert np.array_equal(inflations(fit), np.ones(4)) and scatter(fit).max() < 0.5
+        inside += (np.abs(estimate.parameters.values - truth) <= estimate.half_width).tolist()
+        alone = WeightedLeastSquares()(information.merged(1))
+        ratios += (estimate.std / alone.std).tolist()
+    assert 0.93 <= np.mean(inside) <= 0.99
+    assert np.median(ratios) < 0.6
 
 
 def test_many_runs_are_merged_so_that_the_cost_stays() -> None:

@@ -9,7 +9,7 @@ import pytest
 from invented import ROBOTS, single
 from steelyard.measurement.run import Block
 from steelyard.model import Model
-from steelyard.regression.accumulate import MOVING, Accumulator, Stretch, Sums
+from steelyard.regression.accumulate import MOVING, RESTING, Accumulator, Stretch, Sums
 from steelyard.regression.gather import accumulate, cut
 from steelyard.regression.information import Information, Stamp
 from steelyard.regression.parallel_filter import MatchedFilter
@@ -34,8 +34,9 @@ def oracle(found: Regressor, matched: MatchedFilter | None, data: Stretch) -> Su
     """The same with a stored regressor."""
     dense = found.dense(data.q, data.dq, data.ddq)
     count = data.q.shape[1]
-    grams, absolute, counts = [], [], []
+    grams, absolute, counts, beside = [], [], [], []
     for row, seen in enumerate(found.layout.sees):
+        shares = np.zeros(1)
         rows = np.column_stack([dense[row][:, list(seen)], data.effort[row]])
         weights = np.ones(count) if data.weights is None else data.weights[row]
         if matched is not None:
@@ -43,13 +44,20 @@ def oracle(found: Regressor, matched: MatchedFilter | None, data: Stretch) -> Su
             inside = [slice(k, k + len(matched.taps)) for k in starts]
             rows = np.array([matched.taps @ rows[s] for s in inside]).reshape(-1, rows.shape[1])
             mean = np.array([matched.taps @ weights[s] for s in inside])
+            sizes = np.abs(matched.taps) / np.abs(matched.taps).sum()
+            resting = np.array([sizes @ (weights[s] == 0.0) for s in inside])
+            shares = (resting > RESTING).astype(float)
             weights = (mean > MOVING).astype(float)
         rows = rows * np.sqrt(weights)[:, None]
         gram = rows.T @ rows
         grams.append(gram[np.tril_indices(len(gram))])
         absolute.append(np.abs(rows).sum(axis=0))
         counts.append(weights.sum())
-    return Sums(np.concatenate(grams), np.concatenate(absolute), np.array(counts))
+        near = (rows.T * shares) @ rows
+        beside.append(near[np.tril_indices(len(near))])
+    return Sums(
+        np.concatenate(grams), np.concatenate(absolute), np.array(counts), np.concatenate(beside)
+    )
 
 
 @pytest.mark.parametrize("name", ["single", "tree", "panda"])
@@ -66,6 +74,7 @@ def test_sums_equal_a_stored_regressor(name: str, kind: str, weighted: bool) -> 
         scale = max(1.0, np.abs(wanted.grams).max(initial=0.0))
         assert np.abs(got.grams - wanted.grams).max() < 1e-12 * scale
         assert np.abs(got.absolute - wanted.absolute).max() < 1e-12 * scale
+        assert np.abs(got.beside - wanted.beside).max() < 1e-12 * scale
         assert np.array_equal(got.counts, wanted.counts)
 
 
@@ -103,6 +112,10 @@ def test_any_split_and_any_number_of_threads_give_the_same(kind: str, weighted: 
         for threads in (1, 2, 3):
             got = gathered(found, matched, blocks(data, sizes), threads)
             assert np.abs(got.grams.sum(axis=0) - direct.grams).max() < 1e-12 * scale
+            if got.beside is None:
+                assert not direct.beside.any()
+            else:
+                assert np.abs(got.beside.sum(axis=0) - direct.beside).max() < 1e-12 * scale
             assert np.array_equal(got.n_samples, wanted.n_samples)
             assert got.windows == wanted.windows
 

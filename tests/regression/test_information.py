@@ -11,6 +11,7 @@ from steelyard.estimation.least_squares.least_squares import WeightedLeastSquare
 from steelyard.model import Model
 from steelyard.regression.accumulate import Accumulator, Stretch
 from steelyard.regression.information import Information, Stamp, Window
+from steelyard.regression.predicted import with_predicted
 from steelyard.regression.regressor import base_regressor
 
 REGRESSOR = base_regressor(Model(tree()))
@@ -128,3 +129,28 @@ def test_runs_of_different_rates_add_to_the_same_in_any_order() -> None:
     one, other = WeightedLeastSquares()(slow + fast), WeightedLeastSquares()(fast + slow)
     assert np.allclose(one.covariance, other.covariance, rtol=1e-6)
     assert np.allclose((slow + fast).n_samples, 200 / 1.5 + 200 / 4.5)
+
+
+def test_what_is_beside_rests_goes_with_the_sums() -> None:
+    def marked(information: Information) -> Information:
+        return replace(information, beside=0.3 * information.grams)
+
+    first, second = marked(piece(0)[0]), piece(1)[0]
+    whole = first + second
+    assert whole.beside is not None and (second + second).beside is None
+    assert np.array_equal(whole.beside[:1], first.beside) and not whole.beside[1].any()
+    names, units = REGRESSOR.layout.columns, REGRESSOR.layout.units
+    transform = np.random.default_rng(2).normal(size=(P, P))
+    for changed in (
+        first.of([0]),
+        first.merged(1),
+        first.select(names[3:7]),
+        first.map(transform, names, units),
+        first.diluted(2.0),
+        first.scaled(np.array([2.0, -1.0, 3.0, 1.0]), ("Nm",) * 4),
+        with_predicted(first, np.ones(P), ("a", "b", "c", "d"), np.zeros(4)),
+    ):
+        assert changed.beside is not None
+        assert np.allclose(changed.beside, 0.3 * changed.grams, rtol=1e-9, atol=1e-9)
+        rest = changed.without_beside()
+        assert rest.beside is None and np.allclose(rest.grams, 0.7 * changed.grams, atol=1e-9)

@@ -108,6 +108,11 @@ class Runs:
         runs = tuple(information.grouped([group]) for group in groups.values())
         return cls(information, runs, tuple(columns.index(name) for name in per_run))
 
+    def without_beside(self) -> "Runs":
+        """The same without samples beside rests."""
+        runs = tuple(run.without_beside() for run in self.runs)
+        return Runs(self.whole.without_beside(), runs, self.local)
+
     def normal(self, weights: Array) -> tuple[Array, Array, tuple[Eliminated, ...], Array]:
         """Normal equations of the shared columns, and what was eliminated.
 

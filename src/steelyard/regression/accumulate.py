@@ -22,6 +22,9 @@ MOVING = 0.1
 """Filtered weight above which a filtered sample counts: only a rest as long as the filter is left
 out, a reversal of the motion is not a rest."""
 
+RESTING = 0.02
+"""Share of left out samples behind the filter from which on a filtered sample is beside rests."""
+
 PADDING = 8
 """Extra samples per row, so that rows do not start a power of two apart."""
 
@@ -67,11 +70,20 @@ class Stretch:
 
 @dataclass(frozen=True, eq=False)
 class Sums:
-    """Packed Gram matrices `(size,)`, sums of |value| `(width,)` and samples per row `(rows,)`."""
+    """Sums over samples.
+
+    Attributes:
+        grams: Packed Gram matrices, shape `(size,)`.
+        absolute: Sums of |value|, shape `(width,)`.
+        counts: Samples per row, shape `(rows,)`.
+        beside: Of `grams`, the part of filtered samples beside rests: those in which samples of
+            weight 0 have a share above `RESTING`.
+    """
 
     grams: Array
     absolute: Array
     counts: Array
+    beside: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,12 +168,12 @@ class Accumulator:
     def _filtered(self, stretch: Stretch) -> Sums:
         """Kernel, filter, weights and Gram, one native call each per block."""
         work = self._workspace()
-        weights = self._weights(stretch)
+        weights, beside = self._weights(stretch), self._beside(stretch)
         for first, count, block in self._blocks(stretch, work):
-            if weights is None:
-                work.add(block, count)
-            else:
-                work.add(block, count, weights[:, first : first + count])
+            part = slice(first, first + count)
+            work.add(block, count, None if weights is None else weights[:, part])
+            if beside is not None:
+                work.add_beside(block, beside[:, part])
         return work.result()
 
     def rows(self, stretch: Stretch) -> tuple[Array, Array]:
@@ -217,6 +229,17 @@ class Accumulator:
         known = self._over_taps(counted.astype(np.float64), shares)
         return np.divide(known, mean, where=kept & (mean > 0.0), out=np.zeros(mean.shape))
 
+    def _beside(self, stretch: Stretch) -> Array | None:
+        """Ones of filtered samples beside rests, `(n, outputs)`; `None` if there are none."""
+        if self.matched is None or stretch.weights is None or np.all(stretch.weights > 0.0):
+            return None
+        if self.outputs(stretch.q.shape[1]) == 0:
+            return None
+        sizes = np.abs(self.matched.taps)
+        resting = (stretch.weights == 0.0).astype(np.float64)
+        share = self._over_taps(resting, sizes / sizes.sum())
+        return (share > RESTING).astype(np.float64)
+
     def _over_taps(self, values: Array, taps: Array) -> Array:
         """Values `(n, N)` summed over the taps at every filtered sample, shape `(n, outputs)`."""
         windows = np.lib.stride_tricks.sliding_window_view(values, len(taps), axis=1)
@@ -237,6 +260,7 @@ class _Workspace:
         self.z = np.zeros((rows, -(-outputs // lanes) * lanes + PADDING))
         tiles = len(accumulator.tiling.firsts)
         self.sums = np.zeros((tiles, TILE_ROWS * TILE_COLUMNS, lanes))
+        self.beside = np.zeros_like(self.sums)
         self.absolute = np.zeros((accumulator.width, lanes))
         self.counts = np.zeros(len(accumulator.regressor.layout.rows))
 
@@ -273,36 +297,52 @@ class _Workspace:
 
     def add(self, block: Array, count: int, weights: Array | None = None) -> None:
         """Add the first `count` samples of a block of rows, weighted per effort row."""
-        loops, tiling = self.accumulator.loops, self.accumulator.tiling
-        lanes = self.accumulator.regressor.code.lanes
-        padded = -(-count // lanes) * lanes
-        block[:, count:padded] = 0.0
         if weights is not None:
-            layout = self.accumulator.regressor.layout
-            roots = np.repeat(np.sqrt(weights), layout.widths, axis=0)
-            block[: len(roots), :count] *= roots
-        loops.gram(
+            self._weigh(block, weights)
+        self._add_grams(block, count, self.sums)
+        self.accumulator.loops.absolute(
             block.ctypes.data,
             block.shape[1],
-            padded,
-            tiling.firsts.ctypes.data,
-            len(tiling.firsts),
-            self.sums.ctypes.data,
-        )
-        loops.absolute(
-            block.ctypes.data,
-            block.shape[1],
-            padded,
+            self._padded(count),
             self.accumulator.width,
             self.absolute.ctypes.data,
         )
         self.counts += count if weights is None else np.count_nonzero(weights, axis=1)
 
+    def add_beside(self, block: Array, marks: Array) -> None:
+        """Add those samples of a block that `add` has weighted that `marks` `(n, count)` marks."""
+        self._weigh(block, marks)
+        self._add_grams(block, marks.shape[1], self.beside)
+
+    def _weigh(self, block: Array, weights: Array) -> None:
+        """Multiply rows by the roots of their weights, shape `(n, count)`."""
+        widths = self.accumulator.regressor.layout.widths
+        roots = np.repeat(np.sqrt(weights), widths, axis=0)
+        block[: len(roots), : weights.shape[1]] *= roots
+
+    def _add_grams(self, block: Array, count: int, sums: Array) -> None:
+        """Add the products of the first `count` samples."""
+        padded, firsts = self._padded(count), self.accumulator.tiling.firsts
+        block[:, count:padded] = 0.0
+        self.accumulator.loops.gram(
+            block.ctypes.data,
+            block.shape[1],
+            padded,
+            firsts.ctypes.data,
+            len(firsts),
+            sums.ctypes.data,
+        )
+
+    def _padded(self, count: int) -> int:
+        """So many samples as whole vectors."""
+        lanes = self.accumulator.regressor.code.lanes
+        return -(-count // lanes) * lanes
+
     def result(self) -> Sums:
         """The sums, lanes added up."""
-        cells = self.sums.sum(axis=2).ravel()
-        grams = cells[self.accumulator.tiling.cells]
-        return Sums(grams, self.absolute.sum(axis=1), self.counts)
+        places = self.accumulator.tiling.cells
+        grams, beside = (x.sum(axis=2).ravel()[places] for x in (self.sums, self.beside))
+        return Sums(grams, self.absolute.sum(axis=1), self.counts, beside)
 
 
 def _addresses(stretch: Stretch, start: int) -> list[int]:

@@ -5,7 +5,7 @@ Per effort row the Gram matrix of `[columns that row sees | effort]`, the sums o
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -69,6 +69,7 @@ class Information:
         absolute: Sums of |column| and |effort| of all rows, shape `(w, width)`.
         counts: Samples per window and row, shape `(w, rows)`; behind a filter, which makes
             neighbours alike, as many as there are independent ones.
+        beside: Of `grams`, the part of samples beside rests, see `Sums`; `None` if there are none.
 
     Example:
         >>> runs = load_runs("arm.toml", ["fit.parquet", "other.parquet"])
@@ -83,6 +84,7 @@ class Information:
     grams: Array
     absolute: Array
     counts: Array
+    beside: Array | None = None
 
     def __repr__(self) -> str:
         columns, runs = len(self.layout.columns), len({window.run for window in self.windows})
@@ -102,7 +104,13 @@ class Information:
             np.concatenate([self.grams, other.grams]),
             np.concatenate([self.absolute, other.absolute]),
             np.concatenate([self.counts, other.counts]),
+            _joined(self, other),
         )
+
+    def without_beside(self) -> "Information":
+        """The same data without the part beside rests; counts stay what they are."""
+        rest = self.grams if self.beside is None else self.grams - self.beside
+        return replace(self, grams=rest, beside=None)
 
     @property
     def n_samples(self) -> Array:
@@ -119,6 +127,7 @@ class Information:
             self.grams[chosen],
             self.absolute[chosen],
             self.counts[chosen],
+            None if self.beside is None else self.beside[chosen],
         )
 
     def merged(self, most: int) -> "Information":
@@ -136,11 +145,20 @@ class Information:
             Window(self.windows[g[0]].run, self.windows[g[0]].start, self.windows[g[-1]].stop)
             for g in groups
         )
-        grams, absolute, counts = (
-            np.array([x[list(g)].sum(axis=0) for g in groups]).reshape(len(groups), x.shape[1])
-            for x in (self.grams, self.absolute, self.counts)
+
+        def joined(sums: Array) -> Array:
+            parts = [sums[list(g)].sum(axis=0) for g in groups]
+            return np.reshape(parts, (len(groups), sums.shape[1]))
+
+        return Information(
+            self.layout,
+            self.stamp,
+            labels,
+            joined(self.grams),
+            joined(self.absolute),
+            joined(self.counts),
+            None if self.beside is None else joined(self.beside),
         )
-        return Information(self.layout, self.stamp, labels, grams, absolute, counts)
 
     def row_gram(self, row: int, windows: Sequence[int] | None = None) -> Array:
         """Gram matrix of one row's own columns and effort, shape `(k + 1, k + 1)`."""
@@ -151,7 +169,7 @@ class Information:
 
     def row_grams(self, row: int) -> Array:
         """The same of every window, shape `(w, k + 1, k + 1)`."""
-        return _unpacked(self.grams[:, self._packed(row)], self.layout.widths[row])
+        return self._matrices(self.grams, row)
 
     def normal(self, weights: Array | None = None) -> tuple[Array, Array, float]:
         r"""Normal equations of weighted least squares over all rows.
@@ -219,9 +237,7 @@ class Information:
             sums[:, start : start + width] = self.absolute[
                 :, [self.layout.starts[row] + k for k in source]
             ]
-        return Information(
-            chosen.layout, chosen.stamp, chosen.windows, chosen.grams, sums, self.counts
-        )
+        return replace(chosen, absolute=sums)
 
     def map(self, transform: Array, names: Sequence[str], units: Sequence[str]) -> "Information":
         """The same data for other parameters: old ones = `transform` @ new ones.
@@ -237,27 +253,36 @@ class Information:
             tuple(int(k) for k in np.flatnonzero(np.any(transform[list(seen)] != 0.0, axis=0)))
             for seen in self.layout.sees
         )
-        layout = Layout(tuple(names), tuple(units), self.layout.rows, sees)
-        pieces = []
-        for row, (old, new) in enumerate(zip(self.layout.sees, sees, strict=True)):
+        parts = []
+        for old, new in zip(self.layout.sees, sees, strict=True):
             part = np.zeros((len(old) + 1, len(new) + 1))
             part[:-1, :-1] = transform[np.ix_(old, new)]
             part[-1, -1] = 1.0
-            width = self.layout.widths[row]
-            grams = _unpacked(self.grams[:, self._packed(row)], width)
-            pieces.append(packed(part.T @ grams @ part))
+            parts.append(part)
+        return self.mapped(Layout(tuple(names), tuple(units), self.layout.rows, sees), parts)
+
+    def mapped(self, layout: Layout, parts: Sequence[Array]) -> "Information":
+        """The same data in other columns and efforts.
+
+        Args:
+            layout: The new columns.
+            parts: Per row old columns and effort per new ones, shape `(old + 1, new + 1)`.
+        """
+
+        def of(sums: Array) -> Array:
+            grams = [
+                packed(part.T @ self._matrices(sums, row) @ part) for row, part in enumerate(parts)
+            ]
+            return np.concatenate(grams, axis=1)
+
         return Information(
             layout,
-            Stamp(
-                self.stamp.model,
-                tuple(names),
-                self.stamp.effort,
-                self.stamp.filters,
-            ),
+            replace(self.stamp, columns=layout.columns),
             self.windows,
-            np.concatenate(pieces, axis=1),
+            of(self.grams),
             np.full((len(self.windows), sum(layout.widths)), np.nan),
             self.counts,
+            None if self.beside is None else of(self.beside),
         )
 
     def diluted(self, factor: float) -> "Information":
@@ -269,26 +294,25 @@ class Information:
             self.grams / factor,
             self.absolute / factor,
             self.counts / factor,
+            None if self.beside is None else self.beside / factor,
         )
 
     def scaled(self, gains: Array, units: Sequence[str]) -> "Information":
         """The same data with each row's effort multiplied by a gain, in its new unit."""
-        grams, absolute = self.grams.copy(), self.absolute.copy()
+        ratios, absolute = np.ones(self.grams.shape[1]), self.absolute.copy()
         for row, gain in enumerate(gains):
             width = self.layout.widths[row]
             factors = np.ones(width)
             factors[-1] = gain
             lower = np.tril_indices(width)
-            grams[:, self._packed(row)] *= (factors[:, None] * factors)[lower]
+            ratios[self._packed(row)] = (factors[:, None] * factors)[lower]
             absolute[:, self.layout.starts[row] + width - 1] *= abs(gain)
-        stamp = Stamp(
-            self.stamp.model,
-            self.stamp.columns,
-            tuple(units),
-            self.stamp.filters,
-        )
-        return Information(
-            self.layout, stamp, self.windows, frozen(grams), frozen(absolute), self.counts
+        return replace(
+            self,
+            stamp=replace(self.stamp, effort=tuple(units)),
+            grams=frozen(self.grams * ratios),
+            absolute=frozen(absolute),
+            beside=None if self.beside is None else frozen(self.beside * ratios),
         )
 
     @cached_property
@@ -297,6 +321,10 @@ class Information:
         sums = self.grams.sum(axis=0)
         widths = self.layout.widths
         return tuple(frozen(_unpacked(sums[self._packed(k)], w)) for k, w in enumerate(widths))
+
+    def _matrices(self, sums: Array, row: int) -> Array:
+        """One row's matrices `(w, k + 1, k + 1)` of packed ones `(w, size)`."""
+        return _unpacked(sums[:, self._packed(row)], self.layout.widths[row])
 
     def _packed(self, row: int) -> slice:
         sizes = [w * (w + 1) // 2 for w in self.layout.widths]
@@ -322,6 +350,15 @@ def packed(matrices: Array) -> Array:
     """Lower triangles `(..., size)` of symmetric matrices `(..., width, width)`."""
     rows, columns = np.tril_indices(matrices.shape[-1])
     return np.asarray(matrices[..., rows, columns])
+
+
+def _joined(one: Information, other: Information) -> Array | None:
+    """What is beside rests in all windows of both."""
+    if one.beside is None and other.beside is None:
+        return None
+    return np.concatenate(
+        [np.zeros_like(x.grams) if x.beside is None else x.beside for x in (one, other)]
+    )
 
 
 def _runs(information: Information) -> str:

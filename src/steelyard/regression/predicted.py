@@ -1,12 +1,11 @@
 """Information with each row's predicted effort as one more column."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.regression.information import Information, packed
+from steelyard.regression.information import Information
 from steelyard.regression.regressor import Layout
 
 
@@ -27,19 +26,12 @@ def with_predicted(
     sees = tuple((*seen, p + row) for row, seen in enumerate(old.sees))
     columns = (*old.columns, *names)
     layout = Layout(columns, (*old.units, *["1"] * len(names)), old.rows, sees)
-    pieces = []
+    parts = []
     for row, seen in enumerate(old.sees):
         k, mine = len(seen), values[list(seen)]
         part = np.zeros((k + 1, k + 2))
         part[:k, :k] = np.eye(k)
         part[:k, k], part[:k, k + 1] = mine, added[row] * mine
         part[k, k + 1] = 1.0
-        pieces.append(packed(part.T @ information.row_grams(row) @ part))
-    return Information(
-        layout,
-        replace(information.stamp, columns=columns),
-        information.windows,
-        np.concatenate(pieces, axis=1),
-        np.full((len(information.windows), sum(layout.widths)), np.nan),
-        information.counts,
-    )
+        parts.append(part)
+    return information.mapped(layout, parts)

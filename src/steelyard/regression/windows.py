@@ -18,13 +18,14 @@ class Windows:
         size = sum(w * (w + 1) // 2 for w in layout.widths)
         self.windows: list[Window] = []
         self._rows = [
-            np.empty((MOST_WINDOWS + 1, k)) for k in (size, accumulator.width, len(layout.rows))
+            np.empty((MOST_WINDOWS + 1, k))
+            for k in (size, accumulator.width, len(layout.rows), size)
         ]
         self._size, self._filled = 1, 1
 
     def add(self, window: Window, sums: Sums) -> None:
         """Take one more piece."""
-        pieces = (sums.grams, sums.absolute, sums.counts)
+        pieces = (sums.grams, sums.absolute, sums.counts, sums.beside)
         if self.windows and self._filled < self._size:
             self.windows[-1] = _spanning(self.windows[-1], window)
             for rows, piece in zip(self._rows, pieces, strict=True):
@@ -50,10 +51,10 @@ class Windows:
         self._size *= 2
 
     @property
-    def sums(self) -> tuple[Array, Array, Array]:
-        """Gram matrices, sums of |value| and samples, one row a window."""
-        grams, absolute, counts = (rows[: len(self.windows)] for rows in self._rows)
-        return grams, absolute, counts
+    def sums(self) -> tuple[Array, Array, Array, Array | None]:
+        """Gram matrices, sums of |value|, samples, and what is beside rests, one row a window."""
+        grams, absolute, counts, beside = (rows[: len(self.windows)] for rows in self._rows)
+        return grams, absolute, counts, beside if beside.any() else None
 
 
 def _spanning(first: Window, second: Window) -> Window:

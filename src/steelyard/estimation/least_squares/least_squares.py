@@ -3,7 +3,8 @@ r"""Ordinary and weighted least squares on base parameters, from information alo
 Weights are one per effort row, $1/\sigma_j^2$, found by iteration: fit, take each row's residuals,
 fit again [Gautier1997]. Information counts filtered samples for what they are worth, as many as
 there are independent ones, so the covariance is right for white residuals behind a low-pass; where
-windows of time show that they are alike for longer, it is widened (see `sandwich`).
+windows of time show that they are alike for longer or for less, it follows (see `sandwich`), and
+what samples beside rests move is added (see `beside_rests`).
 """
 
 from dataclasses import dataclass, replace
@@ -12,15 +13,18 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.estimation.estimate import Estimate
+from steelyard.estimation.least_squares.beside_rests import moved_scores
 from steelyard.estimation.least_squares.normal_equations import (
     Fit,
     Solution,
+    Spread,
     described,
+    scores_of,
     solve,
     spread_of,
     variances_of,
 )
-from steelyard.estimation.least_squares.sandwich import inflations, note_of
+from steelyard.estimation.least_squares.sandwich import note_of, scatter
 from steelyard.estimation.per_run import Runs
 from steelyard.regression.information import Information
 
@@ -50,8 +54,9 @@ class OrdinaryLeastSquares:
         ones = np.ones(len(information.layout.rows))
         solution = solve(data, ones)
         fit = Fit(data, solution, variances=variances_of(data, solution, ones))
-        factors = inflations(WeightedLeastSquares(per_run=self.per_run).fit(information))
-        estimate = described("ordinary least squares", fit, spread_of(fit, factors * fit.variances))
+        factors = scatter(WeightedLeastSquares(per_run=self.per_run).fit(information))
+        spread = _spread(fit, ones, factors * fit.variances)
+        estimate = described("ordinary least squares", fit, spread)
         return replace(estimate, notes=note_of(information.layout.rows, factors))
 
 
@@ -72,8 +77,9 @@ class WeightedLeastSquares:
     def __call__(self, information: Information) -> Estimate:
         """Estimate all columns that the data see."""
         fit = self.fit(information)
-        factors = inflations(fit)
-        estimate = described("weighted least squares", fit, spread_of(fit, factors / fit.variances))
+        factors = scatter(fit)
+        spread = _spread(fit, 1.0 / fit.variances, factors / fit.variances)
+        estimate = described("weighted least squares", fit, spread)
         return replace(estimate, notes=note_of(information.layout.rows, factors))
 
     def fit(self, information: Information) -> Fit:
@@ -91,6 +97,24 @@ class WeightedLeastSquares:
                 break
             logs = mixed.next(logs, change)
         return Fit(data, solution, variances)
+
+
+def _spread(fit: Fit, weights: Array, noise: Array) -> Spread:
+    """What noise does to a fit, and what samples beside rests move.
+
+    Args:
+        fit: The fit.
+        weights: One per row.
+        noise: Variance of the residuals times the square of their weight, per row.
+    """
+    spread, solution = spread_of(fit, noise), fit.solution
+    scores = scores_of(fit.data, solution.locals, solution.kept, noise)
+    shift = solution.inverse @ moved_scores(fit, weights, scores)
+    own = [part.slopes[:, solution.kept] @ shift for part in solution.locals]
+    return Spread(
+        spread.shared + np.outer(shift, shift),
+        tuple(found + np.outer(x, x) for found, x in zip(spread.own, own, strict=True)),
+    )
 
 
 class Mixing:

@@ -215,6 +215,28 @@ def spread_of(fit: Fit, noise: Array | None = None) -> Spread:
     return Spread(covariance, tuple(each))
 
 
+def scores_of(
+    data: Runs, locals_: Sequence[Eliminated], kept: Sequence[int], weights: Array
+) -> Array:
+    """Covariance of the scores of shared columns, those of the runs themselves fitted.
+
+    Args:
+        data: The data.
+        locals_: Per run its own parameters.
+        kept: Shared columns.
+        weights: Variance of the residuals times the square of their weight, per row.
+
+    Returns:
+        Shape `(len(kept), len(kept))`.
+    """
+    total = np.zeros((len(kept), len(kept)))
+    for run, own in zip(data.runs, locals_, strict=True):
+        matrix, _, _ = run.normal(weights)
+        shared = shared_map(own, kept)
+        total += shared.T @ matrix @ shared
+    return total
+
+
 def shared_map(own: Eliminated, kept: Sequence[int]) -> Array:
     """All columns per shared column, those of the run itself fitted, shape `(p, len(kept))`."""
     shared = np.zeros((own.slopes.shape[1], len(kept)))

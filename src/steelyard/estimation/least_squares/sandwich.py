@@ -15,8 +15,12 @@ $$\varphi_j = \frac{\sum_w g_{wj}^T K g_{wj}}
 C = K \Big(\sum_j \varphi_j G_j\Big) K,$$
 
 with $G_{wj} = A_{wj}^T A_{wj} / \sigma_j^2$; the square is what the fit took from the scores. Its
-intervals hold in 93 to 96 % of cases, from white noise to drift over seconds. It is never below
-one: chance must not narrow an interval.
+intervals hold in 93 to 96 % of cases, from white noise to drift over seconds.
+
+It is below one where the noise lies in the upper part of the low-pass, as that of accelerations
+does, and the motion in the lower: 0.2 to 0.6 on simulated arms. Chance must not narrow an interval,
+so it then counts with one standard deviation of its own more, and with one at most. Weights of
+estimates count it with one at least.
 
 What changes from run to run (another day, a motion that the model describes less well) scatters
 between runs more than between windows. With several runs, the larger of the two factors counts:
@@ -29,7 +33,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.estimation.least_squares.normal_equations import Fit, shared_map
+from steelyard.estimation.least_squares.beside_rests import away, moved_scores
+from steelyard.estimation.least_squares.normal_equations import Fit, scores_of, shared_map
 from steelyard.estimation.per_run import Eliminated
 from steelyard.regression.information import Information
 
@@ -47,22 +52,45 @@ TOLD = 1.5
 
 
 def inflations(fit: Fit) -> Array:
-    r"""How many times more the estimate scatters than by white residuals, per row: $\varphi_j$.
+    r"""How many times more the estimate scatters than by white residuals, for weights of rows.
 
     Args:
         fit: Weighted least squares, weighted by the inverse of its variances.
 
     Returns:
-        Shape `(rows,)`, at least 1; 1 where the windows are too few to tell.
+        $\varphi_j$, but at least 1, shape `(rows,)`; 1 where the windows are too few to tell.
     """
+    return np.maximum(_over_runs(fit), 1.0)
+
+
+def scatter(fit: Fit) -> Array:
+    r"""The same for covariances: less than 1 where that is significant, and away from rests.
+
+    What samples beside rests add is counted apart, see `beside_rests`.
+
+    Args:
+        fit: Weighted least squares, weighted by the inverse of its variances.
+
+    Returns:
+        $\varphi_j$, shape `(rows,)`; at least 1 where windows, or samples away from rests, are too
+        few to tell.
+    """
+    if fit.data.whole.beside is None:
+        return _over_runs(fit)
+    part = away(fit)
+    return inflations(fit) if part is None else _over_runs(part)
+
+
+def _over_runs(fit: Fit) -> Array:
+    r"""$\varphi_j$ of windows, or of whole runs where that is larger, shape `(rows,)`."""
     runs = len({window.run for window in fit.data.whole.windows})
     factors = _scatter(fit, max(FEWEST, WINDOWS // max(runs, 1)))
     return np.maximum(factors, _scatter(fit, 1)) if runs > 1 else factors
 
 
 def _scatter(fit: Fit, most: int) -> Array:
-    r"""$\varphi_j$ of scores in at most so many windows per run, shape `(rows,)`, at least 1."""
-    found, expected = np.zeros(len(fit.variances)), np.zeros(len(fit.variances))
+    r"""$\varphi_j$ of scores in at most so many windows per run, shape `(rows,)`."""
+    found, expected, squares = np.zeros((3, len(fit.variances)))
     for part in _parts(fit, most):
         place = {column: k for k, column in enumerate(part.columns)}
         for row, seen in enumerate(part.windows.layout.sees):
@@ -73,15 +101,22 @@ def _scatter(fit: Fit, most: int) -> Array:
             taken = inverse @ grams
             found[row] += np.sum((scores @ inverse) * scores)
             expected[row] += np.trace(taken, axis1=1, axis2=2).sum()
-            expected[row] -= np.sum(taken * taken.transpose(0, 2, 1))
+            square = np.sum(taken * taken.transpose(0, 2, 1))
+            expected[row] -= square
+            squares[row] += square
     told = expected >= (FREEDOM if len(fit.data.whole.windows) > 1 else np.inf)
-    return np.where(told, np.maximum(found / np.where(told, expected, 1.0), 1.0), 1.0)
+    expected = np.where(told, expected, 1.0)
+    factors, chance = found / expected, np.sqrt(2.0 * squares) / expected
+    low = np.minimum(factors * (1.0 + chance), 1.0)
+    return np.where(told, np.where(factors < 1.0, low, factors), 1.0)
 
 
 def honest_covariance(
     fit: Fit, inverse: Array, prior: Array | None = None, factors: Array | None = None
 ) -> Array:
-    r"""Covariance of the shared parameters, $K (\sum_j \varphi_j G_j + P) K$.
+    r"""Covariance of the shared parameters, $K (\sum_j \varphi_j G_j + s s^T + P) K$.
+
+    $s$ is what samples beside rests add to the normal vector, see `beside_rests`.
 
     Args:
         fit: Weighted least squares of the data.
@@ -93,14 +128,11 @@ def honest_covariance(
     Returns:
         Over the columns `fit.solution.kept`.
     """
-    factors = inflations(fit) if factors is None else factors
-    kept = fit.solution.kept
-    middle = np.zeros((len(kept), len(kept))) if prior is None else prior.copy()
-    for run, own in zip(fit.data.runs, fit.solution.locals, strict=True):
-        matrix, _, _ = run.normal(factors / fit.variances)
-        shared = shared_map(own, kept)
-        middle += shared.T @ matrix @ shared
-    return _symmetric(inverse @ middle @ inverse)
+    factors = scatter(fit) if factors is None else factors
+    middle = scores_of(fit.data, fit.solution.locals, fit.solution.kept, factors / fit.variances)
+    shift = moved_scores(fit, 1.0 / fit.variances, middle)
+    middle += np.outer(shift, shift)
+    return _symmetric(inverse @ (middle if prior is None else middle + prior) @ inverse)
 
 
 def sandwich(fit: Fit) -> Array:

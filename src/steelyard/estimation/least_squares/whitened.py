@@ -12,12 +12,13 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.estimation.estimate import Estimate
+from steelyard.estimation.least_squares.beside_rests import moved
 from steelyard.estimation.least_squares.least_squares import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
 )
-from steelyard.estimation.least_squares.normal_equations import Fit, refuse_few
-from steelyard.estimation.least_squares.sandwich import inflations
+from steelyard.estimation.least_squares.normal_equations import Fit, refuse_few, scores_of
+from steelyard.estimation.least_squares.sandwich import inflations, scatter
 from steelyard.estimation.per_run import Eliminated
 from steelyard.regression.information import Information
 
@@ -38,7 +39,8 @@ class Whitened:
         names: Base parameters, `c` of them; those of single runs are not among them.
         matrix: `R`, shape `(rank, c)`.
         vector: `z`, shape `(rank,)`.
-        noise: Covariance of `z`, shape `(rank, rank)`; one where rows weigh by their noise.
+        noise: Covariance of `z` as windows of time and samples beside rests tell it, shape
+            `(rank, rank)`.
         lengths: Root of the sum of squares of each whitened column, shape `(c,)`.
         effort: Root of the sum of squares of the whitened efforts.
     """
@@ -91,9 +93,14 @@ def whitened(
         tuple(information.layout.columns[k] for k in columns),
         (vectors * roots).T * finite,
     )
-    noise = np.eye(len(roots))
     if equal:
         noise = _noise(names, matrix, OrdinaryLeastSquares(tuple(per_run))(information))
+    else:
+        root = (vectors / scale[:, None]).T / roots[:, None]
+        squared = fit.variances * scatter(fit) / np.square(variances)
+        noise = root @ scores_of(fit.data, eliminated, columns, squared) @ root.T
+        shift = moved(fit, 1.0 / variances, root, columns, noise)
+        noise += np.outer(shift, shift)
     return Whitened(
         fit,
         eliminated,

@@ -1,0 +1,129 @@
+"""What samples beside rests move: found where they err, not counted where chance explains it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from invented import tree
+from steelyard.estimation.consistent.consistent import Consistent
+from steelyard.estimation.estimate import Estimator
+from steelyard.estimation.least_squares.beside_rests import away, moved_scores
+from steelyard.estimation.least_squares.least_squares import (
+    OrdinaryLeastSquares,
+    WeightedLeastSquares,
+)
+from steelyard.estimation.least_squares.ridge import Ridge
+from steelyard.estimation.least_squares.sandwich import inflations, scatter
+from steelyard.estimation.prior.prior import default_knowledge
+from steelyard.model import Model
+from steelyard.regression.accumulate import Accumulator, Stretch
+from steelyard.regression.information import Information, Stamp, Window
+from steelyard.regression.regressor import base_regressor
+
+MODEL = Model(tree())
+REGRESSOR = base_regressor(MODEL)
+COLUMNS = REGRESSOR.layout.columns
+FRICTION = [k for k, name in enumerate(COLUMNS) if name.startswith("coulomb")]
+TRUTH = REGRESSOR.base.base_values([0.4 if p.prior is None else p.prior for p in MODEL.parameters])
+
+
+def said(seed: int, error: float, noise: float = 0.05, share: float = 0.15) -> Information:
+    """A drawn motion; in a share of the samples all friction is so much larger than it is.
+
+    Args:
+        seed: Of motion and noise.
+        error: Part of Coulomb friction that is added beside rests.
+        noise: Relative to each joint's torque.
+        share: Samples beside rests.
+    """
+    rng = np.random.default_rng(seed)
+    q, dq, ddq = rng.normal(size=(3, 4, 1600))
+    dense, beside = REGRESSOR.dense(q, dq, ddq), rng.random(1600) < share
+    torque = dense @ TRUTH
+    more = dense[:, :, FRICTION] @ TRUTH[FRICTION]
+    size = noise * np.sqrt(np.square(torque).mean(axis=1, keepdims=True))
+    effort = torque + error * beside * more + size * rng.normal(size=torque.shape)
+    found = []
+    for first in range(0, 1600, 200):
+        cut = np.arange(first, first + 200)
+        whole, part = (
+            Accumulator(REGRESSOR)(Stretch(*(x[:, k].copy() for x in (q, dq, ddq, effort))))
+            for k in (cut, cut[beside[cut]])
+        )
+        found.append((whole.grams, whole.absolute, whole.counts, part.grams))
+    stamp = Stamp(MODEL.fingerprint, COLUMNS, ("Nm",) * 4, "none")
+    windows = tuple(Window("run", float(k), k + 1.0) for k in range(8))
+    return Information(REGRESSOR.layout, stamp, windows, *map(np.array, zip(*found, strict=True)))
+
+
+ESTIMATORS = (
+    OrdinaryLeastSquares(),
+    WeightedLeastSquares(),
+    Ridge(),
+    Consistent(REGRESSOR.base, default_knowledge(MODEL)),
+    Consistent(REGRESSOR.base, default_knowledge(MODEL), equal=True),
+)
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS, ids=lambda e: type(e).__name__)
+def test_intervals_hold_the_error_and_the_estimate_stays(
+    estimator: Estimator[Information],
+) -> None:
+    inside, narrow = [], []
+    for seed in range(5):
+        information = said(seed, 0.4)
+        found, unaware = estimator(information), estimator(replace(information, beside=None))
+        assert np.array_equal(found.parameters.values, unaware.parameters.values)
+        place = [found.parameters.names.index(COLUMNS[k]) for k in FRICTION]
+        error = np.abs(found.parameters.values[place] - TRUTH[FRICTION])
+        inside += (error <= found.half_width[place]).tolist()
+        narrow += (error <= unaware.half_width[place]).tolist()
+    assert np.mean(inside) >= 0.8
+    assert np.mean(narrow) < 0.5
+
+
+def test_what_chance_explains_is_not_counted() -> None:
+    ratios, inside = [], []
+    for seed in range(12):
+        information = said(seed, 0.0)
+        found, plain = (
+            WeightedLeastSquares()(x) for x in (information, replace(information, beside=None))
+        )
+        ratios += (found.std / plain.std).tolist()
+        inside += (np.abs(found.parameters.values - TRUTH) <= found.half_width).tolist()
+    assert 0.95 < np.median(ratios) < 1.1
+    assert 0.92 <= np.mean(inside) <= 0.985
+
+
+def test_without_noise_it_is_the_difference_to_a_fit_away_from_rests() -> None:
+    information = said(0, 0.4, noise=1e-6)
+    fit = WeightedLeastSquares().fit(information)
+    part = away(fit)
+    assert part is not None
+    shift = part.solution.values - fit.solution.values
+    scores = np.linalg.inv(fit.solution.inverse) * 1e-6
+    found = fit.solution.inverse @ moved_scores(fit, 1.0 / fit.variances, scores)
+    assert np.abs(found - shift).max() < 1e-3 * np.abs(shift).max()
+    assert np.allclose(part.solution.values, TRUTH, atol=1e-4 * np.abs(TRUTH).max())
+
+
+def test_where_all_is_beside_rests_nothing_is_told() -> None:
+    information = said(0, 0.4, share=1.0)
+    fit = WeightedLeastSquares().fit(information)
+    assert away(fit) is None
+    assert np.array_equal(scatter(fit), inflations(fit))
+    assert not moved_scores(fit, 1.0 / fit.variances, np.linalg.inv(fit.solution.inverse)).any()
+
+
+def test_runs_with_friction_of_their_own_count_it_too() -> None:
+    information = said(1, 0.4)
+    names = tuple(replace(w, run=f"run{k // 4}") for k, w in enumerate(information.windows))
+    split = replace(information, windows=names)
+    own = tuple(COLUMNS[k] for k in FRICTION)
+    found, unaware = (
+        WeightedLeastSquares(per_run=own)(x) for x in (split, replace(split, beside=None))
+    )
+    assert np.array_equal(found.parameters.values, unaware.parameters.values)
+    shared = [k for k, name in enumerate(found.parameters.names) if name not in own]
+    assert np.median(found.std[shared] / unaware.std[shared]) > 0.5
