@@ -82,7 +82,7 @@ def test_friction_outside_the_model_widens_the_bands():
     assert model.calibration.text == "calibrated on 3 left-out runs"
     edges = model.calibration.edges
     bare = replace(model, calibration=None)
-    assert coverage(bare, unseen, slower=edges[:, 0]) < 80.0
+    assert coverage(bare, unseen, slower=edges[:, 0]) < 85.0
     assert 92.5 <= coverage(model, unseen, slower=edges[:, 0]) <= 98.5
     assert 92.5 <= coverage(model, unseen) <= 98.5
 
