@@ -56,7 +56,7 @@ def edits(case: Case, evidence: Evidence) -> tuple[Edit, ...]:
 
 
 def findings(
-    case: Case, cause: str, fine: Callable[[Verdict], str], advice: Callable[[Rival], str]
+    case: Case, cause: str, fine: Callable[[Verdict], str], advice: str
 ) -> tuple[Finding, ...]:
     """One finding per log that can be tried; one for all if nothing is known of the robot.
 
@@ -83,7 +83,7 @@ def _of_log(
     held: Verdict,
     cause: str,
     fine: Callable[[Verdict], str],
-    advice: Callable[[Rival], str],
+    advice: str,
 ) -> Iterator[Finding]:
     shown = hypotheses(held, cause)
     mine = [(number, w) for number, w in enumerate(held.winners) if w[0].cause == cause]
@@ -136,7 +136,7 @@ def _mend(
     held: Verdict,
     rival: Rival,
     judgement: Judgement,
-    advice: Callable[[Rival], str],
+    advice: str,
 ) -> tuple[Mend | None, Judgement]:
     """The advice with its edits, which the first finding of a log carries for the velocities."""
     if not judgement:
@@ -155,7 +155,7 @@ def _mend(
     if rival.cause in ("joint order", "position sign"):
         paths |= {("signals", "velocity"), ("signals", "velocity_sign")}
     mine = tuple(edit for edit in whole if edit.path in paths)
-    return Mend(advice(rival), mine, bool(mine)), judgement
+    return Mend(f"{rival.says}: {advice}", mine, bool(mine)), judgement
 
 
 def hypotheses(held: Verdict, cause: str) -> tuple[Hypothesis, ...]:
