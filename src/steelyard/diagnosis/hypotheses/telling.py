@@ -85,7 +85,7 @@ def _of_log(
     fine: Callable[[Verdict], str],
     advice: str,
 ) -> Iterator[Finding]:
-    shown = hypotheses(held, cause)
+    shown, nominal = hypotheses(held, cause), not held.ranking.trial.knowledge.identified
     mine = [(number, w) for number, w in enumerate(held.winners) if w[0].cause == cause]
     if not mine:
         lost = cause == UNEXPLAINED and hopeless(held)
@@ -98,6 +98,7 @@ def _of_log(
             _worst(case, held) if lost else figure(held, cause),
             mend=Mend(LOST) if lost else None,
             hypotheses=shown,
+            nominal=nominal,
             answered=told(held) and not unclear,
         )
         return
@@ -116,6 +117,7 @@ def _of_log(
         mend,
         picture(held, before, rival),
         shown,
+        nominal,
         answered=bool(judgement),
     )
 
@@ -166,7 +168,9 @@ def hypotheses(held: Verdict, cause: str) -> tuple[Hypothesis, ...]:
     shown = {id(r): r for r in (*rivals[: SHOWN - 2], ranked.declared, *mine)}
     ordered = sorted(shown.values(), key=lambda r: -r.log_likelihood)
     top = ordered[0].log_likelihood
-    return tuple(Hypothesis(r.says, r.percent, r.log_likelihood - top) for r in ordered)
+    return tuple(
+        Hypothesis(r.says, r.percent, r.log_likelihood - top, r is ranked.declared) for r in ordered
+    )
 
 
 def _worst(case: Case, held: Verdict) -> str:
