@@ -30,7 +30,7 @@ import numpy as np
 from claims import Claim, main_of
 
 from steelyard.errors import DataError
-from steelyard.estimation.closed_loop.experiment import Experiment
+from steelyard.estimation.closed_loop.experiment import Experiment, Loop
 from steelyard.estimation.estimate import Estimate
 from steelyard.estimation.prior.prior import default_knowledge
 from steelyard.estimation.register import ESTIMATORS, Context, Offer
@@ -47,7 +47,6 @@ from steelyard.robot_file.file import load_robot
 from steelyard.robot_file.signals import Signals
 from steelyard.terms.laws.coulomb import Coulomb
 from steelyard.terms.register import DEFAULT_TERMS
-from steelyard.virtual.closed_loop import loop_of
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.mujoco_model import build
 from steelyard.virtual.robot import VirtualRobot
@@ -171,7 +170,8 @@ def scores(
     """All estimators on one log."""
     here = bench()
     run, motion = prepared(recording, cutoff), random_fourier(here.robot, seed=seed, period=PERIOD)
-    experiment = Experiment.of_runs(here.regressor, [run], [loop_of(here.rig, motion)])
+    loop = Loop(here.rig.control, lambda t: here.rig.wanted(motion, t))
+    experiment = Experiment.of_runs(here.regressor, [run], [loop])
     data = {
         "information": experiment.information,
         "samples": gather_samples(here.regressor, run),

@@ -13,7 +13,7 @@ import pytest
 from oracles import body_positions, pinocchio_model
 from steelyard.arrays import Array
 from steelyard.excitation.limits import MotionLimits, motion_limits
-from steelyard.excitation.planned.attitudes import Turned
+from steelyard.excitation.planned.attitudes import Pointing
 from steelyard.excitation.planned.process import Box, Process
 from steelyard.excitation.planned.tour import ProcessMotion
 from steelyard.kernel.quantities.kinematics import frame_of
@@ -26,7 +26,7 @@ FILES = {
 }
 
 
-DOWN = Turned(np.diag([1.0, -1.0, -1.0]))
+DOWN = Pointing([0.0, 0.0, -1.0])
 REACH = {"ur10": 0.8, "panda": 0.5}
 
 

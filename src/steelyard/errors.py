@@ -31,6 +31,10 @@ class ModelError(SteelyardError):
     """A robot model or robot file cannot be used."""
 
 
+class OpenModelError(ModelError):
+    """A model file leaves open what a robot file has to say; `mend` tells how it says that."""
+
+
 class LogError(SteelyardError):
     """A recording cannot be used."""
 

@@ -67,14 +67,6 @@ class Trajectory(Protocol):
         ...
 
 
-class Plant(Protocol):
-    """A thing that turns joint torques into motion, one control step at a time."""
-
-    def step(self, tau: Array, duration: float) -> tuple[Array, Array]:
-        """Apply `tau`, shape `(n,)` [Nm], for `duration` [s]; the new `q` and `dq`, each `(n,)`."""
-        ...
-
-
 class Rig(Protocol):
     """A robot, real or virtual, that follows trajectories and writes logs of it."""
 

@@ -256,7 +256,7 @@ def searching(process: "subprocess.Popen[str]") -> list[str]:
             parent = (folder / "stat").read_text().rpartition(")")[2].split()[1]
         except OSError:
             continue
-        if b"excitation.worker" in words and int(parent) == process.pid:
+        if b"search.worker" in words and int(parent) == process.pid:
             found.append(folder.name)
     return found
 

@@ -10,15 +10,17 @@ from steelyard.arrays import Array
 from steelyard.diagnosis import Case, Diagnosis, examine
 from steelyard.diagnosis.case import Evidence
 from steelyard.diagnosis.check import Suspicion
-from steelyard.diagnosis.hypotheses.effort_delay import EffortDelay
-from steelyard.diagnosis.hypotheses.effort_kind import EffortKind
-from steelyard.diagnosis.hypotheses.effort_sign import EffortSign
-from steelyard.diagnosis.hypotheses.effort_unit import EffortUnit
-from steelyard.diagnosis.hypotheses.gain import Gain
-from steelyard.diagnosis.hypotheses.joint_order import JointOrder
-from steelyard.diagnosis.hypotheses.mounting import Mounting
-from steelyard.diagnosis.hypotheses.payload_left import PayloadLeft
-from steelyard.diagnosis.hypotheses.position_sign import PositionSign
+from steelyard.diagnosis.hypotheses.checks import (
+    EFFORT_DELAY,
+    EFFORT_KIND,
+    EFFORT_SIGN,
+    EFFORT_UNIT,
+    GAIN,
+    JOINT_ORDER,
+    MOUNTING,
+    PAYLOAD,
+    POSITION_SIGN,
+)
 from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
 from steelyard.excitation.trajectories.random_fourier import random_fourier
@@ -35,15 +37,15 @@ from steelyard.virtual.invent import random_truth
 from steelyard.virtual.truth import Truth
 
 MODEL_BASED: tuple[Suspicion, ...] = (
-    JointOrder(),
-    PositionSign(),
-    EffortSign(),
-    EffortUnit(),
-    EffortKind(),
-    Gain(),
-    EffortDelay(),
-    Mounting(),
-    PayloadLeft(),
+    JOINT_ORDER,
+    POSITION_SIGN,
+    EFFORT_SIGN,
+    EFFORT_UNIT,
+    EFFORT_KIND,
+    GAIN,
+    EFFORT_DELAY,
+    MOUNTING,
+    PAYLOAD,
 )
 
 

@@ -12,9 +12,8 @@ from scipy.optimize import lsq_linear
 from steelyard.diagnosis import Diagnosis, Edit, Judgement, examine
 from steelyard.diagnosis.drift import Drift
 from steelyard.diagnosis.finding import Finding, Mend
-from steelyard.diagnosis.hypotheses.mounting import Mounting
+from steelyard.diagnosis.hypotheses.checks import MOUNTING, PAYLOAD
 from steelyard.diagnosis.hypotheses.nuisance import least_squares
-from steelyard.diagnosis.hypotheses.payload_left import PayloadLeft
 from steelyard.diagnosis.hypotheses.ranking import COMPARING
 from steelyard.diagnosis.hypotheses.shared_fit import shared_fit
 from steelyard.diagnosis.hypotheses.telling import UNKNOWN
@@ -427,7 +426,7 @@ def test_one_robot_file_must_serve_all_logs():
 def test_the_work_that_questions_share_is_named(arm):
     heard = []
     case = replace(arm.case(arm.table), progress=lambda event: heard.append(event) or True)
-    examine(case, suspicions=[Mounting(), PayloadLeft()])
+    examine(case, suspicions=[MOUNTING, PAYLOAD])
     told = [(e.phase, e.done, e.total, e.note) for e in heard if e.phase == COMPARING]
     assert told == [(COMPARING, 0, 1, "log"), (COMPARING, 1, 1, "log")]
 

@@ -42,6 +42,14 @@ def nominal_times(arm, factor: float) -> None:
     urdf.write_text(text)
 
 
+@pytest.mark.parametrize("known", [True, False])
+def test_findings_hold_what_their_explanations_were_compared_with(arm, known):
+    ranked = [f for f in arm.examined(arm.table, known=known).findings if f.hypotheses]
+    assert ranked and all(f.nominal is not known for f in ranked)
+    for finding in ranked:
+        assert [h.says for h in finding.hypotheses if h.declared] == ["as declared"]
+
+
 @pytest.mark.parametrize("factor", [0.3, 3.5])
 def test_a_clean_log_is_not_refused_for_wrong_masses(arm, factor):
     nominal_times(arm, factor)

@@ -6,7 +6,7 @@ import pytest
 from diagnosis.conftest import Arm
 from steelyard.arrays import Array
 from steelyard.diagnosis.finding import Judgement
-from steelyard.diagnosis.hypotheses.effort_delay import EffortDelay
+from steelyard.diagnosis.hypotheses.checks import EFFORT_DELAY
 from steelyard.diagnosis.residual_delay import residual_delay
 
 
@@ -22,7 +22,7 @@ def late(arm: Arm, seconds: Array) -> Array:
 @pytest.mark.parametrize("delay", [-0.02, 0.004, 0.012, 0.03])
 def test_a_short_delay_is_found_without_a_reference(arm: Arm, delay: float) -> None:
     case = arm.case(late(arm, np.full(6, delay)), known=False)
-    finding, *others = EffortDelay()(case)
+    finding, *others = EFFORT_DELAY(case)
     assert all(other.judgement == Judgement.OK for other in others)
     assert finding.judgement == Judgement.WRONG and finding.mend is not None
     (edit,) = finding.mend.edits

@@ -11,9 +11,7 @@ from steelyard.cli.app import app
 from steelyard.diagnosis import Diagnosis, Judgement, examine
 from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.finding import Finding
-from steelyard.diagnosis.hypotheses.effort_kind import EffortKind
-from steelyard.diagnosis.hypotheses.effort_sign import EffortSign
-from steelyard.diagnosis.hypotheses.payload_left import PayloadLeft
+from steelyard.diagnosis.hypotheses.checks import EFFORT_KIND, EFFORT_SIGN, PAYLOAD
 from steelyard.formats.register import open_log
 from steelyard.measurement import Processing, Recording
 from steelyard.measurement.recording import HeldLog
@@ -23,7 +21,7 @@ from steelyard.robot_file.template.guess_columns import guess_signals
 LINKS = (("z", 0.1, 0.1), ("y", 0.12, 0.3), ("y", 0.28, 0.3), ("x", 0.25, 0.12), ("y", 0.05, 0.15))
 """Axis, distance from the joint before [m] and mass [kg] of all links but the last."""
 AXES = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
-ASKED = (EffortKind(), EffortSign(), PayloadLeft())
+ASKED = (EFFORT_KIND, EFFORT_SIGN, PAYLOAD)
 
 
 def urdf(tip: float) -> str:

@@ -14,36 +14,27 @@ from steelyard.estimation.consistent.consistent import Consistent
 from steelyard.estimation.consistent.log_cholesky import LogCholesky
 from steelyard.estimation.consistent.log_cholesky_body import entries
 from steelyard.estimation.consistent.log_cholesky_criterion import Criterion
-from steelyard.estimation.consistent.log_cholesky_fields import fit_jointly
 from steelyard.estimation.consistent.physics import Pullback
 from steelyard.estimation.consistent.unknowns import BASIS
 from steelyard.estimation.estimate import Estimate, Standard
-from steelyard.estimation.fields.fields import find_fields
 from steelyard.estimation.knowledge import Knowledge, Row
 from steelyard.estimation.least_squares.whitened import whitened
 from steelyard.estimation.prior.prior import default_knowledge
 from steelyard.identification.compare_inputs import rivals_of
 from steelyard.model import Model
-from steelyard.progress import Stopped, silent
+from steelyard.progress import silent
 from steelyard.regression.accumulate import Accumulator, Stretch
 from steelyard.regression.information import Information, Stamp, Window
 from steelyard.regression.regressor import Regressor, base_regressor, standard_regressor
 from steelyard.robot.inertia import Inertia
 from steelyard.terms.laws.coulomb import Coulomb
 from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.stribeck import Stribeck
 from steelyard.terms.laws.viscous import Viscous
-from steelyard.terms.open_fields import Find
 
 ROBOT = tree()
-FRICTION = ("coulomb", "viscous", "stribeck")
+FRICTION = ("coulomb", "viscous")
 PLAIN = Model(ROBOT, (RigidBody(), Coulomb(), Viscous()))
-SPEEDS = (0.05, 0.1, 0.2, 0.08)
 Said = Callable[[Regressor], Information]
-
-
-def with_speed(speed: object) -> Model:
-    return Model(ROBOT, (RigidBody(), Coulomb(), Viscous(), Stribeck(speed=speed)))  # type: ignore[arg-type]
 
 
 def logged(
@@ -284,7 +275,9 @@ def test_real_robots(name: str, log: str, prior: str, tmp_path: Path) -> None:
     found, wanted = mine(information), theirs(information)
     spread = np.maximum(standard_of(wanted).std, 1e-9)
     assert np.abs((found.values.values - wanted.values.values) / spread).max() < 2e-2
-    for gamma in (0.0,) if prior else (1e-3, mine.weight(information)):
+    data = whitened(information, mine.per_run, equal=mine.equal)
+    best = mine.weighed(mine.program(data)).tried.gamma
+    for gamma in (0.0,) if prior else (1e-3, best):
         optimum, reached = criteria(mine, information, gamma)
         assert reached == pytest.approx(optimum, rel=1e-6)
 
@@ -292,74 +285,3 @@ def test_real_robots(name: str, log: str, prior: str, tmp_path: Path) -> None:
 def test_other_forms_of_the_prior_are_refused() -> None:
     with pytest.raises(ValueError, match="entropic"):
         LogCholesky(base_regressor(PLAIN).base, default_knowledge(PLAIN), form=Pullback())
-
-
-def test_bodies_friction_and_stribeck_speeds_are_found_together() -> None:
-    said, truth = logged(with_speed(SPEEDS), 0.02, count=3000)
-    model = with_speed(Find(1e-3, 1.0, shared=False))
-    known = default_knowledge(model)
-    fit = fit_jointly(model, said, known)
-    assert [finding.joint for finding in fit.findings] == list(ROBOT.joint_names)
-    for finding, speed in zip(fit.findings, SPEEDS, strict=True):
-        half = np.log(finding.interval[1] / finding.interval[0]) / 2.0
-        assert abs(np.log(finding.value / speed)) < 1.5 * half
-    for mine, theirs in zip(fit.findings, find_fields(model, said, starts=2).findings, strict=True):
-        width = np.log(theirs.interval[1] / theirs.interval[0])
-        assert abs(np.log(mine.value / theirs.value)) < 0.05 * width
-        assert np.log(mine.interval[1] / mine.interval[0]) == pytest.approx(width, rel=0.1)
-    standard = standard_of(fit.estimate)
-    assert fit.estimate.values.names == model.names == fit.model.names
-    assert np.mean(np.abs(standard.parameters.values - truth) <= 1.96 * standard.std) > 0.9
-    assert smallest_eigenvalue(fit.estimate, known) > 0.0
-    assert len(fit.estimate.parameters) == len(base_regressor(fit.model).layout.columns)
-    assert any("found from the data" in note for note in fit.estimate.notes)
-    assert 3 < fit.passes < 20
-
-
-def test_one_speed_for_all_joints() -> None:
-    said, _ = logged(with_speed(0.1), 1e-4, count=1500)
-    model = with_speed(Find(1e-3, 1.0))
-    fit = fit_jointly(model, said, default_knowledge(model), gamma=1.0)
-    assert len(fit.findings) == 1
-    assert fit.findings[0].joint is None
-    assert fit.findings[0].value == pytest.approx(0.1, rel=2e-3)
-    assert fit.model.terms[3] == Stribeck(speed=fit.findings[0].value)
-    assert any("as stated" in note for note in fit.estimate.notes)
-
-
-def test_it_is_at_the_joint_optimum() -> None:
-    said, _ = logged(with_speed(SPEEDS), 0.05, count=1500)
-    model = with_speed(Find(1e-3, 1.0, shared=False))
-    known = default_knowledge(model)
-    fit = fit_jointly(model, said, known, gamma=10.0)
-
-    def cost(speeds: tuple[float, ...]) -> float:
-        regressor = base_regressor(with_speed(speeds))
-        estimate = LogCholesky(regressor.base, known, gamma=10.0)(said(regressor))
-        values = regressor.base.base_values(estimate.values.values)
-        squares = said(regressor).residual_squares(values) / fit.estimate.sigma**2
-        found = estimate.values.values
-        penalty = 0.0
-        for body, prior in enumerate(known.priors):
-            assert prior is not None
-            x = np.linalg.solve(prior.pseudo, Inertia.from_ten(found[known.tens(body)]).pseudo)
-            penalty += float(np.trace(x) - np.linalg.slogdet(x)[1] - 4.0)
-        return 0.5 * float(squares.sum()) + 10.0 * penalty
-
-    speeds = tuple(finding.value for finding in fit.findings)
-    least = cost(speeds)
-    for k, factor in ((0, 0.9), (1, 1.05), (2, 0.95), (3, 1.02)):
-        moved = tuple(s * (factor if j == k else 1.0) for j, s in enumerate(speeds))
-        assert cost(moved) > least
-
-
-def test_fields_that_keep_moving_are_an_error() -> None:
-    said, _ = logged(with_speed(SPEEDS), 0.02)
-    model = with_speed(Find(1e-3, 1.0, shared=False))
-    with pytest.raises(DataError, match="do not stand still after 2 passes") as caught:
-        fit_jointly(model, said, default_knowledge(model), gamma=10.0, passes=2)
-    assert "log stribeck speed." in caught.value.where
-    with pytest.raises(Stopped):
-        fit_jointly(
-            model, said, default_knowledge(model), gamma=10.0, progress=lambda e: e.done < 1
-        )

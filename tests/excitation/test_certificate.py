@@ -9,11 +9,8 @@ import pytest
 from exact_motions import MAKERS, chained, raw_fourier, rest_fourier, several, table
 from invented import dh_arm
 from steelyard.arrays import Array
-from steelyard.errors import DataError
 from steelyard.excitation.constraints.certificate import (
-    Certificate,
     certify,
-    read_certificate,
     trajectory_hash,
 )
 from steelyard.excitation.constraints.constraint import Constraint, Margins
@@ -118,34 +115,24 @@ def test_what_is_not_proven_does_not_hold(tmp_path: Path) -> None:
     assert "no time out" in certificate.proofs[0].how
     certificate.write(tmp_path / "c.json")
     text = (tmp_path / "c.json").read_text()
-    assert "Infinity" not in text and json.loads(text)["holds"] is False
-    assert read_certificate(tmp_path / "c.json") == certificate
+    assert "Infinity" not in text and json.loads(text) == certificate.to_dict()
+    assert json.loads(text)["holds"] is False
+    assert json.loads(text)["constraints"][0]["margins"][0]["proven"] is None
 
 
 @pytest.mark.parametrize("make", MAKERS, ids=lambda make: make.__name__)
-def test_files_come_back_whole_and_know_their_motion(make, tmp_path: Path) -> None:
-    of = make(np.random.default_rng(3))
-    certificate = certify(dh_arm(), of, exact_limits(motion()), walls())
+def test_files_say_what_was_proven_of_which_motion(make, tmp_path: Path) -> None:
+    of, notes = make(np.random.default_rng(3)), ("torque is not limited",)
+    certificate = certify(dh_arm(), of, exact_limits(motion()), walls(), notes=notes)
     certificate.write(tmp_path / "certificate.json")
-    again = read_certificate(tmp_path / "certificate.json")
-    assert again == certificate and again.holds == certificate.holds
-    assert again.is_of(of) and not again.is_of(motion())
-    assert Certificate.from_dict(certificate.to_dict()) == certificate
+    values = json.loads((tmp_path / "certificate.json").read_text())
+    assert values == certificate.to_dict() and values["holds"] == certificate.holds
+    assert values["trajectory_sha256"] == trajectory_hash(of) != trajectory_hash(motion())
+    assert values["notes"][0] == notes[0]
+    assert [x["name"] for x in values["constraints"]] == [wall.name for wall in walls()]
 
 
-def test_notes_are_written_and_older_files_still_read(tmp_path: Path) -> None:
-    path = tmp_path / "c.json"
-    given = certify(dh_arm(), motion(), exact_limits(motion()), notes=("torque is not limited",))
-    given.write(path)
-    assert read_certificate(path) == given
-    assert read_certificate(path).notes == ("torque is not limited",)
-    values = json.loads(path.read_text())
-    del values["notes"], values["jumps"]
-    older = Certificate.from_dict(values)
-    assert older.notes == () and older.jumps == () and older.proofs == given.proofs
-
-
-def test_a_jump_of_velocity_is_no_motion(tmp_path: Path) -> None:
+def test_a_jump_of_velocity_is_no_motion() -> None:
     coefficients = np.zeros((2, 4, 3))
     coefficients[0, 1, 1], coefficients[1, 0, 1], coefficients[1, 1, 1] = 0.2, 0.2, -0.2
     of = PiecewiseMotion(np.array([0.0, 2.0, 3.0]), coefficients)
@@ -154,8 +141,8 @@ def test_a_jump_of_velocity_is_no_motion(tmp_path: Path) -> None:
     name = dh_arm().joint_names[1]
     assert certificate.failures == (f"velocity of '{name}' jumps by 0.3 rad/s at t = 2 s",)
     assert not certificate.holds
-    certificate.write(tmp_path / "c.json")
-    assert read_certificate(tmp_path / "c.json") == certificate
+    (jump,) = certificate.to_dict()["jumps"]
+    assert (jump["joint"], jump["size"]) == (name, pytest.approx(0.3))
 
 
 @pytest.mark.parametrize("make", [rest_fourier, raw_fourier, table, several])
@@ -212,13 +199,3 @@ def test_progress_is_told_of_everything() -> None:
 
     certify(dh_arm(), motion(), exact_limits(motion()), walls(), watch)
     assert phases == {"certificate", "tool box", "torque", "power"}
-
-
-@pytest.mark.parametrize("text", [None, "{", "[]", '{"kind": "certificate"}'])
-def test_a_file_that_is_none(text: str | None, tmp_path: Path) -> None:
-    path = tmp_path / "c.json"
-    if text is not None:
-        path.write_text(text)
-    with pytest.raises(DataError, match="no certificate") as caught:
-        read_certificate(path)
-    assert caught.value.where == str(path)

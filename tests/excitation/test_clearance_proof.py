@@ -10,7 +10,7 @@ import pytest
 from excitation.colliding import joint, link, panda, snake, ur10, urdf, waves, written
 from steelyard.excitation.collision.collision import Clearance, self_clearance
 from steelyard.excitation.shapes.reach import rates
-from steelyard.excitation.shapes.shapes import attached, obstacle, wall
+from steelyard.excitation.shapes.shapes import obstacle, placed, wall
 from steelyard.excitation.shapes.solids import Ball, Box, Capsule, Cylinder
 from steelyard.excitation.trajectories.fourier import FourierMotion
 from steelyard.excitation.trajectories.sampled import SampledMotion
@@ -34,7 +34,7 @@ def test_proven_is_below_the_least_sample_and_near(tmp_path: Path, name: str, se
     loaded = makers[name]()
     robot = loaded.robot
     others = (
-        attached(robot, robot.frames[-1].name, "load", Ball(0.08), (0.0, 0.0, 0.1)),
+        placed(robot.frames[-1], "load", Ball(0.08), (0.0, 0.0, 0.1), origin="tool"),
         obstacle("crate", Box((0.4, 0.4, 0.2)), (0.7, 0.0, 0.2)),
         obstacle("post", Cylinder(0.05, 1.5), (-0.2, 0.6, 0.7)),
         wall("floor", (0.0, 0.0, 1.0), -0.1),

@@ -24,7 +24,7 @@ from steelyard.errors import ModelError
 from steelyard.excitation.collision.collision import Clearance, self_clearance
 from steelyard.excitation.shapes.model_shapes import world_shapes
 from steelyard.excitation.shapes.reach import rates
-from steelyard.excitation.shapes.shapes import Shape, attached, obstacle, wall
+from steelyard.excitation.shapes.shapes import Shape, obstacle, placed, wall
 from steelyard.excitation.shapes.solids import Ball, Box, Capsule, Cylinder, Ellipsoid, Hull
 from steelyard.robot_file.file import LoadedRobot, load_robot
 
@@ -33,11 +33,10 @@ TURNED = [[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]]
 
 def in_cell(loaded: LoadedRobot) -> Clearance:
     """A robot with a tool among obstacles of every kind."""
-    robot = loaded.robot
-    frame = robot.frames[-1].name
+    frame = loaded.robot.frames[-1]
     corners = np.random.default_rng(3).normal(size=(12, 3)) * 0.1
     others = (
-        attached(robot, frame, "load", Ellipsoid((0.05, 0.08, 0.1)), (0.0, 0.05, 0.1), TURNED),
+        placed(frame, "load", Ellipsoid((0.05, 0.08, 0.1)), (0.0, 0.05, 0.1), TURNED, "tool"),
         obstacle("ball", Ball(0.1), (0.5, 0.3, 0.2)),
         obstacle("crate", Box((0.3, 0.2, 0.1)), (-0.4, 0.5, 0.3), TURNED),
         obstacle("post", Cylinder(0.05, 0.8), (0.6, -0.6, 0.3), TURNED),

@@ -45,7 +45,7 @@ def workers() -> list[int]:
             parent = (folder / "stat").read_text().rpartition(")")[2].split()[1]
         except OSError:
             continue
-        if b"excitation.worker" in words and int(parent) == os.getpid():
+        if b"search.worker" in words and int(parent) == os.getpid():
             found.append(int(folder.name))
     return found
 

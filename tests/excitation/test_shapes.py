@@ -11,7 +11,7 @@ from excitation.colliding import SNAKE, joint, link, panda, snake, urdf, written
 from steelyard.errors import ModelError
 from steelyard.excitation.collision.collision import self_clearance
 from steelyard.excitation.shapes.model_shapes import robot_shapes, world_shapes
-from steelyard.excitation.shapes.shapes import attached, obstacle, wall
+from steelyard.excitation.shapes.shapes import obstacle, placed, wall
 from steelyard.excitation.shapes.solids import (
     Ball,
 )
@@ -212,12 +212,10 @@ def test_links_without_shapes_and_outside_the_base_are_noted(tmp_path: Path) -> 
 
 def test_things_are_attached_where_they_are_said_to_be(tmp_path: Path) -> None:
     robot = snake(tmp_path).robot
-    load = attached(robot, "plate", "load", Ball(0.1), (0.1, 0.0, 0.0))
     frame = next(frame for frame in robot.frames if frame.name == "plate")
+    load = placed(frame, "load", Ball(0.1), (0.1, 0.0, 0.0), origin="tool")
     np.testing.assert_allclose(load.position, frame.position + frame.rotation[:, 0] * 0.1)
     assert (load.body, load.origin) == (frame.body, "tool")
-    with pytest.raises(ModelError, match="did you mean 'plate'"):
-        attached(robot, "plat", "load", Ball(0.1))
     with pytest.raises(ModelError, match="has no direction"):
         wall("floor", (0.0, 0.0, 0.0), 1.0)
     with pytest.raises(ValueError, match="is not a rotation"):

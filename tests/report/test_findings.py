@@ -159,15 +159,18 @@ def test_pictures_stay_within_a_budget() -> None:
     assert all(one["picture"] is None for one in few["fine"])
 
 
-def of_payload(says: str, *rivals: Hypothesis) -> Finding:
-    return Finding("payload", "run", Judgement.OK, says, "", hypotheses=rivals)
+def of_payload(nominal: bool, *rivals: Hypothesis) -> Finding:
+    return Finding("payload", "run", Judgement.OK, "", "", hypotheses=rivals, nominal=nominal)
 
 
 def test_it_is_said_why_a_finding_is_ok_though_a_rival_fits_better() -> None:
-    load, declared = Hypothesis("0.9 kg", 4.1, 0.0), Hypothesis("as declared", 7.8, -257.0)
-    nominal = of_payload("nothing (the nominal model agrees to 7.8 %)", load, declared)
-    known = of_payload("nothing (the reference agrees to 7.8 %)", load, declared)
-    best = of_payload("nothing (the nominal model agrees)", declared, load)
+    load, declared = (
+        Hypothesis("0.9 kg", 4.1, 0.0),
+        Hypothesis("as declared", 7.8, -257.0, declared=True),
+    )
+    nominal = of_payload(True, load, declared)
+    known = of_payload(False, load, declared)
+    best = of_payload(True, declared, load)
     wrong = Finding("gain", "run", Judgement.WRONG, "", "", hypotheses=(load, declared))
 
     def still(*findings: Finding) -> list[str]:

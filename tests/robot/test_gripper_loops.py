@@ -3,7 +3,7 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from steelyard.errors import ModelError
+from steelyard.errors import ModelError, OpenModelError
 from steelyard.robot.from_mechanism import reduced
 from steelyard.robot.mjcf.read import read_mjcf
 from steelyard.robot_file.file import LoadedRobot, load_robot
@@ -53,6 +53,14 @@ def test_a_loop_that_no_actuator_drives_is_locked(tmp_path: Path) -> None:
         "# Locked: in a loop of a hand, or in one whose joints have no actuator of their own.\n"
     )
     assert f"{reason}driver_joint = 0.0\ncoupler_joint = 0.0\nlink_joint = 0.0\n" in text
+
+
+def test_what_else_a_robot_file_must_say_is_no_matter_of_loops(tmp_path: Path) -> None:
+    ball = f'<body name="eye" pos=".1 0 .1"><joint name="gaze" type="ball"/>{BALL}</body>'
+    with pytest.raises(OpenModelError, match="ball joint") as caught:
+        load_robot(arm(tmp_path, HAND + ball, PIN))
+    assert "gaze = 0.0 under [robot.locked]" in caught.value.mend
+    assert "locks the loops" not in caught.value.mend
 
 
 def test_a_loop_of_fingers_is_locked_whatever_drives_it(tmp_path: Path) -> None:

@@ -1,3 +1,5 @@
+import pickle
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -6,6 +8,7 @@ import pytest
 
 from steelyard.identification.logs import model_of
 from steelyard.kernel.equations.dynamics import JointState
+from steelyard.robot.model_notes import Listed
 from steelyard.robot_file.file import LoadedRobot, load_robot
 from steelyard.robot_file.template import proposal as init_proposal
 from steelyard.robot_file.template.template import drafted, notes_beside
@@ -179,6 +182,16 @@ def test_what_a_new_robot_file_settles_is_still_told_once(tmp_path: Path) -> Non
     bare, made = load_robot(path), proposed(path)
     assert len(made.notes) < len(bare.notes) == 2
     assert notes_beside(bare, made) == bare.notes
+
+
+def test_of_a_statement_with_a_list_the_robot_files_holds(tmp_path: Path) -> None:
+    loaded = load_robot(written(tmp_path))
+    bare, made = (
+        replace(loaded, notes=(Listed("left out", names), f"to be known: {names}"))
+        for names in ("a, b", "a")
+    )
+    assert notes_beside(bare, made) == ("left out: a", "to be known: a, b", "to be known: a")
+    assert pickle.loads(pickle.dumps(made.notes[0])).statement == "left out"
 
 
 def test_a_plain_arm_has_nothing_to_tell(tmp_path: Path) -> None:

@@ -7,7 +7,6 @@ from scipy.integrate import solve_ivp
 
 from oracles import pinocchio_torque
 from steelyard.errors import ModelError
-from steelyard.motion import Plant
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.robot import Robot
 from steelyard.terms.laws.offset import Offset
@@ -23,8 +22,7 @@ from steelyard.virtual.truth import Truth
 def test_pendulum_swings_as_its_equation_says(pendulum: Robot, pendulum_truth: Truth) -> None:
     values = {"rotor_inertia": 0.05, "coulomb": 0.2, "viscous": 0.1, "offset": 0.03}
     truth = pendulum_truth.changed(**{f"{law}.pivot": x for law, x in values.items()})
-    plant: Plant = MujocoPlant(pendulum, truth)
-    assert isinstance(plant, MujocoPlant)
+    plant = MujocoPlant(pendulum, truth)
     plant.place([0.8])
     inertia = 1e-3 + 0.25 + 0.05
 

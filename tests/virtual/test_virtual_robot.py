@@ -9,7 +9,7 @@ from steelyard.errors import DataError, OutputError
 from steelyard.estimation.closed_loop.controller import tuned_pd
 from steelyard.excitation.trajectories.fourier import FourierMotion
 from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.motion import Plant, Rig, run
+from steelyard.motion import Rig, run
 from steelyard.progress import Event, Stopped
 from steelyard.robot.robot import Robot
 from steelyard.virtual.invent import random_truth
@@ -107,11 +107,10 @@ def test_other_endings_and_missing_folders_are_refused(arm: Robot, tmp_path: Pat
     assert not list(tmp_path.iterdir())
 
 
-def test_is_a_plant(pendulum: Robot, pendulum_truth: Truth) -> None:
+def test_it_steps_under_torques(pendulum: Robot, pendulum_truth: Truth) -> None:
     robot = VirtualRobot(pendulum, pendulum_truth)
     robot.place([0.3])
-    plant: Plant = robot
-    q, dq = plant.step(np.zeros(1), 0.01)
+    q, dq = robot.step(np.zeros(1), 0.01)
     assert q[0] < 0.3 and dq[0] < 0.0
 
 

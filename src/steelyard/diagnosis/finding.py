@@ -84,11 +84,13 @@ class Hypothesis:
         says: What it supposes, in a few words: "as declared", "joint 2 has the other sign".
         misfit: Relative error of the prediction under it [%].
         log_likelihood: Against the best of its rivals, which is at 0 [natural units].
+        declared: Whether it is what the robot file declares.
     """
 
     says: str
     misfit: float
     log_likelihood: float
+    declared: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +107,7 @@ class Finding:
         mend: What to do; `None` if nothing need be done.
         picture: The evidence as a plot, if there is one to show.
         hypotheses: Explanations that were compared, the likeliest first.
+        nominal: Whether they were compared with the masses of a model file, not of a reference.
         answered: Whether the question could be answered; what is open is not suspicious.
         headline: Whether it stands beside the headline though it is ok.
     """
@@ -118,5 +121,6 @@ class Finding:
     mend: Mend | None = None
     picture: Picture | None = None
     hypotheses: tuple[Hypothesis, ...] = ()
+    nominal: bool = False
     answered: bool = True
     headline: bool = False

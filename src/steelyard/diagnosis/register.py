@@ -2,15 +2,17 @@
 
 from steelyard.diagnosis.check import Suspicion
 from steelyard.diagnosis.drift import Drift
-from steelyard.diagnosis.hypotheses.effort_delay import EffortDelay
-from steelyard.diagnosis.hypotheses.effort_kind import EffortKind
-from steelyard.diagnosis.hypotheses.effort_sign import EffortSign
-from steelyard.diagnosis.hypotheses.effort_unit import EffortUnit
-from steelyard.diagnosis.hypotheses.gain import Gain
-from steelyard.diagnosis.hypotheses.joint_order import JointOrder
-from steelyard.diagnosis.hypotheses.mounting import Mounting
-from steelyard.diagnosis.hypotheses.payload_left import PayloadLeft
-from steelyard.diagnosis.hypotheses.position_sign import PositionSign
+from steelyard.diagnosis.hypotheses.checks import (
+    EFFORT_DELAY,
+    EFFORT_KIND,
+    EFFORT_SIGN,
+    EFFORT_UNIT,
+    GAIN,
+    JOINT_ORDER,
+    MOUNTING,
+    PAYLOAD,
+    POSITION_SIGN,
+)
 from steelyard.diagnosis.identifiability import Identifiability
 from steelyard.diagnosis.joint_zeros import JointZeros
 from steelyard.diagnosis.signals.clock import Clock
@@ -36,17 +38,17 @@ SUSPICIONS: tuple[Suspicion, ...] = (
     Excitation(),
     Position(),
     Velocity(),
-    JointOrder(),
-    PositionSign(),
-    EffortSign(),
-    EffortUnit(),
-    EffortKind(),
-    Gain(),
-    EffortDelay(),
+    JOINT_ORDER,
+    POSITION_SIGN,
+    EFFORT_SIGN,
+    EFFORT_UNIT,
+    EFFORT_KIND,
+    GAIN,
+    EFFORT_DELAY,
     JointZeros(),
-    Mounting(),
+    MOUNTING,
     MovingBase(),
-    PayloadLeft(),
+    PAYLOAD,
     Drift(),
     Identifiability(),
 )

@@ -12,7 +12,12 @@ from steelyard.excitation.bases.families import basis_of, per_joint
 from steelyard.excitation.constraints_from_tables import constraints_of
 from steelyard.excitation.criteria.criteria import KINDS
 from steelyard.excitation.criteria.measure import Measure
-from steelyard.excitation.limits import DEFAULT_ACCELERATION, MotionLimits, motion_limits
+from steelyard.excitation.limits import (
+    ACCELERATIONS_ASSUMED,
+    DEFAULT_ACCELERATION,
+    MotionLimits,
+    motion_limits,
+)
 from steelyard.excitation.objective import Case
 from steelyard.excitation.point_load import load_numbers
 from steelyard.excitation.previous_model import Earlier
@@ -135,8 +140,9 @@ def limits_of(robot: Robot, section: MotionLimitsSection) -> MotionLimits:
         DataError: A joint is left without room.
     """
     own = motion_limits(robot)
-    given = section.acceleration is not None
-    notes = tuple(note for note in own.notes if not (given and note.startswith("accel")))
+    notes = own.notes
+    if section.acceleration is None:
+        notes += (ACCELERATIONS_ASSUMED,)
     span = own.upper - own.lower
     share = MARGIN * span
     margin = share if section.position_margin is None else np.full(robot.n, section.position_margin)

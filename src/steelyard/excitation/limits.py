@@ -10,6 +10,7 @@ from steelyard.robot.robot import Coordinate, Robot
 DEFAULT_ACCELERATION = {"revolute": 5.0, "prismatic": 1.0}
 DEFAULT_VELOCITY = {"revolute": 1.5, "prismatic": 0.3}
 DEFAULT_RANGE = {"revolute": 1.5, "prismatic": 0.2}
+ACCELERATIONS_ASSUMED = "accelerations are kept below 5 rad/s² (prismatic joints: 1 m/s²)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,21 +47,17 @@ class MotionLimits:
             raise ValueError("a lower position limit is not below its upper one")
 
 
-def motion_limits(robot: Robot, acceleration: float | None = None) -> MotionLimits:
-    """Limits of the robot's joints; what it does not state is assumed and noted.
+def motion_limits(robot: Robot) -> MotionLimits:
+    """Limits of the robot's joints; what it does not state is assumed.
 
-    Args:
-        robot: The robot.
-        acceleration: Highest acceleration of every joint [rad/s²; m/s²]; by default 5 rad/s² for
-            revolute and 1 m/s² for prismatic joints.
+    Notes name assumed ranges and speeds; accelerations, which no robot states, are those of
+    `ACCELERATIONS_ASSUMED`.
     """
     assumed: dict[str, list[str]] = {}
     ranges = [_range(c, assumed) for c in robot.coordinates]
     speeds = [_speed(c, assumed) for c in robot.coordinates]
     notes = [f"{what}: {', '.join(joints)}" for what, joints in assumed.items()]
-    bounds = [acceleration or DEFAULT_ACCELERATION[c.kind] for c in robot.coordinates]
-    if acceleration is None:
-        notes.append("accelerations are kept below 5 rad/s² (prismatic joints: 1 m/s²)")
+    bounds = [DEFAULT_ACCELERATION[c.kind] for c in robot.coordinates]
     lower, upper = np.array(ranges).reshape(-1, 2).T
     return MotionLimits(lower, upper, frozen(speeds), frozen(bounds), tuple(notes))
 

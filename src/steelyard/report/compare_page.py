@@ -30,5 +30,5 @@ def render_comparison(content: ReportContent) -> str:
         if numbers is not None:
             shown.append(Shown(section.name, section.title, section.show(numbers)))
     if content.notes:
-        shown.append(Shown("notes", "Notes", fill("compare_notes.html", {"notes": content.notes})))
+        shown.append(Shown("notes", "Notes", fill("notes.html", {"notes": content.notes})))
     return page_of(content.title, content.robot, "compared", version("steelyard"), shown)

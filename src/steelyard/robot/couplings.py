@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Mapping
 
-from steelyard.errors import ModelError
+from steelyard.errors import OpenModelError
 from steelyard.robot.mechanism import Mechanism
 
 
@@ -21,7 +21,7 @@ def refuse_coupled(
         if not any(name in moving for name in tied):
             continue
         lines = ", ".join(f"{name} = {mechanism.rest.get(name, 0.0):.6g}" for name in tied)
-        raise ModelError(
+        raise OpenModelError(
             f"joints are tied by {coupling.what}, and a model here has no equation for that: "
             + ", ".join(coupling.joints),
             where=coupling.where,

@@ -7,8 +7,9 @@ body with joints beyond it is a robot once it is the base; one without is a loos
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from steelyard.errors import ModelError
+from steelyard.errors import ModelError, OpenModelError
 from steelyard.robot.mechanism import Joint, Mechanism
+from steelyard.robot.model_notes import Listed
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,25 +71,26 @@ def settled(
         raise _floats(mechanism, trees)
     kept, notes = mechanism, list(mechanism.notes)
     if joint := floating_base(mechanism, base):
-        notes.append(
-            f"base '{root}' is assumed to be at rest, turned as the model file has it: the "
-            f"{_word(joint)} joint of '{joint.child}' is left out"
-        )
+        rests = f"base '{root}' is assumed to be at rest, turned as the model file has it"
+        notes.append(Listed(rests, f"the {_word(joint)} joint of '{joint.child}' is left out"))
         others = floating_trees(mechanism, mechanism.root)
         trees = trees | {j: n for j, n in others.items() if j not in mechanism.to_link(root)}
         kept = _without(mechanism, trees, root)
     if trees:
         names = ", ".join(tree.child for tree in trees)
-        notes.append(f"left out, as it floats beside the robot: {names}")
+        notes.append(Listed("left out, as it floats beside the robot", names))
         kept = _without(mechanism, trees, root)
     beyond = kept.from_link(root)
     aside = [joint.name for joint in kept.joints if joint.movable and joint not in beyond]
     if aside and joints is None:
-        notes.append(f"left out, as the base '{root}' does not carry them: {', '.join(aside)}")
+        notes.append(
+            Listed(f"left out, as the base '{root}' does not carry them", ", ".join(aside))
+        )
     balls = [joint for joint in beyond if joint.kind == "ball"]
     _check_balls(kept, balls, joints, locked)
     if assumed := [ball.name for ball in balls if ball.name not in locked]:
-        notes.append(f"locked where the model file has it: ball joint {', '.join(assumed)}")
+        ball_joints = f"ball joint {', '.join(assumed)}"
+        notes.append(Listed("locked where the model file has it", ball_joints))
     names_of_balls = {ball.name for ball in balls}
     return Settled(kept, {n: x for n, x in locked.items() if n not in names_of_balls}, tuple(notes))
 
@@ -108,7 +110,7 @@ def _floats(mechanism: Mechanism, trees: Mapping[Joint, int]) -> ModelError:
     if fixed := carried_joints(mechanism, mechanism.root):
         choices = {mechanism.root: fixed} | choices
     listed = " or ".join(f'base = "{name}" ({count} joints)' for name, count in choices.items())
-    return ModelError(
+    return OpenModelError(
         f"link '{most.child}' floats: its joint '{most.name}' is a {_word(most)} joint, and a "
         "base at rest is needed",
         where=most.where,
@@ -132,7 +134,7 @@ def _check_balls(
                 mend=f"write {ball.name} = 0.0: it is locked where the model file has it",
             )
         if ball.name not in locked and joints is None:
-            raise ModelError(
+            raise OpenModelError(
                 f"joint '{ball.name}' is a ball joint, which has three degrees of freedom",
                 where=ball.where,
                 mend=f"lock it where the model file has it: {ball.name} = 0.0 under "

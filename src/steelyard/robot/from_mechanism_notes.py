@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 from steelyard.robot.mechanism import Mechanism
 from steelyard.robot.mimic import Drive, limit_notes
+from steelyard.robot.model_notes import Listed
 from steelyard.robot.robot import Robot
 
 
@@ -16,7 +17,7 @@ def reduction_notes(
     positions: Mapping[str, float],
 ) -> tuple[str, ...]:
     """What was assumed and matters to the robot's dynamics, one sentence each."""
-    notes = []
+    notes = list[str]()
     carried = {b.joint for b in robot.bodies}
     touched = {
         j.name
@@ -28,18 +29,19 @@ def reduction_notes(
             f"{n} at {positions[n]:.4g} {'m' if mechanism.joint(n).kind == 'prismatic' else 'rad'}"
             for n in matter
         )
-        notes.append(f"locked, as no position was given: {places}")
+        notes.append(Listed("locked, as no position was given", places))
     carriers = {frame.name: frame.body for frame in robot.frames if frame.body >= 0}
     lacking = [link for link in mechanism.links if link.lacks and link.name in carriers]
     meshless = {carriers[link.name] for link in lacking}
     bare = [b.name for k, b in enumerate(robot.bodies) if not b.known and k not in meshless]
     if bare:
-        notes.append(f"no inertial in the model, prior mass is zero: {', '.join(bare)}")
+        notes.append(Listed("no inertial in the model, prior mass is zero", ", ".join(bare)))
     if lacking:
         names = ", ".join(f"{link.name} ('{link.lacks}')" for link in lacking[:6])
         more = f" and {len(lacking) - 6} more" if len(lacking) > 6 else ""
-        notes.append(f"prior mass is zero, as the mesh that gives it is absent: {names}{more}")
+        absent = "prior mass is zero, as the mesh that gives it is absent"
+        notes.append(Listed(absent, names + more))
     for body in robot.bodies:
         if flaw := body.inertia.flaw():
-            notes.append(f"no body can have the inertial of '{body.name}': {flaw}")
+            notes.append(Listed(f"no body can have the inertial of '{body.name}'", flaw))
     return (*notes, *limit_notes(mechanism, drives, robot))

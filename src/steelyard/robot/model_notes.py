@@ -1,4 +1,4 @@
-"""What a model file says beyond the mechanism: values that others tell or offer."""
+"""What a model file says beyond the mechanism, and notes: values that others tell or offer."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,6 +10,27 @@ Naming = Callable[[str, int], str]
 Answer = Literal["gravity", "weight", "efforts", "springs"]
 """What a robot file says instead: its gravity, that efforts are without the robot's weight, limits
 of effort, terms for springs."""
+
+
+class Listed(str):
+    """A note of a statement and what it is about: `statement: a, b`.
+
+    Attributes:
+        statement: What two notes about the same have in common.
+        about: What it is about, such as names of joints.
+    """
+
+    statement: str
+    about: str
+
+    def __new__(cls, statement: str, about: str) -> "Listed":
+        """The note as one line."""
+        note = super().__new__(cls, f"{statement}: {about}")
+        note.statement, note.about = statement, about
+        return note
+
+    def __reduce__(self) -> tuple[type["Listed"], tuple[str, str]]:
+        return Listed, (self.statement, self.about)
 
 
 @dataclass(frozen=True)

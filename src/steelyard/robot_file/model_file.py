@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
-from steelyard.errors import ModelError
+from steelyard.errors import ModelError, OpenModelError
 from steelyard.robot.free_joints import floating_base
 from steelyard.robot.from_mechanism import reduced
 from steelyard.robot.mechanism import Mechanism
@@ -84,8 +84,10 @@ def _whole(
     """The robot of a model file alone, with the advice that `init` locks what cannot move."""
     try:
         return reduced(mechanism, base=base, locked=locked)
+    except OpenModelError:
+        raise
     except ModelError as error:
-        if locked is not None or not mechanism.pins or "steelyard init" in error.mend:
+        if locked is not None or not mechanism.pins:
             raise
         mend = f"{error.mend}; `steelyard init` writes a robot file that locks the loops of hands"
         raise ModelError(error.wrong, where=error.where, mend=mend) from None

@@ -18,7 +18,7 @@ _BEYOND = 1e4
 
 
 class MujocoPlant:
-    r"""A robot in MuJoCo: implements `Plant`.
+    r"""A robot in MuJoCo.
 
     MuJoCo steps $v' = v + h\,a(x, v)$, $x' = x + h\,v'$. Read as $x = q + \tfrac h2 \dot q$ this
     is the position Verlet scheme: torques act exactly while they are held, and the error in

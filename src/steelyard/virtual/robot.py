@@ -32,7 +32,7 @@ _TICKS_PER_CLOSURE = 20
 
 
 class VirtualRobot:
-    """A simulated robot: implements `Plant` and `Rig`.
+    """A simulated robot: implements `Rig`.
 
     A joint PD controller at 1 kHz follows the motion from true positions and velocities, without
     feedforward: it sags under gravity by some milliradians, as a soft controller does. The robot

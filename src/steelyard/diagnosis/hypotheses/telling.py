@@ -56,7 +56,7 @@ def edits(case: Case, evidence: Evidence) -> tuple[Edit, ...]:
 
 
 def findings(
-    case: Case, cause: str, fine: Callable[[Verdict], str], advice: Callable[[Rival], str]
+    case: Case, cause: str, fine: Callable[[Verdict], str], advice: str
 ) -> tuple[Finding, ...]:
     """One finding per log that can be tried; one for all if nothing is known of the robot.
 
@@ -83,9 +83,9 @@ def _of_log(
     held: Verdict,
     cause: str,
     fine: Callable[[Verdict], str],
-    advice: Callable[[Rival], str],
+    advice: str,
 ) -> Iterator[Finding]:
-    shown = hypotheses(held, cause)
+    shown, nominal = hypotheses(held, cause), not held.ranking.trial.knowledge.identified
     mine = [(number, w) for number, w in enumerate(held.winners) if w[0].cause == cause]
     if not mine:
         lost = cause == UNEXPLAINED and hopeless(held)
@@ -98,6 +98,7 @@ def _of_log(
             _worst(case, held) if lost else figure(held, cause),
             mend=Mend(LOST) if lost else None,
             hypotheses=shown,
+            nominal=nominal,
             answered=told(held) and not unclear,
         )
         return
@@ -116,6 +117,7 @@ def _of_log(
         mend,
         picture(held, before, rival),
         shown,
+        nominal,
         answered=bool(judgement),
     )
 
@@ -136,7 +138,7 @@ def _mend(
     held: Verdict,
     rival: Rival,
     judgement: Judgement,
-    advice: Callable[[Rival], str],
+    advice: str,
 ) -> tuple[Mend | None, Judgement]:
     """The advice with its edits, which the first finding of a log carries for the velocities."""
     if not judgement:
@@ -155,7 +157,7 @@ def _mend(
     if rival.cause in ("joint order", "position sign"):
         paths |= {("signals", "velocity"), ("signals", "velocity_sign")}
     mine = tuple(edit for edit in whole if edit.path in paths)
-    return Mend(advice(rival), mine, bool(mine)), judgement
+    return Mend(f"{rival.says}: {advice}", mine, bool(mine)), judgement
 
 
 def hypotheses(held: Verdict, cause: str) -> tuple[Hypothesis, ...]:
@@ -166,7 +168,9 @@ def hypotheses(held: Verdict, cause: str) -> tuple[Hypothesis, ...]:
     shown = {id(r): r for r in (*rivals[: SHOWN - 2], ranked.declared, *mine)}
     ordered = sorted(shown.values(), key=lambda r: -r.log_likelihood)
     top = ordered[0].log_likelihood
-    return tuple(Hypothesis(r.says, r.percent, r.log_likelihood - top) for r in ordered)
+    return tuple(
+        Hypothesis(r.says, r.percent, r.log_likelihood - top, r is ranked.declared) for r in ordered
+    )
 
 
 def _worst(case: Case, held: Verdict) -> str:

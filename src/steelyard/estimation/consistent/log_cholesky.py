@@ -21,7 +21,6 @@ from steelyard.estimation.consistent.physics import Entropic
 from steelyard.estimation.consistent.program import Program
 from steelyard.estimation.estimate import Estimate
 from steelyard.estimation.knowledge import Knowledge, Row
-from steelyard.estimation.least_squares.whitened import whitened
 from steelyard.parameters import Parameters
 from steelyard.regression.information import Information
 from steelyard.robot.inertia import INERTIAL_NAMES
@@ -60,20 +59,11 @@ class LogCholesky(Consistent):
         Raises:
             DataError: The data are too few, or the solver stopped before the optimum.
         """
-        estimate = super(LogCholesky, self._heard).__call__(information)
+        kept = replace(self, knowledge=_kept(self.knowledge))
+        estimate = super(LogCholesky, kept).__call__(information)
         unheard = _unheard(self.knowledge)
         notes = (*estimate.notes, *unheard, *_broken(self.knowledge, estimate.values))
         return replace(estimate, estimator="log-Cholesky Gauss-Newton", notes=notes)
-
-    @property
-    def _heard(self) -> "LogCholesky":
-        """The same, told only what it keeps."""
-        return replace(self, knowledge=_kept(self.knowledge))
-
-    def weight(self, information: Information) -> float:
-        """The weight of the prior that is given, stated or found for these data."""
-        data, heard = whitened(information, self.per_run, equal=self.equal), self._heard
-        return heard.weighed(heard.program(data)).tried.gamma
 
     def solve(self, program: Program, gamma: float) -> Array:
         """The unknowns at the optimum with a weight of the prior.

@@ -5,7 +5,6 @@ that drift are followed [Ljung1999]. Kept are the faded sums of products, not an
 has to be guessed before the first window.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -17,7 +16,7 @@ from steelyard.estimation.least_squares.least_squares import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
 )
-from steelyard.regression.information import Information, Window
+from steelyard.regression.information import Information
 
 MOST = 48
 """Windows that are kept apart, which tell how far residuals are alike."""
@@ -59,16 +58,6 @@ class Recursive:
         online = self.start()
         online.add(information)
         return online.estimate()
-
-    def track(self, information: Information) -> Iterator[tuple[Window, Estimate]]:
-        """The estimate after each window, as soon as one can be had."""
-        online = self.start()
-        for number, window in enumerate(information.windows):
-            online.add(information.of([number]))
-            try:
-                yield window, online.estimate()
-            except DataError:
-                continue
 
 
 class Online:

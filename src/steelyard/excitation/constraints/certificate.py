@@ -2,13 +2,12 @@
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from steelyard.arrays import Array
-from steelyard.errors import DataError
 from steelyard.excitation.constraints.constraint import Constraint
 from steelyard.excitation.constraints.proof import Proof, proof_of
 from steelyard.excitation.limits import MotionLimits
@@ -119,10 +118,6 @@ class Certificate:
         ]
         return (*beyond, *(str(jump) for jump in self.jumps), *negative)
 
-    def is_of(self, trajectory: ExactTrajectory) -> bool:
-        """Whether it speaks of this very motion."""
-        return self.trajectory == trajectory_hash(trajectory)
-
     def to_dict(self) -> dict[str, Any]:
         """As values for JSON; a margin without a bound is `None`."""
         return {
@@ -141,49 +136,9 @@ class Certificate:
             "notes": list(self.notes),
         }
 
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> "Certificate":
-        """The certificate that `to_dict` wrote; what follows from the numbers is not read."""
-        return cls(
-            robot=values["robot"],
-            trajectory=values["trajectory_sha256"],
-            duration=float(values["duration_s"]),
-            how=values["how"],
-            extremes=tuple(
-                Extreme(**{key: x for key, x in extreme.items() if key != "margin"})
-                for extreme in values["extremes"]
-            ),
-            proofs=tuple(Proof.from_dict(proof) for proof in values["constraints"]),
-            jumps=tuple(Jump(**jump) for jump in values.get("jumps", ())),
-            notes=tuple(
-                Declined(note)
-                if note in values.get("not_covered_as_asked", ())
-                else Gap(note)
-                if note in values.get("not_covered", ())
-                else note
-                for note in values.get("notes", ())
-            ),
-        )
-
     def write(self, path: Path) -> None:
         """Write as JSON."""
         write_json(path, self.to_dict())
-
-
-def read_certificate(path: Path) -> Certificate:
-    """The certificate in a file.
-
-    Raises:
-        DataError: The file is missing or holds none.
-    """
-    try:
-        return Certificate.from_dict(json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise DataError(
-            f"the file is no certificate: {error}",
-            where=str(path),
-            mend="give a certificate that steelyard wrote beside a trajectory",
-        ) from error
 
 
 def certify(

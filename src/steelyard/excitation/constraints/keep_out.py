@@ -8,62 +8,31 @@ from numpy.typing import ArrayLike
 
 from steelyard.arrays import Array, frozen
 from steelyard.errors import ModelError
-from steelyard.excitation.constraints.bounding import Stretches, proven_minimum
+from steelyard.excitation.constraints.bounding import Stretches
 from steelyard.excitation.constraints.constraint import Margins
 from steelyard.excitation.constraints.markers import (
-    PROOF,
     ROOM,
-    TOLERANCE,
-    TOOL_ONLY,
     Marker,
+    SphereDistances,
     paths,
     points_of,
 )
-from steelyard.excitation.shapes.reach import point_rates
-from steelyard.excitation.trajectories.exact import ExactTrajectory
-from steelyard.kernel.quantities.kinematics import Points
-from steelyard.progress import Progress, silent
 from steelyard.robot.robot import Robot
 
 
 @dataclass(frozen=True, eq=False)
-class KeepOut:
+class KeepOut(SphereDistances):
     """Spheres that stay out of boxes; distances are to the nearest face, edge or corner.
 
     Attributes:
-        name: For certificates and messages.
-        labels: What each of the `k` margins is.
-        room: Shape `(k,)` [m].
-        points: Centres of the spheres.
-        which: Per margin the index of its point.
         radii: Per margin the radius of its sphere, shape `(k,)` [m].
         centres: Of the boxes, shape `(k, 3)` [m].
         halves: Half their edges, shape `(k, 3)` [m].
     """
 
-    name: str
-    labels: tuple[str, ...]
-    room: Array
-    points: Points
-    which: tuple[int, ...]
     radii: Array
     centres: Array
     halves: Array
-
-    @property
-    def how(self) -> str:
-        """How it is proven, in one sentence."""
-        return PROOF
-
-    @property
-    def scope(self) -> str:
-        """What of the robot it is about."""
-        return TOOL_ONLY
-
-    @property
-    def unit(self) -> str:
-        """Unit of the margins."""
-        return "m"
 
     def margins(self, q: Array, dq: Array, ddq: Array) -> Margins:
         """Distances from the boxes at states of shape `(N, n)`."""
@@ -75,16 +44,6 @@ class KeepOut:
         direction = _steepest(beyond) * np.where(apart < 0.0, -1.0, 1.0)
         by_q = (direction[:, :, None, :] @ slopes[:, chosen])[:, :, 0]
         return Margins(values, by_q=by_q)
-
-    def proven(self, trajectory: ExactTrajectory, progress: Progress = silent) -> Array:
-        """Lower bounds of the distances at all times, shape `(k,)` [m]."""
-        return proven_minimum(
-            trajectory, self._bound, np.full(len(self.which), TOLERANCE), progress, self.name
-        )
-
-    def reaches(self, lower: Array, upper: Array) -> Array:
-        """Change of every margin per change of each joint within bounds, `(k, n)` [m/rad; 1]."""
-        return point_rates(self.points.robot, self.points, lower, upper)[list(self.which)]
 
     def _bound(self, stretches: Stretches) -> tuple[Array, Array]:
         path = paths(self.points, stretches)

@@ -5,6 +5,7 @@ $p(t) \in p_m + [-r, r]\,\dot p_m + \tfrac{1}{2}[0, r^2]\,A$, with accelerations
 interval arithmetic over all states of the stretch.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -13,8 +14,11 @@ from numpy.typing import ArrayLike
 
 from steelyard.arrays import Array, frozen
 from steelyard.errors import ModelError
-from steelyard.excitation.constraints.bounding import Stretches
+from steelyard.excitation.constraints.bounding import Stretches, proven_minimum
+from steelyard.excitation.shapes.reach import point_rates
+from steelyard.excitation.trajectories.exact import ExactTrajectory
 from steelyard.kernel.quantities.kinematics import Points, frame_of, points_on
+from steelyard.progress import Progress, silent
 from steelyard.robot.robot import Robot
 
 ROOM = 0.05
@@ -68,6 +72,54 @@ class Marker:
         if self.offset.any():
             name += f" + ({', '.join(f'{x:g}' for x in self.offset)})"
         return f"{name} ({self.ball})" if self.radius > 0.0 else name
+
+
+@dataclass(frozen=True, eq=False)
+class SphereDistances(ABC):
+    """A constraint whose margins are distances of spheres from something in the cell.
+
+    Attributes:
+        name: For certificates and messages.
+        labels: What each of the `k` margins is.
+        room: Shape `(k,)` [m].
+        points: Centres of the spheres.
+        which: Per margin the index of its point.
+    """
+
+    name: str
+    labels: tuple[str, ...]
+    room: Array
+    points: Points
+    which: tuple[int, ...]
+
+    @property
+    def how(self) -> str:
+        """How it is proven, in one sentence."""
+        return PROOF
+
+    @property
+    def scope(self) -> str:
+        """What of the robot it is about."""
+        return TOOL_ONLY
+
+    @property
+    def unit(self) -> str:
+        """Unit of the margins."""
+        return "m"
+
+    @abstractmethod
+    def _bound(self, stretches: Stretches) -> tuple[Array, Array]:
+        """Margins at the middles of stretches, and bounds all over them, `(k, B)` each [m]."""
+
+    def proven(self, trajectory: ExactTrajectory, progress: Progress = silent) -> Array:
+        """Lower bounds of the distances at all times, shape `(k,)` [m]."""
+        return proven_minimum(
+            trajectory, self._bound, np.full(len(self.which), TOLERANCE), progress, self.name
+        )
+
+    def reaches(self, lower: Array, upper: Array) -> Array:
+        """Change of every margin per change of each joint within bounds, `(k, n)` [m/rad; 1]."""
+        return point_rates(self.points.robot, self.points, lower, upper)[list(self.which)]
 
 
 @dataclass(frozen=True, eq=False)

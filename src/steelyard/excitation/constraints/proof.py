@@ -1,6 +1,5 @@
 """Margins of one constraint over all times of a motion, as a value."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
@@ -48,7 +47,7 @@ class Proof:
         proven: A lower bound of each that holds at all times.
         sampled: The least of each at samples; from the constraint's `room` on it may be less, as
             the constraint tells no more there, but it is never less than `proven`.
-        room: How far from zero each begins to matter; none in older files.
+        room: How far from zero each begins to matter.
         scope: What of the robot the constraint is about, if it says so.
     """
 
@@ -58,7 +57,7 @@ class Proof:
     labels: tuple[str, ...]
     proven: tuple[float, ...]
     sampled: tuple[float, ...]
-    room: tuple[float, ...] = ()
+    room: tuple[float, ...]
     scope: str = ""
 
     def to_dict(self) -> dict[str, Any]:
@@ -67,25 +66,10 @@ class Proof:
             {"label": label, "proven": least if np.isfinite(least) else None, "sampled": seen}
             for label, least, seen in zip(self.labels, self.proven, self.sampled, strict=True)
         ]
-        for values, room in zip(margins, self.room, strict=False):
+        for values, room in zip(margins, self.room, strict=True):
             values["room"] = room
         head = {"name": self.name, "unit": self.unit, "how": self.how, "scope": self.scope}
         return {**head, "margins": margins}
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> "Proof":
-        """The proof that `to_dict` wrote."""
-        margins = values["margins"]
-        return cls(
-            values["name"],
-            values["unit"],
-            values["how"],
-            tuple(x["label"] for x in margins),
-            tuple(-np.inf if x["proven"] is None else float(x["proven"]) for x in margins),
-            tuple(float(x["sampled"]) for x in margins),
-            tuple(float(x["room"]) for x in margins if "room" in x),
-            values.get("scope", ""),
-        )
 
 
 def proof_of(

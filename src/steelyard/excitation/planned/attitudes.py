@@ -1,4 +1,4 @@
-"""How a tool is held while it moves: anyhow, along a direction, or in one orientation."""
+"""How a tool is held while it moves: anyhow, or along a direction."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -13,7 +13,7 @@ class Attitude(Protocol):
     """What is asked of a frame's orientation, as turns that must be zero.
 
     Attributes:
-        rows: Number of turns `k` that are asked to be zero, 0 to 3.
+        rows: Number of turns `k` that are asked to be zero, 0 to 2.
     """
 
     @property
@@ -92,36 +92,3 @@ class Pointing:
         first = np.cross(self.direction, least)
         first /= np.linalg.norm(first)
         return np.stack([first, np.cross(self.direction, first)])
-
-
-@dataclass(frozen=True, eq=False)
-class Turned:
-    """The tool keeps one orientation.
-
-    Attributes:
-        rotation: Shape `(3, 3)`, the tool's axes in the base frame.
-        rows: Three turns.
-    """
-
-    rotation: Array
-    rows: int
-
-    def __init__(self, rotation: ArrayLike) -> None:
-        matrix = frozen(rotation, (3, 3))
-        proper = np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-6) and np.linalg.det(matrix) > 0
-        if not proper:
-            raise ValueError("the orientation of a tool is not a rotation matrix")
-        object.__setattr__(self, "rotation", matrix)
-        object.__setattr__(self, "rows", 3)
-
-    def turns(self, rotation: Array) -> Array:
-        """The rotation vector that is left to turn by, shape `(N, 3)` [rad]."""
-        from scipy.spatial.transform import Rotation
-
-        left = self.rotation @ np.swapaxes(rotation, 1, 2)
-        vectors: Array = Rotation.from_matrix(left).as_rotvec().reshape(-1, 3)
-        return vectors
-
-    def slopes(self, angular: Array) -> Array:
-        """The angular rates as they are, shape `(N, 3, n)`."""
-        return angular

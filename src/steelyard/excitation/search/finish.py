@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from steelyard.arrays import Array
 from steelyard.errors import DataError
 from steelyard.excitation.problem import Problem
-from steelyard.excitation.search.newton import minimised
+from steelyard.excitation.search.newton import minimised_by
 from steelyard.excitation.search.repair import Kept, proven, repaired, scaled, shrunk
 from steelyard.excitation.search.starts import NoMotion
 from steelyard.excitation.trajectories.exact import ExactTrajectory
-from steelyard.progress import Progress, Stopped, silent
+from steelyard.progress import Progress, silent
 
 POLISH = ((256.0, 1e-5),)
 """Last stage: the criterion nearly itself, the barrier nearly gone."""
@@ -112,20 +112,6 @@ def _tries(problem: Problem, x: Array, deadline: float) -> list[Array]:
     first = scaled(problem, x)
     if first is None or time.monotonic() > deadline:
         return [] if first is None else [first]
-    second = scaled(problem, _polished(problem, first, deadline))
+    x = minimised_by(deadline, problem.objective, problem.walls, first, stages=POLISH)
+    second = scaled(problem, x)
     return [first] if second is None else [first, second]
-
-
-def _polished(problem: Problem, x: Array, deadline: float) -> Array:
-    """The motion after the last stage, or as far as that came in time."""
-    latest = [x]
-
-    def watch(x: Array) -> None:
-        latest[:] = [x]
-        if time.monotonic() > deadline:
-            raise Stopped("the time is spent")
-
-    try:
-        return minimised(problem.objective, problem.walls, x, stages=POLISH, watch=watch)
-    except Stopped:
-        return latest[0]

@@ -5,6 +5,7 @@ barrier's second derivatives are exact, those of the criterion are learnt from i
 BFGS [Nocedal2006]): every step is a small linear system, and no step leaves the walls.
 """
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -12,6 +13,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.excitation.barrier import Barrier, Walls
+from steelyard.progress import Stopped
 
 Objective = Callable[[Array, float], tuple[float, Array]]
 """Coefficients and sharpness to the value to be minimised and its slope."""
@@ -29,6 +31,27 @@ _TO_WALL = 0.95
 _ENOUGH = 1e-4
 _SHRINK = 0.4
 _TRIALS = 12
+
+
+class Deadline:
+    """Watches a search, and ends it when its time is spent.
+
+    Args:
+        at: When that is, of `time.monotonic`.
+        begun: Where the search begins, if it does so inside the walls.
+
+    Attributes:
+        latest: The last coefficients that it was told of, if any.
+    """
+
+    def __init__(self, at: float, *begun: Array) -> None:
+        self._at, self.latest = at, list(begun)
+
+    def __call__(self, x: Array) -> None:
+        """Keep them; raises `Stopped` past the deadline."""
+        self.latest = [x]
+        if time.monotonic() > self._at:
+            raise Stopped("the time is spent")
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +105,23 @@ def minimised(
                 break
         x = point.x
     return x
+
+
+def minimised_by(
+    deadline: float,
+    objective: Objective,
+    walls: Walls,
+    x: Array,
+    *,
+    stages: tuple[tuple[float, float], ...],
+    extra: Sequence[Array] = (),
+) -> Array:
+    """See `minimised`; where that is not reached by the deadline, how far it came."""
+    watch = Deadline(deadline, x)
+    try:
+        return minimised(objective, walls, x, stages=stages, extra=extra, watch=watch)
+    except Stopped:
+        return watch.latest[0]
 
 
 def _at(objective: Objective, walls: Walls, x: Array, sharpness: float) -> _Point | None:

@@ -8,8 +8,8 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.excitation.barrier import Walls, bounds
 from steelyard.excitation.problem import Problem
-from steelyard.excitation.search.newton import BACK, minimised
-from steelyard.progress import Progress, Stopped
+from steelyard.excitation.search.newton import BACK, minimised_by
+from steelyard.progress import Progress
 
 _TIMES = 12
 _ROUNDING = 1e-9
@@ -90,7 +90,8 @@ def repaired(problem: Problem, x: Array, deadline: float, progress: Progress) ->
             break
         extra = [e + MORE * lack for e, lack in zip(extra, kept.lacks, strict=True)]
         walls = walls.closer() if len(walls.t) < CLOSER * len(problem.walls.t) else walls
-        x = _again(problem, walls, _within(problem, walls, x), extra, deadline)
+        within = _within(problem, walls, x)
+        x = minimised_by(deadline, problem.objective, walls, within, stages=BACK, extra=extra)
         again = scaled(problem, x)
         if again is None:
             break
@@ -112,21 +113,6 @@ def _within(problem: Problem, walls: Walls, x: Array) -> Array:
         if low > share:
             best, share = still + low * (x - still), low
     return np.asarray(best)
-
-
-def _again(problem: Problem, walls: Walls, x: Array, extra: list[Array], deadline: float) -> Array:
-    """The minimum anew with these reserves, as far as there is time."""
-    latest = [x]
-
-    def watch(x: Array) -> None:
-        latest[:] = [x]
-        if time.monotonic() > deadline:
-            raise Stopped("the time is spent")
-
-    try:
-        return minimised(problem.objective, walls, x, stages=BACK, extra=extra, watch=watch)
-    except Stopped:
-        return latest[0]
 
 
 def scaled(problem: Problem, x: Array) -> Array | None:

@@ -16,7 +16,6 @@ from collections.abc import Iterator, Mapping
 from itertools import count
 from typing import Any
 
-from steelyard.arrays import Array
 from steelyard.errors import SteelyardError
 from steelyard.progress import Stopped
 
@@ -50,24 +49,19 @@ def answers(task: Mapping[str, Any], deadline: float) -> Iterator[dict[str, Any]
     """Do a task that `parallel_search` described, as long as there is time."""
     from steelyard.excitation.from_tables import Recipe
     from steelyard.excitation.search.methods import seeded
+    from steelyard.excitation.search.newton import Deadline
     from steelyard.excitation.search.register import method_of
 
     problem, method = Recipe(**task["problem"]).problem(), method_of(task["method"])
-    latest: list[Array] = []
-
-    def watch(x: Array) -> None:
-        latest[:] = [x]
-        if time.monotonic() > deadline:
-            raise Stopped("the time is spent")
-
+    watch = Deadline(deadline)
     for number in count(task["first"], task["step"]):
         if task["searches"] is not None and number >= task["searches"]:
             return
         try:
             x = method.search(problem, seeded(task["seed"], number), watch)
         except Stopped:
-            if latest:
-                yield {"number": number, "x": latest[0].tolist(), "whole": False}
+            if watch.latest:
+                yield {"number": number, "x": watch.latest[0].tolist(), "whole": False}
             return
         yield {"number": number, "x": x.tolist(), "whole": True}
 

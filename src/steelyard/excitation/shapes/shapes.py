@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike
 from steelyard.arrays import Array, frozen
 from steelyard.errors import ModelError
 from steelyard.excitation.shapes.solids import HalfSpace, Solid
-from steelyard.kernel.quantities.kinematics import frame_of
-from steelyard.robot.robot import Frame, Robot
+from steelyard.robot.robot import Frame
 
 Origin = Literal["link", "tool", "world"]
 """Whose a shape is: a link's of the model, a tool's or a payload's, or the cell's."""
@@ -63,30 +62,6 @@ class Geometry:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "parents", MappingProxyType(dict(self.parents)))
-
-
-def attached(
-    robot: Robot,
-    frame: str,
-    name: str,
-    solid: Solid,
-    position: ArrayLike = (0.0, 0.0, 0.0),
-    rotation: ArrayLike | None = None,
-) -> Shape:
-    """A tool or payload on a frame of the robot.
-
-    Args:
-        robot: The robot.
-        frame: Name of the link that carries it.
-        name: What it is called in messages and pairs.
-        solid: What it is.
-        position: Its origin in the frame, shape `(3,)` [m].
-        rotation: Its axes in the frame, shape `(3, 3)`; by default those of the frame.
-
-    Raises:
-        ModelError: The robot has no such frame.
-    """
-    return placed(frame_of(robot, frame), name, solid, position, rotation, "tool")
 
 
 def obstacle(

@@ -7,6 +7,7 @@ speed above next to nothing, $\max(|v|, \epsilon)$, holds it above $w$. A speed 
 
 from collections.abc import Mapping
 
+from steelyard.kernel.program.compose import Writer
 from steelyard.kernel.program.program import Program, Step
 
 _NOTHING = 1e-6
@@ -14,23 +15,18 @@ Linear = Mapping[int, float]
 """Coefficients over the velocities; empty for what does not depend on them in this way."""
 
 
-class _Writer:
+class _Softener(Writer):
     """A program under construction, with the linear parts of its steps.
 
     Attributes:
-        steps: The new program's steps.
         number: Old step to new step.
     """
 
     def __init__(self, program: Program, velocity: int, widths: int) -> None:
+        super().__init__()
         self.program, self._velocity, self._widths = program, velocity, widths
-        self.steps: list[Step] = []
         self.number: list[int] = []
         self._linear: list[Linear] = []
-
-    def push(self, operation: str, *arguments: int, value: float = 0.0) -> int:
-        self.steps.append(Step(operation, arguments, value))
-        return len(self.steps) - 1
 
     def take(self, step: Step) -> None:
         """Write one step of the old program, softened if it jumps."""
@@ -97,7 +93,7 @@ def softened(program: Program, velocity: int, widths: int) -> Program:
         velocity: Number of its input array of velocities.
         widths: Number of its input array of widths, one per velocity.
     """
-    writer = _Writer(program, velocity, widths)
+    writer = _Softener(program, velocity, widths)
     for step in program.steps:
         writer.take(step)
     outputs = tuple(writer.number[number] for number in program.outputs)

@@ -40,12 +40,6 @@ BUDGET = 200_000
 FEW = 40_000
 """The same in a report that is about something else."""
 
-AS_DECLARED = "as declared"
-"""What the declared reading is called among explanations."""
-
-NOMINAL = "the nominal model"
-"""What a finding names that was held against the masses of the model file."""
-
 EXACT = 1e5
 """Numbers from here on, such as times that are dates, are drawn in double precision."""
 
@@ -122,12 +116,12 @@ def _shown(finding: Finding, *, drawn: bool) -> dict[str, Any]:
 def _still_ok(finding: Finding, diagnosis: Diagnosis) -> str:
     """Why a finding is ok although an explanation beats the declared reading; else empty."""
     rivals = finding.hypotheses
-    declared = next((one for one in rivals if one.says == AS_DECLARED), None)
+    declared = next((one for one in rivals if one.declared), None)
     told = any(f.log == finding.log and f.judgement and f.hypotheses for f in diagnosis.findings)
     if finding.judgement or not finding.answered or told or not declared or rivals[0] is declared:
         return ""
     misfit = f"Still ok: as declared the misfit is only {percent(declared.misfit)}"
-    if NOMINAL in finding.says:
+    if finding.nominal:
         return (
             f"{misfit}, no more than a nominal model leaves; what a better row explains may as "
             "well be errors of the nominal masses, which a reference (--model) would tell."

@@ -40,6 +40,7 @@ class CompareSection(Section):
         drawn = [trial for trial in in_order(comparison) if trial.mean is not None]
         return {
             "headline": headline(comparison),
+            "taken": comparison.advice is not None and bool(comparison.advice.name),
             "advice": "" if comparison.advice is None else reasons(comparison),
             "words": comparison.words,
             "stopped": stopped(comparison),

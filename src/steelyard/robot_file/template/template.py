@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from steelyard.errors import LogError
-from steelyard.robot.model_notes import JointSpring
+from steelyard.robot.model_notes import JointSpring, Listed
 from steelyard.robot.robot import Coordinate, Robot
 from steelyard.robot.xml_reader import read_xml
 from steelyard.robot_file.column_names import like_finger
@@ -93,11 +93,11 @@ def notes_beside(bare: LoadedRobot, written: LoadedRobot) -> tuple[str, ...]:
     """Notes of a model file and of the robot file made from it, each statement once.
 
     A robot file repeats gravity and limits of the model, and so hides what they rest on. Of a
-    statement with a list behind a colon, the robot file's holds: it moves fewer joints.
+    statement with a list, the robot file's holds: it moves fewer joints.
     """
     told = {**bare.unfollowed, **written.unfollowed}
     assumed = {
-        note.partition(": ")[0]: note
+        note.statement if isinstance(note, Listed) else note: note
         for loaded in (bare, written)
         for note in loaded.notes
         if note not in loaded.unfollowed.values()

@@ -1,0 +1,138 @@
+"""The checks whose question a hypothesis about the robot file answers, as one table."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from steelyard.diagnosis.case import Case
+from steelyard.diagnosis.finding import Finding, Judgement
+from steelyard.diagnosis.hypotheses.decided import least_mass
+from steelyard.diagnosis.hypotheses.friction_sign import friction_signs
+from steelyard.diagnosis.hypotheses.gains_left import gains_left
+from steelyard.diagnosis.hypotheses.ranking import known_of
+from steelyard.diagnosis.hypotheses.telling import agrees, findings
+from steelyard.diagnosis.hypotheses.verdict import Verdict, verdict
+from steelyard.diagnosis.residual_delay import residual_delay
+
+Findings = tuple[Finding, ...]
+
+
+@dataclass(frozen=True)
+class HypothesisCheck:
+    """A check by the hypotheses that have its name as their cause.
+
+    Attributes:
+        name: As users see it, and the cause of its hypotheses.
+        asks: The question in a few words.
+        fine: What holds where nothing is wrong, or the whole sentence for a verdict.
+        advice: What to do about a hypothesis that explains a log better.
+        completed: The findings with those that this check makes by other means.
+        quick: Whether `identify` asks it before it begins.
+    """
+
+    name: str
+    asks: str
+    fine: str | Callable[[Verdict], str]
+    advice: str
+    completed: Callable[[Case, str, Findings], Findings] | None = None
+    quick: bool = True
+
+    def __call__(self, case: Case) -> Findings:
+        """One finding per log that moves; one for all if nothing is known of the robot."""
+        found = findings(case, self.name, self._fine, self.advice)
+        return found if self.completed is None else self.completed(case, self.name, found)
+
+    def _fine(self, held: Verdict) -> str:
+        return agrees(held, self.fine) if isinstance(self.fine, str) else self.fine(held)
+
+
+def _signs_of_friction(case: Case, name: str, found: Findings) -> Findings:
+    """Without masses, what friction tells."""
+    return (friction_signs(case, name) if known_of(case) is None else ()) or found
+
+
+def _gains_not_found(case: Case, name: str, found: Findings) -> Findings:
+    """Where no gain is wrong, whether the logs give those that are to be identified."""
+    return found if any(f.judgement for f in found) else gains_left(case, name) or found
+
+
+def _short_delays(case: Case, name: str, found: Findings) -> Findings:
+    """A delay in the residuals of a fit, unless one is known or another cause comes first."""
+    judged = [verdict(case, evidence) for evidence in case.logs]
+    winners = [winner for held in judged if held is not None for winner in held.winners]
+    if any(rival.cause == name or how is Judgement.WRONG for rival, how in winners):
+        return found
+    late = residual_delay(case, name)
+    return found if late is None else (late, *(f for f in found if f.log))
+
+
+def _fine_gains(held: Verdict) -> str:
+    if any(held.ranking.trial.signals.unknown_gains):
+        return "gains are to be identified, and are not compared with the model file"
+    return agrees(held, "gains and gear ratios are right")
+
+
+def _no_load(held: Verdict) -> str:
+    trial = held.ranking.trial
+    if trial.knowledge.identified:
+        return agrees(held, "the arm carries nothing")
+    mass = least_mass(trial)
+    return agrees(held, f"no load of {mass:.2g} kg or more, if the model file's masses are right")
+
+
+JOINT_ORDER = HypothesisCheck(
+    "joint order",
+    "Is every column that of its joint?",
+    "columns are those of their joints",
+    "put the columns in the order of the joints",
+)
+POSITION_SIGN = HypothesisCheck(
+    "position sign",
+    "Do positions count the right way?",
+    "positions count the right way",
+    "say which columns count against their joint",
+)
+EFFORT_SIGN = HypothesisCheck(
+    "effort sign",
+    "Do efforts have the right sign?",
+    "efforts have the right sign",
+    "turn the sign of the gain",
+    _signs_of_friction,
+)
+EFFORT_UNIT = HypothesisCheck(
+    "effort unit",
+    "Are efforts in the unit declared?",
+    "efforts are in the unit declared",
+    "declare the unit in which efforts are logged",
+)
+EFFORT_KIND = HypothesisCheck(
+    "effort kind",
+    "Are efforts what they are declared to be?",
+    "efforts are of the kind declared",
+    "declare what the columns hold",
+)
+GAIN = HypothesisCheck(
+    "gain",
+    "Are gains and gear ratios right?",
+    _fine_gains,
+    "use this gain; is it the gear ratio that is wrong?",
+    _gains_not_found,
+)
+EFFORT_DELAY = HypothesisCheck(
+    "effort delay",
+    "Are all efforts logged late, or early, by one time?",
+    "efforts have no delay common to all joints",
+    "take the delay out",
+    _short_delays,
+)
+MOUNTING = HypothesisCheck(
+    "mounting",
+    "Does gravity point where the robot file says?",
+    "gravity points where the robot file says",
+    "say where gravity points in the base frame",
+)
+PAYLOAD = HypothesisCheck(
+    "payload",
+    "Is the arm empty?",
+    _no_load,
+    "identify without this log, give it as --loaded, or weigh the load with steelyard payload",
+)
