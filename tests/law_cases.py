@@ -193,7 +193,7 @@ CASES: tuple[LawCase, ...] = (
     ),
     LawCase(
         "load_dependent", odd=False, left_out="(load_dependent)", units=("1", "1"), faint=True,
-        simulated="recovered",
+        simulated="recovered", found={"length": LENGTHS},
     ),
     LawCase(
         "load_dependent",
@@ -209,7 +209,10 @@ CASES: tuple[LawCase, ...] = (
         "maxwell_slip", {"lengths": [0.01, 0.1], "relaxing": True, "joints": CHOSEN}, **MEMORY
     ),
     LawCase("lugre", **MEMORY, units=NM, simulated="recovered"),
-    LawCase("lugre", {"length": 0.01, "breakaway": 1.6}, **MEMORY),
+    LawCase(
+        "lugre", {"length": 0.01, "speed": 0.2, "breakaway": 1.6}, **MEMORY,
+        found={"length": LENGTHS, "speed": SPEEDS},
+    ),
     LawCase(
         "lugre",
         {"length": [0.01, 0.02], "breakaway": 2.0, "speed": 0.5,

@@ -117,6 +117,12 @@ def test_exact_data_give_the_shared_value(case: LawCase, field: str) -> None:
     assert getattr(result.model.terms[-1], field) == finding.value
 
 
+def test_every_field_that_can_be_found_is_found_here() -> None:
+    """But that of couplings, whose pairs have no value per joint."""
+    wanted = {(law, field) for law, term in TERMS.items() for field in term.bounds}
+    assert {(case.law, field) for case, field in FOUND} == wanted - {("coupled", "smoothing")}
+
+
 def test_two_fields_of_one_term_are_found_together() -> None:
     truth = LuGre(length=1e-2, speed=0.2, breakaway=1.6)
     wanted = LuGre(length=Find(1e-3, 0.1), speed=Find(1e-3, 1.0), breakaway=1.6)

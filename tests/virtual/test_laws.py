@@ -10,6 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from law_cases import CASES, LawCase, name_of
 from steelyard.excitation.trajectories.random_fourier import random_fourier
+from steelyard.kernel.quantities.passive_joints import all_joints
 from steelyard.model import Model
 from steelyard.motion import Motion
 from steelyard.robot.robot import Robot
@@ -123,6 +124,20 @@ def test_an_unknown_memory_is_stepped_by_its_scan(tree: Robot) -> None:
     motion = wander(tree)
     known, strange = (stepped(tree, law, motion) for law in (Dahl(length=1e-3), Stranger()))
     np.testing.assert_allclose(strange, known, atol=1e-12)
+
+
+def test_loads_on_passive_joints_are_borne_by_the_others(four_bar: Robot) -> None:
+    t = np.linspace(0.0, 1.0, 200)
+    crank = [1.1 + 0.1 * np.sin(9.0 * t), 0.9 * np.cos(9.0 * t), -8.1 * np.sin(9.0 * t)]
+    own = [x[None] for x in crank]
+    law = LoadDependent(length=1e-3)
+    passive, load = np.split(Model(four_bar, (law,)).scan()(*own), [2])
+    motion = Motion(t, *(x.T for x in all_joints(four_bar, *own, passive)))
+    found = stepped(four_bar, law, motion)[1:, 0]
+    assert np.abs(load).max() > 1.0
+    # the log's first sample is taken to have moved before, the plant begins at rest
+    late = t[1:] > 0.1
+    np.testing.assert_allclose(found[late], load[0, 1:][late], rtol=1e-6, atol=1e-6)
 
 
 def test_jumps_at_zero_speed_are_softened(tree: Robot) -> None:
