@@ -178,6 +178,20 @@ CASES: tuple[LawCase, ...] = (
         "stribeck", {"speed": [0.4, 0.6], "exponent": 2, "joints": CHOSEN}, continuous=False,
         left_out=FIT,
     ),
+    LawCase(
+        "directional_stribeck", odd=False, continuous=False, left_out="their mean", units=NM,
+        faint=True, simulated="felt", found={"speed": SPEEDS},
+    ),
+    LawCase(
+        "directional_stribeck", {"speed": 0.2, "smoothing": 0.02}, odd=False,
+        left_out="their mean", simulated="recovered",
+        beside=({"law": "directional_coulomb", "smoothing": 0.02}, "viscous"),
+    ),
+    LawCase(
+        "directional_stribeck",
+        {"speed": [30.0, 50.0], "exponent": 2, "smoothing": 8.0, "motors": LAST}, odd=False,
+        left_out=FIT,
+    ),
     LawCase("coupled", {"pairs": [PULL, PUSH]}, energy="either", left_out="(coupled)"),
     LawCase(
         "coupled", {"pairs": [PULL]}, energy="either", left_out="(coupled)",

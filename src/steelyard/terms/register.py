@@ -15,6 +15,7 @@ from steelyard.terms.acting import Acting
 from steelyard.terms.laws.coulomb import Coulomb
 from steelyard.terms.laws.coupled import Coupled
 from steelyard.terms.laws.directional import DirectionalCoulomb, DirectionalViscous
+from steelyard.terms.laws.directional_stribeck import DirectionalStribeck
 from steelyard.terms.laws.gravity_compensator import GravityCompensator
 from steelyard.terms.laws.load_dependent import LoadDependent
 from steelyard.terms.laws.offset import Offset
@@ -75,6 +76,7 @@ TERMS: dict[str, type[Any]] = {
         Cubic,
         Root,
         Stribeck,
+        DirectionalStribeck,
         Coupled,
         LoadDependent,
         Dahl,
