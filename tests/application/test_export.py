@@ -14,7 +14,7 @@ from closed_chains import CHAINS, slider_crank
 from invented import ROBOTS, mimic, tree
 from law_cases import CASES, LawCase, name_of
 from moving import geared
-from steelyard.application.export.content import FIT, Format
+from steelyard.application.export.content import FIT, Format, content_of
 from steelyard.application.export.export import exported, refuse_changed, unheld
 from steelyard.errors import ModelError
 from steelyard.estimation.calibration import EDGES, Calibration
@@ -208,6 +208,24 @@ def test_friction_in_full_sliding_is_held(law: str, tmp_path: Path) -> None:
     model = mujoco.MjModel.from_xml_path(str(written(identified, "mjcf", tmp_path)))
     found = model.dof_frictionloss[model.joint("tip_joint").dofadr[0]]
     assert found == pytest.approx(SLIDING[law](values), rel=1e-12)
+
+
+def test_the_curve_of_both_directions_is_held_by_its_mean() -> None:
+    """A fit to Stribeck friction of two levels is that to their mean."""
+    robot, found = geared(), []
+    for law, levels in (
+        ("directional_stribeck", {"directional_stribeck_forward": 3.0,
+                                  "directional_stribeck_backward": 1.0}),
+        ("stribeck", {"stribeck": 2.0}),
+    ):  # fmt: skip
+        values = {f"{name}.{c.name}": x for name, x in levels.items() for c in robot.coordinates}
+        identified = identified_of(robot, [RigidBody(), TERMS[law]()], values)
+        found.append(content_of(identified, "mjcf"))
+    both, mean = found
+    assert all(joint["dry"] > 0.1 for joint in both.joints)
+    for mine, other in zip(both.joints, mean.joints, strict=True):
+        assert mine == pytest.approx(other, rel=1e-9)
+    assert any("± trunk_joint 1 Nm" in x and "left_joint 1 Nm" in x for x in both.unheld)
 
 
 def test_gravity_that_points_elsewhere_is_told_of_a_urdf() -> None:
