@@ -60,6 +60,11 @@ class Astray(Viscous):
 
 
 @dataclass(frozen=True)
+class Elastic(Viscous):
+    cause: ClassVar[Any] = "spring"
+
+
+@dataclass(frozen=True)
 class Secret(Viscous):
     def remember(self) -> None: ...
 
@@ -82,6 +87,7 @@ class Formless(Acting, Remembering):
     [
         (Unfinished, "'reference' without `needs_reference`"),
         (Astray, "'speed' of `bounds` is no field"),
+        (Elastic, "dissipates, but is no friction"),
         (Secret, "has memory, but is no `Remembering`"),
         (Stepless, "lacks 'steps'"),
         (Stepless, "lacks 'aside'"),
@@ -105,7 +111,12 @@ def test_another_parameter_names_no_law() -> None:
         law_of("zero_offset.tip_joint")
 
 
+@pytest.mark.parametrize("case", CASES, ids=name_of)
+def test_all_that_is_no_friction_keeps_energy_or_is_an_offset(case: LawCase) -> None:
+    assert (TERMS[case.law].cause == "friction") == (case.energy != "kept")
+
+
 def test_friction_drifts_and_is_shown_by_a_motion() -> None:
-    lasting = {law for law, term in TERMS.items() if not term.drifts}
+    lasting = {law for law, term in TERMS.items() if not term.drifts()}
     assert lasting == {"rigid_body", "rotor_inertia", "spring", "gravity_compensator"}
     assert all(term.shown_by for term in TERMS.values())

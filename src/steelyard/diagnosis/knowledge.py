@@ -105,7 +105,7 @@ def knowledge_of(reference: IdentifiedModel | None, robot: Robot) -> Knowledge |
         nominal = Model(robot, (RigidBody(),)).prior
         return None if nominal is None else Knowledge(nominal)
     model = reference.model
-    terms = tuple(term for term in model.terms if not term.drifts)
+    terms = tuple(term for term in model.terms if not term.drifts())
     steady = Model(model.robot, terms)
     known = reference.estimate.parameters.as_dict()
     values = [known.get(name, 0.0) for name in steady.names]

@@ -30,7 +30,7 @@ from steelyard.terms.memory import Presliding
 from steelyard.terms.open_fields import Find, asked, finds_of, is_asked
 from steelyard.terms.term import Remembering, Term, channels_of
 
-ASKED_OF_ALL = ("law", "dissipation", "drifts", "shown_by", "in_model_files")
+ASKED_OF_ALL = ("law", "dissipation", "cause", "shown_by", "in_model_files")
 """What has no default, as any default would be wrong for some law."""
 
 
@@ -53,6 +53,8 @@ def complete(law: type[Term]) -> type[Term]:
     if law.needs_reference != ("reference" in names):
         flaws.append("has a field 'reference' without `needs_reference`, or the other way round")
     if getattr(law, "dissipation", "none") != "none":
+        if getattr(law, "cause", "friction") != "friction":
+            flaws.append("dissipates, but is no friction")
         if not issubclass(law, Acting):
             flaws.append("is friction, but does not act along coordinates (`Acting`)")
         elif issubclass(law, Remembering) and not issubclass(law, Presliding):

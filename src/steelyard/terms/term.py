@@ -19,6 +19,9 @@ Dissipation = Literal["none", "each", "together"]
 """What a law knows of energy: nothing; that each of its coefficients takes some; or that it takes
 some together with all others along the same coordinate, whatever the signs of its coefficients."""
 
+Cause = Literal["inertia", "spring", "friction", "offset"]
+"""What a law is about. Inertia and springs last; friction and offsets change from day to day."""
+
 Role = Literal["body", "rotor", "brake", "effort"]
 """How a simulation has a law: as mass of the bodies, as inertia of a rotor, as friction that sticks
 and slips, or as an effort that is computed from the state."""
@@ -39,8 +42,8 @@ class Term(ABC):
     """The term's name in files."""
     dissipation: ClassVar[Dissipation]
     """How the consistent estimate bounds it."""
-    drifts: ClassVar[bool]
-    """Whether its parameters change from day to day, as friction and offsets do."""
+    cause: ClassVar[Cause]
+    """What kind of thing it is."""
     shown_by: ClassVar[str]
     """The motion that shows its parameters, to be followed by names of joints."""
     in_model_files: ClassVar[Place]
@@ -69,6 +72,11 @@ class Term(ABC):
 
         The state and the rows are those of all joints, `robot.joints`.
         """
+
+    @classmethod
+    def drifts(cls) -> bool:
+        """Whether its parameters change from day to day."""
+        return cls.cause in ("friction", "offset")
 
     @property
     def role(self) -> Role:

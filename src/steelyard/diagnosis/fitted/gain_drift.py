@@ -65,7 +65,7 @@ def together(rows: Sequence[Drift]) -> float:
 
 def _of_row(run: Information, row: int, time: Array, friction: bool) -> Drift | None:
     names = [run.layout.columns[c] for c in run.layout.sees[row]]
-    chosen = np.array([law_of(name).drifts == friction for name in names])
+    chosen = np.array([law_of(name).drifts() == friction for name in names])
     grams = run.row_grams(row)
     whole, once, twice = (np.tensordot(time**k, grams, 1) for k in (0, 1, 2))
     own = _whitened(whole[:-1, :-1])

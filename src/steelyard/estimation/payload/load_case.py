@@ -83,7 +83,7 @@ def drifting(model: Model, columns: Sequence[str]) -> tuple[int, ...]:
     steady = {
         parameter.name
         for term in model.terms
-        if not (term.drifts or term.per_run)
+        if not (term.drifts() or term.per_run)
         for parameter in term.parameters(model.robot)
     }
     return tuple(k for k, name in enumerate(columns) if name not in steady)

@@ -21,7 +21,7 @@ from steelyard.terms.direction import (
     refuse_unknown,
 )
 from steelyard.terms.model_files import Placed, Values, under
-from steelyard.terms.term import Columns, Dissipation, Role
+from steelyard.terms.term import Cause, Columns, Dissipation, Role
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Coulomb(Acting):
 
     law: ClassVar[str] = "coulomb"
     dissipation: ClassVar[Dissipation] = "each"
-    drifts: ClassVar[bool] = True
+    cause: ClassVar[Cause] = "friction"
     shown_by: ClassVar[str] = "motion both ways of"
     symbol: ClassVar[str] = "FC"
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"smoothing": (1e-3, 1.0)}

@@ -17,7 +17,7 @@ from steelyard.terms.direction import (
     refuse_unknown,
 )
 from steelyard.terms.model_files import Place, left_out
-from steelyard.terms.term import Columns, Dissipation, Term
+from steelyard.terms.term import Cause, Columns, Dissipation, Term
 
 Pair = tuple[tuple[str, str], tuple[str, str]]
 """`(("from", name), ("to", name))`."""
@@ -38,7 +38,7 @@ class Coupled(Term):
 
     law: ClassVar[str] = "coupled"
     dissipation: ClassVar[Dissipation] = "none"
-    drifts: ClassVar[bool] = True
+    cause: ClassVar[Cause] = "friction"
     shown_by: ClassVar[str] = "motion in turn of the joints"
     in_model_files: ClassVar[Place] = left_out("friction of one joint that loads another")
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"smoothing": (1e-3, 1.0)}

@@ -13,7 +13,7 @@ from steelyard.terms.acting import Acting
 from steelyard.terms.axes import each, spread
 from steelyard.terms.direction import Field, directions, refuse_negative
 from steelyard.terms.model_files import Place, mean_of_directions
-from steelyard.terms.term import Columns, Dissipation
+from steelyard.terms.term import Cause, Columns, Dissipation
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class DirectionalCoulomb(Acting):
 
     law: ClassVar[str] = "directional_coulomb"
     dissipation: ClassVar[Dissipation] = "each"
-    drifts: ClassVar[bool] = True
+    cause: ClassVar[Cause] = "friction"
     shown_by: ClassVar[str] = "motion both ways of"
     in_model_files: ClassVar[Place] = mean_of_directions("dry")
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"smoothing": (1e-3, 1.0)}
@@ -63,7 +63,7 @@ class DirectionalViscous(Acting):
 
     law: ClassVar[str] = "directional_viscous"
     dissipation: ClassVar[Dissipation] = "each"
-    drifts: ClassVar[bool] = True
+    cause: ClassVar[Cause] = "friction"
     shown_by: ClassVar[str] = "motion at several speeds both ways of"
     in_model_files: ClassVar[Place] = mean_of_directions("viscous")
 

@@ -11,7 +11,7 @@ from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
 from steelyard.suggest import advice
 from steelyard.terms.model_files import Placed, Pull, Values
-from steelyard.terms.term import Columns, Dissipation, Term
+from steelyard.terms.term import Cause, Columns, Dissipation, Term
 
 SHORT = 1e-18
 """Added to a squared length [m²], so that its root has a slope where the points meet."""
@@ -36,7 +36,7 @@ class GravityCompensator(Term):
 
     law: ClassVar[str] = "gravity_compensator"
     dissipation: ClassVar[Dissipation] = "none"
-    drifts: ClassVar[bool] = False
+    cause: ClassVar[Cause] = "spring"
     shown_by: ClassVar[str] = "other postures of the joints between the links of"
     name: str = ""
     links: tuple[str, ...] = ()

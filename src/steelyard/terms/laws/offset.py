@@ -10,7 +10,7 @@ from steelyard.robot.robot import Robot
 from steelyard.terms.acting import Acting
 from steelyard.terms.axes import each, spread
 from steelyard.terms.model_files import Place, left_out
-from steelyard.terms.term import Columns, Dissipation
+from steelyard.terms.term import Cause, Columns, Dissipation
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class Offset(Acting):
 
     law: ClassVar[str] = "offset"
     dissipation: ClassVar[Dissipation] = "none"
-    drifts: ClassVar[bool] = True
+    cause: ClassVar[Cause] = "offset"
     shown_by: ClassVar[str] = "motion both ways of"
     in_model_files: ClassVar[Place] = left_out("constant efforts")
     symbol: ClassVar[str] = "OFF"

@@ -12,7 +12,7 @@ from steelyard.robot.robot import Robot
 from steelyard.terms.acting import Acting
 from steelyard.terms.axes import each, spread
 from steelyard.terms.model_files import Place, as_one, curve_over_speed
-from steelyard.terms.term import Columns, Dissipation
+from steelyard.terms.term import Cause, Columns, Dissipation
 
 CREEP = 1e-12
 """Speed up to which the root is a straight line, so that its slope stays finite [rad/s; m/s]."""
@@ -22,7 +22,7 @@ class _OfSpeed(Acting):
     """One parameter per coordinate, not negative, times a function of its speed."""
 
     dissipation: ClassVar[Dissipation] = "together"
-    drifts: ClassVar[bool] = True
+    cause: ClassVar[Cause] = "friction"
     shown_by: ClassVar[str] = "motion at several speeds of"
     per: ClassVar[str]
     """Unit of the function, with `{}` for that of speed."""

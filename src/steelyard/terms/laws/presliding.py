@@ -21,7 +21,7 @@ from steelyard.terms.axes import Axis, each, per_axis, spread
 from steelyard.terms.direction import Field, refuse_not_positive
 from steelyard.terms.memory import Presliding, RigidTorque, Step, relaxed
 from steelyard.terms.model_files import Place, full_sliding
-from steelyard.terms.term import SHARE, Columns, Dissipation
+from steelyard.terms.term import SHARE, Cause, Columns, Dissipation
 
 REVERSALS = "reversals of"
 GIVES_WAY = "how friction gives way before it slides"
@@ -35,7 +35,7 @@ class OneState(Presliding):
         length: Presliding length, one for all or one per coordinate [rad; m].
     """
 
-    drifts: ClassVar[bool] = True
+    cause: ClassVar[Cause] = "friction"
     shown_by: ClassVar[str] = REVERSALS
     aside: ClassVar[tuple[str, ...]] = ("length",)
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"length": (1e-5, 3e-2)}
@@ -94,7 +94,7 @@ class MaxwellSlip(Presliding):
 
     law: ClassVar[str] = "maxwell_slip"
     dissipation: ClassVar[Dissipation] = "together"
-    drifts: ClassVar[bool] = True
+    cause: ClassVar[Cause] = "friction"
     shown_by: ClassVar[str] = REVERSALS
     in_model_files: ClassVar[Place] = full_sliding(lost=GIVES_WAY)
     aside: ClassVar[tuple[str, ...]] = ("lengths", "relaxing")
@@ -163,7 +163,7 @@ class LuGre(Presliding):
 
     law: ClassVar[str] = "lugre"
     dissipation: ClassVar[Dissipation] = "each"
-    drifts: ClassVar[bool] = True
+    cause: ClassVar[Cause] = "friction"
     shown_by: ClassVar[str] = REVERSALS
     in_model_files: ClassVar[Place] = full_sliding("lugre", lost=f"{GIVES_WAY}, and breaks away")
     shares: ClassVar[Mapping[str, tuple[float, float]]] = {"lugre_damping": (0.3, 0.8)}

@@ -8,7 +8,7 @@ from steelyard.parameters import Parameter
 from steelyard.robot.inertia import INERTIAL_NAMES, INERTIAL_UNITS
 from steelyard.robot.robot import Robot
 from steelyard.terms.model_files import Placed, Values
-from steelyard.terms.term import Columns, Dissipation, Role, Term
+from steelyard.terms.term import Cause, Columns, Dissipation, Role, Term
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class RigidBody(Term):
 
     law: ClassVar[str] = "rigid_body"
     dissipation: ClassVar[Dissipation] = "none"
-    drifts: ClassVar[bool] = False
+    cause: ClassVar[Cause] = "inertia"
     shown_by: ClassVar[str] = "acceleration, in turn and together, of the joints up to"
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:

@@ -13,7 +13,7 @@ from steelyard.robot.robot import Robot
 from steelyard.terms.acting import Acting
 from steelyard.terms.axes import Axis, each, spread
 from steelyard.terms.model_files import Place, as_one
-from steelyard.terms.term import Columns, Dissipation, Role
+from steelyard.terms.term import Cause, Columns, Dissipation, Role
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class RotorInertia(Acting):
 
     law: ClassVar[str] = "rotor_inertia"
     dissipation: ClassVar[Dissipation] = "none"
-    drifts: ClassVar[bool] = False
+    cause: ClassVar[Cause] = "inertia"
     shown_by: ClassVar[str] = "stronger acceleration of"
     in_model_files: ClassVar[Place] = as_one("rotor")
     symbol: ClassVar[str] = "IA"

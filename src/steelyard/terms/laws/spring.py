@@ -10,7 +10,7 @@ from steelyard.robot.robot import Robot
 from steelyard.terms.acting import Acting
 from steelyard.terms.axes import Axis, each, spread
 from steelyard.terms.model_files import Part, Placed, Values, under
-from steelyard.terms.term import Columns, Dissipation
+from steelyard.terms.term import Cause, Columns, Dissipation
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Spring(Acting):
 
     law: ClassVar[str] = "spring"
     dissipation: ClassVar[Dissipation] = "none"
-    drifts: ClassVar[bool] = False
+    cause: ClassVar[Cause] = "spring"
     shown_by: ClassVar[str] = "other postures of"
     free: float | tuple[float, ...] | str = 0.0
 

@@ -19,7 +19,7 @@ from steelyard.terms.direction import (
     refuse_unknown,
 )
 from steelyard.terms.model_files import Place, curve_over_speed
-from steelyard.terms.term import Columns, Dissipation
+from steelyard.terms.term import Cause, Columns, Dissipation
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Stribeck(Acting):
 
     law: ClassVar[str] = "stribeck"
     dissipation: ClassVar[Dissipation] = "together"
-    drifts: ClassVar[bool] = True
+    cause: ClassVar[Cause] = "friction"
     shown_by: ClassVar[str] = "slow motion both ways of"
     in_model_files: ClassVar[Place] = curve_over_speed("excess of friction at breakaway")
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"speed": (1e-3, 1.0)}

@@ -9,7 +9,7 @@ from steelyard.robot.robot import Robot
 from steelyard.terms.acting import Acting
 from steelyard.terms.axes import each, spread
 from steelyard.terms.model_files import Place, as_one
-from steelyard.terms.term import Columns, Dissipation
+from steelyard.terms.term import Cause, Columns, Dissipation
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,7 @@ class Viscous(Acting):
 
     law: ClassVar[str] = "viscous"
     dissipation: ClassVar[Dissipation] = "each"
-    drifts: ClassVar[bool] = True
+    cause: ClassVar[Cause] = "friction"
     shown_by: ClassVar[str] = "motion at several speeds of"
     in_model_files: ClassVar[Place] = as_one("viscous")
     symbol: ClassVar[str] = "FV"
