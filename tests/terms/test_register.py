@@ -41,7 +41,7 @@ def test_the_table_of_the_docs_names_every_law_and_its_fields() -> None:
                 assert said and float(said[1]) == field.default, (law, field.name)
 
 
-@pytest.mark.parametrize("name", ASKED_OF_ALL)
+@pytest.mark.parametrize("name", ["law", *ASKED_OF_ALL])
 def test_a_law_that_lacks_something_is_refused(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     assert complete(Viscous) is Viscous
     monkeypatch.delattr(Viscous, name)
@@ -87,6 +87,7 @@ class Formless(Acting, Remembering):
     [
         (Unfinished, "'reference' without `needs_reference`"),
         (Astray, "'speed' of `bounds` is no field"),
+        (Elastic, "lacks 'law'"),
         (Elastic, "dissipates, but is no friction"),
         (Secret, "has memory, but is no `Remembering`"),
         (Stepless, "lacks 'steps'"),
