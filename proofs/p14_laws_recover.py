@@ -27,7 +27,7 @@ from steelyard.regression.regressor import base_regressor
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.robot import Body, Coordinate, Frame, Limits, Robot
 from steelyard.robot_file.signals import Signals
-from steelyard.terms.register import TERMS, term_of
+from steelyard.terms.register import term_of
 from steelyard.terms.term import Term
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.mujoco_model import build
@@ -35,35 +35,15 @@ from steelyard.virtual.robot import VirtualRobot
 from steelyard.virtual.scales import typical_torque
 from steelyard.virtual.sensors import Sensors
 
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+from law_cases import LawCase, simulated  # noqa: E402
+
 DRAWS, PERIOD, PERIODS = 20, 5.0, 1
 TORQUE_NOISE = 0.02
 """White torque noise over the typical torque of each joint."""
 
 SHARPER = 0.1
 """Smoothing speeds of laws that jump at zero speed, of the customary ones."""
-
-GIVEN: dict[str, list[dict[str, Any]]] = {
-    "coulomb": [{}, {"threshold": 0.02}, {"smoothing": 0.05}],
-    "stribeck": [{"speed": 0.2, "smoothing": 0.02}],
-    "coupled": [
-        {"pairs": [{"from": "hip", "to": "knee"}]},
-        {"pairs": [{"from": "hip", "to": "knee"}], "kind": "coulomb"},
-    ],
-    "spring": [{}, {"free": "unknown"}],
-    "gravity_compensator": [
-        {"links": ["base", "thigh"], "points": [[0.0, 0.1, 0.3], [0.25, 0.0, 0.0]]}
-    ],
-}
-"""Fields of the laws that are not left to their defaults."""
-
-TOLD = ("threshold", "smoothing", "kind", "free")
-"""Fields that tell two cases of one law apart."""
-
-BESIDE: dict[str, list[dict[str, Any]]] = {
-    "viscous": [],
-    "stribeck": [{"law": "coulomb", "smoothing": 0.02}, {"law": "viscous"}],
-}
-"""Laws beside each one, `viscous` if not named."""
 
 
 def arm() -> Robot:
@@ -86,18 +66,14 @@ def arm() -> Robot:
     return Robot("leg", bodies, joints, frames=(base,))
 
 
-def cases() -> list[tuple[Term, tuple[Term, ...]]]:
-    """Every law with the terms of its model."""
+def cases() -> list[tuple[LawCase, Term, tuple[Term, ...]]]:
+    """Every law, and the terms of its model."""
     found = []
-    for law in TERMS:
-        if law == "rigid_body":
-            continue
-        for fields in GIVEN.get(law, [{}]):
-            term = term_of({"law": law, **fields}, "proof")
-            beside = [{"law": "rigid_body"}, {"law": "rotor_inertia"}]
-            beside += BESIDE.get(law, [{"law": "viscous"}])
-            others = [term_of(table, "proof") for table in beside if table["law"] != law]
-            found.append((term, (*others, term)))
+    for case in simulated(arm(), recovered=True):
+        term = case.on(arm())
+        beside = ["rigid_body", "rotor_inertia", *case.beside]
+        others = [x for table in beside if (x := term_of(table, "proof")).law != case.law]
+        found.append((case, term, (*others, term)))
     return found
 
 
@@ -143,8 +119,7 @@ def errors(robot: Robot, terms: tuple[Term, ...], seed: int, folder: Path) -> di
 
 def held(number: int) -> tuple[str, int, int, int, int]:
     """A law, how many of its model's parameters and of its own are held, and how many they are."""
-    term, terms = cases()[number]
-    fields = GIVEN.get(term.law, [{}])
+    case, term, terms = cases()[number]
     mine = {p.name for p in term.parameters(arm())}
     good = count = own = owned = 0
     with tempfile.TemporaryDirectory() as name:
@@ -153,14 +128,13 @@ def held(number: int) -> tuple[str, int, int, int, int]:
                 count, good = count + 1, good + (error <= 1.0)
                 if parameter in mine:
                     owned, own = owned + 1, own + (error <= 1.0)
-    first = next(k for k, (other, _) in enumerate(cases()) if other.law == term.law)
-    told = ", ".join(f"{k} {v}" for k, v in fields[number - first].items() if k in TOLD)
+    told = ", ".join(f"{k} {v}" for k, v in case.fields.items() if isinstance(v, float | str))
     return f"{term.law} {told}".strip(), good, count, own, owned
 
 
 def main(laws: Sequence[str] = ()) -> list[Claim]:
     """Coverage of each law over all parameters of its model, and of all together."""
-    numbers = [k for k, (term, _) in enumerate(cases()) if not laws or term.law in laws]
+    numbers = [k for k, (case, *_) in enumerate(cases()) if not laws or case.law in laws]
     claims, inside, total = [], 0, 0
     # a fork of a process with threads, which other proofs leave behind, may hang
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:

@@ -30,8 +30,6 @@ from steelyard.regression.information_gradient import Shows
 from steelyard.robot.robot import Robot
 from steelyard.robot_file.file import load_robot
 from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.register import description_of
-from steelyard.terms.term import Remembering
 
 SHARPNESS = 16.0
 SIZES = (0.01, 0.03, 0.1, 0.3, 1.0)
@@ -55,20 +53,22 @@ def slope_error(objective: Objective, x: np.ndarray, seed: int) -> float:
 
 def of_laws() -> Claim:
     """Every law without memory beside rigid bodies, by every criterion."""
-    from terms.test_laws import CASES, ROBOT
+    from law_cases import memoryless
+    from moving import geared
 
-    basis = RestFourier(ROBOT.n, 4.0, 4)
+    robot = geared()
+    basis = RestFourier(robot.n, 4.0, 4)
     random = np.random.default_rng(3)
     t = np.linspace(0.0, 4.0, 80)
     worst, judged = 0.0, 0
-    for law in {str(description_of(term)): term for term in CASES}.values():
-        if isinstance(law, Remembering) or isinstance(law, RigidBody):
+    for law in memoryless(robot):
+        if law.role == "body":
             continue
-        model = Model(ROBOT, (RigidBody(), law))
-        shows = Shows(model, random.uniform(0.5, 2.0, ROBOT.n), np.full(ROBOT.n, 0.3))
+        model = Model(robot, (RigidBody(), law))
+        shows = Shows(model, random.uniform(0.5, 2.0, robot.n), np.full(robot.n, 0.3))
         plain = Objective(basis, (Case(shows, KINDS["condition"]),), t)
         x = min(
-            (size * random.standard_normal((ROBOT.n, basis.count)) for size in SIZES),
+            (size * random.standard_normal((robot.n, basis.count)) for size in SIZES),
             key=lambda x: plain(x, SHARPNESS)[0],
         )
         for criterion in KINDS.values():

@@ -13,8 +13,6 @@ from steelyard.arrays import Array
 from steelyard.model import Model, ValuedModel
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.rotor_inertia import RotorInertia
 from steelyard.terms.term import Term
 
 
@@ -43,7 +41,7 @@ def bias(valued: ValuedModel, q: ArrayLike, dq: ArrayLike) -> Array:
         Shape of `q` [Nm; N].
     """
     q, dq = np.asarray(q, dtype=np.float64), np.asarray(dq, dtype=np.float64)
-    bodies = part(valued, lambda term: isinstance(term, RigidBody))
+    bodies = part(valued, lambda term: term.role == "body")
     efforts = bodies.torque(_samples(q, dq, np.zeros_like(q)))
     return efforts.reshape(q.shape)
 
@@ -60,7 +58,7 @@ def mass_matrix(valued: ValuedModel, q: ArrayLike) -> Array:
     """
     q = np.asarray(q, dtype=np.float64)
     many, n = np.atleast_2d(q), q.shape[-1]
-    masses = part(valued, lambda term: isinstance(term, RigidBody | RotorInertia))
+    masses = part(valued, lambda term: term.cause == "inertia")
     postures = np.repeat(many, n + 1, axis=0)
     rest, unit = np.zeros_like(postures), np.tile(np.eye(n + 1, n, -1), (len(many), 1))
     efforts = masses.torque(_samples(postures, rest, unit)).reshape(len(many), n + 1, n)
@@ -71,7 +69,7 @@ def mass_matrix(valued: ValuedModel, q: ArrayLike) -> Array:
 
 def friction(valued: ValuedModel, motion: Motion) -> Array:
     """Efforts of the friction laws along a motion, shape `(N, n)` [Nm; N]."""
-    return part(valued, lambda term: getattr(term, "dissipation", "none") != "none").torque(motion)
+    return part(valued, lambda term: term.cause == "friction").torque(motion)
 
 
 def part(valued: ValuedModel, chosen: Callable[[Term], bool]) -> ValuedModel:

@@ -76,6 +76,11 @@ class Model:
         """Units of the standard parameters."""
         return tuple(p.unit for p in self.parameters)
 
+    @property
+    def has_bodies(self) -> bool:
+        """Whether rigid bodies are among the terms."""
+        return any(term.role == "body" for term in self.terms)
+
     @cached_property
     def n_channels(self) -> int:
         """Channels that are computed along a motion, see `Scan`."""
@@ -100,7 +105,7 @@ class Model:
         full, torque_map = completed(self.robot, state)
         efforts: list[Scalar] = [0.0] * self.robot.n_joints
         for start, term, seen in self._seen(full):
-            if isinstance(term, RigidBody):
+            if term.role == "body":
                 tens = [
                     [0.0] * 10 if body.massless else values[start + 10 * k : start + 10 * k + 10]
                     for k, body in enumerate(self.robot.bodies)

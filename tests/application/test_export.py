@@ -12,10 +12,10 @@ import pytest
 
 from closed_chains import CHAINS, slider_crank
 from invented import ROBOTS, mimic, tree
+from law_cases import CASES, LawCase, name_of
 from moving import geared
-from steelyard.application.export.content import FIT, Format
+from steelyard.application.export.content import FIT, Format, content_of
 from steelyard.application.export.export import exported, refuse_changed, unheld
-from steelyard.application.export.laws import PLACES
 from steelyard.errors import ModelError
 from steelyard.estimation.calibration import EDGES, Calibration
 from steelyard.estimation.estimate import Blind
@@ -27,65 +27,24 @@ from steelyard.regression.base import base_parameters
 from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
 from steelyard.robot.robot import Limits, Robot
 from steelyard.robot_file.file import load_robot
+from steelyard.terms.acting import Acting
 from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.coupled import Coupled
-from steelyard.terms.laws.directional import DirectionalCoulomb, DirectionalViscous
-from steelyard.terms.laws.gravity_compensator import GravityCompensator
-from steelyard.terms.laws.load_dependent import LoadDependent
-from steelyard.terms.laws.offset import Offset
 from steelyard.terms.laws.powers import Cubic, Quadratic, Root
-from steelyard.terms.laws.presliding import Dahl, LuGre, MaxwellSlip
+from steelyard.terms.laws.presliding import MaxwellSlip
 from steelyard.terms.laws.rigid_body import RigidBody
 from steelyard.terms.laws.rotor_inertia import RotorInertia
 from steelyard.terms.laws.spring import Spring
 from steelyard.terms.laws.stribeck import Stribeck
 from steelyard.terms.laws.viscous import Viscous
-from steelyard.terms.register import DEFAULT_TERMS, TERMS, description_of
+from steelyard.terms.register import DEFAULT_TERMS, TERMS
 from steelyard.terms.term import Term
 from weighed import identified_of
 
-WRIST = (("wrist", (("slider_joint", 1.0),)), ("arm", (("trunk_joint", 1.0), ("tip_joint", -2.0))))
-FORK = (("fork", (("left_joint", 1.0), ("tip_joint", 1.0))),)
-ENDS = ((0.3, -0.4, 1.2), (0.1, 0.2, 0.0))
-PAIR = (("from", "trunk_joint"), ("to", "slider_joint"))
-
-HELD: list[Term] = [
-    RotorInertia(),
-    RotorInertia(along=WRIST),
-    RotorInertia(motors=("motor1", "motor2")),
-    Coulomb(),
-    Coulomb(along=WRIST),
-    Coulomb(motors=("motor3", "motor4")),
-    Viscous(),
-    Viscous(motors=("motor3", "motor4")),
-    Quadratic(),
-    Quadratic(motors=("motor2", "motor4")),
-    Cubic(along=WRIST),
-    Spring(),
-    Spring(free=(0.3, -0.2), along=WRIST),
-    Spring(free=-1.0, along=WRIST),
-    Spring(free="unknown", motors=("motor2", "motor4")),
-    GravityCompensator(links=("base", "tool"), points=ENDS),
-]
+LAWS = [case for case in CASES if case.law != "rigid_body"]
+HELD = [case for case in LAWS if not case.left_out]
 """Laws that MJCF holds whole."""
 
-OPEN: list[Term] = [
-    RotorInertia(along=FORK),
-    Coulomb(smoothing=0.05),
-    Coulomb(threshold=0.1),
-    Viscous(per_run=True),
-    Offset(),
-    DirectionalCoulomb(),
-    DirectionalViscous(),
-    Root(),
-    Stribeck(),
-    Coupled(pairs=(PAIR,)),
-    LoadDependent(),
-    Dahl(),
-    MaxwellSlip(),
-    LuGre(),
-    GravityCompensator(links=("base", "tool"), points=ENDS, name="pushing"),
-]
+OPEN = [case for case in LAWS if case.left_out]
 """Laws of which something is left out."""
 
 SLIDING = {
@@ -97,10 +56,6 @@ SLIDING = {
     ),
 }
 DIRECTIONS = ("forward", "backward")
-
-
-def ids(term: Term) -> str:
-    return str(description_of(term))
 
 
 def written(identified: IdentifiedModel, form: Format, folder: Path) -> Path:
@@ -122,7 +77,7 @@ def motion_of(robot: Robot, count: int = 30, seed: int = 3) -> Motion:
 
 def sliding(motion: Motion, term: Term) -> Motion:
     """The states in which all coordinates of a term move: MuJoCo's friction creeps when slow."""
-    if not isinstance(term, Coulomb):
+    if not isinstance(term, Acting) or term.role != "brake":
         return motion
     rows = np.array([axis.row for axis in term.axes(geared())])
     keep = (np.abs(motion.dq @ rows.T) > 0.3 * np.linalg.norm(rows, axis=1)).all(axis=1)
@@ -216,46 +171,33 @@ def test_mujoco_computes_all_that_is_held(name: str, tmp_path: Path) -> None:
     close(mujoco_torque(path, robot, motion), identified.torque(motion))
 
 
-@pytest.mark.parametrize("term", HELD, ids=ids)
-def test_a_law_is_held_whole(term: Term, tmp_path: Path) -> None:
+@pytest.mark.parametrize("case", HELD, ids=name_of)
+def test_a_law_is_held_whole(case: LawCase, tmp_path: Path) -> None:
     robot = geared()
+    term = case.on(robot)
     identified = identified_of(robot, [RigidBody(), term])
     assert all("gears" in sentence for sentence in unheld(identified, "mjcf"))
     path, motion = written(identified, "mjcf", tmp_path), sliding(motion_of(robot), term)
     close(mujoco_torque(path, robot, motion), identified.torque(motion))
 
 
-@pytest.mark.parametrize("term", OPEN, ids=ids)
-def test_what_is_left_out_is_said(term: Term) -> None:
+@pytest.mark.parametrize("case", OPEN, ids=name_of)
+@pytest.mark.parametrize("form", ["urdf", "mjcf"])
+def test_what_is_left_out_is_said(case: LawCase, form: Format) -> None:
     robot = geared()
-    pushing = (
-        {"gravity_compensator_preload.pushing": -2.0} if term.law == "gravity_compensator" else {}
-    )
-    identified = identified_of(robot, [RigidBody(), term], pushing)
-    words = {
-        "root": FIT,
-        "stribeck": FIT,
-        "rotor_inertia": "rotor inertia: fork",
-        "gravity_compensator": "spring between 'base' and",
-    }
-    for form in ("urdf", "mjcf"):
-        said = exported(identified, form)
-        wanted = words.get(term.law, f"({term.law})")
-        assert any(wanted in sentence for sentence in said.unheld)
-        head = said.text.partition("-->")[0]
-        assert all(f"- {sentence}" in head for sentence in said.unheld)
+    said = exported(identified_of(robot, [RigidBody(), case.on(robot)], case.values), form)
+    # a URDF holds nothing along motors, and says so law by law
+    words = (case.left_out, f"({case.law})") if "motors" in case.fields else (case.left_out,)
+    assert any(x in sentence for sentence in said.unheld for x in words)
+    head = said.text.partition("-->")[0]
+    assert all(f"- {sentence}" in head for sentence in said.unheld)
 
 
-def test_every_law_has_a_place_or_is_listed() -> None:
-    assert set(PLACES) == set(TERMS)
-    assert {term.law for term in (*HELD, *OPEN)} == set(TERMS) - {"rigid_body"}
-
-
-@pytest.mark.parametrize("term", HELD, ids=ids)
-def test_urdf_holds_a_law_or_lists_it(term: Term) -> None:
-    said = unheld(identified_of(geared(), [RigidBody(), term]), "urdf")
-    plain = isinstance(term, Coulomb | Viscous) and term.motors is None and term.along is None
-    assert any("gears" not in sentence and "gravity" not in sentence for sentence in said) != plain
+@pytest.mark.parametrize("case", HELD, ids=name_of)
+def test_urdf_holds_a_law_or_lists_it(case: LawCase) -> None:
+    said = unheld(identified_of(geared(), [RigidBody(), case.on(geared())]), "urdf")
+    more = any("gears" not in sentence and "gravity" not in sentence for sentence in said)
+    assert more != case.in_urdf
 
 
 @pytest.mark.parametrize("law", list(SLIDING))
@@ -266,6 +208,24 @@ def test_friction_in_full_sliding_is_held(law: str, tmp_path: Path) -> None:
     model = mujoco.MjModel.from_xml_path(str(written(identified, "mjcf", tmp_path)))
     found = model.dof_frictionloss[model.joint("tip_joint").dofadr[0]]
     assert found == pytest.approx(SLIDING[law](values), rel=1e-12)
+
+
+def test_the_curve_of_both_directions_is_held_by_its_mean() -> None:
+    """A fit to Stribeck friction of two levels is that to their mean."""
+    robot, found = geared(), []
+    for law, levels in (
+        ("directional_stribeck", {"directional_stribeck_forward": 3.0,
+                                  "directional_stribeck_backward": 1.0}),
+        ("stribeck", {"stribeck": 2.0}),
+    ):  # fmt: skip
+        values = {f"{name}.{c.name}": x for name, x in levels.items() for c in robot.coordinates}
+        identified = identified_of(robot, [RigidBody(), TERMS[law]()], values)
+        found.append(content_of(identified, "mjcf"))
+    both, mean = found
+    assert all(joint["dry"] > 0.1 for joint in both.joints)
+    for mine, other in zip(both.joints, mean.joints, strict=True):
+        assert mine == pytest.approx(other, rel=1e-9)
+    assert any("± trunk_joint 1 Nm" in x and "left_joint 1 Nm" in x for x in both.unheld)
 
 
 def test_gravity_that_points_elsewhere_is_told_of_a_urdf() -> None:

@@ -1,5 +1,6 @@
 """A load that is picked up and an offset that jumps in the middle of a run are found."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from steelyard.arrays import Array
 from steelyard.diagnosis.finding import Finding, Judgement
 from steelyard.diagnosis.fitted.change_in_run import ChangeInRun
 from steelyard.diagnosis.fitted.fitted_case import FittedCase
+from steelyard.diagnosis.fitted.gain_drift import scale_drifts
 from steelyard.estimation.fields.fields import said_by
 from steelyard.measurement import Processing, Recording, prepare
 from steelyard.measurement.recording import HeldLog
@@ -74,6 +76,18 @@ def test_a_sound_log_is_no_change_and_slow_drift_is_of_friction(arm: Arm) -> Non
     drift[:, efforts] += ramp * np.sign(arm.motion.dq)
     (finding,) = found(arm, drift)
     assert finding.judgement == Judgement.OK and "friction drifts" in finding.says
+
+
+@pytest.mark.parametrize("law", ["lugre", "directional_coulomb", "cubic"])
+def test_all_laws_of_friction_count_as_friction(arm: Arm, law: str) -> None:
+    signals = arm.reference.signals
+    run = prepare(Recording(HeldLog(Path("log"), arm.columns, arm.table), signals), Processing())
+    known = said_by([run])(base_regressor(arm.reference.model))
+    names = tuple(name.replace("coulomb.", f"{law}.") for name in known.layout.columns)
+    named = replace(known, layout=replace(known.layout, columns=names))
+    assert names != known.layout.columns
+    for friction in (True, False):
+        assert scale_drifts(named, friction=friction) == scale_drifts(known, friction=friction)
 
 
 def test_a_scale_that_drifts_is_named_with_its_joints(arm: Arm) -> None:

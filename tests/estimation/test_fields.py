@@ -2,12 +2,14 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from invented import dh_arm
+from law_cases import CASES, LawCase, name_of
 from steelyard.errors import ModelError
 from steelyard.estimation.fields.fields import FoundFields, find_fields
 from steelyard.estimation.fields.passes import unknowns_of
@@ -89,50 +91,36 @@ def found(
     return find_fields(Model(ROBOT, (*terms, wanted)), said)
 
 
-def shared(find: Find) -> Find:
-    return Find(find.lower, find.upper)
-
-
 SPEEDS, LENGTHS = Find(1e-3, 1.0, shared=False), Find(1e-5, 3e-2, shared=False)
-CASES: list[tuple[tuple[Term, ...], Callable[[Any], Term], str, tuple[float, ...], Find]] = [
-    (DEFAULT_TERMS, lambda v: Stribeck(speed=v), "speed", (0.02, 0.05, 0.2), SPEEDS),
-    (BARE, lambda v: Coulomb(smoothing=v), "smoothing", (0.02, 0.05, 0.01), SPEEDS),
-    (BARE, lambda v: Dahl(length=v), "length", (3e-4, 1e-3, 1e-2), LENGTHS),
-]
+FOUND = [(case, field) for case in CASES for field in case.found]
 
 
-@pytest.mark.parametrize(
-    ("terms", "law", "field", "values", "find"), CASES, ids=lambda x: str(x)[:12]
-)
-def test_exact_data_give_each_joint_its_value(
-    terms: tuple[Term, ...],
-    law: Callable[[Any], Term],
-    field: str,
-    values: tuple[float, ...],
-    find: Find,
-) -> None:
-    result = found(terms, law(values), law(find))
+@pytest.mark.parametrize(("case", "field"), FOUND, ids=name_of)
+def test_exact_data_give_each_joint_its_value(case: LawCase, field: str) -> None:
+    values, find = case.found[field], Find(*TERMS[case.law].bounds[field], shared=False)
+    truth, wanted = case.on(ROBOT, **{field: values}), case.on(ROBOT)
+    result = found(case.other_terms(), truth, replace(wanted, **{field: find}))
     assert [f.joint for f in result.findings] == list(JOINTS)
     assert all(f.field == field and f.told for f in result.findings)
     assert [f.value for f in result.findings] == pytest.approx(values, rel=2e-3)
-    assert result.model.terms[-1] == law(tuple(f.value for f in result.findings))
+    assert getattr(result.model.terms[-1], field) == tuple(f.value for f in result.findings)
     assert result.notes == ()
 
 
-@pytest.mark.parametrize(
-    ("terms", "law", "field", "values", "find"), CASES, ids=lambda x: str(x)[:12]
-)
-def test_exact_data_give_the_shared_value(
-    terms: tuple[Term, ...],
-    law: Callable[[Any], Term],
-    field: str,
-    values: tuple[float, ...],
-    find: Find,
-) -> None:
-    result = found(terms, law(values[0]), law(shared(find)))
+@pytest.mark.parametrize(("case", "field"), FOUND, ids=name_of)
+def test_exact_data_give_the_shared_value(case: LawCase, field: str) -> None:
+    value, find = case.found[field][0], Find(*TERMS[case.law].bounds[field])
+    truth, wanted = case.on(ROBOT, **{field: value}), case.on(ROBOT)
+    result = found(case.other_terms(), truth, replace(wanted, **{field: find}))
     (finding,) = result.findings
-    assert finding.joint is None and finding.value == pytest.approx(values[0], rel=2e-3)
-    assert result.model.terms[-1] == law(finding.value)
+    assert finding.joint is None and finding.value == pytest.approx(value, rel=2e-3)
+    assert getattr(result.model.terms[-1], field) == finding.value
+
+
+def test_every_field_that_can_be_found_is_found_here() -> None:
+    """But that of couplings, whose pairs have no value per joint."""
+    wanted = {(law, field) for law, term in TERMS.items() for field in term.bounds}
+    assert {(case.law, field) for case, field in FOUND} == wanted - {("coupled", "smoothing")}
 
 
 def test_two_fields_of_one_term_are_found_together() -> None:
@@ -230,7 +218,7 @@ def test_candidates_keep_the_other_terms_base_parameters() -> None:
 
 @pytest.mark.parametrize(
     ("law", "field"),
-    [(law, field) for law in TERMS.values() for field in getattr(law, "bounds", {})],
+    [(law, field) for law in TERMS.values() for field in law.bounds],
     ids=lambda x: getattr(x, "law", x),
 )
 def test_dictionary_columns_are_the_terms_columns(law: type[Any], field: str) -> None:

@@ -1,6 +1,7 @@
 """Laws that every term keeps; a new term joins by its line in the register."""
 
 import json
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from law_cases import CASES, LawCase, name_of
 from moving import channels, cycles, geared, torque
 from steelyard.kernel.equations.dynamics import JointState
 from steelyard.kernel.program import numpy_backend
@@ -17,107 +19,34 @@ from steelyard.model import Model
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
 from steelyard.robot.robot import JointKind
+from steelyard.terms.acting import Acting
 from steelyard.terms.axes import Axis
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.coupled import Coupled
-from steelyard.terms.laws.directional import DirectionalCoulomb, DirectionalViscous
-from steelyard.terms.laws.gravity_compensator import GravityCompensator
-from steelyard.terms.laws.load_dependent import LoadDependent
-from steelyard.terms.laws.offset import Offset
-from steelyard.terms.laws.powers import Cubic, Quadratic, Root
-from steelyard.terms.laws.presliding import Dahl, LuGre, MaxwellSlip
 from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.rotor_inertia import RotorInertia
-from steelyard.terms.laws.spring import Spring
-from steelyard.terms.laws.stribeck import Stribeck
-from steelyard.terms.laws.viscous import Viscous
 from steelyard.terms.register import TERMS, description_of, term_of
-from steelyard.terms.term import Term
+from steelyard.terms.term import Remembering, Term
 
 ROBOT = geared()
-CHOSEN = ("slider_joint", "tip_joint")
-WRIST = (("wrist", (("left_joint", 1.0), ("tip_joint", -2.0))),)
-PULL = (("from", "trunk_joint"), ("to", "slider_joint"))
-PUSH = (("from", "motor4"), ("to", "left_joint"))
-ENDS = ((0.3, -0.4, 1.2), (0.1, 0.2, 0.0))
+ON: dict[LawCase, Term] = {case: case.on(ROBOT) for case in CASES}
+REMEMBERING = [case for case in CASES if isinstance(ON[case], Remembering)]
+STATIC = [case for case in CASES if case not in REMEMBERING and case.law != "rigid_body"]
+SPEED_LAWS = [case for case in STATIC if case.energy == "taken"]
 
-SMOOTH: list[Term] = [
-    Coulomb(smoothing=0.05, joints=CHOSEN),
-    Coulomb(smoothing=(0.05, 0.1, 0.2, 0.3), shape="arctan"),
-    Coulomb(smoothing=0.05, shape="logistic"),
-    Viscous(),
-    Viscous(joints=CHOSEN),
-    Viscous(motors=("motor3", "motor4")),
-    Quadratic(),
-    Cubic(),
-    Cubic(along=WRIST),
-    Root(),
-    Stribeck(speed=0.1, smoothing=0.02),
-    Stribeck(speed=(0.1, 0.3), exponent=2, smoothing=0.02, motors=("motor1", "motor3")),
-]
-JUMPING: list[Term] = [
-    Coulomb(),
-    Coulomb(threshold=0.1),
-    Coulomb(threshold=(0.1, 0.2), motors=("motor3", "motor4")),
-    Coulomb(along=WRIST),
-    Stribeck(),
-    Stribeck(speed=(0.1, 0.2), exponent=2, joints=CHOSEN),
-]
-DIRECTIONAL: list[Term] = [
-    DirectionalCoulomb(),
-    DirectionalCoulomb(smoothing=0.05, motors=("motor1", "motor4")),
-    DirectionalViscous(),
-    DirectionalViscous(joints=CHOSEN),
-]
-REMEMBERING: list[Term] = [
-    Dahl(),
-    Dahl(length=(0.02, 0.03), joints=CHOSEN),
-    Dahl(length=1.0, motors=("motor3", "motor4")),
-    MaxwellSlip(),
-    MaxwellSlip(lengths=(0.01, 0.1), relaxing=True, joints=CHOSEN),
-    LuGre(length=0.01),
-    LuGre(length=(0.01, 0.02), breakaway=2.0, speed=0.5, along=(*WRIST, ("x", WRIST[0][1][:1]))),
-]
-LOADED: list[Term] = [
-    LoadDependent(),
-    LoadDependent(length=0.02, reference=(("m.tip", 2.0), ("mz.tip", 0.3)), motors=("motor4",)),
-]
-CONSERVATIVE: list[Term] = [
-    RigidBody(),
-    RotorInertia(),
-    RotorInertia(motors=("motor3", "motor4")),
-    Offset(),
-    Offset(joints=CHOSEN),
-    Spring(),
-    Spring(free=(0.3, -0.2), joints=CHOSEN),
-    Spring(free="unknown", along=WRIST),
-    GravityCompensator(links=("base", "tool"), points=ENDS),
-    GravityCompensator(name="second", links=("left", "slider"), points=ENDS),
-]
-COUPLED: list[Term] = [
-    Coupled(pairs=(PULL, PUSH)),
-    Coupled(pairs=(PULL,), kind="coulomb"),
-    Coupled(pairs=(PULL, PUSH), kind="coulomb", smoothing=(0.05, 3.0)),
-]
-SPEED_LAWS = [*SMOOTH, *JUMPING, *DIRECTIONAL]
-CASES = [*SPEED_LAWS, *REMEMBERING, *LOADED, *CONSERVATIVE, *COUPLED]
-ODD = [*SMOOTH, *JUMPING, *COUPLED]
-CONTINUOUS = [
-    *SMOOTH,
-    *DIRECTIONAL[1:],
-    *(term for term in CONSERVATIVE if not isinstance(term, RigidBody)),
-    COUPLED[0],
-    COUPLED[2],
-]
+
+def each(cases: Iterable[LawCase]) -> pytest.MarkDecorator:
+    """A test for every case on the robot."""
+    return pytest.mark.parametrize("term", [ON[case] for case in cases], ids=name_of)
+
+
+def both(cases: Iterable[LawCase]) -> pytest.MarkDecorator:
+    """The same, with what is true of the case."""
+    return pytest.mark.parametrize("case", list(cases), ids=name_of)
+
+
 SPEEDS = st.lists(
     st.one_of(st.sampled_from([0.0, 0.1, -0.1, 1e-9]), st.floats(-20.0, 20.0)),
     min_size=4,
     max_size=4,
 )
-
-
-def ids(term: Term) -> str:
-    return str(description_of(term))
 
 
 def at_speeds(term: Term, dq: Any, values: Any = 1.0) -> np.ndarray:
@@ -133,10 +62,10 @@ def drawn(term: Term, seed: int = 0) -> np.ndarray:
 
 
 def test_every_term_of_the_register_is_tested_here() -> None:
-    assert {type(term) for term in CASES} == set(TERMS.values())
+    assert {case.law for case in CASES} == set(TERMS)
 
 
-@pytest.mark.parametrize("term", CASES, ids=ids)
+@each(CASES)
 def test_columns_fit_parameters(term: Term) -> None:
     parameters = term.parameters(ROBOT)
     places: list[tuple[int, int]] = []
@@ -166,15 +95,15 @@ def test_columns_fit_parameters(term: Term) -> None:
         assert np.allclose(traced[number], expected, rtol=1e-13, atol=1e-15)
 
 
-@pytest.mark.parametrize("term", CASES, ids=ids)
+@each(CASES)
 def test_description_round_trips(term: Term) -> None:
     assert term_of(json.loads(json.dumps(description_of(term))), "here") == term
 
 
-@pytest.mark.parametrize("term", CASES, ids=ids)
-def test_energy_over_a_closed_motion(term: Term) -> None:
+@both(CASES)
+def test_energy_over_a_closed_motion(case: LawCase) -> None:
     """No friction law gives energy; springs, gravity and inertia give back what they took."""
-    per_cycle = 2000
+    per_cycle, term = 2000, ON[case]
     state = cycles(ROBOT.n, 2, per_cycle)
     model = Model(ROBOT, (term,))
     values = model.at(Parameters(model.names, model.units, drawn(term)))
@@ -185,13 +114,13 @@ def test_energy_over_a_closed_motion(term: Term) -> None:
         assert np.allclose(found, by_arrays, rtol=1e-11, atol=1e-11 * np.abs(found).max())
     power = np.sum(found * state[1], axis=0)[per_cycle:]
     through = np.abs(found * state[1])[:, per_cycle:].sum()
-    if term in CONSERVATIVE:
+    if case.energy == "kept":
         assert abs(power.sum()) < 1e-9 * through
-    elif term not in COUPLED:
+    elif case.energy == "taken":
         assert power.sum() > 0.05 * through
 
 
-@pytest.mark.parametrize("term", SPEED_LAWS, ids=ids)
+@each(SPEED_LAWS)
 @settings(max_examples=40, deadline=None)
 @given(dq=SPEEDS)
 def test_friction_never_gives_energy(term: Term, dq: list[float]) -> None:
@@ -200,7 +129,7 @@ def test_friction_never_gives_energy(term: Term, dq: list[float]) -> None:
     assert np.all(np.array([p.lower for p in term.parameters(ROBOT)]) == 0.0)
 
 
-@pytest.mark.parametrize("term", ODD, ids=ids)
+@each(case for case in STATIC if case.odd)
 @settings(max_examples=40, deadline=None)
 @given(dq=SPEEDS)
 def test_both_directions_are_alike(term: Term, dq: list[float]) -> None:
@@ -208,24 +137,24 @@ def test_both_directions_are_alike(term: Term, dq: list[float]) -> None:
     assert np.allclose(backward, -forward, rtol=1e-13, atol=1e-12)
 
 
-@pytest.mark.parametrize("term", REMEMBERING, ids=ids)
+@each(case for case in REMEMBERING if case.odd)
 def test_memory_of_both_directions_is_alike(term: Term) -> None:
     state = cycles(ROBOT.n)
     forward, backward = (torque(term, ROBOT, x, drawn(term)) for x in (state, -state))
     assert np.abs(backward + forward).max() < 1e-12 * np.abs(forward).max()
 
 
-@pytest.mark.parametrize("term", [*CONTINUOUS, *JUMPING, *DIRECTIONAL[:1], COUPLED[1]], ids=ids)
-def test_continuity_is_as_claimed(term: Term) -> None:
-    step = 1e-9
+@both(STATIC)
+def test_continuity_is_as_claimed(case: LawCase) -> None:
+    step, term = 1e-9, ON[case]
     edges = [1e-6, -1e-6, 0.1, -0.1, 0.1 / 56.0]  # the last: motor 3 at 0.1 rad/s
     grid = np.concatenate([np.linspace(-0.5, 0.5, 401), edges])
     speeds = np.tile(grid, (4, 1)) * np.array([[1.0], [-1.0], [0.7], [0.3]])
     apart = np.abs(at_speeds(term, speeds + step) - at_speeds(term, speeds - step)).max()
-    assert apart < 1e-2 if term in CONTINUOUS else apart > 0.5
+    assert apart < 1e-2 if case.continuous else apart > 0.5
 
 
-@pytest.mark.parametrize("term", [*REMEMBERING, *LOADED], ids=ids)
+@each(REMEMBERING)
 def test_memory_is_continuous_along_the_position(term: Term) -> None:
     state = cycles(ROBOT.n, 1, 40_000)
     steps = np.abs(np.diff(channels(term, ROBOT, state), axis=1)).max(axis=1)
@@ -233,7 +162,7 @@ def test_memory_is_continuous_along_the_position(term: Term) -> None:
     assert np.all(steps < 0.5 * coarse)
 
 
-@pytest.mark.parametrize("term", [*REMEMBERING, *LOADED], ids=ids)
+@each(REMEMBERING)
 @settings(max_examples=15, deadline=None)
 @given(cuts=st.lists(st.integers(0, 150), min_size=1, max_size=6))
 def test_any_split_into_blocks_gives_the_same(term: Term, cuts: list[int]) -> None:
@@ -243,7 +172,7 @@ def test_any_split_into_blocks_gives_the_same(term: Term, cuts: list[int]) -> No
     assert np.abs(parts - whole).max() < 1e-12 * np.abs(whole).max()
 
 
-@pytest.mark.parametrize("term", [*REMEMBERING, *LOADED], ids=ids)
+@each(REMEMBERING)
 def test_a_warm_start_is_forgotten(term: Term) -> None:
     """After the travel that `warm_up` states, what was before has decayed to exp(-3)."""
     state = cycles(ROBOT.n, 1, 4000)
@@ -258,29 +187,10 @@ def test_a_warm_start_is_forgotten(term: Term) -> None:
     assert np.all(np.abs(known - other)[:, sample] <= 2.0 * 2.0 * np.exp(-3.0) * size + 1e-12)
 
 
-UNITS = {
-    "rotor_inertia": ("kg m²", "kg"),
-    "coulomb": ("Nm", "N"),
-    "viscous": ("N m s/rad", "N s/m"),
-    "offset": ("Nm", "N"),
-    "directional_coulomb": ("Nm", "N"),
-    "directional_viscous": ("N m s/rad", "N s/m"),
-    "quadratic": ("N m/(rad/s)²", "N/(m/s)²"),
-    "cubic": ("N m/(rad/s)³", "N/(m/s)³"),
-    "root": ("N m/√(rad/s)", "N/√(m/s)"),
-    "stribeck": ("Nm", "N"),
-    "load_dependent": ("1", "1"),
-    "dahl": ("Nm", "N"),
-    "maxwell_slip": ("Nm", "N"),
-    "lugre": ("Nm", "N"),
-    "spring": ("N m/rad", "N/m"),
-}
-
-
-@pytest.mark.parametrize("law", [law for law in TERMS if hasattr(TERMS[law], "axes")])
+@pytest.mark.parametrize("law", [law for law in TERMS if issubclass(TERMS[law], Acting)])
 def test_units_follow_the_joint(law: str) -> None:
-    units = [p.unit for p in term_of(law, "here").parameters(ROBOT)][:2]
-    assert tuple(units) == UNITS[law]
+    (units,) = (case.units for case in CASES if case.law == law and case.units is not None)
+    assert tuple(p.unit for p in term_of(law, "here").parameters(ROBOT)[:2]) == units
 
 
 @pytest.mark.parametrize("kind", ["revolute", "prismatic"])

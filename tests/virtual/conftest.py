@@ -1,7 +1,6 @@
 """Robots for the tests of the virtual room."""
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +14,7 @@ from steelyard.robot.inertia import Inertia
 from steelyard.robot.model_files.urdf import read_urdf
 from steelyard.robot.robot import Body, Coordinate, JointKind, Limits, Loop, Robot
 from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.register import DEFAULT_TERMS, TERMS, term_of
+from steelyard.terms.register import DEFAULT_TERMS
 from steelyard.terms.term import Term
 from steelyard.virtual.truth import Truth
 
@@ -149,32 +148,6 @@ def four_bar() -> Robot:
         loops=(loop,),
         assembly=[1.2, -1.2, 1.2],
     )
-
-
-@pytest.fixture(scope="session")
-def all_laws() -> Callable[[Robot], list[Term]]:
-    """Every term of the register but the bodies, with the fields that it needs for a robot."""
-
-    def of(robot: Robot) -> list[Term]:
-        joints, links = robot.joint_names, [b.name for b in robot.bodies]
-        pairs = [{"from": joints[0], "to": joints[1]}]
-        points = [[0.0, 0.0, 0.1], [0.0, 0.05, 0.2]]
-        given: dict[str, list[dict[str, Any]]] = {
-            "coulomb": [{}, {"threshold": 0.02}, {"smoothing": 0.05, "shape": "arctan"}],
-            "coupled": [{"pairs": pairs}, {"pairs": pairs, "kind": "coulomb"}],
-            "stribeck": [{}, {"exponent": 2, "smoothing": 0.05}],
-            "maxwell_slip": [{}, {"relaxing": True}],
-            "spring": [{}, {"free": "unknown"}],
-            "gravity_compensator": [{"links": [links[0], links[1]], "points": points}],
-        }
-        laws = [law for law in TERMS if law not in ("rigid_body", "rotor_inertia")]
-        return [
-            term_of({"law": law, **fields}, "test")
-            for law in laws
-            for fields in given.get(law, [{}])
-        ]
-
-    return of
 
 
 @pytest.fixture(scope="session")

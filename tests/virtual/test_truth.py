@@ -1,10 +1,10 @@
 import json
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from law_cases import CASES, LawCase, name_of
 from steelyard.errors import ModelError
 from steelyard.model import Model
 from steelyard.robot.inertia import Inertia
@@ -101,13 +101,14 @@ def test_drawn_truths_run_at_the_default_step(arm: Robot, tree: Robot, seed: int
         assert MujocoPlant(robot, random_truth(robot, seed)).timestep >= 1.25e-4
 
 
-def test_every_law_is_drawn_in_proportion_to_the_torque(arm: Robot, all_laws: Callable) -> None:
-    for law in all_laws(arm):
-        truth = random_truth(arm, 2, terms=(RigidBody(), law))
-        drawn = truth.law_values
-        assert np.all(np.isfinite(drawn)) and np.all(drawn != 0.0), law
-        other = random_truth(arm, 3, terms=(RigidBody(), law)).law_values
-        assert np.all(drawn != other)
+@pytest.mark.parametrize("case", [c for c in CASES if c.simulated], ids=name_of)
+def test_every_law_is_drawn_in_proportion_to_the_torque(arm: Robot, case: LawCase) -> None:
+    law = case.on(arm)
+    truth = random_truth(arm, 2, terms=(RigidBody(), law))
+    drawn = truth.law_values
+    assert np.all(np.isfinite(drawn)) and np.all(drawn != 0.0)
+    other = random_truth(arm, 3, terms=(RigidBody(), law)).law_values
+    assert np.all(drawn != other)
 
 
 def test_rotors_of_motors_are_drawn_for_their_gears(arm: Robot) -> None:

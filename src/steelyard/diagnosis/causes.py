@@ -83,11 +83,7 @@ def wide_model(model: Model, estimate: Estimate) -> Model:
     """The model with columns of all causes behind its own; those that it has are left out."""
     bodies = tuple(bodies_of(estimate).items())
     laws = {term.law for term in model.terms}
-    lacking = [
-        term.with_reference(dict(bodies)) if isinstance(term, LoadDependent) else term
-        for _, term in FRICTION
-        if term.law not in laws
-    ]
+    lacking = [term.with_reference(dict(bodies)) for _, term in FRICTION if term.law not in laws]
     kinds = ("zero_offset", "compliance", *GEOMETRY)
     geometry = (Displaced(kinds, bodies), Misread(bodies))  # type: ignore[arg-type]
     return replace(model, terms=(*model.terms, *lacking, *geometry))

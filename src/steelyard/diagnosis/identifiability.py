@@ -16,24 +16,18 @@ from steelyard.model import Model
 from steelyard.regression.gather import gather
 from steelyard.regression.regressor import base_regressor
 from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.rotor_inertia import RotorInertia
 from steelyard.terms.laws.viscous import Viscous
 from steelyard.terms.open_fields import finds_of
-from steelyard.terms.register import DEFAULT_TERMS, term_of
+from steelyard.terms.register import DEFAULT_TERMS, law_of, term_of
 
 SHOWN = 6
 HELPS = {
-    "coulomb": "motion both ways of",
-    "viscous": "motion at several speeds of",
-    "rotor_inertia": "stronger acceleration of",
-    "offset": "motion both ways of",
     "m": "other postures of the joints before",
     "mx": "other postures of the joints up to",
     "my": "other postures of the joints up to",
     "mz": "other postures of the joints up to",
 }
-"""What shows a parameter, by the first part of its name; inertias otherwise."""
-TURN = "acceleration, in turn and together, of the joints up to"
+"""What shows mass and first moments of a body; other parameters, what their laws say."""
 
 
 class Identifiability:
@@ -75,8 +69,8 @@ def _told(name: str, estimate: Estimate) -> Finding:
 def _advice(blind: Sequence[Blind]) -> str:
     wanted: dict[str, list[str]] = {}
     for parameter in blind:
-        law, _, of = parameter.name.partition(".")
-        wanted.setdefault(HELPS.get(law, TURN), []).append(of)
+        kind, _, of = parameter.name.partition(".")
+        wanted.setdefault(HELPS.get(kind, law_of(parameter.name).shown_by), []).append(of)
     parts = [f"{help_} {', '.join(dict.fromkeys(names))}" for help_, names in wanted.items()]
     return f"a motion that would help: {'; '.join(parts)}"
 
@@ -108,7 +102,7 @@ def customary_model(case: Case) -> Model:
     loaded = case.loaded
     if loaded.terms is None:
         behind = loaded.signals is not None and loaded.signals.effort_kind == "link_torque"
-        terms = [t for t in DEFAULT_TERMS if not (behind and isinstance(t, RotorInertia))]
+        terms = [t for t in DEFAULT_TERMS if not (behind and t.on_motors)]
         return Model(loaded.robot, tuple(terms))
     terms = [term_of(t.description, t.where) for t in loaded.terms]
     known = tuple(t for t in terms if not finds_of(t))

@@ -7,7 +7,7 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.errors import DataError
 from steelyard.estimation.identified import IdentifiedModel
-from steelyard.estimation.payload.load_case import STEADY, carrier
+from steelyard.estimation.payload.load_case import carrier
 from steelyard.model import Model, ValuedModel
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
@@ -105,7 +105,7 @@ def knowledge_of(reference: IdentifiedModel | None, robot: Robot) -> Knowledge |
         nominal = Model(robot, (RigidBody(),)).prior
         return None if nominal is None else Knowledge(nominal)
     model = reference.model
-    terms = tuple(term for term in model.terms if term.law in STEADY)
+    terms = tuple(term for term in model.terms if not term.drifts())
     steady = Model(model.robot, terms)
     known = reference.estimate.parameters.as_dict()
     values = [known.get(name, 0.0) for name in steady.names]

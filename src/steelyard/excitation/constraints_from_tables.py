@@ -25,7 +25,6 @@ from steelyard.robot.inertia import INERTIAL_NAMES
 from steelyard.robot.robot import Robot
 from steelyard.robot_file.excitation_sections import ExcitationSection
 from steelyard.robot_file.file import LoadedRobot
-from steelyard.terms.laws.rigid_body import RigidBody
 from steelyard.terms.term import Remembering
 
 
@@ -140,7 +139,7 @@ def _unknown_efforts(loaded: LoadedRobot, model: Model, earlier: Earlier | None)
                 return f"'{term.law}' depends on the motion before"
     if model.robot.passive:
         return "the robot has closed chains"
-    if not any(isinstance(term, RigidBody) for term in model.terms):
+    if not model.has_bodies:
         return "the model has no rigid bodies"
     if not any(body.known for body in model.robot.bodies):
         return "the model file gives no masses"

@@ -8,19 +8,12 @@ it [Khalil2002, ch. 9].
 from steelyard.regression.base import BaseMap
 from steelyard.robot.inertia import INERTIAL_NAMES
 from steelyard.robot.robot import Robot
+from steelyard.terms.register import TERMS
 
+TEN = ("M", "MX", "MY", "MZ", "XX", "XY", "YY", "XZ", "YZ", "ZZ")
 LETTERS = {
-    **dict(
-        zip(
-            INERTIAL_NAMES,
-            ("M", "MX", "MY", "MZ", "XX", "XY", "YY", "XZ", "YZ", "ZZ"),
-            strict=True,
-        )
-    ),
-    "rotor_inertia": "IA",
-    "coulomb": "FC",
-    "viscous": "FV",
-    "offset": "OFF",
+    **dict(zip(INERTIAL_NAMES, TEN, strict=True)),
+    **{law: term.symbol for law, term in TERMS.items() if term.symbol},
 }
 """Letters of a parameter by what stands before the dot of its name."""
 

@@ -8,17 +8,13 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from math import isfinite
-from typing import Any, ClassVar, Literal
+from typing import Any
 
 from steelyard.errors import ModelError
 from steelyard.kernel.equations.dynamics import Scalar
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import JointKind, Robot
 from steelyard.terms.open_fields import Find
-
-Dissipation = Literal["none", "each", "together"]
-"""What a law knows of energy: nothing; that each of its coefficients takes some; or that it takes
-some together with all others along the same coordinate, whatever the signs of its coefficients."""
 
 Along = tuple[tuple[str, tuple[tuple[str, float], ...]], ...]
 """Named coordinates, each the joints it is made of with their coefficients."""
@@ -81,36 +77,20 @@ class Axis:
         return f"{'N' if self.kind == 'prismatic' else 'N m'}/{unit}"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Acting:
-    """Where a term acts; every law that acts along coordinates has these fields.
+def coordinates(
+    robot: Robot, joints: Any = None, motors: Any = None, along: Any = None
+) -> tuple[Axis, ...]:
+    """Coordinates by the names of joints and motors, and as sums; all joints if nothing is named.
 
-    Attributes:
-        joints: Names of the joints it acts on; all independent ones if nothing is named.
-        motors: Names of motors of the robot's transmission.
-        along: Coordinates of its own, by name: `{wrist = {joint_5 = 1.0, joint_6 = 1.0}}`; sizes of
-            coefficients from 1e-6 to 1e6.
-        per_run: Whether every run has parameters of its own.
+    Raises:
+        ModelError: The robot has no joint or motor of a name, or a coordinate is none.
     """
-
-    dissipation: ClassVar[Dissipation] = "none"
-    joints: tuple[str, ...] | None = None
-    motors: tuple[str, ...] | None = None
-    along: Along | None = None
-    per_run: bool = False
-
-    def axes(self, robot: Robot) -> tuple[Axis, ...]:
-        """The coordinates it acts along.
-
-        Raises:
-            ModelError: The robot has no joint or motor of a name, or a coordinate is none.
-        """
-        if self.joints is None and self.motors is None and self.along is None:
-            return tuple(_joint(robot, c.name) for c in robot.coordinates)
-        named = [_joint(robot, name) for name in _listed(self.joints, "joints")]
-        named += [_motor(robot, name) for name in _listed(self.motors, "motors")]
-        named += [_combined(robot, name, parts) for name, parts in _sums(self.along)]
-        return tuple(named)
+    if joints is None and motors is None and along is None:
+        return tuple(_joint(robot, c.name) for c in robot.coordinates)
+    named = [_joint(robot, name) for name in _listed(joints, "joints")]
+    named += [_motor(robot, name) for name in _listed(motors, "motors")]
+    named += [_combined(robot, name, parts) for name, parts in _sums(along)]
+    return tuple(named)
 
 
 def each(

@@ -14,11 +14,11 @@ from steelyard.arrays import Array
 from steelyard.kernel.equations.dynamics import JointState
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
-from steelyard.terms.term import Columns, Remembering, Samples, Term, channels_of
+from steelyard.terms.term import Columns, Dissipation, Remembering, Samples, Term, channels_of
 
 
 @dataclass(frozen=True)
-class Dictionary:
+class Dictionary(Remembering):
     """Candidates for one term side by side; the parameters of number `c` are named `name@c`.
 
     Attributes:
@@ -30,6 +30,7 @@ class Dictionary:
     """
 
     law: ClassVar[str] = "dictionary"
+    dissipation: ClassVar[Dissipation] = "none"
     aside: ClassVar[tuple[str, ...]] = ("candidates", "longest")
     candidates: tuple[Term, ...]
     longest: Term

@@ -88,7 +88,7 @@ def searchable(law: type[Any], field: str, where: str) -> tuple[float, float]:
     Raises:
         ModelError: The field is none that can be found.
     """
-    bounds: Mapping[str, tuple[float, float]] = getattr(law, "bounds", {})
+    bounds: Mapping[str, tuple[float, float]] = law.bounds
     if field not in bounds:
         others = " and ".join(f"'{name}'" for name in bounds) or "none of its fields"
         raise ModelError(

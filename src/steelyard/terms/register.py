@@ -9,10 +9,13 @@ import numpy as np
 
 from steelyard.errors import ModelError
 from steelyard.kernel.equations.dynamics import JointState
+from steelyard.robot.inertia import INERTIAL_NAMES
 from steelyard.robot.robot import Robot
+from steelyard.terms.acting import Acting
 from steelyard.terms.laws.coulomb import Coulomb
 from steelyard.terms.laws.coupled import Coupled
 from steelyard.terms.laws.directional import DirectionalCoulomb, DirectionalViscous
+from steelyard.terms.laws.directional_stribeck import DirectionalStribeck
 from steelyard.terms.laws.gravity_compensator import GravityCompensator
 from steelyard.terms.laws.load_dependent import LoadDependent
 from steelyard.terms.laws.offset import Offset
@@ -23,12 +26,48 @@ from steelyard.terms.laws.rotor_inertia import RotorInertia
 from steelyard.terms.laws.spring import Spring
 from steelyard.terms.laws.stribeck import Stribeck
 from steelyard.terms.laws.viscous import Viscous
+from steelyard.terms.memory import Presliding
 from steelyard.terms.open_fields import Find, asked, finds_of, is_asked
 from steelyard.terms.term import Remembering, Term, channels_of
 
+ASKED_OF_ALL = ("dissipation", "cause", "shown_by", "in_model_files")
+"""What has no default, as any default would be wrong for some law."""
+
+
+def complete(law: type[Term]) -> type[Term]:
+    """The law, if all is known of it that other rooms ask for.
+
+    Raises:
+        TypeError: Something is missing, or does not fit the rest.
+    """
+    names = {field.name for field in dataclasses.fields(cast(Any, law))}
+    flaws = [] if "law" in vars(law) else ["lacks 'law'"]
+    flaws += [f"lacks '{name}'" for name in ASKED_OF_ALL if not hasattr(law, name)]
+    flaws += [f"lacks '{name}'" for name in sorted(law.__abstractmethods__)]
+    flaws += [f"'{name}' of `bounds` is no field" for name in law.bounds if name not in names]
+    if issubclass(law, Remembering):
+        aside = getattr(law, "aside", None)
+        flaws += ["lacks 'aside'"] if aside is None else []
+        flaws += [f"'{name}' of `aside` is no field" for name in aside or () if name not in names]
+    elif hasattr(law, "remember"):
+        flaws.append("has memory, but is no `Remembering`")
+    if law.needs_reference != ("reference" in names):
+        flaws.append("has a field 'reference' without `needs_reference`, or the other way round")
+    if getattr(law, "dissipation", "none") != "none":
+        if getattr(law, "cause", "friction") != "friction":
+            flaws.append("dissipates, but is no friction")
+        if not issubclass(law, Acting):
+            flaws.append("is friction, but does not act along coordinates (`Acting`)")
+        elif issubclass(law, Remembering) and not issubclass(law, Presliding):
+            flaws.append("is friction with memory, but no `Presliding`")
+    if flaws:
+        raise TypeError(f"law {law.__name__}: {'; '.join(flaws)}")
+    return law
+
+
 TERMS: dict[str, type[Any]] = {
-    term.law: term
-    for term in (
+    law.law: complete(law)
+    for law in (
         RigidBody,
         RotorInertia,
         Coulomb,
@@ -40,6 +79,7 @@ TERMS: dict[str, type[Any]] = {
         Cubic,
         Root,
         Stribeck,
+        DirectionalStribeck,
         Coupled,
         LoadDependent,
         Dahl,
@@ -96,7 +136,7 @@ def refuse_unfit(term: Term, robot: Robot, where: str) -> None:
         term.parameters(robot)
         if isinstance(term, Remembering) and not finds_of(term):
             term.warm_up(robot)
-        if not isinstance(term, RigidBody) and not finds_of(term):
+        if term.role != "body" and not finds_of(term):
             still = [np.zeros(1)] * robot.n_joints
             channels = [np.zeros(1)] * channels_of(term, robot)
             term.columns(robot, JointState(still, still, still, channels))
@@ -159,6 +199,18 @@ def _plain(value: Any) -> Any:
     if value and all(isinstance(x, tuple) and len(x) == 2 and isinstance(x[0], str) for x in value):
         return {key: _plain(x) for key, x in value}
     return [_plain(x) for x in value]
+
+
+def law_of(parameter: str) -> type[Term]:
+    """The law that a standard parameter belongs to, by its name.
+
+    Raises:
+        KeyError: It belongs to none.
+    """
+    kind = parameter.partition(".")[0]
+    if kind in INERTIAL_NAMES:
+        return RigidBody
+    return TERMS[max((law for law in TERMS if kind.startswith(law)), key=len, default=kind)]
 
 
 def terms_of(

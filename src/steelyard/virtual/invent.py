@@ -11,21 +11,15 @@ from steelyard.model import Model
 from steelyard.parameters import Parameter, Parameters
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.robot import Robot
-from steelyard.terms.axes import per_axis
-from steelyard.terms.laws.load_dependent import LoadDependent
-from steelyard.terms.laws.presliding import LuGre, MaxwellSlip
 from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.rotor_inertia import RotorInertia
 from steelyard.terms.open_fields import Find
 from steelyard.terms.register import DEFAULT_TERMS
-from steelyard.terms.term import Remembering, Term
+from steelyard.terms.term import SHARE, Remembering, Term
 from steelyard.virtual.mujoco_model import TIMESTEP
 from steelyard.virtual.scales import Scales, scales_of
 from steelyard.virtual.truth import Truth
 
 _LEAST_SMOOTHING = {"revolute": 0.005, "prismatic": 0.001}
-_SHARE = {"rotor_inertia": (0.2, 0.6), "offset": (-0.03, 0.03), "lugre_damping": (0.3, 0.8)}
-_LAW, _SIGNED = (0.1, 0.25), (-0.25, 0.25)
 
 
 def random_truth(
@@ -59,7 +53,7 @@ def random_truth(
     model = Model(robot, chosen)
     values = dict(bodies)
     for term in chosen:
-        if not isinstance(term, RigidBody):
+        if term.role != "body":
             values |= _drawn(term, robot, scales, rng)
     known = Parameters(model.names, model.units, [values[name] for name in model.names])
     return Truth(model, known, _smoothing(robot, model, known, scales))
@@ -74,49 +68,35 @@ def _settled(term: Term, bodies: dict[str, float], rng: np.random.Generator) -> 
             low, high = np.log([asked.lower, asked.upper])
             drawn[field.name] = float(np.exp(low + rng.uniform(0.4, 0.6) * (high - low)))
     settled = cast(Term, replace(cast(Any, term), **drawn)) if drawn else term
-    return settled.with_reference(bodies) if isinstance(settled, LoadDependent) else settled
+    return settled.with_reference(bodies)
 
 
 def _drawn(term: Term, robot: Robot, scales: Scales, rng: np.random.Generator) -> dict[str, float]:
     """Values of a term's parameters."""
     parameters = term.parameters(robot)
     sizes = _sizes(term, robot, scales)
-    bounds = [_share(parameter) for parameter in parameters]
+    bounds = [_share(term, parameter) for parameter in parameters]
     low, high = np.array(bounds).reshape(-1, 2).T
     values = rng.uniform(low, high) * sizes
     return dict(zip((p.name for p in parameters), values.tolist(), strict=True))
 
 
-def _share(parameter: Parameter) -> tuple[float, float]:
+def _share(term: Term, parameter: Parameter) -> tuple[float, float]:
     """Of what a parameter is measured by, the least and the largest share."""
-    otherwise = _LAW if parameter.lower >= 0.0 else _SIGNED
-    return _SHARE.get(parameter.name.split(".")[0], otherwise)
+    usual = SHARE if parameter.lower >= 0.0 else (-SHARE[1], SHARE[1])
+    return term.shares.get(parameter.name.split(".")[0], usual)
 
 
 def _sizes(term: Term, robot: Robot, scales: Scales) -> Array:
     """What the parameters are measured by, shape `(parameters,)`.
 
-    That value at which the parameter alone loads a joint with its typical torque, shared among the
-    elements of a law with several.
+    That value at which the parameter alone loads a joint with its typical torque, if the law does
+    not say otherwise.
     """
-    if isinstance(term, RotorInertia):
-        return np.array([scales.inertia_along(axis) for axis in term.axes(robot)])
     peaks = scales.peaks(term)
     torque = np.broadcast_to(scales.torque[:, None], peaks.shape)
     loads = np.divide(torque, peaks, out=np.full(peaks.shape, np.inf), where=peaks > 0.0)
-    sizes = np.min(loads, axis=0)
-    if isinstance(term, LuGre):
-        return _with_damping(term, robot, scales, sizes)
-    return sizes / len(term.lengths) if isinstance(term, MaxwellSlip) else np.asarray(sizes)
-
-
-def _with_damping(term: LuGre, robot: Robot, scales: Scales, sizes: Array) -> Array:
-    r"""Bristle dampings at which sticking is critically damped, $2 \sqrt{f_c\,\delta\,m}$."""
-    axes = term.axes(robot)
-    friction = sizes[: len(axes)]
-    lengths = per_axis(term.length, axes, term.law)
-    inertia = np.array([scales.inertia_along(axis) for axis in axes])
-    return np.concatenate((friction, 2.0 * np.sqrt(np.mean(_LAW) * friction * lengths * inertia)))
+    return term.typical_values(robot, np.min(loads, axis=0), scales.inertia_along)
 
 
 def _usable(nominal: Inertia, known: bool) -> Inertia:

@@ -20,8 +20,8 @@ from steelyard.kernel.program.program import Program
 from steelyard.kernel.program.smoothing import softened
 from steelyard.model import Model
 from steelyard.robot.robot import Robot
+from steelyard.terms.memory import Presliding, after
 from steelyard.terms.term import Remembering, Samples, Term, channels_of
-from steelyard.virtual.memory import Stepping, stepping
 from steelyard.virtual.mujoco_model import MujocoModel
 
 VELOCITY, WIDTHS = 1, 7
@@ -41,7 +41,7 @@ class Placed:
 
     term: Term
     first: int
-    memory: Stepping | None
+    memory: Presliding | None
     at: int
     channel: int
 
@@ -69,11 +69,11 @@ class Laws:
         """The terms with their places."""
         found, first, at, channel = [], 0, 0, 0
         for term in self.terms:
-            memory = stepping(term, self.robot)
+            memory = term if isinstance(term, Presliding) else None
             found.append(Placed(term, first, memory, at, channel))
             first += len(term.parameters(self.robot))
             if memory is not None:
-                at += len(memory.axes) + memory.n_states
+                at += self._rows(memory)
             else:
                 channel += channels_of(term, self.robot)
         return tuple(found)
@@ -81,8 +81,12 @@ class Laws:
     @property
     def n_memory(self) -> int:
         """Rows of the memory."""
-        memories = [p.memory for p in self.placed if p.memory is not None]
-        return sum(len(m.axes) + m.n_states for m in memories)
+        return sum(self._rows(p.memory) for p in self.placed if p.memory is not None)
+
+    def _rows(self, memory: Presliding) -> int:
+        """Rows of a term's memory: positions along its axes, then states."""
+        axes = memory.axes(self.robot)
+        return len(axes) + len(memory.lengths_of(axes))
 
     @property
     def scanned(self) -> tuple[Placed, ...]:
@@ -165,7 +169,7 @@ class Laws:
             for (row, column), entry in placed.term.columns(self.robot, state).items():
                 effort = entry * values[placed.first + column]
                 total[row] = total[row] - effort if row in total else -effort
-                if on_motors(placed.term):
+                if placed.term.on_motors:
                     brakes[row] = brakes[row] + effort if row in brakes else effort
         loads = sorted(total)
         forces = [total[row] / places[row][1] for row in loads]
@@ -177,23 +181,18 @@ class Laws:
         self, placed: Placed, state: JointState, before: Sequence[Scalar]
     ) -> tuple[list[Scalar], list[Scalar]]:
         """Memory and channels of a term after the step."""
-        memory = cast(Stepping, placed.memory)
-        count = len(memory.axes)
-        now, speeds = ([axis.of(x) for axis in memory.axes] for x in (state.q, state.dq))
-        last = before[placed.at : placed.at + count]
-        states = before[placed.at + count : placed.at + count + memory.n_states]
-        moved = [x - y for x, y in zip(now, last, strict=True)]
+        memory = cast(Presliding, placed.memory)
+        axes = memory.axes(self.robot)
+        now, speeds = ([axis.of(x) for axis in axes] for x in (state.q, state.dq))
+        rows = before[placed.at : placed.at + self._rows(memory)]
+        moved = [x - last for x, last in zip(now, rows[: len(axes)], strict=True)]
+        steps = memory.steps(axes, moved, speeds)
+        states = [after(*x) for x in zip(rows[len(axes) :], steps, strict=True)]
 
         def loads(tens: Array) -> Sequence[Scalar]:
             return inverse_dynamics(self.robot, state, tens.reshape(-1, 10).tolist())
 
-        states, channels = memory.advance(moved, speeds, states, loads)
-        return [*now, *states], channels
-
-
-def on_motors(term: Term) -> bool:
-    """Whether a term acts before the gears, so that a sensor behind them does not feel it."""
-    return getattr(term, "motors", None) is not None
+        return [*now, *states], memory.channels(self.robot, state, states, loads)
 
 
 class LawsInUse:
@@ -247,7 +246,7 @@ class LawsInUse:
         memory = np.array(states, dtype=np.float64)
         for placed in self.laws.placed:
             if placed.memory is not None:
-                for k, axis in enumerate(placed.memory.axes):
+                for k, axis in enumerate(placed.memory.axes(self.laws.robot)):
                     memory[placed.at + k] = np.dot(axis.row, q)
         self._memories = [None] * len(self._memories)
         for rows in self._rows:

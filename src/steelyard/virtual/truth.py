@@ -5,10 +5,10 @@ jump at zero speed would make an integration with fixed steps chatter; the plant
 smoothing speed of some thousandths of the working speed.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -17,12 +17,11 @@ from steelyard.errors import ModelError
 from steelyard.model import Model
 from steelyard.parameters import Parameters
 from steelyard.robot.robot import Robot
-from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.acting import Acting
+from steelyard.terms.axes import Axis
 from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.rotor_inertia import RotorInertia
 from steelyard.terms.register import description_of, term_of
-from steelyard.terms.term import Term
-from steelyard.virtual.laws import on_motors
+from steelyard.terms.term import Role, Term
 from steelyard.virtual.mujoco_model import Brake, Rotor
 
 SCHEMA = "steelyard-truth/2"
@@ -50,7 +49,7 @@ class Truth:
         object.__setattr__(self, "smoothing", frozen(self.smoothing, joints))
         if not np.all(self.smoothing > 0.0):
             raise _unusable("a smoothing speed is not positive", "give every joint one above zero")
-        if not any(isinstance(term, RigidBody) for term in self.model.terms):
+        if not self.model.has_bodies:
             raise _unusable(
                 "the true robot has no bodies", "add 'rigid_body' to the terms of its model"
             )
@@ -75,31 +74,27 @@ class Truth:
     @cached_property
     def rotors(self) -> tuple[Rotor, ...]:
         """Rotor inertias, and how the rotors turn with the joints."""
-        return tuple(
-            Rotor(axis.row, self.values[parameter.name])
-            for term in self.model.terms
-            if isinstance(term, RotorInertia)
-            for axis, parameter in zip(
-                term.axes(self.robot), term.parameters(self.robot), strict=True
-            )
-        )
+        found = self._along("rotor")
+        return tuple(Rotor(axis.row, value) for _, axis, value in found)
 
     @cached_property
     def brakes(self) -> tuple[Brake, ...]:
         """Friction that sticks and slips: Coulomb friction by the plain sign."""
-        return tuple(
-            Brake(axis.row, self.values[parameter.name], on_motors(term))
-            for term in self.model.terms
-            if isinstance(term, Coulomb) and term.jumps
-            for axis, parameter in zip(
-                term.axes(self.robot), term.parameters(self.robot), strict=True
-            )
-        )
+        found = self._along("brake")
+        return tuple(Brake(axis.row, value, term.on_motors) for term, axis, value in found)
+
+    def _along(self, role: Role) -> Iterator[tuple[Term, Axis, float]]:
+        """Terms of a role with one parameter per coordinate: each with these and their values."""
+        for term in self.model.terms:
+            if term.role == role:
+                axes = cast(Acting, term).axes(self.robot)
+                for axis, parameter in zip(axes, term.parameters(self.robot), strict=True):
+                    yield term, axis, self.values[parameter.name]
 
     @cached_property
     def laws(self) -> tuple[Term, ...]:
         """The other terms: neither bodies nor rotor inertia nor what sticks and slips."""
-        return tuple(term for term in self.model.terms if not _of_mujoco(term))
+        return tuple(term for term in self.model.terms if term.role == "effort")
 
     @property
     def law_values(self) -> Array:
@@ -159,12 +154,6 @@ class Truth:
             Parameters(model.names, model.units, values),
             frozen([speeds[c.name] for c in robot.joints]),
         )
-
-
-def _of_mujoco(term: Term) -> bool:
-    """Whether MuJoCo itself has the term: inertia, or friction that sticks and slips."""
-    inertial = isinstance(term, RigidBody | RotorInertia)
-    return inertial or (isinstance(term, Coulomb) and term.jumps)
 
 
 def _unusable(wrong: str, mend: str) -> ModelError:

@@ -3,9 +3,9 @@
 from collections.abc import Iterable
 
 from steelyard.application.export.friction import Force
-from steelyard.application.export.laws import Curve, Kind, Placed
 from steelyard.robot.robot import Robot
 from steelyard.terms.axes import Axis
+from steelyard.terms.model_files import Curve, Kind, Placed
 
 POWERS: dict[Kind, tuple[str, int]] = {
     "rotor": ("rotor inertia", 2),

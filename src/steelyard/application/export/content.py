@@ -13,13 +13,12 @@ from steelyard.application.export.friction import (
     greatest_speed,
     held_friction,
 )
-from steelyard.application.export.laws import Kind, Placed, Pull, listed, placed
 from steelyard.errors import ModelError
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.robot.inertia import INERTIAL_NAMES, LEAST, Inertia
 from steelyard.robot.robot import Robot
 from steelyard.terms.axes import Axis
-from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.model_files import Kind, Placed, Pull, listed, placed
 
 Format = Literal["urdf", "mjcf"]
 NAMES: dict[Format, str] = {"urdf": "URDF", "mjcf": "MJCF"}
@@ -129,7 +128,7 @@ def _standard(identified: IdentifiedModel) -> dict[str, float]:
             mend='remove method = "least_squares" from [estimation] of the robot file and identify '
             "again: the default estimator knows from the prior what the data do not show",
         )
-    if not any(isinstance(term, RigidBody) for term in identified.model.terms):
+    if not identified.model.has_bodies:
         raise ModelError(
             "the model has no rigid bodies",
             where=f"terms of the model of '{name}'",

@@ -11,11 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from steelyard.application.export.laws import Kind
 from steelyard.arrays import Array
 from steelyard.estimation.calibration import EDGES
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.terms.axes import Axis
+from steelyard.terms.model_files import Kind
 
 FRICTION: tuple[Kind, ...] = ("dry", "viscous", "quadratic", "cubic")
 """By power of speed."""

@@ -13,13 +13,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from steelyard.application.export.content import Content, Effects, Sum, base_of, carriers_of
-from steelyard.application.export.laws import Kind, Pull
 from steelyard.application.export.urdf import frames_of, rounded
 from steelyard.application.export.xml import limit, number, numbers
 from steelyard.arrays import Array
 from steelyard.robot.geometry import turn
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.robot import Body, Frame, Limits, Loop, Robot
+from steelyard.terms.model_files import Kind, Pull
 
 TIMESTEP = 1e-3
 """Step of the integration [s]."""

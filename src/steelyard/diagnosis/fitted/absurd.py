@@ -17,6 +17,8 @@ from steelyard.errors import DataError
 from steelyard.estimation.estimate import Estimate
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.robot.robot import Robot
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.viscous import Viscous
 
 TUNGSTEN = 19_300.0
 """Density [kg/m³]."""
@@ -28,7 +30,7 @@ TOTAL = 10.0
 """Factor between the arm's mass and that of the model file."""
 SURE = 2.0
 """Standard deviations that an estimate must be beyond a bound."""
-LAWS = ("coulomb", "viscous")
+LAWS = (Coulomb.law, Viscous.law)
 """Friction that would drive if it were negative."""
 CHECK = (
     "Check the kind, unit, sign and gains of the efforts and the order of the columns "

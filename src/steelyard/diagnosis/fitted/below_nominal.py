@@ -8,6 +8,8 @@ from typing import ClassVar
 
 from steelyard.diagnosis.finding import Finding, Judgement, Mend
 from steelyard.diagnosis.fitted.fitted_case import FittedCase
+from steelyard.terms.laws.rotor_inertia import RotorInertia
+from steelyard.terms.register import law_of
 from steelyard.validation.score import JointScore, RunScore
 
 WORSE = 1.2
@@ -52,7 +54,7 @@ def _worse(score: RunScore) -> tuple[JointScore, ...]:
 def _advice(case: FittedCase) -> Mend:
     """What to try first."""
     identified = case.identified
-    names = [n for n in identified.estimate.parameters.names if n.startswith("rotor_inertia.")]
+    names = [n for n in identified.estimate.parameters.names if law_of(n) is RotorInertia]
     held = [name for name in identified.estimate.at_bound if name in names]
     at_joints = identified.signals.effort_kind == "joint_torque"
     if at_joints and names and len(held) >= FEW * len(names):

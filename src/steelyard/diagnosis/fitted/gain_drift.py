@@ -13,11 +13,10 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.regression.information import Information
+from steelyard.terms.register import law_of
 
 WINDOWS = 4
 """Fewest windows of a run."""
-OWN = ("coulomb", "viscous", "offset", "stribeck", "quadratic", "load_dependent", "dahl")
-"""Causes of torque that drift by themselves."""
 SINGULAR = 1e-9
 """Eigenvalue of a normalised Gram matrix, over the largest, that counts as zero."""
 
@@ -66,7 +65,7 @@ def together(rows: Sequence[Drift]) -> float:
 
 def _of_row(run: Information, row: int, time: Array, friction: bool) -> Drift | None:
     names = [run.layout.columns[c] for c in run.layout.sees[row]]
-    chosen = np.array([(name.split(".")[0] in OWN) == friction for name in names])
+    chosen = np.array([law_of(name).drifts() == friction for name in names])
     grams = run.row_grams(row)
     whole, once, twice = (np.tensordot(time**k, grams, 1) for k in (0, 1, 2))
     own = _whitened(whole[:-1, :-1])

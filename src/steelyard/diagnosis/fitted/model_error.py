@@ -19,7 +19,6 @@ from steelyard.measurement.run import Run
 from steelyard.model import Model
 from steelyard.regression.base import base_parameters
 from steelyard.regression.regressor import base_regressor
-from steelyard.terms.laws.rigid_body import RigidBody
 from steelyard.validation.friction.mixes import remembers
 from steelyard.validation.residuals import ResidualNoise, residual_noise
 
@@ -104,7 +103,7 @@ class ModelError:
 
 def can_be_ranked(model: Model) -> bool:
     """Whether causes have columns: an open chain with bodies."""
-    return not model.robot.passive and any(isinstance(term, RigidBody) for term in model.terms)
+    return not model.robot.passive and model.has_bodies
 
 
 def beginnings(runs: Sequence[Run]) -> tuple[Run, ...]:

@@ -18,6 +18,8 @@ from steelyard.errors import SteelyardError
 from steelyard.regression.gather import gather
 from steelyard.regression.information import Information
 from steelyard.regression.regressor import base_regressor
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.viscous import Viscous
 
 SURE = 6.0
 """Standard errors by which friction must be negative."""
@@ -27,7 +29,7 @@ EXPLAINED = 0.7
 """Share of the effort's variance that the fit must explain: else something else is wrong."""
 SINGULAR = 1e-9
 """Eigenvalue of a row's normalised Gram matrix, over the largest, that counts as zero."""
-LAWS = ("coulomb", "viscous")
+LAWS = (Coulomb.law, Viscous.law)
 FEWEST = 6
 """Windows of a run from which on its scores tell a standard error."""
 

@@ -1,6 +1,7 @@
 """Values to begin a simulation with: what cannot move cannot be simulated."""
 
 from collections.abc import Mapping
+from typing import cast
 
 import numpy as np
 
@@ -8,8 +9,8 @@ from steelyard.arrays import Array, frozen
 from steelyard.errors import DataError
 from steelyard.estimation.closed_loop.experiment import Begun, Experiment
 from steelyard.estimation.closed_loop.simulation import along, require_sound
+from steelyard.terms.acting import Acting
 from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.rotor_inertia import RotorInertia
 
 NOTE = (
     "the values that the filtered motion gives cannot be simulated: the search began with the "
@@ -58,7 +59,7 @@ def _nominal(experiment: Experiment) -> Array | None:
     bodies = {p.name: p.prior or 0.0 for p in RigidBody().parameters(model.robot)}
     found = experiment.start.parameters.as_dict()
     standard = {p.name: max(found.get(p.name, 0.0), p.lower) for p in model.parameters} | bodies
-    rotors = [term for term in model.terms if isinstance(term, RotorInertia)]
+    rotors = [cast(Acting, term) for term in model.terms if term.role == "rotor"]
     alone = standard | {p.name: 0.0 for term in rotors for p in term.parameters(model.robot)}
     q, still = experiment.postures, np.zeros_like(experiment.postures)
     ones = np.ones(model.robot.n)

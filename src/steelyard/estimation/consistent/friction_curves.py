@@ -10,7 +10,6 @@ the other.
 """
 
 from collections.abc import Sequence
-from typing import ClassVar, Protocol, cast
 
 import numpy as np
 
@@ -19,8 +18,10 @@ from steelyard.estimation.knowledge import Row
 from steelyard.kernel.equations.dynamics import JointState
 from steelyard.model import Model
 from steelyard.robot.robot import Robot
-from steelyard.terms.axes import Acting, Axis, Dissipation, per_axis
-from steelyard.terms.term import Remembering, Samples, Term
+from steelyard.terms.acting import Acting
+from steelyard.terms.axes import Axis
+from steelyard.terms.memory import Presliding
+from steelyard.terms.term import Remembering, Samples
 
 REACH = 1.5
 """Speed up to which friction takes energy, over the greatest of the data."""
@@ -62,16 +63,6 @@ RANGES = 2.0 ** np.arange(-8.0, 3.0)
 """Ranges of cycles, over the greatest length of a law."""
 
 
-class Law(Term, Protocol):
-    """A friction law along coordinates."""
-
-    dissipation: ClassVar[Dissipation]
-
-    def axes(self, robot: Robot) -> tuple[Axis, ...]:
-        """The coordinates it acts along."""
-        ...
-
-
 def friction_curves(model: Model, fastest: Sequence[float] | Array) -> tuple[Row, ...]:
     """Rows that ask the friction along every coordinate to take energy.
 
@@ -81,7 +72,7 @@ def friction_curves(model: Model, fastest: Sequence[float] | Array) -> tuple[Row
             loops determine have none.
     """
     laws = [
-        cast(Law, term)
+        term
         for term in model.terms
         if isinstance(term, Acting) and term.dissipation != "none" and not term.per_run
     ]
@@ -105,7 +96,7 @@ def shaped(model: Model, rows: Sequence[Row]) -> frozenset[str]:
     return frozenset(
         p.name
         for term in model.terms
-        if isinstance(term, Acting) and term.dissipation == "together"
+        if term.dissipation == "together"
         for p in term.parameters(model.robot)
         if p.name in bounded
     )
@@ -116,7 +107,9 @@ def _believed(limit: float, top: float) -> float:
     return limit if limit <= FARTHEST * top / REACH else 0.0
 
 
-def _rows(laws: Sequence[Law], robot: Robot, axis: Axis, top: float, farthest: float) -> list[Row]:
+def _rows(
+    laws: Sequence[Acting], robot: Robot, axis: Axis, top: float, farthest: float
+) -> list[Row]:
     """The rows of one coordinate, each once.
 
     Args:
@@ -158,26 +151,18 @@ def _rows(laws: Sequence[Law], robot: Robot, axis: Axis, top: float, farthest: f
     ]
 
 
-def _ranges(laws: Sequence[Law], robot: Robot) -> list[float]:
+def _ranges(laws: Sequence[Acting], robot: Robot) -> list[float]:
     """Ranges of cycles, around the lengths of the laws that remember."""
     found: set[float] = set()
     for law in laws:
-        if isinstance(law, Remembering):
-            lengths = _lengths(law, robot)
+        if isinstance(law, Presliding):
+            lengths = law.lengths_of(law.axes(robot))
             found |= {2.0 * length for length in lengths}
             found |= {float(max(lengths) * r) for r in RANGES}
     return sorted(found)
 
 
-def _lengths(law: Law, robot: Robot) -> Sequence[float]:
-    """Lengths over which friction that remembers turns, of all its coordinates."""
-    several: Sequence[float] | None = getattr(law, "lengths", None)
-    if several is not None:
-        return several
-    return per_axis(getattr(law, "length", ()), law.axes(robot), law.law)
-
-
-def _sliding(law: Law, robot: Robot, speeds: Array) -> tuple[Array, Array]:
+def _sliding(law: Acting, robot: Robot, speeds: Array) -> tuple[Array, Array]:
     """A motion that slides at one speed after the other: position and speed at two samples each."""
     far = 1.0
     if isinstance(law, Remembering):
@@ -188,7 +173,7 @@ def _sliding(law: Law, robot: Robot, speeds: Array) -> tuple[Array, Array]:
     return np.cumsum(steps), v
 
 
-def _work(law: Law, robot: Robot, axis: Axis, reach: float, speed: float) -> Array:
+def _work(law: Acting, robot: Robot, axis: Axis, reach: float, speed: float) -> Array:
     """Energy of a closed cycle over its length, per unit of each parameter."""
     half = reach * HALF[1:]
     once = np.concatenate([half, reach - half])
@@ -202,7 +187,7 @@ def _work(law: Law, robot: Robot, axis: Axis, reach: float, speed: float) -> Arr
     return np.asarray(0.5 * (force[:, last] + before) @ steps[last] / (2.0 * reach))
 
 
-def _turned(law: Law, robot: Robot, axis: Axis, ranges: Sequence[float], speed: float) -> Array:
+def _turned(law: Acting, robot: Robot, axis: Axis, ranges: Sequence[float], speed: float) -> Array:
     """What is left below `PEAK` after a turn from sliding, on both sides, per parameter."""
     if not ranges:
         return np.zeros((len(law.parameters(robot)), 0))
@@ -215,7 +200,7 @@ def _turned(law: Law, robot: Robot, axis: Axis, ranges: Sequence[float], speed: 
     return np.concatenate([sliding - force[:, :-1], sliding + force[:, :-1]], axis=1)
 
 
-def _along(law: Law, robot: Robot, axis: Axis, x: Array, v: Array) -> Array:
+def _along(law: Acting, robot: Robot, axis: Axis, x: Array, v: Array) -> Array:
     """Force of every parameter along a coordinate that alone moves, shape `(parameters, N)`."""
     row = np.array(axis.row)
     direction = row / (row @ row)

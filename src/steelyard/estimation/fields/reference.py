@@ -11,7 +11,6 @@ from steelyard.model import Model
 from steelyard.regression.information import Information
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot.inertia import INERTIAL_NAMES
-from steelyard.terms.laws.load_dependent import LoadDependent
 
 PASSES = 3
 """Most refits of the reference."""
@@ -28,22 +27,18 @@ def bodies_of(estimate: Estimate) -> dict[str, float]:
 
 def reference_of(model: Model, said: Said, estimator: Estimator[Information]) -> dict[str, float]:
     """Bodies fitted without load-dependent friction."""
-    terms = tuple(t for t in model.terms if not isinstance(t, LoadDependent))
+    terms = tuple(t for t in model.terms if not t.needs_reference)
     return bodies_of(estimator(said(base_regressor(replace(model, terms=terms)))))
 
 
 def with_references(model: Model, reference: Mapping[str, float]) -> Model:
-    """The model with a reference in every load-dependent term."""
-    terms = (
-        term.with_reference(reference) if isinstance(term, LoadDependent) else term
-        for term in model.terms
-    )
-    return replace(model, terms=tuple(terms))
+    """The model with a reference in every term that needs one."""
+    return replace(model, terms=tuple(term.with_reference(reference) for term in model.terms))
 
 
 def needs_reference(model: Model) -> bool:
     """Whether a term's load comes from a reference model."""
-    return any(isinstance(term, LoadDependent) for term in model.terms)
+    return any(term.needs_reference for term in model.terms)
 
 
 def settled_reference(

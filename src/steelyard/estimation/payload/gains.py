@@ -25,7 +25,6 @@ from steelyard.regression.base import base_parameters
 from steelyard.regression.information import Information
 from steelyard.robot.robot import Frame, Robot
 from steelyard.suggest import advice
-from steelyard.terms.axes import Acting
 
 LARGEST = 0.5
 """Largest relative standard deviation of a gain; beyond it the interval reaches zero."""
@@ -176,7 +175,7 @@ def _dissipative(model: Model) -> frozenset[str]:
     return frozenset(
         p.name
         for term in model.terms
-        if isinstance(term, Acting) and term.dissipation == "each"
+        if term.dissipation == "each"
         for p in term.parameters(model.robot)
     )
 

@@ -20,9 +20,6 @@ from steelyard.robot.inertia import INERTIAL_NAMES, INERTIAL_UNITS, Inertia
 from steelyard.robot.robot import Frame, Robot
 from steelyard.suggest import advice
 
-STEADY = ("rigid_body", "rotor_inertia", "spring", "gravity_compensator")
-"""Laws whose parameters stay from day to day; friction and offset drift."""
-
 WINDOWS = 8
 """Windows kept per run; they tell how long residuals are alike."""
 
@@ -86,7 +83,7 @@ def drifting(model: Model, columns: Sequence[str]) -> tuple[int, ...]:
     steady = {
         parameter.name
         for term in model.terms
-        if term.law in STEADY and not getattr(term, "per_run", False)
+        if not (term.drifts() or term.per_run)
         for parameter in term.parameters(model.robot)
     }
     return tuple(k for k, name in enumerate(columns) if name not in steady)

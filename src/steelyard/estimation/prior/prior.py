@@ -11,7 +11,6 @@ from steelyard.estimation.prior.prior_shapes import ball, capsule, densest, of_s
 from steelyard.model import Model
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.robot import Body, Robot
-from steelyard.terms.laws.rigid_body import RigidBody
 
 THINNEST = 1e-2
 """Least second moment about the centre of mass, relative to the greatest.
@@ -66,8 +65,7 @@ def knowledge_with(model: Model, priors: Mapping[str, Mended]) -> Knowledge:
 
 def rigid_bodies(model: Model) -> dict[int, Body]:
     """The bodies whose numbers are parameters of the model, by their index in the robot."""
-    rigid = any(isinstance(term, RigidBody) for term in model.terms)
-    every = enumerate(model.robot.bodies if rigid else ())
+    every = enumerate(model.robot.bodies if model.has_bodies else ())
     return {k: body for k, body in every if not body.massless}
 
 

@@ -23,7 +23,6 @@ from steelyard.model import Model, ValuedModel
 from steelyard.parameters import Parameters
 from steelyard.progress import Progress, silent
 from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
-from steelyard.terms.laws.rigid_body import RigidBody
 from steelyard.terms.term import Remembering, Term
 
 ROOM = 0.1
@@ -216,8 +215,8 @@ def _limit(
 
 def _programs(model: Model, power: bool) -> EffortBounds:
     """Programs of a model's greatest and least efforts or powers."""
-    rough = tuple(term for term in model.terms if not isinstance(term, RigidBody))
-    smooth = tuple(term for term in model.terms if isinstance(term, RigidBody))
+    rough = tuple(term for term in model.terms if term.role != "body")
+    smooth = tuple(term for term in model.terms if term.role == "body")
 
     def efforts(terms: tuple[Term, ...], *x: Sequence[Scalar]) -> list[Scalar]:
         values: list[Scalar] = []

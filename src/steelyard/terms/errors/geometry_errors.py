@@ -16,13 +16,13 @@ from steelyard.kernel.quantities.joint_placement import MOVES, torque_slope
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
 from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.term import Columns, Samples
+from steelyard.terms.term import Columns, Dissipation, Remembering, Samples
 
 Which = Literal["zero_offset", "compliance", "position", "axis"]
 
 
 @dataclass(frozen=True)
-class Displaced:
+class Displaced(Remembering):
     r"""Errors of the geometry, $\partial \tau / \partial x$ at a reference model.
 
     Per joint its `zero_offset` [rad; m], per body the `position` of its joint in the parent
@@ -36,6 +36,7 @@ class Displaced:
     """
 
     law: ClassVar[str] = "displaced"
+    dissipation: ClassVar[Dissipation] = "none"
     aside: ClassVar[tuple[str, ...]] = ("reference",)
     which: tuple[Which, ...] = ("zero_offset",)
     reference: tuple[tuple[str, float], ...] = ()

@@ -10,11 +10,11 @@ from steelyard.kernel.equations.dynamics import JointState
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
 from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.term import Columns, Samples
+from steelyard.terms.term import Columns, Dissipation, Remembering, Samples
 
 
 @dataclass(frozen=True)
-class Misread:
+class Misread(Remembering):
     r"""Errors of efforts, around the torque $\tau$ of a reference model's bodies.
 
     Per joint `gain`, $\tau_j$: its effort is that share too large; and `saturation`,
@@ -27,6 +27,7 @@ class Misread:
     """
 
     law: ClassVar[str] = "misread"
+    dissipation: ClassVar[Dissipation] = "none"
     aside: ClassVar[tuple[str, ...]] = ("reference", "scale")
     reference: tuple[tuple[str, float], ...] = ()
     scale: tuple[float, ...] = ()

@@ -10,7 +10,8 @@ from steelyard.errors import ModelError
 from steelyard.kernel.equations.dynamics import JointState
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
-from steelyard.terms.axes import Acting, Dissipation, each, per_axis, spread
+from steelyard.terms.acting import Acting
+from steelyard.terms.axes import each, per_axis, spread
 from steelyard.terms.direction import (
     SHAPES,
     Field,
@@ -19,7 +20,8 @@ from steelyard.terms.direction import (
     refuse_negative,
     refuse_unknown,
 )
-from steelyard.terms.term import Columns
+from steelyard.terms.model_files import Placed, Values, under
+from steelyard.terms.term import Cause, Columns, Dissipation, Role
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,9 @@ class Coulomb(Acting):
 
     law: ClassVar[str] = "coulomb"
     dissipation: ClassVar[Dissipation] = "each"
+    cause: ClassVar[Cause] = "friction"
+    shown_by: ClassVar[str] = "motion both ways of"
+    symbol: ClassVar[str] = "FC"
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"smoothing": (1e-3, 1.0)}
     threshold: Field = 0.0
     smoothing: Field = 0.0
@@ -54,9 +59,9 @@ class Coulomb(Acting):
             )
 
     @property
-    def jumps(self) -> bool:
-        """Whether the direction is the plain sign: at rest, friction then holds up to its size."""
-        return is_zero(self.threshold) and is_zero(self.smoothing)
+    def role(self) -> Role:
+        """By the plain sign it sticks and slips: at rest it holds up to its size."""
+        return "brake" if is_zero(self.threshold) and is_zero(self.smoothing) else "effort"
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """One per coordinate, not negative."""
@@ -70,3 +75,16 @@ class Coulomb(Acting):
             return spread(axes, lambda k, _: sense[k])
         rest = per_axis(self.threshold, axes, self.law)
         return spread(axes, lambda k, axis: sense[k] * (np.abs(axis.of(state.dq)) > rest[k]))
+
+    def in_model_files(self, robot: Robot, values: Values) -> Placed:
+        """Dry friction by the plain sign."""
+        parts = under(self, robot, values, self.law, "dry")
+        lost = tuple(
+            f"{words} {getattr(self, name)} rad/s or m/s ({self.law})"
+            for name, words in (
+                ("smoothing", "that dry friction turns smoothly within"),
+                ("threshold", "that dry friction begins above"),
+            )
+            if any(part.value for part in parts) and not is_zero(getattr(self, name))
+        )
+        return Placed(parts, lost=lost)

@@ -16,14 +16,15 @@ from steelyard.terms.direction import (
     refuse_negative,
     refuse_unknown,
 )
-from steelyard.terms.term import Columns
+from steelyard.terms.model_files import Place, left_out
+from steelyard.terms.term import Cause, Columns, Dissipation, Term
 
 Pair = tuple[tuple[str, str], tuple[str, str]]
 """`(("from", name), ("to", name))`."""
 
 
 @dataclass(frozen=True)
-class Coupled:
+class Coupled(Term):
     r"""Coupled friction, $f_b = f_{ab}\,v_a$ or $f_{ab}\,s(v_a)$: belts, cables, shared bearings.
 
     A coupling alone may give energy; only with the joints' own friction is the whole dissipative.
@@ -36,6 +37,10 @@ class Coupled:
     """
 
     law: ClassVar[str] = "coupled"
+    dissipation: ClassVar[Dissipation] = "none"
+    cause: ClassVar[Cause] = "friction"
+    shown_by: ClassVar[str] = "motion in turn of the joints"
+    in_model_files: ClassVar[Place] = left_out("friction of one joint that loads another")
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"smoothing": (1e-3, 1.0)}
     pairs: tuple[Pair, ...] = ()
     kind: str = "viscous"

@@ -9,9 +9,11 @@ import numpy as np
 from steelyard.kernel.equations.dynamics import JointState
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
-from steelyard.terms.axes import Acting, Dissipation, each, spread
+from steelyard.terms.acting import Acting
+from steelyard.terms.axes import each, spread
 from steelyard.terms.direction import Field, directions, refuse_negative
-from steelyard.terms.term import Columns
+from steelyard.terms.model_files import Place, mean_of_directions
+from steelyard.terms.term import Cause, Columns, Dissipation
 
 
 @dataclass(frozen=True)
@@ -28,6 +30,9 @@ class DirectionalCoulomb(Acting):
 
     law: ClassVar[str] = "directional_coulomb"
     dissipation: ClassVar[Dissipation] = "each"
+    cause: ClassVar[Cause] = "friction"
+    shown_by: ClassVar[str] = "motion both ways of"
+    in_model_files: ClassVar[Place] = mean_of_directions("dry")
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"smoothing": (1e-3, 1.0)}
     smoothing: Field = 0.0
 
@@ -58,6 +63,9 @@ class DirectionalViscous(Acting):
 
     law: ClassVar[str] = "directional_viscous"
     dissipation: ClassVar[Dissipation] = "each"
+    cause: ClassVar[Cause] = "friction"
+    shown_by: ClassVar[str] = "motion at several speeds both ways of"
+    in_model_files: ClassVar[Place] = mean_of_directions("viscous")
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """Forward and backward per coordinate, not negative."""

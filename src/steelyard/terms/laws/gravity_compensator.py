@@ -10,7 +10,8 @@ from steelyard.kernel.equations.dynamics import JointState, Scalar, carried_poin
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
 from steelyard.suggest import advice
-from steelyard.terms.term import Columns
+from steelyard.terms.model_files import Placed, Pull, Values
+from steelyard.terms.term import Cause, Columns, Dissipation, Term
 
 SHORT = 1e-18
 """Added to a squared length [m²], so that its root has a slope where the points meet."""
@@ -21,7 +22,7 @@ points = [[-0.2, 0.0, 0.4], [0.0, 0.0, 0.3]]}"""
 
 
 @dataclass(frozen=True)
-class GravityCompensator:
+class GravityCompensator(Term):
     r"""Spring between two points, $f = k\,L(q) - p$; a joint bears $f\,\partial L / \partial q_j$.
 
     $L$ is the distance of the points; the spring is free at $L_0 = p/k$. It is the effort that
@@ -34,6 +35,9 @@ class GravityCompensator:
     """
 
     law: ClassVar[str] = "gravity_compensator"
+    dissipation: ClassVar[Dissipation] = "none"
+    cause: ClassVar[Cause] = "spring"
+    shown_by: ClassVar[str] = "other postures of the joints between the links of"
     name: str = ""
     links: tuple[str, ...] = ()
     points: tuple[tuple[float, ...], ...] = ()
@@ -67,6 +71,11 @@ class GravityCompensator:
             **{(joint, 0): length * slope for joint, slope in slopes.items()},
             **{(joint, 1): -slope for joint, slope in slopes.items()},
         }
+
+    def in_model_files(self, robot: Robot, values: Values) -> Placed:
+        """A spring between points."""
+        stiffness, preload = (values[p.name] for p in self.parameters(robot))
+        return Placed(pulls=(Pull(self._name, self.links, self.points, stiffness, preload),))
 
     def length(self, robot: Robot, q: Any) -> tuple[Scalar, dict[int, Scalar]]:
         """The spring's length [m] and its derivatives by the joints that stretch it.

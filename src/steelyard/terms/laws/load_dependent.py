@@ -3,22 +3,24 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import isfinite
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import ModelError
 from steelyard.kernel.equations.closed_chains import completed, projected
-from steelyard.kernel.equations.dynamics import JointState
+from steelyard.kernel.equations.dynamics import JointState, Scalar
 from steelyard.parameters import Parameter
 from steelyard.robot.inertia import INERTIAL_NAMES
 from steelyard.robot.robot import Robot
 from steelyard.suggest import advice
-from steelyard.terms.axes import Axis, each, per_axis
-from steelyard.terms.laws.presliding import OneState, dahl_states
+from steelyard.terms.axes import Axis, each
+from steelyard.terms.laws.presliding import OneState
 from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.term import Samples
+from steelyard.terms.memory import RigidTorque
+from steelyard.terms.model_files import Place, left_out
+from steelyard.terms.term import Dissipation
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,11 @@ class LoadDependent(OneState):
     """
 
     law: ClassVar[str] = "load_dependent"
+    dissipation: ClassVar[Dissipation] = "none"
+    shown_by: ClassVar[str] = "motion both ways under several loads of"
+    in_model_files: ClassVar[Place] = left_out("friction that grows with load")
+    unnamed: ClassVar[tuple[str, ...]] = (*OneState.unnamed, "reference")
+    needs_reference: ClassVar[bool] = True
     aside: ClassVar[tuple[str, ...]] = ("length", "reference")
     reference: tuple[tuple[str, float], ...] = ()
 
@@ -43,7 +50,7 @@ class LoadDependent(OneState):
         super().__post_init__()
         object.__setattr__(self, "reference", _numbers(self.reference))
 
-    def with_reference(self, values: Mapping[str, float]) -> "LoadDependent":
+    def with_reference(self, values: Mapping[str, float]) -> Self:
         """The same law with another reference model.
 
         Args:
@@ -63,13 +70,16 @@ class LoadDependent(OneState):
         """One per coordinate, not negative."""
         return each(self.axes(robot), self.law, lambda _: "1", lower=0.0)
 
-    def remember(self, robot: Robot, samples: Samples, memory: Any) -> tuple[Array, Any]:
-        """Load times direction along the motion."""
-        axes = self.axes(robot)
-        lengths = per_axis(self.length, axes, self.law)
-        sense, end = dahl_states(axes, lengths, samples, memory)
-        load = shares(robot, axes) @ _borne(robot, samples, self.reference_of(robot))
-        return np.abs(load) * sense, end
+    def channels(
+        self, robot: Robot, state: JointState, states: Sequence[Scalar], torque: RigidTorque
+    ) -> list[Scalar]:
+        """Load times direction."""
+        borne = _borne(robot, state, list(torque(self.reference_of(robot))))
+        found = []
+        for share, sense in zip(_shares(robot, self.axes(robot)), states, strict=True):
+            load, *others = (float(c) * x for c, x in zip(share, borne, strict=True) if c)
+            found.append(np.abs(sum(others, load)) * sense)
+        return found
 
     def reference_of(self, robot: Robot) -> Array:
         """Ten numbers per body of the reference, shape `(10 n_bodies,)`.
@@ -112,21 +122,19 @@ def _numbers(reference: Any) -> tuple[tuple[str, float], ...]:
     return values
 
 
-def _borne(robot: Robot, samples: Samples, tens: Array) -> Array:
-    """What the joints bear of the rigid bodies, `(n_joints, N)`; passive joints bear nothing."""
-    torque = samples.rigid_torque(tens)
+def _borne(robot: Robot, state: JointState, torque: list[Scalar]) -> list[Scalar]:
+    """What the joints bear of the rigid bodies' torque; passive joints bear nothing."""
     if not robot.passive:
         return torque
     n = robot.n
-    q, dq, ddq = (list(x) for x in (samples.q, samples.dq, samples.ddq))
-    _, torque_map = completed(robot, JointState(q[:n], dq[:n], ddq[:n], q[n:]))
+    _, torque_map = completed(
+        robot, JointState(state.q[:n], state.dq[:n], state.ddq[:n], state.q[n:])
+    )
     rows = projected(robot, {(row, 0): x for row, x in enumerate(torque)}, torque_map)
-    borne = np.zeros_like(torque)
-    borne[:n] = [rows[row, 0] for row in range(n)]
-    return borne
+    return [*(rows[row, 0] for row in range(n)), *(0.0 * x for x in torque[n:])]
 
 
-def shares(robot: Robot, axes: Sequence[Axis]) -> Array:
+def _shares(robot: Robot, axes: Sequence[Axis]) -> Array:
     r"""Loads along the axes per torque of the joints, shape `(axes, n_joints)`.
 
     A motor bears its row of $R^{-T}\tau$; another coordinate $c$ bears $c \cdot \tau / \|c\|^2$.

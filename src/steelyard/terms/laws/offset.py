@@ -1,13 +1,16 @@
 """A constant torque: sensor offset, or whatever else does not move."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 from steelyard.kernel.equations.dynamics import JointState
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
-from steelyard.terms.axes import Acting, each, spread
-from steelyard.terms.term import Columns
+from steelyard.terms.acting import Acting
+from steelyard.terms.axes import each, spread
+from steelyard.terms.model_files import Place, left_out
+from steelyard.terms.term import Cause, Columns, Dissipation
 
 
 @dataclass(frozen=True)
@@ -15,6 +18,12 @@ class Offset(Acting):
     r"""Constant effort, $f = o$ [Nm; N if prismatic]."""
 
     law: ClassVar[str] = "offset"
+    dissipation: ClassVar[Dissipation] = "none"
+    cause: ClassVar[Cause] = "offset"
+    shown_by: ClassVar[str] = "motion both ways of"
+    in_model_files: ClassVar[Place] = left_out("constant efforts")
+    symbol: ClassVar[str] = "OFF"
+    shares: ClassVar[Mapping[str, tuple[float, float]]] = {"offset": (-0.03, 0.03)}
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """One per coordinate, of either sign."""

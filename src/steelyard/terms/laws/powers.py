@@ -1,6 +1,6 @@
 """Friction that grows with a power of speed."""
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -9,18 +9,21 @@ import numpy as np
 from steelyard.kernel.equations.dynamics import JointState, Scalar
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
-from steelyard.terms.axes import Acting, Dissipation, each, spread
-from steelyard.terms.term import Columns
+from steelyard.terms.acting import Acting
+from steelyard.terms.axes import each, spread
+from steelyard.terms.model_files import Place, as_one, curve_over_speed
+from steelyard.terms.term import Cause, Columns, Dissipation
 
 CREEP = 1e-12
 """Speed up to which the root is a straight line, so that its slope stays finite [rad/s; m/s]."""
 
 
-class _OfSpeed(Acting, ABC):
+class _OfSpeed(Acting):
     """One parameter per coordinate, not negative, times a function of its speed."""
 
-    law: ClassVar[str]
     dissipation: ClassVar[Dissipation] = "together"
+    cause: ClassVar[Cause] = "friction"
+    shown_by: ClassVar[str] = "motion at several speeds of"
     per: ClassVar[str]
     """Unit of the function, with `{}` for that of speed."""
 
@@ -43,6 +46,7 @@ class Quadratic(_OfSpeed):
     r"""Friction with the square of speed, $f = f_2\,|v|\,v$: turbulent oil, fans."""
 
     law: ClassVar[str] = "quadratic"
+    in_model_files: ClassVar[Place] = as_one("quadratic")
     per: ClassVar[str] = "({})²"
 
     def curve(self, speed: Scalar) -> Scalar:
@@ -55,6 +59,7 @@ class Cubic(_OfSpeed):
     r"""Friction with the cube of speed, $f = f_3\,v^3$."""
 
     law: ClassVar[str] = "cubic"
+    in_model_files: ClassVar[Place] = as_one("cubic")
     per: ClassVar[str] = "({})³"
 
     def curve(self, speed: Scalar) -> Scalar:
@@ -67,6 +72,7 @@ class Root(_OfSpeed):
     r"""Friction with the root of speed, $f = f_{1/2}\,\sqrt{|v|}\,\mathrm{sign}(v)$: grease."""
 
     law: ClassVar[str] = "root"
+    in_model_files: ClassVar[Place] = curve_over_speed("friction with the root of speed")
     per: ClassVar[str] = "√({})"
 
     def curve(self, speed: Scalar) -> Scalar:

@@ -1,12 +1,12 @@
 r"""Friction with memory: what a contact does before it slides, and how it gives way.
 
 All laws here follow states $s$ along the position, exactly over every monotone step $\Delta$
-between samples, and hand them on from block to block. Where a motion is sampled more finely,
-states at the old samples stay as they were; only LuGre, whose steady state depends on the
-velocity, takes the velocity of a step's end for the whole step.
+between samples. Where a motion is sampled more finely, states at the old samples stay as they were;
+only LuGre, whose steady state depends on the velocity, takes the velocity of a step's end for the
+whole step.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -14,43 +14,29 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import ModelError
-from steelyard.kernel.equations.dynamics import JointState
-from steelyard.kernel.native.recurrence import recurrence
+from steelyard.kernel.equations.dynamics import JointState, Scalar
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
-from steelyard.terms.axes import Acting, Axis, Dissipation, each, per_axis, spread
+from steelyard.terms.axes import Axis, each, per_axis, spread
 from steelyard.terms.direction import Field, refuse_not_positive
-from steelyard.terms.term import Columns, Samples
+from steelyard.terms.memory import Presliding, RigidTorque, Step, relaxed
+from steelyard.terms.model_files import Place, full_sliding
+from steelyard.terms.term import SHARE, Cause, Columns, Dissipation
 
-BEFORE = 0.1
-"""Time for which a motion is taken to have had the speed it begins with [s]."""
-
-FORGOTTEN = 3.0
-"""Travel in lengths after which the unknown start is forgotten."""
-
-
-@dataclass(frozen=True)
-class Memory:
-    """Where a scan stands.
-
-    Attributes:
-        q: Position along every axis, shape `(axes,)`.
-        states: State of every channel, shape `(channels,)`.
-    """
-
-    q: Array
-    states: Array
+REVERSALS = "reversals of"
+GIVES_WAY = "how friction gives way before it slides"
 
 
 @dataclass(frozen=True)
-class OneState(Acting):
+class OneState(Presliding):
     """A law whose torque is one channel per coordinate, which a presliding state makes.
 
     Attributes:
         length: Presliding length, one for all or one per coordinate [rad; m].
     """
 
-    law: ClassVar[str]
+    cause: ClassVar[Cause] = "friction"
+    shown_by: ClassVar[str] = REVERSALS
     aside: ClassVar[tuple[str, ...]] = ("length",)
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"length": (1e-5, 3e-2)}
     length: Field = 3e-4
@@ -62,14 +48,15 @@ class OneState(Acting):
         """The channel."""
         return spread(self.axes(robot), lambda k, _: state.channels[k])
 
-    def n_channels(self, robot: Robot) -> int:
+    def lengths_of(self, axes: Sequence[Axis]) -> list[float]:
         """One per coordinate."""
-        return len(self.axes(robot))
+        return per_axis(self.length, axes, self.law)
 
-    def warm_up(self, robot: Robot) -> Array:
-        """Three lengths."""
-        axes = self.axes(robot)
-        return forgotten(axes, per_axis(self.length, axes, self.law), robot)
+    def steps(
+        self, axes: Sequence[Axis], moved: Sequence[Scalar], speeds: Sequence[Scalar]
+    ) -> list[Step]:
+        """A Dahl state each [Dahl1968]."""
+        return [relaxed(*x) for x in zip(moved, self.lengths_of(axes), strict=True)]
 
 
 @dataclass(frozen=True)
@@ -85,19 +72,15 @@ class Dahl(OneState):
 
     law: ClassVar[str] = "dahl"
     dissipation: ClassVar[Dissipation] = "each"
+    in_model_files: ClassVar[Place] = full_sliding("dahl", lost=GIVES_WAY)
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """One per coordinate, not negative."""
         return each(self.axes(robot), self.law, lambda axis: axis.effort_unit, lower=0.0)
 
-    def remember(self, robot: Robot, samples: Samples, memory: Any) -> tuple[Array, Any]:
-        """The states along the motion."""
-        axes = self.axes(robot)
-        return dahl_states(axes, per_axis(self.length, axes, self.law), samples, memory)
-
 
 @dataclass(frozen=True)
-class MaxwellSlip(Acting):
+class MaxwellSlip(Presliding):
     r"""Generalised Maxwell slip, $f = \sum_i f_i\,s_i$: elastic elements that slip [AlBender2005].
 
     An element stretches by the position and slips at the end of its length,
@@ -111,6 +94,9 @@ class MaxwellSlip(Acting):
 
     law: ClassVar[str] = "maxwell_slip"
     dissipation: ClassVar[Dissipation] = "together"
+    cause: ClassVar[Cause] = "friction"
+    shown_by: ClassVar[str] = REVERSALS
+    in_model_files: ClassVar[Place] = full_sliding(lost=GIVES_WAY)
     aside: ClassVar[tuple[str, ...]] = ("lengths", "relaxing")
     lengths: tuple[float, ...] = (3e-4, 1e-3, 3e-3, 1e-2)
     relaxing: bool = False
@@ -138,32 +124,28 @@ class MaxwellSlip(Acting):
         axes = self.axes(robot) * len(self.lengths)
         return spread(axes, lambda k, _: state.channels[k])
 
-    def n_channels(self, robot: Robot) -> int:
-        """One state per coordinate and element."""
-        return len(self.lengths) * len(self.axes(robot))
+    def lengths_of(self, axes: Sequence[Axis]) -> list[float]:
+        """One per element and coordinate."""
+        return [length for length in self.lengths for _ in axes]
 
-    def warm_up(self, robot: Robot) -> Array:
-        """Three times the largest length."""
-        axes = self.axes(robot)
-        return forgotten(axes, [max(self.lengths)] * len(axes), robot)
-
-    def remember(self, robot: Robot, samples: Samples, memory: Any) -> tuple[Array, Any]:
-        """The states along the motion."""
-        axes = self.axes(robot)
-        lengths = np.repeat(self.lengths, len(axes))
-        steps, start = stepped(axes, samples, memory, lengths)
-        relative = np.concatenate([steps / length for length in self.lengths])
+    def steps(
+        self, axes: Sequence[Axis], moved: Sequence[Scalar], speeds: Sequence[Scalar]
+    ) -> list[Step]:
+        """Elements stretch, and slip at one or give way."""
+        pairs = [(x, length) for length in self.lengths for x in moved]
         if self.relaxing:
-            decay = np.exp(-np.abs(relative))
-            drive = np.sign(relative) * (1.0 - decay)
-        else:
-            decay, drive = np.ones_like(relative), relative
-        states, last = recurrence(decay, drive, np.ones_like(decay), start.states)
-        return states, Memory(start.q, last)
+            return [relaxed(x, length) for x, length in pairs]
+        return [(1.0, x / length, 1.0) for x, length in pairs]
+
+    def typical_values(
+        self, robot: Robot, at_torque: Array, inertia: Callable[[Axis], float]
+    ) -> Array:
+        """Friction is shared among the elements."""
+        return at_torque / len(self.lengths)
 
 
 @dataclass(frozen=True)
-class LuGre(Acting):
+class LuGre(Presliding):
     r"""LuGre friction, $f = f_c\,s + f_1\,\dot s$ with bristles bent by $s$ [CanudasDeWit1995].
 
     $$ \dot s = \frac{v}{\delta} - \frac{|v|}{\delta\,g(v)}\,s, \qquad
@@ -181,6 +163,10 @@ class LuGre(Acting):
 
     law: ClassVar[str] = "lugre"
     dissipation: ClassVar[Dissipation] = "each"
+    cause: ClassVar[Cause] = "friction"
+    shown_by: ClassVar[str] = REVERSALS
+    in_model_files: ClassVar[Place] = full_sliding("lugre", lost=f"{GIVES_WAY}, and breaks away")
+    shares: ClassVar[Mapping[str, tuple[float, float]]] = {"lugre_damping": (0.3, 0.8)}
     aside: ClassVar[tuple[str, ...]] = ("length", "breakaway", "speed")
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {
         "length": (1e-5, 3e-2),
@@ -223,38 +209,43 @@ class LuGre(Acting):
         """State and rate per coordinate."""
         return 2 * len(self.axes(robot))
 
-    def warm_up(self, robot: Robot) -> Array:
-        """Three lengths."""
+    def lengths_of(self, axes: Sequence[Axis]) -> list[float]:
+        """One per coordinate."""
+        return per_axis(self.length, axes, self.law)
+
+    def steps(
+        self, axes: Sequence[Axis], moved: Sequence[Scalar], speeds: Sequence[Scalar]
+    ) -> list[Step]:
+        """Bristles bend towards the level of their speed."""
+        ratios = (max(x, 1.0) for x in per_axis(self.breakaway, axes, self.law))
+        parts = zip(moved, self.lengths_of(axes), self._levels(axes, speeds), ratios, strict=True)
+        return [relaxed(*x) for x in parts]
+
+    def channels(
+        self, robot: Robot, state: JointState, states: Sequence[Scalar], torque: RigidTorque
+    ) -> list[Scalar]:
+        """The states and their rates."""
         axes = self.axes(robot)
-        return forgotten(axes, per_axis(self.length, axes, self.law), robot)
+        speeds = [axis.of(state.dq) for axis in axes]
+        parts = zip(states, speeds, self._levels(axes, speeds), self.lengths_of(axes), strict=True)
+        return [*states, *((v - np.abs(v) * s / level) / length for s, v, level, length in parts)]
 
-    def remember(self, robot: Robot, samples: Samples, memory: Any) -> tuple[Array, Any]:
-        """States and rates along the motion."""
+    def _levels(self, axes: Sequence[Axis], speeds: Sequence[Scalar]) -> list[Scalar]:
+        """Steady states $g$ at speeds."""
+        ratios, scales = (per_axis(x, axes, self.law) for x in (self.breakaway, self.speed))
+        relative = [v / scale for v, scale in zip(speeds, scales, strict=True)]
+        pairs = zip(relative, ratios, strict=True)
+        return [1.0 + (ratio - 1.0) * np.exp(-(x * x)) for x, ratio in pairs]
+
+    def typical_values(
+        self, robot: Robot, at_torque: Array, inertia: Callable[[Axis], float]
+    ) -> Array:
+        r"""Dampings at which sticking is critically damped, $2 \sqrt{f_c\,\delta\,m}$."""
         axes = self.axes(robot)
-        length, ratio, speed = (
-            np.array(per_axis(values, axes, self.law))[:, None]
-            for values in (self.length, self.breakaway, self.speed)
-        )
-        dq = along(axes, samples.dq)
-        level = 1.0 + (ratio - 1.0) * np.exp(-np.square(dq / speed))
-        steps, start = stepped(axes, samples, memory, length[:, 0])
-        decay = np.exp(-np.abs(steps) / (length * level))
-        drive = np.sign(steps) * level * (1.0 - decay)
-        bound = np.broadcast_to(np.maximum(ratio, 1.0), decay.shape)
-        states, last = recurrence(decay, drive, bound, start.states)
-        rate = (dq - np.abs(dq) * states / level) / length
-        return np.concatenate((states, rate)), Memory(start.q, last)
-
-
-def dahl_states(
-    axes: Sequence[Axis], lengths: Sequence[float], samples: Samples, memory: Any
-) -> tuple[Array, Memory]:
-    """Dahl states along the axes, `(axes, N)`, and where they stand at the end."""
-    steps, start = stepped(axes, samples, memory, np.array(lengths))
-    decay = np.exp(-np.abs(steps) / np.array(lengths)[:, None])
-    drive = np.sign(steps) * (1.0 - decay)
-    states, last = recurrence(decay, drive, np.ones_like(decay), start.states)
-    return states, Memory(start.q, last)
+        friction, lengths = at_torque[: len(axes)], self.lengths_of(axes)
+        moved = np.array([inertia(axis) for axis in axes])
+        damping = 2.0 * np.sqrt(np.mean(SHARE) * friction * lengths * moved)
+        return np.concatenate((friction, damping))
 
 
 def _are_lengths(values: Any) -> bool:
@@ -263,44 +254,3 @@ def _are_lengths(values: Any) -> bool:
         and bool(values)
         and all(isinstance(x, float | int) and 0.0 < x < float("inf") for x in values)
     )
-
-
-def along(axes: Sequence[Axis], values: Array) -> Array:
-    """Values of all joints, `(n_joints, N)`, along the axes, `(axes, N)`."""
-    return np.array([axis.row for axis in axes]) @ values
-
-
-def stepped(
-    axes: Sequence[Axis], samples: Samples, memory: Any, lengths: Array
-) -> tuple[Array, Memory]:
-    """Steps of position into every sample, and the memory with the last position.
-
-    A motion that begins at some speed is taken to have had it for `BEFORE`; one that begins at
-    rest begins with states of zero.
-
-    Args:
-        axes: The coordinates.
-        samples: The motion.
-        memory: From the samples before; `None` at a start.
-        lengths: Length of every state, those of all axes one after another, shape `(states,)`.
-
-    Returns:
-        Steps, shape `(axes, N)`, and the memory before them, but with the last position.
-    """
-    q = along(axes, samples.q)
-    if memory is None:
-        speed = np.resize(along(axes, samples.dq[:, :1])[:, 0], len(lengths))
-        states = np.sign(speed) * (1.0 - np.exp(-np.abs(speed) * BEFORE / lengths))
-        memory = Memory(q[:, 0], states)
-    before, states = memory.q, memory.states
-    return np.diff(q, axis=1, prepend=before[:, None]), Memory(q[:, -1].copy(), states)
-
-
-def forgotten(axes: Sequence[Axis], lengths: Sequence[float], robot: Robot) -> Array:
-    """Travel per joint after which all axes that load it have forgotten their start."""
-    travel = np.zeros(robot.n_joints)
-    for axis, length in zip(axes, lengths, strict=True):
-        row = np.abs(axis.row)
-        touched = row > 0.0
-        travel[touched] = np.maximum(travel[touched], FORGOTTEN * length / row[touched])
-    return travel

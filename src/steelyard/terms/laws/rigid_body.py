@@ -7,11 +7,12 @@ from steelyard.kernel.equations.dynamics import JointState
 from steelyard.parameters import Parameter
 from steelyard.robot.inertia import INERTIAL_NAMES, INERTIAL_UNITS
 from steelyard.robot.robot import Robot
-from steelyard.terms.term import Columns
+from steelyard.terms.model_files import Placed, Values
+from steelyard.terms.term import Cause, Columns, Dissipation, Role, Term
 
 
 @dataclass(frozen=True)
-class RigidBody:
+class RigidBody(Term):
     r"""Newton-Euler torques of all bodies, $\tau = Y(q, \dot q, \ddot q)\,\phi$.
 
     Ten numbers per body, about the origin of its link frame, in Pinocchio's order; those of a frame
@@ -21,6 +22,9 @@ class RigidBody:
     """
 
     law: ClassVar[str] = "rigid_body"
+    dissipation: ClassVar[Dissipation] = "none"
+    cause: ClassVar[Cause] = "inertia"
+    shown_by: ClassVar[str] = "acceleration, in turn and together, of the joints up to"
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """Ten per body, named like `Izz.forearm`."""
@@ -42,3 +46,12 @@ class RigidBody:
         from steelyard.kernel.program.trace import rigid_columns
 
         return rigid_columns(robot, state)
+
+    @property
+    def role(self) -> Role:
+        """The bodies."""
+        return "body"
+
+    def in_model_files(self, robot: Robot, values: Values) -> Placed:
+        """Nothing beside the bodies, which every format holds."""
+        return Placed()

@@ -1,13 +1,19 @@
 """Inertia of rotors and gears."""
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
+from steelyard.arrays import Array
 from steelyard.kernel.equations.dynamics import JointState
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
-from steelyard.terms.axes import Acting, each, spread
-from steelyard.terms.term import Columns
+from steelyard.terms.acting import Acting
+from steelyard.terms.axes import Axis, each, spread
+from steelyard.terms.model_files import Place, as_one
+from steelyard.terms.term import Cause, Columns, Dissipation, Role
 
 
 @dataclass(frozen=True)
@@ -19,6 +25,12 @@ class RotorInertia(Acting):
     """
 
     law: ClassVar[str] = "rotor_inertia"
+    dissipation: ClassVar[Dissipation] = "none"
+    cause: ClassVar[Cause] = "inertia"
+    shown_by: ClassVar[str] = "stronger acceleration of"
+    in_model_files: ClassVar[Place] = as_one("rotor")
+    symbol: ClassVar[str] = "IA"
+    shares: ClassVar[Mapping[str, tuple[float, float]]] = {"rotor_inertia": (0.2, 0.6)}
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """One per coordinate, not negative."""
@@ -27,3 +39,19 @@ class RotorInertia(Acting):
     def columns(self, robot: Robot, state: JointState) -> Columns:
         """The coordinate's acceleration."""
         return spread(self.axes(robot), lambda _, axis: axis.of(state.ddq))
+
+    @property
+    def role(self) -> Role:
+        """A rotor."""
+        return "rotor"
+
+    @property
+    def on_motors(self) -> bool:
+        """Rotors turn before the gears, whatever coordinates they are given along."""
+        return True
+
+    def typical_values(
+        self, robot: Robot, at_torque: Array, inertia: Callable[[Axis], float]
+    ) -> Array:
+        """The inertia that each coordinate moves."""
+        return np.array([inertia(axis) for axis in self.axes(robot)])

@@ -7,8 +7,10 @@ from steelyard.errors import ModelError
 from steelyard.kernel.equations.dynamics import JointState
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
-from steelyard.terms.axes import Acting, Axis, each, spread
-from steelyard.terms.term import Columns
+from steelyard.terms.acting import Acting
+from steelyard.terms.axes import Axis, each, spread
+from steelyard.terms.model_files import Part, Placed, Values, under
+from steelyard.terms.term import Cause, Columns, Dissipation
 
 
 @dataclass(frozen=True)
@@ -24,6 +26,9 @@ class Spring(Acting):
     """
 
     law: ClassVar[str] = "spring"
+    dissipation: ClassVar[Dissipation] = "none"
+    cause: ClassVar[Cause] = "spring"
+    shown_by: ClassVar[str] = "other postures of"
     free: float | tuple[float, ...] | str = 0.0
 
     def __post_init__(self) -> None:
@@ -55,6 +60,16 @@ class Spring(Acting):
             }
         free = self._free(axes)
         return spread(axes, lambda k, axis: axis.of(state.q) - free[k])
+
+    def in_model_files(self, robot: Robot, values: Values) -> Placed:
+        """Stiffness and preload."""
+        stiffness = under(self, robot, values, self.law, "stiffness")
+        if self.free == "unknown":
+            preload = under(self, robot, values, f"{self.law}_preload", "preload")
+            return Placed((*stiffness, *preload))
+        free = self._free(self.axes(robot))
+        pairs = zip(stiffness, free, strict=True)
+        return Placed((*stiffness, *(Part(p.axis, "preload", p.value * x) for p, x in pairs)))
 
     def _free(self, axes: tuple[Axis, ...]) -> tuple[float, ...]:
         if not isinstance(self.free, tuple):

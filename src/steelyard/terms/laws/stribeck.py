@@ -9,7 +9,8 @@ import numpy as np
 from steelyard.kernel.equations.dynamics import JointState, Scalar
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
-from steelyard.terms.axes import Acting, Dissipation, each, per_axis, spread
+from steelyard.terms.acting import Acting
+from steelyard.terms.axes import each, per_axis, spread
 from steelyard.terms.direction import (
     Field,
     directions,
@@ -17,7 +18,8 @@ from steelyard.terms.direction import (
     refuse_not_positive,
     refuse_unknown,
 )
-from steelyard.terms.term import Columns
+from steelyard.terms.model_files import Place, curve_over_speed
+from steelyard.terms.term import Cause, Columns, Dissipation
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,9 @@ class Stribeck(Acting):
 
     law: ClassVar[str] = "stribeck"
     dissipation: ClassVar[Dissipation] = "together"
+    cause: ClassVar[Cause] = "friction"
+    shown_by: ClassVar[str] = "slow motion both ways of"
+    in_model_files: ClassVar[Place] = curve_over_speed("excess of friction at breakaway")
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"speed": (1e-3, 1.0)}
     speed: Field = 0.1
     exponent: int = 1

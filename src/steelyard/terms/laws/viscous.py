@@ -6,8 +6,10 @@ from typing import ClassVar
 from steelyard.kernel.equations.dynamics import JointState
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
-from steelyard.terms.axes import Acting, Dissipation, each, spread
-from steelyard.terms.term import Columns
+from steelyard.terms.acting import Acting
+from steelyard.terms.axes import each, spread
+from steelyard.terms.model_files import Place, as_one
+from steelyard.terms.term import Cause, Columns, Dissipation
 
 
 @dataclass(frozen=True)
@@ -16,6 +18,10 @@ class Viscous(Acting):
 
     law: ClassVar[str] = "viscous"
     dissipation: ClassVar[Dissipation] = "each"
+    cause: ClassVar[Cause] = "friction"
+    shown_by: ClassVar[str] = "motion at several speeds of"
+    in_model_files: ClassVar[Place] = as_one("viscous")
+    symbol: ClassVar[str] = "FV"
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """One per coordinate, not negative."""

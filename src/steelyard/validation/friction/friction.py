@@ -9,7 +9,7 @@ runs; what is added later must gain as surely.
 All candidates' columns are gathered in one wide pass; a mix is a selection of them.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -24,7 +24,6 @@ from steelyard.measurement.run import Run
 from steelyard.model import Model
 from steelyard.progress import Progress, silent
 from steelyard.regression.information import Information
-from steelyard.terms.laws.load_dependent import LoadDependent
 from steelyard.terms.term import Term
 from steelyard.validation.cross import LEAST, folding, per_fold, standard_error
 from steelyard.validation.friction.candidates import Candidates
@@ -135,10 +134,10 @@ def choose_friction(
     considered = stages_of(model, runs[0].recording.signals.effort_kind, divided.left_out)
     said = said_by(runs, threads=threads, progress=progress)
     plain = replace(model, terms=(*model.terms, *DIRECTION[0], *SPEED[0]))
-    loaded = any(isinstance(t, LoadDependent) for stage in considered for mix in stage for t in mix)
+    loaded = any(t.needs_reference for stage in considered for mix in stage for t in mix)
     reference = reference_of(plain, said, estimator) if loaded else {}
     stages = tuple(
-        tuple(tuple(_with_reference(term, reference) for term in mix) for mix in stage)
+        tuple(tuple(term.with_reference(reference) for term in mix) for mix in stage)
         for stage in considered
     )
     wide = Candidates.of(model, stages)
@@ -242,7 +241,3 @@ def _worse(error: Array, best: Array, sure: float = SURE) -> bool:
     loss = error - best
     times = float(t.ppf(sure, len(loss) - 1)) if len(loss) > 1 else 0.0
     return bool(loss.mean() > max(times * standard_error(loss), LEAST))
-
-
-def _with_reference(term: Term, reference: Mapping[str, float]) -> Term:
-    return term.with_reference(reference) if isinstance(term, LoadDependent) else term

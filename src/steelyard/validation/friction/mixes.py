@@ -94,7 +94,7 @@ def _sized(stage: Sequence[tuple[Term, ...]], robot: Robot) -> tuple[tuple[Term,
 def _with_sizes(term: Term, sizes: Sequence[float]) -> Term:
     if any(getattr(term, name, None) for name in ("joints", "motors", "along")):
         return term
-    given = {name: getattr(term, name, None) for name in ("smoothing", "length", "speed")}
+    given = {name: getattr(term, name) for name in term.bounds}
     wanted = {name: tuple(value * x for x in sizes) for name, value in given.items() if value}
     return cast(Term, replace(cast(Any, term), **wanted)) if wanted else term
 
@@ -121,17 +121,12 @@ def mix_name(terms: Sequence[Term]) -> str:
 def _term_name(term: Term) -> str:
     told = {f.name: getattr(term, f.name) for f in fields(term)}  # type: ignore[arg-type]
     usual = {f.name: f.default for f in fields(term)}  # type: ignore[arg-type]
-    always = getattr(term, "bounds", {})
     given = [
         name if value is True else f"{name} {_short(value)}"
         for name, value in told.items()
-        if name not in HIDDEN and value and (name in always or value != usual[name])
+        if name not in term.unnamed and value and (name in term.bounds or value != usual[name])
     ]
     return f"{term.law} ({', '.join(given)})" if given else term.law
-
-
-HIDDEN = ("reference", "joints", "per_run")
-"""Fields that no name holds."""
 
 
 def _short(value: object) -> str:
