@@ -164,11 +164,7 @@ def _is_of_motors(term: Term, robot: Robot) -> bool:
     gears = robot.transmission
     motors = () if gears is None else gears.motors
     named = {name for pair in getattr(term, "pairs", ()) for _, name in pair}
-    return (
-        isinstance(term, RotorInertia)
-        or getattr(term, "motors", None) is not None
-        or not named.isdisjoint(set(motors) - set(robot.joint_names))
-    )
+    return term.on_motors or not named.isdisjoint(set(motors) - set(robot.joint_names))
 
 
 def wanted_by(loaded: LoadedRobot) -> Processing:
