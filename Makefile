@@ -21,7 +21,7 @@ bench: $(VENV)/.test
 	$(BIN)/python benchmarks/run.py
 
 prove: $(VENV)/.test
-	$(BIN)/python proofs/run.py
+	$(BIN)/python -m proofs.run
 
 clean:
 	rm -rf $(VENV)

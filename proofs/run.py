@@ -6,13 +6,18 @@ import time
 import traceback
 from pathlib import Path
 
-from claims import Claim, data_folder, table
+from proofs.support.claims import Claim, data_folder, table
 
 
 def main() -> int:
-    """Run every `p*.py` beside this file, or those whose names begin with an argument."""
+    """Run every proof, or those that arguments name: `checks`, or `checks/pairs`."""
     data_folder()
-    every = sorted(path.stem for path in Path(__file__).parent.glob("p[0-9]*.py"))
+    here = Path(__file__).parent
+    every = sorted(
+        path.relative_to(here).with_suffix("").as_posix()
+        for path in here.glob("*/*.py")
+        if path.parent.name != "support"
+    )
     wanted = sys.argv[1:] or every
     names = [name for name in every if name.startswith(tuple(wanted))]
     if not names:
@@ -22,12 +27,12 @@ def main() -> int:
     for name in names:
         start = time.perf_counter()
         try:
-            found = importlib.import_module(name).main()
+            found = importlib.import_module(f"proofs.{name.replace('/', '.')}").main()
         except Exception:
             traceback.print_exc()
             found = [Claim(name, "the proof stopped with an error", "a figure", False)]
         print(f"{name}: {time.perf_counter() - start:.0f} s", file=sys.stderr, flush=True)
-        claims += [Claim(f"{name[1:3]}  {c.name}", c.figure, c.bound, c.holds) for c in found]
+        claims += [Claim(f"{name}  {c.name}", c.figure, c.bound, c.holds) for c in found]
     print(table(claims))
     missed = sum(not claim.holds for claim in claims)
     print(f"{len(claims) - missed} claims hold, {missed} missed")

@@ -31,7 +31,7 @@ class LawCase:
         units: Of its first parameters, on a revolute and a prismatic joint.
         faint: Whether a free swing loses little energy by it.
         simulated: Whether the virtual robot is simulated with it: `felt` in its log, and
-            `recovered` from it by `proofs/p14_laws_recover.py`.
+            `recovered` from it by `proofs/laws/laws_recover.py`.
         beside: Laws of speed beside it there.
         found: Fields that are found from exact data, with a value per joint of a robot with three.
         replaces: Customary laws whose place it takes.

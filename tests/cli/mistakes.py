@@ -1,7 +1,7 @@
 """Mistakes that users make with the commands, and the words that must answer them.
 
-Shared by the tests and by `proofs/p08_errors.py`. Commands run in the folder `work` of a workshop
-and find their files in `../given`; whatever is left in `work` is a leftover.
+Shared by the tests and by `proofs/product/errors.py`. Commands run in the folder `work` of a
+workshop and find their files in `../given`; whatever is left in `work` is a leftover.
 """
 
 from dataclasses import dataclass

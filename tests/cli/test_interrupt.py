@@ -1,4 +1,4 @@
-"""Ctrl-C: exit code 130, no traceback, nothing left; `proofs/p09_interrupt.py` does it all over."""
+"""Ctrl-C: exit code 130, no traceback, nothing left; see `proofs/product/interrupt.py`."""
 
 import signal
 import subprocess

@@ -1,4 +1,4 @@
-"""Broken files of tables: an error or a table; `proofs/p23_fuzzing.py` does it at length.
+"""Broken files of tables: an error or a table; `proofs/logs/fuzzing.py` does it at length.
 
 HDF5 is read by a process of its own, which takes too long for many cases here.
 """

@@ -139,7 +139,7 @@ def sandwich(fit: Fit) -> Array:
     r"""The full sandwich by windows, $\frac{W}{W-1} K (\sum_w g_w g_w^T) K$.
 
     Its rank is $W - 1$ at most: of use only with several times more windows than parameters.
-    Estimates do not use it; `proofs/p27_intervals.py` holds its intervals against theirs.
+    Estimates do not use it; `proofs/estimation/intervals.py` holds its intervals against theirs.
 
     Args:
         fit: Weighted least squares of the data.

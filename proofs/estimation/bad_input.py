@@ -1,0 +1,321 @@
+"""Bad input to the consistent estimate: floored, refused or marked, and said so.
+
+Priors that no body can have, wishes that contradict each other, too few samples, a joint that
+never moved, and a solver that stops early.
+"""
+
+import csv
+import json
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from proofs.support.claims import Claim, main_of
+
+sys.path.append(str(Path(__file__).parents[2] / "tests"))
+
+from cli.mistakes import leftovers  # noqa: E402
+
+LOG = "../given/identification.parquet"
+FOREARM = (
+    '<inertia ixx="0.0155" ixy="0.0001" ixz="0.0005" iyy="0.0150" iyz="-0.0006" izz="0.0024"/>'
+)
+HELD = "forearm_roll"
+
+PRIORS: dict[str, tuple[str, str, tuple[str, ...]]] = {
+    "prior that breaks the triangle inequality": (
+        re.escape(FOREARM),
+        FOREARM.replace('izz="0.0024"', 'izz="0.0424"'),
+        ("prior of link 'forearm'", "triangle inequality", "lifted to"),
+    ),
+    "prior with a negative moment": (
+        re.escape(FOREARM),
+        FOREARM.replace('izz="0.0024"', 'izz="-0.0024"'),
+        ("prior of link 'forearm'", "negative", "lifted to"),
+    ),
+    "prior without moments": (
+        re.escape(FOREARM),
+        re.sub('"[^"]+"', '"0"', FOREARM),
+        ("prior of link 'forearm'", "a solid ball of 1.9 kg"),
+    ),
+    "prior without mass": (
+        re.escape('<mass value="0.8"/>'),
+        '<mass value="0"/>',
+        ("prior of link 'hand'", "mass is zero", "stands in"),
+    ),
+    "no inertials at all": (
+        r"(?s)<inertial>.*?</inertial>",
+        "",
+        ("prior of link 'turret'", "gives no mass properties", "stands in"),
+    ),
+}
+"""What is replaced in the model file, by what, and what the notes must say."""
+
+KNOWN = "\n[[knowledge]]\nkind = "
+MASS = f'{KNOWN}"mass"\nlink = "forearm"\n'
+TOTAL = f'{KNOWN}"total_mass"\n'
+REFUSED: dict[str, tuple[str, tuple[str, ...]]] = {
+    "two masses that contradict each other": (
+        f"{MASS}lower = 4.0\n{TOTAL}upper = 3.0\n",
+        (
+            "cannot hold together",
+            "'forearm'",
+            "at least 4 kg",
+            "at most 3 kg",
+            "line 19",
+            "line 24",
+        ),
+    ),
+    "a wish that contradicts itself": (f"{MASS}lower = 3.0\nupper = 2.0\n", ("lower", "upper")),
+    "a body that cannot be": (
+        f'{MASS}value = 2.0\n{KNOWN}"centre_in_box"\nlink = "forearm"\nlower = [0.9, 0.0, 0.0]\n'
+        f'upper = [1.0, 0.1, 0.1]\n{KNOWN}"parameter"\nparameter = "Izz.forearm"\nupper = 0.1\n',
+        ("cannot hold together", "'forearm'", "Izz.forearm"),
+    ),
+    "bounds that contradict a law's": (
+        f'{KNOWN}"parameter"\nparameter = "viscous.elbow"\nupper = -1.0\n',
+        ("viscous.elbow",),
+    ),
+    "a link that is not there": (
+        f'{KNOWN}"mass"\nlink = "forarm"\nvalue = 2.0\n',
+        ("forarm", "did you mean 'forearm'"),
+    ),
+    "too few samples": (
+        "\n[processing]\nmotion_cutoff = 4.0\nmatched_cutoff = 1.2\n",
+        ("too few samples", "parameters", "log longer"),
+    ),
+}
+"""Lines added to the robot file, and what the message must say."""
+
+
+def ran(arguments: Sequence[str], work: Path) -> subprocess.CompletedProcess[str]:
+    """One command, as a user would run it."""
+    command = [sys.executable, "-m", "steelyard", *arguments]
+    return subprocess.run(command, cwd=work, capture_output=True, text=True)
+
+
+def robot_of(name: str, given: Path, urdf: str | None = None, added: str = "") -> str:
+    """A robot file beside the demo arm's, with another model file or with lines added."""
+    slug = name.replace(" ", "_")
+    text = (given / "demo_arm.toml").read_text() + added
+    if urdf is not None:
+        (given / f"{slug}.urdf").write_text(urdf)
+        text = text.replace("demo_arm.urdf", f"{slug}.urdf")
+    (given / f"{slug}.toml").write_text(text)
+    return f"../given/{slug}.toml"
+
+
+def of_prior(name: str, given: Path, work: Path) -> list[Claim]:
+    """A prior that no body can have is named, mended, and every body of the result can exist."""
+    from steelyard.estimation.identified import load_model
+    from steelyard.estimation.prior.prior import default_knowledge
+    from steelyard.validation.compare import impossible_bodies
+
+    old, new, words = PRIORS[name]
+    urdf = re.sub(old, new, (given / "demo_arm.urdf").read_text())
+    robot = robot_of(name, given, urdf)
+    out = work.parent / name.replace(" ", "_")
+    done = ran(("identify", robot, LOG, "--json", "-o", str(out)), work)
+    if done.returncode:
+        return [Claim(name, done.stderr[:90], "a fit and a note", False)]
+    notes = json.loads(done.stdout)["notes"]
+    said = next((note for note in notes if all(w in note for w in words)), "no such note")
+    identified = load_model(out)
+    lost = impossible_bodies(identified.estimate, default_knowledge(identified.model))
+    told = "bodies not told" if lost is None else f"{len(lost)} bodies cannot exist"
+    return [
+        Claim(f"{name}: said", said[:90], f"link named, {words[-1]}", said in notes),
+        Claim(f"{name}: bodies", told, "all can exist", lost == ()),
+    ]
+
+
+def of_refusal(name: str, given: Path, work: Path) -> Claim:
+    """A robot file that cannot be served: one message, exit code 2, nothing left."""
+    added, words = REFUSED[name]
+    done = ran(("identify", robot_of(name, given, added=added), LOG), work)
+    text = " ".join(done.stderr.split())
+    wrong = [f"lacks {word!r}" for word in words if word not in text]
+    wrong += [] if done.returncode == 2 else [f"exit code {done.returncode}"]
+    wrong += ["shows a traceback"] if "Traceback" in done.stderr else []
+    wrong += [f"leaves {left}" for left in leftovers(work)]
+    shape = [line.split()[0] for line in done.stderr.splitlines() if line.split()]
+    wrong += (
+        [] if shape[:1] == ["error:"] and shape[-2:] == ["where", "mend"] else ["is no message"]
+    )
+    figure = f"{'; '.join(wrong)}: {text[:90]}" if wrong else text.removeprefix("error: ")[:90]
+    return Claim(name, figure, "named, exit code 2, nothing left", not wrong)
+
+
+def resting_log(given: Path) -> None:
+    """A log of the nominal arm in which one joint rests, loaded by the motion of the others."""
+    from steelyard.excitation.trajectories.random_fourier import random_fourier
+    from steelyard.files import write_table
+    from steelyard.model import Model
+    from steelyard.motion import Motion
+    from steelyard.parameters import Parameters
+    from steelyard.robot_file.file import load_robot
+    from steelyard.terms.register import term_of
+
+    loaded = load_robot(given / "demo_arm.toml")
+    model = Model(loaded.robot, tuple(term_of(t.description, t.where) for t in loaded.terms or ()))
+    truth = [0.4 if p.prior is None else p.prior for p in model.parameters]
+    valued = model.at(Parameters(model.names, model.units, truth))
+    rest = model.robot.joint_names.index(HELD)
+    motion = random_fourier(loaded.robot, seed=4, period=20.0)
+    t = np.arange(0.0, 20.0, 0.004)
+    whole = motion.sample(t)
+    q, dq, ddq = (x.copy() for x in (whole.q, whole.dq, whole.ddq))
+    q[:, rest], dq[:, rest], ddq[:, rest] = 0.3, 0.0, 0.0
+    tau = valued.torque(Motion(t, q, dq, ddq))
+    tau = tau + 0.02 * tau.std(axis=0) * np.random.default_rng(0).normal(size=tau.shape)
+    columns = {"time_s": t}
+    for k in range(model.robot.n):
+        columns |= {f"q{k + 1}_rad": q[:, k], f"dq{k + 1}_rad_s": dq[:, k]}
+        columns |= {f"tau{k + 1}_Nm": tau[:, k]}
+    write_table(given / "resting.parquet", columns)
+
+
+def of_rest(given: Path, work: Path) -> list[Claim]:
+    """What only a joint's own motion shows comes from the prior, and is marked so."""
+    from steelyard.estimation.identified import load_model
+
+    resting_log(given)
+    out = work.parent / "rested"
+    log = "../given/resting.parquet"
+    done = ran(("identify", "../given/demo_arm.toml", log, "--no-check", "-o", str(out)), work)
+    if done.returncode:
+        return [Claim("a joint that never moved", done.stderr[:90], "a fit", False)]
+    with (out / "parameters.csv").open() as file:
+        rows = {row["name"]: row for row in csv.DictReader(file)}
+    own = [name for name in rows if name in (f"viscous.{HELD}", f"coulomb.{HELD}")]
+    marks = {name: rows[name]["status"] for name in own}
+    standard = load_model(out).estimate.standard
+    assert standard is not None
+    shares = dict(zip(standard.parameters.names, 100.0 * standard.learned, strict=True))
+    stds = dict(zip(standard.parameters.names, standard.std, strict=True))
+    learned = [shares[name] for name in own]
+    others = [share for name, share in shares.items() if name.startswith("viscous.")]
+    others = [share for share in others if share not in learned]
+    seen = "; ".join(f"{name}: {mark}" for name, mark in marks.items())
+    page = (out / "report.html").read_text()
+    unseen = page[page.index('<section id="unseen"') :]
+    named = [name for name in own if name in unseen[: unseen.index("</section>")]]
+    return [
+        Claim(
+            "a joint that never moved: its friction",
+            seen or "not listed",
+            "not called seen",
+            len(own) == 2
+            and all(m.startswith(("from the prior", "not seen")) for m in marks.values()),
+        ),
+        Claim(
+            "a joint that never moved: share from data",
+            f"{max(learned, default=-1.0):.2g} %; other joints at least {min(others):.3g} %",
+            "<= 1 %; >= 80 %",
+            max(learned, default=100.0) <= 1.0 and min(others) >= 80.0,
+        ),
+        Claim(
+            "a joint that never moved: standard deviations of its friction",
+            f"at least {min((stds[name] for name in own), default=0.0):.3g} Nm, Nm s/rad",
+            ">= 10",
+            min((stds[name] for name in own), default=0.0) >= 10.0,
+        ),
+        Claim(
+            "a joint that never moved: report",
+            f"{len(named)} of {len(own)} among what could not be seen",
+            "both",
+            len(named) == 2,
+        ),
+    ]
+
+
+def of_solver(given: Path) -> list[Claim]:
+    """Whatever number of iterations: the optimum, or an error that says it is none."""
+    from steelyard.errors import SteelyardError
+    from steelyard.estimation.consistent.conic import Unsolved
+    from steelyard.estimation.consistent.consistent import Consistent
+    from steelyard.estimation.prior.prior import default_knowledge
+    from steelyard.formats import open_log
+    from steelyard.measurement import Recording, prepare
+    from steelyard.model import Model
+    from steelyard.regression.base import base_parameters
+    from steelyard.regression.gather import gather
+    from steelyard.regression.regressor import base_regressor
+    from steelyard.robot_file.file import load_robot
+    from steelyard.terms.register import DEFAULT_TERMS
+
+    loaded = load_robot(given / "demo_arm.toml")
+    model = Model(loaded.robot, DEFAULT_TERMS)
+    run = prepare(Recording(open_log(given / "identification.parquet"), loaded.signals))
+    information = gather(base_regressor(model), run)
+    estimator = Consistent(base_parameters(model), default_knowledge(model), gamma=10.0)
+    best = estimator(information)
+    std = best.standard.std if best.standard is not None else best.std
+    stopped, off, strange = 0, 0.0, ""
+    words = ""
+    for most in range(1, 31):
+        try:
+            found = replace(estimator, iterations=most)(information)
+        except Unsolved as error:
+            stopped, words = stopped + 1, str(error)
+        except SteelyardError as error:
+            strange = str(error)
+        else:
+            gap = np.abs(found.values.values - best.values.values)
+            off = max(off, float((gap / np.maximum(std, 1e-12)).max()))
+    first = words.split("\n")[0]
+    return [
+        Claim(
+            "solver stopped early: refused", f"{stopped} of 30: {first}"[:90], ">= 5", stopped >= 5
+        ),
+        Claim(
+            "solver stopped early: said",
+            strange or first[:90],
+            "says so",
+            "stopped before" in words and not strange,
+        ),
+        Claim("solver called solved: off", f"{off:.1e} std", "<= 1e-2", off <= 1e-2),
+    ]
+
+
+def of_comparison(given: Path, work: Path) -> Claim:
+    """An estimator that cannot do it is a row with its reason; the others go on."""
+    few = f"{LOG}@1:2.2"
+    done = ran(("compare", "../given/demo_arm.toml", few, "--no-check", "--json"), work)
+    if done.returncode:
+        return Claim("comparison of poor data", done.stderr[:90], "a table", False)
+    found = json.loads(done.stdout)["estimators"]
+    failed = {one["estimator"]: one["failures"][0]["reason"] for one in found if one["failures"]}
+    sound = len(found) - len(failed)
+    bare = [reason for reason in failed.values() if "broke down" in reason or not reason]
+    return Claim(
+        "comparison of poor data",
+        f"{sound} sound, failed: {'; '.join(f'{k}: {v}' for k, v in failed.items()) or 'none'}"[
+            :140
+        ],
+        "every failure has a reason of ours",
+        sound > 0 and not bare,
+    )
+
+
+def main() -> list[Claim]:
+    """All of them."""
+    from steelyard.virtual.demo import demo_runs
+
+    with tempfile.TemporaryDirectory() as folder:
+        given, work = Path(folder) / "given", Path(folder) / "work"
+        demo_runs(given, period=2.0)
+        work.mkdir()
+        claims = [claim for name in PRIORS for claim in of_prior(name, given, work)]
+        claims += [of_refusal(name, given, work) for name in REFUSED]
+        claims += [*of_rest(given, work), *of_solver(given), of_comparison(given, work)]
+        return claims
+
+
+if __name__ == "__main__":
+    main_of(main)

@@ -1,0 +1,117 @@
+"""Predicted standard deviations of a designed motion against those of 50 simulated repetitions.
+
+An earlier log of a random motion gives the noise; the design predicts from it; then the designed
+motion is run 50 times, with other noise each time, and every run is identified by weighted least
+squares. Torques are those of the model itself with white noise, positions are quantised.
+
+On the virtual robot, whose friction gives way near standstill as no law of the model does, the
+earlier residuals hold that too. It repeats from run to run: the prediction is then above the
+scatter of repetitions, and nearer to the whole error, which is told beside it.
+"""
+
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from proofs.estimation.recovery import log_of
+from proofs.support.claims import Claim, main_of
+
+from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
+from steelyard.excitation.design import design
+from steelyard.excitation.previous_model import Earlier
+from steelyard.excitation.search.parallel_search import Effort
+from steelyard.excitation.trajectories.exact import ExactTrajectory
+from steelyard.excitation.trajectories.random_fourier import random_fourier
+from steelyard.formats import open_log
+from steelyard.identification.logs import model_of, wanted_by
+from steelyard.measurement import Recording, prepare
+from steelyard.motion import run
+from steelyard.regression.gather import gather
+from steelyard.regression.regressor import Regressor, base_regressor
+from steelyard.robot_file.file import LoadedRobot
+from steelyard.virtual.demo import write_demo_arm
+from steelyard.virtual.invent import random_truth
+from steelyard.virtual.robot import VirtualRobot
+from steelyard.virtual.simulate import customary_sensors
+from steelyard.virtual.truth import Truth
+
+REPETITIONS = 50
+SEEDS = (0, 1, 2)
+SECONDS = 6.0
+
+Log = Callable[[Truth, ExactTrajectory, int], Recording]
+
+
+def compared(loaded: LoadedRobot, seed: int, log: Log) -> tuple[np.ndarray, np.ndarray]:
+    """Predicted std over that of the repetitions, and over their whole error, by parameter."""
+    truth, model = random_truth(loaded.robot, seed), model_of(loaded)
+    regressor = base_regressor(model)
+    first = prepare(
+        log(truth, random_fourier(loaded.robot, seed=seed, periods=2), seed), wanted_by(loaded)
+    )
+    learnt = WeightedLeastSquares()(gather(regressor, first))
+    names, values = learnt.parameters.names, learnt.parameters.values
+    earlier = Earlier(
+        learnt.sigma,
+        first.matched_cutoff,
+        names,
+        values,
+        learnt.covariance,
+        learnt.values.as_dict(),
+    )
+    effort = Effort(SECONDS, processes=2, seed=seed)
+    designed = design(loaded, model, effort, earlier=earlier)
+    runs = []
+    for repetition in range(REPETITIONS):
+        recording = log(truth, designed.trajectory, 1000 + repetition)
+        information = gather(regressor, prepare(recording, wanted_by(loaded)))
+        known = WeightedLeastSquares()(information).parameters.as_dict()
+        runs.append([known[name] for name in designed.shown.names])
+    found = np.array(runs)
+    predicted = designed.shown.std()
+    error = found - true_values(regressor, truth)
+    whole = np.sqrt(np.mean(error**2, axis=0))
+    return predicted / np.std(found, axis=0, ddof=1), predicted / whole
+
+
+def true_values(regressor: Regressor, truth: Truth) -> np.ndarray:
+    """The true base parameters."""
+    known = truth.values.as_dict()
+    return regressor.base.base_values([known.get(name, 0.0) for name in regressor.model.names])
+
+
+def main() -> list[Claim]:
+    """Median ratio over all parameters, per truth."""
+    claims = []
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        loaded = write_demo_arm(folder)
+
+        def exact(truth: Truth, motion: ExactTrajectory, seed: int) -> Recording:
+            return log_of(loaded.robot, truth, seed, trajectory=motion)
+
+        def virtual(truth: Truth, motion: ExactTrajectory, seed: int) -> Recording:
+            path = folder / f"run{seed}.parquet"
+            sensors = customary_sensors(loaded.robot, truth)
+            run(VirtualRobot(loaded.robot, truth, sensors, seed=seed), motion, path)
+            recording = Recording(open_log(path), loaded.signals)
+            return recording
+
+        for seed in SEEDS:
+            scatter, _ = compared(loaded, seed, exact)
+            middle = float(np.median(scatter))
+            low, high = np.quantile(scatter, [0.1, 0.9])
+            told = f"{middle:.2f} (80 % of them {low:.2f} to {high:.2f})"
+            name = f"predicted over actual std, truth {seed}, {len(scatter)} parameters"
+            claims.append(Claim(name, told, "0.8 to 1.25", 0.8 <= middle <= 1.25))
+        scatter, whole = compared(loaded, SEEDS[0], virtual)
+    told = f"{np.median(scatter):.2f} of the scatter, {np.median(whole):.2f} of the whole error"
+    return [
+        *claims,
+        Claim("the same on the virtual robot, whose friction differs", told, "told", True),
+    ]
+
+
+if __name__ == "__main__":
+    main_of(main)

@@ -1,0 +1,113 @@
+"""Fifty repetitions on the virtual robot: do the predicted standard deviations come true?
+
+The robot runs 52 periods under its controller, the first and the last are dropped. Torque noise is
+white and grows fourfold from rest to full speed, so the weights have something to tell; encoders
+have steps and noise. The same motion is logged anew, with noise of its own, in every draw. Friction
+is smooth, in the truth as in the model, so that what is left of the torque is noise.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from proofs.estimation.recovery import robots
+from proofs.support.claims import Claim, main_of
+
+from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
+from steelyard.excitation.trajectories.random_fourier import random_fourier
+from steelyard.measurement.periods import Repetitions
+from steelyard.measurement.prepare import prepare_mean
+from steelyard.measurement.recording import HeldLog, Recording
+from steelyard.measurement.repetition.repetitions import mean_of_periods
+from steelyard.measurement.run import Run
+from steelyard.model import DEFAULT_TERMS
+from steelyard.regression.gather import gather
+from steelyard.regression.regressor import Regressor, base_regressor
+from steelyard.robot_file.signals import Signals
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.virtual.invent import random_truth
+from steelyard.virtual.robot import VirtualRobot
+from steelyard.virtual.sensors import TrueRun
+from steelyard.virtual.truth import Truth
+
+DRAWS, PERIOD, REPETITIONS = 40, 3.0, 52
+EVERY = 4
+"""Ticks of the controller per row of the log."""
+NOISE, GROWTH = 0.05, 3.0
+"""Torque noise over the mean torque at rest, and what speed adds to it."""
+ENCODER = 1e-5
+
+
+def driven() -> tuple[Truth, TrueRun]:
+    """What the robot is and what it did."""
+    robot = robots()[1]
+    smooth = [Coulomb(smoothing=0.05) if isinstance(x, Coulomb) else x for x in DEFAULT_TERMS]
+    truth = random_truth(robot, 1, terms=smooth)
+    motion = random_fourier(robot, seed=1, period=PERIOD, periods=REPETITIONS)
+    return truth, VirtualRobot(robot, truth).follow(motion)
+
+
+def logged(truth: Truth, run: TrueRun, seed: int) -> Recording:
+    """The log of one draw."""
+    rng, robot = np.random.default_rng(seed), truth.robot
+    t, q, dq, tau = (x[::EVERY] for x in (run.t, run.q, run.dq, run.tau))
+    growth = 1.0 + GROWTH * np.abs(dq) / np.abs(dq).max(axis=0)
+    noise = NOISE * np.abs(tau).mean(axis=0) * growth * rng.standard_normal(tau.shape)
+    steps = np.round(q / ENCODER + rng.standard_normal(q.shape)) * ENCODER
+    names = [f"{kind}{j}" for kind in "qe" for j in range(robot.n)]
+    ones = np.ones(robot.n)
+    signals = Signals(
+        time="t",
+        time_scale=1.0,
+        position=tuple(names[: robot.n]),
+        position_scale=ones,
+        velocity=None,
+        velocity_scale=None,
+        effort=tuple(names[robot.n :]),
+        effort_scale=ones,
+        effort_kind="joint_torque",
+        effort_units=robot.effort_units,
+        gains=ones,
+    )
+    table = np.column_stack([t, steps, tau + noise])
+    return Recording(HeldLog(Path(f"draw{seed}"), ("t", *names), table), signals)
+
+
+def fitted(regressor: Regressor, run: Run) -> tuple[np.ndarray, np.ndarray]:
+    """Parameters and their standard deviations."""
+    estimate = WeightedLeastSquares()(gather(regressor, run))
+    return estimate.parameters.values, estimate.std
+
+
+def main() -> list[Claim]:
+    """Weighted and unweighted, over all draws."""
+    truth, true = driven()
+    regressor = base_regressor(truth.model)
+    results: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {"weighted": [], "equal": []}
+    count = 0
+    for seed in range(DRAWS):
+        mean = mean_of_periods(logged(truth, true, seed), Repetitions(drop_first=1, drop_last=1))
+        run, count = prepare_mean(mean, f"draw{seed}"), mean.averaged.count
+        results["weighted"].append(fitted(regressor, run))
+        results["equal"].append(fitted(regressor, replace(run, importance=None)))
+    spread = {k: np.std([v for v, _ in x], axis=0, ddof=1) for k, x in results.items()}
+    said = {k: np.sqrt(np.mean([s**2 for _, s in x], axis=0)) for k, x in results.items()}
+    ratio = {k: said[k] / spread[k] for k in results}
+    middle = float(np.median(ratio["weighted"]))
+    gain = float(np.median(spread["weighted"] / spread["equal"]))
+    ends = f"{ratio['weighted'].min():.2f} to {ratio['weighted'].max():.2f}"
+    return [
+        Claim("repetitions averaged", f"{count}", "50", count == 50),
+        Claim(
+            f"predicted over empirical std, median of {len(ratio['weighted'])} parameters",
+            f"{middle:.2f} (from {ends})",
+            "0.8 to 1.2",
+            0.8 <= middle <= 1.2,
+        ),
+        Claim("the same without weights", f"{np.median(ratio['equal']):.2f}", "told", True),
+        Claim("empirical std, weighted over equal weights", f"{gain:.2f}", "< 1", gain < 1.0),
+    ]
+
+
+if __name__ == "__main__":
+    main_of(main)

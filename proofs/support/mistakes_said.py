@@ -1,0 +1,160 @@
+"""What the commands say of a job with a planted mistake, and how far the result is from the truth.
+
+Two logs are fitted and one is validated through the functions of the commands. The true error is
+that of the identified model against the hidden truth, on another motion and without noise.
+"""
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from proofs.support.mistakes import Arm, Job
+
+from steelyard.diagnosis import Diagnosis
+from steelyard.errors import SteelyardError
+from steelyard.identification.check_case import diagnosed, subject_of
+from steelyard.identification.fix import fixed
+from steelyard.identification.identify import identify
+from steelyard.identification.logs import log_files
+from steelyard.identification.validate import validate
+from steelyard.progress import silent
+from steelyard.report import ReportContent
+from steelyard.report.text.judgement import verdict
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What came of a job.
+
+    Attributes:
+        said: Every sentence a person reads, each with its place in front: `check wrong clock: ...`,
+            `refusal: ...`, `headline good: ...`, `note: ...`, `validate poor: ...`.
+        error: True error of the identified model [%]; `None` where `identify` refused.
+        fix: True errors [%] of the models identified without and with the lines that `check --fix`
+            wrote; `None` where it wrote none, or where `identify` refused all the same.
+    """
+
+    said: tuple[str, ...]
+    error: float | None
+    fix: tuple[float, float] | None = None
+    changes: tuple[str, ...] = field(default=())
+
+    @property
+    def wrong(self) -> tuple[str, ...]:
+        """What `check` calls wrong."""
+        return tuple(line for line in self.said if line.startswith("check wrong"))
+
+
+def said_of(arm: Arm, job: Job, folder: Path, *, validated: bool = True) -> Outcome:
+    """Everything that the commands say of a job.
+
+    Args:
+        arm: The arm as it really is.
+        job: What the commands get.
+        folder: To work in; it is made.
+        validated: Whether `validate` is asked too, beside `identify --validate`.
+    """
+    robot, logs = written(job, folder)
+    try:
+        files = log_files(logs)
+        subject = subject_of(robot, files[0])
+        diagnosis = diagnosed(subject, files, None, silent, quick=False)
+    except SteelyardError as error:
+        return Outcome((f"refusal: {error}",), None)
+    said = list(findings(diagnosis))
+    content = identified(robot, logs, folder / "model")
+    if isinstance(content, str):
+        said.append(f"refusal: {content}")
+        error = None
+    else:
+        said += sentences(content, "headline")
+        error = true_error(arm, content)
+        said += validation(folder / "model", logs[-1]) if validated else []
+    both, changes = fix_of(arm, robot, logs, diagnosis, folder) if diagnosis.edits else (None, ())
+    return Outcome(tuple(said), error, both, changes)
+
+
+def written(job: Job, folder: Path) -> tuple[str, list[str]]:
+    """The job's files: the robot, and the logs, the unseen one last."""
+    folder.mkdir(parents=True)
+    (folder / "demo_arm.urdf").write_text(job.urdf)
+    robot = folder / ("demo_arm.toml" if job.robot_file else "demo_arm.urdf")
+    if job.robot_file:
+        robot.write_text(job.robot_file)
+    named = {f"fit{k + 1}": log for k, log in enumerate(job.fitted)} | {"unseen": job.unseen}
+    for name, log in named.items():
+        log.write(folder / f"{name}.parquet", job.columns)
+    return str(robot), [str(folder / f"{name}.parquet") for name in named]
+
+
+def identified(
+    robot: str, logs: list[str], folder: Path, *, check: bool = True
+) -> ReportContent | str:
+    """What `identify` reports, or its error's words."""
+    try:
+        found = identify(robot, logs[:-1], logs[-1:], threads=1, check=check)
+        found.save(folder)
+        return found.content
+    except SteelyardError as error:
+        return str(error)
+
+
+def validation(model: Path, log: str) -> list[str]:
+    """What `validate` says of a log."""
+    try:
+        return sentences(validate(model, log).content, "validate")
+    except SteelyardError as error:
+        return [f"validate refusal: {error}"]
+
+
+def findings(diagnosis: Diagnosis) -> list[str]:
+    """What `check` says that is not ok, or that it leaves open."""
+    return [
+        f"check {f.judgement.word if f.judgement else 'open'} {f.suspicion}: {f.log}: "
+        f"{', '.join(f.joints)}: {f.says} ({f.figure}) {'' if f.mend is None else f.mend.says}"
+        for f in sorted(diagnosis.findings, key=lambda f: -f.judgement)
+        if f.judgement or not f.answered
+    ]
+
+
+def sentences(content: ReportContent, place: str) -> list[str]:
+    """What a report says beside its tables and its settings."""
+    judged = verdict(content)
+    said = [f"{place} {judged.level}: {judged.headline}. {judged.detail}"]
+    said += [f"{place} {level}: {sentence}" for sentence, level in judged.limitations]
+    told = [note for note in content.notes if not re.search("^cut-offs:|chain: ", note)]
+    return said + [f"note: {note}" for note in told]
+
+
+def true_error(arm: Arm, content: ReportContent) -> float:
+    """Mean over joints of the identified model's relative error against the truth [%]."""
+    if content.identified is None:
+        raise ValueError("nothing was identified")
+    valued = content.identified.valued
+    motion = arm.motion(7)
+    truth = arm.torque(motion)
+    error = np.linalg.norm(valued.torque(motion) - truth, axis=0) / np.linalg.norm(truth, axis=0)
+    return 100.0 * float(np.mean(error))
+
+
+def fix_of(
+    arm: Arm, robot: str, logs: list[str], diagnosis: Diagnosis, folder: Path
+) -> tuple[tuple[float, float] | None, tuple[str, ...]]:
+    """True errors without and with what `check --fix` writes, and what it writes."""
+    files = log_files(logs)
+    subject, target = subject_of(robot, files[0]), folder / "fixed.toml"
+    try:
+        mended = fixed(subject, target, diagnosis, files, None, silent, quick=False)
+    except SteelyardError as error:
+        return None, (str(error),)
+    if not mended.changes:
+        return None, ()
+    target.write_text(mended.subject.text)
+    changes = tuple(change.line for change in mended.changes)
+    after = identified(str(target), logs, folder / "with")
+    before = identified(robot, logs, folder / "without", check=False)
+    if isinstance(after, str):
+        return None, changes
+    unfixed = np.inf if isinstance(before, str) else true_error(arm, before)
+    return (unfixed, true_error(arm, after)), changes
