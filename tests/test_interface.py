@@ -1,6 +1,7 @@
 """The Python interface: every name has an example, and every example does what it says."""
 
 import doctest
+import re
 import types
 from pathlib import Path
 from shutil import copyfile
@@ -71,6 +72,12 @@ def test_all_names_are_listed() -> None:
     assert terms.Viscous.law == "viscous"
     with pytest.raises(AttributeError, match="no attribute 'Sticky'"):
         terms.Sticky  # noqa: B018
+
+
+def test_the_page_lists_all_names() -> None:
+    page = (Path(__file__).parent.parent / "docs" / "python.md").read_text(encoding="utf-8")
+    rows = [line.split("|")[1] for line in page.splitlines() if line.startswith("| `")]
+    assert {name for row in rows for name in re.findall(r"`(\w+)`", row)} == set(steelyard.__all__)
 
 
 def test_large_values_print_in_a_few_lines(folder: Path) -> None:
