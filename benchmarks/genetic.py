@@ -16,6 +16,7 @@ import numpy as np
 from steelyard.estimation.estimate import Estimate
 from steelyard.estimation.fields.fields import FoundFields, find_fields
 from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
+from steelyard.excitation.search.genetic import evolved
 from steelyard.kernel.equations.dynamics import JointState
 from steelyard.model import Model
 from steelyard.parameters import Parameter
@@ -23,7 +24,6 @@ from steelyard.regression.accumulate import Accumulator, Stretch
 from steelyard.regression.information import Information, Stamp, Window
 from steelyard.regression.regressor import Regressor, base_regressor
 from steelyard.robot.robot import Coordinate, Robot
-from steelyard.search.genetic import evolved
 from steelyard.terms.laws.coulomb import Coulomb
 from steelyard.terms.laws.stribeck import Stribeck
 from steelyard.terms.laws.viscous import Viscous

@@ -22,8 +22,10 @@ for pool in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "POLARS_MAX_THREADS"):
 import numpy as np  # noqa: E402
 import pinocchio as pin  # noqa: E402
 from genetic import comparison  # noqa: E402
+from linear_searches import comparison as searches  # noqa: E402
 
 from steelyard.estimation.consistent.consistent import Consistent  # noqa: E402
+from steelyard.estimation.knowledge import Knowledge  # noqa: E402
 from steelyard.estimation.least_squares.least_squares import (  # noqa: E402
     OrdinaryLeastSquares,
     WeightedLeastSquares,
@@ -254,17 +256,22 @@ def in_parts(
     return accumulate(accumulator, cut(blocks, "run", accumulator), stamp, threads)
 
 
-def consistent_rows(found: Regressor) -> list[Row]:
-    """The consistent estimate, from information to solution, against the same through CVXPY."""
+def noisy(found: Regressor, known: Knowledge) -> Information:
+    """Information of a motion whose efforts have noise; bodies are 1.2 times those known."""
     q, dq, ddq, _ = motion(7, 2000, 5)
-    known = default_knowledge(found.model)
     truth = dict.fromkeys(found.base.names, 1.0)
     for body, prior in zip(known.bodies, known.priors, strict=True):
         truth |= zip((f"{n}.{body}" for n in INERTIAL_NAMES), 1.2 * prior.ten, strict=True)
     values = found.base.base_values([truth[name] for name in found.base.names])
     clean = np.einsum("nsp,p->ns", found.dense(q, dq, ddq), values)
     noisy = clean + 0.05 * clean.std(axis=1)[:, None] * motion(7, 2000, 7)[0]
-    data = information(found, (q, dq, ddq, noisy), None)
+    return information(found, (q, dq, ddq, noisy), None)
+
+
+def consistent_rows(found: Regressor) -> list[Row]:
+    """The consistent estimate, from information to solution, against the same through CVXPY."""
+    known = default_knowledge(found.model)
+    data = noisy(found, known)
     consistent = Consistent(found.base, known, gamma=10.0)
     program = consistent.program(whitened(data))
     searching = replace(consistent, gamma=None)
@@ -370,6 +377,7 @@ def main() -> int:
         *accuracy_rows(found),
         *consistent_rows(found),
         *comparison(best, range(5)),
+        *searches(best, noisy(found, default_knowledge(found.model))),
         *designs(),
         *memory_rows(),
     ]

@@ -22,7 +22,6 @@ ORDER = (
     ("formats",),
     ("measurement",),
     ("regression",),
-    ("search",),
     ("excitation",),
     ("estimation",),
     ("validation",),
@@ -36,8 +35,8 @@ ORDER = (
 RANK = {room: rank for rank, rooms in enumerate(ORDER) for room in rooms}
 ONE_FILE = {
     "clarabel": {"estimation/consistent/conic.py"},
-    "pymoo": {"search/genetic.py"},
-    "cma": {"search/cma_es.py"},
+    "pymoo": {"excitation/search/genetic.py"},
+    "cma": {"excitation/search/cma_es.py"},
     "llvmlite": {"kernel/native/machine.py"},
     "plotly": {"report/html.py"},
     "jinja2": {"report/html.py"},

@@ -10,8 +10,7 @@ central differences of the raw positions. Regressor and torque then go through o
 low-pass, as is the custom, of 20 Hz, or the filter's cut-off if that is lower. Coulomb friction
 turns smoothly over 0.02 rad/s, in the truth and in the model, so that what is measured is noise,
 not a model error. Estimators that simulate know controller and wanted motion. All are run on all
-seeds and behind all filters, but for the two population methods, which take long: on the first
-seed behind 50 Hz, and they are not among the best.
+seeds and behind all filters.
 
 An estimator is held against the best of all twice: behind 50 Hz, and each behind the filter that
 suits it best.
@@ -33,7 +32,7 @@ from steelyard.errors import DataError
 from steelyard.estimation.closed_loop.experiment import Experiment, Loop
 from steelyard.estimation.estimate import Estimate
 from steelyard.estimation.prior.prior import default_knowledge
-from steelyard.estimation.register import ESTIMATORS, Context, Offer
+from steelyard.estimation.register import ESTIMATORS, Context
 from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.measurement.methods.savitzky_golay import SavitzkyGolay
 from steelyard.measurement.prepare import prepare
@@ -57,7 +56,6 @@ NOISES = (1e-5, 1e-4, 5e-4)
 FILTERS: tuple[float | None, ...] = (10.0, 50.0, None)
 SEEDS = 3
 PERIOD, PARALLEL, TORQUE_NOISE, SMOOTHING = 10.0, 20.0, 0.01, 0.02
-SEARCHING = {"GA", "CMA-ES"}
 
 Cell = tuple[float, float | None, str]
 """Noise, filter and estimator."""
@@ -157,13 +155,6 @@ def prepared(recording: Recording, cutoff: float | None) -> Run:
     )
 
 
-def wanted(offer: Offer, cutoff: float | None, seed: int) -> bool:
-    """Whether there is time for it."""
-    if offer.name in SEARCHING:
-        return seed == 0 and cutoff == 50.0
-    return True
-
-
 def scores(
     noise: float, cutoff: float | None, seed: int, recording: Recording
 ) -> Iterator[tuple[str, Score]]:
@@ -178,8 +169,6 @@ def scores(
         "experiment": experiment,
     }
     for offer in ESTIMATORS:
-        if not wanted(offer, cutoff, seed):
-            continue
         start = perf_counter()
         try:
             estimate = offer.make(here.context)(data[offer.needs])

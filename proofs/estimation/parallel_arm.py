@@ -24,23 +24,23 @@ from steelyard.arrays import Array
 from steelyard.estimation.estimate import Estimate, Estimator
 from steelyard.estimation.least_squares.bounded import BoundedLeastSquares
 from steelyard.estimation.least_squares.box import base_bounds
-from steelyard.estimation.least_squares.cma_es import CmaEs
-from steelyard.estimation.least_squares.genetic import Genetic
 from steelyard.estimation.least_squares.least_squares import OrdinaryLeastSquares
 from steelyard.estimation.prior.prior import default_knowledge
+from steelyard.excitation.search.genetic import evolved
 from steelyard.model import Model
 from steelyard.regression.accumulate import Accumulator, Stretch
 from steelyard.regression.information import Information, Stamp, Window
 from steelyard.regression.regressor import Regressor, base_regressor, standard_regressor
 from steelyard.robot.inertia import Inertia
-from steelyard.search.genetic import evolved
 from steelyard.terms.laws.coulomb import Coulomb
 from steelyard.terms.laws.directional import DirectionalCoulomb, DirectionalViscous
 from steelyard.terms.laws.rigid_body import RigidBody
 from steelyard.terms.laws.viscous import Viscous
 from steelyard.terms.term import Term
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
+sys.path[:0] = [str(Path(__file__).parents[2] / name) for name in ("tests", "benchmarks")]
+from linear_searches import CmaEs, Genetic  # noqa: E402
+
 from closed_chains import parallelogram  # noqa: E402
 
 L1, L2, CENTRE, RADIUS = 0.3, 0.4, 0.4, 0.2

@@ -144,7 +144,7 @@ def test_a_missing_package_comes_with_the_line_that_installs_it(
 
 
 def test_settings_are_passed_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    from steelyard.search import cma_es, genetic
+    from steelyard.excitation.search import cma_es, genetic
 
     given: list[dict[str, Any]] = []
 

@@ -88,22 +88,6 @@ def _log_cholesky(context: Context) -> Estimator[Any]:
     return LogCholesky(base, context.knowledge, per_run=own, equal=context.equal)
 
 
-def _genetic(context: Context) -> Estimator[Any]:
-    from steelyard.estimation.least_squares.box import base_bounds
-    from steelyard.estimation.least_squares.genetic import Genetic
-
-    bounds = base_bounds(context.regressor.base, context.knowledge)
-    return Genetic(bounds, per_run=context.per_run, progress=context.progress)
-
-
-def _cma_es(context: Context) -> Estimator[Any]:
-    from steelyard.estimation.least_squares.box import base_bounds
-    from steelyard.estimation.least_squares.cma_es import CmaEs
-
-    bounds = base_bounds(context.regressor.base, context.knowledge)
-    return CmaEs(bounds, per_run=context.per_run, progress=context.progress)
-
-
 def _huber(context: Context) -> Estimator[Any]:
     from steelyard.estimation.samples.robust import Huber, Reweighted
 
@@ -218,8 +202,6 @@ ESTIMATORS: tuple[Offer, ...] = (
         "information",
         _log_cholesky,
     ),
-    Offer("GA", "genetic algorithm over base parameters", "information", _genetic, slow=True),
-    Offer("CMA-ES", "evolution of a normal distribution", "information", _cma_es, slow=True),
     Offer(
         "IV", "instruments from the simulated closed loop", "experiment", _instrumental, slow=True
     ),

@@ -1,4 +1,4 @@
-"""Between which values base parameters are searched, and what came of a search."""
+"""Between which values base parameters may lie, and least squares there."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -15,9 +15,6 @@ from steelyard.regression.base import BaseMap
 
 Bounds = Mapping[str, tuple[float, float]]
 """Lower and upper bound by name of the column; infinite where there is none."""
-
-REACHED = 1.0 + 1e-6
-"""Weighted squares over those of the optimum up to which a search has reached it."""
 
 AT_BOUND = 1e-6
 """Distance from a bound, in standard deviations, up to which a parameter lies on it."""
@@ -52,7 +49,6 @@ class Box:
         lower: Their lower bounds, shape `(k,)`.
         upper: Their upper bounds, likewise.
         root: Their columns of $R$, shape `(rank, k)`.
-        rest: Weighted squares of the residuals that no values explain.
     """
 
     data: Whitened
@@ -60,7 +56,6 @@ class Box:
     lower: Array
     upper: Array
     root: Array
-    rest: float
 
     @classmethod
     def of(cls, data: Whitened, bounds: Bounds) -> "Box":
@@ -80,34 +75,7 @@ class Box:
         ends = [free if name in tied else bounds.get(name, free) for name in names]
         lower, upper = np.array(ends, dtype=np.float64).reshape(-1, 2).T
         root = data.matrix[:, [data.names.index(name) for name in names]]
-        squares = float(np.sum(residual_squares(data.fit, solution.values) / data.fit.variances))
-        left = root @ solution.values[solution.kept] - data.vector
-        return cls(data, names, lower, upper, root, max(squares - float(left @ left), 0.0))
-
-    def closed(self, reach: float) -> "Box":
-        r"""The same with ends everywhere: no parameter beyond $\pm r\,s$ around zero.
-
-        $s$ is the parameter's size, $\max(|\varphi|, 3\sigma)$ of weighted least squares; where
-        that range misses the bounds, it begins at the bound.
-
-        Args:
-            reach: $r$.
-        """
-        solution = self.data.fit.solution
-        sizes = np.maximum(
-            np.abs(solution.values[solution.kept]), 3.0 * np.sqrt(np.diag(solution.inverse))
-        )
-        half = reach * np.maximum(sizes, 1e-12)
-        lower, upper = np.maximum(self.lower, -half), np.minimum(self.upper, half)
-        above, below = self.lower >= half, self.upper <= -half
-        upper = np.where(above, np.minimum(self.upper, self.lower + 2.0 * half), upper)
-        lower = np.where(below, np.maximum(self.lower, self.upper - 2.0 * half), lower)
-        return replace(self, lower=lower, upper=upper)
-
-    def costs(self, values: Array) -> Array:
-        """Weighted squares of the residuals of a population `(B, k)`, shape `(B,)`."""
-        residuals = values @ self.root.T - self.data.vector
-        return np.asarray(np.sum(np.square(residuals), axis=1) + self.rest)
+        return cls(data, names, lower, upper, root)
 
     def optimum(self) -> Array:
         """The best values within the box, by bounded least squares, shape `(k,)`.
@@ -155,27 +123,6 @@ class Box:
         slack = AT_BOUND / np.linalg.norm(self.root, axis=0)
         at = (values <= self.lower + slack) | (values >= self.upper - slack)
         return [name for name, is_at in zip(self.names, at, strict=True) if is_at]
-
-    def searched(self, name: str, values: Array, evaluations: int, why: str) -> Estimate:
-        """What a search found, with an honest word on how near it came to the optimum.
-
-        Args:
-            name: Of the estimator.
-            values: The best ones found, shape `(k,)`.
-            evaluations: How often the criterion was evaluated.
-            why: Why the search ended.
-        """
-        found, best = self.costs(np.array([values, self.optimum()]))
-        ratio = found / best if best > 0.0 else np.inf
-        verb = "reached" if ratio <= REACHED else "did not reach"
-        notes = (
-            f"{why}, after {evaluations} evaluations of the criterion",
-            f"{verb} the optimum: weighted squares {ratio:.6g} times those of bounded least "
-            "squares",
-            "a search gives no intervals: these are of weighted least squares with the residuals "
-            "that it leaves",
-        )
-        return self.estimate(name, values, notes)
 
 
 def residual_squares(fit: Fit, values: Array) -> Array:

@@ -112,7 +112,7 @@ class GeneticSearch:
 
     def search(self, problem: Problem, random: np.random.Generator, watch: Watch) -> Array:
         """See `Method`."""
-        from steelyard.search.genetic import evolved
+        from steelyard.excitation.search.genetic import evolved
 
         genes = _Genes.of(problem)
         last = _Last(random_starts(problem.walls, random, 1)[0], watch)
@@ -140,7 +140,7 @@ class CmaEsSearch:
 
     def search(self, problem: Problem, random: np.random.Generator, watch: Watch) -> Array:
         """See `Method`."""
-        from steelyard.search.cma_es import adapted
+        from steelyard.excitation.search.cma_es import adapted
 
         genes = _Genes.of(problem)
         last = _Last(random_starts(problem.walls, random, 1)[0], watch)

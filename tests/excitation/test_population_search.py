@@ -9,9 +9,9 @@ import pytest
 
 from steelyard.arrays import Array
 from steelyard.errors import DataError
+from steelyard.excitation.search.cma_es import Adapted, adapted
+from steelyard.excitation.search.genetic import Evolved, evolved
 from steelyard.progress import Event, Stopped
-from steelyard.search.cma_es import Adapted, adapted
-from steelyard.search.genetic import Evolved, evolved
 
 LOWER, UPPER = np.array([-2.0, -20.0, 5.0]), np.array([3.0, 40.0, 5.5])
 BEST = np.array([0.5, -3.0, 5.4])

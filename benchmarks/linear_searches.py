@@ -1,0 +1,150 @@
+"""Linear least squares by searches: a genetic algorithm and CMA-ES over base parameters.
+
+`BoundedLeastSquares` has the exact optimum of the same problem at once; the notes of an estimate
+say how far from it a search ended.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.estimation.estimate import Estimate
+from steelyard.estimation.least_squares.bounded import BoundedLeastSquares
+from steelyard.estimation.least_squares.box import Box, residual_squares
+from steelyard.estimation.least_squares.whitened import whitened
+from steelyard.excitation.search.cma_es import adapted
+from steelyard.excitation.search.genetic import evolved
+from steelyard.regression.information import Information
+
+REACHED = 1.0 + 1e-6
+"""Weighted squares over those of the optimum up to which a search has reached it."""
+
+REACH = 3.0
+"""How far from zero a parameter without bounds is searched, in sizes of it by least squares."""
+
+
+@dataclass(frozen=True)
+class Genetic:
+    """The weighted squares of the residuals, minimised by a genetic algorithm.
+
+    Attributes:
+        bounds: Lower and upper bound by column, see `box.base_bounds`.
+        population: Individuals of a generation.
+        generations: How many.
+        seed: Of all random choices.
+    """
+
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    population: int = 30
+    generations: int = 100
+    seed: int = 0
+
+    def __call__(self, information: Information) -> Estimate:
+        """Estimate all columns that the data see."""
+        box = closed(Box.of(whitened(information, ()), self.bounds))
+        found = evolved(
+            partial(costs, box),
+            box.lower,
+            box.upper,
+            population=self.population,
+            generations=self.generations,
+            seed=self.seed,
+        )
+        why = f"ended after {self.generations} generations of {self.population}"
+        return described(box, "genetic algorithm", found.values, found.evaluations, why)
+
+
+@dataclass(frozen=True)
+class CmaEs:
+    """The weighted squares of the residuals, minimised by CMA-ES [Hansen2001].
+
+    Every parameter counts in units of its column's length, so that they are alike for the first
+    generation already; it starts in the middle of the box.
+
+    Attributes:
+        bounds: Lower and upper bound by column, see `box.base_bounds`.
+        evaluations: Most evaluations of the criterion.
+        seed: Of all random choices.
+    """
+
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    evaluations: int = 100_000
+    seed: int = 0
+
+    def __call__(self, information: Information) -> Estimate:
+        """Estimate all columns that the data see."""
+        box = closed(Box.of(whitened(information, ()), self.bounds))
+        found = adapted(
+            partial(costs, box),
+            box.lower,
+            box.upper,
+            units=np.linalg.norm(box.root, axis=0),
+            evaluations=self.evaluations,
+            least=1e-9 * max(rest_of(box), 1e-300),
+            random=np.random.default_rng(self.seed),
+        )
+        why = f"the budget of {self.evaluations} was spent" if found.spent else "stood still"
+        return described(box, "CMA-ES", found.values, found.evaluations, why)
+
+
+def closed(box: Box) -> Box:
+    r"""The box with ends everywhere: no parameter beyond $\pm r\,s$ around zero.
+
+    $s$ is the parameter's size, $\max(|\varphi|, 3\sigma)$ of weighted least squares, and $r$ is
+    `REACH`; where that range misses the bounds, it begins at the bound.
+    """
+    solution = box.data.fit.solution
+    sizes = np.maximum(
+        np.abs(solution.values[solution.kept]), 3.0 * np.sqrt(np.diag(solution.inverse))
+    )
+    half = REACH * np.maximum(sizes, 1e-12)
+    lower, upper = np.maximum(box.lower, -half), np.minimum(box.upper, half)
+    above, below = box.lower >= half, box.upper <= -half
+    upper = np.where(above, np.minimum(box.upper, box.lower + 2.0 * half), upper)
+    lower = np.where(below, np.maximum(box.lower, box.upper - 2.0 * half), lower)
+    return replace(box, lower=lower, upper=upper)
+
+
+def costs(box: Box, values: Array) -> Array:
+    """Weighted squares of the residuals of a population `(B, k)`, shape `(B,)`."""
+    residuals = values @ box.root.T - box.data.vector
+    return np.asarray(np.sum(np.square(residuals), axis=1) + rest_of(box))
+
+
+def rest_of(box: Box) -> float:
+    """Weighted squares of the residuals that no values explain."""
+    fit = box.data.fit
+    squares = float(np.sum(residual_squares(fit, fit.solution.values) / fit.variances))
+    left = box.root @ fit.solution.values[fit.solution.kept] - box.data.vector
+    return max(squares - float(left @ left), 0.0)
+
+
+def described(box: Box, name: str, values: Array, evaluations: int, why: str) -> Estimate:
+    """What a search found, and how near it came to the optimum."""
+    found, best = costs(box, np.array([values, box.optimum()]))
+    ratio = found / best if best > 0.0 else np.inf
+    verb = "reached" if ratio <= REACHED else "did not reach"
+    notes = (
+        f"{why}, after {evaluations} evaluations of the criterion",
+        f"{verb} the optimum: weighted squares {ratio:.6g} times those of bounded least squares",
+    )
+    return box.estimate(name, values, notes)
+
+
+def comparison(
+    best: Callable[..., float], information: Information
+) -> list[tuple[str, str, str, bool]]:
+    """Rows for the benchmark's table: times, and what the searches say of the optimum."""
+    rows = []
+    for name, estimator in (
+        ("bounded least squares", BoundedLeastSquares()),
+        ("genetic algorithm, 30 x 100", Genetic()),
+        ("CMA-ES, 10 000 evaluations", CmaEs(evaluations=10_000)),
+    ):
+        took = best(lambda estimator=estimator: estimator(information), 1)
+        notes = estimator(information).notes[1:2]
+        rows.append((f"linear problem, {name}", f"{1e3 * took:.0f} ms", *(notes or ("",)), True))
+    return rows

@@ -1,1 +1,0 @@
-"""Search by populations, for criteria without slopes."""
