@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from steelyard.estimation.estimate import Estimate as Estimate
     from steelyard.estimation.identified import IdentifiedModel as IdentifiedModel
     from steelyard.estimation.identified import load_model as load_model
+    from steelyard.estimation.register import estimators as estimators
     from steelyard.formats.register import open_log as open_log
     from steelyard.identification.check import check as check
     from steelyard.identification.compare import compare as compare
@@ -58,6 +59,7 @@ _HOMES = {
     "check": "identification.check",
     "compare": "identification.compare",
     "design_excitation": "identification.design",
+    "estimators": "estimation.register",
     "export": "identification.parts",
     "identify": "identification.identify",
     "identify_payload": "identification.payload",

@@ -353,7 +353,7 @@ def test_base_parameters_alone_are_refused() -> None:
     with pytest.raises(ModelError, match="base parameters only") as error:
         exported(poor, "mjcf")
     assert "default estimator" in error.value.mend
-    assert 'remove method = "least_squares" from [estimation] of the robot' in error.value.mend
+    assert "remove method from [estimation] of the robot" in error.value.mend
 
 
 def test_a_model_without_bodies_is_refused() -> None:

@@ -80,7 +80,7 @@ def test_plain_least_squares_can_be_had(told: Told) -> None:
     assert model.estimate.estimator == "weighted least squares"
     assert model.estimate.standard is None
     assert any("bodies may be impossible" in note for note in plain["notes"])
-    assert not any("nothing comes of" in note for note in plain["notes"])
+    assert not any("does not use" in note for note in plain["notes"])
 
 
 def test_knowledge_that_plain_least_squares_passes_over_is_checked_and_told(
@@ -89,8 +89,8 @@ def test_knowledge_that_plain_least_squares_passes_over_is_checked_and_told(
     wish = '[[knowledge]]\nkind = "mass"\nlink = "{}"\nupper = 9.0\n\n[signals]\n'
     plain = '[estimation]\nmethod = "least_squares"\n\n[prior]\nuncertainty = 0.2\n\n'
     found, _ = told(("[signals]\n", plain + wish.format("forearm")))
-    notes = [note for note in found["notes"] if "nothing comes of" in note]
-    assert notes == ["in plain least squares nothing comes of [prior] and [[knowledge]]"]
+    notes = [note for note in found["notes"] if "does not use" in note]
+    assert notes == ["WLS does not use [prior] and [[knowledge]]"]
     robot = edited(given, tmp_path, ("[signals]\n", plain + wish.format("forarm")))
     done = command("identify", robot, given / "identification.parquet", "-o", tmp_path / "other")
     assert done.exit_code == 2 and "'forarm'" in done.stderr

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ from cli.mistakes import leftovers
 from cli.river_files import edited
 from steelyard.estimation.register import ESTIMATORS
 from steelyard.identification.compare_inputs import lines_of, offers_of
+from steelyard.robot_file.file import load_robot
 from steelyard.robot_file.sections import EstimationSection
 
 LOG = "../given/identification.parquet"
@@ -133,30 +135,22 @@ def test_names_are_taken_as_they_are_meant() -> None:
     assert [offer.name for offer in asked] == ["WLS", "bounded LS", "log-Cholesky"]
     usual, every = offers_of((), everything=False), offers_of((), everything=True)
     assert every == ESTIMATORS and set(usual) == {o for o in ESTIMATORS if not o.slow}
-    assert "GA" in {o.name for o in every} - {o.name for o in usual}
+    assert "IV" in {o.name for o in every} - {o.name for o in usual}
 
 
 @pytest.mark.parametrize(
-    ("section", "lines"),
+    ("section", "now"),
     [
-        (
-            EstimationSection(),
-            {
-                "WLS": '[estimation] method = "least_squares"',
-                "OLS": '[estimation] method = "least_squares", weights = "equal"',
-            },
-        ),
-        (
-            EstimationSection(method="least_squares", weights="equal"),
-            {
-                "consistent": '[estimation] method = "consistent"',
-                "WLS": '[estimation] weights = "noise"',
-            },
-        ),
+        (EstimationSection(), "consistent"),
+        (EstimationSection(method="least_squares"), "WLS"),
+        (EstimationSection(method="least_squares", weights="equal"), "OLS"),
+        (EstimationSection(method="BOUNDED_LS"), "bounded LS"),
     ],
 )
-def test_what_to_write_into_the_robot_file(section, lines) -> None:
-    assert lines_of(section) == lines
+def test_what_to_write_into_the_robot_file(section, now, given: Path) -> None:
+    file = replace(load_robot(given / "demo_arm.toml"), estimation=section)
+    names = {offer.name for offer in ESTIMATORS} - {now}
+    assert lines_of(file) == {name: f'[estimation] method = "{name}"' for name in names}
 
 
 def test_the_robot_files_weights_count(command, given: Path, tmp_path: Path) -> None:
@@ -175,11 +169,11 @@ def test_the_advice_has_its_line(command) -> None:
     done = command("compare", ROBOT, LOG, OTHER, "--estimators", "WLS", "OLS")
     text = words(done.output)
     assert "Take WLS" in text and "two parts tell little" in text
-    assert 'in the robot file: [estimation] method = "least_squares"' in text
+    assert 'in the robot file: [estimation] method = "WLS"' in text
     found = json.loads(
         command("compare", ROBOT, LOG, OTHER, "--estimators", "WLS", "OLS", "--json").stdout
     )
-    assert found["robot_file"] == '[estimation] method = "least_squares"'
+    assert found["robot_file"] == '[estimation] method = "WLS"'
 
 
 def pressed(function: str, arguments: tuple[str, ...], work: Path) -> tuple[int, str, str]:

@@ -12,8 +12,11 @@ import pytest
 
 from cli.conftest import Command
 from cli.river_files import edited
+from steelyard.estimation.consistent.consistent import Consistent
+from steelyard.estimation.prior.prior import default_knowledge
 from steelyard.identification.fitting import _unscaled_because
 from steelyard.identification.logs import model_of
+from steelyard.regression.base import base_parameters
 from steelyard.robot_file.file import load_robot
 
 OFF = {2: 1.25}
@@ -75,6 +78,7 @@ def test_scales_are_off_where_the_robot_file_says_so(
     ("written", "words"),
     [
         ('method = "least_squares"\neffort_scales = "auto"', 'with method = "least_squares"'),
+        ('method = "Huber"\neffort_scales = "auto"', 'with method = "Huber"'),
         ('method = "least_squares"', None),
         ('method = "least_squares"\neffort_scales = "off"', None),
     ],
@@ -92,14 +96,15 @@ def test_scales_that_are_asked_for_in_vain_are_told(
 
 def test_scales_are_of_motors_behind_coupled_gears(given: Path, tmp_path: Path) -> None:
     loaded = load_robot(edited(given, tmp_path))
-    model, information = model_of(loaded), SimpleNamespace(layout=SimpleNamespace(columns=()))
+    model = model_of(loaded)
+    estimator = Consistent(base_parameters(model), default_knowledge(model))
     assert loaded.signals is not None
     for gears, words in ((None, ""), (np.eye(6), "behind coupled gears")):
         run = SimpleNamespace(
             recording=SimpleNamespace(signals=replace(loaded.signals, effort_map=gears))
         )
-        ground = SimpleNamespace(gains=None, model=model, runs=(run,))
-        why = _unscaled_because(loaded, cast(Any, ground), cast(Any, information))
+        ground = SimpleNamespace(gains=None, runs=(run,))
+        why = _unscaled_because(loaded, cast(Any, ground), estimator)
         assert why.startswith(words) and bool(why) == bool(words)
 
 

@@ -97,7 +97,6 @@ def test_without_them_the_model_is_the_prior(folder: Path) -> None:
             4,
             "",
         ),
-        ('[estimation]\nmethod = "WLS"', "'WLS' cannot be used", 4, "'least_squares'"),
         ("[knowledge]\nlower = 1", "cannot be used for 'knowledge'", 3, "list in [ ]"),
     ],
 )

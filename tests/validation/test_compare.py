@@ -166,9 +166,9 @@ def test_data_that_cannot_be_had_are_a_reason() -> None:
 def test_other_data_come_from_the_same_runs() -> None:
     asked: list[tuple[int, ...]] = []
 
-    def samples(chosen: Any) -> Information:
-        asked.append(tuple(chosen))
-        return parts.said(chosen)
+    def samples(information: Information) -> Information:
+        asked.append(tuple(int(window.run[-1]) for window in information.windows))
+        return information
 
     parts = parts_of(others={"samples": samples})
     looking = offer("of samples", OrdinaryLeastSquares(), needs="samples")

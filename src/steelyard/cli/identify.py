@@ -53,6 +53,14 @@ def identify(
             min=20, help="Estimate again so often from windows of time drawn again.", metavar="N"
         ),
     ] = None,
+    method: Annotated[
+        str | None,
+        typer.Option(
+            help="Estimator, as WLS, Huber or IV, in place of the robot file's; "
+            "`steelyard compare` tells which suits the logs.",
+            metavar="NAME",
+        ),
+    ] = None,
     fixed_base: FixedBase = None,
     threads: Threads = None,
     as_json: Json = False,
@@ -80,6 +88,7 @@ def identify(
             check=not no_check,
             sensitivity=sensitivity,
             bootstrap=bootstrap,
+            method=method,
             fixed_base=fixed_base,
             threads=threads,
             progress=progress,

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from steelyard.errors import DataError
+from steelyard.errors import DataError, ModelError
 from steelyard.estimation.consistent.consistent import Consistent
 from steelyard.estimation.consistent.physics import Free, Pullback
 from steelyard.estimation.estimate import Estimator
@@ -15,6 +15,7 @@ from steelyard.estimation.least_squares.least_squares import (
 )
 from steelyard.progress import Progress, silent
 from steelyard.regression.regressor import Regressor
+from steelyard.suggest import advice
 
 Needs = Literal["information", "samples", "experiment"]
 """What an estimator looks at; see `estimate.Estimator`."""
@@ -49,6 +50,7 @@ class Offer:
         needs: What it looks at.
         make: The estimator for a model and what is known of it.
         slow: Whether it searches or simulates, and so is compared only where it is named.
+        uses: Tables of the robot file that it uses.
     """
 
     name: str
@@ -56,6 +58,11 @@ class Offer:
     needs: Needs
     make: Callable[[Context], Estimator[Any]]
     slow: bool = False
+    uses: tuple[str, ...] = ()
+
+
+PRIOR, KNOWLEDGE = "[prior]", "[[knowledge]]"
+"""Tables that say what is known beforehand."""
 
 
 def _consistent(context: Context) -> Consistent:
@@ -69,7 +76,7 @@ def _refuse_own(context: Context) -> None:
         raise DataError(
             "it keeps no parameters of single runs",
             where=", ".join(context.per_run),
-            mend="leave it out of the comparison, or per_run = true out of the robot file",
+            mend="take another estimator, or leave per_run = true out of the robot file",
         )
 
 
@@ -166,18 +173,26 @@ ESTIMATORS: tuple[Offer, ...] = (
         "information",
         lambda c: WeightedLeastSquares(per_run=c.per_run),
     ),
-    Offer("consistent", "bodies that can exist, near their priors", "information", _consistent),
+    Offer(
+        "consistent",
+        "bodies that can exist, near their priors",
+        "information",
+        _consistent,
+        uses=(PRIOR, KNOWLEDGE),
+    ),
     Offer(
         "pullback",
         "bodies that can exist, near their priors by a quadratic distance",
         "information",
         lambda c: replace(_consistent(c), form=Pullback()),
+        uses=(PRIOR, KNOWLEDGE),
     ),
     Offer(
         "SDP",
         "bodies that can exist, without prior: what physics alone costs",
         "information",
         lambda c: replace(_consistent(c), form=Free()),
+        uses=(KNOWLEDGE,),
     ),
     Offer("TLS", "total least squares: noise in the columns too", "information", _total),
     Offer(
@@ -185,6 +200,7 @@ ESTIMATORS: tuple[Offer, ...] = (
         "weighted least squares drawn towards the nominal bodies",
         "information",
         _ridge,
+        uses=(PRIOR,),
     ),
     Offer("RLS", "recursive least squares that forgets 1 % a second", "information", _recursive),
     Offer("Huber", "least squares that trusts large residuals less", "samples", _huber),
@@ -201,6 +217,7 @@ ESTIMATORS: tuple[Offer, ...] = (
         "the consistent estimate by Gauss-Newton in coordinates without cones",
         "information",
         _log_cholesky,
+        uses=(PRIOR, KNOWLEDGE),
     ),
     Offer(
         "IV", "instruments from the simulated closed loop", "experiment", _instrumental, slow=True
@@ -215,3 +232,42 @@ ESTIMATORS: tuple[Offer, ...] = (
     ),
     Offer("EKF", "extended Kalman filter over the parameters", "experiment", _kalman, slow=True),
 )
+
+
+def estimators() -> tuple[tuple[str, str], ...]:
+    """Names of all estimators, each with what it is in a few words.
+
+    `identify` takes each of these names, in any case, as `method`; `compare` takes several.
+
+    Example:
+        >>> dict(estimators())["WLS"]
+        'least squares, joints weighted by their noise'
+    """
+    return tuple((offer.name, offer.about) for offer in ESTIMATORS)
+
+
+def offer_of(name: str, where: str, others: tuple[str, ...] = ()) -> Offer:
+    """The estimator of a name, whatever its case and what stands between its words.
+
+    Args:
+        name: The name.
+        where: Where it stands, for messages.
+        others: What else may stand there.
+
+    Raises:
+        ModelError: There is none.
+    """
+    known = {plain(offer.name): offer for offer in ESTIMATORS}
+    if plain(name) not in known:
+        names = (*(offer.name for offer in ESTIMATORS), *others)
+        raise ModelError(
+            f"there is no estimator '{name}'",
+            where=where,
+            mend=advice(name, names, "estimators", len(names)),
+        )
+    return known[plain(name)]
+
+
+def plain(name: str) -> str:
+    """A name whatever its case, and whatever stands between its words."""
+    return name.lower().replace("-", " ").replace("_", " ")

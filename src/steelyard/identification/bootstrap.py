@@ -18,6 +18,10 @@ def drawn_again(content: ReportContent, fit: Fit, draws: int, progress: Progress
         draws: How often windows are drawn.
         progress: Told about every draw.
     """
+    if fit.method.needs != "information":
+        of = "samples" if fit.method.needs == "samples" else "whole runs"
+        why = f"{fit.method.name} looks at {of}, which are not drawn again"
+        return replace(content, notes=(*content.notes, f"no bootstrap: {why}"))
     try:
         found = bootstrap(fit.estimator, fit.information, draws=draws, progress=progress)
     except DataError as error:

@@ -16,6 +16,7 @@ from steelyard.estimation.identified import IdentifiedModel, load_model
 from steelyard.identification.check_case import diagnosed, refuse_foreign, subject_of
 from steelyard.identification.fix import Fixed, fixed, target_of
 from steelyard.identification.logs import log_files
+from steelyard.identification.method import method_of
 from steelyard.identification.result import Result, paths_of
 from steelyard.progress import Progress, silent
 from steelyard.report.check_page import CheckContent, render_check
@@ -121,6 +122,7 @@ def check(
     known = model if model is None or isinstance(model, IdentifiedModel) else load_model(model)
     files = log_files(paths_of(logs))
     subject = subject_of(str(robot), files[0], fixed_base)
+    method_of(subject.loaded)
     named = None if model is None or isinstance(model, IdentifiedModel) else str(model)
     if known is not None:
         refuse_foreign(known, subject.loaded, named or "the model")

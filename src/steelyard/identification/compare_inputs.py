@@ -2,32 +2,22 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, reduce
-from operator import add
 
 from steelyard.errors import ModelError
-from steelyard.estimation.closed_loop.experiment import Experiment
 from steelyard.estimation.fields.fields import said_by
 from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimation.prior.wishes import knowledge_of
-from steelyard.estimation.register import ESTIMATORS, Context, Offer
+from steelyard.estimation.register import ESTIMATORS, Context, Offer, offer_of
 from steelyard.identification.descriptions import dropped, notes_of
 from steelyard.identification.logs import log_files, model_of, refuse_overlaps, runs_of, signals_of
+from steelyard.identification.method import Sources, context_of, method_of
 from steelyard.identification.precheck import checked, passed
-from steelyard.identification.prepare_model import Ground, Payload, grounded, own_columns
-from steelyard.measurement import Run
-from steelyard.measurement.run import fastest_of
+from steelyard.identification.prepare_model import Ground, Payload, grounded
 from steelyard.progress import Progress
-from steelyard.regression.gather_samples import gather_samples
-from steelyard.regression.information import Information
-from steelyard.regression.regressor import Regressor, base_regressor
-from steelyard.regression.samples import Samples
+from steelyard.regression.regressor import base_regressor
 from steelyard.report import ReportContent
 from steelyard.robot_file.file import LoadedRobot, load_robot
-from steelyard.robot_file.sections import EstimationSection
-from steelyard.suggest import advice
 from steelyard.validation.compare import Parts
-from steelyard.validation.cross import longest_window, stretches_of
+from steelyard.validation.cross import longest_window
 from steelyard.validation.friction.mixes import remembers
 from steelyard.validation.trial import Comparison
 
@@ -89,21 +79,9 @@ def offers_of(names: Sequence[str], everything: bool) -> tuple[Offer, ...]:
         )
     if not names:
         return tuple(offer for offer in ESTIMATORS if everything or not offer.slow)
-    known = {_plain(offer.name): offer for offer in ESTIMATORS}
     each = [name.strip() for some in names for name in some.split(",") if name.strip()]
-    for name in each:
-        if _plain(name) not in known:
-            raise ModelError(
-                f"there is no estimator '{name}'",
-                where="--estimators",
-                mend=advice(name, [o.name for o in ESTIMATORS], "estimators", len(ESTIMATORS)),
-            )
-    return tuple(known[name] for name in dict.fromkeys(map(_plain, each)))
-
-
-def _plain(name: str) -> str:
-    """A name whatever its case, and whatever stands between its words."""
-    return name.lower().replace("-", " ").replace("_", " ")
+    found = [offer_of(name, "--estimators") for name in each]
+    return tuple(dict.fromkeys(found))
 
 
 def rivals_of(
@@ -156,10 +134,8 @@ def _given(
         progress=progress,
     )
     information = said(regressor)
-    own = set(own_columns(model))
-    per_run = tuple(name for name in information.layout.columns if name in own)
-    knowledge = knowledge_of(model, file, fastest_of(runs))
-    sources = Sources(regressor, runs, rests, information, threads, progress)
+    context = context_of(file, regressor, runs, progress)
+    sources = Sources(regressor, runs, information, threads, progress)
     several = len(runs) > 1
     parts = Parts.of(
         runs,
@@ -167,66 +143,14 @@ def _given(
         {"samples": sources.samples, **({"experiment": sources.experiment} if several else {})},
         {"experiment": ONE_RUN},
     )
-    equal = file.estimation.weights == "equal"
-    context = Context(regressor, knowledge, per_run, progress, equal)
-    return Rivals(context, parts, ground, (*notes, *knowledge.notes), lines_of(file.estimation))
+    return Rivals(context, parts, ground, (*notes, *context.knowledge.notes), lines_of(file))
 
 
-def lines_of(now: EstimationSection) -> dict[str, str]:
-    """What a robot file's `[estimation]` lacks for those estimators that it can choose."""
-    wanted = {
-        "consistent": {"method": "consistent"},
-        "WLS": {"method": "least_squares", "weights": "noise"},
-        "OLS": {"method": "least_squares", "weights": "equal"},
+def lines_of(file: LoadedRobot) -> dict[str, str]:
+    """What to write into the robot file for every estimator that it does not choose now."""
+    now = method_of(file)
+    return {
+        offer.name: f'[estimation] method = "{offer.name}"'
+        for offer in ESTIMATORS
+        if offer.name != now.name
     }
-    lines = {}
-    for name, keys in wanted.items():
-        other = [f'{key} = "{value}"' for key, value in keys.items() if getattr(now, key) != value]
-        if other:
-            lines[name] = f"[estimation] {', '.join(other)}"
-    return lines
-
-
-@dataclass(frozen=True, eq=False)
-class Sources:
-    """Samples and experiments of runs, gathered when they are first asked for.
-
-    Attributes:
-        regressor: The columns.
-        runs: The runs.
-        rests: Whether rests count.
-        information: What the runs say.
-        threads: Native threads.
-        progress: Told about the pass.
-    """
-
-    regressor: Regressor
-    runs: tuple[Run, ...]
-    rests: bool
-    information: Information
-    threads: int
-    progress: Progress
-
-    def samples(self, parts: Sequence[int]) -> Samples:
-        """Samples of some runs, or of stretches of a single one."""
-        if len(self.runs) > 1:
-            return reduce(add, [self._gathered[k] for k in parts])
-        stretches = stretches_of(self.runs[0])
-        return self._gathered[0].during([stretches[k] for k in parts])
-
-    def experiment(self, parts: Sequence[int]) -> Experiment:
-        """An experiment of some runs; how they were controlled is not logged."""
-        runs = [self.runs[k] for k in parts]
-        names = {run.name for run in runs}
-        windows = [k for k, w in enumerate(self.information.windows) if w.run in names]
-        return Experiment.of_runs(self.regressor, runs, information=self.information.of(windows))
-
-    @cached_property
-    def _gathered(self) -> list[Samples]:
-        units = self.regressor.model.robot.effort_units
-        return [
-            gather_samples(
-                self.regressor, run, rests=self.rests, threads=self.threads, progress=self.progress
-            ).scaled(run.recording.signals.gains, units)
-            for run in self.runs
-        ]

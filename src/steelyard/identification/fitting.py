@@ -1,8 +1,9 @@
 """From clean runs to an identified model: what a robot file leaves open is found on the way."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 
@@ -17,9 +18,18 @@ from steelyard.estimation.least_squares.least_squares import (
     WeightedLeastSquares,
 )
 from steelyard.estimation.payload.gains import GainEstimate
+from steelyard.estimation.register import KNOWLEDGE, PRIOR, Offer, offer_of
 from steelyard.estimation.zero_offset import ZeroOffsets
 from steelyard.identification.logs import wanted_by
-from steelyard.identification.prepare_model import Ground, consistent_of, grounded, own_columns
+from steelyard.identification.method import (
+    LEAST_SQUARES,
+    Sources,
+    context_of,
+    method_of,
+    on_information,
+    own_of,
+)
+from steelyard.identification.prepare_model import Ground, grounded
 from steelyard.identification.prepare_model import Payload as Payload
 from steelyard.measurement import Run
 from steelyard.measurement.motion_samples import motion_samples
@@ -29,11 +39,14 @@ from steelyard.regression.base import base_parameters
 from steelyard.regression.information import Information
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot_file.file import LoadedRobot
-from steelyard.robot_file.sections import PriorSection
+from steelyard.robot_file.sections import EstimationSection, PriorSection
 from steelyard.terms.laws.rigid_body import RigidBody
 from steelyard.validation.calibrate import calibrate
 from steelyard.validation.effort_scales import EffortScales, effort_scales
 from steelyard.validation.friction.friction import FrictionChoice
+
+EstimatorOf = Callable[[Sequence[Run], Information], Estimator[Information]]
+"""The estimator for runs, and what they say: it may look at more than that."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +63,8 @@ class Fit:
         scales: Scales of the efforts that were estimated, if any.
         notes: What was decided, for people to read.
         information: What the runs say about the model's columns.
-        estimator: What made the estimate of it.
+        method: The estimator.
+        estimating: Makes it for these runs, or for others of the same model.
     """
 
     identified: IdentifiedModel
@@ -62,7 +76,13 @@ class Fit:
     scales: EffortScales | None
     notes: tuple[str, ...]
     information: Information
-    estimator: Estimator[Information]
+    method: Offer
+    estimating: EstimatorOf
+
+    @cached_property
+    def estimator(self) -> Estimator[Information]:
+        """What made the estimate."""
+        return self.estimating(self.runs, self.information)
 
     def alike(self, run: Run) -> Run:
         """Another run, with its joint positions and efforts read as those of the fitted ones."""
@@ -91,32 +111,39 @@ def fit(
         threads: Native threads.
         progress: Told about every pass.
     """
-    least_squares, other = (_of_runs(e, model) for e in estimators(loaded_robot))
+    plain, other = least_squares_of(loaded_robot)
+    least_squares = _of_runs(LEAST[plain], model)
     ground = grounded(
         model, loaded_robot, runs, carrying, payload, least_squares, threads, progress
     )
     model, runs = ground.model, ground.runs
-    information = ground.said(base_regressor(model))
-    more = _least_squares_because(loaded_robot, ground.gains)
-    consistent = consistent_of(loaded_robot, runs)(model, base_parameters(model))
-    estimator = least_squares if more else _of_runs(consistent, model)
-    scales, why = None, _unscaled_because(loaded_robot, ground, information)
+    regressor = base_regressor(model)
+    information = ground.said(regressor)
+    method, why = _method(loaded_robot, plain, ground.gains)
+    context = context_of(loaded_robot, regressor, runs, progress)
+
+    def from_runs(of: Sequence[Run], said: Information) -> Estimator[Information]:
+        return on_information(method, context, Sources(regressor, of, said, threads, progress))
+
+    estimating: EstimatorOf = from_runs
+    scales, estimator = None, method.make(context)
+    unscaled = _unscaled_because(loaded_robot, ground, estimator)
     asked = loaded_robot.estimation.effort_scales == "auto"
-    if asked and not why:
-        scales = effort_scales(consistent, information, progress=progress)
+    if asked and not unscaled and isinstance(estimator, Consistent):
+        scales = effort_scales(estimator, information, progress=progress)
     if scales is not None:
         runs = [_scaled(run, scales.found.values) for run in runs]
         information = information.scaled(1.0 / scales.found.values, information.stamp.effort)
-        estimator = partial(scales.scaled.estimate, scales=scales.found)
-    plain = least_squares(information)
-    estimate, reference = (plain, other(information)) if more else (estimator(information), plain)
+        estimating = partial(_with_scales, scales)
+    estimate = estimating(runs, information)(information)
+    reference = _of_runs(LEAST[other if method.name == plain else plain], model)(information)
     notes = (
         *ground.notes,
-        *more,
+        *_chosen(loaded_robot, method, why, estimate),
         *([] if scales is None else [scales.note]),
-        *_in_vain(loaded_robot, why),
+        *_in_vain(loaded_robot, unscaled),
         *estimate.notes,
-        *_beyond(model, consistent.knowledge, plain),
+        *_beyond(model, context.knowledge, estimate if method.name == plain else reference),
     )
     identified = IdentifiedModel(
         model=model,
@@ -144,7 +171,8 @@ def fit(
         scales,
         notes,
         information,
-        estimator,
+        method,
+        estimating,
     )
 
 
@@ -167,34 +195,55 @@ def calibrated(found: Fit, threads: int, progress: Progress) -> Fit:
     )
     if calibration is not None:
         return replace(found, identified=replace(identified, calibration=calibration))
-    return replace(found, notes=(*found.notes, NOT_CALIBRATED))
+    why = "without a part of the logs the rest is too little to fit"
+    if found.method.needs == "experiment":
+        why = f"{found.method.name} needs whole runs, and could not be fitted without one of them"
+    return replace(found, notes=(*found.notes, NOT_CALIBRATED.format(why)))
 
 
 NOT_CALIBRATED = (
-    "the 95 % bands of efforts count noise only: without a part of the logs the rest is too little "
-    "to fit, so nothing could be left out to calibrate them"
+    "the 95 % bands of efforts count noise only: {}, so nothing could be left out to calibrate them"
 )
 
 LeastSquares = OrdinaryLeastSquares | WeightedLeastSquares
 
-
-def estimators(loaded: LoadedRobot) -> tuple[LeastSquares, LeastSquares]:
-    """The estimator that the robot file asks for, and the one beside it."""
-    noise, equal = WeightedLeastSquares(), OrdinaryLeastSquares()
-    return (noise, equal) if loaded.estimation.weights == "noise" else (equal, noise)
+LEAST: dict[str, LeastSquares] = {"WLS": WeightedLeastSquares(), "OLS": OrdinaryLeastSquares()}
 
 
-def _unscaled_because(loaded: LoadedRobot, ground: Ground, information: Information) -> str:
+def least_squares_of(loaded: LoadedRobot) -> tuple[str, str]:
+    """Plain least squares as the robot file weighs joints, and the one beside it."""
+    method = method_of(loaded).name
+    plain = method if method in LEAST else LEAST_SQUARES[loaded.estimation.weights]
+    return plain, next(name for name in LEAST if name != plain)
+
+
+def _method(loaded: LoadedRobot, plain: str, gains: GainEstimate | None) -> tuple[Offer, str]:
+    """The estimator, and why it is not the default one; nothing if it is."""
+    asked = method_of(loaded)
+    if asked.uses and gains is not None and gains.relative:
+        return offer_of(plain, ""), "for without a scale no prior of the bodies can be compared"
+    usual = EstimationSection().method
+    return asked, "" if asked.name == usual else "as asked for"
+
+
+def _unscaled_because(loaded: LoadedRobot, ground: Ground, estimator: Estimator[Any]) -> str:
     """Why scales cannot be estimated; empty where they can."""
-    if loaded.estimation.method == "least_squares":
-        return 'with method = "least_squares"'
     if ground.gains is not None:
         return 'beside gain = "identify"'
-    if set(own_columns(ground.model)) & set(information.layout.columns):
+    if type(estimator) is not Consistent:
+        return f'with method = "{loaded.estimation.method}"'
+    if estimator.per_run:
         return "beside terms that every run has for itself"
     if ground.runs[0].recording.signals.effort_map is not None:
         return "behind coupled gears, where a scale is of a motor and not of a joint"
     return ""
+
+
+def _with_scales(
+    scales: EffortScales, runs: Sequence[Run], information: Information
+) -> Estimator[Information]:
+    """The estimate of any information, as unsure as the scales make it."""
+    return partial(scales.scaled.estimate, scales=scales.found)
 
 
 def _in_vain(loaded: LoadedRobot, why: str) -> tuple[str, ...]:
@@ -212,27 +261,22 @@ def _scaled(run: Run, scales: Array) -> Run:
     return replace(run, recording=replace(run.recording, signals=signals))
 
 
-def _least_squares_because(loaded: LoadedRobot, gains: GainEstimate | None) -> tuple[str, ...]:
-    """Notes on why the estimate is plain least squares; none where it is not."""
-    if loaded.estimation.method == "least_squares":
-        why = "as the robot file asks for: bodies may be impossible"
-    elif gains is not None and gains.relative:
-        why = "for without a scale no prior of the bodies can be compared"
-    else:
+def _chosen(loaded: LoadedRobot, method: Offer, why: str, estimate: Estimate) -> tuple[str, ...]:
+    """Notes on an estimator that is not the default one, and on what it does not use."""
+    if not why:
         return ()
-    given = {"[prior]": loaded.prior != PriorSection(), "[[knowledge]]": bool(loaded.knowledge)}
-    idle = " and ".join(name for name, there in given.items() if there)
-    unheard = (f"in plain least squares nothing comes of {idle}",) if idle else ()
-    return (f"plain least squares, {why}", *unheard)
+    bodies = ": bodies may be impossible" if estimate.standard is None else ""
+    given = {PRIOR: loaded.prior != PriorSection(), KNOWLEDGE: bool(loaded.knowledge)}
+    idle = " and ".join(name for name, there in given.items() if there and name not in method.uses)
+    unheard = (f"{method.name} does not use {idle}",) if idle else ()
+    return (f"estimated by {method.name} ({method.about}), {why}{bodies}", *unheard)
 
 
-def _of_runs(estimator: LeastSquares | Consistent, model: Model) -> Estimator[Information]:
+def _of_runs(estimator: LeastSquares, model: Model) -> Estimator[Information]:
     """The estimator with the parameters that every run of this model has for itself."""
-    own = own_columns(model)
 
     def estimate(information: Information) -> Estimate:
-        names = tuple(name for name in information.layout.columns if name in own)
-        return replace(estimator, per_run=names)(information)
+        return replace(estimator, per_run=own_of(model, information.layout))(information)
 
     return estimate
 

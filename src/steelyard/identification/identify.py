@@ -25,6 +25,7 @@ from steelyard.identification.logs import (
     scored,
     signals_of,
 )
+from steelyard.identification.method import method_of
 from steelyard.identification.precheck import checked, passed
 from steelyard.identification.repeated_rows import marked_repeats, refuse_same_rows
 from steelyard.identification.result import Result, paths_of, scores_frame
@@ -109,6 +110,7 @@ def identify(
     check: bool = True,
     sensitivity: bool = False,
     bootstrap: int | None = None,
+    method: str | None = None,
     fixed_base: str | None = None,
     threads: int | None = None,
     progress: Progress = silent,
@@ -125,6 +127,8 @@ def identify(
         check: Whether the logs are checked before; what is wrong then stops the identification.
         sensitivity: Whether to fit again with other cut-off frequencies.
         bootstrap: How often to estimate again from windows of time drawn again; `None` for never.
+        method: Name of an estimator (see `estimators`), or `least_squares`; that of the robot file
+            if `None`.
         fixed_base: Link of a model file that is fixed to the world; `None` for its root.
         threads: Native threads; as many as the machine has cores if `None`.
         progress: Receives events of progress; an exception from it stops the work.
@@ -144,6 +148,9 @@ def identify(
     """
     cores = threads or os.cpu_count() or 1
     file = load_robot(robot, base=fixed_base)
+    asked = {"method": method_of(file, method).name} if method else {}
+    file = replace(file, estimation=file.estimation.model_copy(update=asked))
+    method_of(file)
     known, carrying, unknown = (log_files(paths_of(some)) for some in (logs, loaded, validate))
     refuse_overlaps([*known, *carrying], unknown)
     signals, reasons = signals_of(file, known[0])

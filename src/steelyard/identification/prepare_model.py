@@ -10,10 +10,11 @@ from steelyard.estimation.fields.fields import Finding, find_fields, said_by
 from steelyard.estimation.fields.passes import Said
 from steelyard.estimation.fields.reference import needs_reference, settled_reference
 from steelyard.estimation.payload.gains import GainEstimate, identified_gains
-from steelyard.estimation.per_run import own_columns as own_columns
+from steelyard.estimation.per_run import own_columns
 from steelyard.estimation.prior.wishes import knowledge_of
 from steelyard.estimation.zero_offset import ZeroOffsets, find_offsets, with_offsets
 from steelyard.identification.logs import with_friction
+from steelyard.identification.method import method_of
 from steelyard.measurement import Run
 from steelyard.measurement.run import fastest_of
 from steelyard.model import Model
@@ -138,9 +139,9 @@ def consistent_of(loaded: LoadedRobot, runs: Sequence[Run]) -> ConsistentOf:
 def _judge(
     loaded: LoadedRobot, model: Model, runs: Sequence[Run], gains: GainEstimate | None
 ) -> ConsistentOf | None:
-    """What judges friction laws: the consistent estimate, if the model is to be given it."""
+    """What judges friction laws: the consistent estimate, where what is known is to count."""
     unscaled = gains is not None and gains.relative
-    if loaded.estimation.method == "least_squares" or unscaled or own_columns(model):
+    if not method_of(loaded).uses or unscaled or own_columns(model):
         return None
     return consistent_of(loaded, runs)
 

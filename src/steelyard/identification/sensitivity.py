@@ -93,7 +93,7 @@ def _refitted(
         runs.append(replace(prepare(recording_of(log, signals), processing), name=before.name))
     said = said_by(runs, rests=remembers(model.terms), threads=threads, progress=progress)
     information = said(base_regressor(model))
-    estimate = fit.estimator(information)
+    estimate = fit.estimating(runs, information)(information)
     again = replace(identified, estimate=estimate)
     return replace(fit, identified=again, runs=tuple(runs), information=information)
 

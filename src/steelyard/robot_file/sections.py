@@ -206,12 +206,13 @@ class ProcessingSection(Section):
 class EstimationSection(Section):
     """How parameters are estimated.
 
-    `method`: `consistent` with physics and what is known beforehand, or plain `least_squares`.
+    `method`: `consistent` with physics and what is known beforehand, plain `least_squares`, or
+    any other estimator by its name.
     `weights`: joints weigh by the `noise` of their own residuals, or are `equal`.
     `effort_scales`: a scale of each joint's efforts, where the data ask for it; or none.
     """
 
-    method: Literal["consistent", "least_squares"] = "consistent"
+    method: Name = "consistent"
     weights: Literal["noise", "equal"] = "noise"
     effort_scales: Literal["auto", "off"] = "auto"
 

@@ -27,8 +27,8 @@ from steelyard.validation.trial import COST, Comparison, Failure, Trial
 LEFT = "leave it out of the comparison"
 """What to do about an estimator that only fails."""
 
-Chosen = Callable[[Sequence[int]], Any]
-"""What some of the parts say together, in the form that an estimator asks for."""
+Chosen = Callable[[Information], Any]
+"""What there is in the windows of an information, in the form that an estimator asks for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +95,7 @@ class Parts:
         if needs not in self.others:
             wrong, mend = self.lacking.get(needs, (f"it looks at {needs}, and there is none", LEFT))
             raise DataError(wrong, where=", ".join(self.names), mend=mend)
-        return self.others[needs](parts)
+        return self.others[needs](self.said(parts))
 
     def said(self, parts: Sequence[int]) -> Information:
         """Information of some of the parts."""

@@ -125,7 +125,7 @@ def _standard(identified: IdentifiedModel) -> dict[str, float]:
         raise ModelError(
             "the model has base parameters only, not the mass and inertia of every link",
             where=f"model of '{name}', estimated by {estimate.estimator}",
-            mend='remove method = "least_squares" from [estimation] of the robot file and identify '
+            mend="remove method from [estimation] of the robot file (or --method) and identify "
             "again: the default estimator knows from the prior what the data do not show",
         )
     if not identified.model.has_bodies:

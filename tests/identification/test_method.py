@@ -1,0 +1,153 @@
+"""Every estimator by its name: a model comes of it, or a reason why not."""
+
+from pathlib import Path
+
+import pytest
+
+import steelyard
+from steelyard.errors import ModelError, SteelyardError
+from steelyard.estimation.register import ESTIMATORS
+from steelyard.identification.identify import Identification
+from steelyard.identification.method import Sources
+from steelyard.progress import silent
+from steelyard.regression.regressor import base_regressor
+
+ARM = """<robot name="arm">
+  <link name="base"/>
+  <link name="upper"><inertial><origin xyz="0.2 0 0"/><mass value="2"/>
+    <inertia ixx="0.01" iyy="0.05" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="lower"><inertial><origin xyz="0.15 0 0"/><mass value="1.5"/>
+    <inertia ixx="0.01" iyy="0.03" izz="0.03" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="joint1" type="revolute"><parent link="base"/><child link="upper"/>
+    <axis xyz="0 1 0"/><limit lower="-2" upper="2" velocity="3" effort="80"/></joint>
+  <joint name="joint2" type="revolute"><parent link="upper"/><child link="lower"/>
+    <origin xyz="0.4 0 0"/><axis xyz="0 1 0"/>
+    <limit lower="-2" upper="2" velocity="3" effort="40"/></joint>
+</robot>
+"""
+BODIES = {"consistent", "pullback", "SDP", "log-Cholesky"}
+"""Estimators that give values of all standard parameters."""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("method")
+    (place / "arm.urdf").write_text(ARM)
+    (place / "arm.toml").write_text('[robot]\nurdf = "arm.urdf"\n')
+    steelyard.simulate(place / "arm.toml", place / "run", seed=1)
+    return place
+
+
+def log(folder: Path) -> Path:
+    return folder / "run" / "log.parquet"
+
+
+def found(folder: Path, robot: str = "", **options: object) -> Identification:
+    path = folder / "arm.toml"
+    if robot:
+        path = folder / "other.toml"
+        path.write_text(f'[robot]\nurdf = "arm.urdf"\n{robot}')
+    return steelyard.identify(path, log(folder), check=False, **options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("offer", ESTIMATORS, ids=lambda offer: offer.name)
+def test_a_model_comes_of_every_estimator(folder: Path, offer, tmp_path: Path) -> None:
+    result = found(folder, method=offer.name)
+    estimate = result.model.estimate
+    assert (estimate.standard is not None) == (offer.name in BODIES)
+    assert result.scores["relative_percent"].max() < 2.0
+    notes = [note for note in result.content.notes if note.startswith("estimated by")]
+    if offer.name == "consistent":
+        assert not notes
+    else:
+        (note,) = notes
+        assert note.startswith(f"estimated by {offer.name} ({offer.about}), as asked for")
+        assert ("impossible" in note) == (offer.name not in BODIES)
+    calibrated = result.model.calibration is not None
+    assert calibrated == (offer.needs != "experiment")
+    bands = [note for note in result.content.notes if "95 % bands" in note]
+    assert bool(bands) != calibrated and all(f"{offer.name} needs whole runs" in b for b in bands)
+    again = steelyard.load_model(result.save(tmp_path / "out"))
+    assert again.estimate.estimator == estimate.estimator
+    assert estimate.estimator in result.report()
+
+
+def test_whole_runs_calibrate_what_simulates(folder: Path) -> None:
+    robot = folder / "arm.toml"
+    steelyard.simulate(robot, folder / "drawn", seed=2)
+    motion = folder / "drawn" / "trajectory.json"
+    steelyard.simulate(robot, folder / "other", motion, seed=1)
+    logs = [log(folder), folder / "other" / "log.parquet"]
+    result = steelyard.identify(robot, logs, check=False, method="didim")
+    assert result.model.calibration is not None and result.model.calibration.kind == "runs"
+
+
+@pytest.mark.parametrize(("written", "same"), [("Bounded_LS", "bounded LS"), ("wls", "WLS")])
+def test_the_robot_file_and_the_option_take_the_same_names(
+    folder: Path, written: str, same: str
+) -> None:
+    of_file = found(folder, f'[estimation]\nmethod = "{written}"\n')
+    of_option = found(folder, '[estimation]\nmethod = "Huber"\n', method=same)
+    one, other = (result.model.estimate for result in (of_file, of_option))
+    assert one.estimator == other.estimator
+    assert one.parameters.values.tolist() == other.parameters.values.tolist()
+
+
+@pytest.mark.parametrize(("weights", "name"), [("noise", "WLS"), ("equal", "OLS")])
+def test_least_squares_weighs_as_the_robot_file_says(folder: Path, weights: str, name: str) -> None:
+    robot = f'[estimation]\nmethod = "least_squares"\nweights = "{weights}"\n'
+    one, other = found(folder, robot).model, found(folder, method=name).model
+    assert one.estimate.parameters.values.tolist() == other.estimate.parameters.values.tolist()
+    assert one.reference[0].estimator == other.reference[0].estimator != one.estimate.estimator
+
+
+def test_unknown_names_are_refused_where_they_stand(folder: Path) -> None:
+    with pytest.raises(ModelError) as caught:
+        found(folder, '[estimation]\nmethod = "Hubber"\n')
+    assert caught.value.wrong == "there is no estimator 'Hubber'"
+    assert "other.toml, line 4" in caught.value.where and "'Huber'" in caught.value.mend
+    with pytest.raises(ModelError) as caught:
+        found(folder, method="least_square")
+    assert caught.value.where == "--method" and "'least_squares'" in caught.value.mend
+    with pytest.raises(ModelError, match="no estimator 'GA'"):
+        found(folder, method="GA")
+    with pytest.raises(ModelError, match="no estimator 'WSL'"):
+        (folder / "other.toml").write_text(
+            '[robot]\nurdf = "arm.urdf"\n[estimation]\nmethod = "WSL"\n'
+        )
+        steelyard.check(folder / "other.toml", log(folder))
+
+
+def test_what_cannot_be_had_is_refused_with_a_way_out(folder: Path) -> None:
+    own = '[model]\nterms = ["rigid_body", "viscous", {law = "offset", per_run = true}]\n'
+    with pytest.raises(SteelyardError) as caught:
+        found(folder, own, method="RLS")
+    assert caught.value.wrong == "it keeps no parameters of single runs"
+    assert "take another estimator, or leave per_run = true out" in caught.value.mend
+
+
+def test_a_bootstrap_of_other_data_is_declined(folder: Path) -> None:
+    result = found(folder, method="huber", bootstrap=20)
+    assert result.content.bootstrap is None
+    assert "no bootstrap: Huber looks at samples, which are not drawn again" in result.content.notes
+    assert found(folder, method="ridge", bootstrap=20).content.bootstrap is not None
+
+
+def test_other_cutoffs_are_fitted_with_the_same_estimator(folder: Path) -> None:
+    result = found(folder, method="Huber", sensitivity=True)
+    fits = result.content.sensitivity
+    assert fits is not None
+    values = [one.values for one in fits.variations if one.values is not None]
+    assert values and all(abs(v - fits.result.values).max() > 0.0 for v in values)
+
+
+def test_samples_are_those_summed_up_in_the_windows(folder: Path) -> None:
+    model = steelyard.model_of(folder / "arm.toml")
+    runs = steelyard.load_runs(folder / "arm.toml", log(folder))
+    said = steelyard.information(model, runs)
+    sources = Sources(base_regressor(model), runs, said, 1, silent)
+    share = said.n_samples / [len(row) for row in sources.samples(said).rows]
+    for chosen in ([0, 1, 2], [1, 5], [7]):
+        part = said.of(chosen)
+        counts = [len(row) for row in sources.samples(part).rows]
+        assert (part.n_samples / counts).tolist() == pytest.approx(share.tolist())
