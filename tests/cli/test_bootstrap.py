@@ -10,6 +10,7 @@ import pytest
 
 from estimation.test_least_squares import data
 from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimation.register import offer_of
 from steelyard.identification.fitting import Fit
 from steelyard.progress import silent
 
@@ -69,7 +70,9 @@ def test_data_of_one_window_lose_nothing() -> None:
     from steelyard.report import ReportContent
 
     said, *_ = data(np.full(4, 0.1))
-    fit = SimpleNamespace(estimator=WeightedLeastSquares(), information=said)
+    fit = SimpleNamespace(
+        estimator=WeightedLeastSquares(), information=said, method=offer_of("WLS", "")
+    )
     content = ReportContent("title", "robot", notes=("before",))
     after = drawn_again(content, cast(Fit, fit), DRAWS, silent)
     assert after.bootstrap is None and after.notes[0] == "before"

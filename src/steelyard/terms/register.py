@@ -2,7 +2,6 @@
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from difflib import get_close_matches
 from typing import Any, cast
 
 import numpy as np
@@ -11,6 +10,7 @@ from steelyard.errors import ModelError
 from steelyard.kernel.equations.dynamics import JointState
 from steelyard.robot.inertia import INERTIAL_NAMES
 from steelyard.robot.robot import Robot
+from steelyard.robot_file.described import Kinds
 from steelyard.terms.acting import Acting
 from steelyard.terms.laws.coulomb import Coulomb
 from steelyard.terms.laws.coupled import Coupled
@@ -90,6 +90,8 @@ TERMS: dict[str, type[Any]] = {
     )
 }
 
+_KINDS = Kinds(TERMS, "law", "cause of torque", "term")
+
 DEFAULT_TERMS: tuple[Term, ...] = (RigidBody(), RotorInertia(), Coulomb(), Viscous(), Offset())
 
 
@@ -99,28 +101,14 @@ def term_of(description: str | Mapping[str, Any], where: str) -> Term:
     Raises:
         ModelError: There is no such law, or it has no such field or value.
     """
-    fields: dict[str, Any] = (
-        {"law": description} if isinstance(description, str) else dict(description)
-    )
-    law = str(fields.pop("law", ""))
-    if law not in TERMS:
-        near = get_close_matches(law, TERMS, n=1)
-        raise ModelError(
-            f"'{law}' is no cause of torque",
-            where=where,
-            mend=f"did you mean '{near[0]}'?" if near else f"use one of {', '.join(TERMS)}",
-        )
+    law, given = _KINDS.fields(description, where)
     try:
-        return cast(
-            Term, TERMS[law](**{key: _field(law, key, x, where) for key, x in fields.items()})
-        )
+        return cast(Term, law(**{key: _field(law, key, x, where) for key, x in given.items()}))
     except TypeError:
-        known = _names(TERMS[law])
-        unknown = ", ".join(f"'{name}'" for name in fields if name not in known)
         raise ModelError(
-            f"term '{law}' does not understand {unknown or 'its fields'}",
+            f"a field of term '{law.law}' is of another type",
             where=where,
-            mend=f"its fields are: {', '.join(known) or 'none'}",
+            mend=f"its fields are: {', '.join(_names(law)) or 'none'}",
         ) from None
     except ModelError as error:
         raise ModelError(error.wrong, where=where, mend=error.mend) from None
@@ -154,28 +142,28 @@ def _names(law: type[Any]) -> tuple[str, ...]:
     return tuple(field.name for field in dataclasses.fields(law))
 
 
-def _field(law: str, name: str, given: Any, where: str) -> Any:
+def _field(law: type[Any], name: str, given: Any, where: str) -> Any:
     """What a file says of one field: its value, or that it is to be found."""
-    if is_asked(given) and name in _names(TERMS[law]):
-        return asked(TERMS[law], name, given, where)
+    if is_asked(given):
+        return asked(law, name, given, where)
     value = _value(given)
     _refuse_mistaken_switch(law, name, value, where)
     return value
 
 
-def _refuse_mistaken_switch(law: str, name: str, value: Any, where: str) -> None:
+def _refuse_mistaken_switch(law: type[Any], name: str, value: Any, where: str) -> None:
     """Switches are true or false, and nothing else is: to Python, true is the number 1.
 
     Raises:
         ModelError: A switch has another value, or a number is true or false.
     """
-    defaults = {field.name: field.default for field in dataclasses.fields(TERMS[law])}
+    defaults = {field.name: field.default for field in dataclasses.fields(law)}
     switch = isinstance(defaults.get(name), bool)
     parts = value if isinstance(value, tuple) else (value,)
     if isinstance(value, bool) if switch else not any(isinstance(x, bool) for x in parts):
         return
     raise ModelError(
-        f"term '{law}' has {name} = {value!r}",
+        f"term '{law.law}' has {name} = {value!r}",
         where=where,
         mend=f"'{name}' is true or false" if switch else f"'{name}' is neither true nor false",
     )

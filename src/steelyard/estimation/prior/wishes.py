@@ -1,8 +1,8 @@
 """All wishes by the names they have in robot files; from model and robot file to knowledge."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, fields, replace
-from typing import Any, cast, get_type_hints
+from dataclasses import replace
+from typing import Any, cast
 
 import numpy as np
 
@@ -26,9 +26,8 @@ from steelyard.estimation.prior.wishes_bodies import (
 from steelyard.estimation.prior.wishes_parameters import Known, Tied
 from steelyard.model import Model
 from steelyard.robot.inertia import INERTIAL_NAMES
+from steelyard.robot_file.described import Kinds
 from steelyard.robot_file.file import LoadedRobot
-from steelyard.robot_file.sections import as_declared
-from steelyard.suggest import advice
 from steelyard.terms.register import TERMS
 
 WISHES: dict[str, type[Any]] = {
@@ -45,6 +44,8 @@ WISHES: dict[str, type[Any]] = {
         Symmetric,
     )
 }
+
+KINDS = Kinds(WISHES, "kind", "kind of knowledge", "knowledge of kind")
 
 
 def knowledge_of(model: Model, loaded: LoadedRobot, fastest: Array | None = None) -> Knowledge:
@@ -113,52 +114,7 @@ def wish_of(table: Mapping[str, Any], where: str) -> Wish:
     Raises:
         ModelError: There is no such kind, a field is missing or unknown, or of another type.
     """
-    given = dict(table)
-    kind = given.pop("kind", None)
-    if not isinstance(kind, str) or kind not in WISHES:
-        said = "a table does not say what `kind` of knowledge it is"
-        raise ModelError(
-            said if kind is None else f"'{kind}' is no kind of knowledge",
-            where=where,
-            mend=advice(kind if isinstance(kind, str) else "", WISHES, "kinds"),
-        )
-    wish = WISHES[kind]
-    known = [field.name for field in fields(wish)]
-    for name in given:
-        if name not in known:
-            raise ModelError(
-                f"knowledge of kind '{kind}' does not understand '{name}'",
-                where=where,
-                mend=advice(name, known, "keys there"),
-            )
-    for field in fields(wish):
-        if field.default is MISSING and field.name not in given:
-            raise ModelError(
-                f"knowledge of kind '{kind}' needs '{field.name}'",
-                where=where,
-                mend=f"add {field.name} = ... to it",
-            )
-    hints = get_type_hints(wish)
-    values = {name: _value(hints[name], name, value, where) for name, value in given.items()}
-    return cast(Wish, wish(**values))
-
-
-def _value(declared: Any, name: str, value: Any, where: str) -> Any:
-    try:
-        return as_declared(declared, _tuples(value))
-    except ValueError as error:
-        raise ModelError(
-            f"{value!r} cannot be used for '{name}'",
-            where=where,
-            mend=str(error)
-            .replace("input", "it")
-            .replace("tuple", "list in [ ]")
-            .replace("field required", "give three numbers, [x, y, z]"),
-        ) from None
-
-
-def _tuples(value: Any) -> Any:
-    return tuple(_tuples(x) for x in value) if isinstance(value, list) else value
+    return cast(Wish, KINDS.built(table, where))
 
 
 def _of_absent_law(wish: Wish, model: Model) -> str | None:

@@ -2,10 +2,8 @@
 
 import dataclasses
 from collections.abc import Mapping
-from difflib import get_close_matches
-from typing import Any, get_type_hints
+from typing import Any
 
-from steelyard.errors import ModelError
 from steelyard.measurement.methods.auto import Auto
 from steelyard.measurement.methods.butterworth import Butterworth
 from steelyard.measurement.methods.fir import FIR
@@ -15,7 +13,7 @@ from steelyard.measurement.methods.moving_average import MovingAverage
 from steelyard.measurement.methods.protocols import Method, Smoother
 from steelyard.measurement.methods.savitzky_golay import SavitzkyGolay
 from steelyard.measurement.methods.spline import SmoothingSpline
-from steelyard.robot_file.sections import as_declared
+from steelyard.robot_file.described import Kinds
 
 METHODS: dict[str, type[Any]] = {
     method.name: method
@@ -37,6 +35,9 @@ SMOOTHERS: dict[str, type[Any]] = {
 }
 """Ways to smooth efforts, for `effort = ...`."""
 
+_MOTION = Kinds(METHODS, "method", "method for motion", "method")
+_EFFORT = Kinds(SMOOTHERS, "method", "method for effort", "method")
+
 
 def method_of(description: str | Mapping[str, Any], where: str) -> Method:
     """A method from its name, or from a table with its name under `method` and its settings.
@@ -44,13 +45,13 @@ def method_of(description: str | Mapping[str, Any], where: str) -> Method:
     Raises:
         ModelError: There is no such method, or it has no such setting or value.
     """
-    method: Method = _built(METHODS, "motion", description, where)
+    method: Method = _MOTION.built(description, where)
     return method
 
 
 def smoother_of(description: str | Mapping[str, Any], where: str) -> Smoother:
     """A smoother of efforts, likewise."""
-    smoother: Smoother = _built(SMOOTHERS, "effort", description, where)
+    smoother: Smoother = _EFFORT.built(description, where)
     return smoother
 
 
@@ -75,54 +76,6 @@ def _shown(value: object) -> str:
     if isinstance(value, tuple):
         return " ".join(map(_shown, value))
     return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def _built(
-    register: Mapping[str, type[Any]], key: str, description: str | Mapping[str, Any], where: str
-) -> Any:
-    given: dict[str, Any] = (
-        {"method": description} if isinstance(description, str) else dict(description)
-    )
-    name = str(given.pop("method", ""))
-    if name not in register:
-        near = get_close_matches(name, register, n=1)
-        wrong = f"'{name}' is no method for {key}" if name else "the table does not name its method"
-        raise ModelError(
-            wrong,
-            where=where,
-            mend=f"did you mean '{near[0]}'?" if near else f"use one of {', '.join(register)}",
-        )
-    method = register[name]
-    fields = {field: _checked(method, field, value, where) for field, value in given.items()}
-    try:
-        return method(**fields)
-    except ModelError as error:
-        raise ModelError(error.wrong, where=where, mend=error.mend) from None
-
-
-def _checked(method: type[Any], field: str, value: Any, where: str) -> Any:
-    """One setting as its type says, strictly.
-
-    Raises:
-        ModelError: The method has no such setting, or it is of another type.
-    """
-    known = _names(method)
-    if field not in known:
-        near = get_close_matches(field, known, n=1)
-        listed = ", ".join(known) or "none: it has no settings"
-        raise ModelError(
-            f"method '{method.name}' does not understand '{field}'",
-            where=where,
-            mend=f"did you mean '{near[0]}'?" if near else f"its settings are: {listed}",
-        )
-    try:
-        return as_declared(get_type_hints(method)[field], value)
-    except ValueError as error:
-        raise ModelError(
-            f"method '{method.name}' has {field} = {value!r}: {error}",
-            where=where,
-            mend="see the settings of [processing] in docs/processing.md",
-        ) from None
 
 
 def _names(method: type[Any]) -> tuple[str, ...]:
