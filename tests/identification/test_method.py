@@ -1,12 +1,16 @@
 """Every estimator by its name: a model comes of it, or a reason why not."""
 
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
 import steelyard
 from steelyard.errors import ModelError, SteelyardError
 from steelyard.estimation.register import ESTIMATORS
+from steelyard.identification.fitting import _method
 from steelyard.identification.identify import Identification
 from steelyard.identification.method import Sources
 from steelyard.progress import silent
@@ -151,3 +155,13 @@ def test_samples_are_those_summed_up_in_the_windows(folder: Path) -> None:
         part = said.of(chosen)
         counts = [len(row) for row in sources.samples(part).rows]
         assert (part.n_samples / counts).tolist() == pytest.approx(share.tolist())
+
+
+@pytest.mark.parametrize(("method", "fitted"), [("pullback", "WLS"), ("ridge", "WLS"), ("TLS", "")])
+def test_without_a_scale_no_prior_is_compared(folder: Path, method: str, fitted: str) -> None:
+    loaded = steelyard.load_robot(folder / "arm.toml")
+    section = loaded.estimation.model_copy(update={"method": method})
+    gains = SimpleNamespace(relative=True)
+    offer, why = _method(replace(loaded, estimation=section), "WLS", cast(Any, gains))
+    assert offer.name == (fitted or method)
+    assert why.startswith("for without a scale") == bool(fitted)

@@ -6,7 +6,6 @@ from dataclasses import MISSING, dataclass
 from typing import Any, get_type_hints
 
 from steelyard.errors import ModelError
-from steelyard.robot_file.sections import as_declared
 from steelyard.suggest import advice
 
 
@@ -76,6 +75,8 @@ class Kinds:
 
 
 def _value(declared: Any, name: str, value: Any, where: str) -> Any:
+    from steelyard.robot_file.sections import as_declared
+
     try:
         return as_declared(declared, _tuples(value))
     except ValueError as error:
