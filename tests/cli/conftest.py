@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from shutil import copytree
 
 import pytest
 from typer.testing import CliRunner, Result
@@ -13,24 +14,29 @@ Command = Callable[..., Result]
 
 
 @pytest.fixture(scope="session")
-def shared_work(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return workshop(tmp_path_factory.mktemp("workshop"))
+def given(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Robot files and logs, made once; no test writes here."""
+    return workshop(tmp_path_factory.mktemp("workshop")).parent / "given"
 
 
 @pytest.fixture
-def command(shared_work: Path, monkeypatch: pytest.MonkeyPatch) -> Command:
+def work(given: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An empty folder for one test, with a copy of `given` beside it."""
+    place = tmp_path_factory.mktemp("fresh")
+    copytree(given, place / "given")
+    (place / "work").mkdir()
+    return place / "work"
+
+
+@pytest.fixture
+def command(work: Path, monkeypatch: pytest.MonkeyPatch) -> Command:
     """Run a command in the folder `work` of the workshop."""
-    monkeypatch.chdir(shared_work)
+    monkeypatch.chdir(work)
 
     def run(*arguments: object) -> Result:
         return CliRunner().invoke(app, expanded([str(a) for a in arguments]))
 
     return run
-
-
-@pytest.fixture(scope="session")
-def given(shared_work: Path) -> Path:
-    return shared_work.parent / "given"
 
 
 @pytest.fixture(scope="session")

@@ -103,7 +103,7 @@ def test_the_worst_judgement_is_the_exit_code(
     degrees: Path,
     command: Command,
     monkeypatch: pytest.MonkeyPatch,
-    shared_work: Path,
+    work: Path,
 ) -> None:
     asking(monkeypatch, judgement)
     good = command("check", ROBOT, LOG, OTHER)
@@ -119,7 +119,7 @@ def test_the_worst_judgement_is_the_exit_code(
     assert f"{judgement.word} position unit degrees: shoulder_turn: positions go around" in shown
     assert 'they are in degrees [signals] position_unit = "deg"' in shown
     assert "--fix writes a new robot file" in shown and "-o FOLDER" in shown
-    assert not any(shared_work.iterdir())
+    assert not any(work.iterdir())
 
 
 def test_fix_writes_a_new_robot_file_and_checks_again(

@@ -165,10 +165,10 @@ def test_validate_says_what_identify_said(
 
 
 def test_validate_writes_a_report_only_if_asked(
-    identified: Path, command: Command, tmp_path: Path, shared_work: Path
+    identified: Path, command: Command, tmp_path: Path, work: Path
 ) -> None:
     assert command("validate", identified, OTHER).exit_code == 0
-    assert not any(shared_work.iterdir())
+    assert not any(work.iterdir())
     done = command("validate", identified, OTHER, "-o", tmp_path / "seen")
     assert done.stdout.endswith(f"report  {tmp_path / 'seen' / 'report.html'}\n")
     assert (tmp_path / "seen" / "report.html").stat().st_size > 10_000

@@ -103,12 +103,12 @@ def test_an_estimator_that_fails_does_not_stop_the_others(command, monkeypatch) 
         (("-o", "../given"), ("the output folder exists already",)),
     ],
 )
-def test_mistakes_are_told(command, arguments, expected, shared_work: Path) -> None:
+def test_mistakes_are_told(command, arguments, expected, work: Path) -> None:
     done = command("compare", ROBOT, LOG, *arguments)
     assert done.exit_code == 2 and done.stdout == ""
     for word in expected:
         assert word in done.stderr
-    assert leftovers(shared_work) == []
+    assert leftovers(work) == []
 
 
 def test_a_log_is_not_left_out_of_itself(command) -> None:
@@ -191,9 +191,9 @@ COMPARE = ("compare", ROBOT, LOG, "--estimators", "WLS", "OLS", "--no-check")
 SECOND = "least_squares.OrdinaryLeastSquares.__call__"
 
 
-def test_ctrl_c_keeps_what_is_done(shared_work: Path, tmp_path: Path) -> None:
+def test_ctrl_c_keeps_what_is_done(work: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    code, text, errors = pressed(SECOND, (*COMPARE, "-o", str(out)), shared_work)
+    code, text, errors = pressed(SECOND, (*COMPARE, "-o", str(out)), work)
     assert (code, errors) == (130, "")
     assert "stopped: 1 of 2 estimators compared; not tried: OLS" in words(text)
     found = json.loads((out / "compare.json").read_text())
@@ -202,8 +202,8 @@ def test_ctrl_c_keeps_what_is_done(shared_work: Path, tmp_path: Path) -> None:
     assert "stopped: 1 of 2" in (out / "compare.html").read_text()
 
 
-def test_ctrl_c_before_the_first_is_done_leaves_nothing(shared_work: Path, tmp_path: Path) -> None:
+def test_ctrl_c_before_the_first_is_done_leaves_nothing(work: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    code, text, errors = pressed("gather.gather", (*COMPARE, "-o", str(out)), shared_work)
+    code, text, errors = pressed("gather.gather", (*COMPARE, "-o", str(out)), work)
     assert (code, text, errors) == (130, "", "stopped: nothing was written\n")
-    assert not out.exists() and leftovers(shared_work) == []
+    assert not out.exists() and leftovers(work) == []

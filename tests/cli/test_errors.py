@@ -12,10 +12,10 @@ from cli.mistakes import LOG, ROBOT, SPOILT, USAGE, USER, Mistake, faults
 
 
 @pytest.mark.parametrize("mistake", [*USER, *USAGE], ids=lambda mistake: mistake.name)
-def test_mistakes_are_answered(mistake: Mistake, command: Command, shared_work: Path) -> None:
+def test_mistakes_are_answered(mistake: Mistake, command: Command, work: Path) -> None:
     done = command(*mistake.arguments)
     assert done.exception is None or isinstance(done.exception, SystemExit)
-    assert faults(mistake, done.exit_code, done.stdout, done.stderr, shared_work) == []
+    assert faults(mistake, done.exit_code, done.stdout, done.stderr, work) == []
 
 
 @pytest.mark.parametrize("missing", [["a"], ["a", "b"]])

@@ -36,7 +36,7 @@ def pressed(function: str, arguments: tuple[str, ...], work: Path) -> tuple[int,
         ("files._beside", IDENTIFY),
         ("gather.gather", IDENTIFY),
         ("show.progress_bar.<locals>.watch", IDENTIFY),
-        ("identify.write_results", IDENTIFY),
+        ("identify.Identification.write", IDENTIFY),
         ("page.render", IDENTIFY),
         ("files.write_table", ("simulate", ROBOT, "--period", "1")),
         ("files.write_json", ("simulate", ROBOT, "--period", "1")),
@@ -46,42 +46,42 @@ def pressed(function: str, arguments: tuple[str, ...], work: Path) -> tuple[int,
         ("files.whole_file", CHECK),
         ("edits.edited", CHECK),
         ("files._remove", ("simulate", ROBOT, "--period", "1")),
-        ("init_file.drafted", ("init", "../given/demo_arm.urdf")),
+        ("template.drafted", ("init", "../given/demo_arm.urdf")),
         ("files.whole_file", ("init", "../given/demo_arm.urdf")),
     ],
 )
 def test_ctrl_c_leaves_nothing(
-    function: str, arguments: tuple[str, ...], shared_work: Path
+    function: str, arguments: tuple[str, ...], work: Path
 ) -> None:
-    code, errors, entered = pressed(function, arguments, shared_work)
+    code, errors, entered = pressed(function, arguments, work)
     assert function in entered
     assert (code, errors) == (130, "stopped: nothing was written\n")
-    assert leftovers(shared_work) == []
+    assert leftovers(work) == []
 
 
 def test_ctrl_c_comes_too_late_once_results_take_their_place(
-    shared_work: Path, tmp_path: Path
+    work: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
-    code, errors, entered = pressed("terminal.summary", (*IDENTIFY, "-o", str(out)), shared_work)
+    code, errors, entered = pressed("terminal.summary", (*IDENTIFY, "-o", str(out)), work)
     assert "terminal.summary" in entered
     assert (code, errors) == (0, "")
     assert sorted(p.name for p in out.iterdir()) == ["model.json", "parameters.csv", "report.html"]
 
 
-def test_ctrl_c_from_outside_while_it_works(shared_work: Path) -> None:
+def test_ctrl_c_from_outside_while_it_works(work: Path) -> None:
     process = subprocess.Popen(
         [sys.executable, "-m", "steelyard", "simulate", ROBOT, "--period", "200"],
-        cwd=shared_work,
+        cwd=work,
         stderr=subprocess.PIPE,
         text=True,
     )
-    while not leftovers(shared_work) and process.poll() is None:
+    while not leftovers(work) and process.poll() is None:
         time.sleep(0.02)
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=30)
     assert (process.returncode, errors) == (130, "stopped: nothing was written\n")
-    assert leftovers(shared_work) == []
+    assert leftovers(work) == []
 
 
 LOST = """
@@ -103,13 +103,13 @@ main()
 """
 
 
-def test_ctrl_c_that_a_callback_swallows_is_not_lost(shared_work: Path) -> None:
+def test_ctrl_c_that_a_callback_swallows_is_not_lost(work: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-c", LOST, *IDENTIFY],
-        cwd=shared_work,
+        cwd=work,
         capture_output=True,
         text=True,
         timeout=60,
     )
     assert (done.returncode, done.stderr) == (130, "stopped: nothing was written\n")
-    assert leftovers(shared_work) == []
+    assert leftovers(work) == []

@@ -99,13 +99,13 @@ def test_mistakes(
     loaded: Path,
     identified: Path,
     command: Command,
-    shared_work: Path,
+    work: Path,
 ) -> None:
     done = command("payload", identified, loaded, *(a.format(log=loaded) for a in arguments))
     assert done.exit_code == 2 and done.stdout == ""
     assert words in done.stderr
     assert [line.split()[0] for line in done.stderr.splitlines()] == ["error:", "where", "mend"]
-    assert leftovers(shared_work) == []
+    assert leftovers(work) == []
 
 
 def test_a_misspelt_frame_gets_the_nearest(

@@ -10,8 +10,7 @@ from rich.console import Console
 from rich.padding import Padding
 from rich.text import Text
 
-from steelyard.diagnosis import Diagnosis
-from steelyard.diagnosis.register import SUSPICIONS
+from steelyard.diagnosis import Diagnosis, register
 from steelyard.estimation.identified import IdentifiedModel, load_model
 from steelyard.identification.check_case import diagnosed, refuse_foreign, subject_of
 from steelyard.identification.fix import Fixed, fixed, target_of
@@ -136,7 +135,7 @@ def check(
         tuple(file.text for file in files),
         named,
         diagnosis,
-        {suspicion.name: suspicion.asks for suspicion in SUSPICIONS},
+        {suspicion.name: suspicion.asks for suspicion in register.SUSPICIONS},
         subject.notes,
     )
     return CheckResult(content, corrected)
