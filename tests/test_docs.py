@@ -44,7 +44,7 @@ def test_links_and_paths_lead_somewhere() -> None:
         links = re.findall(r"\]\((?!https?:)([^)#\s]+)", text)
         missing += [link for link in links if not (document.parent / link).exists()]
         paths = re.findall(r"`((?:src|tests|docs|examples|proofs|benchmarks)/[\w/.]+)", text)
-        missing += [path for path in paths if "NN_" not in path and not (ROOT / path).exists()]
+        missing += [path for path in paths if "AREA" not in path and not (ROOT / path).exists()]
     assert missing == []
 
 

@@ -50,18 +50,14 @@ def pressed(function: str, arguments: tuple[str, ...], work: Path) -> tuple[int,
         ("files.whole_file", ("init", "../given/demo_arm.urdf")),
     ],
 )
-def test_ctrl_c_leaves_nothing(
-    function: str, arguments: tuple[str, ...], work: Path
-) -> None:
+def test_ctrl_c_leaves_nothing(function: str, arguments: tuple[str, ...], work: Path) -> None:
     code, errors, entered = pressed(function, arguments, work)
     assert function in entered
     assert (code, errors) == (130, "stopped: nothing was written\n")
     assert leftovers(work) == []
 
 
-def test_ctrl_c_comes_too_late_once_results_take_their_place(
-    work: Path, tmp_path: Path
-) -> None:
+def test_ctrl_c_comes_too_late_once_results_take_their_place(work: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     code, errors, entered = pressed("terminal.summary", (*IDENTIFY, "-o", str(out)), work)
     assert "terminal.summary" in entered
