@@ -533,7 +533,7 @@ def test_the_head_tells_data_from_prior(form: Format) -> None:
     assert made.unseen == ("mx.slider + my.tool", "viscous.tip_joint")
     head = made.text.partition("-->")[0]
     assert "- slider: 25%" in head and "- trunk: 0%" in head
-    unseen = head.partition("Not seen by the data:")[2]
+    unseen = head.partition("Not identifiable from the data:")[2]
     assert "- mx.slider + my.tool\n" in unseen and "- viscous.tip_joint\n" in unseen
     assert "Not seen by the data" not in exported(identified_of(tree()), form).text
 
@@ -559,7 +559,7 @@ def test_a_file_that_reads_otherwise_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "broken.urdf"
     for old, new, words in (
         ('value="2.5"', 'value="2.6"', "another mass or inertia"),
-        ('multiplier="-1.5"', 'multiplier="1.5"', "stands or turns otherwise"),
+        ('multiplier="-1.5"', 'multiplier="1.5"', "has another pose or axis"),
         (
             '<parent link="arm" />\n    <child link="foll',
             '<parent link="base" />\n    <child link="foll',

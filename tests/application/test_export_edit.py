@@ -184,7 +184,7 @@ def test_a_mimic_joint_stays(tmp_path: Path) -> None:
     ("old", "new", "words"),
     [
         ('name="finger"', 'name="thumb"', "the parent|the child|has no link 'finger'"),
-        ('"0.4 0 0"', '"0.5 0 0"', "link 'fore' stands or turns otherwise"),
+        ('"0.4 0 0"', '"0.5 0 0"', "link 'fore' has another pose or axis"),
         ('<link name="fore" />', '<link name="fore">', "not valid XML"),
         ("<robot", "<!DOCTYPE r [<!ENTITY e 'e'>]>\n<robot", "entities"),
     ],

@@ -95,7 +95,7 @@ def test_an_empty_hand_weighs_nothing() -> None:
     found = identify_payload(noisy, [run(3, noise=0.3)], "tool")
     assert not found.weighs
     assert abs(found.mass) < 1.5 * found.half_width[0]
-    assert found.remarks == ("the interval of the mass holds zero: no payload is seen",)
+    assert found.remarks == ("the interval of the mass contains zero: no payload is detected",)
     assert found.to_dict()["centre"] is None
 
 
@@ -135,13 +135,15 @@ def test_what_the_data_do_not_see_is_named() -> None:
     assert "Ixx" in found.not_seen and "mass" not in found.remarks[0]
     kept = ~np.isnan(found.ten)
     assert np.abs(found.ten[kept] - seen[kept]).max(initial=0.0) < 1e-6
-    assert found.remarks[0].startswith("not seen by these data: ")
+    assert found.remarks[0].startswith("not identifiable from these data: ")
     assert None in found.to_dict()["ten"]
 
 
 def test_an_arm_never_seen_moving_without_its_payload_hides_it() -> None:
     posture = {0: 0.2, 1: 0.1, 2: 0.1, 3: 0.2}
-    with pytest.raises(DataError, match="the data see nothing of the payload"):
+    with pytest.raises(
+        DataError, match="no parameter of the payload is identifiable from the data"
+    ):
         identify_payload(EXACT, [run(2, LOAD)], "left", unloaded=[run(3, still=posture)])
 
 
@@ -205,9 +207,12 @@ def test_what_the_model_lacks_widens_the_intervals() -> None:
 
 def test_remarks_tell_a_seen_inertia_from_a_poor_one() -> None:
     good = identify_payload(EXACT, [run(2, LOAD, noise=0.01)], "tool", gain=0.0)
-    assert good.remarks[0] == "the inertia is seen: no interval of a moment of inertia holds zero"
+    assert (
+        good.remarks[0]
+        == "the inertia is identified: no interval of a moment of inertia contains zero"
+    )
     poor = identify_payload(model_of(run(1, noise=2.0)), [run(2, LOAD, noise=2.0)], "tool")
-    assert poor.remarks[0].startswith("the inertia is poorly seen: the interval of ")
+    assert poor.remarks[0].startswith("the inertia is poorly identifiable: the interval of ")
 
 
 def test_a_body_that_cannot_be_is_told() -> None:

@@ -48,7 +48,10 @@ def test_friction_is_chosen_and_told(given: Path, tmp_path: Path, command: Comma
     laws = {term["law"] for term in chosen["terms"]}
     assert {"rigid_body", "rotor_inertia", "offset", "viscous"} < laws
     assert "load_dependent" not in laws  # joint torques: the gears' losses are not in them
-    assert any("friction chosen by leaving one run out" in note for note in chosen["notes"])
+    assert any(
+        "friction chosen by cross-validation, leaving one run out" in note
+        for note in chosen["notes"]
+    )
     assert '<section id="friction"' in (out / "report.html").read_text(encoding="utf-8")
     assert {term.law for term in steelyard.load_model(out).model.terms} == laws
 
@@ -102,7 +105,7 @@ def test_friction_that_drives_is_named(
     reversed_efforts = ('unit = "Nm"', 'unit = "Nm"\ngain = -1.0')
     robot = edited(given, tmp_path, reversed_efforts)
     done = command("identify", robot, given / "identification.parquet", "-o", tmp_path / "no")
-    assert done.exit_code == 2 and "all efforts have the other sign" in done.stderr
+    assert done.exit_code == 2 and "all efforts have the opposite sign" in done.stderr
     assert not (tmp_path / "no").exists()
     driven, _ = told(reversed_efforts, options=("--no-check",))
     (note,) = (note for note in driven["notes"] if "below what is physical" in note)

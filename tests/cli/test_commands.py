@@ -49,7 +49,7 @@ def test_help_does_not_swallow_brackets(command: Command) -> None:
 def test_help_names_all_commands_and_the_first_success(command: Command) -> None:
     words = command("--help").stdout.split()
     assert {"init", "identify", "validate", "simulate", "demo"} <= set(words)
-    assert " ".join(words).endswith("First success: steelyard demo")
+    assert " ".join(words).endswith("First try: steelyard demo")
 
 
 def test_version(command: Command) -> None:
@@ -144,8 +144,8 @@ def test_a_log_that_was_fitted_is_no_test(
     assert [run["fitted"] for run in runs] == [False, True]
     assert [run["verdict"]["level"] for run in runs] == ["good", "none"]
     shown = " ".join(command("validate", identified, f"{LOG}@1.5:4").stdout.split())
-    assert "Not tested on unseen motion" in shown and "(fitted, below" in shown
-    assert "identification@1.5:4 was fitted: its score is no test of the model" in shown
+    assert "Not validated on unseen motion" in shown and "(fitted, below" in shown
+    assert "identification@1.5:4 was fitted: its score does not validate the model" in shown
     out = tmp_path / "part"
     assert command("identify", ROBOT, f"{LOG}@0:3.5", "-o", out).exit_code == 0
     runs = strict(command("validate", out, f"{LOG}@3.5:6", f"{LOG}@3:6", "--json").stdout)

@@ -96,7 +96,7 @@ def test_an_estimator_that_fails_does_not_stop_the_others(command, monkeypatch) 
         ),
         (
             ("--estimators", "wls", "--all"),
-            ("some estimators are named, and all are asked for", "leave out one of the two"),
+            ("both --estimators and --all are given", "leave out one of the two"),
         ),
         (("-o", "../given"), ("the output folder exists already",)),
     ],
@@ -125,7 +125,7 @@ def test_gains_are_to_be_known(command, given: Path, tmp_path: Path) -> None:
 def test_logs_are_checked_before(command, given: Path, tmp_path: Path) -> None:
     done = command("compare", "../given/clock.toml", LOG)
     assert done.exit_code == 2 and "the log is wrong" in done.stderr
-    assert "--no-check goes on all the same" in done.stderr
+    assert "--no-check continues anyway" in done.stderr
 
 
 def test_names_are_taken_as_they_are_meant() -> None:

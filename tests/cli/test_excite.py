@@ -154,7 +154,7 @@ def test_what_is_not_covered_has_an_exit_code_of_its_own(tmp_path: Path) -> None
     done = run("excite", tmp_path / "arm.toml", "--format", "ros2", "-o", tmp_path / "out")
     assert done.exit_code == 3 and (tmp_path / "out" / "trajectory.yaml").is_file()
     words = " ".join(done.output.split())
-    assert "every limit looked at is proven" in words
+    assert "every checked limit is proven" in words
     assert "not covered: no floor or cell is given for the links" in words
     as_json = run("excite", tmp_path / "arm.toml", "--json", "-o", tmp_path / "json")
     found = json.loads(as_json.stdout)
@@ -171,7 +171,7 @@ def test_too_few_points_for_a_wall_are_not_covered(tmp_path: Path) -> None:
     few = run(*start, "--rate", "1", "-o", tmp_path / "few")
     assert few.exit_code == 3, few.output
     (gap,) = json.loads(few.stdout)["not_covered"]
-    assert re.search(r"csv has 1 points a second; .* mm short of: .*; --rate \d+ is enough", gap)
+    assert re.search(r"csv has 1 points per second; .* mm short of: .*; --rate \d+ is enough", gap)
     assert gap in json.loads((tmp_path / "few" / "certificate.json").read_text())["not_covered"]
     enough = gap.split("--rate ")[1].split()[0]
     ran(*start, "--rate", enough, "-o", tmp_path / "enough")

@@ -84,7 +84,7 @@ def test_what_is_not_from_the_data_is_told(given: Path, command: Command, tmp_pa
     assert done.exit_code == 0, done.output
     words = " ".join(done.stdout.split())
     assert f"comes from the data: - {robot.bodies[1].name} 20%" in words
-    assert f"Not seen by the data: - {friction}" in words
+    assert f"Not identifiable from the data: - {friction}" in words
     assert "as the original has them: - base: a principal moment" in words
 
 

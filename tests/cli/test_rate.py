@@ -59,7 +59,7 @@ def test_without_a_rate_it_is_asked_for(
     done = command("identify", given / "demo_arm.urdf", timeless, "-o", tmp_path / "o")
     assert done.exit_code == 2
     words = " ".join(done.output.split())
-    assert "none looks like time" in words and "steelyard init URDF LOG --rate HZ" in words
+    assert "no column looks like time" in words and "steelyard init URDF LOG --rate HZ" in words
 
 
 @pytest.mark.parametrize(

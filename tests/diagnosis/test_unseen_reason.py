@@ -45,14 +45,17 @@ def test_a_load_is_named_with_its_mass(arm, mass):
     load = Inertia.about_com(mass, [0.02, -0.01, 0.08], np.eye(3) * 0.0025 * mass).ten
     values = dict(zip(names, (arm.truth.inertial[-1] + load).tolist(), strict=True))
     (found,) = found_in(arm, of(arm, arm.truth.changed(**values)))
-    assert f"most likely reason of the error: the arm carries about {mass:.2g} kg" in found.says
+    assert (
+        f"most likely reason of the error: the arm carries a load of about {mass:.2g} kg"
+        in found.says
+    )
     assert found.suspicion == UnseenReason.name and found.log == "log"
     assert found.mend is not None and "steelyard payload" in found.mend.says
 
 
 def test_another_robot_is_not_called_a_gain(arm):
     (found,) = found_in(arm, of(arm, random_truth(arm.robot, 80)))
-    assert "the cause of the error was not found; tried: a load" in found.says
+    assert "no cause of the error was found; tested: a load" in found.says
     assert "may be of another robot" in found.says and found.judgement
     assert "times the residuals of the fit" in found.figure
 
@@ -97,7 +100,7 @@ def test_a_sign_is_a_reason(arm):
     table = arm.table.copy()
     table[:, arm.at("tau{}_Nm")[1]] *= -1.0
     (found,) = found_in(arm, table)
-    assert "effort of 'shoulder_lift' has the other sign" in found.says
+    assert "effort of 'shoulder_lift' has the opposite sign" in found.says
     assert found.joints == ("shoulder_lift",)
 
 
@@ -115,8 +118,8 @@ def test_a_doubt_about_a_fitted_log_comes_before_a_reason(arm):
     values = dict(zip(names, (arm.truth.inertial[-1] + load).tolist(), strict=True))
     doubt = Finding("effort kind", "fit1", Judgement.DOUBTFUL, "no reading explains it", "")
     (found,) = found_in(arm, of(arm, arm.truth.changed(**values)), doubts=(doubt,))
-    assert found.says.startswith("the check before the fit is doubtful about fit1: no reading")
-    assert "the most likely reason of the error: the arm carries about 3 kg" in found.says
+    assert found.says.startswith("the check before the fit found a doubt in fit1: no reading")
+    assert "the most likely reason of the error: the arm carries a load of about 3 kg" in found.says
     assert found.judgement is Judgement.DOUBTFUL
 
 

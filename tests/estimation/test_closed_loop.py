@@ -211,7 +211,7 @@ def test_work_can_be_stopped(offer: Offer) -> None:
 )
 def test_what_did_not_settle_is_not_called_solved(estimator: object) -> None:
     data = _differenced(experiment(6e-4, 0.01))
-    with pytest.raises(DataError, match="did not settle within 1 rounds"):
+    with pytest.raises(DataError, match="did not converge within 1 rounds"):
         estimator(data)  # type: ignore[operator]
 
 
@@ -335,5 +335,5 @@ def test_logs_that_cannot_be_simulated_are_refused() -> None:
     with pytest.raises(DataError, match="joint torques must be known"):
         Experiment.of_runs(regressor(), [prepare(recording(run.tau, (True, False, False)))])
     memory = base_regressor(Model(dh_arm(), (RigidBody(), Dahl(length=1e-3))))
-    with pytest.raises(DataError, match="its friction has a memory"):
+    with pytest.raises(DataError, match="its friction has internal states"):
         Experiment.of_runs(memory, [prepare(recording(run.tau))])

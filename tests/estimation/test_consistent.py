@@ -150,7 +150,7 @@ def test_a_stated_uncertainty_is_taken_and_said() -> None:
     estimate = Consistent(REGRESSOR.base, known(uncertainty=0.2))(said(0.05))
     assert "prior uncertainty 20 % (as stated)" in estimate.notes[-1]
     found = Consistent(REGRESSOR.base, known())(said(0.05))
-    assert "found from the data in" in found.notes[-1]
+    assert "estimated from the data in" in found.notes[-1]
 
 
 def test_a_wrong_prior_is_given_less_weight() -> None:

@@ -133,7 +133,7 @@ def test_the_noise_can_be_given() -> None:
 
 
 def test_what_did_not_settle_says_so() -> None:
-    assert "not settled after 1 steps" in MotionNoise(SMOOTH, rounds=1)(noisy(0, 0.1)).notes
+    assert "not converged after 1 steps" in MotionNoise(SMOOTH, rounds=1)(noisy(0, 0.1)).notes
 
 
 def test_samples_without_filters_are_refused() -> None:

@@ -104,7 +104,9 @@ def test_an_impossible_body_keeps_mass_centre_and_axes() -> None:
     (note,) = default_knowledge(Model(with_bodies((broken, True)))).notes
     assert note.startswith("the prior of link 'trunk': its moments of inertia are lifted to 0.0252")
     assert "0.01 + 0.01 < 0.05" not in note  # the model file's own note has that
-    assert "no body can have it: " in str(mended.why) and "0.01 + 0.01 < 0.05" in str(mended.why)
+    assert "it is not physically consistent: " in str(mended.why) and "0.01 + 0.01 < 0.05" in str(
+        mended.why
+    )
 
 
 def test_a_thin_body_is_widened_and_its_moments_hardly_change() -> None:
@@ -254,7 +256,7 @@ def test_given_bodies_are_mended_too() -> None:
     ("links", "wrong", "mend"),
     [
         ({"tpi": {"mass": 1.0}}, "no moving link 'tpi'", "did you mean 'tip'"),
-        ({"tip": {}}, "nothing is said of the prior of link 'tip'", "give mass"),
+        ({"tip": {}}, "the prior of link 'tip'", "give mass"),
         ({"tip": {"source": "none", "mass": 1.0}}, "none, and something is said", "leave out"),
         (
             {"tip": {"box": {"size": (1, 1, 1)}, "capsule": {"end": (0, 0, 1), "radius": 1.0}}},

@@ -274,7 +274,7 @@ def tool(name: str) -> Shape:
     ("options", "words"),
     [
         ({"ignore": [("slyder", "base")]}, "did you mean 'slider'?"),
-        ({"others": (tool("one"),)}, "two things are called 'one'"),
+        ({"others": (tool("one"),)}, "two bodies are called 'one'"),
         ({"bodies": False}, "no pair of things is left"),
     ],
 )

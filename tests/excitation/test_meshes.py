@@ -53,10 +53,10 @@ def test_meshes_are_read(tmp_path: Path, name: str, data: bytes) -> None:
     [
         ("a.dae", b"<COLLADA/>", "of a kind that cannot be read here ('.dae')"),
         ("a.stl", b"nothing of the kind" * 10, "not an STL file: its length does not fit"),
-        ("a.stl", b"solid empty\nendsolid", "it holds no corners"),
+        ("a.stl", b"solid empty\nendsolid", "it has no vertices"),
         ("a.stl", b"solid\nvertex 1 2\n", "has not three numbers"),
         ("a.obj", b"v 1 2 three", "could not convert"),
-        ("a.obj", b"v 1 2 nan", "a corner is not finite"),
+        ("a.obj", b"v 1 2 nan", "a vertex is not finite"),
     ],
 )
 def test_meshes_that_are_none_are_refused(

@@ -39,7 +39,7 @@ def numbers(text: str) -> list[float]:
 def test_times_that_are_too_short(tmp_path: Path, tables: str, words: str) -> None:
     head = f"{FREE}acceleration = 1.0\n[excitation.motion]\n"
     error = refused(tmp_path, head + tables.format("0.06"))
-    assert words in error.wrong and "no joint may swing by even 0.002 rad" in error.wrong
+    assert words in error.wrong and "no joint can move by even 0.002 rad" in error.wrong
     assert error.where == "[excitation.motion]"
     times = dict(re.findall(r"(\w+) = ([\d.]+)", error.mend))
     changed = tables.format("0.06")

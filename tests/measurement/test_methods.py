@@ -180,10 +180,10 @@ def test_settings_are_kept() -> None:
 @pytest.mark.parametrize(
     ("given", "wrong", "mend"),
     [
-        ("butterwort", "'butterwort' is no method for motion", "did you mean 'butterworth'"),
+        ("butterwort", "'butterwort' is not a method for motion", "did you mean 'butterworth'"),
         ({"order": 3}, "does not name its method", "use one of"),
-        ({"method": "fir", "supression": 3}, "does not understand 'supression'", "'suppression'"),
-        ({"method": "moving_average", "sp": 3}, "does not understand 'sp'", "span"),
+        ({"method": "fir", "supression": 3}, "has no setting 'supression'", "'suppression'"),
+        ({"method": "moving_average", "sp": 3}, "has no setting 'sp'", "span"),
         ({"method": "butterworth", "order": 2.5}, "has order = 2.5", "[processing]"),
         ({"method": "butterworth", "order": True}, "has order = True", "[processing]"),
         ({"method": "butterworth", "order": 1}, "cannot be differentiated twice", "2 to 12"),

@@ -75,7 +75,7 @@ def test_fields_have_intervals_and_doubts(usual: ReportContent) -> None:
     _, fields = tables_of(FrictionSection(), usual)
     assert cells(fields) == [
         ("stribeck", "speed", "all", "0.0512", "0.0431 to 0.0612", ""),
-        ("stribeck", "width", "elbow", "0.00200", "0.000100 to 0.00340", "the data cannot tell"),
+        ("stribeck", "width", "elbow", "0.00200", "0.000100 to 0.00340", "not identifiable"),
     ]
 
 

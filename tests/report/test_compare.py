@@ -57,7 +57,7 @@ def test_the_table_has_the_best_first_and_the_failed_last(usual: ReportContent) 
 def test_the_advice_is_marked_and_explained(usual: ReportContent) -> None:
     page = section(usual)
     assert "Take consistent" in page
-    assert "within one standard error of the difference, and its bodies can exist" in page
+    assert "within one standard error of the difference, and its inertias are valid" in page
     (marked,) = re.findall(r'<tr class="marked"><th scope="row">(.*?)</th>', page)
     assert marked == "consistent"
     assert "stopped: 5 of 6 estimators compared; not tried: genetic" in page
@@ -108,8 +108,8 @@ def test_nothing_came_through(usual: ReportContent) -> None:
     )
     content = replace(usual, comparison=none)
     page = section(content)
-    assert "No estimator came through" in page and 'class="picture"' not in page
-    assert "No estimator came through" in printed(content)
+    assert "No estimator succeeded" in page and 'class="picture"' not in page
+    assert "No estimator succeeded" in printed(content)
     assert "all but one stretch of the run" in printed(content)
 
 
@@ -157,7 +157,7 @@ def test_nothing_beats_predicting_zero(usual: ReportContent) -> None:
     assert usual.comparison is not None
     bad = tuple(replace(t, errors=t.errors + 100.0) for t in usual.comparison.trials)
     content = replace(usual, comparison=replace(usual.comparison, trials=bad))
-    assert "No estimator is worth taking" in printed(content)
+    assert "No estimator is recommended" in printed(content)
     page = section(content)
     assert "nothing beats predicting zero" in page and 'class="marked"' not in page
     assert 'class="verdict none"' in page

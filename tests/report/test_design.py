@@ -102,8 +102,8 @@ def test_what_is_not_shown_comes_first_and_is_said(designed: Designed) -> None:
     blind = replace(designed, shown=replace(designed.shown, gram=gram))
     assert expected(blind)[0].name == designed.shown.names[3]
     words = text(render(content(blind)))
-    assert "1 base parameter will not be shown." in words and "not shown" in words
-    assert "1 parameter will not be shown" in printed(blind)
+    assert "1 base parameter will not be identifiable." in words and "not shown" in words
+    assert "1 parameter will not be identifiable" in printed(blind)
 
 
 def test_the_limit_that_is_used_most(designed: Designed) -> None:
@@ -177,8 +177,8 @@ def test_a_motion_that_is_not_proven_is_called_so_everywhere(beyond: Designed) -
 
 def test_a_safe_motion_says_what_it_shows_and_that_it_is_proven(designed: Designed) -> None:
     every = len(designed.shown.names)
-    assert headline(designed).startswith(f"Shows all {every} base parameters")
-    limits = "every limit is proven for all times from its start to its end"
+    assert headline(designed).startswith(f"Identifies all {every} base parameters")
+    limits = "every limit is proven to hold at all times"
     assert headline(designed).endswith(f"; {limits} (tool box: tool point only)")
     fainter = replace(designed, faint=3)
     assert headline(fainter).startswith(f"Shows {every} of {every + 3} base parameters; ")
@@ -196,7 +196,7 @@ def test_a_safe_motion_says_what_it_shows_and_that_it_is_proven(designed: Design
 def test_what_was_not_looked_at_is_said(designed: Designed) -> None:
     gap = Gap("torque is not limited: nothing is known <b>")
     told = _noted(designed, gap, "the acceleration is a guess")
-    assert "; every limit looked at is proven for all times" in headline(told)
+    assert "; every checked limit is proven for all times" in headline(told)
     assert level(told) == "fair"
     words = text(render(content(told)))
     assert "Not covered: torque is not limited: nothing is known <b>" in words
@@ -210,13 +210,13 @@ def test_what_was_not_looked_at_is_said(designed: Designed) -> None:
 
 def test_what_is_left_out_as_asked_is_said_but_no_reason_to_doubt(designed: Designed) -> None:
     told = _noted(designed, Declined("collisions are not looked at, as asked"))
-    assert "; every limit looked at is proven" in headline(told) and level(told) == "good"
+    assert "; every checked limit is proven" in headline(told) and level(told) == "good"
     assert "not covered: collisions are not looked at" in " ".join(printed(told).split())
 
 
 def test_no_search_that_ended_is_said(designed: Designed) -> None:
     told = replace(designed, searches=0)
-    assert ", but no search came to an end; every limit" in headline(told)
+    assert ", but no search converged; every limit" in headline(told)
     assert level(told) == "fair"
     assert level(replace(told, kind="sweeps")) == "good"
 
@@ -226,7 +226,7 @@ def test_parameters_hidden_behind_others_are_no_good_motion(designed: Designed) 
     gram = np.eye(size)
     gram[0, 1] = gram[1, 0] = 0.9999
     told = replace(designed, shown=replace(designed.shown, gram=gram), kind="fourier")
-    assert f"Shows all {size} base parameters, 2 of them hardly; " in headline(told)
+    assert f"Shows all {size} base parameters, 2 of them poorly; " in headline(told)
     assert level(told) == "fair"
     assert level(replace(told, chosen=(2, 3))) == "good"
     assert level(replace(told, kind="sweeps")) == "good"
@@ -259,7 +259,7 @@ def test_advice_tells_from_where_to_where(designed: Designed) -> None:
     assert told and (float(told[1]), float(told[2])) == (was, becomes)
     assert instead(designed, one) == "50 %"
     nothing = Advice("nothing", 1.0, std, ())
-    assert brings(designed, nothing) == "nothing falls below 80 % of its std"
+    assert brings(designed, nothing) == "no std falls below 80 % of its std"
 
 
 def test_the_terminal_is_short_and_says_the_worst(designed: Designed) -> None:

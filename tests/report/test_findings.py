@@ -56,12 +56,12 @@ def test_rows_fit_the_terminal(width: int) -> None:
 def test_what_is_ok_may_be_left_out() -> None:
     console = Console(file=io.StringIO(), width=80)
     show(many(Judgement.OK, 2), console, fine=False)
-    assert console.file.getvalue() == "Ok: nothing suspicious was found  (2 findings: 2 ok)\n"
+    assert console.file.getvalue() == "Ok: no fault was found  (2 findings: 2 ok)\n"
 
 
 def test_many_logs_that_are_ok_are_one_row() -> None:
     text = printed(many(Judgement.OK, 18))
-    assert "clock  18 findings alike, run0: steps scatter" in text and "run3" not in text
+    assert "clock  18 similar findings, run0: steps scatter" in text and "run3" not in text
     assert "clock  steps scatter" in printed(many(Judgement.OK, 1))
 
 
@@ -76,10 +76,10 @@ def test_of_many_that_are_not_some_are_told_and_the_others_named() -> None:
 
 
 def test_words_of_the_verdict() -> None:
-    assert headline(many(Judgement.OK, 2)) == "Ok: nothing suspicious was found"
+    assert headline(many(Judgement.OK, 2)) == "Ok: no fault was found"
     assert headline(many(Judgement.DOUBTFUL, 2)) == "Doubtful: clock"
     assert (headline(Diagnosis(())), tally(Diagnosis(()))) == (
-        "No suspicion applies",
+        "No check applies",
         "no findings",
     )
     assert [group.judgement for group in groups(diagnosis())] == [0, 0, 1, 2]

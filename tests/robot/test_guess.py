@@ -222,7 +222,7 @@ def test_a_column_beside_currents_without_a_unit_is_named() -> None:
 @pytest.mark.parametrize(
     ("columns", "words"),
     [
-        (numbered("q#", "tau#"), "none looks like time"),
+        (numbered("q#", "tau#"), "no column looks like time"),
         (["t", *numbered("tau#")], "none look like the positions of 2 joints"),
         (["t", *numbered("q#")], "none look like the efforts of 2 joints"),
         (

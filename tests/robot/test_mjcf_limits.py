@@ -170,7 +170,7 @@ def test_limits_that_are_not_one_joints_are_named(tmp_path: Path) -> None:
 def test_actuators_of_one_way_are_named(tmp_path: Path) -> None:
     path = written(tmp_path, '<motor joint="c" ctrlrange="0 5"/>')
     (note,) = load_robot(path).notes
-    assert note.startswith("actuators that push one way only are no limit")
+    assert note.startswith("actuators with one direction of force are not a limit")
     assert note.endswith(": c") and limits_of(read_mjcf(path))["c"] == np.inf
 
 

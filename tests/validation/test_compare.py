@@ -136,7 +136,7 @@ def test_an_estimator_that_fails_says_why_and_stops_no_other() -> None:
     assert reasons["singular"] == {"a matrix cannot be solved with (singular matrix)"}
     assert reasons["short"] == {"the data are too few"}
     assert trial(comparison, "short").failures[0].mend == "log longer"
-    assert reasons["broken"] == {"it broke down: ZeroDivisionError: division by zero"}
+    assert reasons["broken"] == {"it failed: ZeroDivisionError: division by zero"}
     assert [f.left_out for f in trial(comparison, "broken").failures] == ["run2"]
     assert reasons["blown"] == {"its values are not finite"}
     assert reasons["OLS"] == set()
@@ -252,7 +252,7 @@ def test_a_possible_model_is_preferred_to_one_that_is_better_by_chance() -> None
     assert advice is not None and advice.name == "consistent"
     assert advice.why == (
         "WLS: 3.00 ± 0.41 %; consistent: 3.07 ± 0.33 %, within one standard error of the "
-        "difference, and its bodies can exist: take consistent"
+        "difference, and its inertias are valid: take consistent"
     )
 
 

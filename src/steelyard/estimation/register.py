@@ -182,29 +182,31 @@ ESTIMATORS: tuple[Offer, ...] = (
         "information",
         lambda c: WeightedLeastSquares(per_run=c.per_run),
     ),
-    Offer("consistent", "bodies that can exist, near their priors", "information", _consistent),
+    Offer(
+        "consistent", "valid inertias, entropic distance to the prior", "information", _consistent
+    ),
     Offer(
         "pullback",
-        "bodies that can exist, near their priors by a quadratic distance",
+        "valid inertias, quadratic distance to the prior",
         "information",
         lambda c: replace(_consistent(c), form=Pullback()),
     ),
     Offer(
         "SDP",
-        "bodies that can exist, without prior: what physics alone costs",
+        "valid inertias without prior: effect of the constraints alone",
         "information",
         lambda c: replace(_consistent(c), form=Free()),
     ),
     Offer("TLS", "total least squares: noise in the columns too", "information", _total),
     Offer(
         "ridge",
-        "weighted least squares drawn towards the nominal bodies",
+        "weighted least squares shrunk towards the nominal bodies",
         "information",
         _ridge,
     ),
-    Offer("RLS", "recursive least squares that forgets 1 % a second", "information", _recursive),
-    Offer("Huber", "least squares that trusts large residuals less", "samples", _huber),
-    Offer("Tukey", "least squares that leaves large residuals out", "samples", _tukey),
+    Offer("RLS", "recursive least squares, forgetting 1 % per second", "information", _recursive),
+    Offer("Huber", "least squares with lower weights for large residuals", "samples", _huber),
+    Offer("Tukey", "least squares with zero weight for large residuals", "samples", _tukey),
     Offer(
         "ML",
         "maximum likelihood with noise of the measured motion",
@@ -214,7 +216,7 @@ ESTIMATORS: tuple[Offer, ...] = (
     Offer("bounded LS", "weighted least squares within bounds", "information", _bounded),
     Offer(
         "log-Cholesky",
-        "the consistent estimate by Gauss-Newton in coordinates without cones",
+        "the consistent estimate by Gauss-Newton in log-Cholesky coordinates",
         "information",
         _log_cholesky,
     ),

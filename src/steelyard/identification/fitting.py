@@ -171,8 +171,8 @@ def calibrated(found: Fit, threads: int, progress: Progress) -> Fit:
 
 
 NOT_CALIBRATED = (
-    "the 95 % bands of efforts count noise only: without a part of the logs the rest is too little "
-    "to fit, so nothing could be left out to calibrate them"
+    "the 95 % bands of efforts count noise only: the logs are too short to leave a part out and "
+    "calibrate the bands on it"
 )
 
 LeastSquares = OrdinaryLeastSquares | WeightedLeastSquares
@@ -191,7 +191,7 @@ def _unscaled_because(loaded: LoadedRobot, ground: Ground, information: Informat
     if ground.gains is not None:
         return 'beside gain = "identify"'
     if set(own_columns(ground.model)) & set(information.layout.columns):
-        return "beside terms that every run has for itself"
+        return "beside terms that are estimated per run"
     if ground.runs[0].recording.signals.effort_map is not None:
         return "behind coupled gears, where a scale is of a motor and not of a joint"
     return ""
@@ -215,7 +215,7 @@ def _scaled(run: Run, scales: Array) -> Run:
 def _least_squares_because(loaded: LoadedRobot, gains: GainEstimate | None) -> tuple[str, ...]:
     """Notes on why the estimate is plain least squares; none where it is not."""
     if loaded.estimation.method == "least_squares":
-        why = "as the robot file asks for: bodies may be impossible"
+        why = "as the robot file specifies: inertias may be invalid"
     elif gains is not None and gains.relative:
         why = "for without a scale no prior of the bodies can be compared"
     else:
@@ -259,6 +259,6 @@ def _beyond(model: Model, known: Knowledge, estimate: Estimate) -> tuple[str, ..
     if not found:
         return ()
     return (
-        f"least squares finds below what is physical: {', '.join(dict.fromkeys(found))}; these "
-        "terms fit the data, but stand for something else",
+        f"least squares estimates below the physical bound: {', '.join(dict.fromkeys(found))}; "
+        "these terms fit the data, but represent another effect",
     )

@@ -106,7 +106,7 @@ def term_of(description: str | Mapping[str, Any], where: str) -> Term:
     if law not in TERMS:
         near = get_close_matches(law, TERMS, n=1)
         raise ModelError(
-            f"'{law}' is no cause of torque",
+            f"'{law}' is not a known torque term",
             where=where,
             mend=f"did you mean '{near[0]}'?" if near else f"use one of {', '.join(TERMS)}",
         )
@@ -118,7 +118,7 @@ def term_of(description: str | Mapping[str, Any], where: str) -> Term:
         known = _names(TERMS[law])
         unknown = ", ".join(f"'{name}'" for name in fields if name not in known)
         raise ModelError(
-            f"term '{law}' does not understand {unknown or 'its fields'}",
+            f"term '{law}' has no field {unknown or 'its fields'}",
             where=where,
             mend=f"its fields are: {', '.join(known) or 'none'}",
         ) from None

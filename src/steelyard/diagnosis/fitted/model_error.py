@@ -1,4 +1,4 @@
-"""Residuals far above the measurement noise: the model lacks something, and what most likely."""
+"""Residuals far above the measurement noise: the model is incomplete, and what most likely."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -23,7 +23,7 @@ from steelyard.validation.friction.mixes import remembers
 from steelyard.validation.residuals import ResidualNoise, residual_noise
 
 FAR = 2.0
-"""Residual over the noise's upper bound from which on the model lacks something."""
+"""Residual over the noise's upper bound from which on the model is incomplete."""
 
 ABOVE = 1.5
 """Residual over noise from which on a joint is counted among those that are above it."""
@@ -146,7 +146,7 @@ def _blamed(found: Sequence[Cause], inflation: float) -> tuple[Cause, ...]:
 def _remark(ranked: Ranked) -> Finding:
     """What stands beside the headline where no single error is to blame."""
     likely = [cause for cause in ranked.found if cause.share >= SHARE][:NAMED]
-    says = f"{residuals(ranked.beside)}: the model lacks something"
+    says = f"{residuals(ranked.beside)}: the model is incomplete"
     if not likely:
         says += ", which intervals do not cover, or the noise varies slowly"
     else:

@@ -63,5 +63,5 @@ class CmaEs:
             random=np.random.default_rng(self.seed),
             progress=self.progress,
         )
-        why = f"the budget of {self.evaluations} was spent" if found.spent else "stood still"
+        why = f"the budget of {self.evaluations} was spent" if found.spent else "stagnated"
         return box.searched("CMA-ES", found.values, found.evaluations, why)

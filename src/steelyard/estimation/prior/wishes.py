@@ -70,7 +70,7 @@ def knowledge_of(model: Model, loaded: LoadedRobot, fastest: Array | None = None
         where = loaded.where("knowledge", number)
         wish = wish_of(table, where)
         if loaded.friction and (absent := _of_absent_law(wish, model)):
-            notes.append(f"the model has no '{absent}': what is known of it counts for nothing")
+            notes.append(f"the model has no '{absent}': prior constraints on it are ignored")
             continue
         mine = wish.rows(Scope(model, where))
         _refuse_own(mine, own_columns(model), where)
@@ -97,9 +97,9 @@ def _refuse_own(rows: Sequence[Row], own: Sequence[str], where: str) -> None:
     for name in own:
         if any(name in row.coefficients for row in rows):
             raise ModelError(
-                f"every run has a '{name}' of its own, of which nothing can be known before",
+                f"every run has a '{name}' of its own, which no prior constraint can act on",
                 where=where,
-                mend="leave the wish out, or take per_run from the term",
+                mend="remove the constraint, or remove per_run from the term",
             )
 
 
@@ -116,9 +116,9 @@ def wish_of(table: Mapping[str, Any], where: str) -> Wish:
     given = dict(table)
     kind = given.pop("kind", None)
     if not isinstance(kind, str) or kind not in WISHES:
-        said = "a table does not say what `kind` of knowledge it is"
+        said = "a table has no `kind`"
         raise ModelError(
-            said if kind is None else f"'{kind}' is no kind of knowledge",
+            said if kind is None else f"'{kind}' is not a kind of prior constraint",
             where=where,
             mend=advice(kind if isinstance(kind, str) else "", WISHES, "kinds"),
         )
@@ -127,14 +127,14 @@ def wish_of(table: Mapping[str, Any], where: str) -> Wish:
     for name in given:
         if name not in known:
             raise ModelError(
-                f"knowledge of kind '{kind}' does not understand '{name}'",
+                f"prior constraint '{kind}' has no key '{name}'",
                 where=where,
                 mend=advice(name, known, "keys there"),
             )
     for field in fields(wish):
         if field.default is MISSING and field.name not in given:
             raise ModelError(
-                f"knowledge of kind '{kind}' needs '{field.name}'",
+                f"prior constraint '{kind}' needs '{field.name}'",
                 where=where,
                 mend=f"add {field.name} = ... to it",
             )

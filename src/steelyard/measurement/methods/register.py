@@ -86,7 +86,9 @@ def _built(
     name = str(given.pop("method", ""))
     if name not in register:
         near = get_close_matches(name, register, n=1)
-        wrong = f"'{name}' is no method for {key}" if name else "the table does not name its method"
+        wrong = (
+            f"'{name}' is not a method for {key}" if name else "the table does not name its method"
+        )
         raise ModelError(
             wrong,
             where=where,
@@ -111,7 +113,7 @@ def _checked(method: type[Any], field: str, value: Any, where: str) -> Any:
         near = get_close_matches(field, known, n=1)
         listed = ", ".join(known) or "none: it has no settings"
         raise ModelError(
-            f"method '{method.name}' does not understand '{field}'",
+            f"method '{method.name}' has no setting '{field}'",
             where=where,
             mend=f"did you mean '{near[0]}'?" if near else f"its settings are: {listed}",
         )

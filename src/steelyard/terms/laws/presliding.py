@@ -24,7 +24,7 @@ from steelyard.terms.model_files import Place, full_sliding
 from steelyard.terms.term import SHARE, Cause, Columns, Dissipation
 
 REVERSALS = "reversals of"
-GIVES_WAY = "how friction gives way before it slides"
+GIVES_WAY = "presliding stiffness"
 
 
 @dataclass(frozen=True)
