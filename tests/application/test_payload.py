@@ -180,7 +180,7 @@ def test_intervals_hold_the_error_of_scales_of_any_unit(together: bool) -> None:
         assert found.mass == naive.mass
         inside.append(abs(found.mass - LOAD.mass) <= found.half_width[0])
         exact.append(abs(found.mass - LOAD.mass) <= naive.half_width[0])
-        assert "all effort sensors have in common" in naive.notes[-1]
+        assert "common scale error of all effort sensors" in naive.notes[-1]
         assert f"± {found.half_width[0]:.2g} kg" in found.notes[-1]
     assert np.mean(inside) >= 0.88 and np.mean(exact) < 0.6
 
@@ -219,7 +219,7 @@ def test_a_body_that_cannot_be_is_told() -> None:
     ten = np.array([1.0, 0.0, 0.0, 0.0, -0.1, 0.0, 0.2, 0.0, 0.0, 0.2])
     found = PayloadEstimate("f", "b", ten, 1e-6 * np.eye(10), np.ones(1), np.ones(1))
     assert found.flaw == "a principal moment of inertia is negative (-0.1 kg m²)"
-    assert "Ixx with the whole interval below zero: no body has that" in found.remarks[0]
+    assert "Ixx have their whole interval below zero, which no body has" in found.remarks[0]
     assert found.to_dict()["possible_body"] is False and found.to_dict()["flaw"] == found.flaw
     assert identify_payload(EXACT, [run(2, LOAD)], "tool").to_dict()["possible_body"] is True
 
@@ -252,4 +252,4 @@ def test_runs_of_another_kind_are_refused() -> None:
     assert "no run with the payload" in str(refusal([]))
     assert "drift of friction is -1" in str(refusal([run(2)], drift=-1.0))
     assert "drive gains is 2" in str(refusal([run(2)], gain=2.0))
-    assert "it has no window" in str(refusal([run(2).of(())]))
+    assert "the run has no usable samples" in str(refusal([run(2).of(())]))

@@ -212,8 +212,8 @@ def with_currents(given: Path, folder: Path) -> Path:
 @pytest.mark.parametrize(
     ("loaded", "mass", "words"),
     [
-        (False, None, ("nothing fixes the scale", "a loaded run with the payload's mass")),
-        (True, None, ("nothing fixes the scale", "the payload's mass")),
+        (False, None, ("nothing determines the scale", "a loaded run with the payload's mass")),
+        (True, None, ("nothing determines the scale", "the payload's mass")),
         (False, 2.0, ("needs runs with and without it; there is none with", "give a run with")),
     ],
 )

@@ -138,7 +138,7 @@ def test_fix_writes_a_new_robot_file_and_checks_again(
     shown = words(done.stdout)
     change = '[signals] position_unit = "deg" position unit, degrees: shoulder_turn: positions go'
     assert f"differs: {change}" in shown and "Checked again with" in shown
-    assert shown.index("Wrong: position unit") < shown.index("Ok: nothing suspicious")
+    assert shown.index("Wrong: position unit") < shown.index("Ok: no fault")
     assert shown.endswith(f"robot file {fixed} -o FOLDER writes a page with the plots")
     assert command("check", fixed, degrees).exit_code == 0
     again = command("check", robot, degrees, "--fix")
@@ -184,7 +184,7 @@ def test_fix_of_a_bare_model_writes_a_whole_robot_file(
     signals = load_robot(target).signals
     assert signals is not None
     np.testing.assert_allclose(signals.position_scale, np.pi / 180.0)
-    assert "CHECK: which columns of the log are what" in target.read_text()
+    assert "CHECK: the columns of the log" in target.read_text()
 
 
 def test_a_robot_file_without_signals_gets_them(

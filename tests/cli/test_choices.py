@@ -66,7 +66,7 @@ def test_a_field_is_found_and_told(told: Told) -> None:
     assert 0.002 <= low <= field["value"] <= high <= 0.2
     terms = {term["law"]: term for term in found["terms"]}
     assert terms["coulomb"]["smoothing"] == field["value"]
-    assert "Fields found" in (out / "report.html").read_text(encoding="utf-8")
+    assert "Estimated fields" in (out / "report.html").read_text(encoding="utf-8")
 
 
 def test_joints_weigh_by_noise_or_alike(told: Told, tmp_path: Path) -> None:
@@ -82,7 +82,7 @@ def test_plain_least_squares_can_be_had(told: Told) -> None:
     model = steelyard.load_model(out)
     assert model.estimate.estimator == "weighted least squares"
     assert model.estimate.standard is None
-    assert any("bodies may be impossible" in note for note in plain["notes"])
+    assert any("inertias may be invalid" in note for note in plain["notes"])
     assert not any("nothing comes of" in note for note in plain["notes"])
 
 
@@ -108,7 +108,7 @@ def test_friction_that_drives_is_named(
     assert done.exit_code == 2 and "all efforts have the opposite sign" in done.stderr
     assert not (tmp_path / "no").exists()
     driven, _ = told(reversed_efforts, options=("--no-check",))
-    (note,) = (note for note in driven["notes"] if "below what is physical" in note)
+    (note,) = (note for note in driven["notes"] if "below the physical bound" in note)
     assert "viscous.elbow" in note and "coulomb.elbow" in note
 
 

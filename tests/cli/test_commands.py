@@ -84,7 +84,9 @@ def test_identify_writes_model_parameters_and_report(identified: Path) -> None:
     model = strict((identified / "model.json").read_text())
     with (identified / "parameters.csv").open() as file:
         rows = list(csv.DictReader(file))
-    values = {row["name"]: float(row["value"]) for row in rows if row["status"] != "not seen"}
+    values = {
+        row["name"]: float(row["value"]) for row in rows if row["status"] != "not identifiable"
+    }
     wanted = steelyard.load_model(identified).estimate.parameters.as_dict()
     assert {name: values[name] for name in wanted} == wanted
     assert len(rows) == len(steelyard.load_model(identified).base)
@@ -215,7 +217,7 @@ def test_init_alone_and_with_a_log(command: Command, tmp_path: Path) -> None:
     facts = strict(command("init", URDF, LOG, "-o", guessed, "--json").stdout)
     assert (facts["robot_file"], facts["joints"]) == (str(guessed), JOINTS)
     assert facts["columns_found"] and not facts["without_columns"] and facts["problem"] is None
-    assert any("which side of the gears" in reason for reason in facts["guesses"])
+    assert any("the side of the gears" in reason for reason in facts["guesses"])
     done = command("identify", guessed, LOG, "-o", tmp_path / "o")
     assert done.exit_code == 0, done.output
 

@@ -174,7 +174,7 @@ def test_the_robot_files_weights_count(command, given: Path, tmp_path: Path) -> 
 def test_the_advice_has_its_line(command) -> None:
     done = command("compare", ROBOT, LOG, OTHER, "--estimators", "WLS", "OLS")
     text = words(done.output)
-    assert "Take WLS" in text and "two parts tell little" in text
+    assert "Take WLS" in text and "two parts are few" in text
     assert 'in the robot file: [estimation] method = "least_squares"' in text
     found = json.loads(
         command("compare", ROBOT, LOG, OTHER, "--estimators", "WLS", "OLS", "--json").stdout

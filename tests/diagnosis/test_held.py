@@ -106,7 +106,7 @@ def test_the_delay_that_is_proposed_mends_the_robot_file(tmp_path: Path) -> None
     mended = diagnosis(tmp_path, table, edited(ROBOT, found.edits))
     assert mended.judgement == OK
     says = [f.says for f in mended.findings if f.suspicion == "repeats"][-1]
-    assert says.endswith("5 ms late on average ([signals.effort] delay takes out 5 ms)")
+    assert says.endswith("5 ms late on average ([signals.effort] delay compensates 5 ms)")
 
 
 def test_repeated_rows_that_are_kept_leave_positions_late(tmp_path: Path) -> None:

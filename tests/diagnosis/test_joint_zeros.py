@@ -58,7 +58,7 @@ def test_an_offset_that_other_errors_explain_as_well_is_open(
     (finding,) = JointZeros()(case(tmp_path, (0.0, 0.2, 0.0, 0.0, 0.0, 0.0)))
     assert finding.judgement == Judgement.OK and not finding.answered
     assert "zero offset of shoulder_lift 0.1998 ± 0.00" in finding.says
-    assert "not decided" in finding.says
+    assert "undecided" in finding.says
 
 
 def test_where_no_offset_is_identifiable_the_question_is_open(

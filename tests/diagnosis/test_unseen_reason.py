@@ -56,7 +56,7 @@ def test_a_load_is_named_with_its_mass(arm, mass):
 def test_another_robot_is_not_called_a_gain(arm):
     (found,) = found_in(arm, of(arm, random_truth(arm.robot, 80)))
     assert "no cause of the error was found; tested: a load" in found.says
-    assert "may be of another robot" in found.says and found.judgement
+    assert "may come from another robot" in found.says and found.judgement
     assert "times the residuals of the fit" in found.figure
 
 
@@ -85,7 +85,7 @@ def test_friction_that_would_not_dissipate_is_no_explanation(arm):
     more = of(arm, arm.truth.changed(**{name: 6.0 * arm.truth.values[name] for name in names}))
     table = 2.0 * of(arm, arm.truth) - more  # friction times -4
     (found,) = found_in(arm, table)
-    assert "the cause of the error was not found" in found.says
+    assert "no cause of the error was found" in found.says
 
 
 def test_friction_that_changed_is_named_with_what_is_left(arm):
@@ -93,7 +93,7 @@ def test_friction_that_changed_is_named_with_what_is_left(arm):
     much = {name: 6.0 * arm.truth.values[name] for name in names}
     (found,) = found_in(arm, of(arm, arm.truth.changed(**much)))
     assert found.judgement == Judgement.DOUBTFUL
-    assert found.says.startswith("friction or offsets are not those of the fitted logs")
+    assert found.says.startswith("friction or offsets differ from those of the fitted logs")
 
 
 def test_a_sign_is_a_reason(arm):
@@ -129,4 +129,4 @@ def test_efforts_at_a_limit_are_named_where_the_error_counts_them(arm):
         most = 0.6 * np.abs(table[:, k]).max()
         table[:, k] = np.clip(table[:, k], -most, most)
     (found,) = [f for f in found_in(arm, table) if f.suspicion == "clipped efforts"]
-    assert "are at their limit: the error counts them" in found.says and found.headline
+    assert "are saturated: the error includes them" in found.says and found.headline

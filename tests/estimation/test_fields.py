@@ -178,7 +178,7 @@ def test_a_value_beyond_the_bounds_is_said() -> None:
     assert finding.value == 0.1 and finding.interval[1] == 0.1 and not finding.told
     (note,) = result.notes
     assert note == (
-        "the speed of term 'stribeck' fits best at its bound 0.1; search wider, "
+        "the best speed of term 'stribeck' is its bound 0.1; widen the search, "
         "or fix it: speed = 0.1"
     )
 

@@ -139,7 +139,7 @@ def refusal(kind: type[SteelyardError], *args: object, **options: object) -> str
 
 def test_questions_without_an_answer() -> None:
     words = refusal(DataError, UNLOADED)
-    assert "known relative to each other only" in words
+    assert "identifiable only relative to each other" in words
     assert "the payload's mass" in words and "the gain of one joint" in words
     assert "relative to each other" in refusal(DataError, UNLOADED, LOADED)
     assert "there is none without" in refusal(DataError, [], LOADED, mass=1.7)

@@ -139,7 +139,7 @@ def test_what_did_not_settle_says_so() -> None:
 def test_samples_without_filters_are_refused() -> None:
     samples = noisy(0, 0.01)
     bare = replace(samples, sources=(replace(samples.sources[0], error=None),))
-    with pytest.raises(DataError, match="nothing is known of how noise of positions"):
+    with pytest.raises(DataError, match="the propagation of position noise"):
         MotionNoise(SMOOTH)(bare)
 
 

@@ -110,7 +110,7 @@ def test_intervals_hold_the_truth_where_nothing_drifts() -> None:
 
 @pytest.mark.parametrize("forgetting", [0.0, -1.0, 1.01, float("nan")])
 def test_a_forgetting_that_is_none_is_refused(forgetting: float) -> None:
-    with pytest.raises(DataError, match="per second is none"):
+    with pytest.raises(DataError, match="per second is not valid"):
         Recursive(forgetting)
 
 

@@ -275,7 +275,7 @@ def tool(name: str) -> Shape:
     [
         ({"ignore": [("slyder", "base")]}, "did you mean 'slider'?"),
         ({"others": (tool("one"),)}, "two bodies are called 'one'"),
-        ({"bodies": False}, "no pair of things is left"),
+        ({"bodies": False}, "no pair of bodies is left"),
     ],
 )
 def test_what_cannot_be_is_refused(tmp_path: Path, options: dict, words: str) -> None:

@@ -51,10 +51,10 @@ def test_meshes_are_read(tmp_path: Path, name: str, data: bytes) -> None:
 @pytest.mark.parametrize(
     ("name", "data", "words"),
     [
-        ("a.dae", b"<COLLADA/>", "of a kind that cannot be read here ('.dae')"),
+        ("a.dae", b"<COLLADA/>", "of an unsupported format ('.dae')"),
         ("a.stl", b"nothing of the kind" * 10, "not an STL file: its length does not fit"),
         ("a.stl", b"solid empty\nendsolid", "it has no vertices"),
-        ("a.stl", b"solid\nvertex 1 2\n", "has not three numbers"),
+        ("a.stl", b"solid\nvertex 1 2\n", "does not have three numbers"),
         ("a.obj", b"v 1 2 three", "could not convert"),
         ("a.obj", b"v 1 2 nan", "a vertex is not finite"),
     ],

@@ -133,7 +133,7 @@ def test_a_start_in_collision_or_out_of_its_box(
 )
 def test_a_box_out_of_reach(tmp_path: Path, tables: str, at: float, words: str) -> None:
     error = refused(tmp_path, tables.replace("{}", str(at)))
-    assert "no posture was found that keeps all constraints" in error.wrong
+    assert "no posture was found that satisfies all constraints" in error.wrong
     assert words in error.wrong and words in error.mend
     missed = float(re.findall(r"missed by ([\d.]+) m", error.wrong)[0])
     amount = float(re.findall(r"by ([\d.]+) m, or more", error.mend)[0])
@@ -146,7 +146,7 @@ def test_power_that_allows_no_motion(tmp_path: Path) -> None:
     limits = 'share = 1.0\neffort = "any"\npower = '
     tables = f"{OPEN}[excitation.limits]\n{limits}{{}}\n"
     error = refused(tmp_path, tables.format(1e-6))
-    assert "power of" in error.wrong and "of what the joints' limits allow" in error.wrong
+    assert "power of" in error.wrong and "of the joints' ranges" in error.wrong
     assert error.where == "[excitation] power"
     amounts = [float(x) for x in re.findall(r"by ([\d.]+) W", error.mend)]
     some_motion(tmp_path, tables.format(1e-6 + max(amounts)))

@@ -112,13 +112,13 @@ def test_a_floor_without_gravity_is_a_gap(tmp_path: Path) -> None:
     floating = load_robot(written(tmp_path, text, "floating.toml"))
     notes = build(floating, model_of(floating)).notes
     (said,) = [note for note in notes if "no gravity is declared" in note]
-    assert isinstance(said, Gap) and "level across z" in said
+    assert isinstance(said, Gap) and "normal to z" in said
 
 
 def test_a_link_that_no_joint_brings_out_of_a_wall_is_a_gap(tmp_path: Path) -> None:
     tables = f"{ANY}floor = 0.13\n"
     notes = problem_of(tmp_path, tables).notes
-    (said,) = [note for note in notes if "inside a wall" in note]
+    (said,) = [note for note in notes if "outside the workspace limits" in note]
     assert isinstance(said, Gap) and "tower in floor by 10 mm" in said
     assert not any("tower" in label for label in room(tmp_path, "floor = 0.13\n").labels)
 
@@ -261,8 +261,10 @@ def test_links_to_go_without_are_named_as_asked(tmp_path: Path) -> None:
     (room,) = [c for c in less.constraints if isinstance(c, Room)]
     assert not any("'stick'" in label for label in room.labels)
     assert room.scope.startswith("all links but stick, tool")
-    assert any(isinstance(note, Declined) and "walls do not see" in note for note in less.notes)
-    assert not any("walls do not see" in note for note in every.notes)
+    assert any(
+        isinstance(note, Declined) and "workspace limits ignore" in note for note in less.notes
+    )
+    assert not any("workspace limits ignore" in note for note in every.notes)
 
 
 @pytest.mark.parametrize(
@@ -347,6 +349,6 @@ def test_a_certificate_keeps_what_it_does_not_cover(tmp_path: Path) -> None:
     values = made.to_dict()
     assert values["notes"] == ["assumed", "a gap", "as asked"]
     assert (values["not_covered"], values["not_covered_as_asked"]) == (["a gap"], ["as asked"])
-    assert "start posture is not covered" in values["covers"]
+    assert "not covered are the approach to the start posture" in values["covers"]
     (walls,) = values["constraints"]
     assert walls["scope"].startswith("all links, tool and loads")

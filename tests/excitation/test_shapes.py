@@ -138,7 +138,7 @@ def test_a_cell_is_read_from_both_kinds_of_files(tmp_path: Path) -> None:
     ("shape", "words"),
     [
         ('<cone radius="1"/>', "a collision shape <cone>, which is unknown"),
-        ('<sphere radius="-1"/>', "a sphere of -1 m is no solid"),
+        ('<sphere radius="-1"/>', "a sphere of -1 m is not a solid"),
         ("<sphere/>", "radius=None of <sphere> is not a finite number"),
         ('<box size="1 2"/>', "size='1 2' of <box> is not 3 finite numbers"),
         ('<box size="1 2 nan"/>', "is not 3 finite numbers"),
@@ -183,7 +183,7 @@ def test_a_robot_without_shapes_or_with_loops_is_refused(tmp_path: Path) -> None
     path = written(tmp_path, urdf(link("base"), link("arm"), joint("base", "arm")))
     with pytest.raises(ModelError, match="gives no link of the robot a collision shape"):
         robot_shapes(load_robot(path).robot, path)
-    with pytest.raises(ModelError, match="closed chains are not computed here"):
+    with pytest.raises(ModelError, match="clearances are not supported"):
         robot_shapes(closed_chains.five_bar(), path)
 
 

@@ -52,7 +52,7 @@ def test_efforts_without_gravity_limit_no_torque(tmp_path: Path) -> None:
 def test_friction_with_memory_of_an_earlier_model_limits_no_torque(tmp_path: Path) -> None:
     known, loaded = earlier(tmp_path), arm(tmp_path, OPEN, DAHL)
     problem = build(loaded, model_of(loaded), known)
-    note = "torque is not limited: 'dahl' depends on the motion before"
+    note = "torque is not limited: 'dahl' depends on the earlier motion"
     assert names_of(problem) == [] and note in problem.notes
     assert names_of(build(loaded, model_of(loaded))) == ["torque"]
     for asked in ASKED:
@@ -90,7 +90,7 @@ def test_joints_without_a_limit_of_effort_are_named(tmp_path: Path) -> None:
 
 def test_speeds_above_the_robots_own_are_noted(tmp_path: Path) -> None:
     notes = problem_of(tmp_path, f"{OPEN}{LIMITS}share = 1.0\nvelocity = {{boom_joint = 20}}").notes
-    words = "the model file's speed limits are not kept"
+    words = "the model file's speed limits are exceeded"
     (said,) = [note for note in notes if words in note]
     assert said.endswith(": boom_joint 20 against 3 rad/s") and isinstance(said, Declined)
     assert not any(words in n for n in problem_of(tmp_path, f"{OPEN}{LIMITS}velocity = 3").notes)
@@ -121,7 +121,7 @@ def test_loads_without_radius_are_noted_where_links_are_looked_at(tmp_path: Path
 
 
 def test_a_radius_alone_is_noted(tmp_path: Path) -> None:
-    tables, words = f"{ANY}[excitation.workspace]\nradius = 0.1\n", "radius changes nothing"
+    tables, words = f"{ANY}[excitation.workspace]\nradius = 0.1\n", "radius has no effect"
     assert any(words in note for note in problem_of(tmp_path, tables).notes)
     walled = problem_of(tmp_path, tables + "box = {z = [-2.0, 2.0]}\n")
     assert not any(words in note for note in walled.notes)

@@ -152,7 +152,7 @@ def test_only_what_is_near_its_limit_is_tight(designed: Designed) -> None:
 
 def test_a_search_that_did_not_end_is_no_best_of_none(designed: Designed) -> None:
     said = detail(replace(designed, searches=0))
-    assert "best of" not in said and "the best that an unfinished search found in 2.5 s" in said
+    assert "best of" not in said and "the best of an unfinished search in 2.5 s" in said
 
 
 def test_margins_have_a_unit_for_people() -> None:
@@ -226,7 +226,7 @@ def test_parameters_hidden_behind_others_are_no_good_motion(designed: Designed) 
     gram = np.eye(size)
     gram[0, 1] = gram[1, 0] = 0.9999
     told = replace(designed, shown=replace(designed.shown, gram=gram), kind="fourier")
-    assert f"Shows all {size} base parameters, 2 of them poorly; " in headline(told)
+    assert f"Identifies all {size} base parameters, 2 of them poorly; " in headline(told)
     assert level(told) == "fair"
     assert level(replace(told, chosen=(2, 3))) == "good"
     assert level(replace(told, kind="sweeps")) == "good"
@@ -236,7 +236,7 @@ def test_parameters_hidden_behind_others_are_no_good_motion(designed: Designed) 
 
 
 def test_the_way_to_the_start_is_said_not_to_be_covered(designed: Designed) -> None:
-    said = "the way from where the robot stands to the start posture is not covered"
+    said = "not covered are the approach to the start posture"
     assert said in text(render(content(designed))) and said in " ".join(printed(designed).split())
 
 
@@ -246,7 +246,7 @@ def _noted(designed: Designed, *notes: str) -> Designed:
 
 def test_advice_tells_from_where_to_where(designed: Designed) -> None:
     again = next(one for one in designed.advice if "once more" in one.what)
-    assert brings(designed, again) == "every std to 71 %"
+    assert brings(designed, again) == "all standard deviations to 71 %"
     assert instead(designed, again) == "71 %"
     std = designed.shown.std()
     names = designed.shown.names

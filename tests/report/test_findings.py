@@ -179,7 +179,7 @@ def test_it_is_said_why_a_finding_is_ok_though_a_rival_fits_better() -> None:
     assert still(best) == [""] and still(nominal, wrong) == [""]
     said, reference = still(nominal, known)
     assert "misfit is only 7.8\u00a0%" in said and "errors of the nominal masses" in said
-    assert "nominal" not in reference and "gains far more than chance" in reference
+    assert "nominal" not in reference and "gain is statistically significant" in reference
     content_of = CheckContent("r", "r.toml", ("run",), None, Diagnosis((nominal,)), {}, ())
     assert "Still ok: as declared" in render_check(content_of)
 

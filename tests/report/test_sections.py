@@ -130,7 +130,10 @@ def test_poor_parameters_are_marked(usual):
     assert table[-1].grade == "unseen" and table[-1].value is None
     assert len(table) == len(usual.identified.base)
     html = shown("parameters", usual)
-    assert html.count("not told from zero</span>") == 1 and html.count("weak</span>") == 1
+    assert (
+        html.count("not significantly different from zero</span>") == 1
+        and html.count("weak</span>") == 1
+    )
     assert "2 parameters of 12 are poorly identifiable" in html
     assert "mx.link of shoulder + 0.4 m.link of elbow" in html
     assert table[-1].name not in html
@@ -153,7 +156,7 @@ def test_what_is_not_seen_is_named_with_its_twin(usual):
     assert "not told from mx.link of shoulder" in html
     estimate = replace(usual.identified.estimate, blind=())
     clear = replace(usual, identified=replace(usual.identified, estimate=estimate))
-    assert "The motions show every base parameter." in shown("unseen", clear)
+    assert "Every base parameter is identifiable from these motions." in shown("unseen", clear)
 
 
 def test_conditioning_says_what_trades_against_what(usual):

@@ -64,9 +64,9 @@ def test_the_csv_holds_every_base_parameter_exactly(usual):
     assert [float(row["value"]) for row in seen] == estimate.parameters.values.tolist()
     assert [float(row["std"]) for row in seen] == estimate.std.tolist()
     assert table[0]["group"] == "mx.link of shoulder + 0.4 m.link of elbow"
-    assert table[0]["unit"] == "kg m" and table[0]["status"] == "seen"
+    assert table[0]["unit"] == "kg m" and table[0]["status"] == "identified"
     last = table[-1]
-    assert last["status"] == "not seen (tied to mx.link of shoulder)"
+    assert last["status"] == "not identifiable (tied to mx.link of shoulder)"
     assert [last[c] for c in ("value", "std", "lower95", "upper95", "relative_std_percent")] == (
         [""] * 5
     )

@@ -138,7 +138,7 @@ def test_bodies_relieved_of_gravity_are_named(tmp_path: Path) -> None:
     path = written(tmp_path, two=' gravcomp="1"')
     loaded = load_robot(path)
     (note,) = loaded.notes
-    assert note.startswith("bodies are relieved of gravity in the MJCF (gravcomp)")
+    assert note.startswith("gravity compensation of bodies in the MJCF (gravcomp)")
     assert note.endswith(": a, b")
     held = written(tmp_path, two=' gravcomp="1"', a=' actuatorgravcomp="true"')
     assert load_robot(held).notes == (note.replace(": a, b", ": b"),)
@@ -167,10 +167,9 @@ def test_tendons_and_fluids_are_named(tmp_path: Path) -> None:
     assert tendons.endswith(
         "(along = {...}): 'stiff' on a, b (stiffness, damping), 'heavy' on b, c (armature)"
     )
-    assert "unless a term has them" in tendons
+    assert "unless a term represents them" in tendons
     assert fluid == (
-        "forces of a fluid in the MJCF (density 1000 kg/m³, viscosity 0 Pa s) are no part of the "
-        "model"
+        "forces of a fluid in the MJCF (density 1000 kg/m³, viscosity 0 Pa s) are not in the model"
     )
     assert with_tables(path, 'tip = "one"').notes[-1] == fluid
 

@@ -324,7 +324,7 @@ def test_a_part_in_which_nothing_moves_counts_nowhere() -> None:
     assert not told("WLS", [np.nan, np.nan]).whole
     assert told("WLS", [np.nan, np.nan]).figure == "no error"
     advice = recommended([quiet, told("OLS", [30.0, np.nan, 50.0])])
-    assert advice is not None and advice.name == "WLS" and "two parts tell little" in advice.why
+    assert advice is not None and advice.name == "WLS" and "two parts are few" in advice.why
 
 
 def test_predictions_that_are_not_finite_are_a_failure() -> None:
@@ -343,7 +343,7 @@ def test_what_is_worse_than_predicting_zero_is_not_recommended() -> None:
     assert advice is not None and advice.name is None
     assert "WLS: 120" in advice.why and "nothing beats predicting zero" in advice.why
     enough = recommended([told("WLS", [90.0, 110.0, 95.0])])
-    assert enough is not None and enough.name == "WLS" and "tell little" not in enough.why
+    assert enough is not None and enough.name == "WLS" and "parts are few" not in enough.why
 
 
 def test_equal_weights_reach_the_consistent_estimates() -> None:
