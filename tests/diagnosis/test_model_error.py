@@ -96,7 +96,7 @@ def test_a_friction_law_that_lacks_is_a_remark(
     (finding,) = found(loaded, tmp_path, terms=(*DEFAULT_TERMS, term))
     assert "(worst joint: " in finding.says and "joints above 1.5 x)" in finding.says
     assert finding.judgement == Judgement.OK and finding.headline
-    causes = finding.says.partition("do not add them): ")[2]
+    causes = finding.says.partition("not additive): ")[2]
     assert f"(term {term.law})" in causes.split(",")[0]
 
 

@@ -47,7 +47,7 @@ def test_the_table_has_the_best_first_and_the_failed_last(usual: ReportContent) 
     ]
     assert [row[0] for row in rows[1:6]] == ["WLS", "consistent", "plain", "once", "never"]
     wls, consistent, plain, once, never = rows[1:6]
-    assert wls[1:] == ["not told", "4.17 ± 0.67 %", "5.0 %", "12 ms", "36", "42", "1.000"]
+    assert wls[1:] == ["not estimated", "4.17 ± 0.67 %", "5.0 %", "12 ms", "36", "42", "1.000"]
     assert consistent[1] == "all valid" and consistent[4] == "120 ms"
     assert plain[1] == "link 1  and 1 more invalid" and plain[2] == "37.5 ± 6.0 %"
     assert once[2] == "3.50 % (failed 1 of 3)"
@@ -159,7 +159,7 @@ def test_nothing_beats_predicting_zero(usual: ReportContent) -> None:
     content = replace(usual, comparison=replace(usual.comparison, trials=bad))
     assert "No estimator is recommended" in printed(content)
     page = section(content)
-    assert "nothing beats predicting zero" in page and 'class="marked"' not in page
+    assert "nothing is better than predicting zero" in page and 'class="marked"' not in page
     assert 'class="verdict none"' in page
 
 

@@ -35,7 +35,7 @@ def many(judgement: Judgement, count: int) -> Diagnosis:
 def test_the_worst_is_last_and_the_verdict_at_the_end() -> None:
     lines = printed(diagnosis("arm")).splitlines()
     starts = [line.split()[0] for line in lines if line[:1].isalpha()]
-    assert starts == ["ok", "ok", "doubtful", "wrong", "mend", "Wrong:"]
+    assert starts == ["ok", "ok", "doubtful", "wrong", "fix", "Wrong:"]
     assert lines[-1] == "Wrong: unit arm  (4 findings: 1 wrong, 1 doubtful, 2 ok)"
     at = next(k for k, line in enumerate(lines) if line.startswith("mend unit arm: say so arm"))
     assert [line.rstrip() for line in lines[at + 1 : at + 3]] == [
@@ -99,7 +99,7 @@ def test_json_has_stable_keys_and_no_infinity() -> None:
         "figure": "9000 A arm",
         "answered": True,
         "joints": ["arm"],
-        "mend": {
+        "fix": {
             "says": "say so arm",
             "edits": told["edits"],
             "lines": '[signals.effort]\nunit = "mAarm"',

@@ -153,7 +153,7 @@ def test_what_is_not_seen_is_named_with_its_twin(usual):
     html = shown("unseen", usual)
     assert "28 standard parameters" in html and "on 13 combinations" in html
     assert "<code>m.link of shoulder</code>" in html
-    assert "not told from mx.link of shoulder" in html
+    assert "not distinguishable from mx.link of shoulder" in html
     estimate = replace(usual.identified.estimate, blind=())
     clear = replace(usual, identified=replace(usual.identified, estimate=estimate))
     assert "Every base parameter is identifiable from these motions." in shown("unseen", clear)

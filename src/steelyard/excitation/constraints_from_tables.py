@@ -105,12 +105,12 @@ def efforts_of(loaded: LoadedRobot, model: Model, earlier: Earlier | None) -> Wa
         total = np.inf if wanted.total_power is None else wanted.total_power
         found.append(power_limit(cases, powers, total))
     source = (
-        "the earlier model's" if earlier is not None else "those of the model file, no friction"
+        "of the earlier model" if earlier is not None else "of the model file, without friction"
     )
     sprung = not _stiffnesses(loaded).keys().isdisjoint(model.names)
     known = "masses and springs" if sprung else "masses"
-    scope = f"of the model file's {known}, not of friction" if earlier is None else ""
-    notes = [f"torques are limited with a prior model, with {source}", *notes]
+    scope = f"{known} of the model file, without friction" if earlier is None else ""
+    notes = [f"torques are limited with the values {source}", *notes]
     found = [replace(limit, scope=scope or "of the earlier model") for limit in found]
     return list(found), [*notes, COUNTED] if section.loads else notes
 

@@ -148,11 +148,11 @@ def _remark(ranked: Ranked) -> Finding:
     likely = [cause for cause in ranked.found if cause.share >= SHARE][:NAMED]
     says = f"{residuals(ranked.beside)}: the model is incomplete"
     if not likely:
-        says += ", which intervals do not cover, or the noise varies slowly"
+        says += ", which the intervals do not cover, or the noise varies slowly"
     else:
-        says += ", and intervals do not cover it"
+        says += ", which the intervals do not cover"
         named = (f"{cause.says} {100.0 * cause.share:.0f} %" for cause in likely)
-        says += f"; each tried alone removes (do not add them): {', '.join(named)}"
+        says += f"; reduction by each candidate alone (not additive): {', '.join(named)}"
     return Finding(ModelError.name, "", Judgement.OK, says, "", headline=True)
 
 
@@ -164,7 +164,7 @@ def _not_looked_at(case: FittedCase, runs: Sequence[Run]) -> tuple[Finding, ...]
         return ()
     run = runs[0]
     says = (
-        f"whether residuals are noise is not known: the matched cut-off of {run.matched_cutoff:g} "
+        f"residuals could not be compared with noise: the matched cut-off of {run.matched_cutoff:g} "
         f"Hz leaves no band above it at {run.rate:g} Hz, and the fitted runs have errors up to "
         f"{error:.0f} %"
     )
@@ -181,7 +181,7 @@ def _doubtful(model: Model, runs: Sequence[Run], ranked: Ranked) -> Finding:
         found = None if offsets is None else far_offsets(offsets)
         if offsets is not None and found is not None and found.any():
             words, mend = numbers(offsets, found), correction(offsets, found)
-    says = "they fit an error of the model that intervals do not cover"
+    says = "a model error that the intervals do not cover"
     return Finding(
         ModelError.name,
         "",

@@ -126,8 +126,8 @@ EFFORT_DELAY = HypothesisCheck(
 )
 MOUNTING = HypothesisCheck(
     "mounting",
-    "Does gravity point where the robot file says?",
-    "gravity points where the robot file says",
+    "Is the direction of gravity that of the robot file?",
+    "gravity has the direction of the robot file",
     "state the direction of gravity in the base frame",
 )
 PAYLOAD = HypothesisCheck(

@@ -52,7 +52,7 @@ def undecided(held: Verdict, cause: str) -> str:
     if open_factor and cause in (*FACTORS, "payload"):
         return f"undecided until {open_factor[-1]} is resolved, see there"
     score = trial.score(last.reading)
-    misfit = f"the nominal model comes only within {float(score.percent[0]):.1f} %"
+    misfit = f"the nominal model has a misfit of {float(score.percent[0]):.1f} %"
     if cause in ("payload", "mounting"):
         return _hidden(trial, last.reading, score, cause, misfit)
     if cause == "gain" and any(trial.signals.unknown_gains):
@@ -61,11 +61,11 @@ def undecided(held: Verdict, cause: str) -> str:
         return _gains(trial, last.reading, misfit)
     if cause == "effort delay":
         near = _times(trial, last.reading)
-        misfit = "a fit of bodies of any mass agrees as declared"
+        misfit = "bodies of any mass fit as declared"
     else:
         near = _near(trial, last.reading, score, cause)
     listed = ", ".join(near[:SHOWN]) + ", ..." * (len(near) > SHOWN)
-    return f"undecided: {misfit}, and about as well with {listed}" if near else ""
+    return f"undecided: {misfit}, but fits about as well with {listed}" if near else ""
 
 
 def _hidden(trial: Trial, reading: Reading, score: Score, cause: str, misfit: str) -> str:
@@ -78,7 +78,7 @@ def _hidden(trial: Trial, reading: Reading, score: Score, cause: str, misfit: st
         tilt = detectable_tilt(trial, reading, score)
         hidden = tilt > NEAR
         size = f"a tilt by {np.rad2deg(tilt):.0f}°"
-    return f"undecided: {misfit}, as much as {size} may make" if hidden else ""
+    return f"undecided: {misfit}, which {size} may cause" if hidden else ""
 
 
 def least_mass(trial: Trial) -> float:

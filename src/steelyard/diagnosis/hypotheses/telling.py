@@ -259,6 +259,6 @@ def agrees(held: Verdict, what: str) -> str:
     once = ""
     if held.winners:
         written = all(rival.fixed for rival, _ in held.winners)
-        once = ", once the rest is corrected" if written else ", if the rest is as said"
-    close = "agrees to" if percent <= CLEAN else "comes only within"
-    return f"{what} ({_known(held)} {close} {percent:.1f} %{once})"
+        once = ", once the rest is corrected" if written else ", if the rest is as stated"
+    close = "" if percent <= CLEAN else "only "
+    return f"{what} ({_known(held)} agrees {close}to {percent:.1f} %{once})"

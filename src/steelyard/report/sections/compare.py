@@ -100,7 +100,7 @@ def main_table(comparison: Comparison) -> PlainTable:
     return PlainTable(
         "Errors on left-out data",
         "Mean over joints and runs with its standard error; joints where they move, behind the "
-        "matched filter. Pooled: norms over all joints together. Bodies: not available "
+        "parallel filter. Pooled: norms over all joints together. Bodies: not available "
         "from estimators of base parameters. χ²: squared residuals on all data over the noise that "
         "WLS estimates, per degree of freedom.",
         ("Estimator", "Bodies", "Error", "Pooled", "Time", "Values", "Condition", "χ²"),

@@ -9,7 +9,9 @@ from steelyard.report.sections.tables import PlainTable, Row
 from steelyard.report.text.words import significant
 from steelyard.validation.friction.friction import FrictionChoice
 
-ERROR = "geometric mean of a typical joint's and of all joints' together, behind the matched filter"
+ERROR = (
+    "geometric mean of a typical joint's and of all joints' together, behind the parallel filter"
+)
 """What an error of a mix is."""
 
 

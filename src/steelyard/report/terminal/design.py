@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from steelyard.excitation.constraints.certificate import COVERS
 from steelyard.report.text.design_words import (
     brings,
+    capital,
     detail,
     expected,
     headline,
@@ -60,7 +61,7 @@ def design_summary(designed: Designed, console: Console) -> None:
     for line in uncovered(designed):
         console.print(Text(f"not covered: {line}", style="yellow"))
     for line in tightest(designed):
-        console.print(Text(f"smallest margins, {line}"))
+        console.print(Text(f"smallest margins: {line}"))
     console.print()
     console.print(_worst(designed))
     console.print(
@@ -75,7 +76,7 @@ def design_summary(designed: Designed, console: Console) -> None:
     console.print()
     for one in helpful(designed.advice)[:ADVISED]:
         console.print(
-            Text(f"would help: {one.what}, {one.seconds:.3g} s: {brings(designed, one, 1)}")
+            Text(f"{capital(one.what)} ({one.seconds:.3g} s) reduces {brings(designed, one, 1)}")
         )
     for note in designed.notes:
         if note in uncovered(designed):

@@ -244,7 +244,7 @@ def detail(designed: Designed) -> str:
     words = f"{designed.trajectory.duration:.4g} s, {kind}; {designed.criterion} "
     words += f"{figure_of(designed)} (smaller is better)"
     if unended(designed):
-        words += f", the best of an unfinished search in {designed.seconds:.3g} s"
+        words += f", from an unfinished search of {designed.seconds:.3g} s"
     elif designed.course:
         words += f", best of {searches(designed)} in {designed.seconds:.3g} s"
     if designed.stopped:
@@ -271,7 +271,7 @@ def brings(designed: Designed, one: Advice, most: int = NAMED) -> str:
         most: So many parameters are named.
     """
     if not one.helps:
-        return f"no std falls below {100.0 * HELPS:.0f} % of its std"
+        return f"no std below {100.0 * HELPS:.0f} %"
     shares = [share for _, share in one.helps]
     if len(shares) == len(designed.shown.names) and max(shares) - min(shares) < ALIKE:
         return f"all standard deviations to {100.0 * shares[0]:.0f} %"

@@ -114,8 +114,8 @@ def guess_columns(
     )
     reasons = [
         time_reason,
-        f"positions are {_listed(position)}, identified {how}; {position_reason}",
-        f"efforts are {_listed(effort)}, identified {how}; {effort_words}"
+        f"positions are {_listed(position)}, assigned {how}; {position_reason}",
+        f"efforts are {_listed(effort)}, assigned {how}; {effort_words}"
         + others(effort, kinds.get("effort", [])),
     ]
     if velocity:
@@ -166,7 +166,7 @@ OF_MOTORS = (
 
 def _give_up(wrong: str, columns: Sequence[str], mend: str = IN_FILE) -> NoReturn:
     raise LogError(
-        f"the log's columns cannot be identified: {wrong}",
+        f"the log's columns cannot be assigned: {wrong}",
         where=f"columns {', '.join(columns)}",
         mend=mend,
     )
