@@ -192,7 +192,7 @@ def test_scales_say_how_well_gains_are_known() -> None:
     )
     assert alone.half_width[0] == pytest.approx(Z95 * 0.05 * LOAD.mass, rel=0.05)
     assert beside.half_width[0] > 1.05 * alone.half_width[0]
-    assert "uncertain by 4 %" in beside.notes[-1] and "uncertain" not in alone.notes[-1]
+    assert "uncertainty of 4 %" in beside.notes[-1] and "uncertain" not in alone.notes[-1]
 
 
 def test_what_the_model_lacks_widens_the_intervals() -> None:

@@ -206,7 +206,7 @@ def test_the_robot_files_table_becomes_the_chain() -> None:
     ("table", "wrong"),
     [
         ({"effort": {"method": "butterworth", "cutoff": -1}}, "cutoff is -1"),
-        ({"effort": {"method": "kalman"}}, "no method for effort"),
+        ({"effort": {"method": "kalman"}}, "not a method for effort"),
         ({"motion": {"method": "fir", "tap": 3}}, "has no setting 'tap'"),
     ],
 )

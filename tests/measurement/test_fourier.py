@@ -103,7 +103,7 @@ def test_what_is_not_periodic_is_refused() -> None:
     [
         ({"frequency": 0.1, "period": 10.0}, "given twice"),
         ({"period": -1.0}, "not positive"),
-        ({"harmonics": 0}, "no motion"),
+        ({"harmonics": 0}, "not a valid motion"),
     ],
 )
 def test_settings_that_cannot_be(settings: dict[str, float], words: str) -> None:

@@ -216,7 +216,7 @@ def test_a_column_beside_currents_without_a_unit_is_named() -> None:
     assert "but not of" not in guess.reasons[2]
     guess = guess_columns(MIXED[:2], ["t", "q_lift", "q_arm1", "effort_lift_raw", "current_arm1_A"])
     assert guess.section.effort.unit == ("N", "A")
-    assert "not of effort_lift_raw: taken in N; check unit and gain" in guess.reasons[2]
+    assert "not of effort_lift_raw: assumed in N; check unit and gain" in guess.reasons[2]
 
 
 @pytest.mark.parametrize(

@@ -88,7 +88,7 @@ ERRORS: dict[str, tuple[Callable[[], Robot], str, str]] = {
         "does not close in the reference configuration: its points stay 0.",
         "[robot.assembly]",
     ),
-    "dead": (_flat, "it is singular", "away from dead points"),
+    "dead": (_flat, "it is singular", "away from singularities"),
 }
 
 
@@ -233,7 +233,7 @@ FILE_ERRORS = {
     "unsaid": (
         'joints = ["j1", "j2"]\npassive = ["j3", "j4"]\n',
         "",
-        "loops determine some of the joints j1, j3, j2, j4",
+        "of the loop joints j1, j3, j2, j4",
         "line 4",
         "[robot] passive = [...]",
     ),

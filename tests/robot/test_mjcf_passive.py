@@ -119,7 +119,7 @@ def test_gravity_that_is_switched_off_stays_and_is_named(tmp_path: Path) -> None
     loaded = load_robot(path)
     assert loaded.robot.gravity == pytest.approx([0.0, 1.0, -9.0])
     assert loaded.notes == (
-        "the MJCF disables gravity; the robot has [0, 1, -9] m/s² all the same: state gravity "
+        "the MJCF disables gravity; the robot has [0, 1, -9] m/s² anyway: state gravity "
         "under [robot], [0.0, 0.0, 0.0] for none",
     )
     for said in ("gravity = [0.0, 0.0, 0.0]", "mounting = {pitch = 90.0}"):

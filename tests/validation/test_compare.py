@@ -157,7 +157,7 @@ def test_data_that_cannot_be_had_are_a_reason() -> None:
     parts = parts_of(lacking={"experiment": ("there is but one run", "give two")})
     comparison = compare(asking, CONTEXT, parts)
     samples, experiment = comparison.trials
-    assert {f.reason for f in samples.failures} == {"it looks at samples, and there is none"}
+    assert {f.reason for f in samples.failures} == {"it needs samples, and none is given"}
     assert {(f.reason, f.mend) for f in experiment.failures} == {
         ("there is but one run", "give two")
     }
@@ -341,7 +341,7 @@ def test_predictions_that_are_not_finite_are_a_failure() -> None:
 def test_what_is_worse_than_predicting_zero_is_not_recommended() -> None:
     advice = recommended([told("WLS", [130.0, 110.0, 120.0]), told("OLS", [200.0, 150.0, 300.0])])
     assert advice is not None and advice.name is None
-    assert "WLS: 120" in advice.why and "nothing beats predicting zero" in advice.why
+    assert "WLS: 120" in advice.why and "nothing is better than predicting zero" in advice.why
     enough = recommended([told("WLS", [90.0, 110.0, 95.0])])
     assert enough is not None and enough.name == "WLS" and "parts are few" not in enough.why
 

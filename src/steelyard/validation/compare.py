@@ -93,7 +93,7 @@ class Parts:
         if needs == "information":
             return self.said(parts)
         if needs not in self.others:
-            wrong, mend = self.lacking.get(needs, (f"it needs {needs}, which is missing", LEFT))
+            wrong, mend = self.lacking.get(needs, (f"it needs {needs}, and none is given", LEFT))
             raise DataError(wrong, where=", ".join(self.names), mend=mend)
         return self.others[needs](parts)
 

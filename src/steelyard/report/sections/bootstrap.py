@@ -88,8 +88,8 @@ def scatter_table(content: ReportContent) -> PlainTable:
         "Windows of every run are resampled with replacement, and the whole estimate is repeated."
         f"{failed} Where its scatter exceeds {FAR:g} times the stated std (bold), windows "
         "disagree, so the model is incomplete there, or a body lies at the boundary of physical "
-        "consistency, where the stated interval is too narrow. Parameters constrained by the prior scatter "
-        "less than their uncertainty.",
+        "consistency, where the stated interval is too narrow. Parameters constrained by the prior "
+        "scatter less than their uncertainty.",
         ("Parameter", "Value", "Std stated", "Std drawn", "Ratio", "2.5 %", "97.5 %", "Unit"),
         rows,
         (0, 7),
