@@ -24,12 +24,12 @@ def turned(arm: Arm, *patterns: str) -> Array:
         (
             ("tau{}_Nm",),
             "effort sign",
-            "or all positions have the opposite sign: bodies of any mass",
+            "or all positions have the opposite sign: both fit",
         ),
         (
             ("q{}_rad", "dq{}_rad_s"),
             "position sign",
-            "or all efforts have the opposite sign: bodies",
+            "or all efforts have the opposite sign: both fit",
         ),
     ],
 )

@@ -129,7 +129,7 @@ def test_large_residuals_beside_unknown_noise_are_said(
         for percent in (5.0, 29.0)
     )
     assert small == () and large[0].headline and large[0].judgement == Judgement.OK
-    assert "not known" in large[0].says and "29 %" in large[0].says
+    assert "could not be compared" in large[0].says and "29 %" in large[0].says
 
 
 def scored(fitted: FittedCase, percent: float) -> RunScore:

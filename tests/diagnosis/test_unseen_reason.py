@@ -62,7 +62,7 @@ def test_another_robot_is_not_called_a_gain(arm):
 
 def test_windows_of_one_file_are_of_one_robot(arm):
     (found,) = found_in(arm, of(arm, random_truth(arm.robot, 80)), fitted=("data/log@0:5",))
-    assert "was not found" in found.says and "another robot" not in found.says
+    assert "no cause of the error was found" in found.says and "another robot" not in found.says
 
 
 @pytest.mark.parametrize(
@@ -76,7 +76,7 @@ def test_logs_of_one_name_in_two_folders_are_two_files(one: str, other: str, sam
 def test_a_doubt_about_the_fitted_log_comes_before_another_robot(arm):
     doubt = Finding("effort sign", "first", Judgement.DOUBTFUL, "all joints turned", "")
     (found,) = found_in(arm, of(arm, random_truth(arm.robot, 80)), doubts=(doubt,))
-    assert "doubtful about first: all joints turned" in found.says
+    assert "found a doubt in first: all joints turned" in found.says
     assert "another robot" not in found.says and found.judgement == Judgement.DOUBTFUL
 
 

@@ -99,7 +99,7 @@ def test_json_has_stable_keys_and_no_infinity() -> None:
         "figure": "9000 A arm",
         "answered": True,
         "joints": ["arm"],
-        "fix": {
+        "mend": {
             "says": "say so arm",
             "edits": told["edits"],
             "lines": '[signals.effort]\nunit = "mAarm"',
