@@ -63,7 +63,7 @@ REFUSED: dict[str, tuple[str, tuple[str, ...]]] = {
     "two masses that contradict each other": (
         f"{MASS}lower = 4.0\n{TOTAL}upper = 3.0\n",
         (
-            "cannot hold together",
+            "are infeasible together",
             "'forearm'",
             "at least 4 kg",
             "at most 3 kg",
@@ -75,7 +75,7 @@ REFUSED: dict[str, tuple[str, tuple[str, ...]]] = {
     "a body that cannot be": (
         f'{MASS}value = 2.0\n{KNOWN}"centre_in_box"\nlink = "forearm"\nlower = [0.9, 0.0, 0.0]\n'
         f'upper = [1.0, 0.1, 0.1]\n{KNOWN}"parameter"\nparameter = "Izz.forearm"\nupper = 0.1\n',
-        ("cannot hold together", "'forearm'", "Izz.forearm"),
+        ("are infeasible together", "'forearm'", "Izz.forearm"),
     ),
     "bounds that contradict a law's": (
         f'{KNOWN}"parameter"\nparameter = "viscous.elbow"\nupper = -1.0\n',

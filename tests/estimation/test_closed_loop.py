@@ -314,7 +314,7 @@ def test_a_log_without_controller_gets_one_that_stands_in() -> None:
     noisy = 0.5 * (run.tau + 0.01 * rng.standard_normal(run.tau.shape))
     log = prepare(recording(noisy), Processing(motion_cutoff=40.0, matched_cutoff=20.0))
     data = Experiment.of_runs(regressor(), [log])
-    assert "stands in" in data.notes[0]
+    assert "is assumed" in data.notes[0]
     assert np.allclose(data.runs[0].q, run.q[-len(data.runs[0].q) :], atol=0.5)
     for estimator in (
         InstrumentalVariables(),
@@ -324,7 +324,7 @@ def test_a_log_without_controller_gets_one_that_stands_in() -> None:
     ):
         estimate = estimator(data)
         assert torque_error(estimate) < 0.01
-        assert any("stands in" in note for note in estimate.notes)
+        assert any("is assumed" in note for note in estimate.notes)
     known = Experiment.of_runs(regressor(), [log], [loop()])
     assert known.notes == ()
     assert torque_error(Didim()(known)) < 0.01

@@ -168,7 +168,7 @@ def test_ignored_and_disabled_pairs_are_left_out(tmp_path: Path) -> None:
     every = names(self_clearance(loaded))
     less = self_clearance(loaded, ignore=[("slider", "base")])
     assert names(less) == every - {frozenset(("base", "slider"))}
-    assert any("as asked: base and slider" in note for note in less.notes)
+    assert any("as specified: base and slider" in note for note in less.notes)
     disabled = '<robot name="{}"><disable_collisions link1="twin" link2="one"/></robot>'
     written(tmp_path, disabled.format("another"), "another.srdf")
     assert names(self_clearance(loaded)) == every

@@ -79,7 +79,7 @@ def test_meshes_that_are_none_are_refused(
     assert "skip" in error.value.mend
     found = robot_shapes(robot, path, skip=["hand"])
     assert [shape.name for shape in found.shapes] == ["base"]
-    assert found.notes[0] == "no clearance is kept for the links hand, as asked"
+    assert found.notes[0] == "no clearance is kept for the links hand, as specified"
 
 
 def test_a_missing_mesh_is_named(tmp_path: Path) -> None:
@@ -87,7 +87,7 @@ def test_a_missing_mesh_is_named(tmp_path: Path) -> None:
     path = written(tmp_path, urdf(link("base"), link("hand", mesh), joint("base", "hand")))
     with pytest.raises(ModelError) as error:
         robot_shapes(load_robot(path).robot, path)
-    assert "'package://my_robot/meshes/hand.stl' of link 'hand' is not there" in str(error.value)
+    assert "'package://my_robot/meshes/hand.stl' of link 'hand' does not exist" in str(error.value)
     assert "skip" in error.value.mend
     with pytest.raises(ModelError, match="did you mean 'hand'"):
         robot_shapes(load_robot(path).robot, path, skip=["hnad"])

@@ -112,7 +112,7 @@ def test_a_start_in_collision_or_out_of_its_box(
 ) -> None:
     written(tmp_path, CELL, "cell.urdf")
     error = refused(tmp_path, f"{walls}[excitation.motion]\nstart = {start}\n")
-    assert "the start posture does not keep" in error.wrong and words in error.wrong
+    assert "the start posture violates" in error.wrong and words in error.wrong
     assert "missed by" in error.wrong and error.where == "[excitation.motion] start"
     advised = re.findall(r"\[.*\]", error.mend)[0]
     some_motion(tmp_path, f"{walls}[excitation.motion]\nstart = {advised}\n")
@@ -156,7 +156,7 @@ def test_effort_that_does_not_hold_the_arm(tmp_path: Path) -> None:
     start = "[excitation.motion]\nstart = [0.0, 0.0, 0.0]\n"
     tables = f"{OPEN}[excitation.limits]\nshare = 1.0\neffort = {{}}\n{start}"
     error = refused(tmp_path, tables.format(2.0))
-    assert "the start posture does not keep: torque of 'boom_joint'" in error.wrong
+    assert "the start posture violates: torque of 'boom_joint'" in error.wrong
     missed = float(re.findall(r"missed by ([\d.]+) Nm", error.wrong)[0])
     # masses of 1 kg at the origins of 'stick' and 'tool'
     assert missed == pytest.approx(9.81 * (0.3 + 0.65) - 2.0, rel=0.01)
@@ -202,7 +202,7 @@ def test_ends_too_far_apart_for_the_time(tmp_path: Path, kind: str) -> None:
         (
             "[[excitation.workspace.planes]]\nnormal = [0, 0, 0]\nabove = 0\n",
             "workspace] planes",
-            "there is room",
+            "the free side",
         ),
         ("[excitation.collision]\nworld = 'nowhere.urdf'\n", "nowhere.urdf", "path"),
         ("[excitation.collision]\nignore = [['bom', 'stick']]\n", "'bom', 'stick'", "'boom'"),

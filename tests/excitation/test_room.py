@@ -343,12 +343,12 @@ def test_a_motion_that_is_proven_keeps_every_link_off_its_walls(tmp_path: Path) 
 def test_a_certificate_keeps_what_it_does_not_cover(tmp_path: Path) -> None:
     problem = problem_of(tmp_path, f"{ANY}floor = 0.0\n")
     motion = waves(problem.robot, 1, 0.05)
-    notes = ("assumed", Gap("a gap"), Declined("as asked"))
+    notes = ("assumed", Gap("a gap"), Declined("as specified"))
     made = certify(problem.robot, motion, problem.limits, problem.constraints, notes=notes)
-    assert (made.gaps, made.declined) == (("a gap",), ("as asked",))
+    assert (made.gaps, made.declined) == (("a gap",), ("as specified",))
     values = made.to_dict()
-    assert values["notes"] == ["assumed", "a gap", "as asked"]
-    assert (values["not_covered"], values["not_covered_as_asked"]) == (["a gap"], ["as asked"])
+    assert values["notes"] == ["assumed", "a gap", "as specified"]
+    assert (values["not_covered"], values["not_covered_as_asked"]) == (["a gap"], ["as specified"])
     assert "not covered are the approach to the start posture" in values["covers"]
     (walls,) = values["constraints"]
     assert walls["scope"].startswith("all links, tool and loads")

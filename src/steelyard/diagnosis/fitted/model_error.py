@@ -164,9 +164,9 @@ def _not_looked_at(case: FittedCase, runs: Sequence[Run]) -> tuple[Finding, ...]
         return ()
     run = runs[0]
     says = (
-        f"residuals could not be compared with noise: the matched cut-off of "
-        f"{run.matched_cutoff:g} Hz leaves no band above it at {run.rate:g} Hz, and the fitted runs "
-        f"have errors up to {error:.0f} %"
+        "residuals could not be compared with noise: the matched cut-off of "
+        f"{run.matched_cutoff:g} Hz leaves no band above it at {run.rate:g} Hz, and the fitted "
+        f"runs have errors up to {error:.0f} %"
     )
     return (Finding(ModelError.name, "", Judgement.OK, says, "", headline=True),)
 
