@@ -251,7 +251,7 @@ def test_given_bodies_are_mended_too() -> None:
     impossible = {"mass": 2.0, "com": (0, 0, 0), "inertia_com": (0.01, 0, 0.01, 0, 0, 0.05)}
     known = given({"links": {"tip": impossible}})
     assert possible(known)
-    assert "the prior of link 'tip': no body can have it" in known.notes[0]
+    assert "the prior of link 'tip': it is not physically consistent" in known.notes[0]
 
 
 @pytest.mark.parametrize(

@@ -232,7 +232,7 @@ def test_labels_say_the_wish_in_words(table: dict[str, Any], label: str) -> None
 
 HALF = {"kind": "centre_in_box", "link": "tip", "lower": [0, 0, 0]}
 MISTAKES: list[tuple[dict[str, Any], str, str]] = [
-    ({"link": "tip"}, "does not say what `kind`", "the kinds are mass, total_mass"),
+    ({"link": "tip"}, "has no `kind`", "the kinds are mass, total_mass"),
     (
         {"kind": "mas", "link": "tip"},
         "'mas' is not a kind of prior constraint",

@@ -188,7 +188,7 @@ def test_own_pairs_that_cannot_keep_apart_are_noted(tmp_path: Path) -> None:
     )
     found = self_clearance(load_robot(written(tmp_path, text)), margin=0.05)
     assert names(found) == {frozenset(("base", "tip")), frozenset(("arm", "tip"))}
-    assert any("every posture tried" in note and "base and hand" in note for note in found.notes)
+    assert any("every tested posture" in note and "base and hand" in note for note in found.notes)
     np.testing.assert_array_equal(found.wanted, 0.0)
     note = next(note for note in found.notes if "never 0.05 m apart" in note)
     assert "arm and tip (at most 0.005 m)" in note or "arm and tip (at most 0.0049 m)" in note

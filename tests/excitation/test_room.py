@@ -52,7 +52,7 @@ def test_walls_are_where_the_tables_have_them(tmp_path: Path) -> None:
     plane = shapes["plane 1"]
     np.testing.assert_allclose(plane.rotation[:, 2], [0.0, 0.6, 0.8])
     assert plane.position @ np.array([0.0, 3.0, 4.0]) == pytest.approx(-2.0)
-    box = shapes["box 1 to keep out of"]
+    box = shapes["forbidden box 1"]
     np.testing.assert_allclose(box.position, [0.55, 0.05, 0.25])
     assert isinstance(box.solid, Box)
     np.testing.assert_allclose(box.solid.size, [0.3, 0.5, 0.5])
@@ -60,7 +60,7 @@ def test_walls_are_where_the_tables_have_them(tmp_path: Path) -> None:
 
 def test_all_links_and_the_tool_are_kept_off_every_wall(tmp_path: Path) -> None:
     pairs = {(pair.first, pair.second) for pair in room(tmp_path, WALLS).pairs}
-    walls = ("plane 1", "box 1 to keep out of")
+    walls = ("plane 1", "forbidden box 1")
     things = ("tower", "boom", "stick", "tool", "tool point at tool")
     assert pairs >= {(thing, wall) for thing in things for wall in walls}
     assert {thing for thing, wall in pairs if wall == "floor"} == set(things)
@@ -156,7 +156,7 @@ def test_assumed_capsules_are_a_gap_with_their_radius(tmp_path: Path) -> None:
     problem = build(
         load_robot(tmp_path / "bare.toml"), model_of(load_robot(tmp_path / "bare.toml"))
     )
-    (said,) = [note for note in problem.notes if "assumed capsules" in note]
+    (said,) = [note for note in problem.notes if "limits use capsules" in note]
     assert isinstance(said, Gap) and f"boom ({1e3 * boom.disc:.3g} mm)" in said
 
 
@@ -262,9 +262,10 @@ def test_links_to_go_without_are_named_as_asked(tmp_path: Path) -> None:
     assert not any("'stick'" in label for label in room.labels)
     assert room.scope.startswith("all links but stick, tool")
     assert any(
-        isinstance(note, Declined) and "workspace limits ignore" in note for note in less.notes
+        isinstance(note, Declined) and "workspace limits ignore the links" in note
+        for note in less.notes
     )
-    assert not any("workspace limits ignore" in note for note in every.notes)
+    assert not any("workspace limits ignore the links" in note for note in every.notes)
 
 
 @pytest.mark.parametrize(

@@ -37,7 +37,7 @@ def test_the_worst_is_last_and_the_verdict_at_the_end() -> None:
     starts = [line.split()[0] for line in lines if line[:1].isalpha()]
     assert starts == ["ok", "ok", "doubtful", "wrong", "fix", "Wrong:"]
     assert lines[-1] == "Wrong: unit arm  (4 findings: 1 wrong, 1 doubtful, 2 ok)"
-    at = next(k for k, line in enumerate(lines) if line.startswith("mend unit arm: say so arm"))
+    at = next(k for k, line in enumerate(lines) if line.startswith("fix unit arm: say so arm"))
     assert [line.rstrip() for line in lines[at + 1 : at + 3]] == [
         "    [signals.effort]",
         '    unit = "mAarm"',
