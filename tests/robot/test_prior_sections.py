@@ -1,4 +1,4 @@
-"""The sections of a robot file that say prior constraints."""
+"""The sections of a robot file that state prior constraints."""
 
 from pathlib import Path
 from types import SimpleNamespace
