@@ -12,7 +12,7 @@ from steelyard.robot.robot import Robot
 from steelyard.terms.register import DEFAULT_TERMS, description_of, term_of
 from steelyard.terms.term import Remembering, Term
 
-FIT = "friction over speed as it is; a fit is held"
+FIT = "nonlinear friction curve; fitted by"
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +97,7 @@ NEAR = [[0.0, 0.0, 0.1], [0.0, 0.05, 0.2]]
 TURN = {"law": "coulomb", "smoothing": 0.02}
 NM, RATE = ("Nm", "N"), ("N m s/rad", "N s/m")
 LENGTHS, SPEEDS = (3e-4, 1e-3, 1e-2), (0.02, 0.05, 0.2)
-MEMORY: dict[str, Any] = {"left_out": "gives way before it slides", "replaces": ("coulomb",)}
+MEMORY: dict[str, Any] = {"left_out": "presliding displacement", "replaces": ("coulomb",)}
 NAMED: dict[str, Any] = {"energy": "kept", "odd": False}
 
 CASES: tuple[LawCase, ...] = (

@@ -63,7 +63,7 @@ REFUSED: dict[str, tuple[str, tuple[str, ...]]] = {
     "two masses that contradict each other": (
         f"{MASS}lower = 4.0\n{TOTAL}upper = 3.0\n",
         (
-            "cannot hold together",
+            "are infeasible together",
             "'forearm'",
             "at least 4 kg",
             "at most 3 kg",
@@ -75,7 +75,7 @@ REFUSED: dict[str, tuple[str, tuple[str, ...]]] = {
     "a body that cannot be": (
         f'{MASS}value = 2.0\n{KNOWN}"centre_in_box"\nlink = "forearm"\nlower = [0.9, 0.0, 0.0]\n'
         f'upper = [1.0, 0.1, 0.1]\n{KNOWN}"parameter"\nparameter = "Izz.forearm"\nupper = 0.1\n',
-        ("cannot hold together", "'forearm'", "Izz.forearm"),
+        ("are infeasible together", "'forearm'", "Izz.forearm"),
     ),
     "bounds that contradict a law's": (
         f'{KNOWN}"parameter"\nparameter = "viscous.elbow"\nupper = -1.0\n',
@@ -130,7 +130,7 @@ def of_prior(name: str, given: Path, work: Path) -> list[Claim]:
     told = "bodies not told" if lost is None else f"{len(lost)} bodies cannot exist"
     return [
         Claim(f"{name}: said", said[:90], f"link named, {words[-1]}", said in notes),
-        Claim(f"{name}: bodies", told, "all can exist", lost == ()),
+        Claim(f"{name}: bodies", told, "all valid", lost == ()),
     ]
 
 
@@ -292,7 +292,7 @@ def of_comparison(given: Path, work: Path) -> Claim:
     found = json.loads(done.stdout)["estimators"]
     failed = {one["estimator"]: one["failures"][0]["reason"] for one in found if one["failures"]}
     sound = len(found) - len(failed)
-    bare = [reason for reason in failed.values() if "broke down" in reason or not reason]
+    bare = [reason for reason in failed.values() if "it failed:" in reason or not reason]
     return Claim(
         "comparison of poor data",
         f"{sound} sound, failed: {'; '.join(f'{k}: {v}' for k, v in failed.items()) or 'none'}"[

@@ -75,7 +75,7 @@ CASES = (
         "speeds that allow no motion",
         f"{FREE}{LIMITS}velocity = 0.001\n[excitation.motion]\nperiod = {{}}\n",
         "10.0",
-        ("too short for 5 harmonics", "no joint may swing by even 0.002 rad"),
+        ("too short for 5 harmonics", "no joint can move by even 0.002 rad"),
         number(r"period = ([\d.]+)"),
     ),
     Case(

@@ -169,7 +169,7 @@ def of_pairs(
 ) -> list[tuple[str, float, Margin]]:
     """Clearances by the certificate; pairs that it does not speak of are named in the notes."""
     proven = {frozenset(label.split("'")[1::2]): k for k, label in enumerate(proof.labels)}
-    left = [line for line in notes if "overlap in every posture" in line or "never" in line]
+    left = [line for line in notes if "overlap in every tested posture" in line or "never" in line]
     told = {frozenset(pair.split(" and ")) for line in left for pair in listed(line)}
     for pair in set(seen) - set(proven) - told:
         seen[pair] = Margin(-np.inf, 1.0)

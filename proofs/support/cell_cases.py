@@ -173,7 +173,7 @@ def _walls(
             dict(zip("xyz", np.stack(b, axis=1).tolist(), strict=True)) for b in boxes
         ]
     for number, (low, high) in enumerate(boxes, start=1):
-        walls.append(Wall(f"box {number} to keep out of", low=low, high=high))
+        walls.append(Wall(f"forbidden box {number}", low=low, high=high))
     return tables, walls
 
 

@@ -94,8 +94,8 @@ def sign_of_friction(clean: Clean, rng: Random) -> Faulty | None:
         said = [h.says for f in told for h in f.hypotheses[:2] if clean.signals.position]
         name = clean.loaded.robot.joint_names[joint]
         return (
-            f"'{name}' counts the other way" in said
-            and f"effort of '{name}' has the other sign" in said
+            f"'{name}' has the opposite sign" in said
+            and f"effort of '{name}' has the opposite sign" in said
         )
 
     return Faulty(clean.text, table, ("position sign", "effort sign"), least=1, mended=mended)

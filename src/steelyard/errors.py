@@ -24,7 +24,7 @@ class SteelyardError(Exception):
         self.mend = mend
 
     def __str__(self) -> str:
-        return f"{self.wrong}\n  where  {self.where}\n  mend   {self.mend}"
+        return f"{self.wrong}\n  where  {self.where}\n  fix    {self.mend}"
 
 
 class ModelError(SteelyardError):

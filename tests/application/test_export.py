@@ -250,7 +250,7 @@ def test_loops_are_closed_again(name: str, tmp_path: Path) -> None:
     assert valued is not None
     close(valued.torque(motion), identified.torque(motion))
     said = unheld(identified, "urdf")
-    assert any("open tree without" in sentence for sentence in said)
+    assert any("open kinematic tree without" in sentence for sentence in said)
 
 
 def boundless(robot: Robot) -> Robot:
@@ -343,7 +343,7 @@ def test_a_link_without_mass_stays_simulable(tmp_path: Path) -> None:
 )
 def test_a_link_that_cannot_exist_is_named(ten: tuple[float, ...], words: str) -> None:
     values = {f"{n}.slider": x for n, x in zip(INERTIAL_NAMES, ten, strict=True)}
-    with pytest.raises(ModelError, match=f"link 'slider' cannot exist.*{words}"):
+    with pytest.raises(ModelError, match=f"link 'slider' is not physically consistent.*{words}"):
         exported(identified_of(tree(), [RigidBody()], values), "urdf")
 
 
@@ -533,9 +533,9 @@ def test_the_head_tells_data_from_prior(form: Format) -> None:
     assert made.unseen == ("mx.slider + my.tool", "viscous.tip_joint")
     head = made.text.partition("-->")[0]
     assert "- slider: 25%" in head and "- trunk: 0%" in head
-    unseen = head.partition("Not seen by the data:")[2]
+    unseen = head.partition("Not identifiable from the data:")[2]
     assert "- mx.slider + my.tool\n" in unseen and "- viscous.tip_joint\n" in unseen
-    assert "Not seen by the data" not in exported(identified_of(tree()), form).text
+    assert "Not identifiable from the data" not in exported(identified_of(tree()), form).text
 
 
 @pytest.mark.parametrize("form", ["urdf", "mjcf"])
@@ -559,11 +559,11 @@ def test_a_file_that_reads_otherwise_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "broken.urdf"
     for old, new, words in (
         ('value="2.5"', 'value="2.6"', "another mass or inertia"),
-        ('multiplier="-1.5"', 'multiplier="1.5"', "stands or turns otherwise"),
+        ('multiplier="-1.5"', 'multiplier="1.5"', "has another pose or axis"),
         (
             '<parent link="arm" />\n    <child link="foll',
             '<parent link="base" />\n    <child link="foll',
-            "hangs on another",
+            "has another parent",
         ),
     ):
         assert old in made.text

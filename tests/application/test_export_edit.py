@@ -124,7 +124,7 @@ def test_only_numbers_change(given: str, arm: IdentifiedModel, tmp_path: Path) -
         assert kept in text
     assert text.count("<inertial>") == 3
     head = text.partition("-->\n<robot")[0]
-    assert "no mass of their own here" in head and "constant efforts (offset): pan" in head
+    assert "lumped into that link" in head and "constant efforts (offset): pan" in head
     body = text[text.index("<robot") :]
     untouched = set(ARM.splitlines()) & set(body.splitlines())
     assert len(untouched) == 29
@@ -140,7 +140,7 @@ def test_links_that_move_as_one_hand_over_their_mass(arm: IdentifiedModel, tmp_p
     assert 'damping="9"' not in text and text.count("<dynamics damping=") == 2
     for joint in ("lift", "grip"):
         was = "prismatic" if joint == "lift" else "revolute"
-        assert re.search(rf'name="{joint}" type="fixed"><!-- was {was}; locked where', text)
+        assert re.search(rf'name="{joint}" type="fixed"><!-- was {was}; locked at', text)
     assert text.count("<axis") == 2 and text.count("<limit") == 2
 
 
@@ -184,7 +184,7 @@ def test_a_mimic_joint_stays(tmp_path: Path) -> None:
     ("old", "new", "words"),
     [
         ('name="finger"', 'name="thumb"', "the parent|the child|has no link 'finger'"),
-        ('"0.4 0 0"', '"0.5 0 0"', "link 'fore' stands or turns otherwise"),
+        ('"0.4 0 0"', '"0.5 0 0"', "link 'fore' has another pose or axis"),
         ('<link name="fore" />', '<link name="fore">', "not valid XML"),
         ("<robot", "<!DOCTYPE r [<!ENTITY e 'e'>]>\n<robot", "entities"),
     ],
@@ -212,7 +212,10 @@ def test_untouched_links_that_cannot_exist_are_named(arm: IdentifiedModel, tmp_p
     made = exported(arm, "urdf", path)
     (sentence,) = made.impossible
     assert sentence.startswith("base: a principal moment of inertia is negative (-1 ")
-    assert f"as the original has them:\n    - {sentence}\n" in made.text.partition("<robot")[0]
+    assert (
+        f"not physically consistent in the original file:\n    - {sentence}\n"
+        in made.text.partition("<robot")[0]
+    )
     assert exported(arm, "urdf").impossible == ()
     # a link that gets numbers, or loses its own, does not matter
     path.write_text(ARM.replace('ixx="0.0', 'ixx="-0.0'), encoding="utf-8")

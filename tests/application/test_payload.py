@@ -95,7 +95,7 @@ def test_an_empty_hand_weighs_nothing() -> None:
     found = identify_payload(noisy, [run(3, noise=0.3)], "tool")
     assert not found.weighs
     assert abs(found.mass) < 1.5 * found.half_width[0]
-    assert found.remarks == ("the interval of the mass holds zero: no payload is seen",)
+    assert found.remarks == ("the interval of the mass contains zero: no payload is detected",)
     assert found.to_dict()["centre"] is None
 
 
@@ -135,13 +135,15 @@ def test_what_the_data_do_not_see_is_named() -> None:
     assert "Ixx" in found.not_seen and "mass" not in found.remarks[0]
     kept = ~np.isnan(found.ten)
     assert np.abs(found.ten[kept] - seen[kept]).max(initial=0.0) < 1e-6
-    assert found.remarks[0].startswith("not seen by these data: ")
+    assert found.remarks[0].startswith("not identifiable from these data: ")
     assert None in found.to_dict()["ten"]
 
 
 def test_an_arm_never_seen_moving_without_its_payload_hides_it() -> None:
     posture = {0: 0.2, 1: 0.1, 2: 0.1, 3: 0.2}
-    with pytest.raises(DataError, match="the data see nothing of the payload"):
+    with pytest.raises(
+        DataError, match="no parameter of the payload is identifiable from the data"
+    ):
         identify_payload(EXACT, [run(2, LOAD)], "left", unloaded=[run(3, still=posture)])
 
 
@@ -178,7 +180,7 @@ def test_intervals_hold_the_error_of_scales_of_any_unit(together: bool) -> None:
         assert found.mass == naive.mass
         inside.append(abs(found.mass - LOAD.mass) <= found.half_width[0])
         exact.append(abs(found.mass - LOAD.mass) <= naive.half_width[0])
-        assert "all effort sensors have in common" in naive.notes[-1]
+        assert "common scale error of all effort sensors" in naive.notes[-1]
         assert f"± {found.half_width[0]:.2g} kg" in found.notes[-1]
     assert np.mean(inside) >= 0.88 and np.mean(exact) < 0.6
 
@@ -190,7 +192,7 @@ def test_scales_say_how_well_gains_are_known() -> None:
     )
     assert alone.half_width[0] == pytest.approx(Z95 * 0.05 * LOAD.mass, rel=0.05)
     assert beside.half_width[0] > 1.05 * alone.half_width[0]
-    assert "uncertain by 4 %" in beside.notes[-1] and "uncertain" not in alone.notes[-1]
+    assert "uncertainty of 4 %" in beside.notes[-1] and "uncertain" not in alone.notes[-1]
 
 
 def test_what_the_model_lacks_widens_the_intervals() -> None:
@@ -205,16 +207,19 @@ def test_what_the_model_lacks_widens_the_intervals() -> None:
 
 def test_remarks_tell_a_seen_inertia_from_a_poor_one() -> None:
     good = identify_payload(EXACT, [run(2, LOAD, noise=0.01)], "tool", gain=0.0)
-    assert good.remarks[0] == "the inertia is seen: no interval of a moment of inertia holds zero"
+    assert (
+        good.remarks[0]
+        == "the inertia is identified: no interval of a moment of inertia contains zero"
+    )
     poor = identify_payload(model_of(run(1, noise=2.0)), [run(2, LOAD, noise=2.0)], "tool")
-    assert poor.remarks[0].startswith("the inertia is poorly seen: the interval of ")
+    assert poor.remarks[0].startswith("the inertia is poorly identifiable: the interval of ")
 
 
 def test_a_body_that_cannot_be_is_told() -> None:
     ten = np.array([1.0, 0.0, 0.0, 0.0, -0.1, 0.0, 0.2, 0.0, 0.0, 0.2])
     found = PayloadEstimate("f", "b", ten, 1e-6 * np.eye(10), np.ones(1), np.ones(1))
     assert found.flaw == "a principal moment of inertia is negative (-0.1 kg m²)"
-    assert "Ixx with the whole interval below zero: no body has that" in found.remarks[0]
+    assert "Ixx have their whole interval below zero, which no body has" in found.remarks[0]
     assert found.to_dict()["possible_body"] is False and found.to_dict()["flaw"] == found.flaw
     assert identify_payload(EXACT, [run(2, LOAD)], "tool").to_dict()["possible_body"] is True
 
@@ -247,4 +252,4 @@ def test_runs_of_another_kind_are_refused() -> None:
     assert "no run with the payload" in str(refusal([]))
     assert "drift of friction is -1" in str(refusal([run(2)], drift=-1.0))
     assert "drive gains is 2" in str(refusal([run(2)], gain=2.0))
-    assert "it has no window" in str(refusal([run(2).of(())]))
+    assert "the run has no usable samples" in str(refusal([run(2).of(())]))

@@ -46,8 +46,8 @@ def test_draws_stand_beside_what_was_stated(drawn: tuple[str, Path]) -> None:
 
 def test_the_report_has_a_section_for_it(drawn: tuple[str, Path], identified: Path) -> None:
     page = (drawn[1] / "report.html").read_text()
-    assert "Scatter over windows of time" in page and f"{DRAWS} draws of " in page
-    assert "Scatter over windows of time" not in (identified / "report.html").read_text()
+    assert "Bootstrap over time windows" in page and f"{DRAWS} draws of " in page
+    assert "Bootstrap over time windows" not in (identified / "report.html").read_text()
 
 
 def test_the_terminal_shows_it(command, given: Path, tmp_path: Path) -> None:

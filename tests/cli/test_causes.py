@@ -61,7 +61,7 @@ def test_every_run_gets_its_own_offsets(given: Path, edit: Edit, command: Comman
     value, _ = values_of(told)["offset.shoulder_lift"]
     assert value == pytest.approx(np.mean([run["offset.shoulder_lift"] for run in runs]))
     page = (robot.parent / "out" / "report.html").read_text()
-    assert '<section id="per-run"' in page and "Parameters of single runs" in page
+    assert '<section id="per-run"' in page and "Parameters per run" in page
     model = steelyard.load_model(robot.parent / "out")
     assert [own.run for own in model.estimate.per_run] == ["identification", "drifted"]
     again = command("validate", robot.parent / "out", given / "validation.parquet", "--json")
@@ -157,7 +157,7 @@ def test_friction_to_be_chosen_is_left_out(edit: Edit) -> None:
 def test_compensated_gravity_is_not_modelled(edit: Edit) -> None:
     loaded = load_robot(edit(('"joint_torque"', '"gravity_compensated_torque"')))
     assert np.array_equal(loaded.robot.gravity, np.zeros(3))
-    assert loaded.notes[-1] == "efforts are without gravity: the model has none either"
+    assert loaded.notes[-1] == "efforts are gravity compensated: the model has none either"
     plain = load_robot(edit())
     assert np.array_equal(plain.robot.gravity, [0.0, 0.0, -9.81])
     still = steelyard.Motion(np.arange(3.0), *np.random.default_rng(0).normal(size=(1, 3, N)),
@@ -212,8 +212,8 @@ def with_currents(given: Path, folder: Path) -> Path:
 @pytest.mark.parametrize(
     ("loaded", "mass", "words"),
     [
-        (False, None, ("nothing fixes the scale", "a loaded run with the payload's mass")),
-        (True, None, ("nothing fixes the scale", "the payload's mass")),
+        (False, None, ("nothing determines the scale", "a loaded run with the payload's mass")),
+        (True, None, ("nothing determines the scale", "the payload's mass")),
         (False, 2.0, ("needs runs with and without it; there is none with", "give a run with")),
     ],
 )

@@ -108,8 +108,10 @@ def test_the_worst_judgement_is_the_exit_code(
     asking(monkeypatch, judgement)
     good = command("check", ROBOT, LOG, OTHER)
     assert good.exit_code == 0 and good.stderr == ""
-    assert "ok position unit 2 findings alike, identification: within a turn" in words(good.stdout)
-    assert good.stdout.rstrip().endswith("Ok: nothing suspicious was found  (2 findings: 2 ok)")
+    assert "ok position unit 2 similar findings, identification: within a turn" in words(
+        good.stdout
+    )
+    assert good.stdout.rstrip().endswith("Ok: no fault was found  (2 findings: 2 ok)")
     both = words(command("check", ROBOT, degrees, LOG).stdout)
     assert (judgement.word == "wrong") == ("give this one a robot file of its own" in both)
     assert f"(2 findings: 1 {judgement.word}, 1 ok)" in both
@@ -135,8 +137,8 @@ def test_fix_writes_a_new_robot_file_and_checks_again(
     ).replace('velocity = "dq{}_rad_s"\n', 'velocity = "dq{}_rad_s"\nposition_unit = "deg"\n')
     shown = words(done.stdout)
     change = '[signals] position_unit = "deg" position unit, degrees: shoulder_turn: positions go'
-    assert f"says otherwise: {change}" in shown and "Checked again with" in shown
-    assert shown.index("Wrong: position unit") < shown.index("Ok: nothing suspicious")
+    assert f"differs: {change}" in shown and "Checked again with" in shown
+    assert shown.index("Wrong: position unit") < shown.index("Ok: no fault")
     assert shown.endswith(f"robot file {fixed} -o FOLDER writes a page with the plots")
     assert command("check", fixed, degrees).exit_code == 0
     again = command("check", robot, degrees, "--fix")
@@ -182,7 +184,7 @@ def test_fix_of_a_bare_model_writes_a_whole_robot_file(
     signals = load_robot(target).signals
     assert signals is not None
     np.testing.assert_allclose(signals.position_scale, np.pi / 180.0)
-    assert "CHECK: which columns of the log are what" in target.read_text()
+    assert "CHECK: the columns of the log" in target.read_text()
 
 
 def test_a_robot_file_without_signals_gets_them(
@@ -235,7 +237,7 @@ def test_what_has_no_line_is_named(
     stubs = (Unmendable(True),)
     monkeypatch.setattr(sys.modules["steelyard.diagnosis.examine"], "SUSPICIONS", stubs)
     done = command("check", robot, given / "identification.parquet", "--fix")
-    assert "gain: no line of the robot file is known to mend it" in words(done.stdout)
+    assert "gain: no line of the robot file is known to correct it" in words(done.stdout)
 
 
 def test_nothing_to_mend_writes_no_file(

@@ -113,5 +113,5 @@ def test_all_efforts_of_a_short_window_are_turned_though_positions_would_do(
     assert made.exit_code == 0, made.output
     done = command("check", robot, log, "--quick", "--fix", new)
     said = " ".join(done.stdout.split())
-    assert "all efforts have the other sign, or all joints count the other way" in said
+    assert "all efforts have the opposite sign, or all positions have the opposite sign" in said
     assert "gain = [-1.0, -1.0, -1.0, -1.0, -1.0, -1.0, -1.0]" in new.read_text()

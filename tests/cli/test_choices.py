@@ -48,7 +48,10 @@ def test_friction_is_chosen_and_told(given: Path, tmp_path: Path, command: Comma
     laws = {term["law"] for term in chosen["terms"]}
     assert {"rigid_body", "rotor_inertia", "offset", "viscous"} < laws
     assert "load_dependent" not in laws  # joint torques: the gears' losses are not in them
-    assert any("friction chosen by leaving one run out" in note for note in chosen["notes"])
+    assert any(
+        "friction chosen by cross-validation, leaving one run out" in note
+        for note in chosen["notes"]
+    )
     assert '<section id="friction"' in (out / "report.html").read_text(encoding="utf-8")
     assert {term.law for term in steelyard.load_model(out).model.terms} == laws
 
@@ -63,7 +66,7 @@ def test_a_field_is_found_and_told(told: Told) -> None:
     assert 0.002 <= low <= field["value"] <= high <= 0.2
     terms = {term["law"]: term for term in found["terms"]}
     assert terms["coulomb"]["smoothing"] == field["value"]
-    assert "Fields found" in (out / "report.html").read_text(encoding="utf-8")
+    assert "Estimated fields" in (out / "report.html").read_text(encoding="utf-8")
 
 
 def test_joints_weigh_by_noise_or_alike(told: Told, tmp_path: Path) -> None:
@@ -79,7 +82,7 @@ def test_plain_least_squares_can_be_had(told: Told) -> None:
     model = steelyard.load_model(out)
     assert model.estimate.estimator == "weighted least squares"
     assert model.estimate.standard is None
-    assert any("bodies may be impossible" in note for note in plain["notes"])
+    assert any("inertias may be invalid" in note for note in plain["notes"])
     assert not any("does not use" in note for note in plain["notes"])
 
 
@@ -102,10 +105,10 @@ def test_friction_that_drives_is_named(
     reversed_efforts = ('unit = "Nm"', 'unit = "Nm"\ngain = -1.0')
     robot = edited(given, tmp_path, reversed_efforts)
     done = command("identify", robot, given / "identification.parquet", "-o", tmp_path / "no")
-    assert done.exit_code == 2 and "all efforts have the other sign" in done.stderr
+    assert done.exit_code == 2 and "all efforts have the opposite sign" in done.stderr
     assert not (tmp_path / "no").exists()
     driven, _ = told(reversed_efforts, options=("--no-check",))
-    (note,) = (note for note in driven["notes"] if "below what is physical" in note)
+    (note,) = (note for note in driven["notes"] if "below the physical bound" in note)
     assert "viscous.elbow" in note and "coulomb.elbow" in note
 
 

@@ -49,7 +49,7 @@ def test_help_does_not_swallow_brackets(command: Command) -> None:
 def test_help_names_all_commands_and_the_first_success(command: Command) -> None:
     words = command("--help").stdout.split()
     assert {"init", "identify", "validate", "simulate", "demo"} <= set(words)
-    assert " ".join(words).endswith("First success: steelyard demo")
+    assert " ".join(words).endswith("First try: steelyard demo")
 
 
 def test_version(command: Command) -> None:
@@ -84,7 +84,9 @@ def test_identify_writes_model_parameters_and_report(identified: Path) -> None:
     model = strict((identified / "model.json").read_text())
     with (identified / "parameters.csv").open() as file:
         rows = list(csv.DictReader(file))
-    values = {row["name"]: float(row["value"]) for row in rows if row["status"] != "not seen"}
+    values = {
+        row["name"]: float(row["value"]) for row in rows if row["status"] != "not identifiable"
+    }
     wanted = steelyard.load_model(identified).estimate.parameters.as_dict()
     assert {name: values[name] for name in wanted} == wanted
     assert len(rows) == len(steelyard.load_model(identified).base)
@@ -144,8 +146,8 @@ def test_a_log_that_was_fitted_is_no_test(
     assert [run["fitted"] for run in runs] == [False, True]
     assert [run["verdict"]["level"] for run in runs] == ["good", "none"]
     shown = " ".join(command("validate", identified, f"{LOG}@1.5:4").stdout.split())
-    assert "Not tested on unseen motion" in shown and "(fitted, below" in shown
-    assert "identification@1.5:4 was fitted: its score is no test of the model" in shown
+    assert "Not validated on unseen motion" in shown and "(fitted, below" in shown
+    assert "identification@1.5:4 was fitted: its score does not validate the model" in shown
     out = tmp_path / "part"
     assert command("identify", ROBOT, f"{LOG}@0:3.5", "-o", out).exit_code == 0
     runs = strict(command("validate", out, f"{LOG}@3.5:6", f"{LOG}@3:6", "--json").stdout)
@@ -215,7 +217,7 @@ def test_init_alone_and_with_a_log(command: Command, tmp_path: Path) -> None:
     facts = strict(command("init", URDF, LOG, "-o", guessed, "--json").stdout)
     assert (facts["robot_file"], facts["joints"]) == (str(guessed), JOINTS)
     assert facts["columns_found"] and not facts["without_columns"] and facts["problem"] is None
-    assert any("which side of the gears" in reason for reason in facts["guesses"])
+    assert any("the side of the gears" in reason for reason in facts["guesses"])
     done = command("identify", guessed, LOG, "-o", tmp_path / "o")
     assert done.exit_code == 0, done.output
 

@@ -98,7 +98,7 @@ def test_an_estimator_that_fails_does_not_stop_the_others(command, monkeypatch) 
         ),
         (
             ("--estimators", "wls", "--all"),
-            ("some estimators are named, and all are asked for", "leave out one of the two"),
+            ("both --estimators and --all are given", "leave out one of the two"),
         ),
         (("-o", "../given"), ("the output folder exists already",)),
     ],
@@ -127,7 +127,7 @@ def test_gains_are_to_be_known(command, given: Path, tmp_path: Path) -> None:
 def test_logs_are_checked_before(command, given: Path, tmp_path: Path) -> None:
     done = command("compare", "../given/clock.toml", LOG)
     assert done.exit_code == 2 and "the log is wrong" in done.stderr
-    assert "--no-check goes on all the same" in done.stderr
+    assert "--no-check continues anyway" in done.stderr
 
 
 def test_names_are_taken_as_they_are_meant() -> None:
@@ -168,7 +168,7 @@ def test_the_robot_files_weights_count(command, given: Path, tmp_path: Path) -> 
 def test_the_advice_has_its_line(command) -> None:
     done = command("compare", ROBOT, LOG, OTHER, "--estimators", "WLS", "OLS")
     text = words(done.output)
-    assert "Take WLS" in text and "two parts tell little" in text
+    assert "Take WLS" in text and "two parts are few" in text
     assert 'in the robot file: [estimation] method = "WLS"' in text
     found = json.loads(
         command("compare", ROBOT, LOG, OTHER, "--estimators", "WLS", "OLS", "--json").stdout

@@ -154,14 +154,14 @@ def test_what_is_not_covered_has_an_exit_code_of_its_own(tmp_path: Path) -> None
     done = run("excite", tmp_path / "arm.toml", "--format", "ros2", "-o", tmp_path / "out")
     assert done.exit_code == 3 and (tmp_path / "out" / "trajectory.yaml").is_file()
     words = " ".join(done.output.split())
-    assert "every limit looked at is proven" in words
-    assert "not covered: no floor or cell is given for the links" in words
+    assert "every checked limit is proven" in words
+    assert "not covered: no floor or cell is defined for the links" in words
     as_json = run("excite", tmp_path / "arm.toml", "--json", "-o", tmp_path / "json")
     found = json.loads(as_json.stdout)
     assert as_json.exit_code == 3 and found["certified"] is True
     (gap,) = found["not_covered"]
     assert "floor = 0.0" in gap and len(found["not_covered_as_asked"]) == 2
-    assert "start posture is not covered" in found["covers"]
+    assert "not covered are the approach to the start posture" in found["covers"]
 
 
 def test_too_few_points_for_a_wall_are_not_covered(tmp_path: Path) -> None:
@@ -171,7 +171,7 @@ def test_too_few_points_for_a_wall_are_not_covered(tmp_path: Path) -> None:
     few = run(*start, "--rate", "1", "-o", tmp_path / "few")
     assert few.exit_code == 3, few.output
     (gap,) = json.loads(few.stdout)["not_covered"]
-    assert re.search(r"csv has 1 points a second; .* mm short of: .*; --rate \d+ is enough", gap)
+    assert re.search(r"csv has 1 points per second; .* mm: .*; --rate \d+ is enough", gap)
     assert gap in json.loads((tmp_path / "few" / "certificate.json").read_text())["not_covered"]
     enough = gap.split("--rate ")[1].split()[0]
     ran(*start, "--rate", enough, "-o", tmp_path / "enough")

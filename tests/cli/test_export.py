@@ -57,7 +57,7 @@ def test_json_and_the_usual_name(
     Path(told["file"]).unlink()
     done = command("export", model, "--to", "urdf")
     assert done.stdout.startswith(f"{told['file']}: ")
-    assert "prior" not in done.stdout and "Not seen" not in done.stdout
+    assert "prior" not in done.stdout and "Not identifiable" not in done.stdout
     Path(told["file"]).unlink()
 
 
@@ -84,8 +84,8 @@ def test_what_is_not_from_the_data_is_told(given: Path, command: Command, tmp_pa
     assert done.exit_code == 0, done.output
     words = " ".join(done.stdout.split())
     assert f"comes from the data: - {robot.bodies[1].name} 20%" in words
-    assert f"Not seen by the data: - {friction}" in words
-    assert "as the original has them: - base: a principal moment" in words
+    assert f"Not identifiable from the data: - {friction}" in words
+    assert "not physically consistent in the original file: - base: a principal moment" in words
 
 
 def test_numbers_go_into_the_original(

@@ -50,7 +50,7 @@ def test_notes_of_the_model_file_are_told_by_every_command(
 
 
 def test_torques_are_limited_by_the_range_of_forces(mjcf: Path) -> None:
-    gap = "torque is not limited where no limit of effort is known: 'b'"
+    gap = "torque is not limited for joints without a known effort limit: 'b'"
     for second, limits, notes in (
         ('forcerange="-99999 99999"', [600.0], [gap]),
         ('forcerange="-40 40"', [600.0, 40.0], []),

@@ -79,7 +79,7 @@ def test_a_log_that_the_model_knows_is_told(
     done = command("payload", identified, given / "identification.parquet")
     assert done.exit_code == 0, done.output
     words = " ".join(done.stdout.split())
-    assert "the interval of the mass holds zero: no payload is seen" in words
+    assert "the interval of the mass contains zero: no payload is detected" in words
     assert "centre" not in words
     assert "the model was identified from identification.parquet" in words
 
@@ -130,6 +130,8 @@ def test_an_impossible_body_is_the_headline(
     monkeypatch.setattr("steelyard.identification.payload.PayloadTask.done", lambda *_: wrong)
     done = command("payload", identified, loaded)
     assert done.exit_code == 0, done.output
-    assert done.stdout.startswith("NOT A POSSIBLE BODY: a principal moment of inertia is negative")
+    assert done.stdout.startswith(
+        "NOT PHYSICALLY CONSISTENT: a principal moment of inertia is negative"
+    )
     told = json.loads(command("payload", identified, loaded, "--json").stdout)
     assert told["possible_body"] is False and "negative" in told["flaw"]

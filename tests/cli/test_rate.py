@@ -59,7 +59,7 @@ def test_without_a_rate_it_is_asked_for(
     done = command("identify", given / "demo_arm.urdf", timeless, "-o", tmp_path / "o")
     assert done.exit_code == 2
     words = " ".join(done.output.split())
-    assert "none looks like time" in words and "steelyard init URDF LOG --rate HZ" in words
+    assert "no column looks like time" in words and "steelyard init URDF LOG --rate HZ" in words
 
 
 @pytest.mark.parametrize(
@@ -109,7 +109,7 @@ def test_a_rate_belongs_to_a_log_and_replaces_its_clock_by_name(
 ) -> None:
     urdf, robot = given / "demo_arm.urdf", tmp_path / "arm.toml"
     alone = command("init", urdf, "--rate", 100, "-o", robot)
-    assert alone.exit_code == 2 and "no log whose rows" in alone.output and not robot.exists()
+    assert alone.exit_code == 2 and "without a log" in alone.output and not robot.exists()
     timed = timeless.with_name("timed.csv")
     shown = command("init", urdf, timed, "--rate", RATE, "-o", robot)
     assert "at the 250 Hz that were given, not time_s" in shown.stdout

@@ -63,8 +63,8 @@ def test_a_repeated_motion_is_not_called_unseen(
     (run,) = json.loads(done.stdout)["validation"]
     assert (run["motion"], run["repeats"]) == ("repeated", "identification")
     page = (tmp_path / "o" / "report.html").read_text()
-    assert "On repeated motions" in page and "On unseen runs" not in page
+    assert "On repeated motions" in page and "On validation runs" not in page
     shown = " ".join(command("validate", identified, repeated).stdout.split())
     assert "Predicts repeated motion with an error of" in shown and "unseen" not in shown
     assert "repeats the motion of identification" in shown
-    assert "no test of other motions" in shown
+    assert "no validation on other motions" in shown

@@ -55,7 +55,7 @@ def test_payloads_that_cannot_be_are_refused(command: Command, tmp_path: Path) -
     assert done.exit_code == 2
     assert "'tol', which is no moving frame" in done.stderr and "tool" in done.stderr
     done = command(*RUN, "--payload-mass", "3", "--attach", "2", "--release", "1", *out)
-    assert done.exit_code == 2 and "taken at 2 s and let go at 1 s" in done.stderr
+    assert done.exit_code == 2 and "attached at 2 s, released at 1 s" in done.stderr
     done = command(*RUN, "--payload-mass", "3", "--attach", "300", *out)
     assert done.exit_code == 2 and "taken at 300 s, but the log ends at" in done.stderr
     assert command(*RUN, "--payload-mass", "0", *out).exit_code == 2
@@ -216,4 +216,4 @@ def test_runs_of_more_than_a_day_are_refused(
 
 def test_the_seed_is_said_to_make_the_robot(command: Command, tmp_path: Path) -> None:
     shown = command(*RUN, "--seed", "4", "-o", tmp_path / "o").stdout
-    assert "the one of seed 4: another seed is another robot" in shown and "--motion" in shown
+    assert "seed 4 (another seed is another robot)" in shown and "--motion" in shown

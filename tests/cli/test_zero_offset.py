@@ -46,4 +46,4 @@ def test_offsets_and_gains_are_not_identified_at_once(
     robot = edited(given, tmp_path, ASKED, currents, unit)
     done = command("identify", robot, given / "identification.parquet", "--no-check")
     assert done.exit_code != 0
-    assert "zero offsets and drive gains cannot be identified at once" in done.output
+    assert "zero offsets and drive gains cannot be identified together" in done.output

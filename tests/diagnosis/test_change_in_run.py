@@ -96,7 +96,7 @@ def test_a_scale_that_drifts_is_named_with_its_joints(arm: Arm) -> None:
     table[:, efforts] *= np.linspace(1.0, 1.3, len(table))[:, None]
     (finding,) = found(arm, table)
     assert finding.judgement == Judgement.DOUBTFUL and finding.log == "log"
-    assert "the scale of efforts drifts" in finding.says and len(finding.joints) >= 2
+    assert "the effort scale drifts" in finding.says and len(finding.joints) >= 2
     changes = [float(part.split(" %")[0]) for part in finding.says.split("by about ")[1:]]
     assert changes == pytest.approx([26.0] * len(changes), abs=6.0)
 

@@ -43,7 +43,7 @@ def test_one_effort_that_is_turned_is_found(massless: Arm, joint: int) -> None:
     (found,) = EFFORT_SIGN(massless.case(with_signs(massless, signs), known=False))
     assert found.judgement == Judgement.DOUBTFUL
     assert found.joints == (massless.robot.joint_names[joint],)
-    assert "or the position counts the other way" in found.says
+    assert "has the wrong sign, or the position has" in found.says
     assert found.mend is not None and not found.mend.edits
 
 

@@ -48,9 +48,9 @@ def said(folder: Path, table: Array) -> tuple[Finding, ...]:
 def test_held_efforts_are_late(tmp_path: Path, rate: float, every: int, judgement: int) -> None:
     motion, found = said(tmp_path, held(sound(rate), every, TAU))
     late = 0.5 * (every - 1) / rate
-    assert motion.says == "no row in motion repeats the one before"
+    assert motion.says == "no row in motion repeats the previous one"
     assert found.says == (
-        f"efforts are new every {every} rows ({rate / every:.3g} Hz of {rate:.3g} Hz): "
+        f"efforts are updated every {every} rows ({rate / every:.3g} Hz of {rate:.3g} Hz): "
         f"they are {1e3 * late:.2g} ms late on average"
     )
     assert found.judgement == judgement
@@ -74,7 +74,7 @@ def test_held_positions_are_bridged_or_late(
 ) -> None:
     (found,) = said(tmp_path, held(sound(rate), every, *columns))
     assert found.says == (
-        f"positions are new every {every} rows ({rate / every:.3g} Hz of {rate:.3g} Hz): {does}"
+        f"positions are updated every {every} rows ({rate / every:.3g} Hz of {rate:.3g} Hz): {does}"
     )
     assert found.judgement == judgement
     assert found.mend is None or found.mend.edits == ()
@@ -83,7 +83,7 @@ def test_held_positions_are_bridged_or_late(
 @pytest.mark.parametrize("every", [2, 3, 6])
 def test_efforts_held_in_the_rows_of_the_positions_are_not_late(tmp_path: Path, every: int) -> None:
     motion, effort = said(tmp_path, held(sound(500.0), every, MOTION, TAU))
-    assert motion.says.startswith(f"positions are new every {every} rows")
+    assert motion.says.startswith(f"positions are updated every {every} rows")
     assert effort.says.endswith("no later than positions") and effort.judgement == OK
 
 
@@ -106,7 +106,7 @@ def test_the_delay_that_is_proposed_mends_the_robot_file(tmp_path: Path) -> None
     mended = diagnosis(tmp_path, table, edited(ROBOT, found.edits))
     assert mended.judgement == OK
     says = [f.says for f in mended.findings if f.suspicion == "repeats"][-1]
-    assert says.endswith("5 ms late on average ([signals.effort] delay takes out 5 ms)")
+    assert says.endswith("5 ms late on average ([signals.effort] delay compensates 5 ms)")
 
 
 def test_repeated_rows_that_are_kept_leave_positions_late(tmp_path: Path) -> None:

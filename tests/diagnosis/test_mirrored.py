@@ -21,8 +21,16 @@ def turned(arm: Arm, *patterns: str) -> Array:
 @pytest.mark.parametrize(
     ("patterns", "cause", "other"),
     [
-        (("tau{}_Nm",), "effort sign", "or all joints count the other way: bodies of any mass"),
-        (("q{}_rad", "dq{}_rad_s"), "position sign", "or all efforts have the other sign: bodies"),
+        (
+            ("tau{}_Nm",),
+            "effort sign",
+            "or all positions have the opposite sign: both fit",
+        ),
+        (
+            ("q{}_rad", "dq{}_rad_s"),
+            "position sign",
+            "or all efforts have the opposite sign: both fit",
+        ),
     ],
 )
 def test_the_mirror_of_a_sign_is_named(
@@ -40,8 +48,8 @@ def test_turned_efforts_come_first_where_turned_positions_fit_as_well(arm: Arm) 
     now = found.declared
     rivals = {r.says: r for r in found.rounds[0]}
     efforts, positions = (
-        rivals["all efforts have the other sign"],
-        rivals["all joints count the other way"],
+        rivals["all efforts have the opposite sign"],
+        rivals["all positions have the opposite sign"],
     )
     even = replace(positions, score=efforts.score, cost=efforts.cost - 0.2)
     assert efforts_first(now.reading, (even, now, efforts)) == (efforts, even, now)

@@ -96,7 +96,7 @@ def test_a_friction_law_that_lacks_is_a_remark(
     (finding,) = found(loaded, tmp_path, terms=(*DEFAULT_TERMS, term))
     assert "(worst joint: " in finding.says and "joints above 1.5 x)" in finding.says
     assert finding.judgement == Judgement.OK and finding.headline
-    causes = finding.says.partition("do not add them): ")[2]
+    causes = finding.says.partition("not additive): ")[2]
     assert f"(term {term.law})" in causes.split(",")[0]
 
 
@@ -129,7 +129,7 @@ def test_large_residuals_beside_unknown_noise_are_said(
         for percent in (5.0, 29.0)
     )
     assert small == () and large[0].headline and large[0].judgement == Judgement.OK
-    assert "not known" in large[0].says and "29 %" in large[0].says
+    assert "could not be compared" in large[0].says and "29 %" in large[0].says
 
 
 def scored(fitted: FittedCase, percent: float) -> RunScore:

@@ -78,9 +78,9 @@ def test_an_inertial_sensor_tells_that_the_base_moves(
     model, log = logged(tmp_path, "<freejoint/>", **imu(turn, pull))
     (finding,) = found(model, log)
     assert finding.judgement is Judgement.DOUBTFUL and finding.mend is not None
-    assert "'trunk' is taken to be at rest, but its sensor moves" in finding.says
+    assert "'trunk' is assumed to be at rest, but its sensor measures motion" in finding.says
     assert ("gyro" if turn else "acc") in finding.figure
-    assert "base held fast" in finding.mend.says
+    assert "base fixed" in finding.mend.says
 
 
 def test_a_noisy_sensor_at_rest_says_so(tmp_path: Path) -> None:

@@ -88,7 +88,7 @@ def weighed(loaded: LoadedRobot, *masses: float, learned: float = 0.9) -> tuple[
 def test_a_last_link_that_is_much_heavier_than_the_file_says(loaded: LoadedRobot) -> None:
     (finding,) = weighed(loaded, 1.0, 0.8, 1.1, 0.9, 1.0, 3.5)
     assert finding.judgement == Judgement.DOUBTFUL
-    assert "(flange) comes out 1 kg heavier than the model file says" in finding.says
+    assert "(flange) is estimated 1 kg heavier than in the model file" in finding.says
 
 
 @pytest.mark.parametrize(

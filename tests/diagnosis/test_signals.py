@@ -236,7 +236,7 @@ FAULTS: dict[str, tuple[Change, str, Judgement, dict[str, Any], tuple[int, ...]]
 @pytest.mark.parametrize("cut", [(250, 1750), (237, 1700)])
 def test_a_log_that_only_moves_has_no_rest(tmp_path: Path, cut: tuple[int, int]) -> None:
     found = of(diagnosis(tmp_path, sound()[slice(*cut)]), "rests")
-    assert found.says == "the robot never rests" and found.figure.startswith("0.0 % at rest")
+    assert found.says == "the robot never stands still" and found.figure.startswith("0.0 % at rest")
 
 
 def test_joints_that_turn_round_together_do_not_rest(tmp_path: Path) -> None:
@@ -245,7 +245,7 @@ def test_joints_that_turn_round_together_do_not_rest(tmp_path: Path) -> None:
     for joint in range(3):
         table[:, 1 + joint] = np.cos(2.0 * np.pi * 0.25 * t)
         table[:, 4 + joint] = -0.5 * np.pi * np.sin(2.0 * np.pi * 0.25 * t)
-    assert of(diagnosis(tmp_path, table), "rests").says == "the robot never rests"
+    assert of(diagnosis(tmp_path, table), "rests").says == "the robot never stands still"
 
 
 def test_they_are_registered_and_quick() -> None:
@@ -353,7 +353,7 @@ def test_rows_lost_before_stamps_were_made_even_are_found(
     found = diagnosis(tmp_path, table)
     assert of(found, "clock").judgement == judgement
     assert of(found, "velocity").judgement == Judgement.OK
-    assert ("leap" in of(found, "clock").says) == (places > 0)
+    assert ("jump" in of(found, "clock").says) == (places > 0)
     assert not found.edits
 
 

@@ -104,7 +104,7 @@ def test_bad_bounds_are_named() -> None:
     data, _, _ = information()
     with pytest.raises(DataError, match="no column 'colomb'"):
         BoundedLeastSquares({"colomb": (0.0, 1.0)})(data)
-    with pytest.raises(DataError, match=f"bounds of '{COULOMB}' leave no room: 1 to 0"):
+    with pytest.raises(DataError, match=f"bounds of '{COULOMB}' are empty: 1 to 0"):
         BoundedLeastSquares({COULOMB: (1.0, 0.0)})(data)
 
 

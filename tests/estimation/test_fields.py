@@ -168,7 +168,7 @@ def test_data_without_the_effect_cannot_tell() -> None:
     result = found(DEFAULT_TERMS, Stribeck(), Stribeck(speed=SPEEDS), 0.5, size=0.0)
     assert not any(f.told for f in result.findings)
     assert len(result.notes) == 3
-    assert "the data cannot tell the speed of term 'stribeck' at 'joint_1'" in result.notes[0]
+    assert "not identifiable the speed of term 'stribeck' at 'joint_1'" in result.notes[0]
     assert "log slower motion with reversals, or fix it: speed = " in result.notes[0]
 
 
@@ -178,7 +178,7 @@ def test_a_value_beyond_the_bounds_is_said() -> None:
     assert finding.value == 0.1 and finding.interval[1] == 0.1 and not finding.told
     (note,) = result.notes
     assert note == (
-        "the speed of term 'stribeck' fits best at its bound 0.1; search wider, "
+        "the best speed of term 'stribeck' is its bound 0.1; widen the search, "
         "or fix it: speed = 0.1"
     )
 
@@ -279,7 +279,7 @@ def test_a_search_can_be_watched_and_stopped() -> None:
         return len(events) < 3
 
     model = Model(ROBOT, (*DEFAULT_TERMS, Stribeck(speed=SPEEDS)))
-    with pytest.raises(Stopped, match="finding fields"):
+    with pytest.raises(Stopped, match="estimating fields"):
         find_fields(model, said, progress=watch)
     assert len(passes) == 2 and [e.done for e in events] == [0, 1, 2]
 
@@ -319,7 +319,7 @@ def test_a_robot_file_asks_for_a_search(tmp_path: Any) -> None:
         ({"law": "viscous", "joints": "find"}, "'joints' of term 'viscous' cannot be found"),
         ({"law": "stribeck", "exponent": "find"}, "give 'exponent' a value; 'speed' can be found"),
         ({"law": "lugre", "breakaway": "find"}, "'length' and 'speed' can be found"),
-        ({"law": "dahl", "lenth": "find"}, "does not understand 'lenth'"),
+        ({"law": "dahl", "lenth": "find"}, "has no field 'lenth'"),
         ({"law": "dahl", "length": {"find": [1.0, 0.1]}}, "the smaller one first"),
         ({"law": "dahl", "length": {"find": [0.0, 0.1]}}, "two numbers above zero"),
         ({"law": "dahl", "length": {"find": 0.1}}, 'write length = "find"'),
@@ -345,7 +345,7 @@ def test_a_field_that_cannot_be_found_is_refused_in_a_model() -> None:
 )
 def test_a_field_still_to_be_found_gives_no_torque(term: Term) -> None:
     model = Model(ROBOT, (term,))
-    with pytest.raises(ModelError, match="is still to be found"):
+    with pytest.raises(ModelError, match="is not estimated yet"):
         base_regressor(model).dense(*motion(0, 20))
 
 

@@ -146,7 +146,7 @@ def test_an_impossible_mass_matrix_is_named() -> None:
 
 
 def test_what_cannot_be_simulated_is_refused() -> None:
-    with pytest.raises(DataError, match="its friction has a memory"):
+    with pytest.raises(DataError, match="its friction has internal states"):
         Forward(Model(dh_arm(), (RigidBody(), Dahl(length=1e-3))), (0,))
     with pytest.raises(DataError, match="it has closed loops"):
         Forward(Model(five_bar(), (RigidBody(),)), (0,))

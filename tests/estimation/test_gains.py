@@ -139,7 +139,7 @@ def refusal(kind: type[SteelyardError], *args: object, **options: object) -> str
 
 def test_questions_without_an_answer() -> None:
     words = refusal(DataError, UNLOADED)
-    assert "known relative to each other only" in words
+    assert "identifiable only relative to each other" in words
     assert "the payload's mass" in words and "the gain of one joint" in words
     assert "relative to each other" in refusal(DataError, UNLOADED, LOADED)
     assert "there is none without" in refusal(DataError, [], LOADED, mass=1.7)
@@ -170,7 +170,7 @@ def test_a_gain_that_nothing_shows_is_assumed_to_be_as_those_of_its_unit() -> No
 def test_a_gain_that_nothing_shows_is_named_where_no_other_is_of_its_unit() -> None:
     still = {0: 0.3, 1: 0.1, 3: 0.2}
     words = refusal(DataError, [run(1, still=still)], known={"slider_joint": 12.0})
-    assert "the data do not show the gain of joint '" in words
+    assert "the data do not determine the gain of joint '" in words
     assert "or give its gain" in words
 
 

@@ -119,5 +119,5 @@ def test_a_joint_that_never_moved_is_named() -> None:
 
 def test_no_data_is_no_estimate() -> None:
     information = data(np.zeros(4))[0].of([])
-    with pytest.raises(DataError, match="show none of the model's parameters"):
+    with pytest.raises(DataError, match="none of the model's parameters is identifiable"):
         WeightedLeastSquares()(information)

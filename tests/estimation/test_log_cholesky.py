@@ -153,7 +153,7 @@ def test_wishes_that_it_breaks_are_named() -> None:
     found = LogCholesky(regressor.base, replace(known, rows=rows), gamma=10.0)(said(regressor))
     assert found.notes[-2:] == (
         "2 wishes of [[knowledge]] about bodies or ties count for nothing in this estimator",
-        "wishes that this estimate does not keep: left is heavier than 50 kg",
+        "constraints that this estimate violates: left is heavier than 50 kg",
     )
     plain = LogCholesky(regressor.base, known, gamma=10.0)(said(regressor))
     assert np.array_equal(found.values.values, plain.values.values)

@@ -133,13 +133,13 @@ def test_the_noise_can_be_given() -> None:
 
 
 def test_what_did_not_settle_says_so() -> None:
-    assert "not settled after 1 steps" in MotionNoise(SMOOTH, rounds=1)(noisy(0, 0.1)).notes
+    assert "not converged after 1 steps" in MotionNoise(SMOOTH, rounds=1)(noisy(0, 0.1)).notes
 
 
 def test_samples_without_filters_are_refused() -> None:
     samples = noisy(0, 0.01)
     bare = replace(samples, sources=(replace(samples.sources[0], error=None),))
-    with pytest.raises(DataError, match="nothing is known of how noise of positions"):
+    with pytest.raises(DataError, match="the propagation of position noise"):
         MotionNoise(SMOOTH)(bare)
 
 

@@ -1,4 +1,4 @@
-"""Parameters of single runs against a dense fit with one copy of their columns per run."""
+"""Parameters per run against a dense fit with one copy of their columns per run."""
 
 import json
 from dataclasses import dataclass, replace
@@ -265,7 +265,7 @@ def test_without_any_nothing_changes() -> None:
 def test_an_unknown_column_is_refused() -> None:
     with pytest.raises(DataError, match=r"there is no column 'offset\.tpi'") as caught:
         OrdinaryLeastSquares(per_run=("offset.tpi",))(one_run(0).information)
-    assert caught.value.where == "parameters of one run"
+    assert caught.value.where == "parameters per run"
     assert COLUMNS[0] in caught.value.mend
 
 

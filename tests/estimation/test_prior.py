@@ -104,7 +104,9 @@ def test_an_impossible_body_keeps_mass_centre_and_axes() -> None:
     (note,) = default_knowledge(Model(with_bodies((broken, True)))).notes
     assert note.startswith("the prior of link 'trunk': its moments of inertia are lifted to 0.0252")
     assert "0.01 + 0.01 < 0.05" not in note  # the model file's own note has that
-    assert "no body can have it: " in str(mended.why) and "0.01 + 0.01 < 0.05" in str(mended.why)
+    assert "it is not physically consistent: " in str(mended.why) and "0.01 + 0.01 < 0.05" in str(
+        mended.why
+    )
 
 
 def test_a_thin_body_is_widened_and_its_moments_hardly_change() -> None:
@@ -114,7 +116,9 @@ def test_a_thin_body_is_widened_and_its_moments_hardly_change() -> None:
     change = np.linalg.eigvalsh(mended.inertia.inertia_com) - np.linalg.eigvalsh(plate.inertia_com)
     assert 0.0 < np.abs(change).max() <= 2.0 * THINNEST * moments(plate)[-1]
     notes = default_knowledge(Model(with_bodies((plate, True), (plate, True)))).notes
-    assert notes == ("priors thinner than 10% of their length were widened: 'trunk', 'slider'",)
+    assert notes == (
+        "prior bodies thinner than 10% of their length were widened: 'trunk', 'slider'",
+    )
 
 
 @pytest.mark.parametrize(
@@ -149,7 +153,7 @@ def test_a_point_mass_becomes_a_ball_about_its_centre() -> None:
     assert moments(known.priors[0])[0] > 0.0
     assert "its moments of inertia are zero; a solid ball of 0.2 kg" in known.notes[0]
     dense = Inertia.about_com(5.0, np.zeros(3), 1e-6 * np.eye(3))
-    assert "closer together than steel" in str(mended_body(dense).why)
+    assert "denser than steel" in str(mended_body(dense).why)
 
 
 def test_a_robot_without_any_mass_is_a_kilogram_a_link() -> None:
@@ -247,15 +251,15 @@ def test_given_bodies_are_mended_too() -> None:
     impossible = {"mass": 2.0, "com": (0, 0, 0), "inertia_com": (0.01, 0, 0.01, 0, 0, 0.05)}
     known = given({"links": {"tip": impossible}})
     assert possible(known)
-    assert "the prior of link 'tip': no body can have it" in known.notes[0]
+    assert "the prior of link 'tip': it is not physically consistent" in known.notes[0]
 
 
 @pytest.mark.parametrize(
     ("links", "wrong", "mend"),
     [
         ({"tpi": {"mass": 1.0}}, "no moving link 'tpi'", "did you mean 'tip'"),
-        ({"tip": {}}, "nothing is said of the prior of link 'tip'", "give mass"),
-        ({"tip": {"source": "none", "mass": 1.0}}, "none, and something is said", "leave out"),
+        ({"tip": {}}, "the prior of link 'tip'", "give mass"),
+        ({"tip": {"source": "none", "mass": 1.0}}, "none, but properties are given", "leave out"),
         (
             {"tip": {"box": {"size": (1, 1, 1)}, "capsule": {"end": (0, 0, 1), "radius": 1.0}}},
             "has box and capsule at once",

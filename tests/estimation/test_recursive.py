@@ -74,7 +74,7 @@ def test_forgetting_weighs_windows_by_their_age() -> None:
     inverse = np.linalg.inv((whole[:, :-1] * root).T @ (whole[:, :-1] * root))
     noise = (whole[:, :-1] * root**2).T @ (whole[:, :-1] * root**2)
     assert np.allclose(found.covariance, found.sigma[0] ** 2 * inverse @ noise @ inverse, rtol=1e-6)
-    assert "what is 4.48 s old counts 1/e" in found.notes
+    assert "what is 4.48 s old have weight 1/e" in found.notes
 
 
 def test_it_is_constant_in_size_however_long_it_goes_on() -> None:
@@ -110,12 +110,12 @@ def test_intervals_hold_the_truth_where_nothing_drifts() -> None:
 
 @pytest.mark.parametrize("forgetting", [0.0, -1.0, 1.01, float("nan")])
 def test_a_forgetting_that_is_none_is_refused(forgetting: float) -> None:
-    with pytest.raises(DataError, match="per second is none"):
+    with pytest.raises(DataError, match="per second is not valid"):
         Recursive(forgetting)
 
 
 def test_before_the_first_window_there_is_no_estimate() -> None:
-    with pytest.raises(DataError, match="no window has come yet"):
+    with pytest.raises(DataError, match="no window was added yet"):
         Recursive().start().estimate()
 
 

@@ -120,8 +120,8 @@ def test_samples_alike_count_for_what_they_are_worth() -> None:
 
 def test_what_did_not_settle_says_so() -> None:
     samples, _ = drawn(TREE)
-    assert any("not settled after 2 rounds" in n for n in Reweighted(rounds=2)(samples).notes)
-    assert any(n.startswith("settled after") for n in Reweighted()(samples).notes)
+    assert any("not converged after 2 rounds" in n for n in Reweighted(rounds=2)(samples).notes)
+    assert any(n.startswith("converged after") for n in Reweighted()(samples).notes)
 
 
 def test_each_run_keeps_its_own_parameters() -> None:

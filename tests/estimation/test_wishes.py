@@ -235,7 +235,7 @@ MISTAKES: list[tuple[dict[str, Any], str, str]] = [
     ({"link": "tip"}, "does not name its kind", "the kinds are mass, total_mass"),
     ({"kind": "mas", "link": "tip"}, "'mas' is no kind of knowledge", "did you mean 'mass'"),
     ({"kind": "mass", "lower": 1}, "needs 'link'", "add link = ..."),
-    ({"kind": "mass", "link": "tip", "lowr": 1}, "does not understand 'lowr'", "'lower'"),
+    ({"kind": "mass", "link": "tip", "lowr": 1}, "has no key 'lowr'", "'lower'"),
     ({"kind": "mass", "link": 3, "lower": 1}, "3 cannot be used for 'link'", "string"),
     ({"kind": "mass", "link": "tip", "lower": True}, "True cannot be used", "number"),
     ({"kind": "mass", "link": "tip", "lower": float("nan")}, "nan cannot be used", "finite"),
@@ -373,7 +373,7 @@ def test_knowledge_of_friction_that_was_not_chosen_is_passed_over(read: Any) -> 
     found = knowledge_of(model, loaded)
     assert found.rows == ()
     assert found.notes == (
-        "the model has no 'maxwell_slip1.elbow': what is known of it counts for nothing",
+        "the model has no 'maxwell_slip1.elbow': prior constraints on it are ignored",
     )
     with pytest.raises(ModelError, match=r"no parameter 'maxwell_slip1\.elbow'"):
         knowledge_of(model, read(wish))
@@ -459,7 +459,7 @@ def test_what_nearly_cannot_be_still_can(read: Any) -> None:
 def test_contradictions_are_named(read: Any, knowledge: list[str], guilty: list[int]) -> None:
     with pytest.raises(DataError) as caught:
         known(read(*knowledge))
-    assert caught.value.wrong.startswith("these wishes cannot hold together: ")
+    assert caught.value.wrong.startswith("these constraints are infeasible together: ")
     named = [k for k in range(1, 9) if f"[knowledge[{k}]]" in caught.value.wrong]
     assert named == guilty
     assert caught.value.mend == "correct one of them, or leave it out"
@@ -468,9 +468,11 @@ def test_contradictions_are_named(read: Any, knowledge: list[str], guilty: list[
 
 
 def test_a_wish_that_no_body_fulfils_is_named(read: Any) -> None:
-    with pytest.raises(DataError, match="no body can be so: the mass of link 'b' is at most 0 kg"):
+    with pytest.raises(
+        DataError, match="no physical body satisfies this: the mass of link 'b' is at most 0 kg"
+    ):
         known(read('kind = "mass"\nlink = "b"\nupper = 0.0'))
-    with pytest.raises(DataError, match=r"no body can be so: 'Izz\.c' is -1 kg m²"):
+    with pytest.raises(DataError, match=r"no physical body satisfies this: 'Izz\.c' is -1 kg m²"):
         known(read('kind = "parameter"\nparameter = "Izz.c"\nvalue = -1.0'))
 
 

@@ -202,7 +202,7 @@ WRONG: list[tuple[Callable[[], Basis], str]] = [
     (lambda: RawFourier(3, 10.0, 0), "1 harmonic or more, not 0"),
     (lambda: RawFourier(3, np.nan, 2), "period = nan s"),
     (lambda: BlendedFourier(3, 10.0, 2, 1, 0.0), r"blend = 0\.0 s"),
-    (lambda: BlendedFourier(3, 10.0, 2, 0, 1.0), "0 periods are no motion"),
+    (lambda: BlendedFourier(3, 10.0, 2, 0, 1.0), "0 periods are not a valid motion"),
     (lambda: RampedFourier(3, 10.0, 2, 0, 1.0), r"0 periods of 10\.0 s are no motion"),
     (lambda: RampedFourier(3, 10.0, 2, 1, 6.0), "6 s does not fit twice into 10 s"),
     (lambda: SplineBasis(3, 6.0, 6), "7 control points or more, not 6"),

@@ -160,7 +160,7 @@ def test_parts_that_do_not_fit_jump() -> None:
 def test_a_motion_that_does_not_rest_at_its_ends_says_so() -> None:
     raw, rest = (make(np.random.default_rng(2)) for make in (raw_fourier, rest_fourier))
     first, last = certify(dh_arm(), raw, exact_limits(raw)).notes
-    assert first.startswith("the motion does not begin at rest: the robot must be moving")
+    assert first.startswith("the motion does not start at rest: the robot must already be moving")
     assert last.startswith("the motion does not end at rest")
     assert certify(dh_arm(), rest, exact_limits(rest)).notes == ()
 

@@ -168,7 +168,7 @@ def test_ignored_and_disabled_pairs_are_left_out(tmp_path: Path) -> None:
     every = names(self_clearance(loaded))
     less = self_clearance(loaded, ignore=[("slider", "base")])
     assert names(less) == every - {frozenset(("base", "slider"))}
-    assert any("as asked: base and slider" in note for note in less.notes)
+    assert any("as specified: base and slider" in note for note in less.notes)
     disabled = '<robot name="{}"><disable_collisions link1="twin" link2="one"/></robot>'
     written(tmp_path, disabled.format("another"), "another.srdf")
     assert names(self_clearance(loaded)) == every
@@ -188,7 +188,7 @@ def test_own_pairs_that_cannot_keep_apart_are_noted(tmp_path: Path) -> None:
     )
     found = self_clearance(load_robot(written(tmp_path, text)), margin=0.05)
     assert names(found) == {frozenset(("base", "tip")), frozenset(("arm", "tip"))}
-    assert any("every posture tried" in note and "base and hand" in note for note in found.notes)
+    assert any("every tested posture" in note and "base and hand" in note for note in found.notes)
     np.testing.assert_array_equal(found.wanted, 0.0)
     note = next(note for note in found.notes if "never 0.05 m apart" in note)
     assert "arm and tip (at most 0.005 m)" in note or "arm and tip (at most 0.0049 m)" in note
@@ -274,8 +274,8 @@ def tool(name: str) -> Shape:
     ("options", "words"),
     [
         ({"ignore": [("slyder", "base")]}, "did you mean 'slider'?"),
-        ({"others": (tool("one"),)}, "two things are called 'one'"),
-        ({"bodies": False}, "no pair of things is left"),
+        ({"others": (tool("one"),)}, "two bodies are called 'one'"),
+        ({"bodies": False}, "no pair of bodies is left"),
     ],
 )
 def test_what_cannot_be_is_refused(tmp_path: Path, options: dict, words: str) -> None:

@@ -127,7 +127,7 @@ def test_after_earlier(tmp_path: Path) -> None:
 
 def test_given_weights_do_not_go_with_earlier_information(tmp_path: Path) -> None:
     criterion = "[excitation.criterion]\nweights = [1.0, 1.0, 1.0]\nafter_earlier = true\n"
-    with pytest.raises(DataError, match="counts in their noise"):
+    with pytest.raises(DataError, match="weighted by their noise"):
         problem_of(tmp_path, ANY + criterion, earlier(tmp_path))
 
 
@@ -158,7 +158,7 @@ def test_an_earlier_model_of_other_terms_is_refused_where_sizes_are_wanted(tmp_p
         covariance=known.covariance[:1, :1],
         standard={},
     )
-    with pytest.raises(DataError, match="does not know the size of"):
+    with pytest.raises(DataError, match="has no value of"):
         problem_of(tmp_path, f"{ANY}[excitation.criterion]\nrelative = true\n", bare)
 
 

@@ -127,7 +127,7 @@ def test_what_a_ur_cannot_do_is_refused() -> None:
     ):
         with pytest.raises(OutputError, match=wrong):
             exported(Swings(robot.n), robot, "urscript")
-    with pytest.raises(OutputError, match="do not take 100 set points") as caught:
+    with pytest.raises(OutputError, match="do not accept 100 set points") as caught:
         exported(Swings(), arm(), "urscript", rate=100.0)
     assert "125" in caught.value.mend and "500" in caught.value.mend
 

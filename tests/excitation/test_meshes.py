@@ -51,12 +51,12 @@ def test_meshes_are_read(tmp_path: Path, name: str, data: bytes) -> None:
 @pytest.mark.parametrize(
     ("name", "data", "words"),
     [
-        ("a.dae", b"<COLLADA/>", "of a kind that cannot be read here ('.dae')"),
+        ("a.dae", b"<COLLADA/>", "of an unsupported format ('.dae')"),
         ("a.stl", b"nothing of the kind" * 10, "not an STL file: its length does not fit"),
-        ("a.stl", b"solid empty\nendsolid", "it holds no corners"),
-        ("a.stl", b"solid\nvertex 1 2\n", "has not three numbers"),
+        ("a.stl", b"solid empty\nendsolid", "it has no vertices"),
+        ("a.stl", b"solid\nvertex 1 2\n", "does not have three numbers"),
         ("a.obj", b"v 1 2 three", "could not convert"),
-        ("a.obj", b"v 1 2 nan", "a corner is not finite"),
+        ("a.obj", b"v 1 2 nan", "a vertex is not finite"),
     ],
 )
 def test_meshes_that_are_none_are_refused(
@@ -79,7 +79,7 @@ def test_meshes_that_are_none_are_refused(
     assert "skip" in error.value.mend
     found = robot_shapes(robot, path, skip=["hand"])
     assert [shape.name for shape in found.shapes] == ["base"]
-    assert found.notes[0] == "no clearance is kept for the links hand, as asked"
+    assert found.notes[0] == "no clearance is kept for the links hand, as specified"
 
 
 def test_a_missing_mesh_is_named(tmp_path: Path) -> None:
@@ -87,7 +87,7 @@ def test_a_missing_mesh_is_named(tmp_path: Path) -> None:
     path = written(tmp_path, urdf(link("base"), link("hand", mesh), joint("base", "hand")))
     with pytest.raises(ModelError) as error:
         robot_shapes(load_robot(path).robot, path)
-    assert "'package://my_robot/meshes/hand.stl' of link 'hand' is not there" in str(error.value)
+    assert "'package://my_robot/meshes/hand.stl' of link 'hand' does not exist" in str(error.value)
     assert "skip" in error.value.mend
     with pytest.raises(ModelError, match="did you mean 'hand'"):
         robot_shapes(load_robot(path).robot, path, skip=["hnad"])

@@ -140,9 +140,9 @@ def test_json_is_read(robot: Robot, tmp_path: Path) -> None:
 
 
 BAD = [
-    ("m.json", "{", "not a motion of ours"),
+    ("m.json", "{", "not a steelyard motion"),
     ("m.json", '{"kind": "spiral"}', "its kind is 'spiral', and the known ones are fourier"),
-    ("m.json", '{"kind": ["spiral"]}', "not a motion of ours"),
+    ("m.json", '{"kind": ["spiral"]}', "not a steelyard motion"),
     ("m.json", '{"kind": "chained", "times": 1, "parts": [{"kind": "x"}]}', "its kind is 'x'"),
     ("m.json", '{"kind": "chained", "parts": []}', "it has no 'times'"),
     ("m.json", '{"kind": "sampled", "time_s": [0, 1], "q": [[0, 0], [1, NaN]]}', "not finite"),
@@ -164,7 +164,7 @@ BAD = [
         "speed at the motion's start or end is not finite",
     ),
     ("m.csv", "time_s,q1_m,q2_rad,dq1,dq2\n", "two times or more"),
-    ("m.json", "[1, 2]", "not a motion of ours"),
+    ("m.json", "[1, 2]", "not a steelyard motion"),
     ("m.json", '{"kind": "sampled", "time_s": [0, 1], "q": [[0], [1]]}', "robot has 2"),
     ("m.parquet", "no parquet", "not a table"),
     ("m.csv", "", "not a table"),

@@ -208,7 +208,7 @@ def test_waypoints_of_invented_arms(tooled: Arm) -> None:
     q = middle + 0.4 * rng.uniform(-1.0, 1.0, (3, tooled.robot.n)) * half
     places = tooled.places(q)
     if np.ptp(places, axis=0).max() < 1e-6:
-        with pytest.raises(DataError, match="are no way"):
+        with pytest.raises(DataError, match="are not a valid path"):
             Waypoints(places)
         return
     task = Waypoints(places, laps=2, manner=Manner(path="joint", dwell=0.1))

@@ -29,7 +29,7 @@ def test_a_box_out_of_reach_names_the_least_move_that_works() -> None:
 def test_a_waypoint_out_of_reach_is_named() -> None:
     with pytest.raises(DataError, match=r"waypoint 2 is out of reach: of \(1.600, 0.300") as error:
         plan("ur10", Waypoints([[0.6, 0.2, 0.4], [1.6, 0.3, 0.4]]))
-    assert "the nearest place that can be reached is (1.30" in error.value.wrong
+    assert "the nearest reachable position is (1.30" in error.value.wrong
     assert "0.307 m" in error.value.mend
     with pytest.raises(DataError, match="the square is out of reach") as error:
         plan("panda", Square((0.9, 0.0, 0.3), 0.2))
@@ -53,7 +53,7 @@ def test_bad_input_is_refused_with_words() -> None:
     tooled, box = arm("ur10"), Box((0.7, 0.0, 0.3), (0.1, 0.1, 0.1))
     start = np.array([0.0, 7.0, 0.0, 0.0, 0.0, 0.0])
     spot = Box((0.7, 0.0, 0.3), (0.0, 0.0, 0.0))
-    with pytest.raises(DataError, match="all places of the task are one"):
+    with pytest.raises(DataError, match="all positions of the task coincide"):
         plan("ur10", PickAndPlace(spot, spot, lift=0.0))
     square = Square((0.7, 0.0, 0.4), 0.2)
     with pytest.raises(

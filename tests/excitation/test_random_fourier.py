@@ -74,11 +74,11 @@ def test_start_outside_is_refused(robot: Robot) -> None:
 def test_unstated_limits_are_noted(robot: Robot) -> None:
     limits = motion_limits(robot)
     assert limits.notes == (
-        "no full range is given, so moved within -1.5 .. 1.5 rad: j1, j2",
-        "no full range is given, so moved within 0.5 .. 3.5 rad: j4",
-        "no full range is given, so moved within 0.1 .. 0.5 m: j5",
-        "no speed limit is given, so moved at 1.5 rad/s at most: j1, j4",
-        "no speed limit is given, so moved at 0.3 m/s at most: j5",
+        "without a complete range, moved within -1.5 .. 1.5 rad: j1, j2",
+        "without a complete range, moved within 0.5 .. 3.5 rad: j4",
+        "without a complete range, moved within 0.1 .. 0.5 m: j5",
+        "without a speed limit, moved at 1.5 rad/s at most: j1, j4",
+        "without a speed limit, moved at 0.3 m/s at most: j5",
     )
     np.testing.assert_array_equal(limits.acceleration, [5, 5, 5, 1, 5, 1])
 

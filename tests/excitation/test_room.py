@@ -52,7 +52,7 @@ def test_walls_are_where_the_tables_have_them(tmp_path: Path) -> None:
     plane = shapes["plane 1"]
     np.testing.assert_allclose(plane.rotation[:, 2], [0.0, 0.6, 0.8])
     assert plane.position @ np.array([0.0, 3.0, 4.0]) == pytest.approx(-2.0)
-    box = shapes["box 1 to keep out of"]
+    box = shapes["forbidden box 1"]
     np.testing.assert_allclose(box.position, [0.55, 0.05, 0.25])
     assert isinstance(box.solid, Box)
     np.testing.assert_allclose(box.solid.size, [0.3, 0.5, 0.5])
@@ -60,7 +60,7 @@ def test_walls_are_where_the_tables_have_them(tmp_path: Path) -> None:
 
 def test_all_links_and_the_tool_are_kept_off_every_wall(tmp_path: Path) -> None:
     pairs = {(pair.first, pair.second) for pair in room(tmp_path, WALLS).pairs}
-    walls = ("plane 1", "box 1 to keep out of")
+    walls = ("plane 1", "forbidden box 1")
     things = ("tower", "boom", "stick", "tool", "tool point at tool")
     assert pairs >= {(thing, wall) for thing in things for wall in walls}
     assert {thing for thing, wall in pairs if wall == "floor"} == set(things)
@@ -112,13 +112,13 @@ def test_a_floor_without_gravity_is_a_gap(tmp_path: Path) -> None:
     floating = load_robot(written(tmp_path, text, "floating.toml"))
     notes = build(floating, model_of(floating)).notes
     (said,) = [note for note in notes if "no gravity is declared" in note]
-    assert isinstance(said, Gap) and "level across z" in said
+    assert isinstance(said, Gap) and "normal to z" in said
 
 
 def test_a_link_that_no_joint_brings_out_of_a_wall_is_a_gap(tmp_path: Path) -> None:
     tables = f"{ANY}floor = 0.13\n"
     notes = problem_of(tmp_path, tables).notes
-    (said,) = [note for note in notes if "inside a wall" in note]
+    (said,) = [note for note in notes if "outside the workspace limits" in note]
     assert isinstance(said, Gap) and "tower in floor by 10 mm" in said
     assert not any("tower" in label for label in room(tmp_path, "floor = 0.13\n").labels)
 
@@ -156,7 +156,7 @@ def test_assumed_capsules_are_a_gap_with_their_radius(tmp_path: Path) -> None:
     problem = build(
         load_robot(tmp_path / "bare.toml"), model_of(load_robot(tmp_path / "bare.toml"))
     )
-    (said,) = [note for note in problem.notes if "assumed capsules" in note]
+    (said,) = [note for note in problem.notes if "limits use capsules" in note]
     assert isinstance(said, Gap) and f"boom ({1e3 * boom.disc:.3g} mm)" in said
 
 
@@ -261,8 +261,11 @@ def test_links_to_go_without_are_named_as_asked(tmp_path: Path) -> None:
     (room,) = [c for c in less.constraints if isinstance(c, Room)]
     assert not any("'stick'" in label for label in room.labels)
     assert room.scope.startswith("all links but stick, tool")
-    assert any(isinstance(note, Declined) and "walls do not see" in note for note in less.notes)
-    assert not any("walls do not see" in note for note in every.notes)
+    assert any(
+        isinstance(note, Declined) and "workspace limits ignore the links" in note
+        for note in less.notes
+    )
+    assert not any("workspace limits ignore the links" in note for note in every.notes)
 
 
 @pytest.mark.parametrize(
@@ -341,12 +344,12 @@ def test_a_motion_that_is_proven_keeps_every_link_off_its_walls(tmp_path: Path) 
 def test_a_certificate_keeps_what_it_does_not_cover(tmp_path: Path) -> None:
     problem = problem_of(tmp_path, f"{ANY}floor = 0.0\n")
     motion = waves(problem.robot, 1, 0.05)
-    notes = ("assumed", Gap("a gap"), Declined("as asked"))
+    notes = ("assumed", Gap("a gap"), Declined("as specified"))
     made = certify(problem.robot, motion, problem.limits, problem.constraints, notes=notes)
-    assert (made.gaps, made.declined) == (("a gap",), ("as asked",))
+    assert (made.gaps, made.declined) == (("a gap",), ("as specified",))
     values = made.to_dict()
-    assert values["notes"] == ["assumed", "a gap", "as asked"]
-    assert (values["not_covered"], values["not_covered_as_asked"]) == (["a gap"], ["as asked"])
-    assert "start posture is not covered" in values["covers"]
+    assert values["notes"] == ["assumed", "a gap", "as specified"]
+    assert (values["not_covered"], values["not_covered_as_asked"]) == (["a gap"], ["as specified"])
+    assert "not covered are the approach to the start posture" in values["covers"]
     (walls,) = values["constraints"]
     assert walls["scope"].startswith("all links, tool and loads")

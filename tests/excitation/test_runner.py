@@ -126,7 +126,7 @@ def test_the_others_go_on_when_one_is_killed(tmp_path: Path) -> None:
 def test_all_of_them_killed_is_said(tmp_path: Path) -> None:
     with pytest.raises(DataError) as caught:
         harvest(tmp_path, Effort(60.0, processes=2), killing(2, every=True))
-    assert "2 processes that search ended too early (signal 9)" in caught.value.wrong
+    assert "2 search processes ended early (signal 9)" in caught.value.wrong
     assert "--processes" in caught.value.mend
 
 

@@ -137,8 +137,8 @@ def test_a_cell_is_read_from_both_kinds_of_files(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("shape", "words"),
     [
-        ('<cone radius="1"/>', "a collision shape <cone>, which is not known"),
-        ('<sphere radius="-1"/>', "a sphere of -1 m is no solid"),
+        ('<cone radius="1"/>', "a collision shape <cone>, which is unknown"),
+        ('<sphere radius="-1"/>', "a sphere of -1 m is not a solid"),
         ("<sphere/>", "radius=None of <sphere> is not a finite number"),
         ('<box size="1 2"/>', "size='1 2' of <box> is not 3 finite numbers"),
         ('<box size="1 2 nan"/>', "is not 3 finite numbers"),
@@ -183,7 +183,7 @@ def test_a_robot_without_shapes_or_with_loops_is_refused(tmp_path: Path) -> None
     path = written(tmp_path, urdf(link("base"), link("arm"), joint("base", "arm")))
     with pytest.raises(ModelError, match="gives no link of the robot a collision shape"):
         robot_shapes(load_robot(path).robot, path)
-    with pytest.raises(ModelError, match="closed chains are not computed here"):
+    with pytest.raises(ModelError, match="clearances are not supported"):
         robot_shapes(closed_chains.five_bar(), path)
 
 
@@ -191,7 +191,7 @@ def test_links_without_shapes_and_outside_the_base_are_noted(tmp_path: Path) -> 
     path = written(tmp_path, SNAKE.replace('<sphere radius="0.07"/>', '<box size="1 1 1"/>'))
     text = f"[robot]\nurdf = '{path}'\nbase = 'one'\n"
     notes = robot_shapes(load_robot("robot.toml", text=text).robot, path).notes
-    assert notes == ("not carried by the base, so left out: base",)
+    assert notes == ("not attached to the base, so left out: base",)
     dog = tmp_path / "dog.xml"
     for world, gap in ("", ()), ("<geom size='1 1 1' type='box'/>", (f"{notes[0][:-4]}world",)):
         dog.write_text(f"""<mujoco><worldbody>{world}<body name="trunk"><freejoint/>

@@ -49,12 +49,12 @@ def test_advice_adds_information(tmp_path: Path) -> None:
     found = designed(tmp_path, f"{ANY}[excitation.motion]\nperiod = 4.0\nharmonics = 3\n")
     before = found.shown.std()
     again, *others = found.advice
-    assert (again.what, again.seconds) == ("the same motion once more", 4.0)
+    assert (again.what, again.seconds) == ("repeating the motion", 4.0)
     np.testing.assert_allclose(again.std, before / 2.0**0.5, rtol=1e-9)
     assert len(again.helps) == len(before)
     assert [one.what for one in others] == [
-        "one joint after another at three speeds, where the cell lets it",
-        "standing at 20 postures, where the cell lets it",
+        "one joint after another at three speeds, if the workspace allows it",
+        "standing at 20 postures, if the workspace allows it",
     ]
     for one in others:
         assert np.all(one.std <= before * (1.0 + 1e-9))

@@ -125,7 +125,7 @@ def test_a_posture_outside_is_refused_with_its_joint() -> None:
     [{"speeds": 0}, {"slowest": 0.0}, {"slowest": 1.1}, {"longest_s": 0.0}, {"longest_s": np.nan}],
 )
 def test_no_sweeps_are_refused(wrong: dict[str, float]) -> None:
-    with pytest.raises(DataError, match="are no sweeps"):
+    with pytest.raises(DataError, match="are not valid sweeps"):
         friction_sweeps(LIMITS, **wrong)
 
 
@@ -137,7 +137,7 @@ def test_no_postures_are_refused(wrong: dict[str, float]) -> None:
 
 @pytest.mark.parametrize("fraction", [0.0, 1.1, np.nan])
 def test_no_share_is_refused(fraction: float) -> None:
-    with pytest.raises(DataError, match="no share of the limits"):
+    with pytest.raises(DataError, match="not a valid share of the limits"):
         friction_sweeps(LIMITS, fraction=fraction)
-    with pytest.raises(DataError, match="no share of the limits"):
+    with pytest.raises(DataError, match="not a valid share of the limits"):
         static_postures(LIMITS, count=1, seed=0, fraction=fraction)

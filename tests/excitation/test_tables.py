@@ -159,8 +159,8 @@ def _height(robot: Robot, q: Array, point: Array) -> float:
 def test_loads_that_change_nothing_are_told(tmp_path: Path) -> None:
     load = "[[excitation.loads]]\nmass = 2.0\n"
     idle = problem_of(tmp_path, f'{OPEN}[excitation.limits]\neffort = "any"\n{load}')
-    assert any("loads change nothing" in note for note in idle.notes)
-    assert not any("change nothing" in x for x in problem_of(tmp_path, OPEN + load).notes)
+    assert any("loads have no effect" in note for note in idle.notes)
+    assert not any("have no effect" in x for x in problem_of(tmp_path, OPEN + load).notes)
 
 
 ANY = '[excitation.limits]\neffort = "any"\n[excitation.workspace]\n'
@@ -268,7 +268,7 @@ def test_samples_of_the_figure(tmp_path: Path) -> None:
 def test_what_is_assumed_is_noted(tmp_path: Path) -> None:
     notes = problem_of(tmp_path).notes
     assert any("accelerations are kept below 5 rad/s²" in note for note in notes)
-    assert any("torques are limited by a prior model" in note for note in notes)
+    assert any("torques are limited with a prior model" in note for note in notes)
     given = problem_of(tmp_path, f"{OPEN}[excitation.limits]\nacceleration = 5.0\n").notes
     assert not any("accelerations" in note for note in given)
 
@@ -276,7 +276,7 @@ def test_what_is_assumed_is_noted(tmp_path: Path) -> None:
 def test_a_law_with_memory_is_left_out_and_named(tmp_path: Path) -> None:
     loaded = arm(tmp_path, OPEN, terms='"rigid_body", {law = "dahl", length = 0.01}')
     problem = build(loaded, model_of(loaded))
-    assert any("'dahl' depends on the motion before" in note for note in problem.notes)
+    assert any("'dahl' depends on the earlier motion" in note for note in problem.notes)
     (case,) = problem.cases
     assert not any("dahl" in name for name in case.shows.base.base_names)
 

@@ -42,7 +42,7 @@ def test_efforts_without_gravity_limit_no_torque(tmp_path: Path) -> None:
     assert names_of(usual) == ["torque"]
     tables = OPEN + COMPENSATED.replace("KIND", "gravity_compensated_torque")
     problem = problem_of(tmp_path, tables)
-    note = "torque is not limited: the robot file's efforts are without gravity"
+    note = "torque is not limited: the robot file's efforts are gravity compensated"
     assert names_of(problem) == [] and note in problem.notes
     for asked in ASKED:
         with pytest.raises(ModelError, match="cannot be limited: .* without gravity"):
@@ -52,7 +52,7 @@ def test_efforts_without_gravity_limit_no_torque(tmp_path: Path) -> None:
 def test_friction_with_memory_of_an_earlier_model_limits_no_torque(tmp_path: Path) -> None:
     known, loaded = earlier(tmp_path), arm(tmp_path, OPEN, DAHL)
     problem = build(loaded, model_of(loaded), known)
-    note = "torque is not limited: 'dahl' depends on the motion before"
+    note = "torque is not limited: 'dahl' depends on the earlier motion"
     assert names_of(problem) == [] and note in problem.notes
     assert names_of(build(loaded, model_of(loaded))) == ["torque"]
     for asked in ASKED:
@@ -78,7 +78,7 @@ def notes_without(folder: Path, joints: int, tables: str = "") -> tuple[tuple[st
 
 
 def test_joints_without_a_limit_of_effort_are_named(tmp_path: Path) -> None:
-    head = "torque is not limited where no limit of effort is known: "
+    head = "torque is not limited for joints without a known effort limit: "
     notes, names = notes_without(tmp_path, 1)
     assert head + "'tower_joint'" in notes and names == ["torque"]
     notes, names = notes_without(tmp_path, 3)
@@ -90,7 +90,7 @@ def test_joints_without_a_limit_of_effort_are_named(tmp_path: Path) -> None:
 
 def test_speeds_above_the_robots_own_are_noted(tmp_path: Path) -> None:
     notes = problem_of(tmp_path, f"{OPEN}{LIMITS}share = 1.0\nvelocity = {{boom_joint = 20}}").notes
-    words = "the model file's speed limits are not kept"
+    words = "the model file's speed limits are exceeded"
     (said,) = [note for note in notes if words in note]
     assert said.endswith(": boom_joint 20 against 3 rad/s") and isinstance(said, Declined)
     assert not any(words in n for n in problem_of(tmp_path, f"{OPEN}{LIMITS}velocity = 3").notes)
@@ -112,7 +112,7 @@ def test_limits_that_nobody_gave_are_assumed(tmp_path: Path) -> None:
 
 
 def test_loads_without_radius_are_noted_where_links_are_looked_at(tmp_path: Path) -> None:
-    note = "loads without a radius are not looked at beside the robot's own links: load 1"
+    note = "loads without a radius are not checked against the robot's own links: load 1"
     box = "[excitation.workspace]\nbox = {z = [-2.0, 2.0]}\n"
     assert note in problem_of(tmp_path, LOAD).notes
     assert note not in problem_of(tmp_path, f"{LOAD}radius = 0.1\n").notes
@@ -121,7 +121,7 @@ def test_loads_without_radius_are_noted_where_links_are_looked_at(tmp_path: Path
 
 
 def test_a_radius_alone_is_noted(tmp_path: Path) -> None:
-    tables, words = f"{ANY}[excitation.workspace]\nradius = 0.1\n", "radius changes nothing"
+    tables, words = f"{ANY}[excitation.workspace]\nradius = 0.1\n", "radius has no effect"
     assert any(words in note for note in problem_of(tmp_path, tables).notes)
     walled = problem_of(tmp_path, tables + "box = {z = [-2.0, 2.0]}\n")
     assert not any(words in note for note in walled.notes)
@@ -135,5 +135,5 @@ def test_too_many_samples_are_refused(tmp_path: Path) -> None:
 def test_a_table_too_long_is_refused_before_the_search(tmp_path: Path) -> None:
     loaded = arm(tmp_path, "[excitation.motion]\nperiod = 30.0\n")
     refuse_formats(loaded, ["csv"], 1000.0)
-    with pytest.raises(OutputError, match="30 s at 1e\\+06 points a second are more than"):
+    with pytest.raises(OutputError, match="30 s at 1e\\+06 points per second are more than"):
         refuse_formats(loaded, ["csv"], 1e6)

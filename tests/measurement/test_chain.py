@@ -206,8 +206,8 @@ def test_the_robot_files_table_becomes_the_chain() -> None:
     ("table", "wrong"),
     [
         ({"effort": {"method": "butterworth", "cutoff": -1}}, "cutoff is -1"),
-        ({"effort": {"method": "kalman"}}, "no method for effort"),
-        ({"motion": {"method": "fir", "tap": 3}}, "does not understand 'tap'"),
+        ({"effort": {"method": "kalman"}}, "not a method for effort"),
+        ({"motion": {"method": "fir", "tap": 3}}, "has no setting 'tap'"),
     ],
 )
 def test_mistakes_name_their_place(table: dict[str, object], wrong: str) -> None:
@@ -218,5 +218,5 @@ def test_mistakes_name_their_place(table: dict[str, object], wrong: str) -> None
 
 
 def test_an_unknown_interpolation_is_refused() -> None:
-    with pytest.raises(ModelError, match="'sinc' is no way to resample"):
+    with pytest.raises(ModelError, match="'sinc' is not a resampling method"):
         Processing(resampling="sinc")

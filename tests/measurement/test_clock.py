@@ -184,7 +184,7 @@ def test_windows_count_only_their_rows(recording, sines, window, first, last, ro
 def test_positions_that_jump_are_not_put_down_to_the_clock(recording, sines) -> None:
     t = np.arange(1000) * 0.01
     motion = sines(t)
-    with pytest.raises(LogError, match="positions jump farther than a robot gets") as caught:
+    with pytest.raises(LogError, match="positions jump farther than a robot can move") as caught:
         prepare(recording(t, 1e4 * motion["q"], motion["effort"]))
     assert "position_unit" in caught.value.mend
 

@@ -88,7 +88,7 @@ def test_rests_at_the_ends_are_no_part_of_it() -> None:
 def test_what_is_not_periodic_is_refused() -> None:
     rng = np.random.default_rng(0)
     wandering = np.cumsum(rng.normal(size=(3, 3000)), axis=1)
-    with pytest.raises(LogError, match="the motion is not periodic: it never comes back"):
+    with pytest.raises(LogError, match="the motion is not periodic: it returns to its start"):
         Fourier().designed(8.0, RATE)(wandering, None)
     t = np.arange(0.0, 20.0, 1.0 / RATE)
     with pytest.raises(LogError, match=r"not periodic with 3\.1 s: \d+ harmonics leave") as caught:
@@ -103,7 +103,7 @@ def test_what_is_not_periodic_is_refused() -> None:
     [
         ({"frequency": 0.1, "period": 10.0}, "given twice"),
         ({"period": -1.0}, "not positive"),
-        ({"harmonics": 0}, "no motion"),
+        ({"harmonics": 0}, "not a valid motion"),
     ],
 )
 def test_settings_that_cannot_be(settings: dict[str, float], words: str) -> None:

@@ -56,7 +56,7 @@ def test_repetitions_are_aligned_between_samples() -> None:
 
 def test_another_motion_is_no_repetition() -> None:
     logs = [wave(np.arange(600) / RATE).T] * 4 + [wave(np.arange(600) / RATE, 2.7).T]
-    with pytest.raises(LogError, match="repetition 5 of 5 is not the motion of the others"):
+    with pytest.raises(LogError, match="repetition 5 of 5 differs from the others"):
         averaged(logs, [np.zeros(1)] * 5, 600, slice(0, 2))
     with pytest.raises(LogError, match="fewer than two whole repetitions"):
         averaged(logs[:1], [np.zeros(1)], 600, slice(0, 2))

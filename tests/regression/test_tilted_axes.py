@@ -83,7 +83,8 @@ def test_motions_are_designed_for_what_they_can_show() -> None:
     bare, notes = memoryless(model)
     assert bare.terms == model.terms
     assert notes == (
-        "left out of the criterion, as no motion shows more than 0.1 % of them apart from others: "
+        "left out of the criterion, as at most "
+        "0.1 % of their columns is independent of the others: "
         + ", ".join(name for name in found.base_names if name in faint),
     )
     assert memoryless(upright)[1] == ()

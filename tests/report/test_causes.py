@@ -75,7 +75,7 @@ def test_fields_have_intervals_and_doubts(usual: ReportContent) -> None:
     _, fields = tables_of(FrictionSection(), usual)
     assert cells(fields) == [
         ("stribeck", "speed", "all", "0.0512", "0.0431 to 0.0612", ""),
-        ("stribeck", "width", "elbow", "0.00200", "0.000100 to 0.00340", "the data cannot tell"),
+        ("stribeck", "width", "elbow", "0.00200", "0.000100 to 0.00340", "not identifiable"),
     ]
 
 
@@ -83,7 +83,7 @@ def test_friction_and_fields_may_come_alone(usual: ReportContent) -> None:
     alone = tables_of(FrictionSection(), replace(usual, findings=()))
     assert [table.caption for table in alone] == ["Friction laws compared"]
     alone = tables_of(FrictionSection(), replace(usual, friction=None))
-    assert [table.caption for table in alone] == ["Fields found"]
+    assert [table.caption for table in alone] == ["Estimated fields"]
 
 
 def test_gains_have_intervals_unless_given(usual: ReportContent) -> None:
@@ -120,7 +120,7 @@ def test_the_terminal_has_the_same_tables(usual: ReportContent) -> None:
     text = printed(usual)
     for title in (
         "Friction laws compared",
-        "Fields found",
+        "Estimated fields",
         "Drive gains",
     ):
         assert text.count(title) == 1

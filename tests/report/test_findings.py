@@ -35,9 +35,9 @@ def many(judgement: Judgement, count: int) -> Diagnosis:
 def test_the_worst_is_last_and_the_verdict_at_the_end() -> None:
     lines = printed(diagnosis("arm")).splitlines()
     starts = [line.split()[0] for line in lines if line[:1].isalpha()]
-    assert starts == ["ok", "ok", "doubtful", "wrong", "mend", "Wrong:"]
+    assert starts == ["ok", "ok", "doubtful", "wrong", "fix", "Wrong:"]
     assert lines[-1] == "Wrong: unit arm  (4 findings: 1 wrong, 1 doubtful, 2 ok)"
-    at = next(k for k, line in enumerate(lines) if line.startswith("mend unit arm: say so arm"))
+    at = next(k for k, line in enumerate(lines) if line.startswith("fix unit arm: say so arm"))
     assert [line.rstrip() for line in lines[at + 1 : at + 3]] == [
         "    [signals.effort]",
         '    unit = "mAarm"',
@@ -56,12 +56,12 @@ def test_rows_fit_the_terminal(width: int) -> None:
 def test_what_is_ok_may_be_left_out() -> None:
     console = Console(file=io.StringIO(), width=80)
     show(many(Judgement.OK, 2), console, fine=False)
-    assert console.file.getvalue() == "Ok: nothing suspicious was found  (2 findings: 2 ok)\n"
+    assert console.file.getvalue() == "Ok: no fault was found  (2 findings: 2 ok)\n"
 
 
 def test_many_logs_that_are_ok_are_one_row() -> None:
     text = printed(many(Judgement.OK, 18))
-    assert "clock  18 findings alike, run0: steps scatter" in text and "run3" not in text
+    assert "clock  18 similar findings, run0: steps scatter" in text and "run3" not in text
     assert "clock  steps scatter" in printed(many(Judgement.OK, 1))
 
 
@@ -76,10 +76,10 @@ def test_of_many_that_are_not_some_are_told_and_the_others_named() -> None:
 
 
 def test_words_of_the_verdict() -> None:
-    assert headline(many(Judgement.OK, 2)) == "Ok: nothing suspicious was found"
+    assert headline(many(Judgement.OK, 2)) == "Ok: no fault was found"
     assert headline(many(Judgement.DOUBTFUL, 2)) == "Doubtful: clock"
     assert (headline(Diagnosis(())), tally(Diagnosis(()))) == (
-        "No suspicion applies",
+        "No check applies",
         "no findings",
     )
     assert [group.judgement for group in groups(diagnosis())] == [0, 0, 1, 2]
@@ -179,7 +179,7 @@ def test_it_is_said_why_a_finding_is_ok_though_a_rival_fits_better() -> None:
     assert still(best) == [""] and still(nominal, wrong) == [""]
     said, reference = still(nominal, known)
     assert "misfit is only 7.8\u00a0%" in said and "errors of the nominal masses" in said
-    assert "nominal" not in reference and "gains far more than chance" in reference
+    assert "nominal" not in reference and "gain is statistically significant" in reference
     content_of = CheckContent("r", "r.toml", ("run",), None, Diagnosis((nominal,)), {}, ())
     assert "Still ok: as declared" in render_check(content_of)
 

@@ -70,7 +70,7 @@ def test_plotly_is_embedded_once_and_left_out_without_plots(usual):
     assert render(usual).count("plotly.js v") == 1
     bare = render(ReportContent("nothing", "arm"))
     assert "plotly.js v" not in bare and len(bare) < 50_000
-    assert "Not tested on unseen motion" in bare
+    assert "Not validated on unseen motion" in bare
 
 
 def test_names_of_strangers_stay_text(nasty):

@@ -63,7 +63,7 @@ def test_a_joint_that_carries_nothing_is_named_and_does_not_rule(usual):
     idle = replace(score.joints[1], relative_percent_moving=83.0, rmse=0.05)
     judged = verdict(replace(usual, scores=(replace(score, joints=(score.joints[0], idle)),)))
     assert "error of 5.0\u00a0%" in judged.headline and judged.level == "good"
-    assert "Poorly predicted by themselves: elbow 83.0\u00a0% (RMSE 0.050 A)." in judged.detail
+    assert "Poorly predicted joints: elbow 83.0\u00a0% (RMSE 0.050 A)." in judged.detail
 
 
 def test_where_units_differ_the_mean_is_in_front(usual):
@@ -105,7 +105,7 @@ def test_no_percentage_without_measured_effort(usual, strange):
 
 def test_no_verdict_without_an_unseen_run(usual):
     judged = verdict(replace(usual, scores=()))
-    assert judged.headline == "Not tested on unseen motion"
+    assert judged.headline == "Not validated on unseen motion"
     assert "1 fitted run with an error of 3.0\u00a0%" in judged.detail
     assert "RMS below 8 Hz, pooled over 2 joints, where they move" in judged.detail
     assert "--validate OTHER_LOG" in judged.detail
@@ -130,8 +130,11 @@ def test_poor_parameters_are_marked(usual):
     assert table[-1].grade == "unseen" and table[-1].value is None
     assert len(table) == len(usual.identified.base)
     html = shown("parameters", usual)
-    assert html.count("not told from zero</span>") == 1 and html.count("weak</span>") == 1
-    assert "2 parameters of 12 are poorly determined" in html
+    assert (
+        html.count("not significantly different from zero</span>") == 1
+        and html.count("weak</span>") == 1
+    )
+    assert "2 parameters of 12 are poorly identifiable" in html
     assert "mx.link of shoulder + 0.4 m.link of elbow" in html
     assert table[-1].name not in html
 
@@ -150,10 +153,10 @@ def test_what_is_not_seen_is_named_with_its_twin(usual):
     html = shown("unseen", usual)
     assert "28 standard parameters" in html and "on 13 combinations" in html
     assert "<code>m.link of shoulder</code>" in html
-    assert "not told from mx.link of shoulder" in html
+    assert "not distinguishable from mx.link of shoulder" in html
     estimate = replace(usual.identified.estimate, blind=())
     clear = replace(usual, identified=replace(usual.identified, estimate=estimate))
-    assert "The motions show every base parameter." in shown("unseen", clear)
+    assert "Every base parameter is identifiable from these motions." in shown("unseen", clear)
 
 
 def test_conditioning_says_what_trades_against_what(usual):

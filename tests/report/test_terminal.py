@@ -32,8 +32,8 @@ def test_the_summary_says_what_matters(usual):
         "A",
     ]
     assert "13 base parameters, normalised condition number 41.5" in text
-    assert "2 poorly determined: mz.link of shoulder, Iyy.link of shoulder" in text
-    assert "1 not seen by these data: offset.elbow" in text
+    assert "2 poorly identifiable: mz.link of shoulder, Iyy.link of shoulder" in text
+    assert "1 not identifiable from these data: offset.elbow" in text
     assert "note: velocity: from positions" in text
 
 
@@ -49,7 +49,7 @@ def test_unseen_runs_alone_make_the_headline_where_others_repeat_a_motion(usual)
 
 def test_names_are_no_markup_and_numbers_may_be_none(nasty):
     text = printed(nasty, 400)
-    assert "Not tested on unseen motion" in text and "(fitted, below 8 Hz)" in text
+    assert "Not validated on unseen motion" in text and "(fitted, below 8 Hz)" in text
     assert "<script>" in text
     bracket = ReportContent("t", "r", notes=("[bold]not bold[/bold]",))
     assert "note: [bold]not bold[/bold]" in printed(bracket)
@@ -64,9 +64,9 @@ def test_the_csv_holds_every_base_parameter_exactly(usual):
     assert [float(row["value"]) for row in seen] == estimate.parameters.values.tolist()
     assert [float(row["std"]) for row in seen] == estimate.std.tolist()
     assert table[0]["group"] == "mx.link of shoulder + 0.4 m.link of elbow"
-    assert table[0]["unit"] == "kg m" and table[0]["status"] == "seen"
+    assert table[0]["unit"] == "kg m" and table[0]["status"] == "identified"
     last = table[-1]
-    assert last["status"] == "not seen (tied to mx.link of shoulder)"
+    assert last["status"] == "not identifiable (tied to mx.link of shoulder)"
     assert [last[c] for c in ("value", "std", "lower95", "upper95", "relative_std_percent")] == (
         [""] * 5
     )
@@ -80,5 +80,5 @@ def test_the_csv_of_broken_numbers_has_empty_cells(nasty):
 
 
 def test_bands_that_hold_less_than_they_promise_are_named():
-    assert coverage_words(85.0, True) == "85.0\u00a0% of this log inside: less than promised"
+    assert coverage_words(85.0, True) == "85.0\u00a0% of this log inside: less than stated"
     assert "less" not in coverage_words(92.0, True) + coverage_words(85.0, False)

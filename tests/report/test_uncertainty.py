@@ -93,8 +93,8 @@ def test_the_table_shows_the_share_from_data(usual):
     section = ParametersSection()
     text = section.show(section.numbers(usual))
     assert "From data" in text and "12.5\u00a0%" in text and '<tr class="prior">' in text
-    assert "1 parameter is known mostly from the prior" in text
-    assert "1 known mostly from the prior: offset.shoulder" in printed(usual)
+    assert "1 parameter is mostly from the prior" in text
+    assert "1 mostly from the prior: offset.shoulder" in printed(usual)
     told = list(csv.DictReader(io.StringIO(parameters_csv(usual.identified))))
     assert told[-2]["from_data_percent"] == "12.5" and told[-2]["status"] == "from the prior"
 
@@ -207,8 +207,8 @@ def test_a_band_that_holds_too_few_is_marked(browse, usual):
     content = replace(usual, scores=(replace(score, traces=narrow),), fitted=(), diagnosis=None)
     numbers = EffortSection().numbers(content)
     assert [figure["few"] for figure in numbers["figures"]] == [True, False]
-    assert "the model lacks something there" in EffortSection().show(numbers)
-    assert "the model lacks something there" not in EffortSection().show(
+    assert "the model is incomplete there" in EffortSection().show(numbers)
+    assert "the model is incomplete there" not in EffortSection().show(
         EffortSection().numbers(usual)
     )
     seen = browse(render(replace(content, comparison=None)))

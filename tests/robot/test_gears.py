@@ -251,7 +251,11 @@ def test_percents_need_a_gain(kind: str) -> None:
     assert found.effort_scale.tolist() == [1.0, 1.0]
     with pytest.raises(ModelError) as caught:
         signals(None, effort)
-    for words in ("'e1' holds percent of some effort", "'elbow' has no drive gain", "Nm/% per"):
+    for words in (
+        "'e1' holds percent of an unknown effort",
+        "'elbow' has no drive gain",
+        "Nm/% per",
+    ):
         assert words in str(caught.value)
 
 

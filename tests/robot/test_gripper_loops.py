@@ -43,7 +43,7 @@ def begun(path: Path) -> tuple[str, LoadedRobot]:
 
 def test_a_loop_that_no_actuator_drives_is_locked(tmp_path: Path) -> None:
     path = arm(tmp_path, HAND, PIN)
-    with pytest.raises(ModelError, match="not said is which") as caught:
+    with pytest.raises(ModelError, match="the passive ones are not given") as caught:
         load_robot(path)
     assert "`steelyard init` writes a robot file that locks the loops" in caught.value.mend
     path = arm(tmp_path, HAND, PIN, f"<actuator>{MOTORS}</actuator>")
@@ -83,7 +83,7 @@ def test_a_loop_that_nothing_says_how_to_close_is_locked(tmp_path: Path) -> None
     )
     proposal = proposed(arm(tmp_path, HAND, PIN, motors))
     assert proposal.loaded.robot.joint_names == ("shoulder", "elbow")
-    assert "not clear is which joints are passive" in proposal.said[0]
+    assert "whose passive joints are ambiguous" in proposal.said[0]
 
 
 def test_a_hand_alone_is_identified_by_what_its_tendon_pulls(tmp_path: Path) -> None:

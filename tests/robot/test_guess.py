@@ -216,13 +216,13 @@ def test_a_column_beside_currents_without_a_unit_is_named() -> None:
     assert "but not of" not in guess.reasons[2]
     guess = guess_columns(MIXED[:2], ["t", "q_lift", "q_arm1", "effort_lift_raw", "current_arm1_A"])
     assert guess.section.effort.unit == ("N", "A")
-    assert "not of effort_lift_raw: taken in N; check unit and gain" in guess.reasons[2]
+    assert "not of effort_lift_raw: assumed in N; check unit and gain" in guess.reasons[2]
 
 
 @pytest.mark.parametrize(
     ("columns", "words"),
     [
-        (numbered("q#", "tau#"), "none looks like time"),
+        (numbered("q#", "tau#"), "no column looks like time"),
         (["t", *numbered("tau#")], "none look like the positions of 2 joints"),
         (["t", *numbered("q#")], "none look like the efforts of 2 joints"),
         (

@@ -83,8 +83,12 @@ def _flat() -> Robot:
 
 ERRORS: dict[str, tuple[Callable[[], Robot], str, str]] = {
     "count": (_three_motors, "2 independent equations, but there is 1 passive joint", "name 2"),
-    "reach": (_short, "does not close at the assembly: its points stay 0.", "[robot.assembly]"),
-    "dead": (_flat, "it is a dead point", "away from dead points"),
+    "reach": (
+        _short,
+        "does not close in the reference configuration: its points stay 0.",
+        "[robot.assembly]",
+    ),
+    "dead": (_flat, "it is singular", "away from singularities"),
 }
 
 
@@ -218,12 +222,18 @@ FILE_ERRORS = {
         "line 6",
         "name 2 of the loops' joints",
     ),
-    "open": ("[0.45", "[1.45", "loop 'tip' does not close at the assembly", "line 6", "points"),
+    "open": (
+        "[0.45",
+        "[1.45",
+        "loop 'tip' does not close in the reference configuration",
+        "line 6",
+        "points",
+    ),
     "offset": ("0.02, 0]", "0.02, 0.01]", "points stay 0.01 m apart", "line 6", "correct"),
     "unsaid": (
         'joints = ["j1", "j2"]\npassive = ["j3", "j4"]\n',
         "",
-        "loops determine some of the joints j1, j3, j2, j4",
+        "of the loop joints j1, j3, j2, j4",
         "line 4",
         "[robot] passive = [...]",
     ),

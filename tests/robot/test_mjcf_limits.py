@@ -170,7 +170,7 @@ def test_limits_that_are_not_one_joints_are_named(tmp_path: Path) -> None:
 def test_actuators_of_one_way_are_named(tmp_path: Path) -> None:
     path = written(tmp_path, '<motor joint="c" ctrlrange="0 5"/>')
     (note,) = load_robot(path).notes
-    assert note.startswith("actuators that push one way only are no limit")
+    assert note.startswith("actuators with one direction of force are not a limit")
     assert note.endswith(": c") and limits_of(read_mjcf(path))["c"] == np.inf
 
 
@@ -196,12 +196,12 @@ def test_placeholders_of_a_urdf_are_named_and_settled(tmp_path: Path) -> None:
     urdf.write_text(LIMITED.format("1000", "99999"))
     found = load_robot(urdf)
     assert [joint.limits.effort for joint in found.robot.coordinates] == [np.inf, np.inf]
-    said = [note for note in found.notes if "placeholders" in note]
+    said = [note for note in found.notes if "placeholder" in note]
     assert len(said) == 1 and said[0].endswith("effort): j (1000 Nm), k (99999 N)")
     toml.write_text('[robot]\nurdf = "r.urdf"\n[robot.limits.j]\neffort = 1000.0\n')
     settled = load_robot(toml)
     assert [joint.limits.effort for joint in settled.robot.coordinates] == [1000.0, np.inf]
-    said = [note for note in settled.notes if "placeholders" in note]
+    said = [note for note in settled.notes if "placeholder" in note]
     assert len(said) == 1 and said[0].endswith("effort): k (99999 N)")
 
 

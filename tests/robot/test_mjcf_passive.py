@@ -119,7 +119,7 @@ def test_gravity_that_is_switched_off_stays_and_is_named(tmp_path: Path) -> None
     loaded = load_robot(path)
     assert loaded.robot.gravity == pytest.approx([0.0, 1.0, -9.0])
     assert loaded.notes == (
-        "the MJCF switches gravity off; the robot has [0, 1, -9] m/s² all the same: state gravity "
+        "the MJCF disables gravity; the robot has [0, 1, -9] m/s² anyway: state gravity "
         "under [robot], [0.0, 0.0, 0.0] for none",
     )
     for said in ("gravity = [0.0, 0.0, 0.0]", "mounting = {pitch = 90.0}"):
@@ -138,7 +138,7 @@ def test_bodies_relieved_of_gravity_are_named(tmp_path: Path) -> None:
     path = written(tmp_path, two=' gravcomp="1"')
     loaded = load_robot(path)
     (note,) = loaded.notes
-    assert note.startswith("bodies are relieved of gravity in the MJCF (gravcomp)")
+    assert note.startswith("gravity compensation of bodies in the MJCF (gravcomp)")
     assert note.endswith(": a, b")
     held = written(tmp_path, two=' gravcomp="1"', a=' actuatorgravcomp="true"')
     assert load_robot(held).notes == (note.replace(": a, b", ": b"),)
@@ -148,7 +148,7 @@ def test_bodies_relieved_of_gravity_are_named(tmp_path: Path) -> None:
         'unit = ["Nm", "Nm", "N"]\n'
     )
     assert with_tables(path, signals).notes == (
-        "efforts are without gravity: the model has none either",
+        "efforts are gravity compensated: the model has none either",
     )
 
 
@@ -167,10 +167,9 @@ def test_tendons_and_fluids_are_named(tmp_path: Path) -> None:
     assert tendons.endswith(
         "(along = {...}): 'stiff' on a, b (stiffness, damping), 'heavy' on b, c (armature)"
     )
-    assert "unless a term has them" in tendons
+    assert "unless a term represents them" in tendons
     assert fluid == (
-        "forces of a fluid in the MJCF (density 1000 kg/m³, viscosity 0 Pa s) are no part of the "
-        "model"
+        "forces of a fluid in the MJCF (density 1000 kg/m³, viscosity 0 Pa s) are not in the model"
     )
     assert with_tables(path, 'tip = "one"').notes[-1] == fluid
 

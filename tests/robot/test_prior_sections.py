@@ -1,4 +1,4 @@
-"""The sections of a robot file that say what is known before the data."""
+"""The sections of a robot file that state prior constraints."""
 
 from pathlib import Path
 from types import SimpleNamespace

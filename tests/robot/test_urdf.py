@@ -321,7 +321,7 @@ ERRORS = {
         "line 4",
         "remove its mimic",
     ),
-    "broken": ("<robot>\n<link name=></robot>", "not valid XML", "line 2", "mend the XML"),
+    "broken": ("<robot>\n<link name=></robot>", "not valid XML", "line 2", "correct the XML"),
     "empty": ("", "not valid XML: no element found", "robot.urdf", "URDF"),
 }  # fmt: skip
 

@@ -277,7 +277,11 @@ ERRORS = {
     "command": ('<link name="$(anon x)"/>', "$(anon x) is not supported", "$(arg NAME)"),
     "cwd": ('<link name="$(cwd)"/>', "$(cwd) is not supported", "$(dirname)"),
     "environment": ('<link name="$(env HOME)"/>', "argument 'HOME' is not given", "HOME:=VALUE"),
-    "fatal": ("<a b=\"${xacro.fatal('no', 'arm')}\"/>", "the file gives up: no arm", "arguments"),
+    "fatal": (
+        "<a b=\"${xacro.fatal('no', 'arm')}\"/>",
+        "the file raised an error: no arm",
+        "arguments",
+    ),
     "syntax": ('<a b="${1 +}"/>', "'1 +' is not an expression", "correct"),
     "zero": ('<a b="${1 / 0}"/>', "expression '1 / 0': division by zero", "correct"),
     "entry": ('<a b="${dict(a=1).b}"/>', "there is no entry 'b'", "correct"),

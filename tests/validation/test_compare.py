@@ -136,7 +136,7 @@ def test_an_estimator_that_fails_says_why_and_stops_no_other() -> None:
     assert reasons["singular"] == {"a matrix cannot be solved with (singular matrix)"}
     assert reasons["short"] == {"the data are too few"}
     assert trial(comparison, "short").failures[0].mend == "log longer"
-    assert reasons["broken"] == {"it broke down: ZeroDivisionError: division by zero"}
+    assert reasons["broken"] == {"it failed: ZeroDivisionError: division by zero"}
     assert [f.left_out for f in trial(comparison, "broken").failures] == ["run2"]
     assert reasons["blown"] == {"its values are not finite"}
     assert reasons["OLS"] == set()
@@ -157,7 +157,7 @@ def test_data_that_cannot_be_had_are_a_reason() -> None:
     parts = parts_of(lacking={"experiment": ("there is but one run", "give two")})
     comparison = compare(asking, CONTEXT, parts)
     samples, experiment = comparison.trials
-    assert {f.reason for f in samples.failures} == {"it looks at samples, and there is none"}
+    assert {f.reason for f in samples.failures} == {"it needs samples, and none is given"}
     assert {(f.reason, f.mend) for f in experiment.failures} == {
         ("there is but one run", "give two")
     }
@@ -252,7 +252,7 @@ def test_a_possible_model_is_preferred_to_one_that_is_better_by_chance() -> None
     assert advice is not None and advice.name == "consistent"
     assert advice.why == (
         "WLS: 3.00 ± 0.41 %; consistent: 3.07 ± 0.33 %, within one standard error of the "
-        "difference, and its bodies can exist: take consistent"
+        "difference, and its inertias are valid: take consistent"
     )
 
 
@@ -324,7 +324,7 @@ def test_a_part_in_which_nothing_moves_counts_nowhere() -> None:
     assert not told("WLS", [np.nan, np.nan]).whole
     assert told("WLS", [np.nan, np.nan]).figure == "no error"
     advice = recommended([quiet, told("OLS", [30.0, np.nan, 50.0])])
-    assert advice is not None and advice.name == "WLS" and "two parts tell little" in advice.why
+    assert advice is not None and advice.name == "WLS" and "two parts are few" in advice.why
 
 
 def test_predictions_that_are_not_finite_are_a_failure() -> None:
@@ -341,9 +341,9 @@ def test_predictions_that_are_not_finite_are_a_failure() -> None:
 def test_what_is_worse_than_predicting_zero_is_not_recommended() -> None:
     advice = recommended([told("WLS", [130.0, 110.0, 120.0]), told("OLS", [200.0, 150.0, 300.0])])
     assert advice is not None and advice.name is None
-    assert "WLS: 120" in advice.why and "nothing beats predicting zero" in advice.why
+    assert "WLS: 120" in advice.why and "nothing is better than predicting zero" in advice.why
     enough = recommended([told("WLS", [90.0, 110.0, 95.0])])
-    assert enough is not None and enough.name == "WLS" and "tell little" not in enough.why
+    assert enough is not None and enough.name == "WLS" and "parts are few" not in enough.why
 
 
 def test_equal_weights_reach_the_consistent_estimates() -> None:

@@ -123,7 +123,7 @@ def _refuse_unanswerable(loaded: Sequence[Information], drift: float, gain: floa
         raise DataError(
             f"the drift of friction is {drift:g}",
             where="identification of a payload",
-            mend="give 0 for friction as the model has it, or a share such as 0.5",
+            mend="give 0 for the model's friction, or a relative change such as 0.5",
         )
     if not 0.0 <= gain < 1.0:
         raise DataError(
@@ -150,10 +150,10 @@ def _prior(
 def _notes(jointly: bool, drift: float) -> tuple[str, ...]:
     """What the numbers rest on, but for the scale of the efforts."""
     return (
-        "the arm's parameters are found from the unloaded and loaded runs together"
+        "arm and payload are identified together from the unloaded and loaded runs"
         if jointly
         else "the arm's parameters are the model's, within its uncertainty",
-        f"friction and offset are each run's own, within about {100.0 * drift:g} % of the model's"
+        f"friction and offsets are estimated per run, within {100.0 * drift:g} % of the model's"
         if drift
         else "friction and offset are those of the model",
     )
@@ -170,22 +170,21 @@ def _scale_notes(gain: float | None, of_scales: Array | None, covariance: Array)
     if of_scales is not None:
         half, all_of_it = (Z95 * np.sqrt(matrix[0, 0]) for matrix in (of_scales, covariance))
         note = (
-            "efforts are read with the scales that were identified with the model; of the mass's "
-            f"95 % interval, ± {all_of_it:.2g} kg, what is not known of them makes ± {half:.2g} kg"
+            "efforts are corrected by the scales identified with the model; their uncertainty is "
+            f"± {half:.2g} kg of the mass's 95 % interval of ± {all_of_it:.2g} kg"
         )
-        more = f"; each drive gain is uncertain by {100.0 * gain:g} % beside" if gain else ""
+        more = f"; each drive gain has a further uncertainty of {100.0 * gain:g} %" if gain else ""
         return (note + more,)
     if gain is None:
         return (
-            "a scale error that all effort sensors have in common is not in the intervals: 1 % of "
-            "it is 1 % of the mass",
+            "a common scale error of all effort sensors is not in the intervals: 1 % changes "
+            "the mass by 1 %",
         )
     if not gain:
-        return ("drive gains are taken as exact: an error of 1 % in them is about 1 % of the mass",)
+        return ("drive gains are assumed exact: a gain error of 1 % changes the mass by about 1 %",)
     return (
-        f"drive gains are taken as known within {100.0 * gain:g} % each (one standard deviation); "
-        "gains that are off by more shift the mass by as much, which its interval does not cover "
-        "(--gain-uncertainty)",
+        f"drive gains are assumed known within {100.0 * gain:g} % each (one standard deviation); "
+        "larger errors change the mass by as much, outside its interval (--gain-uncertainty)",
     )
 
 

@@ -20,9 +20,9 @@ from steelyard.cli.validate import validate
 
 app = typer.Typer(
     name="steelyard",
-    help="Weigh a robot from its motion and its torque: a robot file and a log in, "
-    "a report and a usable model out.",
-    epilog="First success: steelyard demo",
+    help="Identify the dynamics of a robot from logged motion and torque: robot file and log in, "
+    "report and model out.",
+    epilog="First try: steelyard demo",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,

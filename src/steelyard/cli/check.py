@@ -28,13 +28,13 @@ def check(
     fix: Annotated[
         str | None,
         typer.Option(
-            help="Write a new robot file with what was found, and check again; ROBOT-fixed.toml "
+            help="Write a corrected robot file and check again; ROBOT-fixed.toml "
             "if no FILE.toml follows.",
             metavar="[FILE.toml]",
         ),
     ] = None,
     quick: Annotated[
-        bool, typer.Option("--quick", help="Only what `identify` asks before it begins.")
+        bool, typer.Option("--quick", help="Only the checks that `identify` runs before it fits.")
     ] = False,
     output: Annotated[
         Path | None,

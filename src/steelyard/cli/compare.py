@@ -20,13 +20,16 @@ def compare(
         list[str] | None,
         typer.Option(
             "--estimators",
-            help="Which to compare, as WLS consistent Huber IV; all that neither search nor "
-            "simulate if unset.",
+            help="Estimators to compare, such as WLS consistent Huber IV; if unset, all without "
+            "random search or simulation.",
             metavar="NAME...",
         ),
     ] = None,
     everything: Annotated[
-        bool, typer.Option("--all", help="Also those that search or simulate; takes minutes.")
+        bool,
+        typer.Option(
+            "--all", help="Also estimators that use random search or simulation; takes minutes."
+        ),
     ] = False,
     output: Annotated[
         Path | None,
@@ -34,7 +37,7 @@ def compare(
     ] = None,
     no_check: Annotated[
         bool,
-        typer.Option("--no-check", help="Do not check the logs before; see `steelyard check`."),
+        typer.Option("--no-check", help="Skip the check of the logs; see `steelyard check`."),
     ] = False,
     fixed_base: FixedBase = None,
     threads: Threads = None,

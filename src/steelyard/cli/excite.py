@@ -37,7 +37,7 @@ def excite(
         typer.Option(
             help="Kind of motion: fourier, raw_fourier, blended_fourier, ramped_fourier, spline "
             "or reaching are optimised; pick_and_place, square, waypoints, sweeps, postures and "
-            "replay are planned. By the robot file, or fourier.",
+            "replay are planned. If unset, the robot file's, or fourier.",
             metavar="KIND",
         ),
     ] = None,
@@ -55,44 +55,43 @@ def excite(
     earlier: Annotated[
         Path | None,
         typer.Option(
-            help="model.json of an earlier log: its noise says how well parameters will be shown, "
-            "its values what torques to expect.",
+            help="model.json of an earlier log: its noise predicts the standard "
+            "deviations, its values the torques.",
             metavar="MODEL",
         ),
     ] = None,
     still_unknown: Annotated[
         bool,
         typer.Option(
-            "--still-unknown", help="Show what the earlier log left unknown; needs --earlier."
+            "--still-unknown",
+            help="Optimise for what the earlier log left uncertain; needs --earlier.",
         ),
     ] = False,
     method: Annotated[
         str | None, typer.Option(help="Search method: gradient, genetic or cma_es.", metavar="NAME")
     ] = None,
-    budget: Annotated[
-        float, typer.Option(min=1.0, help="Seconds that the design may take.")
-    ] = BUDGET,
+    budget: Annotated[float, typer.Option(min=1.0, help="Time limit of the search [s].")] = BUDGET,
     searches: Annotated[
         int | None,
         typer.Option(
             min=1,
-            help="Stop after so many searches: then the seed alone decides, if the budget "
-            "is long enough.",
+            help="Stop after this many searches: the result then depends on the seed alone, if the "
+            "budget suffices.",
         ),
     ] = None,
     processes: Annotated[
-        int | None, typer.Option(min=1, help="Processes that search; all cores if unset.")
+        int | None, typer.Option(min=1, help="Search processes; all cores if unset.")
     ] = None,
     formats: Annotated[
         list[str] | None,
         typer.Option(
             "--format",
-            help="Write it for a controller too: csv, ros2, urscript, krl, rapid, mujoco.",
+            help="Also write it for a controller: csv, ros2, urscript, krl, rapid, mujoco.",
             metavar="NAME",
         ),
     ] = None,
     rate: Annotated[
-        float | None, typer.Option(min=1.0, help="Points a second in those files.")
+        float | None, typer.Option(min=1.0, help="Points per second in those files.")
     ] = None,
     fixed_base: FixedBase = None,
     seed: Seed = 0,
@@ -161,7 +160,8 @@ def excite(
         withheld = [form for form in task.formats if form not in found.written_formats]
         if withheld:
             typer.echo(
-                f"not written  {', '.join(withheld)}: the motion is not proven, do not run it"
+                f"not written  {', '.join(withheld)}: the motion is not proven to keep all limits; "
+                "do not run it"
             )
     if code := EXITS[level(found.designed)]:
         raise typer.Exit(code)

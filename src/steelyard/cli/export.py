@@ -142,7 +142,7 @@ def _tell(path: Path, made: "Exported") -> None:
     for heading, sentences in (
         (f"{made.form.upper()} has no place for:", made.unheld),
         (
-            "mostly prior, share of the mass that comes from the data:",
+            "mostly from the prior (share of the mass that comes from the data):",
             (", ".join(few),) if few else (),
         ),
         (UNSEEN, (", ".join(made.unseen),) if made.unseen else ()),

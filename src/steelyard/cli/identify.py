@@ -19,15 +19,13 @@ def identify(
     logs: Annotated[list[str], typer.Argument(help=LOG_HELP, metavar="LOG...")],
     validate: Annotated[
         list[str] | None,
-        typer.Option(
-            "--validate", help="Logs of other motions, to be predicted.", metavar="LOG..."
-        ),
+        typer.Option("--validate", help="Logs of other motions, for validation.", metavar="LOG..."),
     ] = None,
     loaded: Annotated[
         list[str] | None,
         typer.Option(
             "--loaded",
-            help="Logs with a payload, to identify drive gains that are not known.",
+            help="Logs with a payload, to identify unknown drive gains.",
             metavar="LOG...",
         ),
     ] = None,
@@ -41,16 +39,18 @@ def identify(
     output: Output = None,
     no_check: Annotated[
         bool,
-        typer.Option("--no-check", help="Do not check the logs before; see `steelyard check`."),
+        typer.Option("--no-check", help="Skip the check of the logs; see `steelyard check`."),
     ] = False,
     sensitivity: Annotated[
         bool,
-        typer.Option("--sensitivity", help="Fit again with cut-offs x 0.5 to x 2, and compare."),
+        typer.Option(
+            "--sensitivity", help="Repeat the fit with cut-offs x 0.5 to x 2, and compare."
+        ),
     ] = False,
     bootstrap: Annotated[
         int | None,
         typer.Option(
-            min=20, help="Estimate again so often from windows of time drawn again.", metavar="N"
+            min=20, help="Number of bootstrap estimates, from resampled time windows.", metavar="N"
         ),
     ] = None,
     method: Annotated[

@@ -67,7 +67,7 @@ def init(
         )
     if rate is not None and log is None:
         raise ModelError(
-            "there is a rate, but no log whose rows come at it",
+            "--rate is given without a log",
             where="--rate",
             mend="name the log behind the model file, or leave --rate out",
         )
@@ -134,12 +134,12 @@ def show(draft: "Draft", target: Path, notes: Sequence[str]) -> None:
         why = f"NOT FOUND: columns of the log: {draft.problem}" if draft.problem else "no log given"
         say(why, "bold red" if draft.problem else "")
     if draft.guess is None and not draft.problem:
-        say("next  read it, change what is not so (CHECK), then design a motion to record:")
+        say("next  review the lines marked CHECK, then design a motion to record:")
         say(f"      steelyard excite {target} -o motion")
-        say("      with its log, whose columns are guessed unless [signals] says them:")
+        say("      with its log (columns are guessed unless [signals] names them):")
     elif draft.guess is None:
         say(f"next  fill in [signals], which is a comment in {target} so far; then:")
     else:
-        say("next  read it, change what is not so (CHECK), then:")
+        say("next  review the lines marked CHECK, then:")
     say(f"      steelyard check {target} LOG...")
     say(f"      and if all is well:  steelyard identify {target} LOG...")

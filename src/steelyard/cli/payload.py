@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 
 IMPOSSIBLE = (
-    "The mass and the centre stand with their intervals; do not use the inertia: its interval "
-    "counts more than possible bodies."
+    "Mass and centre of mass are usable within their intervals; do not use the inertia: its "
+    "interval includes bodies that are not physically consistent."
 )
 
 
@@ -40,8 +40,8 @@ def payload(
         list[str] | None,
         typer.Option(
             "--unloaded",
-            help="Logs without the payload: all is then found from the logs together, "
-            "and the model gives its equations only.",
+            help="Logs without the payload: arm and payload are then identified together, "
+            "and the model gives only the equations.",
             metavar="LOG...",
         ),
     ] = None,
@@ -51,7 +51,7 @@ def payload(
             min=0.0,
             max=0.5,
             help="Relative standard deviation of each drive gain, where efforts are currents; "
-            "if unset 0.02, or nothing beside scales that were identified with the model.",
+            "if unset 0.02, or 0 with scales that were identified with the model.",
             metavar="SHARE",
         ),
     ] = None,
@@ -88,7 +88,7 @@ def payload(
         return
     console = Console()
     if estimate.flaw is not None:
-        console.print(Text(f"NOT A POSSIBLE BODY: {estimate.flaw}", style="bold yellow"))
+        console.print(Text(f"NOT PHYSICALLY CONSISTENT: {estimate.flaw}", style="bold yellow"))
         console.print(Text(IMPOSSIBLE))
     console.print(_table(estimate))
     for line in estimate.remarks:
@@ -126,6 +126,6 @@ def _table(estimate: "PayloadEstimate") -> "Table":
 def _rounded(value: float, half: float) -> tuple[str, str]:
     """A value and its half-width, to two digits of the half-width."""
     if not (isfinite(value) and isfinite(half)):
-        return "not seen", ""
+        return "not identifiable", ""
     digits = min(12, max(0, 1 - floor(log10(half)))) if half > 0.0 else 6
     return f"{value:.{digits}f}", f"{half:.{digits}f}"

@@ -21,12 +21,14 @@ def replay(
             help="Motion: trajectory.json, or a table of time and positions.", metavar="TRAJECTORY"
         ),
     ],
-    port: Annotated[int, typer.Option(min=1, max=65535, help="Where the browser finds it.")] = 8080,
+    port: Annotated[
+        int, typer.Option(min=1, max=65535, help="Port of the page in the browser.")
+    ] = 8080,
     host: Annotated[
-        str, typer.Option(help="Address to listen at; 0.0.0.0 lets other machines look too.")
+        str, typer.Option(help="Address to listen at; 0.0.0.0 admits other machines.")
     ] = HERE,
     speed: Annotated[
-        float, typer.Option(min=0.01, max=100.0, help="Seconds of the motion a second.")
+        float, typer.Option(min=0.01, max=100.0, help="Playback speed, relative to the motion's.")
     ] = 1.0,
 ) -> None:
     r"""Show a robot along a motion in the browser, until Ctrl-C.

@@ -20,13 +20,11 @@ def simulate(
     period: Annotated[
         float, typer.Option(min=0.5, help="Seconds of random motion, without --motion.")
     ] = 10.0,
-    periods: Annotated[
-        int, typer.Option(min=1, help="How often the motion is run through, without a stop.")
-    ] = 1,
+    periods: Annotated[int, typer.Option(min=1, help="Number of periods, run without a stop.")] = 1,
     dry_run: Annotated[
         float,
         typer.Option(
-            help="Share of the speed, for a first run: 0.2 takes five times as long.",
+            help="Speed factor for a first run: 0.2 takes five times as long.",
             metavar="FACTOR",
         ),
     ] = 1.0,
@@ -35,16 +33,16 @@ def simulate(
     ] = 1.0,
     payload_mass: Annotated[
         float | None,
-        typer.Option(min=1e-3, help="Carry a steel ball of so many kilograms."),
+        typer.Option(min=1e-3, help="Mass of the payload, a steel ball [kg]."),
     ] = None,
     payload_frame: Annotated[
-        str | None, typer.Option(help="Frame that it hangs on; the last link's, if not named.")
+        str | None, typer.Option(help="Frame that carries it; the last link's if unset.")
     ] = None,
     attach: Annotated[
-        float, typer.Option(min=0.0, help="Second of the log at which it is taken.")
+        float, typer.Option(min=0.0, help="Time of the log at which it is attached [s].")
     ] = 0.0,
     release: Annotated[
-        float, typer.Option(min=0.0, help="Second at which it is let go; never, if not given.")
+        float, typer.Option(min=0.0, help="Time at which it is released [s]; never if unset.")
     ] = float("inf"),
     fixed_base: FixedBase = None,
     seed: Seed = 0,
@@ -96,8 +94,8 @@ def simulate(
     for line in _running(made.seconds, periods, dry_run):
         typer.echo(line)
     typer.echo(
-        f"robot       the one of seed {seed}: another seed is another robot; for another motion of "
-        "this one give --motion"
+        f"robot       seed {seed} (another seed is another robot); for another motion of this "
+        "robot give --motion"
     )
     for name, path in written.items():
         typer.echo(f"{name:<11} {path}")

@@ -38,10 +38,10 @@ COMPLEXITY = 0.02
 """Share of its effect that each further column of a cause costs in the ranking."""
 
 FRICTION: tuple[tuple[str, Term], ...] = (
-    ("friction that falls with speed (term stribeck)", Stribeck(speed=0.1)),
-    ("friction that is not linear in speed (term quadratic)", Quadratic()),
-    ("friction that depends on load (term load_dependent)", LoadDependent()),
-    ("friction that gives way at reversals (term dahl)", Dahl(length=3e-3)),
+    ("Stribeck friction (term stribeck)", Stribeck(speed=0.1)),
+    ("friction nonlinear in speed (term quadratic)", Quadratic()),
+    ("load-dependent friction (term load_dependent)", LoadDependent()),
+    ("presliding friction (term dahl)", Dahl(length=3e-3)),
     ("a spring (term spring)", Spring()),
 )
 """Terms that a model may lack, each on all joints."""

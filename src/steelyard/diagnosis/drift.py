@@ -45,7 +45,7 @@ class Drift:
             f"{names[int(np.argmax(levels[:, worst]))]})"
         )
         mend = Mend(
-            'let every log have its own: {law = "offset", per_run = true} and likewise friction '
+            'estimate it per log: {law = "offset", per_run = true} and likewise friction '
             "under [model] terms, or identify from logs of one day"
         )
         return (

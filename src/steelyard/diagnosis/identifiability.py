@@ -47,7 +47,7 @@ class Identifiability:
             regressor = base_regressor(model)
             estimate = WeightedLeastSquares()(reduce(add, [gather(regressor, r) for r in runs]))
         except SteelyardError as error:
-            says = f"cannot be told: {error.wrong}"
+            says = f"undecided: {error.wrong}"
             mend = Mend(error.mend)
             return (Finding(self.name, "", Judgement.DOUBTFUL, says, "none", mend=mend),)
         return (_told(self.name, estimate),)
@@ -56,7 +56,7 @@ class Identifiability:
 def _told(name: str, estimate: Estimate) -> Finding:
     seen, blind = len(estimate.parameters.names), estimate.blind
     whole = seen + len(blind)
-    says = f"the logs show {seen} of {whole} base parameters"
+    says = f"the logs identify {seen} of {whole} base parameters"
     if blind:
         listed = ", ".join(b.name for b in blind[:SHOWN])
         says += f"; not {listed}" + (" and more" if len(blind) > SHOWN else "")
@@ -72,7 +72,7 @@ def _advice(blind: Sequence[Blind]) -> str:
         kind, _, of = parameter.name.partition(".")
         wanted.setdefault(HELPS.get(kind, law_of(parameter.name).shown_by), []).append(of)
     parts = [f"{help_} {', '.join(dict.fromkeys(names))}" for help_, names in wanted.items()]
-    return f"a motion that would help: {'; '.join(parts)}"
+    return f"additional motion:  {'; '.join(parts)}"
 
 
 def clean_runs(case: Case) -> list[Run]:

@@ -29,7 +29,7 @@ class JointZeros:
     """Zero offsets that explain the residuals of a fit better than anything else."""
 
     name: ClassVar[str] = "joint zeros"
-    asks: ClassVar[str] = "Do joints count from where the model file says?"
+    asks: ClassVar[str] = "Are the joint zeros those of the model file?"
     quick: ClassVar[bool] = False
 
     def __call__(self, case: Case) -> tuple[Finding, ...]:
@@ -60,12 +60,12 @@ def _found(model: Model, runs: tuple[Run, ...]) -> Finding:
         says = "not identifiable from these data: the zero offset of every joint"
         return Finding(JointZeros.name, "", Judgement.OK, says, "", answered=False)
     if not far.any():
-        says = f"no zero offset stands out{_of(offsets)}{_hidden(offsets)}"
+        says = f"no significant zero offset{_of(offsets)}{_hidden(offsets)}"
         return Finding(JointZeros.name, "", Judgement.OK, says, _figure(offsets))
     if not ranked.blamed or ranked.blamed[0].kind != "zero_offset":
         says = (
-            f"{numbers(offsets, far)} is not decided: other errors of the model explain as much; "
-            f"compare the zeros with the robot{_hidden(offsets)}"
+            f"{numbers(offsets, far)} is undecided: other model errors explain as much; compare "
+            f"the zeros with the robot{_hidden(offsets)}"
         )
         return Finding(JointZeros.name, "", Judgement.OK, says, _figure(offsets), answered=False)
     return Finding(

@@ -55,8 +55,8 @@ def _against(found: Sequence[Finding], findings: Sequence[Finding]) -> str:
         return APART if fine else ""
     listed = "; ".join(f"{log}: {', '.join(dict.fromkeys(x))}" for log, x in doubts.items())
     return (
-        f"the other logs do not ask for this, but something else was found on them ({listed}): "
-        "settle that first, or give this log a robot file of its own"
+        f"the other logs do not show this, but something else was found on them ({listed}): "
+        "resolve that first, or give this log a robot file of its own"
     )
 
 

@@ -96,8 +96,8 @@ class Runs:
         for name in per_run:
             if name not in columns:
                 raise DataError(
-                    f"there is no column '{name}' that runs could have for themselves",
-                    where="parameters of one run",
+                    f"there is no column '{name}' that could be estimated per run",
+                    where="parameters per run",
                     mend=f"its columns are {', '.join(columns[:12])}, ...",
                 )
         if not per_run:

@@ -24,7 +24,7 @@ ENOUGH = 5_000
 HELPS = 0.8
 """A deviation that falls below this share is worth telling."""
 
-FREE = ", where the cell lets it"
+FREE = ", if the workspace allows it"
 """Other motions keep the limits of joints; boxes and clearances are looked at when planned."""
 
 _POSTURES = 20
@@ -67,7 +67,7 @@ def advice(
     """
     first = jumping(cases)[0]
     case = _weighed(first, noise_weights)
-    found = [_of("the same motion once more", trajectory.duration, shown.gram, shown, prior)]
+    found = [_of("repeating the motion", trajectory.duration, shown.gram, shown, prior)]
     # where loops close in a part of the joints' ranges only, other motions need a plan of their own
     for what, motion in () if case.shows.model.robot.passive else _others(limits):
         gram = information(case, motion, min(samples_of(motion.duration), ENOUGH))
@@ -86,7 +86,7 @@ def _others(limits: MotionLimits) -> list[tuple[str, Trajectory]]:
         sweeps = friction_sweeps(limits, speeds=3, slowest=0.1, longest_s=2.0)
         others.append((f"one joint after another at three speeds{FREE}", sweeps))
         still = static_postures(limits, count=_POSTURES, seed=0, dwell_s=1.0)
-        others.append((f"standing at {_POSTURES} postures{FREE}", still))
+        others.append((f"{_POSTURES} static postures{FREE}", still))
     except DataError:
         # a joint without room for them: the designed motion is what there is
         pass

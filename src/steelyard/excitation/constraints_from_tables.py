@@ -53,7 +53,9 @@ def constraints_of(
         notes += said
     idle = not (section.criterion.relative or _seen(section) or _limited(found))
     if section.loads and idle:
-        notes.append("loads change nothing: no torque and no wall is kept, no criterion relative")
+        notes.append(
+            "loads have no effect: neither torque nor workspace is limited, no criterion relative"
+        )
     return tuple(found), tuple(notes)
 
 
@@ -82,7 +84,7 @@ def efforts_of(loaded: LoadedRobot, model: Model, earlier: Earlier | None) -> Wa
     powers = per_joint(wanted.power, robot, "power", np.full(robot.n, np.inf))
     asked = given is None or wanted.power is not None or wanted.total_power is not None
     limited = wanted.effort != "any" and bool(np.isfinite(efforts).any())
-    free: list[str] = [Declined("torque is not limited, as asked")]
+    free: list[str] = [Declined("torque is not limited, as specified")]
     notes = free if wanted.effort == "any" else _unlimited(robot, efforts)
     if not (limited or asked):
         return [], notes
@@ -103,12 +105,12 @@ def efforts_of(loaded: LoadedRobot, model: Model, earlier: Earlier | None) -> Wa
         total = np.inf if wanted.total_power is None else wanted.total_power
         found.append(power_limit(cases, powers, total))
     source = (
-        "the earlier model's" if earlier is not None else "those of the model file, no friction"
+        "of the earlier model" if earlier is not None else "of the model file, without friction"
     )
     sprung = not _stiffnesses(loaded).keys().isdisjoint(model.names)
     known = "masses and springs" if sprung else "masses"
-    scope = f"of the model file's {known}, not of friction" if earlier is None else ""
-    notes = [f"torques are limited by a prior model, whose values are {source}", *notes]
+    scope = f"{known} of the model file, without friction" if earlier is None else ""
+    notes = [f"torques are limited with the values {source}", *notes]
     found = [replace(limit, scope=scope or "of the earlier model") for limit in found]
     return list(found), [*notes, COUNTED] if section.loads else notes
 
@@ -117,7 +119,7 @@ def _unlimited(robot: Robot, efforts: Array) -> list[str]:
     """A note that names the joints without a limit of effort, if there are any."""
     joints = zip(robot.joint_names, efforts, strict=True)
     free = ", ".join(f"'{name}'" for name, most in joints if not np.isfinite(most))
-    said = f"torque is not limited where no limit of effort is known: {free}"
+    said = f"torque is not limited for joints without a known effort limit: {free}"
     return [Gap(said)] if free else []
 
 
@@ -132,11 +134,11 @@ def _unknown_efforts(loaded: LoadedRobot, model: Model, earlier: Earlier | None)
     Without an earlier model no friction is known, so laws with memory then lack like all others.
     """
     if loaded.signals is not None and loaded.signals.effort_kind == "gravity_compensated_torque":
-        return "the robot file's efforts are without gravity"
+        return "the robot file's efforts are gravity compensated"
     if earlier is not None:
         for term in model.terms:
             if isinstance(term, Remembering):
-                return f"'{term.law}' depends on the motion before"
+                return f"'{term.law}' depends on the earlier motion"
     if model.robot.passive:
         return "the robot has closed chains"
     if not model.has_bodies:
@@ -190,7 +192,7 @@ def clearance_of(loaded: LoadedRobot, world: tuple[Shape, ...] = ()) -> Walled:
     if bare and (section is None or section.bodies):
         notes.append(
             Gap(
-                "loads without a radius are not looked at beside the robot's own links: load "
+                "loads without a radius are not checked against the robot's own links: load "
                 + ", ".join(bare)
             )
         )
@@ -200,10 +202,10 @@ def clearance_of(loaded: LoadedRobot, world: tuple[Shape, ...] = ()) -> Walled:
             found = self_clearance(loaded, others=balls)
         except ModelError as error:
             why = error.wrong[:1].lower() + error.wrong[1:]
-            return [], [Gap(f"collisions of the robot with itself are not looked at: {why}")]
+            return [], [Gap(f"self-collisions are not checked: {why}")]
         return [found], [*found.notes, *notes]
     if not section.bodies:
-        asked = "collisions of the robot with itself are not looked at, as asked"
+        asked = "self-collisions are not checked, as specified"
         notes.append(Declined(asked))
     if not section.bodies and not world:
         return [], notes

@@ -131,9 +131,7 @@ def _searched(
         raise explained(problem, error) from None
     notes = (*problem.notes, *_limbs(problem))
     if harvest.lost:
-        notes += (
-            f"{harvest.lost} of {effort.useful} processes that search were ended from outside",
-        )
+        notes += (f"{harvest.lost} of {effort.useful} search processes were killed externally",)
     return _Motion(
         best.trajectory,
         problem.cases,
@@ -161,8 +159,8 @@ def _limbs(problem: Problem) -> tuple[str, ...]:
         return ()
     joints = ", ".join(f"{size}" for size in sizes)
     return (
-        f"{len(sizes)} limbs share no parameter ({joints} joints): each begins with its own best "
-        "motion, and together they keep all limits",
+        f"{len(sizes)} limbs share no parameter ({joints} joints): each starts with its own best "
+        "motion; limits apply to all together",
     )
 
 
@@ -249,7 +247,7 @@ def _cell(loaded: LoadedRobot, trajectory: ExactTrajectory) -> tuple[str, ...]:
     floor = "HEIGHT, in metres from the base's origin," if loaded.floats else "0.0"
     return (
         Gap(
-            "no floor or cell is given for the links: the origin of "
+            "no floor or cell is defined for the links: the origin of "
             f"'{moving[lowest].name}' goes down to z = {heights[:, lowest].min():.2f} m; "
             f"floor = {floor} in [excitation.workspace] keeps all links above it"
         ),
@@ -260,10 +258,10 @@ def _few(harvest: Harvest, effort: Effort) -> tuple[str, ...]:
     """That the time was short, if it was."""
     if harvest.stopped or harvest.searches >= min(FEW, effort.searches or FEW):
         return ()
-    whole = {0: "no search came", 1: "only 1 search came"}.get(
-        harvest.searches, f"only {harvest.searches} searches came"
+    whole = {0: "no search converged", 1: "only 1 search converged"}.get(
+        harvest.searches, f"only {harvest.searches} searches converged"
     )
-    return (f"{whole} to an end in the time: a longer --budget finds better motions",)
+    return (f"{whole} in the time limit: a longer --budget finds better motions",)
 
 
 def _advice(
@@ -278,14 +276,18 @@ def _samples(trajectory: ExactTrajectory, least: int) -> int:
 
 
 def noise_of(loaded: LoadedRobot, earlier: Earlier | None) -> tuple[Array, float, str]:
-    """Noise of the efforts `(n,)`, independent samples a second, and where both come from."""
+    """Noise of the efforts `(n,)`, independent samples per second, and where both come from."""
     if earlier is not None:
         return earlier.noise, earlier.independent_rate, "the residuals of the earlier log"
     own = np.array([joint.limits.effort for joint in loaded.robot.coordinates])
     known = np.isfinite(own) & (own > 0.0)
     if not known.any():
         noise = np.ones(loaded.robot.n)
-        return noise, RATE, f"assumed: 1 Nm (1 N), {RATE:g} independent samples a second"
+        return noise, RATE, f"assumed: 1 Nm (1 N), {RATE:g} independent samples per second"
     own[~known] = np.median(own[known])
     source = f"assumed: {100.0 * NOISE:g} % of each joint's greatest effort, {RATE:g} independent"
-    return frozen(NOISE * own), RATE, f"{source} samples a second; an earlier log says it better"
+    return (
+        frozen(NOISE * own),
+        RATE,
+        f"{source} samples per second; --earlier MODEL gives the actual noise",
+    )

@@ -103,7 +103,7 @@ def build(loaded: LoadedRobot, model: Model, earlier: Earlier | None = None) -> 
     constraints, more = constraints_of(loaded, model, earlier)
     model, notes = memoryless(model)
     if loaded.robot.passive:
-        more += (Gap("that the loops close is looked at at samples, not proven between them"),)
+        more += (Gap("loop closure is checked at samples, not proven between them"),)
     return Problem(
         loaded.robot,
         basis,
@@ -120,15 +120,15 @@ def memoryless(model: Model) -> tuple[Model, tuple[str, ...]]:
     left = [term for term in model.terms if isinstance(term, Remembering)]
     kept = tuple(term for term in model.terms if not isinstance(term, Remembering))
     notes = [
-        f"'{term.law}' depends on the motion before: it is left out of the criterion"
+        f"'{term.law}' depends on the earlier motion: it is left out of the criterion"
         for term in left
     ]
     bare = Model(model.robot, kept)
     clear = clear_map(bare).base_names
     if faint := [name for name in base_parameters(bare).base_names if name not in clear]:
         notes.append(
-            "left out of the criterion, as no motion shows more than "
-            f"{100.0 * FAINT:g} % of them apart from others: {', '.join(faint)}"
+            "left out of the criterion, as at most "
+            f"{100.0 * FAINT:g} % of their columns is independent of the others: {', '.join(faint)}"
         )
     return bare, tuple(notes)
 
@@ -203,7 +203,7 @@ def _faster(robot: Robot, velocity: Array) -> tuple[str, ...]:
         for joint, most in zip(robot.coordinates, velocity, strict=True)
         if most > joint.limits.velocity > 0.0
     ]
-    said = "the model file's speed limits are not kept, as velocity asks for more: "
+    said = "the model file's speed limits are exceeded, as velocity sets higher ones: "
     return (Declined(said + ", ".join(beyond)),) if beyond else ()
 
 
@@ -247,7 +247,7 @@ def weights_of(wanted: CriterionSection, robot: Robot, earlier: Earlier | None) 
             )
         if wanted.after_earlier:
             raise DataError(
-                "weights of the joints are given, but what earlier runs know counts in their noise",
+                "weights of the joints are given, but earlier runs are weighted by their noise",
                 where=where,
                 mend="leave out the weights, or after_earlier",
             )
@@ -274,7 +274,7 @@ def sizes_of(earlier: Earlier, model: Model, load: LoadSection | None) -> Array:
     for name, size in zip(base.base_names, sizes, strict=True):
         if not size > 0.0:
             raise DataError(
-                f"the earlier model does not know the size of '{name}'",
+                f"the earlier model has no value of '{name}'",
                 where="[excitation.criterion] relative",
                 mend="give an earlier model with the same terms, or leave 'relative' out",
             )
@@ -284,7 +284,7 @@ def sizes_of(earlier: Earlier, model: Model, load: LoadSection | None) -> Array:
 def _needed(earlier: Earlier | None, key: str) -> Earlier:
     if earlier is None:
         raise DataError(
-            f"'{key}' asks for what an earlier log knows, and none is given",
+            f"'{key}' needs an earlier model, and none is given",
             where=f"[excitation.criterion] {key}",
             mend="add --earlier MODEL.json, which `steelyard identify` wrote",
         )
@@ -310,7 +310,7 @@ def _chosen(wanted: Sequence[str], model: Model) -> tuple[int, ...]:
         found |= laws.get(name, {name})
     if not found & set(base.base_names):
         raise DataError(
-            f"nothing that torque shows is chosen by {list(wanted)}",
+            f"none of the chosen parameters is identifiable from torque: {list(wanted)}",
             where="[excitation.criterion] chosen",
             mend="choose laws or parameters among " + ", ".join([*laws, *base.base_names]),
         )

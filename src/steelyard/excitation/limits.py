@@ -74,7 +74,7 @@ def _range(joint: Coordinate, assumed: dict[str, list[str]]) -> tuple[float, flo
         lower, upper = upper - 2.0 * span, upper
     else:
         lower, upper = -span, span
-    what = f"no full range is given, so moved within {lower:.3g} .. {upper:.3g} {joint.unit}"
+    what = f"without a complete range, moved within {lower:.3g} .. {upper:.3g} {joint.unit}"
     assumed.setdefault(what, []).append(joint.name)
     return lower, upper
 
@@ -84,6 +84,6 @@ def _speed(joint: Coordinate, assumed: dict[str, list[str]]) -> float:
     if np.isfinite(joint.limits.velocity) and joint.limits.velocity > 0.0:
         return joint.limits.velocity
     speed = DEFAULT_VELOCITY[joint.kind]
-    what = f"no speed limit is given, so moved at {speed:.3g} {joint.unit}/s at most"
+    what = f"without a speed limit, moved at {speed:.3g} {joint.unit}/s at most"
     assumed.setdefault(what, []).append(joint.name)
     return speed

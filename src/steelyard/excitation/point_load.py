@@ -14,7 +14,7 @@ SHELL = 2.0 / 3.0
 
 COUNTED = (
     "torques hold for loads of any inertia from a point mass to a hollow ball of the load's radius "
-    "about its centre of mass, alike about all axes; not for one that is long in one direction"
+    "about its centre of mass, alike about all axes; not for an elongated one"
 )
 """What torques count of loads."""
 

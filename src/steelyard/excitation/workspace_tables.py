@@ -28,7 +28,7 @@ _AXES = "xyz"
 _LEAST = 1e-12
 """Length of a normal that has no direction, and is refused."""
 
-LEVEL = "no gravity is declared: the floor was taken level across z of the base"
+LEVEL = "no gravity is declared: the floor is assumed normal to z of the base"
 """What is said of a floor where nothing tells where up is."""
 
 Walled = tuple[list[Constraint], list[str]]
@@ -69,7 +69,7 @@ def workspace_of(loaded: LoadedRobot, world: tuple[Shape, ...]) -> Walled:
     if section.walled or (world and (loaded.excitation.loads or section.radius > 0.0)):
         return _of_all(loaded, section, tool, world, found)
     idle = section.radius > 0.0 and not found
-    notes = ["the tool's radius changes nothing: it has no box, plane or keep_out"] if idle else []
+    notes = ["the tool's radius has no effect: it has no box, plane or keep_out"] if idle else []
     return found, notes
 
 
@@ -128,7 +128,7 @@ def walls_of(section: WorkspaceSection, robot: Robot) -> tuple[Shape, ...]:
         for number, (low, high) in enumerate(zip(*corners, strict=True), start=1):
             x, y, z = (float(size) for size in high - low)
             middle = 0.5 * (low + high)
-            found.append(obstacle(f"box {number} to keep out of", Box((x, y, z)), middle))
+            found.append(obstacle(f"forbidden box {number}", Box((x, y, z)), middle))
     return tuple(found)
 
 
@@ -147,7 +147,7 @@ def _boxes(section: WorkspaceSection) -> tuple[Array, Array]:
     boxes = [_sides(box) for box in section.keep_out]
     if any(None in low or None in high for low, high in boxes):
         raise ModelError(
-            "a box to keep out of is open",
+            "a forbidden box is open",
             where="[excitation.workspace] keep_out",
             mend="give x, y and z of each, with two numbers each",
         )

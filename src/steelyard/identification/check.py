@@ -77,7 +77,7 @@ class CheckResult(Result):
                 console.print(Text(f"  {reason}"), soft_wrap=True)
             return
         path = self.fixed.subject.path
-        console.print(Text(f"{path} says otherwise:", style="bold"))
+        console.print(Text(f"{path} differs:", style="bold"))
         for change in self.fixed.changes:
             console.print(Text(f"  {change.line}", style="cyan"), soft_wrap=True)
             console.print(Padding(Text(change.cause, style="dim"), (0, 0, 0, 4)))

@@ -57,7 +57,7 @@ class Subject:
         """
         if self.loaded.signals is None:
             raise ModelError(
-                "the robot file does not say which columns of a log are what",
+                "the robot file does not assign the columns of a log",
                 where=str(self.path),
                 mend="add [signals], or let `steelyard init URDF LOG` write a robot file",
             )

@@ -73,7 +73,7 @@ def offers_of(names: Sequence[str], everything: bool) -> tuple[Offer, ...]:
     """
     if names and everything:
         raise ModelError(
-            "some estimators are named, and all are asked for",
+            "both --estimators and --all are given",
             where="--estimators with --all",
             mend="leave out one of the two options",
         )

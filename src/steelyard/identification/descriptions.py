@@ -35,7 +35,7 @@ def settings(identified: IdentifiedModel) -> tuple[tuple[str, str], ...]:
     signals, cutoffs = identified.signals, identified.cutoffs
     gains = f"gains {', '.join(f'{g:g}' for g in signals.gains)}"
     if signals.effort_map is not None:
-        gains = "of the motors, behind coupled gears"
+        gains = "of the motors, with coupled gears"
     velocity = "logged" if signals.velocity else "differentiated positions"
     return (
         ("estimator", identified.estimate.estimator),

@@ -88,7 +88,7 @@ class DesignedMotion(Result):
     def _page(self, files: tuple[tuple[str, str], ...]) -> str:
         designed = self.designed
         content = ReportContent(
-            title=f"A motion for {designed.robot.name}",
+            title=f"Excitation motion for {designed.robot.name}",
             robot=designed.robot.name,
             design=designed,
             workspace=self.loaded.excitation.workspace,

@@ -233,7 +233,7 @@ def _unscaled_because(loaded: LoadedRobot, ground: Ground, estimator: Estimator[
     if type(estimator) is not Consistent:
         return f'with method = "{loaded.estimation.method}"'
     if estimator.per_run:
-        return "beside terms that every run has for itself"
+        return "beside terms that are estimated per run"
     if ground.runs[0].recording.signals.effort_map is not None:
         return "behind coupled gears, where a scale is of a motor and not of a joint"
     return ""
@@ -265,7 +265,7 @@ def _chosen(loaded: LoadedRobot, method: Offer, why: str, estimate: Estimate) ->
     """Notes on an estimator that is not the default one, and on what it does not use."""
     if not why:
         return ()
-    bodies = ": bodies may be impossible" if estimate.standard is None else ""
+    bodies = ": inertias may be invalid" if estimate.standard is None else ""
     given = {PRIOR: loaded.prior != PriorSection(), KNOWLEDGE: bool(loaded.knowledge)}
     idle = " and ".join(name for name, there in given.items() if there and name not in method.uses)
     unheard = (f"{method.name} does not use {idle}",) if idle else ()
@@ -303,6 +303,6 @@ def _beyond(model: Model, known: Knowledge, estimate: Estimate) -> tuple[str, ..
     if not found:
         return ()
     return (
-        f"least squares finds below what is physical: {', '.join(dict.fromkeys(found))}; these "
-        "terms fit the data, but stand for something else",
+        f"least squares estimates below the physical bound: {', '.join(dict.fromkeys(found))}; "
+        "these terms fit the data, but represent another effect",
     )

@@ -149,7 +149,7 @@ def fixed(
     doubted = any(c.finding.judgement < Judgement.WRONG for c in changes)
     if doubted and len(_settled(diagnosis)) < len(_settled(first)):
         lines = "; ".join(c.line for c in changes)
-        why = f"with {lines} the check can no longer tell what it found ok: {', '.join(lost)}"
+        why = f"with {lines} the check can no longer confirm what was ok before: {', '.join(lost)}"
         return Fixed(subject, (), first, (why,))
     return Fixed(new, tuple(changes), diagnosis, () if changes else _unwritten(first))
 
@@ -175,11 +175,13 @@ def _unwritten(diagnosis: Diagnosis) -> tuple[str, ...]:
         if not finding.judgement:
             continue
         if finding.mend is None or not finding.mend.edits:
-            why = "no line of the robot file is known to mend it"
+            why = "no line of the robot file is known to correct it"
         elif finding.judgement < diagnosis.judgement:
-            why = f"its lines are not written before what is {diagnosis.judgement.word} is mended"
+            why = (
+                f"its lines are not written before what is {diagnosis.judgement.word} is corrected"
+            )
         else:
-            why = "the robot file says so already"
+            why = "the robot file states this already"
         reasons[finding.suspicion] = f"{finding.suspicion}: {why}"
     return tuple(reasons.values())
 
@@ -189,7 +191,7 @@ def _loaded(subject: Subject, text: str, target: Path) -> Subject:
         return subject.changed(text, target)
     except ModelError as error:
         raise ModelError(
-            f"what was found makes no robot file: {error.wrong}",
+            f"the findings give no valid robot file: {error.wrong}",
             where=error.where,
             mend=f"change the file by hand, as the check without --fix says; {error.mend}",
         ) from None

@@ -66,9 +66,9 @@ def refuse_overlaps(fitted: Sequence[LogArgument], unseen: Sequence[LogArgument]
         for log, other in pairs:
             if log.path.resolve() == other.path.resolve() and _overlap(log, other):
                 raise LogError(
-                    f"a stretch of '{log.path.name}' {role}",
+                    f"a part of '{log.path.name}' {role}",
                     where=f"{log.text} and {other.text}",
-                    mend="give every stretch once; cut a log with LOG@START:STOP",
+                    mend="give every part once; cut a log with LOG@START:STOP",
                 )
 
 

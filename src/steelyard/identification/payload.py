@@ -63,7 +63,7 @@ class PayloadTask:
     def _fitted_before(self) -> tuple[str, ...]:
         """A log that the model was identified from weighs nothing against it."""
         return tuple(
-            f"the model was identified from {log.path.name}: against itself it carries nothing"
+            f"the model was identified from {log.path.name}: compared with itself it has no payload"
             for log in self.loaded
             if not self.unloaded and fitted_before(self.identified, log)
         )

@@ -59,7 +59,7 @@ def refusal(diagnosis: Diagnosis, robot: str) -> DataError | None:
     places = [f"{place(f)} ({f.figure})" if place(f) else f.figure for f in wrong]
     mends = [f.mend for f in wrong if f.mend is not None]
     edits = Diagnosis(tuple(wrong)).edits
-    advice = "; ".join(dict.fromkeys(mend.says for mend in mends)) or "look at the log"
+    advice = "; ".join(dict.fromkeys(mend.says for mend in mends)) or "examine the log"
     if edits:
         advice += f":\n\n{_indented(lines(edits))}\n\n  " + (
             f"`steelyard check {robot} LOG... --fix` writes a robot file with these lines; "
@@ -70,7 +70,7 @@ def refusal(diagnosis: Diagnosis, robot: str) -> DataError | None:
         f"the log is wrong, {', '.join(dict.fromkeys(f.suspicion for f in wrong))}: "
         + "; ".join(dict.fromkeys(f.says for f in wrong)),
         where="; ".join(dict.fromkeys(places)),
-        mend=f"{advice}--no-check goes on all the same",
+        mend=f"{advice}--no-check continues anyway",
     )
 
 

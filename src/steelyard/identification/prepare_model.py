@@ -30,8 +30,8 @@ from steelyard.validation.friction.mixes import remembers
 from steelyard.validation.friction.trials import ConsistentOf
 
 _UNSETTLED = (
-    "the reference of load-dependent friction still moved after three passes: "
-    "its coefficients are rough"
+    "the reference of load-dependent friction has not converged after three passes: "
+    "its coefficients are inaccurate"
 )
 
 
@@ -151,7 +151,7 @@ def _refuse_finds(model: Model) -> None:
     asking = [term.law for term in model.terms if finds_of(term)]
     if asking:
         raise ModelError(
-            f"a field of term '{asking[0]}' is to be found, and friction is to be chosen at once",
+            f"a field of term '{asking[0]}' cannot be estimated while friction is selected",
             where="[model] friction",
             mend='give the field a number, or list the friction laws in place of "auto"',
         )
@@ -181,14 +181,14 @@ def _gains(
             raise ModelError(
                 f"{given} given, but no drive gain is to be identified",
                 where="--loaded" if carrying else "--payload-mass, --payload-frame",
-                mend='give gain = "identify" in [signals.effort], or weigh the payload with '
+                mend='give gain = "identify" in [signals.effort], or identify the payload with '
                 "`steelyard payload MODEL LOG`",
             )
         return None
     model = with_friction(model, loaded_robot)
     if any(finds_of(term) for term in model.terms):
         raise DataError(
-            "drive gains and fields of terms cannot be found at once",
+            "drive gains and fields of terms cannot be estimated together",
             where="[signals.effort] gain",
             mend="identify the gains with fields that are given, and write them into the file",
         )
@@ -226,7 +226,7 @@ def _offsets(
     if gains is not None or any(finds_of(term) for term in model.terms):
         beside = "drive gains" if gains is not None else "fields of terms"
         raise DataError(
-            f"zero offsets and {beside} cannot be identified at once",
+            f"zero offsets and {beside} cannot be identified together",
             where="[signals] position_offset",
             mend="identify the offsets with values given there, and write them into the file",
         )

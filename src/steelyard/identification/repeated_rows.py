@@ -19,16 +19,17 @@ def refuse_same_rows(fitted: Sequence[Run], unseen: Sequence[Run]) -> None:
     """
     known = motion_samples(fitted)
     pairs = [
-        (run, known[:number], "they count twice in the fit") for number, run in enumerate(fitted)
+        (run, known[:number], "they would count twice in the fit")
+        for number, run in enumerate(fitted)
     ]
-    pairs += [(run, known, "they are both fitted and validated") for run in unseen]
+    pairs += [(run, known, "they would be both fitted and validated") for run in unseen]
     for run, others, role in pairs:
         repeat = repeat_of(others, run)
         if repeat is not None and repeat.same:
             raise LogError(
                 f"'{run.name}' holds the same samples as '{repeat.run}': {role}",
                 where=f"{run.name} {repeat.words}",
-                mend="give every stretch once; cut a log with LOG@START:STOP",
+                mend="give every part once; cut a log with LOG@START:STOP",
             )
 
 

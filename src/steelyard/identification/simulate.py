@@ -132,7 +132,7 @@ def _repeated(trajectory: ExactTrajectory, robot: Robot, periods: int) -> ExactT
         if periods > 1 and jumps[worst] > close:
             joint = robot.coordinates[worst]
             raise DataError(
-                f"{periods} periods are asked for, but the motion does not end as it starts: joint "
+                f"{periods} periods are requested, but the motion does not end as it starts: joint "
                 f"'{joint.name}' begins with {what} {first[worst]:.4g} {joint.unit}{unit} and "
                 f"ends with {last[worst]:.4g} {joint.unit}{unit}",
                 where="--periods",
@@ -167,7 +167,7 @@ def _check_length(once: float, periods: int, factor: float) -> None:
             f"the run would be {seconds / 3600.0:.4g} hours long: {periods} times {once:g} s at "
             f"{factor:g} of the speed; a log holds 24 hours at most",
             where="--period, --motion, --periods or --dry-run",
-            mend="ask for fewer periods, a dry run less slow, or a shorter motion",
+            mend="give fewer periods, a faster dry run, or a shorter motion",
         )
 
 
@@ -191,7 +191,7 @@ def _payload(
         return Payload.ball(mass, named[-1] if frame is None else frame, attach, release)
     if frame is not None or attach > 0.0 or release < float("inf"):
         raise ModelError(
-            "a payload is taken, but it has no mass",
+            "a payload is attached, but it has no mass",
             where="--payload-frame, --attach or --release",
             mend="add --payload-mass KG",
         )

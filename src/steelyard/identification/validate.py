@@ -139,7 +139,7 @@ def _content(
         notes=(
             *notes_of(runs),
             *dropped(identified.model, runs),
-            *(f"{score.run} was fitted: its score is no test of the model" for score in again),
+            *(f"{score.run} was fitted: its score does not validate the model" for score in again),
         ),
         settings=settings(identified),
     )

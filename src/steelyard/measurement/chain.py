@@ -83,7 +83,7 @@ class Chain:
         stages += [
             "outliers kept"
             if s.threshold is None
-            else f"outliers beyond {s.threshold:g} usual distances"
+            else f"Hampel threshold {s.threshold:g} scaled MAD"
         ]
         if s.bridge_stale:
             stages.append("repeated rows bridged")

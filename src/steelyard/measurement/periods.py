@@ -45,7 +45,7 @@ class Repetitions:
         if (self.period is not None and self.period <= 0.0) or min(self.dropped) < 0:
             raise ModelError(
                 f"repetitions of {self.period} s, {self.drop_first} and {self.drop_last} of them "
-                "dropped, cannot be",
+                "dropped, are not valid",
                 where="repetitions",
                 mend="give period = ... above 0 s, drop_first and drop_last from 0 on",
             )

@@ -120,7 +120,7 @@ def _static(recording: Recording) -> LogError:
     return LogError(
         "no joint moves in this log",
         where=recording.where,
-        mend="record a motion of all joints; rest tells too little about a robot",
+        mend="record a motion of all joints; a log at standstill does not identify a robot",
     )
 
 

@@ -60,7 +60,7 @@ class Processing:
             object.__setattr__(self, "motion", usual)
         if self.resampling not in INTERPOLATIONS:
             raise ModelError(
-                f"'{self.resampling}' is no way to resample",
+                f"'{self.resampling}' is not a resampling method",
                 where="processing",
                 mend=f"use one of {', '.join(INTERPOLATIONS)}",
             )

@@ -246,8 +246,8 @@ def refuse_twins(model: Model, base: BaseMap) -> None:
         ]
         if others and not bodies.intersection(others):
             raise ModelError(
-                f"'{base.names[k]}' cannot be told from {' and '.join(map(repr, others))}: "
-                "no motion tells these causes of torque apart",
+                f"'{base.names[k]}' is not distinguishable from {' and '.join(map(repr, others))}: "
+                "no motion separates these torque terms",
                 where=f"list of terms of robot '{model.robot.name}'",
                 mend="leave one of the terms out, or restrict it to other joints (`joints`)",
             )

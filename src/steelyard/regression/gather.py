@@ -140,7 +140,7 @@ def stamp_of(
     regressor: Regressor, effort: tuple[str, ...], run: Run, matched: MatchedFilter | None
 ) -> Stamp:
     """What the sums of a run mean."""
-    after = "no matched filter" if matched is None else f"matched {matched.cutoff:g} Hz"
+    after = "no parallel filter" if matched is None else f"matched {matched.cutoff:g} Hz"
     return Stamp(
         model=regressor.model.fingerprint,
         columns=regressor.layout.columns,

@@ -69,7 +69,7 @@ def _rows(group: Group) -> list[dict[str, str]]:
             "word": group.word,
             "level": group.level if group.word != OPEN else OPEN,
             "suspicion": group.suspicion,
-            "place": f"{count} findings alike, {finding.log or 'all logs'}"
+            "place": f"{count} similar findings, {finding.log or 'all logs'}"
             if alike
             else place(finding),
             "says": finding.says,

@@ -22,7 +22,7 @@ def refuse_coupled(
             continue
         lines = ", ".join(f"{name} = {mechanism.rest.get(name, 0.0):.6g}" for name in tied)
         raise OpenModelError(
-            f"joints are tied by {coupling.what}, and a model here has no equation for that: "
+            f"joints are tied by {coupling.what}, which is not supported: "
             + ", ".join(coupling.joints),
             where=coupling.where,
             mend=f"lock them: {lines} under [robot.locked] in a robot file, as `steelyard init` "

@@ -129,7 +129,7 @@ def _check_links(mechanism: Mechanism, base: str, tip: str | Sequence[str] | Non
             raise ModelError(
                 f"the tip link '{name}' is not beyond the base link '{base}'",
                 where=mechanism.where,
-                mend="choose a tip that hangs on the base, or another base",
+                mend="choose a tip beyond the base, or another base",
             )
 
 

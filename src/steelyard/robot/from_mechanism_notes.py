@@ -43,5 +43,5 @@ def reduction_notes(
         notes.append(Listed(absent, names + more))
     for body in robot.bodies:
         if flaw := body.inertia.flaw():
-            notes.append(Listed(f"no body can have the inertial of '{body.name}'", flaw))
+            notes.append(Listed(f"the inertial is not physically consistent: '{body.name}'", flaw))
     return (*notes, *limit_notes(mechanism, drives, robot))

@@ -65,7 +65,7 @@ def passive_joints(
     active = mechanism.driven if joints is None else joints
     if candidates and not set(active) & set(free):
         raise ModelError(
-            f"loops determine some of the joints {', '.join(candidates)}, but not said is which",
+            f"of the loop joints {', '.join(candidates)} the passive ones are not given",
             where=pins[0].where,
             mend="name them in a robot file: [robot] passive = [...]",
         )
@@ -75,7 +75,7 @@ def passive_joints(
 def _refuse_without_loops(closing: Closing) -> None:
     if closing.passive or closing.assembly:
         raise ModelError(
-            "passive joints or an assembly are given, but the robot has no loops",
+            "passive joints or a reference configuration are given, but the robot has no loops",
             where=closing.where,
             mend="add [[robot.loops]] with links and points, or remove them",
         )
@@ -164,8 +164,8 @@ def _check_assembly(robot: Robot, closing: Closing) -> None:
     for name in closing.assembly:
         if name not in names:
             raise ModelError(
-                f"the assembly gives a position of joint '{name}', which is not identified or "
-                "passive",
+                f"the reference configuration gives a position of joint '{name}', which is not "
+                "identified or passive",
                 where=closing.where,
                 mend=advice(name, names, "joints that move"),
             )
@@ -178,4 +178,4 @@ def _note(robot: Robot, assembly: Array, closing: Closing) -> tuple[str, ...]:
     if all(abs(told.get(c.name, np.inf) - at[c.name]) < 1e-3 for c in robot.passive):
         return ()
     places = ", ".join(f"{c.name} at {at[c.name]:.4g} {c.unit}" for c in robot.joints)
-    return (f"the loops close, and stay assembled as they are, with {places}",)
+    return (f"the loops are closed in the reference configuration, with {places}",)

@@ -155,8 +155,8 @@ def checked_equations(robot: Robot, where: Sequence[str]) -> LoopEquations:
     if worst.max() > CLOSED:
         loop = int(worst.argmax())
         raise ModelError(
-            f"loop '{robot.loops[loop].name}' does not close at the assembly: its points stay "
-            f"{worst[loop]:.3g} m apart",
+            f"loop '{robot.loops[loop].name}' does not close in the reference configuration: its "
+            f"points stay {worst[loop]:.3g} m apart",
             where=where[loop],
             mend="correct its points, or give [robot.assembly] positions of all joints near which "
             "it closes",
@@ -207,7 +207,7 @@ def _assembled(robot: Robot, passive: Sequence[int]) -> Array:
 
 
 def _chosen(robot: Robot, assembly: Array, near: Sequence[Array], where: str) -> LoopEquations:
-    """The best conditioned equations at the assembly, one per passive joint."""
+    """The best conditioned equations in the reference configuration, one per passive joint."""
     slopes = [residual(robot, q)[1] for q in (assembly, *near)]
     loops, directions, rows = [], [], []
     for number in range(len(robot.loops)):
@@ -221,10 +221,10 @@ def _chosen(robot: Robot, assembly: Array, near: Sequence[Array], where: str) ->
     if len(kept) < len(robot.passive):
         names = ", ".join(c.name for c in robot.passive)
         raise ModelError(
-            f"the loops do not determine {names} at the assembly: it is a dead point, or they are "
-            "the wrong joints",
+            f"the loops do not determine {names} in the reference configuration: it is singular, "
+            "or they are the wrong joints",
             where=where,
-            mend="give [robot.assembly] positions away from dead points (bars in one line), or "
+            mend="give [robot.assembly] positions away from singularities (bars in one line), or "
             "name other joints: [robot] passive = [...]",
         )
     depends = np.abs(all_rows[kept]).max(axis=1) > 1e-12

@@ -172,7 +172,7 @@ def _check_tree(mechanism: Mechanism) -> None:
                 f"link '{joint.child}' has two parent joints, "
                 f"'{carrier[joint.child].name}' and '{joint.name}'",
                 where=joint.where,
-                mend="a link hangs on one joint: cut the loop by removing one of the two, and "
+                mend="a link has one parent joint: cut the loop by removing one of the two, and "
                 "close it with [[robot.loops]] in a robot file",
             )
         carrier[joint.child] = joint
@@ -180,7 +180,7 @@ def _check_tree(mechanism: Mechanism) -> None:
     if len(roots) > 1:
         names = ", ".join(f"'{r.name}'" for r in roots)
         raise ModelError(
-            f"the links do not hang together: {names} have no parent joint",
+            f"the links are not connected: {names} have no parent joint",
             where=roots[1].where,
             mend="join them to one root link with fixed joints, or remove those not needed",
         )

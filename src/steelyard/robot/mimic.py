@@ -92,6 +92,7 @@ def limit_notes(mechanism: Mechanism, drives: Mapping[str, Drive], robot: Robot)
         followers = followers_of(mechanism, drives, c.name)
         if not narrowed(unlimited_if_empty(limits), followers)[1]:
             notes.append(
-                f"no position of '{c.name}' keeps its followers' ranges: they are left out"
+                f"no position of '{c.name}' satisfies the ranges of its mimic joints: "
+                "these are ignored"
             )
     return notes

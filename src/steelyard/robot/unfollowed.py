@@ -51,10 +51,7 @@ def springs_along(mechanism: Mechanism, robot: Robot) -> dict[str, JointSpring]:
 
 
 def _placeholders(mechanism: Mechanism) -> Iterator[ModelNote]:
-    what = (
-        "limits of effort that are placeholders are taken as unknown (state "
-        "[robot.limits.JOINT] effort): "
-    )
+    what = "placeholder effort limits are treated as unknown (state [robot.limits.JOINT] effort): "
     for joint in mechanism.joints:
         if joint.placeholder > 0.0:
             item = f"{joint.name} ({joint.placeholder:g} {_units(joint)[0]})"
@@ -64,7 +61,7 @@ def _placeholders(mechanism: Mechanism) -> Iterator[ModelNote]:
 def _springs(mechanism: Mechanism) -> Iterator[ModelNote]:
     what = (
         'springs along joints are in the model file; a term {law = "spring", ...} under [model] '
-        "terms stands for them, none of the customary terms does: "
+        "terms represents them, none of the default terms does: "
     )
     for name, spring in mechanism.springs.items():
         effort, position = _units(mechanism.joint(name))

@@ -152,7 +152,7 @@ def read_xml(path: Path) -> Element:
         raise ModelError(
             f"the file is not valid XML: {error}",
             where=f"{path}, line {builder.expat.CurrentLineNumber}",
-            mend="give a URDF or an MJCF; if it is one, mend the XML there",
+            mend="give a URDF or an MJCF; if it is one, correct the XML there",
         ) from None
     if root is None:
         raise ModelError(

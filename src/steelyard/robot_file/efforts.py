@@ -25,7 +25,7 @@ EFFORT_UNITS = {
     "N": ("N", 1.0),
     "%": ("%", 1.0),
 }
-WITHOUT_TORQUE = {"A": "motor current", "%": "percent of some effort"}
+WITHOUT_TORQUE = {"A": "motor current", "%": "percent of an unknown effort"}
 """Base units that are no torque or force, and what columns in them hold."""
 
 

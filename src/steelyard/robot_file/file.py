@@ -126,7 +126,7 @@ def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
     notes += tuple(unfollowed.values())
     if signals is not None and signals.effort_kind == "gravity_compensated_torque":
         robot = robot.changed(gravity=np.zeros(3))
-        notes += ("efforts are without gravity: the model has none either",)
+        notes += ("efforts are gravity compensated: the model has none either",)
     if (
         signals is not None
         and any(unit in WITHOUT_TORQUE for unit in signals.effort_units)

@@ -185,7 +185,7 @@ def _clock(section: SignalsSection, locate: Locate) -> tuple[str, float]:
     raise ModelError(
         f"there is {wrong}",
         where=locate("signals"),
-        mend='say time = "..." for the log\'s clock, or rate = ... [Hz] if it has none',
+        mend='set time = "..." for the log\'s clock, or rate = ... [Hz] if it has none',
     )
 
 

@@ -55,7 +55,7 @@ def checked(path: Path, text: str, schema: type[Schema]) -> tuple[Schema, Places
         raise ModelError(
             f"the robot file is not valid TOML: {error}",
             where=str(path),
-            mend="mend that line: text stands in quotes, lists in [ ], each key stands once",
+            mend="correct that line: text in quotes, lists in [ ], each key once",
         ) from None
     places = Places(path, text)
     try:

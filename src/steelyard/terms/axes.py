@@ -127,9 +127,9 @@ def per_axis(values: float | tuple[float, ...], axes: Sequence[Axis], law: str) 
     """
     if isinstance(values, Find):
         raise ModelError(
-            f"a field of term '{law}' is still to be found",
+            f"a field of term '{law}' is not estimated yet",
             where="list of terms",
-            mend="find it from logs first, with `steelyard identify` or `find_fields`, or give "
+            mend="estimate it from logs first, with `steelyard identify` or `find_fields`, or give "
             "a number",
         )
     given = values if isinstance(values, tuple) else (values,) * len(axes)

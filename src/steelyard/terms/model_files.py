@@ -80,7 +80,7 @@ def placed(term: Any, robot: Robot, values: Values) -> Placed:
     found: Placed = term.in_model_files(robot, values)
     if not term.per_run:
         return found
-    own = f"values of single runs, their mean is held ({term.law})"
+    own = f"values of single runs, their mean is used ({term.law})"
     return replace(found, lost=(*found.lost, own))
 
 
@@ -159,7 +159,7 @@ def full_sliding(*prefixes: str, lost: str) -> Place:
     def place(term: Any, robot: Robot, values: Values) -> Placed:
         names = prefixes or tuple(f"{term.law}{k + 1}" for k in range(len(term.lengths)))
         parts = tuple(p for name in names for p in under(term, robot, values, name, "dry"))
-        words = f"{lost}, friction in full sliding is held ({term.law})"
+        words = f"{lost}, friction in full sliding is used ({term.law})"
         return Placed(parts, lost=(words,) if any(p.value for p in parts) else ())
 
     return place
@@ -186,5 +186,5 @@ def _difference(term: Any, robot: Robot, values: Values) -> tuple[str, ...]:
     parameters, axes = term.parameters(robot), term.axes(robot)
     pairs = zip(axes, parameters, parameters[len(axes) :], strict=False)
     half = listed((a.name, 0.5 * (values[f.name] - values[b.name]), f.unit) for a, f, b in pairs)
-    words = f"that friction differs between directions, their mean is held ({term.law})"
+    words = f"that friction differs between directions, their mean is used ({term.law})"
     return (f"{words}: ± {half}",) if half else ()

@@ -27,7 +27,7 @@ class Find:
     def __post_init__(self) -> None:
         if not 0.0 < self.lower < self.upper < float("inf"):
             raise ModelError(
-                f"a field is to be found between {self.lower} and {self.upper}",
+                f"a field is to be estimated between {self.lower} and {self.upper}",
                 where="list of terms",
                 mend="give two numbers above zero, the smaller one first: {find = [0.001, 1.0]}",
             )
@@ -92,9 +92,9 @@ def searchable(law: type[Any], field: str, where: str) -> tuple[float, float]:
     if field not in bounds:
         others = " and ".join(f"'{name}'" for name in bounds) or "none of its fields"
         raise ModelError(
-            f"the field '{field}' of term '{law.law}' cannot be found from data",
+            f"the field '{field}' of term '{law.law}' cannot be estimated from data",
             where=where,
-            mend=f"give '{field}' a value; {others} can be found",
+            mend=f"give '{field}' a value; {others} can be estimated",
         )
     return bounds[field]
 

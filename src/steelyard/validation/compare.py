@@ -70,7 +70,7 @@ class Parts:
         )
         if not all(windows):
             raise DataError(
-                "a run is too short to leave a part of it out",
+                "the run is too short to leave a part of it out",
                 where=", ".join(run.name for run in runs),
                 mend="log longer, or several runs",
             )
@@ -93,7 +93,7 @@ class Parts:
         if needs == "information":
             return self.said(parts)
         if needs not in self.others:
-            wrong, mend = self.lacking.get(needs, (f"it looks at {needs}, and there is none", LEFT))
+            wrong, mend = self.lacking.get(needs, (f"it needs {needs}, and none is given", LEFT))
             raise DataError(wrong, where=", ".join(self.names), mend=mend)
         return self.others[needs](self.said(parts))
 
@@ -216,7 +216,7 @@ def _fitted(
     except MemoryError:
         return "there is not enough memory", LEFT
     except Exception as error:  # whatever an estimator does, the others go on
-        return f"it broke down: {type(error).__name__}: {_first_line(error)}", LEFT
+        return f"it failed: {type(error).__name__}: {_first_line(error)}", LEFT
     if not np.isfinite(estimate.values.values).all():
         return "its values are not finite", LEFT
     return estimate

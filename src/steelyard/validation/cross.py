@@ -142,7 +142,7 @@ def per_fold(information: Information, folds: Sequence[Fold]) -> Information:
 def too_short(information: Information) -> DataError:
     """What to say where nothing can be left out."""
     return DataError(
-        "a run is too short to leave a part of it out",
+        "the run is too short to leave a part of it out",
         where=", ".join(dict.fromkeys(w.run for w in information.windows)),
         mend='log longer or several runs, or name the friction laws instead of "auto"',
     )

@@ -20,7 +20,7 @@ from steelyard.progress import Progress, silent, tell
 from steelyard.regression.information import Information
 from steelyard.validation.cross import FEWEST, FOLDS, LEAST, logarithms
 
-BEFORE = f"known to ± {100.0 * Z95 * DEVIATION:.0f} % before the data (95 % interval)"
+BEFORE = f"known to ± {100.0 * Z95 * DEVIATION:.0f} % a priori (95 % interval)"
 """How well a scale is known without them, for people to read."""
 
 CHANCE = 1e-3
@@ -59,8 +59,8 @@ class EffortScales:
         return (
             f"efforts are read with a scale per joint (logged over model, {BEFORE}): {listed}; "
             f"error on left-out motion {self.error:.3g} % instead of {self.without:.3g} %; masses "
-            'are as sure as the scales; effort_scales = "off" in [estimation] keeps the gains as '
-            "given"
+            'are as uncertain as the scales; effort_scales = "off" in [estimation] keeps the given '
+            "gains"
         )
 
     def to_dict(self) -> dict[str, Any]:

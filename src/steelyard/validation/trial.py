@@ -20,10 +20,10 @@ MOST = 0.1
 ZERO = 100.0
 """Error of a model that predicts zero [%]."""
 
-BEATEN = "beats predicting zero, which has 100 %: is the log what the robot file says?"
+BEATEN = "is better than predicting zero, which has 100 %: check the log against the robot file"
 
 FEW = 2
-LITTLE = "; two parts tell little, more runs tell more"
+LITTLE = "; two parts are few, use more runs"
 """What is said where no more than so many parts were predicted."""
 
 COST = {"information": 0, "samples": 1, "experiment": 2}
@@ -269,11 +269,11 @@ def _why(chosen: Trial, best: Trial, close: Sequence[Trial]) -> str:
     if chosen is best:
         told = f"{chosen.name}: {chosen.figure}, the least error"
         others = [t.name for t in close if t is not best]
-        told += f"; {', '.join(others)} cannot be told from it" if others else ""
-        return told + ("; its bodies can exist" if chosen.valid else "")
+        told += f"; {', '.join(others)} not significantly different" if others else ""
+        return told + ("; its inertias are valid" if chosen.valid else "")
     reasons = []
     if chosen.valid and not best.valid:
-        reasons.append("its bodies can exist")
+        reasons.append("its inertias are valid")
     if _rank(chosen)[1:] < _rank(best)[1:] or not reasons:
         reasons.append("it is simpler")
     return (

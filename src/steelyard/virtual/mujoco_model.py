@@ -218,7 +218,7 @@ def _principal(body: Body, inertia: Inertia) -> tuple[float, Array, Array, Array
     flaw = inertia.flaw()
     if flaw is not None:
         raise ModelError(
-            f"link '{body.name}' cannot exist: {flaw}",
+            f"link '{body.name}' is not physically consistent: {flaw}",
             where=f"mass properties of link '{body.name}'",
             mend="correct the <inertial> of this link, or simulate with a truth of your own",
         )

@@ -33,9 +33,10 @@ class Payload:
         flaw = self.inertia.flaw()
         if flaw is not None or not 0.0 <= self.attach < self.release:
             raise ModelError(
-                f"the payload cannot exist: {flaw}"
+                f"the payload is not physically consistent: {flaw}"
                 if flaw is not None
-                else f"the payload is taken at {self.attach:g} s and let go at {self.release:g} s",
+                else f"the payload is attached at {self.attach:g} s, released at "
+                f"{self.release:g} s",
                 where=f"payload on '{self.frame}'",
                 mend="give mass properties of a real body, and times 0 <= attach < release",
             )

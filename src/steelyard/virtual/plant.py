@@ -105,9 +105,9 @@ class MujocoPlant:
         q, dq = self.state()
         if not (np.abs(q).max() < _BEYOND and np.abs(dq).max() < _BEYOND):
             raise DataError(
-                "the simulated robot ran away",
+                "the simulation diverged",
                 where=f"robot '{self._robot.name}'",
-                mend="give it gentler torques, or a truth with more inertia",
+                mend="give smaller torques, or a true robot with more inertia",
             )
         return q, dq
 

@@ -147,10 +147,10 @@ class VirtualRobot:
         loaded = np.zeros(ticks, bool) if self.payload is None else self.payload.carried(t)
         if self.payload is not None and not loaded.any():
             raise DataError(
-                f"the payload is taken at {self.payload.attach:g} s, "
+                f"the payload is attached at {self.payload.attach:g} s, "
                 f"but the log ends at {t[-1]:g} s",
                 where=f"payload on '{self.payload.frame}'",
-                mend="take it earlier, or make the motion longer",
+                mend="attach it earlier, or make the motion longer",
             )
         self._plant.load(bool(loaded[0]))
         self.place(goal[0])

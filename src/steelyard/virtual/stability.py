@@ -63,7 +63,7 @@ def _check_masses(laws: Laws, masses: Array) -> None:
     for joint, mass in zip(laws.robot.joints, least, strict=True):
         if mass < 1e-9:
             raise ModelError(
-                f"joint '{joint.name}' moves next to no inertia ({mass:.2g})",
+                f"joint '{joint.name}' moves almost no inertia ({mass:.2g})",
                 where="truth of the virtual robot",
                 mend="give the links beyond this joint a mass, or the joint a rotor inertia",
             )

@@ -31,7 +31,7 @@ GRAVITY = (0.0, 0.0, -9.81)
 
 HELD: dict[Format, tuple[Kind, ...]] = {"urdf": ("dry", "viscous"), "mjcf": tuple(POWERS)}
 
-FIT = "friction over speed as it is; a fit is held that is off by at most"
+FIT = "nonlinear friction curve; fitted by the format's friction laws, largest error"
 """Heads the joints where not every law has a place."""
 
 Effects = Mapping[Kind, float]
@@ -126,7 +126,7 @@ def _standard(identified: IdentifiedModel) -> dict[str, float]:
             "the model has base parameters only, not the mass and inertia of every link",
             where=f"model of '{name}', estimated by {estimate.estimator}",
             mend="remove method from [estimation] of the robot file (or --method) and identify "
-            "again: the default estimator knows from the prior what the data do not show",
+            "again: the default estimator knows from the prior what the data do not determine",
         )
     if not identified.model.has_bodies:
         raise ModelError(
@@ -151,9 +151,9 @@ def _inertia(robot: Robot, index: int, values: Mapping[str, float]) -> Inertia:
             flaw = "its pseudo-inertia is not positive definite: its mass lies in a plane or a line"
     if flaw is not None:
         raise ModelError(
-            f"link '{name}' cannot exist: {flaw}",
+            f"link '{name}' is not physically consistent: {flaw}",
             where=f"estimated mass properties of link '{name}'",
-            mend="identify with the default estimator, which keeps every link physical",
+            mend="identify with the default estimator: its links are physically consistent",
         )
     return inertia
 
@@ -252,7 +252,7 @@ def _of_robot(robot: Robot, form: Format) -> tuple[str, ...]:
         said.append(f"gravity: set it to ({x:.6g}, {y:.6g}, {z:.6g}) m/s² in the base frame")
     if form == "urdf" and robot.loops:
         names = ", ".join(loop.name for loop in robot.loops)
-        said.append(f"loops: the file is the open tree without {names}")
+        said.append(f"closed loops: the file has the open kinematic tree without {names}")
     if form == "mjcf" and any(np.isfinite(c.limits.velocity) for c in robot.joints):
         said.append("speed limits of the joints")
     if robot.transmission is not None:

@@ -49,7 +49,7 @@ def urdf_behind(path: Path) -> Path:
         raise ModelError(
             "there is no URDF to put the numbers into",
             where=str(path),
-            mend="give the robot's URDF, or leave out --model: the file is then written anew",
+            mend="give the robot's URDF, or leave out --model: a new file is then written",
         )
     return path
 
@@ -147,7 +147,7 @@ class _Editing:
     def _locked(self, joint: Span, parent: Frame, child: Frame) -> list[Edit]:
         tag = self.original[joint.start : joint.inside].decode("utf-8")
         fixed = re.sub(r"""(\stype\s*=\s*)("[^"]*"|'[^']*')""", r'\1"fixed"', tag)
-        words = f"was {joint.attributes['type']}; locked where it was in the identification"
+        words = f"was {joint.attributes['type']}; locked at its position in the identification"
         there = Placement(parent.rotation, parent.position)
         back = Placement(there.rotation.T, -there.rotation.T @ there.position)
         place = back @ Placement(child.rotation, child.position)

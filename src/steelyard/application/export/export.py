@@ -23,16 +23,11 @@ from steelyard.robot_file.model_source import read_mechanism
 CLOSE = 1e-9
 """How far numbers may move by being written and read again, relative to the largest."""
 
-MERGED = (
-    "Links that are fixed to a moving link, or that locked joints carry, have no mass of their "
-    "own here."
-)
+MERGED = "Links fixed to a moving link, directly or by locked joints, are lumped into that link."
 
 SHARES = "Share of each link's mass that comes from the data, the rest is prior:"
-UNSEEN = "Not seen by the data:"
-KEPT = (
-    "Links that the identification does not touch, and that cannot exist as the original has them:"
-)
+UNSEEN = "Not identifiable from the data:"
+KEPT = "Links that were not identified and are not physically consistent in the original file:"
 
 
 @dataclass(frozen=True)
@@ -132,9 +127,9 @@ def refuse_changed(path: Path, made: Exported) -> None:
         other = found.bodies[names.index(body.name)] if body.name in names else None
         ten = inertias[index].ten
         if other is None or _names(wanted, body) != _names(found, other):
-            what = "hangs on another link or joint"
+            what = "has another parent link or joint"
         elif not _alike(_place(body), _place(other)):
-            what = "stands or turns otherwise"
+            what = "has another pose or axis"
         elif not other.massless and not _alike(ten, other.inertia.ten):
             what = "has another mass or inertia"
         else:

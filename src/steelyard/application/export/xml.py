@@ -60,7 +60,7 @@ def head_of(
     lines = [
         f"{content.robot.name}: identified with steelyard {origin.version} from logs.",
         f"Estimate: {identified.estimate.estimator}.",
-        f"Runs: {', '.join(origin.runs) or 'not told'}.",
+        f"Runs: {', '.join(origin.runs) or 'unknown'}.",
         "Inputs, SHA-256:",
         *(f"  {role}: {value}" for role, value in origin.inputs.items()),
         "Inertias are those of moving links with all that is fixed to them.",

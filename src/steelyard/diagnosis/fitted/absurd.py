@@ -67,7 +67,7 @@ def refuse_absurd(identified: IdentifiedModel, where: str) -> None:
         raise DataError(
             f"the estimate is physically absurd: {'; '.join(found)}",
             where=where,
-            mend=f"c{CHECK[1:]}; --no-check writes the model all the same",
+            mend=f"c{CHECK[1:]}; --no-check writes the model anyway",
         )
 
 
@@ -98,7 +98,7 @@ def _masses(identified: IdentifiedModel) -> Iterator[str]:
     if nominal <= 0.0 or not all(b.known for b in robot.bodies):
         return
     if total - SURE * spread > TOTAL * nominal or total + SURE * spread < nominal / TOTAL:
-        yield f"all links together come to {total:.3g} kg, in the model file to {nominal:.3g} kg"
+        yield f"the total mass of the links is {total:.3g} kg, in the model file {nominal:.3g} kg"
 
 
 def heaviest(robot: Robot, index: int) -> float:
@@ -123,7 +123,7 @@ def _driving(identified: IdentifiedModel) -> Iterator[str]:
         all_of_them = len(driving) == len(joints)
         who = "all joints" if all_of_them else listed
         its = "efforts have" if all_of_them else "its effort, or its position, has"
-        yield f"friction of {who} comes out negative: {its} the wrong sign"
+        yield f"estimated friction of {who} is negative: {its} the wrong sign"
 
 
 def _negative(estimate: Estimate, name: str) -> bool:

@@ -59,10 +59,10 @@ def _advice(case: FittedCase) -> Mend:
     at_joints = identified.signals.effort_kind == "joint_torque"
     if at_joints and names and len(held) >= FEW * len(names):
         return Mend(
-            f"{len(held)} of {len(names)} rotor inertias are zero: torques may be of sensors "
-            'behind the gears; try kind = "link_torque" without rotor_inertia first'
+            f"{len(held)} of {len(names)} rotor inertias are zero: torques may be from sensors "
+            'on the link side; try kind = "link_torque" without rotor_inertia first'
         )
-    return Mend("Look at the terms, and at what the check says of this joint's effort")
+    return Mend("Review the terms, and the check of this joint's effort")
 
 
 def _finding(score: RunScore, worse: tuple[JointScore, ...], mend: Mend) -> Finding:
@@ -74,7 +74,7 @@ def _finding(score: RunScore, worse: tuple[JointScore, ...], mend: Mend) -> Find
         BelowNominal.name,
         score.run,
         Judgement.DOUBTFUL,
-        f"predicted worse than by the nominal model of the robot file: {words}",
+        f"larger prediction error than the nominal model of the robot file: {words}",
         "",
         tuple(joint.joint for joint in worse),
         mend,

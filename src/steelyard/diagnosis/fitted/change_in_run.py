@@ -92,7 +92,7 @@ def _when(change: Change) -> str:
 def _cut(change: Change) -> Mend:
     early, late = change.time - change.within, change.time + change.within
     return Mend(
-        f"take what lies before and after by itself: LOG@:{early:.3g} or LOG@{late:.3g}: "
+        f"identify the parts before and after separately: LOG@:{early:.3g} or LOG@{late:.3g}: "
         "(seconds from its start)"
     )
 
@@ -122,7 +122,7 @@ def _of_offset(change: Change, case: FittedCase) -> Finding:
         change.run,
         Judgement.DOUBTFUL,
         f"the offset of '{joint.name}' jumps by {change.value:+.3g} ± {Z95 * change.std:.1g} "
-        f"{joint.effort_unit} {_when(change)}, as if its torque sensor were zeroed anew",
+        f"{joint.effort_unit} {_when(change)}, as if its torque sensor were zeroed again",
         _explains(change, OFFSET),
         (joint.name,),
         mend=_cut(change),
@@ -151,7 +151,7 @@ def _of_friction(drifts: list[Drift], case: FittedCase) -> Finding:
         ChangeInRun.name,
         drifts[0].run,
         Judgement.OK,
-        f"friction drifts from start to end of the log, as it does while gears warm: {words}",
+        f"friction drifts during the log, as with gears warming up: {words}",
         "",
         names,
         mend=Mend("Log once the gears are warm"),
@@ -166,8 +166,7 @@ def _of_drift(drifts: list[Drift], case: FittedCase) -> Finding:
         ChangeInRun.name,
         drifts[0].run,
         Judgement.DOUBTFUL,
-        "the scale of efforts drifts from start to end of the log, as a gain or a sensor that "
-        f"warms does: {words}",
+        f"the effort scale drifts during the log, as with a gain or sensor warming up: {words}",
         f"this explains {100.0 * least:.0f} % of the squared residual or more, bound "
         f"{100.0 * DRIFTS:.0f} %",
         names,

@@ -22,8 +22,8 @@ class Clipped:
             values = run.quality.rows * len(run.recording.signals.effort_units)
             if count > SHARE * values:
                 says = (
-                    f"{count} efforts ({100.0 * count / values:.2g} %) are at their limit: the "
-                    "error counts them, though what the joint needed there was not measured"
+                    f"{count} efforts ({100.0 * count / values:.2g} %) are saturated: the "
+                    "error includes them, though the required effort was not measured there"
                 )
                 remark = Finding(self.name, run.name, Judgement.OK, says, "", headline=True)
                 found.append(remark)

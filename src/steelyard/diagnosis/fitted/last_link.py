@@ -82,9 +82,9 @@ def _finding(weight: Weight, usual: float) -> Finding:
         LastLink.name,
         "",
         Judgement.DOUBTFUL,
-        f"the last link ({weight.link}) comes out {more:.2g} kg heavier than the model file says: "
+        f"the last link ({weight.link}) is estimated {more:.2g} kg heavier than in the model file: "
         "the robot carries a payload or tool in all logs, or the model file is wrong",
         f"{weight.mass:.3g} ± {Z95 * weight.std:.2g} kg for {weight.nominal:.3g} kg, "
         f"{weight.ratio:.1f} times, the other links {usual:.1f} times",
-        mend=Mend("Log without the load, or put the tool into the model file"),
+        mend=Mend("Log without the load, or add the tool to the model file"),
     )

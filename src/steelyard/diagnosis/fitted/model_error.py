@@ -1,4 +1,4 @@
-"""Residuals far above the measurement noise: the model lacks something, and what most likely."""
+"""Residuals far above the measurement noise: the model is incomplete, and what most likely."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -23,7 +23,7 @@ from steelyard.validation.friction.mixes import remembers
 from steelyard.validation.residuals import ResidualNoise, residual_noise
 
 FAR = 2.0
-"""Residual over the noise's upper bound from which on the model lacks something."""
+"""Residual over the noise's upper bound from which on the model is incomplete."""
 
 ABOVE = 1.5
 """Residual over noise from which on a joint is counted among those that are above it."""
@@ -146,13 +146,13 @@ def _blamed(found: Sequence[Cause], inflation: float) -> tuple[Cause, ...]:
 def _remark(ranked: Ranked) -> Finding:
     """What stands beside the headline where no single error is to blame."""
     likely = [cause for cause in ranked.found if cause.share >= SHARE][:NAMED]
-    says = f"{residuals(ranked.beside)}: the model lacks something"
+    says = f"{residuals(ranked.beside)}: the model is incomplete"
     if not likely:
-        says += ", which intervals do not cover, or the noise varies slowly"
+        says += ", which the intervals do not cover, or the noise varies slowly"
     else:
-        says += ", and intervals do not cover it"
+        says += ", which the intervals do not cover"
         named = (f"{cause.says} {100.0 * cause.share:.0f} %" for cause in likely)
-        says += f"; each tried alone removes (do not add them): {', '.join(named)}"
+        says += f"; reduction by each candidate alone (not additive): {', '.join(named)}"
     return Finding(ModelError.name, "", Judgement.OK, says, "", headline=True)
 
 
@@ -164,9 +164,9 @@ def _not_looked_at(case: FittedCase, runs: Sequence[Run]) -> tuple[Finding, ...]
         return ()
     run = runs[0]
     says = (
-        f"whether residuals are noise is not known: the matched cut-off of {run.matched_cutoff:g} "
-        f"Hz leaves no band above it at {run.rate:g} Hz, and the fitted runs have errors up to "
-        f"{error:.0f} %"
+        "residuals could not be compared with noise: the matched cut-off of "
+        f"{run.matched_cutoff:g} Hz leaves no band above it at {run.rate:g} Hz, and the fitted "
+        f"runs have errors up to {error:.0f} %"
     )
     return (Finding(ModelError.name, "", Judgement.OK, says, "", headline=True),)
 
@@ -181,7 +181,7 @@ def _doubtful(model: Model, runs: Sequence[Run], ranked: Ranked) -> Finding:
         found = None if offsets is None else far_offsets(offsets)
         if offsets is not None and found is not None and found.any():
             words, mend = numbers(offsets, found), correction(offsets, found)
-    says = "they fit an error of the model that intervals do not cover"
+    says = "a model error that the intervals do not cover"
     return Finding(
         ModelError.name,
         "",

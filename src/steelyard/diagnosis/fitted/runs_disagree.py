@@ -90,8 +90,8 @@ def _finding(
             RunsDisagree.name,
             name,
             Judgement.WRONG,
-            f"it carries a load of {mass:.3g} ± {half:.1g} kg that {others} not: the model is of "
-            "neither state",
+            f"it carries a load of {mass:.3g} ± {half:.1g} kg that {others} not: the model "
+            "describes neither load state",
             figure,
             mend=Mend("Leave this log out, or give it as --loaded"),
         )

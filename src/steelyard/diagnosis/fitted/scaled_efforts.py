@@ -30,8 +30,8 @@ class ScaledEfforts:
         off = [f"{joint} {x:.2f} ± {half:.2f}" for joint, x, half, is_far in values if is_far]
         listed = ", ".join(off) or "none by itself beyond its interval"
         says = (
-            f"efforts are read with a scale per joint ({listed}): sensors or gains are off by so "
-            "much, or the model lacks something that looks like it; masses are as uncertain as "
+            f"efforts are read with a scale per joint ({listed}): sensors or gains are off by "
+            "these factors, or a missing term has the same effect; masses are as uncertain as "
             f"the scales{_term_instead(case, scales.found.distance)}"
         )
         return (Finding(self.name, "", Judgement.OK, says, "", headline=True),)

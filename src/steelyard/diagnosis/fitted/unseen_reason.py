@@ -48,7 +48,7 @@ BODIES = 30.0
 TRIED = "a load, signs, orders, units, gains, a delay, the mounting, friction and offsets"
 
 ADVICE = {
-    "payload": "weigh it with `steelyard payload`, or validate on a log without load",
+    "payload": "identify it with `steelyard payload`, or validate on a log without load",
 }
 """What to do about an explanation, by its cause."""
 
@@ -95,8 +95,8 @@ def _reason(fit: FittedCase, run: Run, score: RunScore, ratio: float) -> Finding
             UnseenReason.name,
             run.name,
             Judgement.DOUBTFUL,
-            "friction or offsets are not those of the fitted logs: fitted anew to this log, they "
-            f"bring the typical error from {typical:.1f} % to {left:.1f} %",
+            "friction or offsets differ from those of the fitted logs: fitting them to this log "
+            f"reduces the typical error from {typical:.1f} % to {left:.1f} %",
             figure,
             mend=Mend("identify from logs of one temperature, or give terms per_run"),
         )
@@ -111,15 +111,15 @@ def _explains(held: Verdict, own: float) -> bool:
 
 def _unexplained(fit: FittedCase, run: Run, left: float, figure: str) -> Finding:
     """That no cause was found, and what is to be looked at first."""
-    says = f"the cause of the error was not found; tried: {TRIED} (these leave {left:.1f} %)"
+    says = f"no cause of the error was found; tested: {TRIED} (these leave {left:.1f} %)"
     mend = Mend("`steelyard check ROBOT LOG --model MODEL` shows what was compared")
     same = any(_one_file(run.name, name) for name in _fitted_names(fit))
     if fit.doubts:
         doubt = fit.doubts[0]
-        says += f". The check before the fit is doubtful about {doubt.log}: {doubt.says}"
-        mend = Mend("settle that first")
+        says += f". The check before the fit found a doubt in {doubt.log}: {doubt.says}"
+        mend = Mend("resolve that first")
     elif not same:
-        says += ". The log may be of another robot, or of one that was changed"
+        says += ". The log may come from another robot, or one that was modified"
         mend = Mend("make sure that all logs are of one robot, or identify this one by itself")
     wrong = not same and not fit.doubts and left > BODIES
     judgement = Judgement.WRONG if wrong else Judgement.DOUBTFUL
@@ -157,7 +157,7 @@ def _explained(fit: FittedCase, run: Run, held: Verdict) -> Finding:
     if fit.doubts:
         judgement, doubt = Judgement.DOUBTFUL, fit.doubts[0]
         reason = (
-            f"the check before the fit is doubtful about {doubt.log}: {doubt.says}. If that log is "
+            f"the check before the fit found a doubt in {doubt.log}: {doubt.says}. If that log is "
             f"as declared, the {reason}"
         )
     return Finding(

@@ -67,14 +67,14 @@ def _short_delays(case: Case, name: str, found: Findings) -> Findings:
 
 def _fine_gains(held: Verdict) -> str:
     if any(held.ranking.trial.signals.unknown_gains):
-        return "gains are to be identified, and are not compared with the model file"
+        return "gains are identified, so they are not compared with the model file"
     return agrees(held, "gains and gear ratios are right")
 
 
 def _no_load(held: Verdict) -> str:
     trial = held.ranking.trial
     if trial.knowledge.identified:
-        return agrees(held, "the arm carries nothing")
+        return agrees(held, "the arm carries no load")
     mass = least_mass(trial)
     return agrees(held, f"no load of {mass:.2g} kg or more, if the model file's masses are right")
 
@@ -87,15 +87,15 @@ JOINT_ORDER = HypothesisCheck(
 )
 POSITION_SIGN = HypothesisCheck(
     "position sign",
-    "Do positions count the right way?",
-    "positions count the right way",
-    "say which columns count against their joint",
+    "Do positions have the right sign?",
+    "positions have the right sign",
+    "state which position columns have the opposite sign",
 )
 EFFORT_SIGN = HypothesisCheck(
     "effort sign",
     "Do efforts have the right sign?",
     "efforts have the right sign",
-    "turn the sign of the gain",
+    "change the sign of the gain",
     _signs_of_friction,
 )
 EFFORT_UNIT = HypothesisCheck(
@@ -106,7 +106,7 @@ EFFORT_UNIT = HypothesisCheck(
 )
 EFFORT_KIND = HypothesisCheck(
     "effort kind",
-    "Are efforts what they are declared to be?",
+    "Are efforts of the declared kind?",
     "efforts are of the kind declared",
     "declare what the columns hold",
 )
@@ -119,20 +119,20 @@ GAIN = HypothesisCheck(
 )
 EFFORT_DELAY = HypothesisCheck(
     "effort delay",
-    "Are all efforts logged late, or early, by one time?",
-    "efforts have no delay common to all joints",
-    "take the delay out",
+    "Do all efforts have a common delay?",
+    "efforts have no common delay",
+    "compensate the delay",
     _short_delays,
 )
 MOUNTING = HypothesisCheck(
     "mounting",
-    "Does gravity point where the robot file says?",
-    "gravity points where the robot file says",
-    "say where gravity points in the base frame",
+    "Is the direction of gravity that of the robot file?",
+    "gravity has the direction of the robot file",
+    "state the direction of gravity in the base frame",
 )
 PAYLOAD = HypothesisCheck(
     "payload",
-    "Is the arm empty?",
+    "Is the arm without load?",
     _no_load,
-    "identify without this log, give it as --loaded, or weigh the load with steelyard payload",
+    "identify without this log, give it as --loaded, or identify the load with steelyard payload",
 )

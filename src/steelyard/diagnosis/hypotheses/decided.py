@@ -50,9 +50,9 @@ def undecided(held: Verdict, cause: str) -> str:
         return ""
     open_factor = [r.cause for r, _ in held.winners if not r.fixed and r.cause in FACTORS]
     if open_factor and cause in (*FACTORS, "payload"):
-        return f"cannot be told before {open_factor[-1]} is settled, see there"
+        return f"undecided until {open_factor[-1]} is resolved, see there"
     score = trial.score(last.reading)
-    misfit = f"the nominal model comes only within {float(score.percent[0]):.1f} %"
+    misfit = f"the nominal model has a misfit of {float(score.percent[0]):.1f} %"
     if cause in ("payload", "mounting"):
         return _hidden(trial, last.reading, score, cause, misfit)
     if cause == "gain" and any(trial.signals.unknown_gains):
@@ -61,11 +61,11 @@ def undecided(held: Verdict, cause: str) -> str:
         return _gains(trial, last.reading, misfit)
     if cause == "effort delay":
         near = _times(trial, last.reading)
-        misfit = "a fit of bodies of any mass agrees as declared"
+        misfit = "bodies of any mass fit as declared"
     else:
         near = _near(trial, last.reading, score, cause)
     listed = ", ".join(near[:SHOWN]) + ", ..." * (len(near) > SHOWN)
-    return f"cannot be told: {misfit}, and about as well with {listed}" if near else ""
+    return f"undecided: {misfit}, but fits about as well with {listed}" if near else ""
 
 
 def _hidden(trial: Trial, reading: Reading, score: Score, cause: str, misfit: str) -> str:
@@ -78,7 +78,7 @@ def _hidden(trial: Trial, reading: Reading, score: Score, cause: str, misfit: st
         tilt = detectable_tilt(trial, reading, score)
         hidden = tilt > NEAR
         size = f"a tilt by {np.rad2deg(tilt):.0f}°"
-    return f"cannot be told: {misfit}, as much as {size} may make" if hidden else ""
+    return f"undecided: {misfit}, which {size} may cause" if hidden else ""
 
 
 def least_mass(trial: Trial) -> float:
@@ -143,9 +143,9 @@ def _gains(trial: Trial, reading: Reading, misfit: str) -> str:
     names = trial.knowledge.robot.joint_names
     rest = [f"'{name}'" for name in names if name not in weak]
     if not rest:
-        return f"cannot be told: {misfit}, with quite other gains as well"
+        return f"undecided: {misfit}, with very different gains as well"
     return (
-        f"cannot be told of {listed}: the nominal model agrees with quite other gains as well; "
+        f"undecided for {listed}: the nominal model agrees with very different gains as well; "
         f"it agrees with those of {', '.join(rest)}"
     )
 
@@ -180,13 +180,13 @@ def _drafts(trial: Trial, reading: Reading, cause: str) -> Iterator[Draft]:
     if cause == "position sign":
         for j, name in enumerate(names):
             changed = reading.changed(position_scale=_turned(n, j) * reading.position_scale)
-            yield Draft(cause, f"'{name}' the other way", changed, 0.0, (j,))
+            yield Draft(cause, f"'{name}' with the opposite sign", changed, 0.0, (j,))
     elif cause == "effort sign":
         for j, name in enumerate(names):
             changed = reading.with_factors(_turned(n, j))
-            yield Draft(cause, f"the other sign of '{name}'", changed, 0.0, (j,))
+            yield Draft(cause, f"the opposite sign of '{name}'", changed, 0.0, (j,))
         changed = reading.with_factors(-np.ones(n))
-        yield Draft(cause, "the other sign of all", changed, 0.0, every)
+        yield Draft(cause, "the opposite sign of all", changed, 0.0, every)
     elif cause in ("effort unit", "effort kind"):
         size = 1000.0 if cause == "effort unit" else HEAVIEST
         for factor in (size, 1.0 / size):

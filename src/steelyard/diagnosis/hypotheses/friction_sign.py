@@ -90,7 +90,7 @@ def _of_log(case: Case, evidence: Evidence, name: str) -> Finding | None:
     listed = ", ".join(f"'{j}'" for j in driven)
     if not braked and 2 * len(driven) > len(case.joints) > 1:
         says = (
-            "all efforts have the other sign, or all joints count the other way: friction drives "
+            "all efforts or all positions have the wrong sign: friction drives "
             f"{listed} instead of braking, and takes energy in no joint"
         )
         gains = [-float(g) for g in signals.gains]
@@ -99,14 +99,14 @@ def _of_log(case: Case, evidence: Evidence, name: str) -> Finding | None:
             if any(signals.unknown_gains) or case.loaded.robot.transmission
             else (Edit(("signals", "effort", "gain"), gains),)
         )
-        mend = Mend("turn the signs of all gains", edits)
+        mend = Mend("change the signs of all gains", edits)
         return Finding(name, evidence.name, Judgement.WRONG, says, figure, tuple(driven), mend)
     says = (
-        f"effort of {listed} has the other sign, or the position counts the other way: friction "
+        f"effort of {listed} has the wrong sign, or the position has: friction "
         "drives instead of braking"
     )
     mend = Mend(
-        f"look which of the two it is: turn the sign of the gain of {listed}, or of its "
+        f"find out which of the two it is: change the sign of the gain of {listed}, or of its "
         "position (position_sign under [signals])"
     )
     return Finding(name, evidence.name, Judgement.DOUBTFUL, says, figure, tuple(driven), mend)

@@ -9,7 +9,7 @@ from steelyard.regression.gather import gather
 from steelyard.regression.regressor import base_regressor
 
 SOURCES = (
-    "fill in the gains of {} before identifying (data sheet: torque constant times gear ratio), or "
+    "enter the gains of {} before identifying (data sheet: torque constant times gear ratio), or "
     "give `steelyard identify` a log that carries a known mass (--loaded LOG --payload-mass KG)"
 )
 
@@ -35,7 +35,7 @@ def gains_left(case: Case, name: str) -> tuple[Finding, ...]:
         known = {joint: float(gain) for joint, gain, left in pairs if not left}
         identified_gains(model, [gather(regressor, run) for run in runs], known=known)
     except DataError as error:
-        says = f"these logs alone do not give the gains that are to be identified: {error.wrong}"
+        says = f"the gains are not identifiable from these logs alone: {error.wrong}"
         figure = f"{len(unknown)} of {len(pairs)} gains to be identified"
         mend = Mend(SOURCES.format("one joint or more" if not known else listed))
         return (Finding(name, "", Judgement.DOUBTFUL, says, figure, unknown, mend),)

@@ -18,8 +18,8 @@ from steelyard.diagnosis.hypotheses.trial import Trial
 
 CLOSE = 3.0
 """Log-likelihood within which the two fit equally well."""
-BOTH = ": bodies of any mass fit both, and this log cannot tell them apart"
-JOINTS, EFFORTS = "all joints count the other way", "all efforts have the other sign"
+BOTH = ": both fit with free masses, and this log cannot distinguish them"
+JOINTS, EFFORTS = "all positions have the opposite sign", "all efforts have the opposite sign"
 
 
 def efforts_first(now: Reading, rivals: Sequence[Rival]) -> tuple[Rival, ...]:

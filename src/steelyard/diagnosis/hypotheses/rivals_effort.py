@@ -74,7 +74,7 @@ def effort_rivals(
         yield from _factors(trial, reading, sums, says, "gain", FREE, tuple(range(n)))
     told = _told(trial, sums, effort, reading.effort_scale, best)
     blind = ", ".join(f"'{name}'" for name, known in zip(names, told[0], strict=True) if not known)
-    own = "every joint has a gain of its own" + (f", those of {blind} hardly told" * bool(blind))
+    own = "every joint has its own gain" + (f", those of {blind} poorly identifiable" * bool(blind))
     every = {own: np.where(told[1], best, 1.0)}
     kind = "gain" if "A" in trial.signals.effort_units else "effort kind"
     changed = reading if kind == "gain" else reading.changed(kind="motor_current")
@@ -95,10 +95,12 @@ def unit_rivals(trial: Trial, reading: Reading, sums: Sums) -> Iterator[Rival]:
 
 
 def _signs(n: int, names: tuple[str, ...]) -> dict[str, Array]:
-    found = {"all efforts have the other sign": -np.ones(n)}
+    found = {"all efforts have the opposite sign": -np.ones(n)}
     if n > 1:
         for j, name in enumerate(names):
-            found[f"effort of '{name}' has the other sign"] = np.where(np.arange(n) == j, -1.0, 1.0)
+            found[f"effort of '{name}' has the opposite sign"] = np.where(
+                np.arange(n) == j, -1.0, 1.0
+            )
     return found
 
 

@@ -46,7 +46,7 @@ def of_link(rival: Rival) -> bool:
 
 def _words(name: str, more: float, mass: float) -> str:
     if abs(more) <= SAME * mass:
-        return f"centre of mass or inertia of '{name}' are not those of the model file"
+        return f"centre of mass or inertia of '{name}' differ from the model file"
     heavier = "heavier" if more > 0.0 else "lighter"
     off = f"'{name}' is about {abs(more):.2g} kg {heavier}"
     return f"{off} than the {mass:.2g} kg of the model file"

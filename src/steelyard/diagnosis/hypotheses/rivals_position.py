@@ -73,9 +73,9 @@ def _signs(trial: Trial, reading: Reading) -> Iterator[Draft]:
     names = trial.knowledge.robot.joint_names
     n = len(names)
     for j, name in enumerate(names):
-        yield _flipped(reading, (j,), f"'{name}' counts the other way", choice(n))
+        yield _flipped(reading, (j,), f"'{name}' has the opposite sign", choice(n))
     if n > 1:
-        yield _flipped(reading, tuple(range(n)), "all joints count the other way", choice(n))
+        yield _flipped(reading, tuple(range(n)), "all positions have the opposite sign", choice(n))
 
 
 def _flipped(reading: Reading, joints: tuple[int, ...], says: str, cost: float) -> Draft:

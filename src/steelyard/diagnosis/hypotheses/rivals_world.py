@@ -60,7 +60,7 @@ def gravity_rivals(trial: Trial, reading: Reading) -> Iterator[Rival]:
             yield _world("mounting", says, trial, reading.changed(gravity=gravity), cost)
     if np.any(reading.gravity != 0.0):
         without = reading.changed(gravity=np.zeros(3), kind="gravity_compensated_torque")
-        yield _world("effort kind", "efforts are without gravity", trial, without, choice(4))
+        yield _world("effort kind", "efforts are gravity compensated", trial, without, choice(4))
 
 
 def gravity_fit(trial: Trial, reading: Reading) -> SharedFit | None:
@@ -78,7 +78,7 @@ def payload_rivals(trial: Trial, reading: Reading) -> Iterator[Rival]:
         return
     mass, std = fitted.values[0], np.sqrt(fitted.covariance[0, 0])
     loaded = reading.changed(payload=fitted.values)
-    says = f"the arm carries about {mass:.2g} kg"
+    says = f"the arm carries a load of about {mass:.2g} kg"
     if not trial.knowledge.identified:
         says += " (if the model file's masses are right)"
     yield _world("payload", says, trial, loaded, 10.0 * FREE, float(std))

@@ -113,7 +113,7 @@ def _unrivalled(trial: Trial, kept: list[tuple[Rival, Judgement]]) -> list[tuple
         if mine is None or other is None:
             continue
         if float(mine.score.log_likelihood - other.score.log_likelihood) < MARGIN:
-            says = f"{rival.says}, or {_order_of(trial, mirror)}: the log alone cannot decide"
+            says = f"{rival.says}, or {_order_of(trial, mirror)}: this log alone does not decide"
             kept[number] = replace(rival, says=says), Judgement.DOUBTFUL
             return [(replace(r, fixed=False), Judgement.DOUBTFUL) for r, _ in kept]
     return kept
@@ -250,8 +250,18 @@ def _parts(trial: Trial, best: Rival) -> Iterator[Rival]:
         says = _order_of(trial, after)
         yield replace(best, cause="joint order", says=says)
     for cause, says, then, now in (
-        ("position sign", "{} counts the other way", before.position_scale, after.position_scale),
-        ("effort sign", "effort of {} has the other sign", before.effort_scale, after.effort_scale),
+        (
+            "position sign",
+            "position of {} has the opposite sign",
+            before.position_scale,
+            after.position_scale,
+        ),
+        (
+            "effort sign",
+            "effort of {} has the opposite sign",
+            before.effort_scale,
+            after.effort_scale,
+        ),
     ):
         turned = np.flatnonzero(np.sign(then) != np.sign(now))
         if len(turned):

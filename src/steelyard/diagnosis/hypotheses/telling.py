@@ -31,14 +31,14 @@ MUCH = 1000.0
 UNEXPLAINED = "effort kind"
 """The suspicion that says so where nothing explains the efforts."""
 LOST = (
-    "no single reading explains these efforts: check columns, kind, unit and gains, and which "
+    "no single hypothesis explains these efforts: check columns, kind, unit and gains, and which "
     "joints are locked where; a model from clean runs (--model) tells more"
 )
 OF_NOMINAL = (
     ", with the masses of the model file, which may be wrong: take the ratio from the data sheet, "
     "or give a model from clean runs (--model)"
 )
-UNKNOWN = "cannot be told: the robot's model gives no masses; give --model"
+UNKNOWN = "undecided: the robot's model gives no masses; give --model"
 
 
 @once
@@ -151,7 +151,7 @@ def _mend(
     wanted = edits_of(rival.cause, trial, last, case.loaded)
     whole = edits(case, evidence)
     if wanted and not whole:
-        says = f"{rival.says}; no line of the robot file mends it: look at the log"
+        says = f"{rival.says}; no line of the robot file corrects it: examine the log"
         return Mend(says), Judgement.DOUBTFUL
     paths = {edit.path for edit in wanted}
     if rival.cause in ("joint order", "position sign"):
@@ -217,11 +217,11 @@ def _unclear(held: Verdict) -> str:
         return f"bodies that are not the model file's agree to {_percent(bodies.percent)}"
     bodies = possible(trial, reading)
     if bodies is None or not no_bodies(trial, reading, bodies):
-        return "no explanation is clear"
+        return "no hypothesis is clearly better"
     alone = float(friction_alone(trial, reading).percent)
     return (
-        f"the efforts hardly show any bodies: friction alone leaves {_percent(alone)}, bodies of "
-        f"any mass beside it {_percent(bodies.percent)}"
+        f"the efforts contain hardly any rigid-body torque: friction alone leaves "
+        f"{_percent(alone)}, with bodies of any mass {_percent(bodies.percent)}"
     )
 
 
@@ -251,14 +251,14 @@ def agrees(held: Verdict, what: str) -> str:
     ranked = held.ranking
     if not told(held):
         much = _percent(ranked.declared.percent)
-        why = f"cannot be told: {_known(held)} disagrees by {much} and "
+        why = f"undecided: {_known(held)} disagrees by {much} and "
         if ranked.trial.knowledge.identified:
-            return f"{why}no explanation is clear"
+            return f"{why}no hypothesis is clearly better"
         return f"{why}{_unclear(held)}; give --model"
     percent = float(ranked.trial.score(last_of(held).reading).percent[0])
     once = ""
     if held.winners:
         written = all(rival.fixed for rival, _ in held.winners)
-        once = ", once the rest is corrected" if written else ", if the rest is as said"
-    close = "agrees to" if percent <= CLEAN else "comes only within"
-    return f"{what} ({_known(held)} {close} {percent:.1f} %{once})"
+        once = ", once the rest is corrected" if written else ", if the rest is as stated"
+    close = "" if percent <= CLEAN else "only "
+    return f"{what} ({_known(held)} agrees {close}to {percent:.1f} %{once})"

@@ -22,17 +22,17 @@ def ways(case: Case, rival: Rival, *, sure: bool) -> Mend:
     """
     if rival.cause == "mounting":
         return Mend(
-            f"{rival.says}, or something pulls at the arm (a cable, a balancer), or lengths and "
-            "axes are others than the model file says: the log alone cannot decide"
+            f"{rival.says}, or an external force acts on the arm (a cable, a balancer), or lengths "
+            "and axes differ from the model file: this log alone does not decide"
         )
     if rival.cause == "payload":
         return Mend(
-            f"{rival.says}, or the bodies are others than the model file says: weigh it with "
+            f"{rival.says}, or the bodies differ from the model file: identify it with "
             "steelyard payload, against a model from clean runs, or give that here (--model)"
         )
     if rival.cause not in FACTORS:
         return Mend(
-            f"{rival.says}, or the bodies are others than the model file says: the log alone "
+            f"{rival.says}, or the bodies differ from the model file: the log alone "
             "cannot decide; look at both, or give a model from clean runs (--model)"
         )
     gains = controller_gains(case) if rival.cause == "gain" else None

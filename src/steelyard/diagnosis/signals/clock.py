@@ -121,9 +121,9 @@ def _leaps(evidence: Evidence, found: Leaps, step: float) -> Finding:
         Clock.name,
         evidence.name,
         Judgement.WRONG if share >= MUCH_LOST else Judgement.DOUBTFUL,
-        f"rows are missing though stamps go on evenly: at {len(found.rows)} places all joints leap "
-        f"ahead at once, by {typical:.2g} rows typically; {_time(step * found.missing.sum())} in "
-        "all. Stamps were made evenly after rows got lost",
+        f"rows are missing though time stamps are uniform: at {len(found.rows)} places all joints "
+        f"jump ahead at once, by {typical:.2g} rows typically; {_time(step * found.missing.sum())} "
+        "in all. Stamps were made evenly after rows got lost",
         f"{100.0 * share:.2g} % of the rows in motion are missing (bound {100.0 * LOST:g} %)",
         mend=Mend("log the controller's own stamps, and keep them as they are"),
     )
@@ -135,9 +135,9 @@ def _stands(evidence: Evidence) -> Finding:
         Clock.name,
         evidence.name,
         Judgement.WRONG,
-        f"column '{column}' never goes forward: it is no clock",
+        f"column '{column}' never goes forward: it is not a clock",
         "median step 0 s",
-        mend=Mend("name the log's clock as time = ... under [signals]"),
+        mend=Mend("set time = ... under [signals] to the log's clock"),
     )
 
 
@@ -149,7 +149,7 @@ def _other_unit(evidence: Evidence, unit: str, steps: _Steps, declared: float) -
         f"the stamps are in {unit}: rows would be {declared:.4g} s apart as declared, and are "
         f"{_time(steps.step)}",
         f"step of {declared:.4g} s as declared, logs have {SHORTEST_STEP:g} to {LONGEST_STEP:g} s",
-        mend=Mend(f"say that time is in {unit}", (Edit(("signals", "time_unit"), unit),)),
+        mend=Mend(f"declare time in {unit}", (Edit(("signals", "time_unit"), unit),)),
         picture=Picture("step [s]", "rows", (histogram("steps", steps.steps),)),
     )
 
@@ -165,7 +165,7 @@ def _judged(steps: _Steps) -> tuple[Judgement, str, str, str | None]:
         judgement = Judgement.WRONG if backward > BACKWARD * count else Judgement.DOUBTFUL
         return (
             judgement,
-            f"time runs backward at {backward} rows; {facts}",
+            f"time decreases at {backward} rows; {facts}",
             f"{backward} of {count} steps backward, bound 0",
             "log the controller's own clock, not the arrival of messages, or sort the rows",
         )
@@ -177,7 +177,7 @@ def _judged(steps: _Steps) -> tuple[Judgement, str, str, str | None]:
             f"{_time(float(steps.long.max()))}, {_time(lost)} in all; {facts}",
             f"{len(steps.long)} steps longer than {GAP_STEPS:g} median ones, "
             f"{len(steps.gaps)} of them not bridged",
-            "find out why rows get lost; what lies between gaps is used by itself",
+            "find out why rows are lost; the parts between gaps are used separately",
         )
     if steps.jitter >= JITTER:
         return (

@@ -94,7 +94,7 @@ def _computed(evidence: Evidence, figure: str, measured: bool) -> Finding:
     """The finding on efforts that are computed; all is, in a simulation without noise."""
     says = "efforts have no measurement noise, and the rigid-body model explains all of them: "
     says += (
-        "they were computed from the motion, not measured, so a fit finds the parameters that they "
+        "they were computed from the motion, not measured, so a fit returns the parameters they "
         "were computed with, not the robot's"
         if measured
         else "as positions have no noise either, the log is a simulation or a computed command; a "

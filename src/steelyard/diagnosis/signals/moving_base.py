@@ -28,7 +28,7 @@ LEAST_PULL = 0.03
 SMOOTH = 0.7
 """Root mean square of steps over that of values; of noise it is 1.4."""
 MEND = Mend(
-    "log with the base held fast (on a stand, or hung up rigidly): the model knows no motion of it"
+    "log with the base fixed (on a stand, or hung up rigidly): the model assumes a base at rest"
 )
 
 
@@ -70,11 +70,11 @@ def _found(loaded: LoadedRobot, evidence: Evidence) -> Finding:
     turns, pulls = _columns(evidence, TURNS), _columns(evidence, PULLS)
     moves = [*_turning(evidence, turns), *_pulled(evidence, pulls)]
     if moves:
-        says = f"base '{loaded.base}' is taken to be at rest, but its sensor moves"
+        says = f"base '{loaded.base}' is assumed to be at rest, but its sensor measures motion"
         name, judgement = MovingBase.name, Judgement.DOUBTFUL
         return Finding(name, evidence.name, judgement, says, ", ".join(moves), mend=MEND)
     if turns or pulls:
-        says = f"base '{loaded.base}' is at rest, as its sensor says"
+        says = f"base '{loaded.base}' is at rest according to its sensor"
         figure = ", ".join((*turns, *pulls))
         return Finding(MovingBase.name, evidence.name, Judgement.OK, says, figure)
     figure = "no gyroscope or accelerometer of the base in the log"

@@ -21,7 +21,9 @@ ROWS = 500
 """Rows below which levels are not counted."""
 NOISY = 0.7
 """Noise from row to row over all that varies, from which on an effort is doubtful."""
-FINER = Mend("leave these joints out (joints = [...], [robot.locked]), or log them finer")
+FINER = Mend(
+    "leave these joints out (joints = [...], [robot.locked]), or log them with finer resolution"
+)
 CONSTANT = Mend("declare the columns that hold measured efforts under [signals.effort]")
 BUSY = 20.0
 """Length of the picture [s]."""
@@ -32,7 +34,7 @@ class Noise:
     """Resolution and noise of every signal; efforts of few levels are doubtful, of one wrong."""
 
     name: ClassVar[str] = "noise"
-    asks: ClassVar[str] = "Are signals fine and quiet enough?"
+    asks: ClassVar[str] = "Are resolution and noise sufficient?"
     quick: ClassVar[bool] = True
 
     def __call__(self, case: Case) -> tuple[Finding, ...]:

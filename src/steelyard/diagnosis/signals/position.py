@@ -97,7 +97,7 @@ def _motors(case: Case, evidence: Evidence, low: Array, high: Array, picture: Pi
         evidence.name,
         Judgement.WRONG,
         "positions look like motors', not joints': they are "
-        + (far if outside else "called so, and faster than joints"),
+        + (far if outside else "named so, and faster than joints"),
         _figure(case, off),
         joints=tuple(case.joints[j] for j in np.flatnonzero(off > OUTSIDE)),
         mend=Mend(
@@ -124,7 +124,7 @@ def _other_unit(
     value = unit_value([j.position_unit for j in units.joints], case, POSITION_UNITS)
     sure = units.sure
     edit = Edit(("signals", "position_unit"), value)
-    says = f"say that these positions are in {unit}"
+    says = f"declare these positions in {unit}"
     return Finding(
         Position.name,
         evidence.name,
@@ -133,7 +133,7 @@ def _other_unit(
         f"{case.joints[clear]} would {_reasons(case, evidence, units, clear, off)}",
         _figure(case, off),
         joints=names,
-        mend=Mend(says, (edit,)) if sure else Mend(f"look at the log, and {says} if they are"),
+        mend=Mend(says, (edit,)) if sure else Mend(f"examine the log, and {says} if they are"),
         picture=picture,
     )
 
@@ -144,14 +144,14 @@ def _reasons(case: Case, evidence: Evidence, units: Reading, joint: int, off: Ar
     speed = np.quantile(np.abs(fast.v[joint]), 0.995) if fast.v.shape[1] else 0.0
     found = []
     if off[joint] > OUTSIDE:
-        found.append(f"get {off[joint]:.2g} times as far as its limits")
+        found.append(f"reach {off[joint]:.2g} times its limits")
     if speed > 0.0:
         known = f" (limit {limit:.2g})" if np.isfinite(limit) else ""
         found.append(f"move at {speed:.2g}{known}")
     if units.agreement is not None and units.agreement.told[joint]:
         scale = abs(float(units.agreement.scale[joint]))
         if abs(np.log(scale)) > np.log(SAME):
-            found.append(f"have logged velocities {scale:.3g} times the derivative")
+            found.append(f"have logged velocities of {scale:.3g} times the derivative")
     return ", ".join(found) or "hardly move"
 
 

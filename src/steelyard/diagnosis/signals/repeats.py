@@ -28,7 +28,7 @@ class Repeats:
     """Rows with old positions or efforts: a controller that was read too often."""
 
     name: ClassVar[str] = "repeats"
-    asks: ClassVar[str] = "Do rows repeat old positions, or old efforts?"
+    asks: ClassVar[str] = "Do rows repeat earlier positions or efforts?"
     quick: ClassVar[bool] = True
 
     def __call__(self, case: Case) -> tuple[Finding, ...]:
@@ -70,12 +70,12 @@ class Repeats:
             self.name,
             evidence.name,
             Judgement.DOUBTFUL if doubtful else Judgement.OK,
-            f"positions are new {_every(sight, held)}: {does}",
+            f"positions are updated {_every(sight, held)}: {does}",
             f"{held.figure}; {1e3 * age:.3g} ms old on average, bound {1e3 * LATE:g} ms and "
             f"{LONGEST_STALE} repeated rows",
             mend=Mend(
-                f"log at the rate at which positions are new, {1.0 / sight.step / held.every:.3g} "
-                "Hz, or update them at the log's"
+                f"log at the update rate of positions, {1.0 / sight.step / held.every:.3g} Hz, or "
+                "update them at the rate of the log"
             )
             if doubtful
             else None,
@@ -91,12 +91,12 @@ class Repeats:
             if late > 0.0
             else "no later than positions"
         )
-        known = f" ([signals.effort] delay takes out {1e3 * stated:g} ms)" if stated else ""
+        known = f" ([signals.effort] delay compensates {1e3 * stated:g} ms)" if stated else ""
         return Finding(
             self.name,
             evidence.name,
             Judgement.DOUBTFUL if doubtful else Judgement.OK,
-            f"efforts are new {_every(sight, held)}: {does}{known}",
+            f"efforts are updated {_every(sight, held)}: {does}{known}",
             f"{held.figure}; {1e3 * late:.3g} ms later than positions, bound {1e3 * LATE:g} ms",
             mend=Mend(
                 f"log efforts as they are measured, or state the mean delay, {1e3 * late:.3g} ms",
@@ -125,11 +125,9 @@ class Repeats:
             Judgement.DOUBTFUL if often else Judgement.OK,
             f"{count} rows in motion repeat the positions of the row before"
             if count
-            else "no row in motion repeats the one before",
+            else "no row in motion repeats the previous one",
             f"{count} of {total} rows in motion ({100.0 * share:.2g} %), bound {100.0 * OFTEN:g} %",
-            mend=Mend(
-                f"log at the rate at which positions are new, about {1.0 - share:.2g} of this one"
-            )
+            mend=Mend(f"log at the update rate of positions, about {1.0 - share:.2g} of this one")
             if often
             else None,
             picture=_picture(sight.t[SPAN // 2 + 1 :][: len(again)] - sight.t[0], again)

@@ -26,7 +26,7 @@ class Rests:
     """Time in which no joint moves: friction is anywhere in its dead zone there."""
 
     name: ClassVar[str] = "rests"
-    asks: ClassVar[str] = "How much of the log is rest?"
+    asks: ClassVar[str] = "How much of the log is standstill?"
     quick: ClassVar[bool] = True
 
     def __call__(self, case: Case) -> tuple[Finding, ...]:
@@ -51,7 +51,7 @@ class Rests:
             Judgement.DOUBTFUL if often else Judgement.OK,
             _says(rests, t, float(clock[-1] - clock[0]) * second),
             f"{100.0 * rest:.1f} % at rest, bound {100.0 * MOSTLY:g} %",
-            mend=Mend("cut the rests off (LOG@START:STOP), and record more motion")
+            mend=Mend("cut off the standstill (LOG@START:STOP), and record more motion")
             if often
             else None,
             picture=_picture(t, share.max(axis=0)),
@@ -75,7 +75,7 @@ def _says(rests: NDArray[np.bool_], t: Array, duration: float) -> str:
         duration: Of the log [s].
     """
     if not rests.any():
-        return "the robot never rests"
+        return "the robot never stands still"
     moves = np.flatnonzero(~rests)
     start = float(t[moves[0]]) if rests[0] else 0.0
     stop = duration - float(t[moves[-1]]) if rests[-1] else 0.0
@@ -89,6 +89,6 @@ def _picture(t: Array, speed: Array) -> Picture:
     """The fastest joint's speed over time."""
     return Picture(
         "time [s]",
-        "speed of the busiest joint over its highest",
+        "speed of the fastest joint relative to its maximum",
         (trace("speed", t, speed), trace("rest", t, np.full(len(t), REST_SHARE))),
     )

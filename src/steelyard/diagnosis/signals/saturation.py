@@ -48,7 +48,7 @@ class Saturation:
     """Efforts that stay at exactly their highest or lowest value."""
 
     name: ClassVar[str] = "saturation"
-    asks: ClassVar[str] = "Are efforts cut off?"
+    asks: ClassVar[str] = "Are efforts saturated?"
     quick: ClassVar[bool] = True
 
     def __call__(self, case: Case) -> tuple[Finding, ...]:
@@ -75,7 +75,7 @@ class Saturation:
             f"{stays[worst].rows} rows at an extreme ({case.joints[worst]})"
             + (f", bound {stays[worst].bound:.0f}" if np.isfinite(stays[worst].bound) else ""),
             joints=names,
-            mend=Mend("move slower or with less load, or raise the range of what measures efforts")
+            mend=Mend("move slower or with less load, or raise the range of the effort measurement")
             if cut
             else None,
             picture=_picture(case, evidence, sight, worst) if cut else None,

@@ -69,7 +69,7 @@ class Velocity:
     """Scale, sign, order and lag of logged velocities, against the derivative of positions."""
 
     name: ClassVar[str] = "velocity"
-    asks: ClassVar[str] = "Are velocities the derivatives?"
+    asks: ClassVar[str] = "Are velocities the derivatives of positions?"
     quick: ClassVar[bool] = True
 
     def __call__(self, case: Case) -> tuple[Finding, ...]:
@@ -95,10 +95,10 @@ def _found(
     if lost(case, evidence) is not None:
         said, answered = ["rows are missing, which breaks d(q)/dt: see clock"], False
     elif declared and faults.misplaced and positions_at_fault(case, evidence):
-        said.append("it is the positions that are wrong")
+        said.append("the positions are wrong")
     elif declared and faults.grave.any() and _with_positions(units, faults):
         judgement = Judgement.DOUBTFUL
-        mend = Mend("look at the unit of the positions, which they agree with as declared")
+        mend = Mend("check the unit of the positions; the velocities agree with it as declared")
     elif declared and faults.grave.any():
         judgement, mend = Judgement.WRONG, _mended(case, evidence, columns, units, faults)
     elif declared and (faults.late | faults.differenced).any():
@@ -225,12 +225,12 @@ def _mended(
     if faults.unit.any():
         value = unit_value([j.velocity_unit for j in units.joints], case, VELOCITY_UNITS)
         edits.append(Edit(("signals", "velocity_unit"), value))
-        says.append("say the velocities' unit")
+        says.append("declare the unit of the velocities")
     if faults.turned.any() and signals.velocity_scale is not None:
         own = np.sign(signals.velocity_scale)[agreed.order]
         signs = np.where(faults.turned, -own, own)
         edits.append(Edit(("signals", "velocity_sign"), [int(s) for s in signs]))
-        says.append("turn the velocities' signs (or the positions', if a model says so)")
+        says.append("change the signs of the velocities (or the positions', if a model says so)")
     return Mend("; ".join(says), tuple(edits))
 
 
@@ -248,7 +248,7 @@ def _facts(agreed: Agreement) -> str:
     """The lags in words."""
     told = agreed.told
     if not told.any():
-        return "no lag can be told"
+        return "no lag can be estimated"
     lag = 1e3 * agreed.lag[told]
     error = 1e3 * float(np.max(agreed.lag_std[told]))
     spread = f"{lag.min():.3g} to {lag.max():.3g}" if len(lag) > 1 else f"{lag[0]:.3g}"

@@ -13,7 +13,7 @@ from steelyard.terms.acting import Acting
 from steelyard.terms.laws.rigid_body import RigidBody
 
 NOTE = (
-    "the values that the filtered motion gives cannot be simulated: the search began with the "
+    "the estimate from the filtered motion cannot be simulated: the search started with the "
     "bodies of the model file"
 )
 

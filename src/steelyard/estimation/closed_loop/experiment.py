@@ -217,7 +217,7 @@ def _gains(run: Run) -> Array:
     signals = run.recording.signals
     if any(signals.unknown_gains):
         raise DataError(
-            "to simulate the robot its joint torques must be known, but drive gains are not",
+            "simulating the robot needs joint torques, but the drive gains are unknown",
             where=run.name,
             mend="give the gains in [signals.effort], or leave out estimators that simulate",
         )

@@ -54,9 +54,9 @@ class Forward:
         if self.model.n_channels:
             raise _refused(
                 self.model,
-                "its friction has a memory",
-                "use friction laws without memory, such as coulomb and viscous, or an estimator "
-                "that does not simulate",
+                "its friction has internal states",
+                "use friction laws without internal states, such as coulomb and viscous, or an "
+                "estimator that does not simulate",
             )
 
     @property
@@ -199,10 +199,10 @@ class Integration:
 def impossible_mass(model: Model) -> DataError:
     """What to say of values that no mechanism can have."""
     return DataError(
-        "with the values found so far the mass matrix is not positive definite, so that nothing "
+        "with the current estimate the mass matrix is not positive definite, so that nothing "
         "can be simulated",
         where=f"model of '{model.robot.name}'",
-        mend="log a richer motion, filter it more, or take an estimator that does not simulate",
+        mend="log a more exciting motion, filter it more, or use another estimator",
     )
 
 

@@ -124,8 +124,8 @@ def _said(raised: Array) -> tuple[str, ...]:
     if raised.max() == 1.0:
         return ()
     return (
-        f"the positions surprised the filter: it took torques for up to {raised.max():.2g} times "
-        "noisier than their sensors",
+        "the innovations exceeded their covariance: torque noise was raised up to "
+        f"{raised.max():.2g} times that of the sensors",
     )
 
 

@@ -69,7 +69,7 @@ def result(
 def unsettled(name: str, experiment: Experiment, rounds: int) -> DataError:
     """What to say of a search that does not come to an end."""
     return DataError(
-        f"{name} did not settle within {rounds} rounds",
+        f"{name} did not converge within {rounds} rounds",
         where=experiment.where,
         mend="filter the motion more, or log one that excites the joints more",
     )

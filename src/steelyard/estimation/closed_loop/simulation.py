@@ -69,10 +69,10 @@ def require_sound(experiment: Experiment, simulated: Sequence[Simulated]) -> Non
             raise impossible_mass(experiment.regressor.model)
         if not found.sound[0]:
             raise DataError(
-                "the simulated robot ran away with the values found so far",
+                "the simulation diverged with the current estimate",
                 where=run.name,
-                mend="filter the motion more, log a richer one, or check that controller and "
-                "wanted motion are those of the log",
+                mend="filter the motion more, log a more exciting one, or check that controller "
+                "and reference motion are those of the log",
             )
 
 

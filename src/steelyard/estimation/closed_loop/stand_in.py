@@ -25,8 +25,8 @@ _TORQUE_CUTOFF = 2.0
 _HIGHEST = 0.4
 
 NOTE = (
-    "the log does not say how the robot was controlled: a joint controller of "
-    f"{BANDWIDTH:g} Hz stands in, which follows the log's smoothed motion and adds its smoothed "
+    "the log contains no controller data: a joint controller of "
+    f"{BANDWIDTH:g} Hz is assumed, which follows the log's smoothed motion and adds its smoothed "
     "torque"
 )
 

@@ -111,16 +111,16 @@ def solved(
     raise Unsolved(
         f"the solver stopped before the optimum ({best.status}, off by {best.error:.1g})",
         where=where,
-        mend="log a motion that shows more, give a prior or a smaller uncertainty of it, "
+        mend="log a more exciting motion, give a prior or a smaller uncertainty of it, "
         "or use least squares",
     )
 
 
 def _infeasible(where: str) -> Infeasible:
     return Infeasible(
-        "no parameters satisfy all that is wished of them",
+        "no parameters satisfy all constraints",
         where=where,
-        mend="loosen or remove wishes that contradict each other",
+        mend="relax or remove contradicting constraints",
     )
 
 

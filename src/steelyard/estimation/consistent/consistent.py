@@ -125,7 +125,7 @@ class Consistent:
                 raise type(error)(
                     error.wrong,
                     where=self._where,
-                    mend=f"look at the sizes in [[knowledge]]: {'; '.join(far)}",
+                    mend=f"check the magnitudes in [[knowledge]]: {'; '.join(far)}",
                 ) from None
             raise
 
@@ -320,7 +320,7 @@ def _told(knowledge: Knowledge) -> tuple[str, ...]:
     """The wishes that were followed, for people to read."""
     labels = tuple(dict.fromkeys(row.label for row in knowledge.rows))
     more = f"; and {len(labels) - TOLD} more" if len(labels) > TOLD else ""
-    return (f"known before the data: {'; '.join(labels[:TOLD])}{more}",) if labels else ()
+    return (f"prior constraints: {'; '.join(labels[:TOLD])}{more}",) if labels else ()
 
 
 def _weight_note(found: Weighed, estimator: Consistent, rank: int, priors: bool) -> tuple[str, ...]:
@@ -330,8 +330,8 @@ def _weight_note(found: Weighed, estimator: Consistent, rank: int, priors: bool)
         return ()
     how = "as stated"
     if estimator.gamma is None and estimator.knowledge.uncertainty is None:
-        how = f"found from the data in {found.solves} solutions"
+        how = f"estimated from the data in {found.solves} solutions"
     return (
-        f"prior uncertainty {100.0 * gamma**-0.5:.3g} % ({how}); all that is known costs "
-        f"{found.tried.rise:.4g} in chi², which noise explains up to {rank}",
+        f"prior uncertainty {100.0 * gamma**-0.5:.3g} % ({how}); prior and constraints raise χ² "
+        f"by {found.tried.rise:.3g} (up to {rank} is within noise)",
     )

@@ -32,11 +32,11 @@ def refuse_contradictions(knowledge: Knowledge) -> None:
 def contradicting(labels: Sequence[str]) -> DataError:
     """What to say of wishes that cannot hold together."""
     if len(labels) == 1:
-        wrong, mend = f"no body can be so: {labels[0]}", "correct it, or leave it out"
+        wrong, mend = f"no physical body satisfies this: {labels[0]}", "correct it, or leave it out"
     else:
-        wrong = f"these wishes cannot hold together: {'; '.join(labels)}"
+        wrong = f"these constraints are infeasible together: {'; '.join(labels)}"
         mend = "correct one of them, or leave it out"
-    return DataError(wrong, where="what is known before the data", mend=mend)
+    return DataError(wrong, where="prior constraints", mend=mend)
 
 
 def contradictions(knowledge: Knowledge) -> tuple[str, ...]:
@@ -110,7 +110,7 @@ class _Bodies:
         blocks = (self._planes(rows), *map(self._body, range(len(self.knowledge.bodies))))
         least = Conic(np.zeros(count + 1), np.eye(count + 1)[count], blocks)
         try:
-            return bool(solved(least, "what is known before the data")[count] < _NEARLY)
+            return bool(solved(least, "prior constraints")[count] < _NEARLY)
         except Unsolved:
             return True
 

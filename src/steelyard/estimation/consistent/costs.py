@@ -45,7 +45,7 @@ def cost_notes(
             free = attempt(bare, gamma)
             if against := contradicted(program, free.u, spread(bare, free)):
                 notes.append(
-                    f"the data contradict what is known, which raises chi² by "
+                    f"the data contradict the prior constraints, which raise χ² by "
                     f"{rise - free.rise:.4g}: {'; '.join(against)}"
                 )
             program, rise = bare, free.rise
@@ -57,8 +57,8 @@ def cost_notes(
         return tuple(notes)
     if rise > 2.0 * rank and any(program.unknowns.priors):
         notes.append(
-            f"a prior as sure as that raises chi² by {rise:.4g}, where noise explains {rank}: "
-            "the data contradict it"
+            f"a prior of this certainty raises χ² by {rise:.4g}, where up to {rank} is within "
+            "noise: the data contradict it"
         )
     return tuple(notes)
 
@@ -93,7 +93,7 @@ def _physical(
     ]
     active = f"; active: {'; '.join(named)}" if named else ""
     return (
-        f"physical constraints (valid inertias, bounds such as friction >= 0) raise chi² by "
+        f"physical constraints (valid inertias, bounds such as friction >= 0) raise χ² by "
         f"{whole.rise:.4g} even without a prior{active}: a term is missing or wrong"
     )
 

@@ -94,9 +94,9 @@ class LogCholesky(Consistent):
     def _unsettled(self, found: Settled) -> DataError:
         return DataError(
             f"log-Cholesky Gauss-Newton did not reach the optimum in {self.steps} steps: "
-            f"a further one promises {found.promise:.2g} of {found.cost:.4g}",
+            f"a further one predicts a decrease of {found.promise:.2g} of {found.cost:.4g}",
             where=", ".join(self.knowledge.bodies),
-            mend="take the convex consistent estimate, which minimises the same",
+            mend="use the convex consistent estimate, which minimises the same criterion",
         )
 
 
@@ -121,7 +121,7 @@ def _unheard(knowledge: Knowledge) -> tuple[str, ...]:
         return ()
     one = len(labels) == 1
     count, verb = ("1 wish", "counts") if one else (f"{len(labels)} wishes", "count")
-    return (f"{count} of [[knowledge]] about bodies or ties {verb} for nothing in this estimator",)
+    return (f"{count} of [[knowledge]] on bodies or ties {verb} ignored by this estimator",)
 
 
 def _broken(knowledge: Knowledge, values: Parameters) -> tuple[str, ...]:
@@ -139,4 +139,4 @@ def _broken(knowledge: Knowledge, values: Parameters) -> tuple[str, ...]:
         slack = BROKEN * sum(abs(part) for part in parts)
         if not row.lower - slack <= sum(parts) <= row.upper + slack:
             labels.append(row.label)
-    return (f"wishes that this estimate does not keep: {'; '.join(labels)}",) if labels else ()
+    return (f"constraints that this estimate violates: {'; '.join(labels)}",) if labels else ()

@@ -90,13 +90,13 @@ class Finding:
         log = "log slower motion with reversals"
         if all(self.open_ends):
             return (
-                f"the data cannot tell {of}: any value from {low:.3g} to {high:.3g} fits as well; "
+                f"{of} is not identifiable: any value from {low:.3g} to {high:.3g} fits as well; "
                 f"{log}, or {fix}"
             )
         if self.value in self.bounds:
-            return f"{of} fits best at its bound {self.value:.3g}; search wider, or {fix}"
+            return f"the best {of} is its bound {self.value:.3g}; widen the search, or {fix}"
         side = f"below {high:.3g}" if self.open_ends[0] else f"above {low:.3g}"
-        return f"the data cannot tell {of}, only that it is {side}; {log}, or {fix}"
+        return f"the data bound {of} on one side only: {side}; {log}, or {fix}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -116,7 +116,7 @@ class Search:
         choices: Indices = random.integers(0, sizes, (starts, len(sizes)))
         regressor: Regressor | None = None
         for number in range(MOST):
-            tell(progress, "finding fields", number, MOST)
+            tell(progress, "estimating fields", number, MOST)
             regressor = self._regressor(grids, regressor)
             information = said(regressor)
             choice, costs, _ = self._problem(information).solved(choices)
@@ -132,7 +132,7 @@ class Search:
             ]
             nearest = [np.argmin(np.abs(g - x)) for g, x in zip(grids, shape.place, strict=True)]
             choices = np.array([nearest])
-        tell(progress, "finding fields", MOST, MOST)
+        tell(progress, "estimating fields", MOST, MOST)
         return shape
 
     def _regressor(self, grids: Sequence[Array], before: Regressor | None) -> Regressor:

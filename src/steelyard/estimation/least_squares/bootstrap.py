@@ -114,12 +114,12 @@ def bootstrap(
         drawn = [int(k) for mine in runs.values() for k in rng.choice(mine, len(mine))]
         values = _values(estimator, information.of(drawn), whole)
         found += [] if values is None else [values]
-        tell(progress, "drawing windows again", number + 1, draws)
+        tell(progress, "resampling windows", number + 1, draws)
     if len(found) < LEAST * draws:
         raise DataError(
             f"only {len(found)} of {draws} bootstrap draws gave an estimate",
             where=where,
-            mend="log for longer: single windows decide whether there is an estimate",
+            mend="log for longer: the estimate exists only with certain windows",
         )
     scaled = (np.array(found) - whole.values) * np.sqrt(count / kept)
     return Bootstrap(whole, frozen(whole.values + scaled), draws - len(found), count)

@@ -90,9 +90,9 @@ class Box:
         found = lsq_linear(self.root / lengths, self.data.vector, ends, method="bvls", tol=1e-14)
         if not found.success:
             raise DataError(
-                f"bounded least squares did not finish: {found.message}",
+                f"bounded least squares did not converge: {found.message}",
                 where=f"{len(lengths)} parameters",
-                mend="take bounds away that contradict the data, or use WLS",
+                mend="remove bounds that contradict the data, or use WLS",
             )
         return np.asarray(np.clip(found.x / lengths, self.lower, self.upper))
 
@@ -155,7 +155,7 @@ def refuse_bad_bounds(bounds: Bounds, columns: tuple[str, ...]) -> None:
             )
         if not lower < upper:
             raise DataError(
-                f"the bounds of '{name}' leave no room: {lower:g} to {upper:g}",
+                f"the bounds of '{name}' are empty: {lower:g} to {upper:g}",
                 where="bounds of the parameters",
                 mend="give a lower bound below the upper one, or leave the term out of the model",
             )

@@ -81,7 +81,7 @@ def solve(data: Runs, weights: Array, before: Solution | None = None) -> Solutio
     blind = explained(blind, eliminated, lengths, information.layout.columns)
     if not kept:
         raise DataError(
-            "the data show none of the model's parameters",
+            "none of the model's parameters is identifiable from the data",
             where=", ".join(dict.fromkeys(w.run for w in information.windows)) or "no window",
             mend="log a motion in which the joints move",
         )

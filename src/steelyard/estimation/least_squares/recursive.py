@@ -40,7 +40,7 @@ class Recursive:
     def __post_init__(self) -> None:
         if not 0.0 < self.forgetting <= 1.0:
             raise DataError(
-                f"a forgetting of {self.forgetting:g} per second is none",
+                f"a forgetting factor of {self.forgetting:g} per second is not valid",
                 where="recursive least squares",
                 mend="give a weight above 0 and up to 1, such as 0.98",
             )
@@ -88,7 +88,7 @@ class Online:
         """
         if self._faded is None or self._squared is None:
             raise DataError(
-                "no window has come yet",
+                "no window was added yet",
                 where="recursive least squares",
                 mend="add information before asking for an estimate",
             )
@@ -101,7 +101,7 @@ class Online:
             found,
             estimator=name,
             covariance=self._covariance(found, self._faded, self._squared),
-            notes=(*found.notes, f"what is {memory:.3g} s old counts 1/e"),
+            notes=(*found.notes, f"data {memory:.3g} s old have weight 1/e"),
         )
 
     def _covariance(self, found: Estimate, faded: Information, squared: Information) -> Array:

@@ -103,7 +103,7 @@ class Ridge:
         names = fit.data.whole.layout.columns
         share = {names[k]: x for k, x in zip(solution.kept, learned, strict=True)}
         how = "given" if self.weight is not None else "by generalised cross-validation"
-        note = f"drawn towards {self.target} with weight {weight:.3g} ({how})"
+        note = f"shrunk towards {self.target} with weight {weight:.3g} ({how})"
         known = frozen([share.get(name, 1.0) for name in found.parameters.names])
         return replace(found, learned=known, notes=(note,))
 

@@ -172,8 +172,8 @@ def note_of(rows: Sequence[str], factors: Array) -> tuple[str, ...]:
     if not wide:
         return ()
     return (
-        "residuals are alike for longer than the filter, or runs disagree (model error, drift), so "
-        f"intervals are wider: {', '.join(wide)}",
+        "residuals are correlated for longer than the filter, or runs disagree (model error, "
+        f"drift), so intervals are wider: {', '.join(wide)}",
     )
 
 

@@ -219,7 +219,7 @@ def _refuse_unanswerable(
         raise DataError("there is no run", where=where, mend="give runs of the robot")
     if unscaled:
         raise DataError(
-            "nothing fixes the scale: gains are known relative to each other only",
+            "nothing determines the scale: gains are identifiable only relative to each other",
             where=where,
             mend="give a loaded run with the payload's mass (--loaded LOG --payload-mass KG), or "
             "the gain of one joint",
@@ -265,8 +265,8 @@ def _assumed(problem: Bilinear, solution: Solution, row: int, units: Sequence[st
         width = 100.0 * Z95 * share
         by = f" (95 % interval of ± {width:.0f} %)" if width < 1e4 else ""
         raise DataError(
-            f"the data do not show the gain of joint '{problem.names[row]}'{by}, nor another of "
-            "its unit",
+            f"the data do not determine the gain of joint '{problem.names[row]}'{by}, nor another "
+            "of its unit",
             where="identification of drive gains",
             mend="move it faster, together with the other joints, or give its gain",
         )

@@ -88,7 +88,7 @@ def _window(information: Information) -> Window:
     runs = ", ".join(dict.fromkeys(w.run for w in information.windows))
     if not information.windows:
         raise DataError(
-            "a run says nothing: it has no window",
+            "the run has no usable samples",
             where="information of a run",
             mend="leave the run out, or log a motion in which the joints move",
         )

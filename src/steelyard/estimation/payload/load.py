@@ -94,24 +94,24 @@ class PayloadEstimate:
         """How far the numbers can be trusted, one sentence each."""
         found = []
         if self.not_seen:
-            found.append(f"not seen by these data: {', '.join(self.not_seen)}")
+            found.append(f"not identifiable from these data: {', '.join(self.not_seen)}")
         if np.isnan(self.mass):
             return tuple(found)
         if not self.weighs:
-            return (*found, "the interval of the mass holds zero: no payload is seen")
+            return (*found, "the interval of the mass contains zero: no payload is detected")
         moments, widths = np.diag(self.inertia_com), np.diag(self.inertia_com_half_width)
         pairs = list(zip(("Ixx", "Iyy", "Izz"), moments, widths, strict=True))
         weak = [name for name, value, width in pairs if not abs(value) > width]
         below = [name for name, value, width in pairs if value < -width]
         if below:
             found.append(
-                f"{', '.join(below)} with the whole interval below zero: no body has that, so the "
-                "model or the gains are wrong by more than the intervals count"
+                f"{', '.join(below)} have their whole interval below zero, which no body has: the "
+                "model or the gains are wrong by more than the intervals cover"
             )
         found.append(
-            f"the inertia is poorly seen: the interval of {', '.join(weak)} holds zero"
+            f"the inertia is poorly identifiable: the interval of {', '.join(weak)} contains zero"
             if weak
-            else "the inertia is seen: no interval of a moment of inertia holds zero"
+            else "the inertia is identified: no interval of a moment of inertia contains zero"
         )
         return tuple(found)
 
@@ -187,7 +187,7 @@ def payload_of(
     blind = np.isnan(np.diag(covariance))
     if blind.all():
         raise DataError(
-            "the data see nothing of the payload",
+            "no parameter of the payload is identifiable from the data",
             where=f"frame '{frame.name}'",
             mend="log a motion that turns the payload against gravity, with and without it",
         )

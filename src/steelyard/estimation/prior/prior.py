@@ -82,7 +82,9 @@ def notes_on(mended: Mapping[str, Mended]) -> tuple[str, ...]:
     notes = [f"the prior of link '{name}': {one.why}" for name, one in mended.items() if one.why]
     if thin := [f"'{name}'" for name, one in mended.items() if one.thin]:
         side = f"{np.sqrt(THINNEST):.0%}"
-        notes.append(f"priors thinner than {side} of their length were widened: {', '.join(thin)}")
+        notes.append(
+            f"prior bodies thinner than {side} of their length were widened: {', '.join(thin)}"
+        )
     return tuple(notes)
 
 
@@ -101,10 +103,10 @@ def mended_body(given: Inertia, *, told: bool = False) -> Mended:
     moments, axes = np.linalg.eigh(spread_of(given))
     if moments[-1] < densest(given.mass):
         was = "its moments of inertia are zero" if not np.any(moments) else flaw
-        was = was or "its mass is closer together than steel"
+        was = was or "it is denser than steel"
         return Mended(
             ball(given.mass, given.com),
-            f"{was}; a solid ball of {given.mass:.3g} kg about its centre of mass stands in",
+            f"{was}; a solid ball of {given.mass:.3g} kg about its centre of mass is assumed",
         )
     least = THINNEST * moments[-1]
     if moments[0] >= least:
@@ -113,7 +115,7 @@ def mended_body(given: Inertia, *, told: bool = False) -> Mended:
     if flaw is None:
         return Mended(lifted, thin=True)
     lifted_to = _listed(np.linalg.eigvalsh(lifted.inertia_com), "kg m²")
-    why = "its moments of inertia are" if told else f"no body can have it: {flaw};"
+    why = "its moments of inertia are" if told else f"it is not physically consistent: {flaw};"
     return Mended(lifted, f"{why} lifted to {lifted_to}")
 
 
@@ -143,13 +145,15 @@ def _stand_in(robot: Robot, index: int) -> Mended:
     if not body.known:
         wrong = "the model file gives no mass properties"
     elif not np.isfinite(body.inertia.ten).all():
-        wrong = "no body can have it: a value is not finite"
+        wrong = "it is not physically consistent: a value is not finite"
     elif body.inertia.mass < 0.0:
-        wrong = f"no body can have it: its mass is negative ({body.inertia.mass:.4g} kg)"
+        wrong = (
+            f"it is not physically consistent: its mass is negative ({body.inertia.mass:.4g} kg)"
+        )
     else:
         wrong = "its mass is zero"
     solid = mended_body(stand_in_body(robot, index, mass)).inertia
-    return Mended(solid, f"{wrong}; a solid body of {mass:.3g} kg between its joints stands in")
+    return Mended(solid, f"{wrong}; a solid body of {mass:.3g} kg between its joints is assumed")
 
 
 def _ends(robot: Robot, index: int) -> Sequence[Array]:

@@ -63,7 +63,7 @@ def body_index(robot: Robot, name: str, where: str) -> int:
         wrong, mend = f"link '{name}' does not move", advice(name, names, "moving links")
     else:
         wrong = f"link '{name}' moves with link '{names[carrier]}', whose numbers include it"
-        mend = f"name '{names[carrier]}', and give what is known of both together in its frame"
+        mend = f"name '{names[carrier]}', and give the properties of both together in its frame"
     raise ModelError(wrong, where=where, mend=mend)
 
 
@@ -79,7 +79,7 @@ def _prior(robot: Robot, index: int, section: PriorSection, where: Locate) -> Me
     mended = mended_body(_solid(robot, index, given, mass))
     if not guessed:
         return mended
-    said = f"its mass is not known; {mass:.3g} kg stand in"
+    said = f"its mass is not known; {mass:.3g} kg are assumed"
     return replace(mended, why=f"{said}; {mended.why}" if mended.why else said)
 
 
@@ -88,15 +88,15 @@ def _refuse_unclear(name: str, given: LinkPriorSection, where: str) -> None:
     points = [key for key in ("com", "inertia_com") if getattr(given, key) is not None]
     if not given.model_fields_set:
         raise ModelError(
-            f"nothing is said of the prior of link '{name}'",
+            f"the prior of link '{name}'",
             where=where,
             mend='give mass = ..., a box, a capsule, or com and inertia_com; or source = "none"',
         )
     if given.source == "none" and len(given.model_fields_set) > 1:
         raise ModelError(
-            f"the prior of link '{name}' is none, and something is said of it",
+            f"the prior of link '{name}' is none, but properties are given",
             where=where,
-            mend='leave out source = "none", or all else',
+            mend='leave out source = "none", or the other keys',
         )
     if len(shapes) == 2 or (shapes and points):
         both = (*shapes, *points)[:2]

@@ -37,7 +37,7 @@ class Scope:
         if not rigid_bodies(self.model):
             self.refuse(
                 f"the model has no mass properties of link '{name}'",
-                'add "rigid_body" to the terms, or leave the wish out',
+                'add "rigid_body" to the terms, or remove the constraint',
             )
         return name
 

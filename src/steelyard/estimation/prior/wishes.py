@@ -71,7 +71,7 @@ def knowledge_of(model: Model, loaded: LoadedRobot, fastest: Array | None = None
         where = loaded.where("knowledge", number)
         wish = wish_of(table, where)
         if loaded.friction and (absent := _of_absent_law(wish, model)):
-            notes.append(f"the model has no '{absent}': what is known of it counts for nothing")
+            notes.append(f"the model has no '{absent}': prior constraints on it are ignored")
             continue
         mine = wish.rows(Scope(model, where))
         _refuse_own(mine, own_columns(model), where)
@@ -98,9 +98,9 @@ def _refuse_own(rows: Sequence[Row], own: Sequence[str], where: str) -> None:
     for name in own:
         if any(name in row.coefficients for row in rows):
             raise ModelError(
-                f"every run has a '{name}' of its own, of which nothing can be known before",
+                f"every run has a '{name}' of its own, which no prior constraint can act on",
                 where=where,
-                mend="leave the wish out, or take per_run from the term",
+                mend="remove the constraint, or remove per_run from the term",
             )
 
 

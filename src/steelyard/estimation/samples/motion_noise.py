@@ -67,9 +67,9 @@ class MotionNoise:
             before = state.values
             state, spread = problem.stepped(state)
             if np.max(np.abs(state.values - before) / spread) < self.tolerance:
-                return problem.estimate(start, state, f"settled after {count} steps")
+                return problem.estimate(start, state, f"converged after {count} steps")
             state = problem.likeliest(state)
-        return problem.estimate(start, state, f"not settled after {self.rounds} steps")
+        return problem.estimate(start, state, f"not converged after {self.rounds} steps")
 
 
 def _roots(samples: Samples, position: ArrayLike | None) -> list[Array]:
@@ -78,7 +78,7 @@ def _roots(samples: Samples, position: ArrayLike | None) -> list[Array]:
     for source in samples.sources:
         if source.error is None:
             raise DataError(
-                "nothing is known of how noise of positions becomes noise of the motion",
+                "the propagation of position noise to the motion is unknown",
                 where=source.run,
                 mend="gather the samples from a run, whose filters are known",
             )
@@ -242,7 +242,7 @@ class _Problem:
             for e, w, m, v in each
         ]
         shares = " ".join(f"{100.0 * share:.2g}" for _, share in rows)
-        note = f"share of the variance that comes from the motion, per joint: {shares} %"
+        note = f"share of the variance from motion noise, per joint: {shares} %"
         return replace(
             start,
             estimator="maximum likelihood with motion noise",

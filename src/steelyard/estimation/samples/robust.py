@@ -135,7 +135,11 @@ class Reweighted:
             estimator=f"{type(self.weigh).__name__} weights, {estimate.estimator}",
             sigma=frozen(scales),
             n_samples=frozen(samples.information().n_samples),
-            notes=(*estimate.notes, settled, f"{100.0 * taken:.3g} % of the samples' weight taken"),
+            notes=(
+                *estimate.notes,
+                settled,
+                f"{100.0 * taken:.3g} % of the samples' weight removed",
+            ),
         )
         if not isinstance(self.inner, WeightedLeastSquares | OrdinaryLeastSquares):
             return found
@@ -153,8 +157,8 @@ class Reweighted:
             estimate, (scales, exact) = new, _scales(samples, new)
             still = np.allclose(scales, before, rtol=self.tolerance, atol=0.0)
             if exact or (change < self.tolerance and still):
-                return estimate, scales, f"settled after {count} rounds"
-        gone = f"not settled after {self.rounds} rounds: on the way to a minimum, not there"
+                return estimate, scales, f"converged after {count} rounds"
+        gone = f"not converged after {self.rounds} rounds"
         return estimate, scales, gone
 
     def _covariance(

@@ -149,7 +149,7 @@ class BlendedFourier(LinearBasis):
         _check_harmonics(self.joints, self.harmonics)
         held_postures(self.joints, self.start)
         if self.periods < 1:
-            raise ValueError(f"{self.periods} periods are no motion")
+            raise ValueError(f"{self.periods} periods are not a valid motion")
 
     @property
     def count(self) -> int:

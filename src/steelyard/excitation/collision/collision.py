@@ -289,7 +289,7 @@ def _built(
 def _check_pairs(robot: Robot, pairs: tuple[Pair, ...]) -> None:
     if not pairs:
         raise ModelError(
-            "no pair of things is left that could collide",
+            "no pair of bodies is left that could collide",
             where=f"robot '{robot.name}'",
             mend="give obstacles or a tool, ignore fewer pairs, or leave collision out",
         )

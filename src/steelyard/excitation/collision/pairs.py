@@ -83,8 +83,8 @@ def candidate_pairs(
                 pairs.append(Pair(first, second, ways))
     reasons = {
         "links that meet at their joint": near,
-        "which may touch as the model or its SRDF says": modelled,
-        "which may touch as asked": asked,
+        "which may touch according to the model or its SRDF": modelled,
+        "which may touch as specified": asked,
     }
     notes = tuple(
         f"no clearance of {len(left)} pair{'s' * (len(left) > 1)}, {why}: {', '.join(left)}"
@@ -113,7 +113,7 @@ def _check(
     for name, members in groups.items():
         if len({(shapes[k].origin, shapes[k].body) for k in members}) > 1:
             raise ModelError(
-                f"two things are called '{name}'",
+                f"two bodies are called '{name}'",
                 where=f"collision shapes, '{name}'",
                 mend="give tools and payloads names that no link has",
             )
@@ -123,7 +123,7 @@ def _check(
                 raise ModelError(
                     f"'{name}', which is to be ignored, has no collision shape",
                     where=f"ignored pair '{pair[0]}', '{pair[1]}'",
-                    mend=advice(name, groups, "things with shapes"),
+                    mend=advice(name, groups, "bodies with shapes"),
                 )
 
 

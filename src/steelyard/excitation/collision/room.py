@@ -51,7 +51,7 @@ class Room(Clearance):
         """How it is proven, in one sentence."""
         return (
             "distances of convex shapes, and how fast they can change, over stretches of time; "
-            f"{1e3 * RESERVE:g} mm are kept beyond every wall"
+            f"{1e3 * RESERVE:g} mm of reserve are kept to every boundary"
         )
 
 
@@ -90,12 +90,12 @@ def room_of(
     notes = (*whole.notes, *notes)
     if walls and whole.still:
         still = ", ".join(whole.still)
-        notes += (f"the base does not move, so walls do not look at its links: {still}",)
+        notes += (f"the base does not move, so workspace limits ignore its links: {still}",)
     if not kept:
         return None, notes
     wanted = np.array([RESERVE if pair.second in names else margin for pair in kept])
     things = len({pair.first for pair in kept})
-    scope = f"{whole.scope}, tool and loads: {things} things that move"
+    scope = f"{whole.scope}, tool and loads: {things} moving bodies"
     return _built(robot, shapes, kept, wanted, names, scope), notes
 
 
@@ -135,8 +135,8 @@ def _that_change(
     notes = list[str]()
     if inside:
         told = ", ".join(f"{p.first} in {p.second} by {-1e3 * d:.3g} mm" for p, d in inside)
-        notes.append(Gap(f"inside a wall whatever the joints do, so left out: {told}"))
+        notes.append(Gap(f"outside the workspace limits in every posture, so left out: {told}"))
     if touching:
         told = ", ".join(f"{p.first} and {p.second}" for p in touching)
-        notes.append(f"these touch whatever the joints do, so they are left out: {told}")
+        notes.append(f"in contact in every posture, so left out: {told}")
     return tuple(p for p, c in zip(pairs, close, strict=True) if not c), tuple(notes)

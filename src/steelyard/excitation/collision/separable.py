@@ -57,10 +57,10 @@ def separable(
     touching = [f"{p.first} and {p.second} (at most {_down(d)} m)" for p, d in close if d >= 0.0]
     notes = []
     if stuck:
-        how = "overlap in every posture tried, so they are left out"
+        how = "overlap in every tested posture, so they are left out"
         notes.append(f"these pairs {how}: {', '.join(stuck)}")
     if touching:
-        how = f"are never {margin:g} m apart, so they are only kept from touching"
+        how = f"are never {margin:g} m apart, so only contact is avoided"
         notes.append(f"these pairs {how}: {', '.join(touching)}")
     return kept, wanted, tuple(notes)
 

@@ -62,7 +62,7 @@ def whole_robot(loaded: LoadedRobot, tool: Marker, skip: Collection[str] = ()) -
     robot = loaded.robot
     if robot.loops:
         raise ModelError(
-            "walls for all links of a robot with closed chains are not computed here",
+            "workspace limits of all links are not supported for a robot with closed chains",
             where=f"robot '{robot.name}'",
             mend="bound the joints, or the tool alone by box, or by planes and keep_out with "
             "only_tool = true",
@@ -71,7 +71,7 @@ def whole_robot(loaded: LoadedRobot, tool: Marker, skip: Collection[str] = ()) -
     for name in skip:
         if name not in tree.frames:
             raise ModelError(
-                f"there is no link '{name}' to go without",
+                f"there is no link '{name}' to skip",
                 where=f"robot '{robot.name}'",
                 mend=advice(name, tree.frames, "links"),
             )
@@ -158,10 +158,12 @@ def _notes(
     """Where shapes come from, if not from the model's collision shapes."""
     notes = list[str]()
     if skip:
-        notes.append(Declined(f"walls do not see the links {', '.join(skip)}, as asked"))
+        notes.append(Declined(f"workspace limits ignore the links {', '.join(skip)}, as specified"))
     if drawn:
         names = ", ".join(dict.fromkeys(shape.name for shape in drawn))
-        notes.append(f"no collision shape, so walls see the hull of the visual one: {names}")
+        notes.append(
+            f"no collision shape; workspace limits use the hull of the visual one: {names}"
+        )
     if assumed:
         widths = {
             shape.name: 1e3 * (s.disc if isinstance(s, Capsule) else s.radius)
@@ -171,7 +173,7 @@ def _notes(
         names = ", ".join(f"{name} ({width:.3g} mm)" for name, width in widths.items())
         notes.append(
             Gap(
-                "no shape in the model, so walls see assumed capsules from joint to joint, of "
+                "no shape in the model; workspace limits use capsules from joint to joint, of "
                 f"radius: {names}"
             )
         )

@@ -19,15 +19,14 @@ from steelyard.progress import Progress, silent, tell
 from steelyard.robot.robot import Robot
 
 EXTREMES = (
-    "extremes over all times from the motion's own polynomials, enlarged by what rounding may "
-    "have taken"
+    "extremes over all times from the motion's polynomials, enlarged by a bound of the rounding "
+    "error"
 )
 """How limits of single joints are proven."""
 
 COVERS = (
-    "the motion from its start posture to its end; the way from where the robot stands to the "
-    "start posture is not covered, nor are accelerations and torques that a controller adds "
-    "between the points of a file"
+    "the motion from start to end; not covered are the approach to the start posture, and "
+    "accelerations and torques that a controller adds between the points of a file"
 )
 """What a certificate is about."""
 

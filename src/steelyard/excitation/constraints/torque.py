@@ -61,7 +61,7 @@ class EffortLimit:
         """How it is proven, in one sentence."""
         return (
             "interval arithmetic bounds how fast efforts change over every stretch of time; "
-            "friction that turns with a sign counts the worse way"
+            "friction is bounded by its worse sign"
         )
 
     @property
@@ -253,9 +253,9 @@ def _one_model(cases: Mapping[str, ValuedModel], name: str) -> Model:
     model = models[0]
     if forgetless := [term.law for term in model.terms if isinstance(term, Remembering)]:
         raise ModelError(
-            f"the law '{forgetless[0]}' remembers the motion before, so no bound is known for it",
+            f"the law '{forgetless[0]}' has internal states, so its effort cannot be bounded",
             where=f"robot '{model.robot.name}', list of terms",
-            mend='limit efforts with a law that has no memory, such as "coulomb"',
+            mend='limit efforts with a law without internal states, such as "coulomb"',
         )
     if model.robot.passive:
         raise ModelError(

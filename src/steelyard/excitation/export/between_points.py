@@ -125,8 +125,8 @@ def _lacks(designed: Designed, export: Export, between: str, rate: float) -> lis
     mend = f"; --rate {enough:g} is enough" if enough <= _MOST else ""
     label, lack = lacking
     return [
-        f"{export.file} has {rate:g} points a second; between them ({between}) a controller may be "
-        f"up to {_digits(1e3 * lack)} mm short of: {label}{mend}"
+        f"{export.file} has {rate:g} points per second; between them ({between}) a controller may "
+        f"violate a constraint by up to {_digits(1e3 * lack)} mm: {label}{mend}"
     ]
 
 

@@ -38,7 +38,7 @@ def urscript_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:
         raise _unfit(robot, "URScript", "six revolute joints", kinds.count("prismatic"))
     if rate not in UR_RATES:
         raise OutputError(
-            f"UR controllers do not take {rate:g} set points a second",
+            f"UR controllers do not accept {rate:g} set points a second",
             where="rate of the export",
             mend="give 125 (CB series), or 500 (e-Series and later)",
         )

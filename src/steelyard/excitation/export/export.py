@@ -66,9 +66,9 @@ def exported(
     rate = export.rate if rate is None else rate
     if not 0.0 < rate < inf:
         raise OutputError(
-            f"{rate:g} points a second are no rate",
+            f"{rate:g} points per second are not a valid rate",
             where="rate of the export",
-            mend="give a number of points a second above 0",
+            mend="give a number of points per second above 0",
         )
     return export.text(trajectory, robot, rate)
 

@@ -44,9 +44,9 @@ def even_times(duration: float, rate: float) -> Array:
 def _refuse_many(duration: float, rate: float) -> None:
     if duration * rate > MOST_POINTS:
         raise OutputError(
-            f"{duration:g} s at {rate:g} points a second are more than {MOST_POINTS} points",
+            f"{duration:g} s at {rate:g} points per second are more than {MOST_POINTS} points",
             where="rate of the export",
-            mend=f"give at most {MOST_POINTS / duration:.3g} points a second",
+            mend=f"give at most {MOST_POINTS / duration:.3g} points per second",
         )
 
 

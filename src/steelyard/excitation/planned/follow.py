@@ -144,7 +144,7 @@ def _stuck(
     if ended:
         wrong = f"the straight line ends {at}: joint {', joint '.join(ended)}"
     elif not reached:
-        wrong = f"the straight line leaves what the arm can reach {at}"
+        wrong = f"the straight line leaves the reachable workspace {at}"
     else:
         wrong = f"joint '{names[j]}' would have to jump by {change[j]:.2f} {at} of a straight line"
     return astray(wrong, where, share)
@@ -153,7 +153,7 @@ def _stuck(
 def _other_posture(off: Array, names: Sequence[str], where: str) -> Astray:
     j = int(np.argmax(np.abs(off)))
     return astray(
-        f"the straight line arrives in another posture than the motion had there: joint "
+        f"the straight line ends in another posture than the motion has there: joint "
         f"'{names[j]}' is off by {abs(off[j]):.2f}",
         where,
         1.0,
@@ -165,7 +165,7 @@ def astray(wrong: str, where: str, share: float) -> Astray:
     error = Astray(
         wrong,
         where=where,
-        mend="take path = 'joint', another start posture, leave the tool's attitude free, or "
+        mend="take path = 'joint', another start posture, leave the tool's orientation free, or "
         "lay the places such that the lines keep away from the end of the reach and from the base",
     )
     error.progress = share

@@ -108,7 +108,7 @@ def line_move(followed: Followed, way: ToolWay, straightness: float, where: str)
         rough = (np.inf, np.inf, _EXACT * straightness)
         return Move(curve, way.proven(curve, rough, followed.ends).deviation, turned)
     raise astray(
-        "the postures along the straight line turn so fast that no smooth motion was found that "
+        "the postures along the straight line change so fast that no smooth motion was found that "
         f"keeps to it within {1e3 * straightness:.3g} mm; it is missed by {1e3 * missed:.3g} mm",
         where,
         1.0,

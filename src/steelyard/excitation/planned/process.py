@@ -103,7 +103,7 @@ class PickAndPlace:
     def __post_init__(self) -> None:
         if self.cycles < 1 or not 0.0 <= self.lift < np.inf:
             raise _refused(
-                f"{self.cycles} cycles with a lift of {self.lift} m are no task",
+                f"{self.cycles} cycles with a lift of {self.lift} m are not a valid task",
                 "give 1 cycle or more, and a lift of 0 m or more",
             )
 
@@ -160,7 +160,7 @@ class Square:
     def __post_init__(self) -> None:
         if not 0.0 < self.side < np.inf or self.laps < 1:
             raise _refused(
-                f"a square of {self.side} m, {self.laps} times round, is no task",
+                f"a square of {self.side} m, {self.laps} times round, is not a valid task",
                 "give a side above 0 m and 1 lap or more",
             )
 
@@ -218,12 +218,12 @@ class Waypoints:
             points = frozen(places, (None, 3))
         except ValueError as error:
             raise _refused(
-                f"the waypoints are no places: {error}", "give x, y, z of each"
+                f"the waypoints are not positions: {error}", "give x, y, z of each"
             ) from None
         moved = np.linalg.norm(np.diff(points, axis=0), axis=1) if len(points) > 1 else np.zeros(1)
         if not np.isfinite(points).all() or moved.max() < _SAME or laps < 1:
             raise _refused(
-                f"{len(points)} waypoints, visited {laps} times, are no way",
+                f"{len(points)} waypoints, visited {laps} times, are not a valid path",
                 "give two different places or more as finite numbers [m], and 1 lap or more",
             )
         object.__setattr__(self, "places", points)

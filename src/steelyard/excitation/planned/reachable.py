@@ -50,16 +50,16 @@ def demand_reach(
     k = int(np.argmax(lengths))
     worst, shift = shifts[k], least_shift(solver, places, start, seed)
     missed = (
-        "no place in this attitude was found"
+        "no reachable position with this orientation was found"
         if worst is None
-        else f"the nearest place that can be reached is ({_point(places[k] + worst)}) m, "
+        else f"the nearest reachable position is ({_point(places[k] + worst)}) m, "
         f"{lengths[k]:.3f} m away"
     )
     mend = (
-        "no shift of it as a whole was found to work: make it smaller, or ask less of the attitude"
+        "no reachable shift of the whole was found: make it smaller, or relax the orientation"
         if shift is None
         else f"move {what} by ({_point(shift)}) m, {np.linalg.norm(shift):.3f} m in all: "
-        "the least found that brings it into reach"
+        "the smallest found that is reachable"
     )
     wrong = f"{what} is out of reach: of ({_point(places[k])}) m, {missed}"
     raise DataError(wrong, where=where, mend=mend)

@@ -91,9 +91,9 @@ class Planner:
         """
         if np.ptp(tour.places, axis=0).max() <= 0.0:
             raise DataError(
-                "all places of the task are one",
+                "all positions of the task coincide",
                 where=self.where,
-                mend="give boxes with room between or in them, or different places",
+                mend="give larger or separate boxes, or different positions",
             )
         if postures_at(self.solver, tour.places, self._near, self.seed) is None:
             for place, name in zip(tour.places, tour.names, strict=True):
@@ -208,7 +208,7 @@ class _Walk:
         j = int(np.argmax(past))
         if past[j] > 0.0:
             name = self.planner.robot.joint_names[j]
-            raise astray(f"joint '{name}' passes its range by {past[j]:.3g}", where, 1.0)
+            raise astray(f"joint '{name}' exceeds its range by {past[j]:.3g}", where, 1.0)
 
     def _pace(self, move: Move) -> Pace:
         planner, manner = self.planner, self.planner.manner
@@ -279,6 +279,6 @@ def _start(robot: Robot, limits: MotionLimits, start: ArrayLike) -> Array:
             f"the start posture is outside the range of joint '{joint.name}' by {past[j]:.3g} "
             f"{joint.unit}",
             where=f"robot '{robot.name}'",
-            mend=f"keep it from {limits.lower[j]:.4g} to {limits.upper[j]:.4g} {joint.unit}",
+            mend=f"choose it from {limits.lower[j]:.4g} to {limits.upper[j]:.4g} {joint.unit}",
         )
     return frozen(posture)

@@ -51,9 +51,10 @@ def friction_sweeps(
     """
     if speeds < 1 or not 0.0 < slowest <= 1.0 or not longest_s > 0.0:
         raise DataError(
-            f"{speeds} speeds from {slowest:g} of the fastest, {longest_s:g} s each, are no sweeps",
+            f"{speeds} speeds from {slowest:g} of the fastest, {longest_s:g} s each, are not "
+            "valid sweeps",
             where="friction sweeps",
-            mend="ask for 1 speed or more, a slowest share from 0 to 1 and a time above 0",
+            mend="give 1 speed or more, a slowest share from 0 to 1 and a time above 0",
         )
     lower, upper = _allowed(limits, _ROOM * fraction)
     posture = _inside(limits, fraction, posture)
@@ -148,9 +149,9 @@ def static_postures(
     """
     if count < 1 or not dwell_s >= 0.0 or not 0.0 < speed <= 1.0:
         raise DataError(
-            f"{count} postures of {dwell_s:g} s at {speed:g} of the speed are no motion",
+            f"{count} postures of {dwell_s:g} s at {speed:g} of the speed are not a valid motion",
             where="static postures",
-            mend="ask for 1 posture or more, 0 s or more, and a share of the speed from 0 to 1",
+            mend="give 1 posture or more, 0 s or more, and a share of the speed from 0 to 1",
         )
     lower, upper = _allowed(limits, fraction)
     start = _inside(limits, fraction, start)
@@ -175,7 +176,7 @@ def _allowed(limits: MotionLimits, fraction: float) -> tuple[Array, Array]:
     """The share of the position ranges, around their middle."""
     if not 0.0 < fraction <= 1.0:
         raise DataError(
-            f"{fraction:g} is no share of the limits that can be used",
+            f"{fraction:g} is not a valid share of the limits",
             where="share of the limits",
             mend="give a number above 0 and up to 1",
         )

@@ -42,7 +42,7 @@ class Manner:
         for name in (name for name, bad in wrong.items() if bad):
             raise DataError(
                 f"{name} = {getattr(self, name)!r} cannot be used",
-                where="manner of a process motion",
+                where="settings of a process motion",
                 mend="path is 'line' or 'joint', 0 < share <= 1, straightness > 0 m, dwell >= 0 s",
             )
 
@@ -97,8 +97,8 @@ class ProcessMotion:
         """One line that tells it."""
         limits = [pace.limit for pace in self.paces]
         most = max(sorted(set(limits)), key=limits.count)
-        straight = f"off its straight lines by {1e3 * self.deviation:.2g} mm at most; "
+        straight = f"deviation from straight lines {1e3 * self.deviation:.2g} mm at most; "
         return (
             f"{self.cycles} cycles, {len(self.paces)} moves in {self.trajectory.duration:.2f} s; "
-            f"{straight if self.deviation else ''}most moves are held back by the {most}"
+            f"{straight if self.deviation else ''}most moves are limited by the {most}"
         )

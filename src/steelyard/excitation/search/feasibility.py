@@ -77,7 +77,7 @@ def _refuse_short(problem: Problem, section: Any) -> None:
     what = f"{waves} harmonics" if "period" in times else "the motion"
     raise DataError(
         f"{' and '.join(f'a {key} of {t:g} s' for key, t in times.items())} is too short for "
-        f"{what}: at {highest:.3g} Hz no joint may swing by even {least[best]:g} {joint.unit} "
+        f"{what}: at {highest:.3g} Hz no joint can move by even {least[best]:g} {joint.unit} "
         "within its limits",
         where=_WHERE,
         mend=f"give {longer} s or more{other}",
@@ -97,7 +97,7 @@ def _refuse_far(problem: Problem, start: Array) -> None:
             f"to get from the start to the end posture within the limits takes {needed:.3g} s, "
             f"the motion has {motion.duration:.3g} s",
             where=_WHERE,
-            mend=f"give it more than {rounded_up(needed)} s, or postures that are nearer",
+            mend=f"give it more than {rounded_up(needed)} s, or closer postures",
         )
 
 
@@ -140,10 +140,8 @@ def _refuse_lacking(
     near = _near(limits, constraints, posture)
     mend = "choose another posture"
     if near is not None:
-        mend = f"near by, {_listed(near)} keeps everything"
-    raise DataError(
-        f"the {key} posture does not keep: {told(here)}", where=f"{_WHERE} {key}", mend=mend
-    )
+        mend = f"nearby, {_listed(near)} satisfies all constraints"
+    raise DataError(f"the {key} posture violates: {told(here)}", where=f"{_WHERE} {key}", mend=mend)
 
 
 def _refuse_nowhere(problem: Problem) -> None:
@@ -160,9 +158,9 @@ def _refuse_nowhere(problem: Problem) -> None:
     assert best is not None
     lacks = lacking(problem, [best.posture])
     raise DataError(
-        f"no posture was found that keeps all constraints; the nearest lacks: {told(best)}",
+        f"no posture was found that satisfies all constraints; the nearest violates: {told(best)}",
         where=f"[excitation] {names(lacks)}",
-        mend=f"{widen(lacks)}: room to get there and to move by {SIZE:.0%} of what the joints may",
+        mend=f"{widen(lacks)}: room to reach it and to move by {SIZE:.0%} of what the joints may",
     )
 
 

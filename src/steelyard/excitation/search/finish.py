@@ -77,8 +77,8 @@ def finished(
         best = _smaller(problem, lacking, deadline, progress)
     if best is not None and not math.isfinite(best[0]):
         raise DataError(
-            "no motion was found that shows all parameters; a base parameter of the model may show "
-            "in no motion of this family within these limits",
+            "no motion was found that identifies all parameters; a base parameter may be "
+            "unidentifiable with all motions of this family within these limits",
             where="[excitation]",
             mend="allow more: harmonics, a longer period, wider limits; or name the laws and "
             "parameters that matter in [excitation.criterion] chosen",

@@ -51,7 +51,7 @@ class Deadline:
         """Keep them; raises `Stopped` past the deadline."""
         self.latest = [x]
         if time.monotonic() > self._at:
-            raise Stopped("the time is spent")
+            raise Stopped("the time limit is reached")
 
 
 @dataclass(frozen=True, eq=False)

@@ -148,14 +148,14 @@ def _nothing(lost: Sequence[int]) -> DataError:
     if lost:
         how = f"signal {-lost[0]}" if lost[0] < 0 else f"exit code {lost[0]}"
         return DataError(
-            f"{len(lost)} processes that search ended too early ({how}), and none found a motion",
+            f"{len(lost)} search processes ended early ({how}), and none found a motion",
             where="search processes",
             mend="signal 9 often means too little memory: try fewer with --processes",
         )
     return DataError(
         "no motion was found in the time given",
         where="excitation",
-        mend="give more time with --budget; the first motion takes a second or two, longer with "
+        mend="give more time with --budget; the first motion takes about 2 s, longer with "
         "collision",
     )
 
@@ -188,7 +188,7 @@ def _lines(
                 raise error
             over.refused.append(error)
         elif "broken" in line:
-            raise RuntimeError(f"a process that searches broke down:\n{line['broken']}")
+            raise RuntimeError(f"a search process failed:\n{line['broken']}")
         else:
             yield line
 

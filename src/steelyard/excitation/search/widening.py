@@ -75,7 +75,7 @@ def explained(problem: Problem, error: NoMotion) -> DataError:
     if not lacks:
         return error
     return DataError(
-        f"{error.wrong}; one of {SIZE:.0%} of what the joints' limits allow lacks: "
+        f"{error.wrong}; one of {SIZE:.0%} of the joints' ranges violates: "
         + "; ".join(str(lack) for lack in lacks[:4]),
         where="[excitation] " + names(lacks),
         mend=widen(lacks),

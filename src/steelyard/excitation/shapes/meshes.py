@@ -56,7 +56,7 @@ def mesh_points(path: Path, where: str) -> Array:
     """
     if path.suffix.lower() not in READABLE:
         raise _refused(
-            f"the mesh '{path}' is of a kind that cannot be read here ('{path.suffix}')",
+            f"the mesh '{path}' is of an unsupported format ('{path.suffix}')",
             where,
             f"convert it to .stl or .obj and name that file, or {WITHOUT}",
         )
@@ -64,7 +64,7 @@ def mesh_points(path: Path, where: str) -> Array:
         data = path.read_bytes()
     except OSError as error:
         raise _refused(
-            f"the mesh '{path}' cannot be read: {error.strerror}", where, "check its rights"
+            f"the mesh '{path}' cannot be read: {error.strerror}", where, "check its permissions"
         ) from None
     try:
         points = _stl(data) if path.suffix.lower() == ".stl" else _obj(data)
@@ -72,17 +72,17 @@ def mesh_points(path: Path, where: str) -> Array:
         points = np.empty((0, 3))
         what: object = error
     else:
-        what = "it holds no corners" if not len(points) else "a corner is not finite"
+        what = "it has no vertices" if not len(points) else "a vertex is not finite"
     if not len(points) or not np.isfinite(points).all():
         raise _refused(
             f"the mesh '{path}' is not an {path.suffix[1:].upper()} file: {what}",
             where,
-            f"export it anew from a program that shows it, or {WITHOUT}",
+            f"export it anew from a program that opens it, or {WITHOUT}",
         )
     return np.unique(points, axis=0)
 
 
-WITHOUT = "name the link under skip to go without its shapes"
+WITHOUT = "name the link under skip to ignore its shapes"
 """The other way out of a mesh that cannot be used."""
 
 
@@ -113,5 +113,5 @@ def _numbers(data: bytes, word: bytes) -> Array:
     lines = (line.split() for line in data.splitlines())
     rows = [[float(w) for w in words[1:4]] for words in lines if words and words[0] == word]
     if any(len(row) != 3 for row in rows):
-        raise ValueError("a corner has not three numbers")
+        raise ValueError("a vertex does not have three numbers")
     return np.array(rows, dtype=np.float64).reshape(-1, 3)

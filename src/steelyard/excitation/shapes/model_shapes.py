@@ -43,7 +43,7 @@ def robot_shapes(robot: Robot, model: Path, skip: Collection[str] = ()) -> Geome
     """
     if robot.loops:
         raise ModelError(
-            "clearances of a robot with closed chains are not computed here",
+            "clearances are not supported for a robot with closed chains",
             where=f"robot '{robot.name}'",
             mend="leave collision out for this robot, and bound its joints instead",
         )
@@ -141,7 +141,9 @@ def _notes(
     shaped = {shape.name for shape in shapes}
     notes = list[str]()
     if skip:
-        notes.append(Declined(f"no clearance is kept for the links {', '.join(skip)}, as asked"))
+        notes.append(
+            Declined(f"no clearance is kept for the links {', '.join(skip)}, as specified")
+        )
     heavy = [k.name for k in mechanism.links if k.inertia is not None and k.inertia.mass > 0.0]
     bare = [name for name in heavy if name in frames and name not in shaped and name not in skip]
     if bare:
@@ -149,7 +151,7 @@ def _notes(
         notes.append(Gap(said))
     if outside:
         left = ", ".join(k.name for k in mechanism.links if k.name in outside)
-        notes.append(Gap(f"not carried by the base, so left out: {left}"))
+        notes.append(Gap(f"not attached to the base, so left out: {left}"))
     return tuple(notes)
 
 
@@ -220,7 +222,7 @@ def _solid(collision: Element, link: str, model: Path) -> Solid:
         raise _refused(str(error), element, "give lengths above zero") from None
     known = ["box", "sphere", "cylinder", "capsule", "mesh"]
     raise _refused(
-        f"link '{link}' has a collision shape <{element.tag}>, which is not known",
+        f"link '{link}' has a collision shape <{element.tag}>, which is unknown",
         element,
         listing(known, "shapes") + f"; or {WITHOUT}",
     )
@@ -232,7 +234,7 @@ def _mesh(element: Element, link: str, model: Path) -> Hull:
     path = find_mesh(name, model) if name else None
     if path is None:
         raise _refused(
-            f"the collision mesh '{name}' of link '{link}' is not there",
+            f"the collision mesh '{name}' of link '{link}' does not exist",
             element,
             "put the file where the model names it (a package:// path is looked for in the "
             f"model's folder and those above it), or {WITHOUT}",

@@ -230,7 +230,7 @@ def _solid(model: Any, geom: int, link: str, path: Path) -> Solid:
     raise ModelError(
         f"link '{link}' has a colliding geom of kind {kind.name[7:].lower()}, which is not convex",
         where=str(path),
-        mend="replace it by boxes or meshes, or name the link under skip to go without its shapes",
+        mend="replace it by boxes or meshes, or name the link under skip to ignore its shapes",
     )
 
 

@@ -57,7 +57,7 @@ class _Centred:
 
 def _positive(what: str, *sizes: float) -> None:
     if not all(0.0 < size < np.inf for size in sizes):
-        raise ValueError(f"a {what} of {', '.join(f'{size:g}' for size in sizes)} m is no solid")
+        raise ValueError(f"a {what} of {', '.join(f'{size:g}' for size in sizes)} m is not a solid")
 
 
 @dataclass(frozen=True)

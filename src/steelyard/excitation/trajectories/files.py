@@ -95,7 +95,7 @@ def _read_json(path: Path, robot: Robot) -> ExactTrajectory:
         lacking = f"it has no {error}" if isinstance(error, KeyError) else str(error)
         raise _refused(
             path,
-            f"the file is not a motion of ours: {lacking}",
+            f"the file is not a steelyard motion: {lacking}",
             "give a trajectory.json that steelyard wrote, or a .csv or .parquet table",
         ) from error
     if joints is not None and joints != list(robot.joint_names):
@@ -103,7 +103,7 @@ def _read_json(path: Path, robot: Robot) -> ExactTrajectory:
             path,
             f"the motion is for the joints {joints}, the robot '{robot.name}' has "
             f"{list(robot.joint_names)}",
-            "give a motion of this robot; to run it all the same, take 'joints' out of the file",
+            "give a motion of this robot; to run it anyway, remove 'joints' from the file",
         )
     return motion
 

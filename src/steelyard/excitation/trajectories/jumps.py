@@ -77,9 +77,7 @@ def unrest(trajectory: ExactTrajectory, limit: Array) -> tuple[str, ...]:
     begins, ends = np.any(speeds > SHARE * limit, axis=1)
     notes = []
     if begins:
-        notes.append(
-            "the motion does not begin at rest: the robot must be moving so when it starts"
-        )
+        notes.append("the motion does not start at rest: the robot must already be moving")
     if ends:
-        notes.append("the motion does not end at rest: the robot must be stopped after it")
+        notes.append("the motion does not end at rest: the robot must be stopped afterwards")
     return tuple(notes)

@@ -34,7 +34,7 @@ class FIR:
         low, high = SUPPRESSIONS
         if not low <= self.suppression <= high:
             raise ModelError(
-                f"a suppression of {self.suppression:g} dB is not to be had",
+                f"a suppression of {self.suppression:g} dB is not available",
                 where="fir",
                 mend=f"choose {low:g} to {high:g} dB",
             )

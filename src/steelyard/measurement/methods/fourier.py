@@ -87,7 +87,7 @@ def fourier_series(
     span = float(t[-1] - t[0]) if len(t) else 0.0
     if len(t) <= columns or span * frequency < 0.98:
         raise LogError(
-            f"{len(t)} samples over {span * frequency:.2g} periods do not tell {harmonics} "
+            f"{len(t)} samples over {span * frequency:.2g} periods do not determine {harmonics} "
             "harmonics",
             where="projection on harmonics",
             mend="record whole periods, or ask for fewer harmonics",
@@ -199,7 +199,7 @@ class Fourier:
             )
         if self.harmonics is not None and self.harmonics < 1:
             raise ModelError(
-                f"{self.harmonics} harmonics are no motion",
+                f"{self.harmonics} harmonics are not a valid motion",
                 where="fourier",
                 mend="give harmonics = 1 or more, or leave it out",
             )
@@ -265,7 +265,7 @@ class DesignedFourier:
         period = find_period(values.T, self.rate) if m.period is None else m.period
         if period is None:
             raise LogError(
-                "the motion is not periodic: it never comes back to where it was, or only once",
+                "the motion is not periodic: it returns to its start at most once",
                 where="method 'fourier' of [processing]",
                 mend="choose another method for motion, or give the period of the motion",
             )

@@ -111,8 +111,8 @@ def _alike(q: Array) -> None:
     worst = int(np.argmax(apart))
     if apart[worst] > UNLIKE * size:
         raise LogError(
-            f"repetition {worst + 1} of {len(q)} is not the motion of the others: it lies "
-            f"{100.0 * apart[worst] / size:.2g} % of the motion's size apart",
+            f"repetition {worst + 1} of {len(q)} differs from the others: it deviates by "
+            f"{100.0 * apart[worst] / size:.2g} % of the motion's range",
             where="repetitions of [processing]",
             mend="correct the period, cut the log to the repetitions (LOG@5:65s), or drop more at "
             "its start and end",

@@ -80,9 +80,9 @@ def mean_of_periods(recording: Recording, wanted: Repetitions) -> MeanMotion:
     period = find_period(x[c.q], rate) if wanted.period is None else wanted.period
     if period is None:
         raise LogError(
-            "no period was found in this log: the motion never comes back to where it was",
+            "no period was found in this log: the motion does not return to its start",
             where=recording.where,
-            mend="give it: repetitions = {period = ...} under [processing], or leave it out",
+            mend="state it: repetitions = {period = ...} under [processing], or leave it out",
         )
     start, stop = moving_span(x[c.q])
     length = period * rate
@@ -163,7 +163,7 @@ def _mean(
         Recording(log, plain, window),
         Importance(0.0, rate, frozen(weights_of(variance, mean.count))),
         mean,
-        f"mean of {mean.count} repetitions of {length / rate:.4g} s, which lie up to "
+        f"mean of {mean.count} repetitions of {length / rate:.4g} s, which deviate up to "
         f"{mean.apart.max():.2g} rad or m from it",
     )
 

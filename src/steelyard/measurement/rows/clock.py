@@ -269,7 +269,7 @@ def not_followed(recording: Recording, counts: NDArray[np.int64]) -> LogError:
         return not_increasing(recording)
     return LogError(
         f"in {counts[Verdict.JUMP]} rows of {counts.sum()} time or positions jump farther than a "
-        "robot gets",
+        "robot can move",
         where=recording.where,
         mend="check time_unit, position_unit, and whether positions are of motors (coordinates = "
         '"motor"), under [signals] of the robot file',

@@ -17,10 +17,10 @@ from steelyard.report.text.words import NONE, alike, fixed, share, significant
 from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
 
 WORDS = (
-    "What data and prior together say of each link, with 95 % intervals. Base parameters above are "
-    "what the data alone can tell; how a sum is shared out among links is the prior's say. "
-    "Margin: how far the link is from one that cannot exist, 1 being the prior of the model "
-    "file and 0 the limit (smallest eigenvalue of the pseudo-inertia in the prior's scale)."
+    "Estimate of each link from data and prior, with 95 % intervals. The data alone determine only "
+    "the base parameters above; the prior determines how their sums are distributed over links. "
+    "Margin: distance from physical inconsistency, 1 being the prior of the model file and 0 "
+    "the limit (smallest eigenvalue of the pseudo-inertia in the prior's scale)."
 )
 HEADINGS = (
     "Link",

@@ -27,7 +27,7 @@ class BootstrapSection(TableSection):
     """Stated and drawn standard deviations of every parameter."""
 
     name: ClassVar[str] = "bootstrap"
-    title: ClassVar[str] = "Scatter over windows of time"
+    title: ClassVar[str] = "Bootstrap over time windows"
 
     def tables(self, content: ReportContent) -> list[PlainTable]:
         """One table, if it was asked for."""
@@ -85,11 +85,11 @@ def scatter_table(content: ReportContent) -> PlainTable:
     failed = f" {found.failed} draws gave no estimate." if found.failed else ""
     return PlainTable(
         f"{len(found.draws)} draws of {found.windows} windows",
-        "Windows of every run are drawn again with replacement, and the whole estimate is made "
-        f"anew.{failed} Where it scatters more than {FAR:g} times what was stated (bold), windows "
-        "do not agree with each other, so the model misses something there, or a body lies at the "
-        "edge of what can exist, where the stated interval is too narrow. What a prior holds in "
-        "place scatters less than it is uncertain.",
+        "Windows of every run are resampled with replacement, and the whole estimate is repeated."
+        f"{failed} Where its scatter exceeds {FAR:g} times the stated std (bold), windows "
+        "disagree, so the model is incomplete there, or a body lies at the boundary of physical "
+        "consistency, where the stated interval is too narrow. Parameters constrained by the prior "
+        "scatter less than their uncertainty.",
         ("Parameter", "Value", "Std stated", "Std drawn", "Ratio", "2.5 %", "97.5 %", "Unit"),
         rows,
         (0, 7),

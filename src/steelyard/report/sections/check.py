@@ -123,12 +123,12 @@ def _still_ok(finding: Finding, diagnosis: Diagnosis) -> str:
     misfit = f"Still ok: as declared the misfit is only {percent(declared.misfit)}"
     if finding.nominal:
         return (
-            f"{misfit}, no more than a nominal model leaves; what a better row explains may as "
-            "well be errors of the nominal masses, which a reference (--model) would tell."
+            f"{misfit}, within the error of a nominal model; a better row may equally fit errors "
+            "of the nominal masses, which a reference (--model) would separate."
         )
     return (
-        f"{misfit}; a row with more free numbers nearly always fits better, and is believed only "
-        "where it gains far more than chance gives and is large enough to matter."
+        f"{misfit}; a row with more free numbers nearly always fits better, and is accepted only "
+        "where its gain is statistically significant and large enough to matter."
     )
 
 

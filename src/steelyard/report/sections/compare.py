@@ -60,8 +60,8 @@ def headline(comparison: Comparison) -> str:
     """What to take, in a few words."""
     advice = comparison.advice
     if advice is None:
-        return "No estimator came through"
-    return f"Take {advice.name}" if advice.name else "No estimator is worth taking"
+        return "No estimator succeeded"
+    return f"Take {advice.name}" if advice.name else "No estimator is recommended"
 
 
 def reasons(comparison: Comparison) -> str:
@@ -98,11 +98,11 @@ def main_table(comparison: Comparison) -> PlainTable:
         for trial in in_order(comparison)
     ]
     return PlainTable(
-        "Errors where they were not fitted",
+        "Errors on left-out data",
         "Mean over joints and runs with its standard error; joints where they move, behind the "
-        "matched filter. Pooled: norms over all joints together. Bodies: estimators of base "
-        "parameters alone do not tell. χ²: squared residuals on all data over the noise that WLS "
-        "finds, per degree of freedom.",
+        "parallel filter. Pooled: norms over all joints together. Bodies: not available "
+        "from estimators of base parameters. χ²: squared residuals on all data over the noise that "
+        "WLS estimates, per degree of freedom.",
         ("Estimator", "Bodies", "Error", "Pooled", "Time", "Values", "Condition", "χ²"),
         rows,
         (0, 1),
@@ -129,12 +129,12 @@ def _cells(trial: Trial) -> tuple[str, ...]:
 def bodies_words(trial: Trial) -> str:
     """Whether the bodies can exist."""
     if trial.impossible is None:
-        return "not told" if trial.parameters is not None else NONE
+        return "not estimated" if trial.parameters is not None else NONE
     if not trial.impossible:
-        return "all can exist"
+        return "all valid"
     first = trial.impossible[0]
     more = len(trial.impossible) - 1
-    return f"{first}{f' and {more} more' if more else ''} cannot exist"
+    return f"{first}{f' and {more} more' if more else ''} invalid"
 
 
 def time_words(seconds: float | None) -> str:

@@ -1,4 +1,4 @@
-"""What else would help, and what it would bring."""
+"""Additional motions, and what it would bring."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class DesignAdviceSection(Section):
     """Motions beside the designed one."""
 
     name: ClassVar[str] = "design-advice"
-    title: ClassVar[str] = "What else would help"
+    title: ClassVar[str] = "Additional motions"
 
     def numbers(self, content: ReportContent) -> Numbers | None:
         """What each of them would bring."""
@@ -35,11 +35,11 @@ class DesignAdviceSection(Section):
             for one in helpful(designed.advice)
         ]
         headings = (
-            "Run beside it",
+            "Additional motion",
             "Length",
-            "Parameters helped",
+            "Parameters improved",
             "Predicted std",
-            "This motion as long",
+            "This motion, extended by as long",
         )
         return {"tables": [PlainTable("", "", headings, rows, (0, 3))], "title": self.title}
 

@@ -1,4 +1,4 @@
-"""What is proven to hold at all times: extremes of every joint, margins of every constraint."""
+"""Proven limits to hold at all times: extremes of every joint, margins of every constraint."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class DesignProofSection(Section):
     """Tables of extremes and of margins."""
 
     name: ClassVar[str] = "design-proof"
-    title: ClassVar[str] = "What is proven"
+    title: ClassVar[str] = "Proven limits"
 
     def numbers(self, content: ReportContent) -> Numbers | None:
         """The certificate."""

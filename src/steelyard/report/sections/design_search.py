@@ -63,7 +63,7 @@ def _figure(designed: Designed) -> dict[str, Any]:
                 },
             },
             {
-                "name": "polished, scaled exactly and proven",
+                "name": "refined, scaled exactly and proven",
                 "kind": "points",
                 "x": [rounded(end)],
                 "y": [rounded(designed.shown.figure)],

@@ -31,7 +31,7 @@ class DesignShownSection(Section):
     """Predicted standard deviations, what they assume, and singular values."""
 
     name: ClassVar[str] = "design-shown"
-    title: ClassVar[str] = "What it will show"
+    title: ClassVar[str] = "Predicted accuracy"
 
     def numbers(self, content: ReportContent) -> Numbers | None:
         """All base parameters, the worst shown first."""

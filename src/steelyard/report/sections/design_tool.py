@@ -127,7 +127,7 @@ def _walls(faces: Sequence[Face], *, forbidden: bool) -> dict[str, Any]:
     lines = all_lines(faces)
     points = np.concatenate([lines, np.full((len(lines), 1, 3), np.nan)], axis=1).reshape(-1, 3)
     return {
-        "name": "box to keep out of" if forbidden else "wall",
+        "name": "forbidden box" if forbidden else "wall",
         "kind": "line",
         "x": packed(points[:, 0]),
         "y": packed(points[:, 1]),
@@ -179,7 +179,7 @@ def _view(
 
 
 def _rectangle(low: Array, high: Array) -> dict[str, Any]:
-    """A box to keep out of, from its corners `(2,)` [m]."""
+    """A forbidden box, from its corners `(2,)` [m]."""
     return _line(np.stack([low, high])) | {
         "type": "rect",
         "fillcolor": FORBIDDEN,

@@ -60,9 +60,9 @@ def _facts(designed: Designed) -> list[tuple[str, str]]:
     shown, top = designed.shown, hardest(designed)
     total = len(shown.names)
     return [
-        (significant(shown.raw), "condition number, columns as they are"),
+        (significant(shown.raw), "condition number, raw"),
         (significant(shown.normalised), "condition number, columns of unit length"),
         (f"{designed.trajectory.duration:.4g} s", "length"),
-        (f"{total - unseen(designed)} of {total}", "base parameters shown"),
-        (NONE if top is None else f"{100.0 * top[1]:.3g} %", "of the tightest joint limit used"),
+        (f"{total - unseen(designed)} of {total}", "base parameters identifiable"),
+        (NONE if top is None else f"{100.0 * top[1]:.3g} %", "use of the closest joint limit"),
     ]

@@ -34,7 +34,7 @@ DRAWN = 6
 FEW = 80.0
 """Share of the samples [%] in the 95 % band below which it is marked."""
 
-NOISE_ONLY = "not calibrated: they count noise only"
+NOISE_ONLY = "not calibrated: noise only"
 
 RESTS = 80
 """Most rests that are shaded in one plot."""

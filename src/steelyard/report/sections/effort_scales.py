@@ -26,10 +26,10 @@ class EffortScalesSection(TableSection):
 
 def _scales(scales: EffortScales) -> PlainTable:
     words = (
-        "Logged effort over the effort that the bodies of all joints agree on, with 95 % "
+        "Logged effort over the effort of the common rigid-body model, with 95 % "
         f"intervals; each is {BEFORE}. Error on left-out motion with them "
         f"{significant(scales.error)} %, without {significant(scales.without)} %. Either a sensor "
-        "or gain is off by so much, or the model lacks something that looks like it; masses are as "
+        "or gain is off by this factor, or a missing term has the same effect; masses are as "
         "uncertain as the scales."
     )
     values = zip(

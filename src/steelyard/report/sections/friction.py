@@ -9,7 +9,9 @@ from steelyard.report.sections.tables import PlainTable, Row
 from steelyard.report.text.words import significant
 from steelyard.validation.friction.friction import FrictionChoice
 
-ERROR = "geometric mean of a typical joint's and of all joints' together, behind the matched filter"
+ERROR = (
+    "geometric mean of a typical joint's and of all joints' together, behind the parallel filter"
+)
 """What an error of a mix is."""
 
 
@@ -70,15 +72,15 @@ def _fields(findings: tuple[Finding, ...]) -> PlainTable:
                 finding.joint or "all",
                 significant(finding.value),
                 f"{significant(finding.interval[0])} to {significant(finding.interval[1])}",
-                "" if finding.told else "the data cannot tell",
+                "" if finding.told else "not identifiable",
             )
         )
         for finding in findings
     ]
     return PlainTable(
-        "Fields found",
-        "Values in which the torque is not linear, with 95 % intervals that end at the bounds of "
-        "the search where the data do not end them before.",
+        "Estimated fields",
+        "Parameters in which the torque is nonlinear, with 95 % intervals, cut at the bounds of "
+        "the search.",
         ("Term", "Field", "Joint", "Value", "Interval", ""),
         rows,
         (0, 1, 2, 5),

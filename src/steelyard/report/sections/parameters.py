@@ -24,7 +24,7 @@ NAMED = 8
 
 
 class ParametersSection(Section):
-    """A table of base parameters, with a mark on those that are poorly determined."""
+    """A table of base parameters, with a mark on those that are poorly identifiable."""
 
     name: ClassVar[str] = "parameters"
     title: ClassVar[str] = "Parameters"
@@ -96,16 +96,16 @@ def _parameters(identified: IdentifiedModel) -> list[str]:
     lines = [f"{count(len(table), 'base parameter')}, normalised condition number {condition}"]
     weak = [row for row in table if row.grade in ("weak", "zero")]
     if weak:
-        lines.append(f"{len(weak)} poorly determined: {_some(weak)}")
+        lines.append(f"{len(weak)} poorly identifiable: {_some(weak)}")
     held = [row for row in table if row.grade == "bound"]
     if held:
         lines.append(f"{len(held)} at a bound: {_some(held)}")
     prior = [row for row in table if row.grade == "prior"]
     if prior:
-        lines.append(f"{len(prior)} known mostly from the prior: {_some(prior)}")
+        lines.append(f"{len(prior)} mostly from the prior: {_some(prior)}")
     unseen = [row for row in table if row.grade == "unseen"]
     if unseen:
-        lines.append(f"{len(unseen)} not seen by these data: {_some(unseen)}")
+        lines.append(f"{len(unseen)} not identifiable from these data: {_some(unseen)}")
     return lines
 
 

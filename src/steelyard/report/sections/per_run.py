@@ -14,7 +14,7 @@ class PerRunSection(TableSection):
     """One column a run."""
 
     name: ClassVar[str] = "per-run"
-    title: ClassVar[str] = "Parameters of single runs"
+    title: ClassVar[str] = "Parameters per run"
 
     def tables(self, content: ReportContent) -> list[PlainTable]:
         """One table, if there are such parameters."""
@@ -25,7 +25,7 @@ class PerRunSection(TableSection):
         found = [own.parameters.as_dict() for own in runs]
         rows = [Row((name, *(significant(known.get(name)) for known in found))) for name in names]
         words = (
-            "Every run has these for itself; for a new run the model takes their mean, with the "
+            "Estimated separately for every run; for a new run the model uses their mean, with the "
             "spread between runs as its uncertainty."
         )
         return [PlainTable("", words, ("Parameter", *(own.run for own in runs)), rows)]

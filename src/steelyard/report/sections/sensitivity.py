@@ -69,9 +69,9 @@ def fits_table(found: Sensitivity) -> PlainTable:
     return PlainTable(
         "Fits with other cut-offs",
         "The same laws, fields and gains; errors are of the kind and the band of the verdict's "
-        "headline in every row. A result that other "
-        "cut-offs move by many standard deviations hangs on a choice, not on the data alone.",
-        ("Cut-offs", "Motion", "Matched", "Error fitted", "Error unseen", "Median shift [std]"),
+        "headline in every row. A result that other cut-offs change by many standard deviations "
+        "depends on the choice of cut-offs, not on the data alone.",
+        ("Cut-offs", "Motion", "Matched", "Error fitted", "Validation error", "Median shift [std]"),
         rows,
     )
 

@@ -12,7 +12,7 @@ class UnseenSection(Section):
     """Parameters that no motion shows, and those that these motions do not show."""
 
     name: ClassVar[str] = "unseen"
-    title: ClassVar[str] = "What could not be seen"
+    title: ClassVar[str] = "Parameters that are not identifiable"
 
     def numbers(self, content: ReportContent) -> Numbers | None:
         """Names, and what each is tied to."""

@@ -29,8 +29,8 @@ USUAL = 0.8
 
 ABOUT = {
     "Condition": "number of the whitened regressor, columns of unit length",
-    "χ²": "squared residuals over the noise that WLS finds: about 1 for WLS itself, what is more "
-    "is the price of physics, of a prior or of other weights",
+    "χ²": "squared residuals over the noise that WLS estimates: about 1 for WLS itself, more is "
+    "the effect of constraints, of a prior or of other weights",
 }
 """What columns say that do not speak for themselves."""
 

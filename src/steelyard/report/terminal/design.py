@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from steelyard.excitation.constraints.certificate import COVERS
 from steelyard.report.text.design_words import (
     brings,
+    capital,
     detail,
     expected,
     headline,
@@ -60,18 +61,22 @@ def design_summary(designed: Designed, console: Console) -> None:
     for line in uncovered(designed):
         console.print(Text(f"not covered: {line}", style="yellow"))
     for line in tightest(designed):
-        console.print(Text(f"tight: {line}"))
+        console.print(Text(f"smallest margins: {line}"))
     console.print()
     console.print(_worst(designed))
-    console.print(Text("spread: std over what it were with all other parameters known"))
+    console.print(
+        Text("inflation: std divided by its value with all other parameters known (√VIF)")
+    )
     missing = unseen(designed)
     if missing:
-        console.print(Text(f"{count(missing, 'parameter')} will not be shown", style="yellow"))
+        console.print(
+            Text(f"{count(missing, 'parameter')} will not be identifiable", style="yellow")
+        )
     console.print(Text(f"noise: {designed.noise_from}"))
     console.print()
     for one in helpful(designed.advice)[:ADVISED]:
         console.print(
-            Text(f"would help: {one.what}, {one.seconds:.3g} s: {brings(designed, one, 1)}")
+            Text(f"{capital(one.what)} ({one.seconds:.3g} s) reduces {brings(designed, one, 1)}")
         )
     for note in designed.notes:
         if note in uncovered(designed):
@@ -80,21 +85,21 @@ def design_summary(designed: Designed, console: Console) -> None:
 
 
 def _worst(designed: Designed) -> Table:
-    """The parameters that are shown worst."""
+    """The parameters that are least accurate parameters."""
     from rich.table import Table
     from rich.text import Text
 
     rows = expected(designed)[:WORST]
     valued = any(one.relative_percent is not None for one in rows)
-    table = Table(title=Text("shown worst"), title_justify="left")
+    table = Table(title=Text("least accurate parameters"), title_justify="left")
     table.add_column("parameter", overflow="fold")
     table.add_column("std", justify="right")
     table.add_column("unit")
     if valued:
         table.add_column("of value", justify="right")
-    table.add_column("spread", justify="right")
+    table.add_column("inflation", justify="right")
     for one in rows:
-        std = significant(one.std, 2) if isfinite(one.std) else "not shown"
+        std = significant(one.std, 2) if isfinite(one.std) else "not identifiable"
         share = [relative(one.relative_percent)] if valued else []
         table.add_row(Text(one.name), std, Text(one.unit), *share, spread_words(one.spread))
     return table

@@ -49,7 +49,7 @@ def show(diagnosis: Diagnosis, console: Console, *, fine: bool = True) -> None:
     for mend, findings in mends(diagnosis).values():
         names = ", ".join(dict.fromkeys(f.suspicion for f in findings))
         console.print()
-        console.print(Text.assemble((f"mend {names}: ", "bold"), mend.says))
+        console.print(Text.assemble((f"fix {names}: ", "bold"), mend.says))
         if mend.edits:
             console.print(Padding(Text(lines(mend.edits), style="cyan"), (0, 0, 0, 4)))
     if shown:
@@ -113,7 +113,7 @@ def _found(group: Group) -> Text:
 
     first, count = group.findings[0], len(group.findings)
     if not group.judgement:
-        alike = f"{count} findings alike, {first.log or 'all logs'}: " if count > 1 else ""
+        alike = f"{count} similar findings, {first.log or 'all logs'}: " if count > 1 else ""
         return Text.assemble((alike, "dim"), first.says)
     shown = [_one(finding) for finding in group.findings[:SHOWN]]
     rest = _others(group, SHOWN)

@@ -25,14 +25,14 @@ KINDS = {
     "fourier": "Fourier series from rest to rest",
     "raw_fourier": "Fourier series",
     "blended_fourier": "Fourier series with blends from and to rest",
-    "ramped_fourier": "Fourier series that swells from rest and dies down to it",
+    "ramped_fourier": "Fourier series with amplitude ramps from and to rest",
     "spline": "B-splines from rest to rest",
     "reaching": "minimum-jerk moves between postures",
     "pick_and_place": "pick-and-place cycles",
     "square": "edges of a square",
     "waypoints": "moves from point to point",
     "sweeps": "one joint after another at several speeds",
-    "postures": "standing at many postures",
+    "postures": "static postures",
     "replay": "motion from a file",
 }
 """What kinds of motion are called."""
@@ -139,7 +139,7 @@ def tightest(designed: Designed) -> list[str]:
     lines = [_nearly(designed, *group, joints) for group, joints in groups.items()]
     for proof in designed.certificate.proofs:
         near = closest(proof)
-        said = [f"{label} by {margin(value, proof.unit)}" for label, value in near[:NAMED]]
+        said = [f"{label}, {margin(value, proof.unit)} left" for label, value in near[:NAMED]]
         said += [f"{len(near) - NAMED} more"] if len(near) > NAMED else []
         lines += [f"{proof.name}: {'; '.join(said)}"] if said else []
     return lines
@@ -211,18 +211,18 @@ def headline(designed: Designed) -> str:
     """What the motion shows, whether it is safe, and of what that is proven, in a line."""
     missing = unseen(designed)
     every = len(designed.shown.names) + designed.faint
-    shows = f"Shows all {every} base parameters"
+    shows = f"Identifies all {every} base parameters"
     if missing or designed.faint:
-        shows = f"Shows {every - missing - designed.faint} of {every} base parameters"
+        shows = f"Identifies {every - missing - designed.faint} of {every} base parameters"
     if hardly := int(hidden(designed).sum()) - missing:
-        shows += f", {hardly} of them hardly"
+        shows += f", {hardly} of them poorly"
     if unended(designed):
-        shows += ", but no search came to an end"
+        shows += ", but no search converged"
     certificate = designed.certificate
     if certificate.failures:
         return f"{shows}; not safe: {count(len(certificate.failures), 'limit')} not proven"
-    limits = "every limit looked at" if uncovered(designed) else "every limit"
-    words = f"{shows}; {limits} is proven for all times from its start to its end"
+    limits = "every checked limit" if uncovered(designed) else "every limit"
+    words = f"{shows}; {limits} is proven to hold at all times"
     scopes = [f"{proof.name}: {proof.scope}" for proof in certificate.proofs if proof.scope]
     return words + (f" ({'; '.join(scopes)})" if scopes else "")
 
@@ -244,7 +244,7 @@ def detail(designed: Designed) -> str:
     words = f"{designed.trajectory.duration:.4g} s, {kind}; {designed.criterion} "
     words += f"{figure_of(designed)} (smaller is better)"
     if unended(designed):
-        words += f", the best that an unfinished search found in {designed.seconds:.3g} s"
+        words += f", from an unfinished search of {designed.seconds:.3g} s"
     elif designed.course:
         words += f", best of {searches(designed)} in {designed.seconds:.3g} s"
     if designed.stopped:
@@ -271,10 +271,10 @@ def brings(designed: Designed, one: Advice, most: int = NAMED) -> str:
         most: So many parameters are named.
     """
     if not one.helps:
-        return f"nothing falls below {100.0 * HELPS:.0f} % of its std"
+        return f"no std below {100.0 * HELPS:.0f} %"
     shares = [share for _, share in one.helps]
     if len(shares) == len(designed.shown.names) and max(shares) - min(shares) < ALIKE:
-        return f"every std to {100.0 * shares[0]:.0f} %"
+        return f"all standard deviations to {100.0 * shares[0]:.0f} %"
     named = "; ".join(_fall(designed, one, name) for name, _ in one.helps[:most])
     more = len(one.helps) - most
     return named + (f"; {more} more" if more > 0 else "")
@@ -286,7 +286,7 @@ def _fall(designed: Designed, one: Advice, name: str) -> str:
     before, after = float(shown.std(designed.prior)[k]), float(one.std[k])
     unit = shown.units[k]
     if not isfinite(before):
-        return f"{name} to {significant(after, 2)} {unit}, not seen before"
+        return f"{name} to {significant(after, 2)} {unit}, not identifiable before"
     return f"{name} from {significant(before, 2)} to {significant(after, 2)} {unit}"
 
 

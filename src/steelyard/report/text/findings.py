@@ -64,13 +64,13 @@ def headline(diagnosis: Diagnosis) -> str:
     """The verdict in a few words, with the suspicions that hold."""
     worst = diagnosis.judgement
     if not diagnosis.findings:
-        return "No suspicion applies"
+        return "No check applies"
     if worst == 0:
         open_ones = sum(not finding.answered for finding in diagnosis.findings)
-        told = "Ok: nothing suspicious was found"
+        told = "Ok: no fault was found"
         if open_ones:
             asked = count(open_ones, "question")
-            told = f"Ok as far as can be told: {asked} could not be answered"
+            told = f"Ok as far as decidable: {asked} could not be answered"
         beside = dict.fromkeys(f.says for f in diagnosis.findings if f.headline)
         return "; ".join((told, *beside))
     names = [f.suspicion for f in diagnosis.findings if f.judgement == worst]

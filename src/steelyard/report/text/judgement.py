@@ -133,12 +133,12 @@ def _untested(content: ReportContent) -> Verdict:
         ""
         if fit is None or not isfinite(fit.value)
         else f"The model describes {count(len(fitted), 'fitted run')} with an error of "
-        f"{percent(fit.value)} of the measured effort (RMS {band(fitted)}, {fit.kind}), which says "
-        "nothing yet about other motions. "
+        f"{percent(fit.value)} of the measured effort (RMS {band(fitted)}, {fit.kind}), which is "
+        "no evidence for other motions. "
     )
     return Verdict(
-        "Not tested on unseen motion",
-        f"{described}To test it, log another motion and run: {HOW_TO_VALIDATE}",
+        "Not validated on unseen motion",
+        f"{described}To validate it, log another motion and run: {HOW_TO_VALIDATE}",
         "none",
     )
 
@@ -147,7 +147,9 @@ def _repeated(scores: Sequence[RunScore]) -> str:
     """Which fitted motions these runs repeat; empty if their motions are others."""
     again = ", ".join(dict.fromkeys(run.repeats for run in scores if run.repeats))
     return (
-        f"Its motion is that of the fitted run {again}: no test of other motions" if again else ""
+        f"It repeats the motion of the fitted run {again}: no validation on other motions"
+        if again
+        else ""
     )
 
 
@@ -158,7 +160,7 @@ def _detail(content: ReportContent, scores: Sequence[RunScore], others: Sequence
     poor = poorly_predicted(scores, FAIR)
     sentences = (
         "; ".join(figure.words for figure in others),
-        f"Poorly predicted by themselves: {poor}" if poor else "",
+        f"Poorly predicted joints: {poor}" if poor else "",
         runs,
         _repeated(scores),
         band_origin(content.identified),

@@ -107,7 +107,7 @@ def poorly_predicted(scores: Sequence[RunScore], limit: float) -> str:
 
 def coverage_words(inside: float, unseen: bool) -> str:
     """How much of a log lies in its 95 % bands [%], and whether that is less than they promise."""
-    less = ": less than promised" if unseen and inside < PROMISED else ""
+    less = ": less than stated" if unseen and inside < PROMISED else ""
     return f"{percent(inside)} of this log inside{less}"
 
 

@@ -117,13 +117,13 @@ def _seen(
 ) -> Row:
     relative = 100.0 * std / abs(value) if value else float("inf")
     grade: Grade = "sure"
-    status = "seen"
+    status = "identified"
     if learned is not None and learned < LEARNED:
         grade, status = "prior", "from the prior"
     elif not Z95 * std < abs(value):
-        grade, status = "zero", "seen (not told from zero)"
+        grade, status = "zero", "not significantly different from zero"
     elif not relative <= WEAK:
-        grade, status = "weak", "seen (weakly)"
+        grade, status = "weak", "poorly identifiable"
     return Row(
         name,
         group,
@@ -172,5 +172,5 @@ def _blind(
         None,
         nominal,
         "unseen",
-        f"not seen{tied}",
+        f"not identifiable{tied}",
     )

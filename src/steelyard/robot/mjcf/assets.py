@@ -111,7 +111,7 @@ def _refused(path: Path, error: Exception) -> ModelError:
         where=str(path),
         mend="put the missing file where the MJCF looks for it"
         if "opening file" in text
-        else "mend the MJCF there until `python -m mujoco.viewer --mjcf=FILE` shows it; a part "
+        else "correct the MJCF there until `python -m mujoco.viewer --mjcf=FILE` shows it; a part "
         "that other files include cannot be read alone: give the file that includes it",
     )
 

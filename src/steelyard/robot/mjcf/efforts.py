@@ -85,7 +85,7 @@ class Actuators:
         return frozen(limits)
 
     def notes(self, name: Naming) -> list[ModelNote]:
-        """Limits that are no limits of one joint."""
+        """Limits that are not limits of one joint."""
         notes = []
         for actuator in range(self.model.nactuator):
             dofs = np.flatnonzero(self.moments[actuator])
@@ -101,7 +101,7 @@ class Actuators:
                 notes.append(ModelNote(what, item, joints, "efforts"))
         for joint in np.flatnonzero(self.limits <= 0.0):
             what = (
-                "actuators that push one way only are no limit (state [robot.limits.JOINT] "
+                "actuators with one direction of force are not a limit (state [robot.limits.JOINT] "
                 "effort): "
             )
             named = name("joint", int(joint))

@@ -53,7 +53,7 @@ def _gravity_notes(model: Any) -> list[ModelNote]:
         what = "the MJCF has no gravity, so the robot has none: state it as gravity under [robot]"
     elif _off(model, mujoco.mjtDisableBit.mjDSBL_GRAVITY):
         what = (
-            f"the MJCF switches gravity off; the robot has {shown} all the same: state gravity "
+            f"the MJCF disables gravity; the robot has {shown} anyway: state gravity "
             "under [robot], [0.0, 0.0, 0.0] for none"
         )
     else:
@@ -75,7 +75,7 @@ def _compensation_notes(model: Any, name: Naming) -> list[ModelNote]:
             relieved |= set(range(first, first + int(model.body_jntnum[body])))
             body = int(model.body_parentid[body])
     what = (
-        "bodies are relieved of gravity in the MJCF (gravcomp), not in the robot; efforts logged "
+        "gravity compensation of bodies in the MJCF (gravcomp) is not in the robot; efforts logged "
         'without weight have kind = "gravity_compensated_torque": '
     )
     return [
@@ -105,7 +105,9 @@ def _tendon_notes(model: Any, name: Naming) -> list[ModelNote]:
         dofs = np.flatnonzero(lengths[tendon])
         joints = [name("joint", k) for k in single_joints(model) if model.jnt_dofadr[k] in dofs]
         if acting and joints:
-            what = "forces of tendons in the MJCF are no part of the model unless a term has them "
+            what = (
+                "forces of tendons in the MJCF are not in the model unless a term represents them "
+            )
             item = f"'{name('tendon', tendon)}' on {', '.join(joints)} ({', '.join(acting)})"
             notes.append(ModelNote(what + "(along = {...}): ", item, tuple(joints)))
     return notes
@@ -118,6 +120,6 @@ def _fluid_notes(model: Any) -> list[ModelNote]:
     return [
         ModelNote(
             f"forces of a fluid in the MJCF (density {density:g} kg/m³, viscosity {viscosity:g} "
-            "Pa s) are no part of the model"
+            "Pa s) are not in the model"
         )
     ]

@@ -47,7 +47,7 @@ def read_mjcf(path: Path) -> Mechanism:
     given = compiled(path)
     if given.model.nbody == 1 and root.all("body"):
         raise ModelError(
-            "its bodies stand outside <worldbody>: a part of a model, and no robot",
+            "its bodies stand outside <worldbody>: a part of a model, not a robot",
             where=str(path),
             mend="give the file that includes it, often in the same folder",
         )

@@ -133,7 +133,7 @@ class Commands:
 
 def _fatal(*words: Any) -> NoReturn:
     raise XacroError(
-        f"the file gives up: {' '.join(map(str, words))[:300]}", "change its arguments"
+        f"the file raised an error: {' '.join(map(str, words))[:300]}", "change its arguments"
     )
 
 

@@ -181,7 +181,9 @@ class Expander:
         for path in self.commands.included(str(scope.text(_needed(element, "filename"))), optional):
             self.included += 1
             if self.included > FILES:
-                raise XacroError(f"more than {FILES} files are included", "look for a circle")
+                raise XacroError(
+                    f"more than {FILES} files are included", "look for a circular include"
+                )
             self.files.append(path)
             try:
                 made += self._inside(read_xml(path), inner)

@@ -94,7 +94,8 @@ class Scope(Names):
             if name in self.waiting:
                 way = " -> ".join([*self.waiting, name])
                 raise XacroError(
-                    f"properties are defined by each other: {way[:200]}", "cut the circle"
+                    f"properties are defined by each other: {way[:200]}",
+                    "remove the circular definition",
                 )
             self.waiting.append(name)
             try:

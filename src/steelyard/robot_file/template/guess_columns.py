@@ -57,7 +57,7 @@ def guess_signals(
             f"the log has columns for {len(guess.joints)} joints of {robot.n}; "
             f"none for {', '.join(missing)}",
             where=f"columns {', '.join(columns)}",
-            mend="write a robot file with `steelyard init` and say there which joints are "
+            mend="write a robot file with `steelyard init` and set there which joints are "
             "identified, and where the others are locked",
         )
 
@@ -114,8 +114,8 @@ def guess_columns(
     )
     reasons = [
         time_reason,
-        f"positions are {_listed(position)}, told {how}; {position_reason}",
-        f"efforts are {_listed(effort)}, told {how}; {effort_words}"
+        f"positions are {_listed(position)}, assigned {how}; {position_reason}",
+        f"efforts are {_listed(effort)}, assigned {how}; {effort_words}"
         + others(effort, kinds.get("effort", [])),
     ]
     if velocity:
@@ -125,7 +125,7 @@ def guess_columns(
 
 
 def guess_time(columns: Sequence[str], sample: Sample) -> tuple[str, str] | None:
-    """The column of time and its unit; `None` if none looks like time."""
+    """The column of time and its unit; `None` if no column looks like time."""
     values = {name: _finite(values) for name, values in sample.items()}
     candidates = [c for c in map(Column, columns) if c.quantity == "time"]
     try:
@@ -151,14 +151,14 @@ def velocities_beside(position: Sequence[str], columns: Sequence[str]) -> tuple[
 
 
 IN_FILE = (
-    'say it in a robot file: [signals] time = "...", position = ["...", ...] and '
+    'set it in a robot file: [signals] time = "...", position = ["...", ...] and '
     "[signals.effort] columns = [...], kind = ..., unit = ... (`steelyard init` writes one)"
 )
 
 
 OF_MOTORS = (
     "the gears between motors and joints are needed: in a robot file (`steelyard init` writes one) "
-    'say [signals] coordinates = "motor" and [robot.transmission] ratios = [turns of each motor '
+    'set [signals] coordinates = "motor" and [robot.transmission] ratios = [turns of each motor '
     "per turn of its joint], with coupling = [...] where a motor turns with a second joint; and "
     "[signals.effort] columns = [...], kind = ..., side, unit = ..."
 )
@@ -166,7 +166,7 @@ OF_MOTORS = (
 
 def _give_up(wrong: str, columns: Sequence[str], mend: str = IN_FILE) -> NoReturn:
     raise LogError(
-        f"the log's columns cannot be told: {wrong}",
+        f"the log's columns cannot be assigned: {wrong}",
         where=f"columns {', '.join(columns)}",
         mend=mend,
     )
@@ -192,9 +192,9 @@ def _time(
     rising = [c for c in candidates if rises(c)]
     if not rising:
         _give_up(
-            "none looks like time",
+            "no column looks like time",
             columns,
-            "say the log's rate: `steelyard init URDF LOG --rate HZ` writes a robot file with "
+            "give the log's rate: `steelyard init URDF LOG --rate HZ` writes a robot file with "
             f'[signals] rate = HZ instead of time = "..."; or {IN_FILE}',
         )
     return min(rising, key=lambda c: (_topic(c) != _topic(rising[0]), len(c.words)))
@@ -276,7 +276,7 @@ def _time_unit(time: Column, values: Mapping[str, Array]) -> tuple[str, str]:
     steps = np.diff(values.get(time.name, np.zeros(0)))
     step = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
     if step == 0.0:
-        return "s", "as nothing else is known"
+        return "s", "by default"
     unit = "s" if step < 0.5 else "ms" if step < 500.0 else "us" if step < 5e5 else "ns"
     return unit, f"as its steps are {step:.4g}"
 
@@ -284,7 +284,7 @@ def _time_unit(time: Column, values: Mapping[str, Array]) -> tuple[str, str]:
 def _position_unit(
     columns: Sequence[Column], joints: Sequence[Coordinate], values: Mapping[str, Array]
 ) -> tuple[Any, str]:
-    units, why = [], "in rad or m, as nothing else is known"
+    units, why = [], "in rad or m, by default"
     for column, joint in zip(columns, joints, strict=True):
         most = reach(column.name, values)
         si, other = ("rad", "deg") if joint.kind == "revolute" else ("m", "mm")

@@ -9,9 +9,9 @@ from steelyard.robot.robot import Coordinate
 from steelyard.robot_file.column_names import CURRENTS, TORQUES, Column
 
 TORQUE = (
-    "torque by their names, which do not say of which side of the gears: taken as joint torque "
-    'with rotor inertia in it; of sensors behind the gears say kind = "link_torque" and take '
-    "rotor_inertia out of [model] terms"
+    "torque by their names, which do not state the side of the gears: assumed joint torque "
+    'including rotor inertia; for sensors on the link side set kind = "link_torque" and remove '
+    "rotor_inertia from [model] terms"
 )
 OTHERS = 6
 """Effort-like columns that were not chosen and are listed."""
@@ -43,7 +43,7 @@ def _unsaid(columns: Sequence[Column], units: Sequence[str]) -> str:
     if not columns:
         return ""
     names, taken = ", ".join(c.name for c in columns), set(units) - {"A", "mA"}
-    return f", but not of {names}: taken in {' and '.join(sorted(taken))}; check unit and gain"
+    return f", but not of {names}: assumed in {' and '.join(sorted(taken))}; check unit and gain"
 
 
 def _is_current(column: Column) -> bool:
@@ -65,7 +65,7 @@ def others(effort: Sequence[Column], every: Sequence[Column]) -> str:
     if not left:
         return ""
     shown = ", ".join(left[:OTHERS]) + f" and {len(left) - OTHERS} more" * (len(left) > OTHERS)
-    return f"; other columns that may be efforts: {shown}: name them instead if they are measured"
+    return f"; other columns that may be efforts: {shown}: use them instead if they are measured"
 
 
 def reach(name: str, values: Mapping[str, Array]) -> float:

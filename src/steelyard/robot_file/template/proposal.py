@@ -55,9 +55,9 @@ def proposed(reference: str | Path, base: str | None = None) -> Proposal:
     path, arguments = split_reference(reference)
     if path.suffix.lower() == ".toml":
         raise ModelError(
-            "this is a robot file already",
+            "this is already a robot file",
             where=str(path),
-            mend="give the URDF or MJCF it is about",
+            mend="give its URDF or MJCF",
         )
     model = read_model(path, arguments)
     mechanism, why_base = model.mechanism, ""
@@ -85,7 +85,7 @@ def proposed(reference: str | Path, base: str | None = None) -> Proposal:
 
 _BALL = "a ball joint"
 _HAND = "in a loop of a hand, or in one whose joints have no actuator of their own"
-_OPEN = "in a loop of which not clear is which joints are passive"
+_OPEN = "in a loop whose passive joints are ambiguous"
 
 
 def _with_tendons(model: ModelFile) -> ModelFile:

@@ -2,36 +2,36 @@
 
 SETTINGS = """\
 [processing]
-# The chain from rows to motion; what is left out, the data decides. What was done is printed.
-# Distance from the rows around, in usual ones, from which a value is bridged; or "keep".
+# The chain from rows to motion; defaults are chosen from the data and printed.
+# Hampel threshold in scaled MAD, above which a value is interpolated; or "keep".
 # outliers = 15.0
-# Rows that repeat the positions of the one before while the robot moves; or "keep".
+# Rows that repeat the previous positions while the robot moves; or "keep".
 # repeats = "bridge"
-# Efforts that stay at a limit, and their surroundings; or "keep".
+# Saturated efforts, and the rows around them; or "keep".
 # saturation = "leave_out"
-# Clock [Hz] that rows are brought to, and how: "cubic", "linear", "pchip" or "spline".
+# Resampling rate [Hz], and method: "cubic", "linear", "pchip" or "spline".
 # rate = 100.0
 # resampling = "cubic"
 # From positions to motion, and the low-pass before: "butterworth", "fir", "savitzky_golay", ...;
 # a table gives settings: {method = "savitzky_golay", degree = 3}.
 # motion = "butterworth"
 # motion_cutoff = 25.0
-# Efforts stay as logged otherwise.
+# Low-pass of efforts; as logged if left out.
 # effort = {method = "moving_average", span = 9}
 # Low-pass of regressor and effort alike [Hz], and the speed up to which a joint rests [rad/s; m/s].
 # matched_cutoff = 8.0
 # rest_speed = 0.01
 
 [prior]
-# Masses, centres and inertias before the data: those of the "model", or "none".
+# Prior masses, centres and inertias: those of the "model", or "none".
 # source = "model"
-# How far they may be off, relatively; found from the data if left out.
+# Their relative uncertainty; estimated from the data if left out.
 # uncertainty = 0.3
-# Links whose mass is known better, or not at all.
+# Links with a prior of their own, or none.
 # [prior.links.NAME]
 # mass = 3.9
 # box = {size = [0.1, 0.1, 0.3], centre = [0.0, 0.0, 0.15]}
-# What holds in any case: kinds are "mass", "total_mass", "centre_in_box", "parameter", ...
+# Prior constraints; kinds are "mass", "total_mass", "centre_in_box", "parameter", ...
 # [[knowledge]]
 # kind = "total_mass"
 # upper = 31.0

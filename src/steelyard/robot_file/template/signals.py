@@ -19,34 +19,34 @@ def signals_part(guess: Guess, moving: Sequence[Coordinate]) -> str:
     if effort.kind == "motor_current":
         gain_lines = (
             "# CHECK: Nm at the joint per A (N per A for a sliding joint), gear ratio included;\n"
-            "# the sign counts. 1.0 stands here because a log cannot tell it.\n"
+            "# the sign counts. 1.0 is a placeholder: a log does not determine it.\n"
             f"gain = {gain}"
         )
     else:
         gain_lines = (
-            "# Torque at the joint per logged unit, if it is not one; -1.0 turns a sign.\n"
+            "# Torque at the joint per logged unit, if not 1.0; -1.0 changes the sign.\n"
             f"# gain = {gain}"
         )
     return f"""\
-# CHECK: which columns of the log are what. Guessed so:
+# CHECK: the columns of the log. Guessed as follows:
 {reasons}
 [signals]
 {_clock_lines(section)}
 # One column per joint, or a pattern: "q{{}}" for q1, q2, ..., "{{joint}}_q" for the joints' names.
 position = {toml_text(section.position)}
 position_unit = {toml_text(position_unit)}  # "rad", "deg", "m" or "mm"; or one per joint
-# Columns that count against their joint have -1.
+# -1 for columns with the opposite sign of their joint.
 # position_sign = [{", ".join("1" * len(moving))}]{_velocity_lines(guess)}
 
 [signals.effort]
 columns = {toml_text(effort.columns)}
-# CHECK: "joint_torque": at the joints, with what rotors and gears take; "link_torque": sensors
+# CHECK: "joint_torque": at the joints, with rotors and gears; "link_torque": sensors
 # behind the gears; "motor_torque": from the motors; "motor_current"; or
 # "gravity_compensated_torque".
 kind = {toml_text(effort.kind)}
 unit = {toml_text(effort.unit)}  # "A", "mA", "Nm", "N" or "%"; or one per joint
 {gain_lines}
-# How late efforts are logged, against the positions [s].
+# Delay of efforts relative to positions [s].
 # delay = 0.0"""
 
 
@@ -69,7 +69,7 @@ def _velocity_lines(guess: Guess) -> str:
 # Measured velocities are often filtered and late; without them positions are differentiated.
 {mark}velocity = {toml_text(listed)}
 {known}velocity_unit = {toml_text(unit)}  # or "deg/s", "rpm", "m/s", "mm/s"; or one per joint
-# How late they are, against the positions [s].
+# Their delay relative to positions [s].
 # velocity_delay = 0.005"""
 
 
@@ -79,7 +79,7 @@ def signals_template(
     """Comments to fill in, with the columns of the log if there is one."""
     why = f"{problem}. Fill this in and remove the leading marks."
     if columns is None:
-        why = "no log was given. Columns are guessed from each log; to say them, fill this in and "
+        why = "no log was given. Columns are guessed from each log; to set them, fill this in and "
         why += "remove the leading marks."
     head = [comment(f"CHECK: {why}")]
     if columns:

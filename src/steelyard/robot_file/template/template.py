@@ -161,7 +161,7 @@ joints = [
 {names}]
 {_base_lines(proposal)}
 # tip = "tool0"
-# CHECK: gravity [m/s²] in the frame of the base. On a wall or a ceiling it is another one;
+# CHECK: gravity [m/s²] in the frame of the base. It differs on a wall or a ceiling;
 # instead of it, mounting = {{roll = 0.0, pitch = 90.0, yaw = 0.0}} gives the base's rotation [deg].
 gravity = {toml_text(robot.gravity.tolist())}"""
 
@@ -225,8 +225,8 @@ def _model_part(springs: Mapping[str, JointSpring]) -> str:
 
 _MODEL_PART = """\
 [model]
-# Causes of torque. CHECK: motors and their currents feel "rotor_inertia"; torque sensors behind the
-# gears do not: take it out there, together with kind = "link_torque" below, which refuses it.
+# Torque terms. CHECK: motor torques and currents include "rotor_inertia"; torque sensors behind the
+# gears do not: remove it there, together with kind = "link_torque" below, which excludes it.
 # A table gives a law its settings: {law = "coulomb", smoothing = 0.005, joints = ["..."]}.
 terms = ["""
 

@@ -24,7 +24,7 @@ from steelyard.terms.model_files import Place, full_sliding
 from steelyard.terms.term import SHARE, Cause, Columns, Dissipation
 
 REVERSALS = "reversals of"
-GIVES_WAY = "how friction gives way before it slides"
+GIVES_WAY = "presliding displacement"
 
 
 @dataclass(frozen=True)
@@ -165,7 +165,7 @@ class LuGre(Presliding):
     dissipation: ClassVar[Dissipation] = "each"
     cause: ClassVar[Cause] = "friction"
     shown_by: ClassVar[str] = REVERSALS
-    in_model_files: ClassVar[Place] = full_sliding("lugre", lost=f"{GIVES_WAY}, and breaks away")
+    in_model_files: ClassVar[Place] = full_sliding("lugre", lost=f"{GIVES_WAY} and breakaway")
     shares: ClassVar[Mapping[str, tuple[float, float]]] = {"lugre_damping": (0.3, 0.8)}
     aside: ClassVar[tuple[str, ...]] = ("length", "breakaway", "speed")
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {

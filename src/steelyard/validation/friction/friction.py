@@ -101,7 +101,7 @@ class FrictionChoice:
         """One sentence for the user."""
         first, best = self.table[0], next(mix for mix in self.table if mix.chosen)
         return (
-            f"friction chosen by leaving one {self.left_out} out: {self.name} "
+            f"friction chosen by cross-validation, leaving one {self.left_out} out: {self.name} "
             f"({best.error:.2f} %; {first.name}: {first.error:.2f} %)"
         )
 
