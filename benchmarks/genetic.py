@@ -21,7 +21,7 @@ from steelyard.kernel.equations.dynamics import JointState
 from steelyard.model import Model
 from steelyard.parameters import Parameter
 from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.information import Information, Stamp, Window
+from steelyard.regression.information import Information, Signature, Window
 from steelyard.regression.regressor import Regressor, base_regressor
 from steelyard.robot.robot import Coordinate, Robot
 from steelyard.terms.laws.coulomb import Coulomb
@@ -76,9 +76,11 @@ class Log:
         channels = regressor.model.scan()(self.q, self.dq, self.ddq)
         stretch = Stretch(self.q, self.dq, self.ddq, self.effort, None, channels)
         sums = Accumulator(regressor)(stretch)
-        stamp = Stamp(regressor.model.fingerprint, regressor.layout.columns, ("Nm", "Nm"), "none")
+        signature = Signature(
+            regressor.model.fingerprint, regressor.layout.columns, ("Nm", "Nm"), "none"
+        )
         return Information(
-            regressor.layout, stamp, (Window("log", 0.0, 1.0),),
+            regressor.layout, signature, (Window("log", 0.0, 1.0),),
             sums.grams[None], sums.absolute[None], sums.counts[None],
         )  # fmt: skip
 

@@ -37,7 +37,7 @@ from steelyard.measurement.run import Block  # noqa: E402
 from steelyard.model import Model  # noqa: E402
 from steelyard.regression.accumulate import Accumulator, Stretch  # noqa: E402
 from steelyard.regression.gather import accumulate, cut  # noqa: E402
-from steelyard.regression.information import Information, Stamp, Window  # noqa: E402
+from steelyard.regression.information import Information, Signature, Window  # noqa: E402
 from steelyard.regression.parallel_filter import MatchedFilter  # noqa: E402
 from steelyard.regression.regressor import Regressor, base_regressor  # noqa: E402
 from steelyard.robot.from_mechanism import reduced  # noqa: E402
@@ -91,9 +91,9 @@ def information(
 ) -> Information:
     """One window of raw samples."""
     sums = Accumulator(found, matched)(Stretch(*data))
-    stamp = Stamp("bench", found.layout.columns, ("Nm",) * 7, "none")
+    signature = Signature("bench", found.layout.columns, ("Nm",) * 7, "none")
     return Information(
-        found.layout, stamp, (Window("run", 0.0, 1.0),),
+        found.layout, signature, (Window("run", 0.0, 1.0),),
         sums.grams[None], sums.absolute[None], sums.counts[None],
     )  # fmt: skip
 
@@ -252,8 +252,8 @@ def in_parts(
     run = Block(0, np.arange(count) / 1000.0, *data, moving)
     blocks = (run.part(start, start + size) for start in range(0, count, size))
     accumulator = Accumulator(found)
-    stamp = Stamp("bench", found.layout.columns, ("Nm",) * 7, "none")
-    return accumulate(accumulator, cut(blocks, "run", accumulator), stamp, threads)
+    signature = Signature("bench", found.layout.columns, ("Nm",) * 7, "none")
+    return accumulate(accumulator, cut(blocks, "run", accumulator), signature, threads)
 
 
 def noisy(found: Regressor, known: Knowledge) -> Information:

@@ -10,7 +10,7 @@ NAMES = ("chromium", "chromium-browser", "google-chrome")
 
 
 @dataclass(frozen=True)
-class Seen:
+class SampledInformation:
     """What the browser had after it ran a page."""
 
     dom: str
@@ -33,7 +33,7 @@ def chromium() -> str | None:
     return next((found for name in NAMES if (found := shutil.which(name))), None)
 
 
-def look(program: str, file: Path, folder: Path) -> Seen:
+def look(program: str, file: Path, folder: Path) -> SampledInformation:
     """Open a page; the profile goes to `folder`."""
     done = subprocess.run(
         [program, *chromium_flags(folder), "--dump-dom", file.resolve().as_uri()],
@@ -43,7 +43,7 @@ def look(program: str, file: Path, folder: Path) -> Seen:
         check=True,
     )
     lines = tuple(line for line in done.stderr.splitlines() if ":CONSOLE" in line)
-    return Seen(done.stdout, lines)
+    return SampledInformation(done.stdout, lines)
 
 
 def chromium_flags(folder: Path) -> list[str]:

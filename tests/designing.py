@@ -24,7 +24,7 @@ from steelyard.excitation.objective import Case
 from steelyard.excitation.problem import Problem
 from steelyard.model import Model, ValuedModel
 from steelyard.parameters import Parameters
-from steelyard.regression.information_gradient import Shows
+from steelyard.regression.information_gradient import InformationEvaluator
 from steelyard.terms.laws.coulomb import Coulomb
 from steelyard.terms.laws.rigid_body import RigidBody
 from steelyard.terms.laws.viscous import Viscous
@@ -88,5 +88,5 @@ def problem(
 ) -> Problem:
     """The arm's problem."""
     bounds = limits(jerk)
-    shows = Shows(MODEL, np.ones(3), 0.01 * bounds.velocity)
+    shows = InformationEvaluator(MODEL, np.ones(3), 0.01 * bounds.velocity)
     return Problem(ARM, basis, bounds, constraints, (Case(shows, KINDS[kind]),))

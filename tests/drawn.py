@@ -6,7 +6,7 @@ import numpy as np
 
 from steelyard.arrays import frozen
 from steelyard.measurement.noise_propagation import MotionError
-from steelyard.regression.information import Stamp
+from steelyard.regression.information import Signature
 from steelyard.regression.regressor import Regressor
 from steelyard.regression.samples import Samples, Source
 
@@ -51,7 +51,7 @@ def samples_of(
     )
     return Samples(
         layout=regressor.layout,
-        stamp=Stamp("model", regressor.layout.columns, ("Nm",) * n, "none"),
+        signature=Signature("model", regressor.layout.columns, ("Nm",) * n, "none"),
         sources=(Source(run, share, error),),
         source=np.zeros(count, dtype=np.intp),
         t=frozen(start + 0.01 * np.arange(count)),

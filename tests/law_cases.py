@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from steelyard.robot.robot import Robot
 from steelyard.terms.register import DEFAULT_TERMS, description_of, term_of
-from steelyard.terms.term import Remembering, Term
+from steelyard.terms.term import StatefulTerm, Term
 
 FIT = "nonlinear friction curve; fitted by"
 
@@ -263,7 +263,7 @@ def simulated(robot: Robot, recovered: bool = False) -> list[LawCase]:
 
 def memoryless(robot: Robot) -> list[Term]:
     """The laws whose columns a single sample tells."""
-    return [x for case in CASES if not isinstance(x := case.on(robot), Remembering)]
+    return [x for case in CASES if not isinstance(x := case.on(robot), StatefulTerm)]
 
 
 def name_of(of: Any) -> str:

@@ -10,7 +10,7 @@ from steelyard.model import Model
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
 from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.information import Information, Stamp, Window
+from steelyard.regression.information import Information, Signature, Window
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.robot import Frame, Robot
@@ -74,7 +74,7 @@ def run(
     sums = Accumulator(REGRESSOR)(Stretch(q, dq, ddq, effort))
     return Information(
         REGRESSOR.layout,
-        Stamp(MODEL.fingerprint, REGRESSOR.layout.columns, UNITS, "none"),
+        Signature(MODEL.fingerprint, REGRESSOR.layout.columns, UNITS, "none"),
         (Window(f"run{seed}", 0.0, 1.0),),
         sums.grams[None],
         sums.absolute[None],

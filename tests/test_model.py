@@ -73,13 +73,13 @@ def test_values_that_are_not_named_are_zero() -> None:
 def test_strange_names_are_refused() -> None:
     with pytest.raises(DataError, match=r"has no parameter 'm\.wing'") as told:
         Model(single()).at(Parameters(["m.wing"], ["kg"], [1.0]))
-    assert "m.rod" in told.value.mend
+    assert "m.rod" in told.value.fix
 
 
 def test_motions_of_another_robot_are_refused(valued: ValuedModel) -> None:
     with pytest.raises(DataError, match="the motion has 6 joints, the model 4") as told:
         valued.torque(motion(3, 6))
-    assert "trunk_joint" in told.value.mend
+    assert "trunk_joint" in told.value.fix
 
 
 @pytest.mark.parametrize("angle", [1.01 * MAX_ANGLE, -1.01 * MAX_ANGLE, np.inf, np.nan])
@@ -87,7 +87,7 @@ def test_absurd_positions_are_refused(valued: ValuedModel, angle: float) -> None
     still, q = np.zeros(4), np.array([0.0, angle, 0.0, 0.0])
     with pytest.raises(DataError, match="beyond 100000 rad or is not finite") as told:
         valued.start().step(q, still, still)
-    assert "unit of the position columns" in told.value.mend
+    assert "unit of the position columns" in told.value.fix
     if np.isfinite(angle):
         with pytest.raises(DataError, match="beyond 100000 rad"):
             valued.torque(Motion([0.0], [q], [still], [still]))

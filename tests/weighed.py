@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from steelyard.estimation.estimate import Estimate, Standard
+from steelyard.estimation.estimate import Estimate, StandardEstimate
 from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
 from steelyard.model import Model
 from steelyard.parameters import Parameters
@@ -47,7 +47,7 @@ def identified_of(
         np.full(robot.n, 100.0),
         10.0,
         2.0,
-        standard=Standard(known, np.zeros((size, size)), np.ones(size)),
+        standard=StandardEstimate(known, np.zeros((size, size)), np.ones(size)),
     )
     base = BaseMap(model.names, model.units, tuple(range(size)), (), (), np.zeros((size, 0)))
     inputs = {"robot arm.toml": "ab12", "identification a--b.csv": "cd34"}

@@ -58,7 +58,7 @@ class Outcome:
         error: Of the nominal model.
         refused: Why it is refused; empty if it is not.
         edits: Keys that are proposed to be changed.
-        doubtful: Suspicions that are doubtful.
+        doubtful: Checks that are doubtful.
     """
 
     robot: int
@@ -126,7 +126,7 @@ def one_of(folder: Path, number: int) -> Outcome:
         error,
         "" if refused is None else refused.wrong,
         tuple(".".join(edit.path) for edit in found.edits),
-        tuple(f.suspicion for f in found.findings if f.judgement == 1),
+        tuple(f.check for f in found.findings if f.severity == 1),
     )
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from proofs.support.claims import Claim, data_folder, main_of
 
-from steelyard.diagnosis import Case, Diagnosis, Finding, Judgement, examine
+from steelyard.diagnosis import Case, Diagnosis, Finding, Severity, examine
 from steelyard.diagnosis.signals.units import reading
 from steelyard.identification.check_case import case_of, subject_of
 from steelyard.identification.logs import log_files
@@ -34,7 +34,7 @@ MOTOR_KEYS = (
 """What the robot file of the TX40 says about motors."""
 
 TRUE = {"excitation": "jointwise_motion/.*joint_[1-5]", "payload": "-load|Load"}
-"""Suspicions that are right about some logs, and which."""
+"""Checks that are right about some logs, and which."""
 
 
 class Removed:
@@ -58,24 +58,24 @@ def example_case(robot: str, log: str, *removed: tuple[str, ...]) -> Case:
 
 @cache
 def good(robot: str) -> tuple[Case, Diagnosis]:
-    """A robot file as it is, and what the quick suspicions say."""
+    """A robot file as it is, and what the quick checks say."""
     case = example_case(robot, LOGS[robot])
     return case, examine(case, quick=True)
 
 
-def finding(diagnosis: Diagnosis, suspicion: str) -> Finding:
-    """The finding of one suspicion about one log."""
-    return next(f for f in diagnosis.findings if f.suspicion == suspicion)
+def finding(diagnosis: Diagnosis, check: str) -> Finding:
+    """The finding of one check about one log."""
+    return next(f for f in diagnosis.findings if f.check == check)
 
 
 def _passes(robot: str) -> Claim:
     _, diagnosis = good(robot)
-    said = [f"{f.suspicion}: {f.judgement.word}" for f in diagnosis.findings if f.judgement]
+    said = [f"{f.check}: {f.severity.word}" for f in diagnosis.findings if f.severity]
     return Claim(
         f"quick check of {robot}",
         ", ".join(said) or f"ok, {len(diagnosis.findings)} findings",
         "ok",
-        diagnosis.judgement == Judgement.OK,
+        diagnosis.severity == Severity.OK,
     )
 
 
@@ -108,7 +108,7 @@ def _motors() -> list[Claim]:
     said = finding(good("tx40")[1], "position").says
     bare = examine(example_case("tx40", LOGS["tx40"], *MOTOR_KEYS), quick=True)
     found = finding(bare, "position")
-    assert found.mend is not None
+    assert found.fix is not None
     return [
         Claim(
             "motor-side signals of TX40",
@@ -118,9 +118,9 @@ def _motors() -> list[Claim]:
         ),
         Claim(
             "TX40 without its motor lines",
-            f"{found.judgement.word}: {found.says}",
+            f"{found.severity.word}: {found.says}",
             'wrong, coordinates = "motor"',
-            found.judgement == Judgement.WRONG and 'coordinates = "motor"' in found.mend.says,
+            found.severity == Severity.WRONG and 'coordinates = "motor"' in found.fix.says,
         ),
     ]
 
@@ -143,7 +143,7 @@ def clean_logs() -> list[tuple[str, str]]:
 
 
 def alarms() -> tuple[int, Counter[str], Counter[str]]:
-    """Clean logs, and of how many of them each quick suspicion is doubtful or worse.
+    """Clean logs, and of how many of them each quick check is doubtful or worse.
 
     What is true of a log, because its authors say so, is counted by itself: that joints stand still
     in `jointwise_motion`, and that payloads are carried.
@@ -153,8 +153,8 @@ def alarms() -> tuple[int, Counter[str], Counter[str]]:
     true: Counter[str] = Counter()
     for robot, log in logs:
         for found in examine(example_case(robot, log), quick=True).findings:
-            known = re.search(TRUE.get(found.suspicion, "$^"), log) is not None
-            (true if known else false)[found.suspicion] += found.judgement != Judgement.OK
+            known = re.search(TRUE.get(found.check, "$^"), log) is not None
+            (true if known else false)[found.check] += found.severity != Severity.OK
     return len(logs), false, true
 
 
@@ -163,9 +163,9 @@ def _scan() -> list[Claim]:
     worst = max(false, key=lambda name: false[name])
     return [
         Claim(
-            f"false alarms in {count} clean logs, {len(false)} quick suspicions",
+            f"false alarms in {count} clean logs, {len(false)} quick checks",
             f"at most {100.0 * false[worst] / count:.1f} % ({worst}), {false.total()} in all",
-            "<= 2 % per suspicion",
+            "<= 2 % per check",
             false[worst] <= 0.02 * count,
         ),
         Claim(
@@ -181,7 +181,7 @@ def _sideways() -> Claim:
     """The mounting of the AR5, against its URDF alone."""
     case = example_case("rokae_ar5", LOGS["rokae_ar5"], ("robot", "gravity"))
     diagnosis = examine(case, quick=True)
-    wrong = [f.suspicion for f in diagnosis.findings if f.judgement == Judgement.WRONG]
+    wrong = [f.check for f in diagnosis.findings if f.severity == Severity.WRONG]
     gravity = {e.path: e.value for e in diagnosis.edits}.get(("robot", "gravity"))
     return Claim(
         "AR5 without its mounting line, against the URDF",

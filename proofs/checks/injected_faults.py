@@ -1,10 +1,10 @@
-"""The detective finds faults that are put into clean logs, and mends them.
+"""The detective finds faults that are put into clean logs, and corrects them.
 
 Real logs of three robots, each against a model identified from other clean stretches, and the
-simulated demo arm. Every trial asks all suspicions. A verdict is right if a suspicion that should
-says so and no other one says "wrong"; a mend is right if the mended robot file reads the faulty log
-as the clean file reads the clean one (fitted gains within 10 %, masses within 10 %, delays within
-half a row or 10 %).
+simulated demo arm. Every trial asks all checks. A verdict is right if a check that should
+says so and no other one says "wrong"; a fix is right if the corrected robot file reads the
+faulty log as the clean file reads the clean one (fitted gains within 10 %, masses within 10 %,
+delays within half a row or 10 %).
 """
 
 import sys
@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 from proofs.support.claims import Claim, data_folder, main_of
 from proofs.support.fault_kinds import KINDS, Kind, real_payload
-from proofs.support.faults import Clean, Faulty, Tally, diagnosis, right_mend, right_verdict
+from proofs.support.faults import Clean, Faulty, Tally, diagnosis, right_fix, right_verdict
 
 from steelyard.diagnosis.case import Case, Evidence
-from steelyard.diagnosis.hypotheses.ranking import ranking
-from steelyard.diagnosis.hypotheses.rivals_world import delay_fit
+from steelyard.diagnosis.decision.ranking import ranking
+from steelyard.diagnosis.hypotheses.by_surroundings import delay_fit
 from steelyard.estimation.identified import IdentifiedModel, Provenance
 from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.formats import open_log, parse_log_argument
@@ -184,29 +184,27 @@ def trials(kind: Kind, logs: dict[str, list[Clean]], seed: int) -> Tally:
 def _one(tally: Tally, clean: Clean, faulty: Faulty) -> None:
     found = diagnosis(clean, faulty.text, faulty.table)
     verdict = right_verdict(faulty, found)
-    mend = verdict and right_mend(clean, faulty, found)
+    fix = verdict and right_fix(clean, faulty, found)
     tally.count += 1
     tally.verdicts += verdict
-    tally.mends += mend
-    if not mend:
-        said = [
-            f"{f.suspicion} {f.judgement.word}: {f.says}" for f in found.findings if f.judgement
-        ]
+    tally.fixes += fix
+    if not fix:
+        said = [f"{f.check} {f.severity.word}: {f.says}" for f in found.findings if f.severity]
         edits = [(".".join(e.path), e.value) for e in found.edits]
         tally.missed.append(f"{clean.robot} {clean.name}: {said or 'nothing'} {edits}")
 
 
 def false_alarms(logs: dict[str, list[Clean]]) -> tuple[Counter[str], int]:
-    """How many clean logs each suspicion calls doubtful or wrong, and how many logs there are."""
+    """How many clean logs each check calls doubtful or wrong, and how many logs there are."""
     alarms, count = Counter[str](), 0
     for clean in (c for own in logs.values() for c in own):
         count += 1
         for finding in diagnosis(clean, clean.text, clean.table).findings:
-            quirk = finding.judgement == 1 and (clean.robot, finding.suspicion) in QUIRKS
-            alarms[finding.suspicion] += finding.judgement > 0 and not quirk
-            if finding.judgement:
-                told = f"{finding.judgement.word}: {finding.says}"
-                print(f"clean {clean.name}: {finding.suspicion} {told}", file=sys.stderr)
+            quirk = finding.severity == 1 and (clean.robot, finding.check) in QUIRKS
+            alarms[finding.check] += finding.severity > 0 and not quirk
+            if finding.severity:
+                told = f"{finding.severity.word}: {finding.says}"
+                print(f"clean {clean.name}: {finding.check} {told}", file=sys.stderr)
     return alarms, count
 
 
@@ -237,15 +235,15 @@ def _claims(tallies: dict[str, Tally]) -> list[Claim]:
     for name, tally in tallies.items():
         for line in tally.missed:
             print(f"{name}: {line[:600]}", file=sys.stderr)
-        figure = f"{tally.verdicts} verdicts and {tally.mends} mends of {tally.count} are right"
-        good = tally.mends >= 0.95 * tally.count
+        figure = f"{tally.verdicts} verdicts and {tally.fixes} fixes of {tally.count} are right"
+        good = tally.fixes >= 0.95 * tally.count
         claims.append(Claim(f"injected fault: {name}", figure, "both in 95 %", good))
     count = sum(t.count for t in tallies.values())
-    share = 100.0 * sum(t.mends for t in tallies.values()) / count
+    share = 100.0 * sum(t.fixes for t in tallies.values()) / count
     figure = f"{share:.1f} % of {count}"
     return [
         *claims,
-        Claim("injected faults found and mended", figure, "at least 95 %", share >= 95.0),
+        Claim("injected faults found and corrected", figure, "at least 95 %", share >= 95.0),
     ]
 
 
@@ -253,7 +251,7 @@ def _alarms(wrong: Counter[str], count: int) -> Claim:
     worst, times = wrong.most_common(1)[0]
     share = 100.0 * times / count
     figure = f"at most {share:.1f} % ({worst}), {wrong.total()} in all of {count} logs"
-    bound = "<= 2 % per suspicion and log"
+    bound = "<= 2 % per check and log"
     return Claim("false alarms on clean logs", figure, bound, share <= 2.0)
 
 

@@ -111,7 +111,7 @@ def robot_of(name: str, given: Path, urdf: str | None = None, added: str = "") -
 
 
 def of_prior(name: str, given: Path, work: Path) -> list[Claim]:
-    """A prior that no body can have is named, mended, and every body of the result can exist."""
+    """A prior that no body can have is named, corrected, and every body of the result can exist."""
     from steelyard.estimation.identified import load_model
     from steelyard.estimation.prior.prior import default_knowledge
     from steelyard.validation.compare import impossible_bodies
@@ -144,9 +144,7 @@ def of_refusal(name: str, given: Path, work: Path) -> Claim:
     wrong += ["shows a traceback"] if "Traceback" in done.stderr else []
     wrong += [f"leaves {left}" for left in leftovers(work)]
     shape = [line.split()[0] for line in done.stderr.splitlines() if line.split()]
-    wrong += (
-        [] if shape[:1] == ["error:"] and shape[-2:] == ["where", "mend"] else ["is no message"]
-    )
+    wrong += [] if shape[:1] == ["error:"] and shape[-2:] == ["where", "fix"] else ["is no message"]
     figure = f"{'; '.join(wrong)}: {text[:90]}" if wrong else text.removeprefix("error: ")[:90]
     return Claim(name, figure, "named, exit code 2, nothing left", not wrong)
 

@@ -19,8 +19,8 @@ from proofs.support.claims import Claim, main_of
 from proofs.support.consistent_cases import Case, drawn, perturbed, prior_model, replaced
 
 from steelyard.errors import DataError
+from steelyard.estimation.consistent.consistency_penalties import Free, Pullback
 from steelyard.estimation.consistent.consistent import Consistent
-from steelyard.estimation.consistent.physics import Free, Pullback
 from steelyard.estimation.estimate import Estimate
 from steelyard.estimation.knowledge import Knowledge, Row
 from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares

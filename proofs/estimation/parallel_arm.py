@@ -29,7 +29,7 @@ from steelyard.estimation.prior.prior import default_knowledge
 from steelyard.excitation.search.genetic import evolved
 from steelyard.model import Model
 from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.information import Information, Stamp, Window
+from steelyard.regression.information import Information, Signature, Window
 from steelyard.regression.regressor import Regressor, base_regressor, standard_regressor
 from steelyard.robot.inertia import Inertia
 from steelyard.terms.laws.coulomb import Coulomb
@@ -133,9 +133,11 @@ class Log:
         sums = Accumulator(regressor)(
             Stretch(self.q, self.dq, self.ddq, self.effort, None, channels)
         )
-        stamp = Stamp(regressor.model.fingerprint, regressor.layout.columns, ("Nm", "Nm"), "none")
+        signature = Signature(
+            regressor.model.fingerprint, regressor.layout.columns, ("Nm", "Nm"), "none"
+        )
         return Information(
-            regressor.layout, stamp, (Window("reaches", 0.0, 1.0),),
+            regressor.layout, signature, (Window("reaches", 0.0, 1.0),),
             sums.grams[None], sums.absolute[None], sums.counts[None],
         ).select([n for n in regressor.layout.columns if not n.startswith("my.")])  # fmt: skip
 

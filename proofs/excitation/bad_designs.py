@@ -41,7 +41,7 @@ frame = "panda_hand_tcp"
 
 def number(pattern: str) -> Callable[[SteelyardError], str]:
     """What the advice has in the place of the pattern's group."""
-    return lambda error: re.findall(pattern, error.mend)[0]
+    return lambda error: re.findall(pattern, error.fix)[0]
 
 
 @dataclass(frozen=True)
@@ -53,14 +53,14 @@ class Case:
         tables: The robot file after its head; `{}` is what is wrong in it.
         wrong: What stands there.
         words: What the message must say.
-        mended: What the message would have there.
+        corrected: What the message would have there.
     """
 
     name: str
     tables: str
     wrong: str
     words: tuple[str, ...]
-    mended: Callable[[SteelyardError], str]
+    corrected: Callable[[SteelyardError], str]
 
 
 CASES = (
@@ -69,7 +69,7 @@ CASES = (
         f"{LIMITS}position_margin = {{}}\n{FREE}",
         "1.6",
         ("panda_joint4", "none of it is left with a margin of 1.6 rad"),
-        lambda e: str(0.99 * float(re.findall(r"below ([\d.]+)", e.mend)[0])),
+        lambda e: str(0.99 * float(re.findall(r"below ([\d.]+)", e.fix)[0])),
     ),
     Case(
         "speeds that allow no motion",
@@ -97,7 +97,7 @@ CASES = (
         f"{LIMITS}{FREE}{BOX}box = {{z = [{{}}, 3.0]}}\n",
         "1.5",
         ("no posture was found", "z of 'panda_hand_tcp' above 1.5 m", "missed by"),
-        lambda e: str(1.5 - float(re.findall(r"by ([\d.]+) m, or more", e.mend)[0])),
+        lambda e: str(1.5 - float(re.findall(r"by ([\d.]+) m, or more", e.fix)[0])),
     ),
     Case(
         "a period too short for the harmonics",
@@ -120,14 +120,14 @@ CASES = (
 def designed(tables: str, folder: Path) -> tuple[float, bool]:
     """Figure of the best motion of one search, and whether all is proven."""
     from steelyard.excitation.design import design
-    from steelyard.excitation.search.parallel_search import Effort
+    from steelyard.excitation.search.parallel_search import SearchBudget
     from steelyard.identification.logs import model_of
     from steelyard.robot_file.file import load_robot
 
     path = folder / "panda.toml"
     path.write_text(HEAD + tables, encoding="utf-8")
     loaded = load_robot(path)
-    found = design(loaded, model_of(loaded), Effort(60.0, searches=1))
+    found = design(loaded, model_of(loaded), SearchBudget(60.0, searches=1))
     return found.shown.figure, found.certificate.holds
 
 
@@ -148,7 +148,7 @@ def of(case: Case, folder: Path) -> list[Claim]:
         not missing,
     )
     try:
-        figure, proven = designed(case.tables.replace("{}", case.mended(told)), folder)
+        figure, proven = designed(case.tables.replace("{}", case.corrected(told)), folder)
     except (SteelyardError, IndexError) as error:
         return [said, Claim(f"{case.name}: advice", str(error)[:90], "works", False)]
     words = f"figure {figure:.3g}, {'proven' if proven else 'not proven'}"

@@ -26,7 +26,7 @@ from steelyard.excitation.problem import Problem
 from steelyard.excitation.search.methods import seeded
 from steelyard.excitation.search.starts import random_starts
 from steelyard.model import Model
-from steelyard.regression.information_gradient import Shows
+from steelyard.regression.information_gradient import InformationEvaluator
 from steelyard.robot.robot import Robot
 from steelyard.robot_file.file import load_robot
 from steelyard.terms.laws.rigid_body import RigidBody
@@ -65,7 +65,9 @@ def of_laws() -> Claim:
         if law.role == "body":
             continue
         model = Model(robot, (RigidBody(), law))
-        shows = Shows(model, random.uniform(0.5, 2.0, robot.n), np.full(robot.n, 0.3))
+        shows = InformationEvaluator(
+            model, random.uniform(0.5, 2.0, robot.n), np.full(robot.n, 0.3)
+        )
         plain = Objective(basis, (Case(shows, KINDS["condition"]),), t)
         x = min(
             (size * random.standard_normal((robot.n, basis.count)) for size in SIZES),

@@ -20,7 +20,7 @@ from proofs.support.claims import Claim, main_of
 from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
 from steelyard.excitation.design import design
 from steelyard.excitation.previous_model import Earlier
-from steelyard.excitation.search.parallel_search import Effort
+from steelyard.excitation.search.parallel_search import SearchBudget
 from steelyard.excitation.trajectories.exact import ExactTrajectory
 from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.formats import open_log
@@ -60,7 +60,7 @@ def compared(loaded: LoadedRobot, seed: int, log: Log) -> tuple[np.ndarray, np.n
         learnt.covariance,
         learnt.values.as_dict(),
     )
-    effort = Effort(SECONDS, processes=2, seed=seed)
+    effort = SearchBudget(SECONDS, processes=2, seed=seed)
     designed = design(loaded, model, effort, earlier=earlier)
     runs = []
     for repetition in range(REPETITIONS):

@@ -1,4 +1,4 @@
-"""Causes of torque that cannot be: each gets one message that names what is wrong and the mend.
+"""Causes of torque that cannot be: each gets one message that names what is wrong and the correct.
 
 Transmission, loops, springs, twins, effort kinds and gains as users would write them; sums of
 unequal information from Python.
@@ -90,7 +90,7 @@ FILES: dict[str, tuple[str, tuple[str, ...]]] = {
         LOOPS.replace("OPEN", "") + SIGNALS,
         ("'tip'", " s", " m", 'open_loops = "drop"'),
     ),
-    "spring without its points": (terms(f'"rigid_body", {POINTLESS}'), ("points", "mend")),
+    "spring without its points": (terms(f'"rigid_body", {POINTLESS}'), ("points", "fix")),
     "spring on an unknown link": (
         terms(
             '"rigid_body", {law = "gravity_compensator", name = "s", links = ["base", "l9"], '
@@ -117,7 +117,7 @@ FILES: dict[str, tuple[str, tuple[str, ...]]] = {
     "current without gain": (TREE + CURRENT, ("no drive gain", "identify")),
     "gain to be identified from nothing": (
         TREE + CURRENT + 'gain = "identify"\n',
-        ("scale", "mend"),
+        ("scale", "fix"),
     ),
     "field that cannot be found": (
         terms('"rigid_body", {law = "maxwell_slip", lengths = "find"}'),
@@ -214,7 +214,7 @@ def of_information() -> list[Claim]:
     from steelyard.errors import DataError
     from steelyard.model import Model
     from steelyard.regression.accumulate import Accumulator, Stretch
-    from steelyard.regression.information import Information, Stamp, Window
+    from steelyard.regression.information import Information, Signature, Window
     from steelyard.regression.regressor import base_regressor
     from steelyard.terms.laws.presliding import Dahl
     from steelyard.terms.register import DEFAULT_TERMS
@@ -224,9 +224,9 @@ def of_information() -> list[Claim]:
         q, dq, ddq, effort = np.random.default_rng(0).normal(size=(4, 1, 64))
         channels = model.scan()(q, dq, ddq)
         sums = Accumulator(regressor)(Stretch(q, dq, ddq, effort, channels=channels))
-        stamp = Stamp(model.fingerprint, regressor.layout.columns, ("Nm",), filters)
+        signature = Signature(model.fingerprint, regressor.layout.columns, ("Nm",), filters)
         pieces = (x[None] for x in (sums.grams, sums.absolute, sums.counts))
-        return Information(regressor.layout, stamp, (Window("run", 0.0, 1.0),), *pieces)
+        return Information(regressor.layout, signature, (Window("run", 0.0, 1.0),), *pieces)
 
     plain = said(Model(single(), DEFAULT_TERMS), "matched 5 Hz")
     short, long = (

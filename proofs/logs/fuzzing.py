@@ -152,7 +152,7 @@ def work(pipe: Connection, sound: str) -> None:
         try:
             part = _read(path)
         except LogError as error:
-            kind = "error" if error.wrong and error.mend and error.where else "a bare error"
+            kind = "error" if error.wrong and error.fix and error.where else "a bare error"
         except BaseException as error:
             kind = f"{type(error).__name__}: {error}"[:80]
         memory = max(figure("VmHWM") - before, _of_children() - children)

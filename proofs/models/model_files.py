@@ -24,13 +24,13 @@ from typing import Any
 
 from proofs.support.claims import Claim, table
 from proofs.support.model_files import FAMILIES, ModelFile, fetch, folders, model_files
-from proofs.support.model_judge import CLOSELY, Judgement, judged
+from proofs.support.model_judge import CLOSELY, Severity, judged
 
 LONGEST = 300.0
 """Seconds that a stage of a file may take."""
 KINDS = ("read right", "no oracle", "refused rightly", "refused wrongly", "wrong")
 
-Found = list[tuple[ModelFile, Judgement]]
+Found = list[tuple[ModelFile, Severity]]
 
 
 def main(
@@ -42,21 +42,21 @@ def main(
     if not files:
         return [Claim("model files", "none", "some: name folders in STEELYARD_MODELS", False)]
     found = list(judgements(files, jobs, _writer(output)))
-    for file, judgement in found:
-        if listed and listed in f"{judgement.kind}: {judgement.why}":
-            print(f"{file.path}\n    {judgement.kind}: {judgement.why}: {judgement.detail}")
+    for file, severity in found:
+        if listed and listed in f"{severity.kind}: {severity.why}":
+            print(f"{file.path}\n    {severity.kind}: {severity.why}: {severity.detail}")
     print(shown(found))
     return claims_of(found)
 
 
-def _writer(output: str) -> Callable[[ModelFile, Judgement], None]:
-    """What notes a judgement as soon as it is there."""
+def _writer(output: str) -> Callable[[ModelFile, Severity], None]:
+    """What notes a severity as soon as it is there."""
     if not output:
-        return lambda file, judgement: None
+        return lambda file, severity: None
     Path(output).write_text("", encoding="utf-8")
 
-    def note(file: ModelFile, judgement: Judgement) -> None:
-        line = {"path": str(file.path), "family": file.family, **asdict(judgement)}
+    def note(file: ModelFile, severity: Severity) -> None:
+        line = {"path": str(file.path), "family": file.family, **asdict(severity)}
         with Path(output).open("a", encoding="utf-8") as stream:
             stream.write(json.dumps(line) + "\n")
 
@@ -70,7 +70,7 @@ def claims_of(found: Found) -> list[Claim]:
         robots = [j for f, j in found if f.family == family and j.kind != "not a robot"]
         if not robots:
             continue
-        counts = Counter(judgement.kind for judgement in robots)
+        counts = Counter(severity.kind for severity in robots)
         bad = {kind: counts[kind] for kind in ("wrong", "refused wrongly") if counts[kind]}
         figure = f"{counts['read right']} read right, {counts['refused rightly']} refused rightly"
         figure += "".join(f", {count} {kind}" for kind, count in bad.items())
@@ -83,19 +83,19 @@ def shown(found: Found) -> str:
     lines = [f"{'family':<12}{'files':>7}{'robots':>8}" + "".join(f"{k:>17}" for k in KINDS)]
     for family in FAMILIES:
         own = [j for f, j in found if f.family == family]
-        counts = Counter(judgement.kind for judgement in own)
+        counts = Counter(severity.kind for severity in own)
         robots = len(own) - counts["not a robot"]
         cells = "".join(f"{counts[kind]:>17}" for kind in KINDS)
         lines.append(f"{family:<12}{len(own):>7}{robots:>8}{cells}")
-    read = [judgement for _, judgement in found if judgement.kind == "read right"]
-    far = sum(judgement.error > CLOSELY for judgement in read)
-    cleaned = sum(judgement.cleaned for judgement in read)
+    read = [severity for _, severity in found if severity.kind == "read right"]
+    far = sum(severity.error > CLOSELY for severity in read)
+    cleaned = sum(severity.cleaned for severity in read)
     lines.append(f"of those read, {far} differ by more than {CLOSELY:.0e} in torque; {cleaned} "
                  "agree where rounded angles are put right")  # fmt: skip
     classes: dict[tuple[str, str, str], list[Path]] = {}
-    for file, judgement in found:
-        if judgement.kind != "read right" or judgement.why:
-            key = judgement.kind, file.family, judgement.why
+    for file, severity in found:
+        if severity.kind != "read right" or severity.why:
+            key = severity.kind, file.family, severity.why
             classes.setdefault(key, []).append(file.path)
     for (kind, family, why), paths in sorted(classes.items()):
         lines.append(f"{len(paths):>5}  {kind}, {family}: {why}  (e.g. {paths[0]})")
@@ -103,11 +103,11 @@ def shown(found: Found) -> str:
 
 
 def judgements(
-    files: Sequence[ModelFile], jobs: int, note: Callable[[ModelFile, Judgement], None]
-) -> Iterator[tuple[ModelFile, Judgement]]:
-    """Every file with its judgement, in the order of the files."""
+    files: Sequence[ModelFile], jobs: int, note: Callable[[ModelFile, Severity], None]
+) -> Iterator[tuple[ModelFile, Severity]]:
+    """Every file with its severity, in the order of the files."""
 
-    def part_of(part: Sequence[ModelFile]) -> list[Judgement]:
+    def part_of(part: Sequence[ModelFile]) -> list[Severity]:
         return list(_in_a_child(part, note))
 
     with ThreadPoolExecutor(jobs) as threads:
@@ -117,8 +117,8 @@ def judgements(
 
 
 def _in_a_child(
-    files: Iterable[ModelFile], note: Callable[[ModelFile, Judgement], None]
-) -> Iterator[Judgement]:
+    files: Iterable[ModelFile], note: Callable[[ModelFile, Severity], None]
+) -> Iterator[Severity]:
     """Judgements from a child process; another one takes over where it dies or hangs."""
     context = multiprocessing.get_context("spawn")
     child: Any = None
@@ -130,13 +130,13 @@ def _in_a_child(
             child.start()
             other.close()
         pipe.send(file)
-        judgement = _answer(pipe)
-        if judgement.why in (_HANG, _DEATH, _SLOW):
+        severity = _answer(pipe)
+        if severity.why in (_HANG, _DEATH, _SLOW):
             child.kill()
             child.join()
             child = None
-        note(file, judgement)
-        yield judgement
+        note(file, severity)
+        yield severity
     if child is not None:
         child.kill()
         child.join()
@@ -145,18 +145,18 @@ def _in_a_child(
 _HANG, _DEATH, _SLOW = "hang", "the process died", "the judge takes too long"
 
 
-def _answer(pipe: Connection) -> Judgement:
+def _answer(pipe: Connection) -> Severity:
     stage = "begin"
     while True:
         try:
             if not pipe.poll(LONGEST):
                 hang = stage == "reading"
-                return Judgement("wrong" if hang else "no oracle", _HANG if hang else _SLOW)
+                return Severity("wrong" if hang else "no oracle", _HANG if hang else _SLOW)
             answer = pipe.recv()
         except (EOFError, ConnectionError):
             kind = "wrong" if stage == "reading" else "no oracle"
-            return Judgement(kind, _DEATH, f"while {stage}")
-        if isinstance(answer, Judgement):
+            return Severity(kind, _DEATH, f"while {stage}")
+        if isinstance(answer, Severity):
             return answer
         stage = answer
 
@@ -172,9 +172,7 @@ def work(pipe: Connection) -> None:
         try:
             pipe.send(judged(file, pipe.send))
         except Exception as error:
-            pipe.send(
-                Judgement("no oracle", "the judge failed", f"{type(error).__name__}: {error}")
-            )
+            pipe.send(Severity("no oracle", "the judge failed", f"{type(error).__name__}: {error}"))
 
 
 def _arguments() -> argparse.Namespace:
@@ -184,7 +182,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--only", default="")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--list", default="", metavar="CLASS")
-    parser.add_argument("--output", default="", help="judgements as JSON, one a line")
+    parser.add_argument("--output", default="", help="severities as JSON, one a line")
     return parser.parse_args()
 
 

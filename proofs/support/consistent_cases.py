@@ -15,7 +15,7 @@ from steelyard.model import Model, ValuedModel
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
 from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.information import Information, Stamp, Window
+from steelyard.regression.information import Information, Signature, Window
 from steelyard.regression.regressor import Regressor, base_regressor
 from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
 from steelyard.robot_file.file import load_robot
@@ -111,7 +111,7 @@ def said(regressor: Regressor, motion: Motion, torque: Array) -> Information:
     units = regressor.model.robot.effort_units
     return Information(
         regressor.layout,
-        Stamp("drawn", regressor.layout.columns, units, "none"),
+        Signature("drawn", regressor.layout.columns, units, "none"),
         (Window("run", 0.0, float(motion.t[-1])),),
         sums.grams[None],
         sums.absolute[None],

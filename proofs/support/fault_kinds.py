@@ -89,8 +89,8 @@ def sign_of_friction(clean: Clean, rng: Random) -> Faulty | None:
         if names is not None:
             table[:, clean.columns.index(names[joint])] *= -1.0
 
-    def mended(clean: Clean, found: Diagnosis) -> bool:
-        told = [f for f in found.findings if f.suspicion.endswith("sign") and f.judgement]
+    def corrected(clean: Clean, found: Diagnosis) -> bool:
+        told = [f for f in found.findings if f.check.endswith("sign") and f.severity]
         said = [h.says for f in told for h in f.hypotheses[:2] if clean.signals.position]
         name = clean.loaded.robot.joint_names[joint]
         return (
@@ -98,7 +98,7 @@ def sign_of_friction(clean: Clean, rng: Random) -> Faulty | None:
             and f"effort of '{name}' has the opposite sign" in said
         )
 
-    return Faulty(clean.text, table, ("position sign", "effort sign"), least=1, mended=mended)
+    return Faulty(clean.text, table, ("position sign", "effort sign"), least=1, corrected=corrected)
 
 
 def degrees(clean: Clean, rng: Random) -> Faulty:
@@ -189,12 +189,12 @@ def gravity_compensated(clean: Clean, rng: Random) -> Faulty:
     pull = np.einsum("k,knb->nb", known.robot.gravity, known.pulls(q))
     table[:, clean.places(s.effort)] -= (pull / s.gains[:, None] / s.effort_scale[:, None]).T
 
-    def mended(_: Clean, found: Diagnosis) -> bool:
+    def corrected(_: Clean, found: Diagnosis) -> bool:
         values = {e.path: e.value for e in found.edits}
         kind = values.get(("signals", "effort", "kind")) == "gravity_compensated_torque"
         return kind or values.get(("robot", "gravity")) == [0.0, 0.0, 0.0]
 
-    return Faulty(clean.text, table, ("effort kind",), mended=mended)
+    return Faulty(clean.text, table, ("effort kind",), corrected=corrected)
 
 
 def gear_ratio(clean: Clean, rng: Random) -> Faulty:
@@ -222,12 +222,12 @@ def delayed(clean: Clean, rng: Random) -> Faulty:
         k = clean.columns.index(c)
         table[:, k] = np.interp(t - delay, t, clean.table[:, k])
 
-    def mended(clean: Clean, found: Diagnosis) -> bool:
+    def corrected(clean: Clean, found: Diagnosis) -> bool:
         values = {e.path: e.value for e in found.edits}
         told = float(values.get(("signals", "effort", "delay"), 0.0))
         return abs(told - clean.delay - delay) <= max(0.5 * step, 0.1 * abs(delay), 0.001)
 
-    return Faulty(clean.text, table, ("effort delay",), mended=mended)
+    return Faulty(clean.text, table, ("effort delay",), corrected=corrected)
 
 
 def jitter(clean: Clean, rng: Random) -> Faulty:
@@ -238,7 +238,7 @@ def jitter(clean: Clean, rng: Random) -> Faulty:
     table[:, k] = np.sort(
         table[:, k] + rng.uniform(0.7, 1.5) * step * rng.standard_normal(len(table))
     )
-    return Faulty(clean.text, table, ("clock", "repeats"), least=1, mended=lambda *_: True)
+    return Faulty(clean.text, table, ("clock", "repeats"), least=1, corrected=lambda *_: True)
 
 
 def gaps(clean: Clean, rng: Random) -> Faulty:
@@ -249,7 +249,7 @@ def gaps(clean: Clean, rng: Random) -> Faulty:
     for start in rng.uniform(0.1, 0.9, 3):
         at = int(start * len(table))
         keep[at : at + int(rng.uniform(0.15, 0.4) / step)] = False
-    return Faulty(clean.text, table[keep], ("clock", "rows"), least=1, mended=lambda *_: True)
+    return Faulty(clean.text, table[keep], ("clock", "rows"), least=1, corrected=lambda *_: True)
 
 
 def mounting(clean: Clean, rng: Random) -> Faulty:
@@ -276,18 +276,18 @@ def payload(clean: Clean, rng: Random) -> Faulty:
     _, q, dq, ddq = _motion(clean)
     torque = np.einsum("k,knb->nb", ten, known.payload(q, dq, ddq, known.robot.gravity))
     table[:, clean.places(s.effort)] += (torque / s.gains[:, None] / s.effort_scale[:, None]).T
-    return Faulty(clean.text, table, ("payload",), mended=_weighed(mass))
+    return Faulty(clean.text, table, ("payload",), corrected=_weighed(mass))
 
 
 def _weighed(mass: float) -> Callable[[Clean, Diagnosis], bool]:
     """Whether the payload's mass is told within 10 %, and no edit is made."""
 
-    def mended(_: Clean, found: Diagnosis) -> bool:
-        told = [f for f in found.findings if f.suspicion == "payload"]
+    def corrected(_: Clean, found: Diagnosis) -> bool:
+        told = [f for f in found.findings if f.check == "payload"]
         masses = [float(kg) for kg in re.findall(r"([\d.]+) kg", told[0].says)] if told else []
         return bool(masses) and abs(masses[0] - mass) <= 0.1 * mass and not found.edits
 
-    return mended
+    return corrected
 
 
 def real_payload(mass: float) -> Kind:
@@ -298,7 +298,7 @@ def real_payload(mass: float) -> Kind:
         length = rng.uniform(0.5, 0.9) * (seconds[-1] - seconds[0])
         start = seconds[0] + rng.uniform(0.0, 1.0) * (seconds[-1] - seconds[0] - length)
         inside = (seconds >= start) & (seconds <= start + length)
-        return Faulty(clean.text, clean.table[inside], ("payload",), mended=_weighed(mass))
+        return Faulty(clean.text, clean.table[inside], ("payload",), corrected=_weighed(mass))
 
     return faulty
 

@@ -68,10 +68,10 @@ class Faulty:
     Attributes:
         text: The robot file.
         table: The log.
-        suspects: The suspicions of which one should say so.
+        suspects: The checks of which one should say so.
         least: What it should say at least: 2 is wrong, 1 doubtful.
-        mended: Whether the mend is right; `None`: the mended file reads the faulty log as the
-            clean file reads the clean one.
+        corrected: Whether the correct is right; `None`: the corrected file reads the faulty log as
+            the clean file reads the clean one.
         tolerance: Relative error of each joint's effort that is so read.
     """
 
@@ -79,7 +79,7 @@ class Faulty:
     table: np.ndarray
     suspects: tuple[str, ...]
     least: int = 2
-    mended: Callable[[Clean, Diagnosis], bool] | None = None
+    corrected: Callable[[Clean, Diagnosis], bool] | None = None
     tolerance: np.ndarray | float = 1e-6
 
 
@@ -99,16 +99,16 @@ def diagnosis(clean: Clean, text: str, table: np.ndarray) -> Diagnosis:
 
 
 def right_verdict(faulty: Faulty, found: Diagnosis) -> bool:
-    """Whether a suspicion that should says so, and no other one says wrong."""
-    told = [f for f in found.findings if f.suspicion in faulty.suspects]
-    others = [f for f in found.findings if f.suspicion not in faulty.suspects]
-    return any(f.judgement >= faulty.least for f in told) and all(f.judgement < 2 for f in others)
+    """Whether a check that should says so, and no other one says wrong."""
+    told = [f for f in found.findings if f.check in faulty.suspects]
+    others = [f for f in found.findings if f.check not in faulty.suspects]
+    return any(f.severity >= faulty.least for f in told) and all(f.severity < 2 for f in others)
 
 
-def right_mend(clean: Clean, faulty: Faulty, found: Diagnosis) -> bool:
-    """Whether the mended robot file reads the faulty log as the clean one was read."""
-    if faulty.mended is not None:
-        return faulty.mended(clean, found)
+def right_fix(clean: Clean, faulty: Faulty, found: Diagnosis) -> bool:
+    """Whether the corrected robot file reads the faulty log as the clean one was read."""
+    if faulty.corrected is not None:
+        return faulty.corrected(clean, found)
     return reads_alike(clean, faulty, edited(faulty.text, found.edits))
 
 
@@ -152,6 +152,6 @@ class Tally:
     """What came of the trials of one kind."""
 
     verdicts: int = 0
-    mends: int = 0
+    fixes: int = 0
     count: int = 0
     missed: list[str] = field(default_factory=list)

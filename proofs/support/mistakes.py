@@ -182,7 +182,7 @@ class Mistake:
         plant: Makes the job of an arm.
         says: A pattern that a sentence of `mistakes_said.Outcome.said` must match; empty: nothing
             is wrong, and no finding, refusal or poor headline may say so.
-        beside: Another suspicion that may be called wrong too.
+        beside: Another check that may be called wrong too.
         error: True error [%] up to which nothing need be said: then it was handled.
         untold: Why it cannot be told from logs; empty where it can.
     """

@@ -20,7 +20,7 @@ from steelyard.identification.logs import log_files
 from steelyard.identification.validate import validate
 from steelyard.progress import silent
 from steelyard.report import ReportContent
-from steelyard.report.text.judgement import verdict
+from steelyard.report.text.verdict import verdict
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,10 +111,10 @@ def validation(model: Path, log: str) -> list[str]:
 def findings(diagnosis: Diagnosis) -> list[str]:
     """What `check` says that is not ok, or that it leaves open."""
     return [
-        f"check {f.judgement.word if f.judgement else 'open'} {f.suspicion}: {f.log}: "
-        f"{', '.join(f.joints)}: {f.says} ({f.figure}) {'' if f.mend is None else f.mend.says}"
-        for f in sorted(diagnosis.findings, key=lambda f: -f.judgement)
-        if f.judgement or not f.answered
+        f"check {f.severity.word if f.severity else 'open'} {f.check}: {f.log}: "
+        f"{', '.join(f.joints)}: {f.says} ({f.figure}) {'' if f.fix is None else f.fix.says}"
+        for f in sorted(diagnosis.findings, key=lambda f: -f.severity)
+        if f.severity or not f.answered
     ]
 
 
@@ -145,13 +145,13 @@ def fix_of(
     files = log_files(logs)
     subject, target = subject_of(robot, files[0]), folder / "fixed.toml"
     try:
-        mended = fixed(subject, target, diagnosis, files, None, silent, quick=False)
+        corrected = fixed(subject, target, diagnosis, files, None, silent, quick=False)
     except SteelyardError as error:
         return None, (str(error),)
-    if not mended.changes:
+    if not corrected.changes:
         return None, ()
-    target.write_text(mended.subject.text)
-    changes = tuple(change.line for change in mended.changes)
+    target.write_text(corrected.subject.text)
+    changes = tuple(change.line for change in corrected.changes)
     after = identified(str(target), logs, folder / "with")
     before = identified(robot, logs, folder / "without", check=False)
     if isinstance(after, str):

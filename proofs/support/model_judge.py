@@ -45,7 +45,7 @@ TILTED = 1e-8
 
 
 @dataclass(frozen=True)
-class Judgement:
+class Severity:
     """What became of one file.
 
     Attributes:
@@ -64,7 +64,7 @@ class Judgement:
     cleaned: bool = False
 
 
-def judged(file: ModelFile, say: Callable[[str], None] = lambda stage: None) -> Judgement:
+def judged(file: ModelFile, say: Callable[[str], None] = lambda stage: None) -> Severity:
     """Read a file as its user would, without a line of code, and hold it against others.
 
     Args:
@@ -72,7 +72,7 @@ def judged(file: ModelFile, say: Callable[[str], None] = lambda stage: None) -> 
         say: Told `reading` before the reader begins, and `read` when it is done.
     """
     if why := not_a_robot(file):
-        return Judgement("not a robot", why)
+        return Severity("not a robot", why)
     say("reading")
     try:
         with tempfile.TemporaryDirectory() as name:
@@ -83,18 +83,18 @@ def judged(file: ModelFile, say: Callable[[str], None] = lambda stage: None) -> 
     except SteelyardError as error:
         right = right_to_refuse(file, str(error))
         kind = "refused rightly" if right else "refused wrongly"
-        return Judgement(kind, right or _class_of(error.wrong), str(error))
+        return Severity(kind, right or _class_of(error.wrong), str(error))
     except Exception as error:
         where = traceback.extract_tb(error.__traceback__)[-1]
         place = f"{Path(where.filename).name}:{where.lineno}"
-        return Judgement("wrong", f"crash: {type(error).__name__} in {place}", str(error)[:300])
+        return Severity("wrong", f"crash: {type(error).__name__} in {place}", str(error)[:300])
     finally:
         say("read")
-    found = Judgement("no oracle", "", "")
+    found = Severity("no oracle", "", "")
     for cleaned in (False, True):
         oracle, why = oracle_of(used, cleaned)
         if oracle is None:
-            return Judgement("no oracle", _class_of(why), why)
+            return Severity("no oracle", _class_of(why), why)
         if file.family == "robot file":
             oracle.pull(robot.gravity)
         bound = ROUGHLY if cleaned else AGREES
@@ -165,17 +165,17 @@ def _compared(
     given: Mapping[str, Any],
     read: tuple[tuple[Array, Array, Array], Array, int],
     bound: float,
-) -> Judgement:
+) -> Severity:
     """Torques at states, and the number of base parameters, against the oracle's."""
     states, torque, n_base = read
     names = [c.name for c in robot.joints]
     if strange := [name for name in names if name not in oracle.joints]:
-        return Judgement("wrong", "joint unknown to the oracle", ", ".join(strange))
+        return Severity("wrong", "joint unknown to the oracle", ", ".join(strange))
     whole, carried = _placed(oracle, names, given.get("locked", {}))
     try:
         q, dq, ddq, down = _closed(oracle, robot, whole, carried, states)
     except ValueError as error:
-        return Judgement("wrong", "loop open in the oracle", str(error))
+        return Severity("wrong", "loop open in the oracle", str(error))
     wanted = np.einsum("nij,in->jn", down, oracle.torque(q, dq, ddq))
     largest = np.abs(wanted).max(axis=1)
     scale = np.maximum(largest, WEAK * max(float(largest.max()), 1e-12))
@@ -183,17 +183,17 @@ def _compared(
     error, worst = float(errors.max()), int(errors.argmax())
     if not error <= bound:
         detail = f"{names[worst]}: {error:.1e} of {scale[worst]:.3g}"
-        return Judgement("wrong", "torque differs", detail, error)
+        return Severity("wrong", "torque differs", detail, error)
     sizes = _sizes(oracle, robot, whole, carried)
     rank = int(np.sum(sizes > ROUNDING * sizes[0]))
     detail = f"{n_base} base parameters, rank {rank} (gap {_drop(sizes, rank):.0e})"
     left_out = sizes[min(n_base, len(sizes) - 1)] / sizes[0]
     unseen = left_out < CLOSELY or (left_out < TILTED and _drop(sizes, n_base) >= GAP)
     if n_base != rank and not (n_base < rank and unseen):
-        return Judgement("wrong", "number of base parameters", detail, error)
+        return Severity("wrong", "number of base parameters", detail, error)
     why = "rank beyond rounding of angles" if n_base != rank else ""
     why = why if error <= AGREES else "within rounding of angles"
-    return Judgement("read right", why if _drop(sizes, n_base) >= GAP else "no gap", detail, error)
+    return Severity("read right", why if _drop(sizes, n_base) >= GAP else "no gap", detail, error)
 
 
 def _drop(sizes: Array, rank: int) -> float:

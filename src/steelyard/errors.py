@@ -1,4 +1,4 @@
-"""The one error root: every message says what is wrong, where, and how to mend it."""
+"""The one error root: every message says what is wrong, where, and how to correct it."""
 
 
 class SteelyardError(Exception):
@@ -7,7 +7,7 @@ class SteelyardError(Exception):
     Args:
         wrong: What is wrong, in one sentence.
         where: The file, line, column or joint it is wrong in.
-        mend: What the user can do about it.
+        fix: What the user can do about it.
 
     Example:
         >>> try:
@@ -17,14 +17,14 @@ class SteelyardError(Exception):
         missing.urdf
     """
 
-    def __init__(self, wrong: str, *, where: str, mend: str) -> None:
-        super().__init__(wrong, where, mend)
+    def __init__(self, wrong: str, *, where: str, fix: str) -> None:
+        super().__init__(wrong, where, fix)
         self.wrong = wrong
         self.where = where
-        self.mend = mend
+        self.fix = fix
 
     def __str__(self) -> str:
-        return f"{self.wrong}\n  where  {self.where}\n  fix    {self.mend}"
+        return f"{self.wrong}\n  where  {self.where}\n  fix    {self.fix}"
 
 
 class ModelError(SteelyardError):
@@ -32,7 +32,7 @@ class ModelError(SteelyardError):
 
 
 class OpenModelError(ModelError):
-    """A model file leaves open what a robot file has to say; `mend` tells how it says that."""
+    """A model file leaves open what a robot file has to say; `fix` tells how it says that."""
 
 
 class LogError(SteelyardError):

@@ -45,7 +45,7 @@ def whole_folder(path: Path) -> Iterator[Path]:
             raise OutputError(
                 f"'{path}' exists already",
                 where=str(path),
-                mend="name another folder, or remove this one",
+                fix="name another folder, or remove this one",
             )
         new_parents = [parent for parent in part.parents if not parent.exists()]
         try:
@@ -75,7 +75,7 @@ def write_table(path: Path, columns: Mapping[str, Array]) -> None:
         raise OutputError(
             f"a log cannot be written as '{path.suffix}'",
             where=str(path),
-            mend="end its name in .parquet or .csv",
+            fix="end its name in .parquet or .csv",
         )
     table = polars.DataFrame(dict(columns))
     with whole_file(path) as part:
@@ -111,5 +111,5 @@ def _explained(path: Path) -> Iterator[None]:
         raise OutputError(
             f"cannot be written: {error.strerror or error}",
             where=str(path),
-            mend="check the path, its permissions and the space left",
+            fix="check the path, its permissions and the space left",
         ) from error

@@ -25,7 +25,7 @@ from steelyard.robot.robot import Robot
 from steelyard.terms.laws.rigid_body import RigidBody
 from steelyard.terms.register import DEFAULT_TERMS, description_of, term_of
 from steelyard.terms.scan import Scan
-from steelyard.terms.term import Columns, Remembering, Term, channels_of
+from steelyard.terms.term import Columns, StatefulTerm, Term, channels_of
 
 BLOCK = 4096
 
@@ -58,7 +58,7 @@ class Model:
             raise ModelError(
                 f"two terms have the same parameter '{twice[0]}'",
                 where=f"list of terms of robot '{self.robot.name}'",
-                mend="give each joint each law once (see the terms' `joints`)",
+                fix="give each joint each law once (see the terms' `joints`)",
             )
 
     @cached_property
@@ -157,8 +157,8 @@ class Model:
         """What programs over this model's columns depend on: no fields that channels know alone."""
         described = self.to_dict()
         for term, fields in zip(self.terms, described["terms"], strict=True):
-            if isinstance(term, Remembering):
-                for name in term.aside:
+            if isinstance(term, StatefulTerm):
+                for name in term.state_only_fields:
                     # a list's length is how many channels there are
                     given = fields[name]
                     fields[name] = len(given) or None if isinstance(given, list) else None
@@ -230,7 +230,7 @@ class Model:
             raise DataError(
                 f"the model of '{self.robot.name}' has no parameter '{strange[0]}'",
                 where="values of the parameters",
-                mend=f"its parameters are {', '.join(self.names[:12])}, ...",
+                fix=f"its parameters are {', '.join(self.names[:12])}, ...",
             )
         full = [known.get(name, 0.0) for name in self.names]
         return ValuedModel(self, Parameters(self.names, self.units, full))
@@ -275,7 +275,7 @@ class ValuedModel:
             raise DataError(
                 f"the motion has {motion.n_joints} joints, the model {self.model.robot.n}",
                 where=f"model of '{self.model.robot.name}'",
-                mend=f"give columns for {', '.join(self.model.robot.joint_names)}",
+                fix=f"give columns for {', '.join(self.model.robot.joint_names)}",
             )
         check_angles(motion.q)
         result, scan = np.empty(motion.q.shape), self.model.scan()
@@ -336,7 +336,7 @@ class Stepper:
                 raise DataError(
                     f"values of shape {np.shape(values)} for {len(buffer)} joints",
                     where="q, dq or ddq",
-                    mend="give one value per joint in each",
+                    fix="give one value per joint in each",
                 )
             buffer[:] = np.reshape(values, (-1, 1))
         check_angles(self._inputs[0])
@@ -356,5 +356,5 @@ def check_angles(q: Array) -> None:
         raise DataError(
             f"a joint position lies beyond {MAX_ANGLE:g} rad or is not finite",
             where="positions `q`",
-            mend="check the unit of the position columns (rad, not encoder counts)",
+            fix="check the unit of the position columns (rad, not encoder counts)",
         )

@@ -18,7 +18,7 @@ from steelyard.application.export.content import FIT, Format, content_of
 from steelyard.application.export.export import exported, refuse_changed, unheld
 from steelyard.errors import ModelError
 from steelyard.estimation.calibration import EDGES, Calibration
-from steelyard.estimation.estimate import Blind
+from steelyard.estimation.estimate import Unidentifiable
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.measurement.motion_samples import MotionSamples
 from steelyard.model import Model
@@ -27,7 +27,7 @@ from steelyard.regression.base import base_parameters
 from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
 from steelyard.robot.robot import Limits, Robot
 from steelyard.robot_file.file import load_robot
-from steelyard.terms.acting import Acting
+from steelyard.terms.acting import ActsOnAxes
 from steelyard.terms.laws.coulomb import Coulomb
 from steelyard.terms.laws.powers import Cubic, Quadratic, Root
 from steelyard.terms.laws.presliding import MaxwellSlip
@@ -77,7 +77,7 @@ def motion_of(robot: Robot, count: int = 30, seed: int = 3) -> Motion:
 
 def sliding(motion: Motion, term: Term) -> Motion:
     """The states in which all coordinates of a term move: MuJoCo's friction creeps when slow."""
-    if not isinstance(term, Acting) or term.role != "brake":
+    if not isinstance(term, ActsOnAxes) or term.role != "brake":
         return motion
     rows = np.array([axis.row for axis in term.axes(geared())])
     keep = (np.abs(motion.dq @ rows.T) > 0.3 * np.linalg.norm(rows, axis=1)).all(axis=1)
@@ -352,8 +352,8 @@ def test_base_parameters_alone_are_refused() -> None:
     poor = replace(identified, estimate=replace(identified.estimate, standard=None))
     with pytest.raises(ModelError, match="base parameters only") as error:
         exported(poor, "mjcf")
-    assert "default estimator" in error.value.mend
-    assert "remove method from [estimation] of the robot" in error.value.mend
+    assert "default estimator" in error.value.fix
+    assert "remove method from [estimation] of the robot" in error.value.fix
 
 
 def test_a_model_without_bodies_is_refused() -> None:
@@ -519,7 +519,7 @@ def learned_by(identified: IdentifiedModel, shares: dict[str, float]) -> Identif
         for name, x in zip(standard.parameters.names, standard.learned.tolist(), strict=True)
     ]
     standard = replace(standard, learned=np.array(learned))
-    blind = (Blind("mx.slider + my.tool"),)
+    blind = (Unidentifiable("mx.slider + my.tool"),)
     return replace(
         identified, estimate=replace(identified.estimate, standard=standard, blind=blind)
     )

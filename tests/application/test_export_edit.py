@@ -203,7 +203,7 @@ def test_a_link_that_is_missing_is_named(arm: IdentifiedModel, tmp_path: Path) -
     path.write_text(ARM.replace('"finger"', '"thumb"'), encoding="utf-8")
     with pytest.raises(ModelError, match="has no link 'finger'") as error:
         edited(arm, path)
-    assert "identified with" in error.value.mend
+    assert "identified with" in error.value.fix
 
 
 def test_untouched_links_that_cannot_exist_are_named(arm: IdentifiedModel, tmp_path: Path) -> None:

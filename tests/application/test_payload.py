@@ -18,7 +18,7 @@ from steelyard.estimation.least_squares.least_squares import WeightedLeastSquare
 from steelyard.estimation.payload.load import PayloadEstimate
 from steelyard.estimation.payload.load_case import drifting
 from steelyard.model import Model
-from steelyard.regression.information import Information, Stamp
+from steelyard.regression.information import Information, Signature
 from steelyard.robot.inertia import Inertia
 from steelyard.robot_file.signals import Signals
 from steelyard.terms.laws.rigid_body import RigidBody
@@ -235,8 +235,8 @@ def test_frames_that_cannot_carry(frame: str, words: str) -> None:
 
 
 def foreign(information: Information, **fields: object) -> Information:
-    stamp = Stamp(**{**vars(information.stamp), **fields})  # type: ignore[arg-type]
-    return Information(**{**vars(information), "stamp": stamp})
+    signature = Signature(**{**vars(information.signature), **fields})  # type: ignore[arg-type]
+    return Information(**{**vars(information), "stamp": signature})
 
 
 def refusal(*args: object, **options: object) -> SteelyardError:

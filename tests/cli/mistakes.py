@@ -133,7 +133,7 @@ USER = (
         ("cannot be written", "deep/arm.toml"),
     ),
 )
-"""Answered by our own messages: what is wrong, where, and how to mend it."""
+"""Answered by our own messages: what is wrong, where, and how to correct it."""
 
 USAGE = (
     Mistake("negative noise", ("simulate", ROBOT, "--noise", "-1"), ("--noise",)),
@@ -239,8 +239,8 @@ def faults(mistake: Mistake, code: int, stdout: str, stderr: str, work: Path) ->
     found = [f"lacks {word!r}" for word in mistake.words if word not in stderr]
     if mistake in USER:
         shape = [line.split()[0] if line.split() else "" for line in lines]
-        if shape != ["error:", "where", "mend"]:
-            found.append("is not three lines: what, where, mend")
+        if shape != ["error:", "where", "fix"]:
+            found.append("is not three lines: what, where, correct")
     if code != 2:
         found.append(f"exit code {code}")
     if "Traceback" in stderr:

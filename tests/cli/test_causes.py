@@ -135,7 +135,7 @@ def test_behind_the_gears_no_rotor_is_felt(edit: Edit) -> None:
     assert any(isinstance(term, RotorInertia) for term in usual.terms)
     with pytest.raises(ModelError, match="'rotor_inertia' acts on the motors' side") as caught:
         model_of(load_robot(edit(kind)))
-    assert "terms[2]" in caught.value.where and "leave it out" in caught.value.mend
+    assert "terms[2]" in caught.value.where and "leave it out" in caught.value.fix
 
 
 def test_behind_the_gears_nothing_of_motors_is_felt(edit: Edit) -> None:
@@ -144,7 +144,7 @@ def test_behind_the_gears_nothing_of_motors_is_felt(edit: Edit) -> None:
     wanted = ('"rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"', terms)
     with pytest.raises(ModelError, match="'viscous' acts on the motors' side") as caught:
         model_of(load_robot(edit(gears, wanted, ('"joint_torque"', '"link_torque"'))))
-    assert "terms[2]" in caught.value.where and "joint_torque" in caught.value.mend
+    assert "terms[2]" in caught.value.where and "joint_torque" in caught.value.fix
     assert len(model_of(load_robot(edit(gears, wanted))).terms) == 2
 
 

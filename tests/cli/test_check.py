@@ -1,4 +1,4 @@
-"""`steelyard check`: verdicts, exit codes, new robot files, the page; with stubs of suspicions."""
+"""`steelyard check`: verdicts, exit codes, new robot files, the page; with stubs of checks."""
 
 import json
 import shutil
@@ -16,7 +16,7 @@ from cli.conftest import Command
 from cli.mistakes import LOG, ROBOT
 from cli.river_files import edited
 from steelyard.cli.app import expanded
-from steelyard.diagnosis import Case, Edit, Finding, Judgement, Mend
+from steelyard.diagnosis import Case, Edit, Finding, Fix, Severity
 from steelyard.diagnosis import register as diagnosis_register
 from steelyard.diagnosis.finding import Picture, Trace
 from steelyard.robot_file.file import load_robot
@@ -31,7 +31,7 @@ class Unit:
     name: ClassVar[str] = "position unit"
     asks: ClassVar[str] = "Are positions in radians?"
     quick: ClassVar[bool] = True
-    judgement: Judgement = Judgement.WRONG
+    severity: Severity = Severity.WRONG
 
     def __call__(self, case: Case) -> tuple[Finding, ...]:
         return tuple(self.one(case, number) for number in range(len(case.logs)))
@@ -42,12 +42,12 @@ class Unit:
         reach = float(np.nanmax(np.abs(q)))
         picture = Picture("time [s]", "position [rad]", (Trace("joint", t, q[:, 0]),))
         if reach < 1.0:
-            return Finding(self.name, log.name, Judgement.OK, "within a turn", f"{reach:.2f} rad")
+            return Finding(self.name, log.name, Severity.OK, "within a turn", f"{reach:.2f} rad")
         away = Edit(("signals", "position_offset"), None)
-        mend = Mend("they are in degrees", (Edit(("signals", "position_unit"), "deg"), away))
+        fix = Fix("they are in degrees", (Edit(("signals", "position_unit"), "deg"), away))
         says, figure = "positions go around", f"{reach:.0f} rad, bound 1 rad"
         return Finding(
-            self.name, log.name, self.judgement, says, figure, case.joints[:1], mend, picture
+            self.name, log.name, self.severity, says, figure, case.joints[:1], fix, picture
         )
 
 
@@ -67,14 +67,14 @@ class Slow:
 
 @pytest.fixture
 def slow(monkeypatch: pytest.MonkeyPatch) -> Slow:
-    """Stubs instead of the register's suspicions."""
-    return asking(monkeypatch, Judgement.WRONG)
+    """Stubs instead of the register's checks."""
+    return asking(monkeypatch, Severity.WRONG)
 
 
-def asking(monkeypatch: pytest.MonkeyPatch, judgement: Judgement) -> Slow:
+def asking(monkeypatch: pytest.MonkeyPatch, severity: Severity) -> Slow:
     slow = Slow()
     for module in (sys.modules["steelyard.diagnosis.examine"], diagnosis_register):
-        monkeypatch.setattr(module, "SUSPICIONS", (Unit(judgement), slow))
+        monkeypatch.setattr(module, "CHECKS", (Unit(severity), slow))
     return slow
 
 
@@ -96,16 +96,16 @@ def words(text: str) -> str:
     return " ".join(text.split())
 
 
-@pytest.mark.parametrize(("judgement", "code"), [(Judgement.DOUBTFUL, 1), (Judgement.WRONG, 2)])
+@pytest.mark.parametrize(("severity", "code"), [(Severity.DOUBTFUL, 1), (Severity.WRONG, 2)])
 def test_the_worst_judgement_is_the_exit_code(
-    judgement: Judgement,
+    severity: Severity,
     code: int,
     degrees: Path,
     command: Command,
     monkeypatch: pytest.MonkeyPatch,
     work: Path,
 ) -> None:
-    asking(monkeypatch, judgement)
+    asking(monkeypatch, severity)
     good = command("check", ROBOT, LOG, OTHER)
     assert good.exit_code == 0 and good.stderr == ""
     assert "ok position unit 2 similar findings, identification: within a turn" in words(
@@ -113,12 +113,12 @@ def test_the_worst_judgement_is_the_exit_code(
     )
     assert good.stdout.rstrip().endswith("Ok: no fault was found  (2 findings: 2 ok)")
     both = words(command("check", ROBOT, degrees, LOG).stdout)
-    assert (judgement.word == "wrong") == ("give this one a robot file of its own" in both)
-    assert f"(2 findings: 1 {judgement.word}, 1 ok)" in both
+    assert (severity.word == "wrong") == ("give this one a robot file of its own" in both)
+    assert f"(2 findings: 1 {severity.word}, 1 ok)" in both
     bad = command("check", ROBOT, degrees)
     assert bad.exit_code == code
     shown = words(bad.stdout)
-    assert f"{judgement.word} position unit degrees: shoulder_turn: positions go around" in shown
+    assert f"{severity.word} position unit degrees: shoulder_turn: positions go around" in shown
     assert 'they are in degrees [signals] position_unit = "deg"' in shown
     assert "--fix writes a new robot file" in shown and "-o FOLDER" in shown
     assert not any(work.iterdir())
@@ -158,13 +158,13 @@ def test_fix_elsewhere_still_finds_the_model(
     target = tmp_path / "there" / "mine.toml"
     done = command("check", robot, degrees, "--fix", target, "--json")
     told = json.loads(done.stdout)
-    assert told["judgement"] == "wrong" and done.exit_code == 0
-    assert told["fixed"]["robot_file"] == str(target) and told["fixed"]["judgement"] == "ok"
+    assert told["severity"] == "wrong" and done.exit_code == 0
+    assert told["fixed"]["robot_file"] == str(target) and told["fixed"]["severity"] == "ok"
     assert told["fixed"]["changes"] == [
         {
             "path": ["signals", "position_unit"],
             "value": "deg",
-            "suspicion": "position unit",
+            "check": "position unit",
             "says": "positions go around",
         }
     ]
@@ -210,8 +210,8 @@ class Unmendable:
     def __call__(self, case: Case) -> tuple[Finding, ...]:
         assert case.loaded.signals is not None
         fixed = float(case.loaded.signals.position_scale[0]) != 1.0
-        judgement = Judgement.WRONG if fixed or self.wrong_before else Judgement.OK
-        return (Finding(self.name, "", judgement, "gains", "none"),)
+        severity = Severity.WRONG if fixed or self.wrong_before else Severity.OK
+        return (Finding(self.name, "", severity, "gains", "none"),)
 
 
 @pytest.mark.parametrize("wrong_before", [True, False])
@@ -223,7 +223,7 @@ def test_a_fix_that_makes_something_wrong_is_not_written(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     stubs = (Unit(), Unmendable(wrong_before))
-    monkeypatch.setattr(sys.modules["steelyard.diagnosis.examine"], "SUSPICIONS", stubs)
+    monkeypatch.setattr(sys.modules["steelyard.diagnosis.examine"], "CHECKS", stubs)
     done = command("check", robot, degrees, "--fix")
     assert done.exit_code == 2
     assert (robot.parent / "arm-fixed.toml").exists() == wrong_before
@@ -235,7 +235,7 @@ def test_what_has_no_line_is_named(
     robot: Path, given: Path, command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stubs = (Unmendable(True),)
-    monkeypatch.setattr(sys.modules["steelyard.diagnosis.examine"], "SUSPICIONS", stubs)
+    monkeypatch.setattr(sys.modules["steelyard.diagnosis.examine"], "CHECKS", stubs)
     done = command("check", robot, given / "identification.parquet", "--fix")
     assert "gain: no line of the robot file is known to correct it" in words(done.stdout)
 
@@ -267,14 +267,14 @@ def test_json_has_its_schema(slow: Slow, degrees: Path, command: Command) -> Non
     told = json.loads(done.stdout)
     assert done.exit_code == 2
     assert list(told) == [
-        *("robot", "logs", "model", "judgement", "findings", "edits", "notes", "fixed", "output"),
+        *("robot", "logs", "model", "severity", "findings", "edits", "notes", "fixed", "output"),
     ]
     assert told["robot"] == ROBOT and told["logs"] == [f"{degrees}@1:3"]
     assert (told["model"], told["fixed"], told["output"]) == (None, None, None)
     finding = told["findings"][0]
     assert finding["log"] == "degrees@1:3" and finding["joints"] == ["shoulder_turn"]
-    assert finding["mend"]["lines"] == '[signals]\nposition_unit = "deg"'
-    assert told["edits"] == finding["mend"]["edits"]
+    assert finding["fix"]["lines"] == '[signals]\nposition_unit = "deg"'
+    assert told["edits"] == finding["fix"]["edits"]
 
 
 def test_the_output_is_a_page_and_json(
@@ -302,7 +302,7 @@ def test_logs_that_cannot_be_read_are_findings(
     (tmp_path / "torn.parquet").write_bytes((given / "validation.parquet").read_bytes()[:20_000])
     header = given / "header.csv"
     done = command("check", ROBOT, tmp_path / "few.csv", header, OTHER, "--json")
-    told = {(f["suspicion"], f["log"]): f for f in json.loads(done.stdout)["findings"]}
+    told = {(f["check"], f["log"]): f for f in json.loads(done.stdout)["findings"]}
     assert done.exit_code == 2 and list(told) == [
         *(("log", "few"), ("log", "header"), ("position unit", "validation")),
     ]
@@ -363,7 +363,7 @@ def test_identify_stops_at_what_is_wrong(
     assert done.exit_code == 2 and not (tmp_path / "o").exists()
     said = words(done.stderr)
     assert "error: the log is wrong, position unit: positions go around where degrees: " in said
-    assert 'mend they are in degrees: [signals] position_unit = "deg"' in said
+    assert 'fix they are in degrees: [signals] position_unit = "deg"' in said
     assert f"`steelyard check {ROBOT} LOG... --fix` writes" in said and "--no-check" in said
     assert slow.seen == []
     done = command("identify", ROBOT, degrees, "-o", tmp_path / "o", "--no-check", "--json")
@@ -374,10 +374,10 @@ def test_identify_stops_at_what_is_wrong(
 def test_identify_notes_what_is_doubtful_and_reports_it(
     degrees: Path, command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asking(monkeypatch, Judgement.DOUBTFUL)
+    asking(monkeypatch, Severity.DOUBTFUL)
     done = command("identify", ROBOT, degrees, "-o", tmp_path / "o", "--json")
     told = json.loads(done.stdout)
-    assert done.exit_code == 0 and told["check"]["judgement"] == "doubtful"
+    assert done.exit_code == 0 and told["check"]["severity"] == "doubtful"
     note = "check, position unit: degrees: shoulder_turn: positions go around"
     assert any(one.startswith(note) for one in told["notes"])
     page = (tmp_path / "o" / "report.html").read_text()

@@ -1,4 +1,4 @@
-"""`steelyard check` with its own suspicions: faults of a simulated arm are found and mended."""
+"""`steelyard check` with its own suspicions: faults of a simulated arm are found and corrected."""
 
 import json
 import os
@@ -11,7 +11,7 @@ import pytest
 
 from cli.conftest import Command
 from cli.river_files import edited
-from steelyard.diagnosis.register import SUSPICIONS
+from steelyard.diagnosis.register import CHECKS
 from steelyard.robot_file.file import load_robot
 
 CURRENTS = (
@@ -39,8 +39,8 @@ def simulated(given: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pa
 def test_a_good_log_is_ok(simulated: tuple[Path, Path], command: Command) -> None:
     done = command("check", *simulated, "--json")
     told = json.loads(done.stdout)
-    assert done.exit_code == 0, [f for f in told["findings"] if f["judgement"] != "ok"]
-    assert len({finding["suspicion"] for finding in told["findings"]}) >= 12
+    assert done.exit_code == 0, [f for f in told["findings"] if f["severity"] != "ok"]
+    assert len({finding["check"] for finding in told["findings"]}) >= 12
 
 
 @pytest.mark.parametrize(
@@ -72,9 +72,9 @@ def test_a_fault_is_found_and_the_fixed_file_is_ok(
     assert stopped.exit_code == 2 and f'{path[-1]} = "{value}"' in stopped.stderr
     done = command("check", robot, log, "--fix", target, "--json")
     told = json.loads(done.stdout)
-    assert told["judgement"] == "wrong"
+    assert told["severity"] == "wrong"
     assert {"path": path, "value": value} in told["edits"]
-    assert told["fixed"]["judgement"] == "ok" and done.exit_code == 0, told["fixed"]
+    assert told["fixed"]["severity"] == "ok" and done.exit_code == 0, told["fixed"]
     assert load_robot(target).signals is not None
     assert command("check", target, log).exit_code == 0
     assert "# says the manual" in target.read_text()
@@ -87,7 +87,7 @@ def test_a_robot_mounted_sideways_is_found(
     robot = edited(given, tmp_path, (model, f"{model}gravity = [9.81, 0.0, 0.0]\n"), *CURRENTS)
     done = command("check", robot, simulated[1], "--fix", "--json")
     told = json.loads(done.stdout)
-    assert told["judgement"] == "wrong" and done.exit_code == 0
+    assert told["severity"] == "wrong" and done.exit_code == 0
     assert load_robot(tmp_path / "arm-fixed.toml").robot.gravity[2] == pytest.approx(
         -9.81, abs=0.01
     )
@@ -96,9 +96,7 @@ def test_a_robot_mounted_sideways_is_found(
 def test_the_document_lists_every_suspicion() -> None:
     document = Path(__file__).parents[2] / "docs" / "check.md"
     listed = re.findall(r"^\| (\w[\w ]*?)(?: ²)? \|", document.read_text("utf-8"), re.M)
-    assert [s.name for s in SUSPICIONS] == [
-        name for name in listed if name not in ("suspicion", "option")
-    ]
+    assert [s.name for s in CHECKS] == [name for name in listed if name not in ("check", "option")]
 
 
 def test_all_efforts_of_a_short_window_are_turned_though_positions_would_do(

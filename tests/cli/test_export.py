@@ -122,7 +122,7 @@ def test_mistakes_are_explained(
     there.unlink()
     assert done.exit_code == 2
     assert words in " ".join(done.output.split())
-    assert "mend" in done.output
+    assert "fix" in done.output
     assert leftovers(Path()) == []
 
 

@@ -104,7 +104,7 @@ def test_mistakes(
     done = command("payload", identified, loaded, *(a.format(log=loaded) for a in arguments))
     assert done.exit_code == 2 and done.stdout == ""
     assert words in done.stderr
-    assert [line.split()[0] for line in done.stderr.splitlines()] == ["error:", "where", "mend"]
+    assert [line.split()[0] for line in done.stderr.splitlines()] == ["error:", "where", "fix"]
     assert leftovers(work) == []
 
 

@@ -86,10 +86,8 @@ def test_a_simulated_log_without_a_clock_comes_at_the_declared_rate(
     assert done.exit_code == 0, done.output
     assert not {"time_s", ROW} & set(pl.read_parquet(tmp_path / "s" / "log.parquet").columns)
     checked = command("check", robot, tmp_path / "s" / "log.parquet", "--json")
-    clock = next(f for f in json.loads(checked.stdout)["findings"] if f["suspicion"] == "clock")
-    assert (
-        clock["judgement"] == "ok" and "200 Hz, steps of 5 ms, even, as declared" in clock["says"]
-    )
+    clock = next(f for f in json.loads(checked.stdout)["findings"] if f["check"] == "clock")
+    assert clock["severity"] == "ok" and "200 Hz, steps of 5 ms, even, as declared" in clock["says"]
     odd = edited(given, tmp_path, ('time = "time_s"', "rate = 93.0"))
     refused = command("simulate", odd, "--period", "1", "-o", tmp_path / "o")
     assert refused.exit_code == 2 and "cannot have 93 rows a second" in refused.output

@@ -9,8 +9,8 @@ import pytest
 from steelyard.arrays import Array
 from steelyard.diagnosis import Case, Diagnosis, examine
 from steelyard.diagnosis.case import Evidence
-from steelyard.diagnosis.check import Suspicion
-from steelyard.diagnosis.hypotheses.checks import (
+from steelyard.diagnosis.check import Check
+from steelyard.diagnosis.decision.checks import (
     EFFORT_DELAY,
     EFFORT_KIND,
     EFFORT_SIGN,
@@ -36,7 +36,7 @@ from steelyard.virtual.demo import write_demo_arm
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.truth import Truth
 
-MODEL_BASED: tuple[Suspicion, ...] = (
+MODEL_BASED: tuple[Check, ...] = (
     JOINT_ORDER,
     POSITION_SIGN,
     EFFORT_SIGN,
@@ -82,8 +82,8 @@ class Arm:
         return Case(loaded, (evidence,), self.reference if known else None)
 
     def examined(self, table: Array, text: str | None = None, known: bool = True) -> Diagnosis:
-        """What the model-based suspicions say."""
-        return examine(self.case(table, text, known), suspicions=MODEL_BASED)
+        """What the model-based checks say."""
+        return examine(self.case(table, text, known), checks=MODEL_BASED)
 
     def at(self, pattern: str) -> list[int]:
         """Places of the columns of all joints, such as those of `q{}_rad`."""

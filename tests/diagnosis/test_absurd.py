@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from steelyard.diagnosis.finding import Judgement
+from steelyard.diagnosis.finding import Severity
 from steelyard.diagnosis.fitted.absurd import AbsurdBodies, absurdities, heaviest, refuse_absurd
 from steelyard.diagnosis.fitted.fitted_case import FittedCase
 from steelyard.errors import DataError
@@ -48,13 +48,13 @@ def test_efforts_in_millinewton_metres_are_absurd(arm):
     assert any("all links together" in x for x in said)
     with pytest.raises(DataError, match="physically absurd") as error:
         refuse_absurd(model, "arm.toml")
-    assert "--no-check" in error.value.mend
+    assert "--no-check" in error.value.fix
 
 
 def test_reversed_efforts_give_an_estimate_and_their_reason(arm):
     model = identified(arm, -1.0)
     (finding,) = AbsurdBodies()(FittedCase(model, fitted=(None,)))
-    assert finding.judgement == Judgement.WRONG
+    assert finding.severity == Severity.WRONG
     assert "friction of all joints comes out negative: efforts have the wrong sign" in finding.says
     assert AbsurdBodies()(FittedCase(model)) == ()
 

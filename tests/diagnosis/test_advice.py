@@ -3,7 +3,7 @@
 import pytest
 
 from steelyard.diagnosis.identifiability import _advice
-from steelyard.estimation.estimate import Blind
+from steelyard.estimation.estimate import Unidentifiable
 
 
 @pytest.mark.parametrize(
@@ -16,4 +16,4 @@ from steelyard.estimation.estimate import Blind
     ],
 )
 def test_each_law_says_what_shows_it(names: tuple[str, ...], wanted: str) -> None:
-    assert wanted in _advice([Blind(name) for name in names])
+    assert wanted in _advice([Unidentifiable(name) for name in names])

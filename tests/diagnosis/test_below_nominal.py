@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from diagnosis.fitted import case, demo_arm, log
-from steelyard.diagnosis import Judgement
+from steelyard.diagnosis import Severity
 from steelyard.diagnosis.fitted.below_nominal import BelowNominal
 from steelyard.diagnosis.fitted.fitted_case import FittedCase
 from steelyard.validation.score import score
@@ -39,7 +39,7 @@ def loads(scored: FittedCase) -> list[float]:
 def test_a_joint_with_load_is_named(scored: FittedCase) -> None:
     most = loads(scored).index(max(loads(scored)))
     (finding,) = BelowNominal()(worse(scored, most, 2.0))
-    assert finding.judgement == Judgement.DOUBTFUL and "nominal model" in finding.says
+    assert finding.severity == Severity.DOUBTFUL and "nominal model" in finding.says
     assert finding.joints == (scored.fitted_scores[0].joints[most].joint,)
     assert BelowNominal()(worse(scored, most, 1.1)) == ()
 
@@ -57,4 +57,4 @@ def test_rotor_inertias_at_zero_point_to_sensors_behind_the_gears(scored: Fitted
     estimate = replace(plain.identified.estimate, at_bound=rotors)
     held = replace(plain, identified=replace(plain.identified, estimate=estimate))
     (finding,) = BelowNominal()(held)
-    assert finding.mend is not None and 'kind = "link_torque"' in finding.mend.says
+    assert finding.fix is not None and 'kind = "link_torque"' in finding.fix.says

@@ -8,7 +8,7 @@ import pytest
 
 from diagnosis.conftest import Arm
 from steelyard.arrays import Array
-from steelyard.diagnosis.finding import Finding, Judgement
+from steelyard.diagnosis.finding import Finding, Severity
 from steelyard.diagnosis.fitted.change_in_run import ChangeInRun
 from steelyard.diagnosis.fitted.fitted_case import FittedCase
 from steelyard.diagnosis.fitted.gain_drift import scale_drifts
@@ -48,13 +48,13 @@ def with_load(arm: Arm, mass: float) -> Array:
 @pytest.mark.parametrize("fitted", [True, False])
 def test_a_load_that_is_picked_up_is_weighed(arm: Arm, fitted: bool) -> None:
     (finding,) = found(arm, with_load(arm, 1.2), fitted=fitted)
-    assert finding.judgement == Judgement.WRONG and finding.log == "log"
+    assert finding.severity == Severity.WRONG and finding.log == "log"
     assert "picks up a load of 1.2" in finding.says
     start, stop = (
         float(x) for x in finding.says.split("between ")[1].split(" s")[0].split(" and ")
     )
     assert start <= 11.5 <= stop <= start + 6.0
-    assert finding.mend is not None and f"@{stop:.3g}:" in finding.mend.says
+    assert finding.fix is not None and f"@{stop:.3g}:" in finding.fix.says
 
 
 def test_an_offset_that_jumps_is_found_with_its_joint(arm: Arm) -> None:
@@ -63,7 +63,7 @@ def test_an_offset_that_jumps_is_found_with_its_joint(arm: Arm) -> None:
     jump = 0.2 * float(np.std(table[:, column]))
     table[HALF:, column] += jump
     (finding,) = found(arm, table)
-    assert finding.joints == (arm.robot.joint_names[1],) and finding.judgement
+    assert finding.joints == (arm.robot.joint_names[1],) and finding.severity
     value = float(finding.says.split("jumps by ")[1].split(" ")[0])
     assert value == pytest.approx(jump, rel=0.03)
 
@@ -75,7 +75,7 @@ def test_a_sound_log_is_no_change_and_slow_drift_is_of_friction(arm: Arm) -> Non
     ramp = np.linspace(-0.05, 0.05, len(drift))[:, None] * drift[:, efforts].std(axis=0)
     drift[:, efforts] += ramp * np.sign(arm.motion.dq)
     (finding,) = found(arm, drift)
-    assert finding.judgement == Judgement.OK and "friction drifts" in finding.says
+    assert finding.severity == Severity.OK and "friction drifts" in finding.says
 
 
 @pytest.mark.parametrize("law", ["lugre", "directional_coulomb", "cubic"])
@@ -95,7 +95,7 @@ def test_a_scale_that_drifts_is_named_with_its_joints(arm: Arm) -> None:
     efforts = arm.at("tau{}_Nm")
     table[:, efforts] *= np.linspace(1.0, 1.3, len(table))[:, None]
     (finding,) = found(arm, table)
-    assert finding.judgement == Judgement.DOUBTFUL and finding.log == "log"
+    assert finding.severity == Severity.DOUBTFUL and finding.log == "log"
     assert "the effort scale drifts" in finding.says and len(finding.joints) >= 2
     changes = [float(part.split(" %")[0]) for part in finding.says.split("by about ")[1:]]
     assert changes == pytest.approx([26.0] * len(changes), abs=6.0)
@@ -109,5 +109,5 @@ def test_friction_that_falls_is_no_drift_of_the_scale(arm: Arm) -> None:
     table = arm.table.copy()
     table[:, arm.at("tau{}_Nm")] += np.linspace(0.0, 1.0, len(table))[:, None] * change
     (finding,) = found(arm, table)
-    assert finding.judgement == Judgement.OK and finding.headline
+    assert finding.severity == Severity.OK and finding.headline
     assert "friction drifts" in finding.says and "scale" not in finding.says

@@ -5,7 +5,7 @@ import pytest
 
 from diagnosis.conftest import Arm
 from steelyard.arrays import Array
-from steelyard.diagnosis.finding import Finding, Judgement
+from steelyard.diagnosis.finding import Finding, Severity
 from steelyard.diagnosis.signals.computed import ComputedEfforts
 from steelyard.diagnosis.signals.smoothness import noise_levels
 
@@ -30,7 +30,7 @@ def found(arm: Arm, table: Array, steps: float = STEP) -> Finding:
 
 
 def test_measured_efforts_are_ok(arm: Arm) -> None:
-    assert found(arm, arm.table).judgement == Judgement.OK
+    assert found(arm, arm.table).severity == Severity.OK
 
 
 @pytest.mark.parametrize("digits", [3, 15])
@@ -41,13 +41,13 @@ def test_efforts_of_a_model_are_wrong_beside_measured_positions(
     efforts = arm.at("tau{}_Nm")
     table[:, efforts] = np.round(table[:, efforts], digits)
     finding = found(arm, table)
-    assert finding.judgement == (Judgement.WRONG if digits > 3 else Judgement.OK), finding.figure
+    assert finding.severity == (Severity.WRONG if digits > 3 else Severity.OK), finding.figure
     assert digits == 3 or "computed from the motion, not measured" in finding.says
 
 
 def test_a_simulation_without_any_noise_is_called_one(arm: Arm, smooth: Array) -> None:
     finding = found(arm, smooth, steps=0.0)
-    assert finding.judgement == Judgement.DOUBTFUL and "simulation" in finding.says
+    assert finding.severity == Severity.DOUBTFUL and "simulation" in finding.says
 
 
 def test_smooth_efforts_with_more_than_the_model_may_be_filtered(arm: Arm, smooth: Array) -> None:
@@ -55,9 +55,9 @@ def test_smooth_efforts_with_more_than_the_model_may_be_filtered(arm: Arm, smoot
     q, efforts = arm.motion.q, arm.at("tau{}_Nm")
     table[:, efforts] += 0.1 * table[:, efforts].std(axis=0) * np.sin(5.0 * q)
     finding = found(arm, table)
-    assert finding.judgement == Judgement.DOUBTFUL and "low-passed" in finding.says
+    assert finding.severity == Severity.DOUBTFUL and "low-passed" in finding.says
     both = found(arm, table, steps=0.0)
-    assert both.judgement == Judgement.OK and not both.answered
+    assert both.severity == Severity.OK and not both.answered
 
 
 @pytest.mark.parametrize("jitter", [0.0, 0.3])

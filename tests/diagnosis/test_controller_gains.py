@@ -44,7 +44,7 @@ def test_gains_are_those_of_the_targets_within_their_intervals(arm):
 
 def test_gains_of_one_are_refused_with_the_controllers(arm):
     text = edited(in_amperes(arm), [Edit(("signals", "effort", "gain"), [1.0] * 6)])
-    found = examine(case_with_targets(arm, text), suspicions=MODEL_BASED)
+    found = examine(case_with_targets(arm, text), checks=MODEL_BASED)
     gain = edits(found)["signals.effort.gain"]
     np.testing.assert_allclose(gain[:5], GAINS[:5], rtol=0.03)
     assert gain[5] == "identify"

@@ -7,9 +7,9 @@ import pytest
 
 from diagnosis.conftest import Arm
 from steelyard.arrays import Array
-from steelyard.diagnosis.finding import Judgement
-from steelyard.diagnosis.hypotheses.checks import EFFORT_SIGN
-from steelyard.diagnosis.hypotheses.friction_sign import drives_of, friction_signs
+from steelyard.diagnosis.decision.checks import EFFORT_SIGN
+from steelyard.diagnosis.decision.friction_sign import drives_of, friction_signs
+from steelyard.diagnosis.finding import Severity
 
 TAU = "tau{}_Nm"
 
@@ -34,23 +34,23 @@ def test_friction_that_brakes_raises_no_alarm(massless: Arm) -> None:
     assert sum(d.brakes for d in drives.values()) >= 4 and not any(
         d.drives for d in drives.values()
     )
-    assert [f.judgement for f in EFFORT_SIGN(case)] == [Judgement.OK]
+    assert [f.severity for f in EFFORT_SIGN(case)] == [Severity.OK]
 
 
 @pytest.mark.parametrize("joint", [0, 1, 3])
 def test_one_effort_that_is_turned_is_found(massless: Arm, joint: int) -> None:
     signs = np.where(np.arange(6) == joint, -1.0, 1.0)
     (found,) = EFFORT_SIGN(massless.case(with_signs(massless, signs), known=False))
-    assert found.judgement == Judgement.DOUBTFUL
+    assert found.severity == Severity.DOUBTFUL
     assert found.joints == (massless.robot.joint_names[joint],)
     assert "has the wrong sign, or the position has" in found.says
-    assert found.mend is not None and not found.mend.edits
+    assert found.fix is not None and not found.fix.edits
 
 
 def test_all_efforts_that_are_turned_are_one_finding(massless: Arm) -> None:
     (found,) = EFFORT_SIGN(massless.case(with_signs(massless, -np.ones(6)), known=False))
-    assert found.judgement == Judgement.WRONG and found.says.startswith("all efforts")
-    assert found.mend is not None and found.mend.edits[0].value == [-1.0] * 6
+    assert found.severity == Severity.WRONG and found.says.startswith("all efforts")
+    assert found.fix is not None and found.fix.edits[0].value == [-1.0] * 6
 
 
 def test_a_joint_with_hardly_any_friction_raises_no_alarm(massless: Arm) -> None:

@@ -11,7 +11,7 @@ import pytest
 from diagnosis.conftest import Arm
 from diagnosis.test_signals import DQ, ROBOT, TAU, Q, case_of, coarse, diagnosis, sound
 from steelyard.arrays import Array
-from steelyard.diagnosis.finding import Edit, Finding, Judgement
+from steelyard.diagnosis.finding import Edit, Finding, Severity
 from steelyard.diagnosis.signals.held import hold
 from steelyard.diagnosis.signals.repeats import Repeats
 from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
@@ -24,7 +24,7 @@ from steelyard.robot_file.file import load_robot
 
 DELAY = ("signals", "effort", "delay")
 MOTION = slice(Q.start, DQ.stop)
-OK, DOUBTFUL = Judgement.OK, Judgement.DOUBTFUL
+OK, DOUBTFUL = Severity.OK, Severity.DOUBTFUL
 
 
 def held(table: Array, every: int, *columns: slice, phase: int = 0) -> Array:
@@ -42,10 +42,10 @@ def said(folder: Path, table: Array) -> tuple[Finding, ...]:
 
 
 @pytest.mark.parametrize(
-    ("rate", "every", "judgement"),
+    ("rate", "every", "severity"),
     [(100.0, 2, DOUBTFUL), (500.0, 2, OK), (500.0, 3, OK), (500.0, 6, DOUBTFUL)],
 )
-def test_held_efforts_are_late(tmp_path: Path, rate: float, every: int, judgement: int) -> None:
+def test_held_efforts_are_late(tmp_path: Path, rate: float, every: int, severity: int) -> None:
     motion, found = said(tmp_path, held(sound(rate), every, TAU))
     late = 0.5 * (every - 1) / rate
     assert motion.says == "no row in motion repeats the previous one"
@@ -53,13 +53,13 @@ def test_held_efforts_are_late(tmp_path: Path, rate: float, every: int, judgemen
         f"efforts are updated every {every} rows ({rate / every:.3g} Hz of {rate:.3g} Hz): "
         f"they are {1e3 * late:.2g} ms late on average"
     )
-    assert found.judgement == judgement
-    edits = () if found.mend is None else found.mend.edits
-    assert edits == ((Edit(DELAY, pytest.approx(late, rel=0.01)),) if judgement else ())
+    assert found.severity == severity
+    edits = () if found.fix is None else found.fix.edits
+    assert edits == ((Edit(DELAY, pytest.approx(late, rel=0.01)),) if severity else ())
 
 
 @pytest.mark.parametrize(
-    ("rate", "every", "judgement", "does"),
+    ("rate", "every", "severity", "does"),
     [
         (100.0, 2, DOUBTFUL, "repeated rows are bridged"),
         (500.0, 2, OK, "repeated rows are bridged"),
@@ -70,21 +70,21 @@ def test_held_efforts_are_late(tmp_path: Path, rate: float, every: int, judgemen
 )
 @pytest.mark.parametrize("columns", [(Q,), (MOTION,)])
 def test_held_positions_are_bridged_or_late(
-    tmp_path: Path, rate: float, every: int, judgement: int, does: str, columns: tuple[slice, ...]
+    tmp_path: Path, rate: float, every: int, severity: int, does: str, columns: tuple[slice, ...]
 ) -> None:
     (found,) = said(tmp_path, held(sound(rate), every, *columns))
     assert found.says == (
         f"positions are updated every {every} rows ({rate / every:.3g} Hz of {rate:.3g} Hz): {does}"
     )
-    assert found.judgement == judgement
-    assert found.mend is None or found.mend.edits == ()
+    assert found.severity == severity
+    assert found.fix is None or found.fix.edits == ()
 
 
 @pytest.mark.parametrize("every", [2, 3, 6])
 def test_efforts_held_in_the_rows_of_the_positions_are_not_late(tmp_path: Path, every: int) -> None:
     motion, effort = said(tmp_path, held(sound(500.0), every, MOTION, TAU))
     assert motion.says.startswith(f"positions are updated every {every} rows")
-    assert effort.says.endswith("no later than positions") and effort.judgement == OK
+    assert effort.says.endswith("no later than positions") and effort.severity == OK
 
 
 def test_efforts_held_in_other_rows_than_positions_are_late(tmp_path: Path) -> None:
@@ -102,10 +102,10 @@ def test_joints_that_are_read_in_turn_are_not_bridged(tmp_path: Path) -> None:
 def test_the_delay_that_is_proposed_mends_the_robot_file(tmp_path: Path) -> None:
     table = held(sound(), 2, TAU)
     found = diagnosis(tmp_path, table)
-    assert [f.suspicion for f in found.findings if f.judgement] == ["repeats"]
-    mended = diagnosis(tmp_path, table, edited(ROBOT, found.edits))
-    assert mended.judgement == OK
-    says = [f.says for f in mended.findings if f.suspicion == "repeats"][-1]
+    assert [f.check for f in found.findings if f.severity] == ["repeats"]
+    corrected = diagnosis(tmp_path, table, edited(ROBOT, found.edits))
+    assert corrected.severity == OK
+    says = [f.says for f in corrected.findings if f.check == "repeats"][-1]
     assert says.endswith("5 ms late on average ([signals.effort] delay compensates 5 ms)")
 
 

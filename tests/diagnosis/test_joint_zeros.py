@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from diagnosis.fitted import demo_arm, log
-from steelyard.diagnosis import Case, Judgement, joint_zeros
+from steelyard.diagnosis import Case, Severity, joint_zeros
 from steelyard.diagnosis.joint_zeros import JointZeros
 from steelyard.identification.check_case import Subject, case_of
 from steelyard.identification.logs import log_files
@@ -28,9 +28,9 @@ def case(folder: Path, offset: tuple[float, ...], line: str = "") -> Case:
 
 def test_an_offset_is_doubtful_with_the_line_that_corrects_it(tmp_path: Path) -> None:
     (finding,) = JointZeros()(case(tmp_path, (0.0, 0.2, 0.0, 0.0, 0.0, 0.0)))
-    assert finding.judgement == Judgement.DOUBTFUL and finding.joints == ("shoulder_lift",)
-    assert finding.mend is not None
-    (edit,) = finding.mend.edits
+    assert finding.severity == Severity.DOUBTFUL and finding.joints == ("shoulder_lift",)
+    assert finding.fix is not None
+    (edit,) = finding.fix.edits
     assert edit.path == ("signals", "position_offset")
     np.testing.assert_allclose(edit.value, [0.0, 0.2, 0.0, 0.0, 0.0, 0.0], atol=0.01)
 
@@ -38,7 +38,7 @@ def test_an_offset_is_doubtful_with_the_line_that_corrects_it(tmp_path: Path) ->
 def test_with_that_line_no_offset_stands_out(tmp_path: Path) -> None:
     line = "position_offset = [0.0, 0.2, 0.0, 0.0, 0.0, 0.0]"
     (finding,) = JointZeros()(case(tmp_path, (0.0, 0.2, 0.0, 0.0, 0.0, 0.0), line))
-    assert finding.judgement == Judgement.OK and finding.says.startswith(
+    assert finding.severity == Severity.OK and finding.says.startswith(
         "no significant zero offset of shoulder_lift, elbow, "
     )
     assert "zero offset of shoulder_lift 0.1998 ± 0.00" in finding.figure
@@ -56,7 +56,7 @@ def test_an_offset_that_other_errors_explain_as_well_is_open(
     found = joint_zeros.ranked_causes
     monkeypatch.setattr(joint_zeros, "ranked_causes", lambda *a: replace(found(*a), blamed=()))
     (finding,) = JointZeros()(case(tmp_path, (0.0, 0.2, 0.0, 0.0, 0.0, 0.0)))
-    assert finding.judgement == Judgement.OK and not finding.answered
+    assert finding.severity == Severity.OK and not finding.answered
     assert "zero offset of shoulder_lift 0.1998 ± 0.00" in finding.says
     assert "undecided" in finding.says
 
@@ -71,5 +71,5 @@ def test_where_no_offset_is_identifiable_the_question_is_open(
         lambda *a: replace(offsets := found(*a), std=np.full_like(offsets.std, np.nan)),
     )
     (finding,) = JointZeros()(case(tmp_path, (0.0,) * 6))
-    assert finding.judgement == Judgement.OK and not finding.answered
+    assert finding.severity == Severity.OK and not finding.answered
     assert finding.says.startswith("not identifiable")

@@ -6,9 +6,9 @@ import pytest
 
 from diagnosis.conftest import Arm
 from steelyard.arrays import Array
-from steelyard.diagnosis.finding import Judgement
+from steelyard.diagnosis.decision.ranking import ranking
+from steelyard.diagnosis.finding import Severity
 from steelyard.diagnosis.hypotheses.mirrored import efforts_first, mirrors
-from steelyard.diagnosis.hypotheses.ranking import ranking
 
 
 def turned(arm: Arm, *patterns: str) -> Array:
@@ -37,8 +37,8 @@ def test_the_mirror_of_a_sign_is_named(
     arm: Arm, patterns: tuple[str, ...], cause: str, other: str
 ) -> None:
     found = arm.examined(turned(arm, *patterns), known=False)
-    (wrong,) = (f for f in found.findings if f.judgement == Judgement.WRONG)
-    assert wrong.suspicion == cause and other in wrong.says
+    (wrong,) = (f for f in found.findings if f.severity == Severity.WRONG)
+    assert wrong.check == cause and other in wrong.says
 
 
 def test_turned_efforts_come_first_where_turned_positions_fit_as_well(arm: Arm) -> None:
@@ -46,13 +46,15 @@ def test_turned_efforts_come_first_where_turned_positions_fit_as_well(arm: Arm) 
     found = ranking(case, case.logs[0])
     assert found is not None
     now = found.declared
-    rivals = {r.says: r for r in found.rounds[0]}
+    hypotheses = {r.says: r for r in found.rounds[0]}
     efforts, positions = (
-        rivals["all efforts have the opposite sign"],
-        rivals["all positions have the opposite sign"],
+        hypotheses["all efforts have the opposite sign"],
+        hypotheses["all positions have the opposite sign"],
     )
     even = replace(positions, score=efforts.score, cost=efforts.cost - 0.2)
-    assert efforts_first(now.reading, (even, now, efforts)) == (efforts, even, now)
+    assert efforts_first(now.interpretation, (even, now, efforts)) == (efforts, even, now)
     ahead = replace(even, cost=efforts.cost - 5.0)
-    assert efforts_first(now.reading, (ahead, efforts)) == (ahead, efforts)
-    assert mirrors(now.reading, efforts, positions) and not mirrors(now.reading, positions, efforts)
+    assert efforts_first(now.interpretation, (ahead, efforts)) == (ahead, efforts)
+    assert mirrors(now.interpretation, efforts, positions) and not mirrors(
+        now.interpretation, positions, efforts
+    )

@@ -1,4 +1,4 @@
-"""Faults that only a model can tell: the verdict, and a mend that is exact."""
+"""Faults that only a model can tell: the verdict, and a correct that is exact."""
 
 import re
 from collections.abc import Sequence
@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from steelyard.diagnosis import Diagnosis, Edit, Judgement, examine
+from steelyard.diagnosis import Diagnosis, Edit, Severity, examine
+from steelyard.diagnosis.decision.checks import MOUNTING, PAYLOAD
+from steelyard.diagnosis.decision.ranking import COMPARING
+from steelyard.diagnosis.decision.telling import UNKNOWN
+from steelyard.diagnosis.decision.verdict import verdict
 from steelyard.diagnosis.drift import Drift
-from steelyard.diagnosis.finding import Finding, Mend
-from steelyard.diagnosis.hypotheses.checks import MOUNTING, PAYLOAD
-from steelyard.diagnosis.hypotheses.nuisance import least_squares
-from steelyard.diagnosis.hypotheses.ranking import COMPARING
-from steelyard.diagnosis.hypotheses.shared_fit import shared_fit
-from steelyard.diagnosis.hypotheses.telling import UNKNOWN
-from steelyard.diagnosis.hypotheses.verdict import verdict
+from steelyard.diagnosis.finding import Finding, Fix
 from steelyard.diagnosis.identifiability import Identifiability
 from steelyard.diagnosis.knowledge import knowledge_of
+from steelyard.diagnosis.likelihood.nuisance import least_squares
+from steelyard.diagnosis.likelihood.shared_fit import shared_fit
 from steelyard.diagnosis.together import together
 from steelyard.estimation.known_scales import KnownScales
 from steelyard.robot.inertia import Inertia
@@ -30,8 +30,8 @@ GAINS = np.array([9.0, 12.0, 7.5, 11.0, 6.0, 8.0])
 
 
 def wrong(found: Diagnosis) -> list[str]:
-    """Names of the suspicions that are sure."""
-    return [f.suspicion for f in found.findings if f.judgement == Judgement.WRONG]
+    """Names of the checks that are sure."""
+    return [f.check for f in found.findings if f.severity == Severity.WRONG]
 
 
 def edits(found: Diagnosis) -> dict[str, Any]:
@@ -46,7 +46,7 @@ def names(pattern: str, order: Sequence[int]) -> list[str]:
 
 def test_a_clean_log_is_clean(arm):
     found = arm.examined(arm.table)
-    assert found.judgement == Judgement.OK
+    assert found.severity == Severity.OK
     assert len(found.findings) == 9
     assert found.edits == ()
     assert all("misfit" in f.figure and f.hypotheses for f in found.findings)
@@ -231,9 +231,9 @@ def test_a_payload_left_on(arm):
     found = arm.examined(with_payload(arm, 2.5))
     assert wrong(found) == ["payload"]
     assert not found.edits
-    finding = next(f for f in found.findings if f.suspicion == "payload")
+    finding = next(f for f in found.findings if f.check == "payload")
     assert "about 2.5 kg" in finding.says and "±" not in finding.says
-    assert finding.mend is not None and "--loaded" in finding.mend.says
+    assert finding.fix is not None and "--loaded" in finding.fix.says
     assert finding.picture is not None
 
 
@@ -270,7 +270,7 @@ def test_without_masses_nothing_is_told(arm):
     urdf = arm.path.parent / "demo_arm.urdf"
     urdf.write_text(re.sub(r"<inertial>.*?</inertial>", "", urdf.read_text(), flags=re.DOTALL))
     found = arm.examined(arm.table, known=False)
-    assert found.judgement == Judgement.OK
+    assert found.severity == Severity.OK
     assert {f.says for f in found.findings} == {UNKNOWN}
     assert len(found.findings) == 9
 
@@ -293,19 +293,19 @@ def test_friction_of_another_day(arm):
     alike = type(case)(case.loaded, (case.logs[0], tables[0]), case.reference)
     apart = type(case)(case.loaded, (case.logs[0], tables[1]), None)
     assert Drift()(case) == ()
-    assert [f.judgement for f in Drift()(alike)] == [Judgement.OK]
-    assert [f.judgement for f in Drift()(apart)] == [Judgement.DOUBTFUL]
+    assert [f.severity for f in Drift()(alike)] == [Severity.OK]
+    assert [f.severity for f in Drift()(apart)] == [Severity.DOUBTFUL]
 
 
 def test_what_a_log_shows(arm):
     found = Identifiability()(arm.case(arm.table))
-    assert [f.judgement for f in found] == [Judgement.OK]
+    assert [f.severity for f in found] == [Severity.OK]
     table = arm.table.copy()
     table[:, arm.at(Q)[0]] = table[0, arm.at(Q)[0]]
     table[:, arm.at(DQ)[0]] = 0.0
     (found,) = Identifiability()(arm.case(table))
-    assert found.judgement == Judgement.DOUBTFUL
-    assert "shoulder_turn" in found.mend.says
+    assert found.severity == Severity.DOUBTFUL
+    assert "shoulder_turn" in found.fix.says
 
 
 def test_bounded_friction_against_scipy():
@@ -353,7 +353,7 @@ def at_motors(arm, ratios) -> tuple[np.ndarray, str]:
 def test_a_gear_ratio_that_is_off(arm):
     ratios = np.array([50.0, 80.0, 50.0, -30.0, 30.0, 30.0])
     table, text = at_motors(arm, ratios)
-    assert arm.examined(table, text).judgement == Judgement.OK
+    assert arm.examined(table, text).severity == Severity.OK
     off = ratios.copy()
     off[1] = 50.0
     found = arm.examined(table, edited(text, [Edit(("robot", "transmission", "ratios"), off)]))
@@ -400,33 +400,33 @@ def test_what_nothing_explains_is_doubtful_once(arm):
     t = table[:, arm.columns.index("time_s")]
     table[:, arm.at(TAU)] = 20.0 * np.sin(np.outer(t, np.arange(1.1, 4.0, 0.5)))
     found = arm.examined(table, known=False)
-    assert [f.suspicion for f in found.findings if f.judgement] == ["effort kind"]
-    assert found.judgement == Judgement.DOUBTFUL
+    assert [f.check for f in found.findings if f.severity] == ["effort kind"]
+    assert found.severity == Severity.DOUBTFUL
     assert not any(f.answered for f in found.findings)
 
 
-def finding(log: str, judgement: Judgement, value: Any = None, answered: bool = True) -> Finding:
-    mend = None if value is None else Mend("say so", (Edit(("signals", "effort", "gain"), value),))
-    return Finding("gain", log, judgement, "", "", mend=mend, answered=answered)
+def finding(log: str, severity: Severity, value: Any = None, answered: bool = True) -> Finding:
+    fix = None if value is None else Fix("say so", (Edit(("signals", "effort", "gain"), value),))
+    return Finding("gain", log, severity, "", "", fix=fix, answered=answered)
 
 
 def test_one_robot_file_must_serve_all_logs():
-    bad, good = finding("a", Judgement.WRONG, [1.0, 2.0]), finding("b", Judgement.OK)
-    apart = together([bad, good])[0].mend
+    bad, good = finding("a", Severity.WRONG, [1.0, 2.0]), finding("b", Severity.OK)
+    apart = together([bad, good])[0].fix
     assert apart is not None and not apart.edits and "of its own" in apart.says
-    open_one = finding("b", Judgement.OK, answered=False)
+    open_one = finding("b", Severity.OK, answered=False)
     assert Diagnosis(together([bad, open_one])).edits[0].value == [1.0, 2.0]
-    others = [finding("b", Judgement.WRONG, [3.0, 2.0]), finding("c", Judgement.WRONG, [1.5, 2.5])]
-    merged = {tuple(f.mend.edits[0].value) for f in together([bad, *others]) if f.mend}
+    others = [finding("b", Severity.WRONG, [3.0, 2.0]), finding("c", Severity.WRONG, [1.5, 2.5])]
+    merged = {tuple(f.fix.edits[0].value) for f in together([bad, *others]) if f.fix}
     assert merged == {(1.5, 2.0)}
-    signs = [finding("a", Judgement.WRONG, [1, -1]), finding("b", Judgement.WRONG, [-1, 1])]
-    assert {tuple(f.mend.edits[0].value) for f in together(signs) if f.mend} == {(1, -1)}
+    signs = [finding("a", Severity.WRONG, [1, -1]), finding("b", Severity.WRONG, [-1, 1])]
+    assert {tuple(f.fix.edits[0].value) for f in together(signs) if f.fix} == {(1, -1)}
 
 
 def test_the_work_that_questions_share_is_named(arm):
     heard = []
     case = replace(arm.case(arm.table), progress=lambda event: heard.append(event) or True)
-    examine(case, suspicions=[MOUNTING, PAYLOAD])
+    examine(case, checks=[MOUNTING, PAYLOAD])
     told = [(e.phase, e.done, e.total, e.note) for e in heard if e.phase == COMPARING]
     assert told == [(COMPARING, 0, 1, "log"), (COMPARING, 1, 1, "log")]
 

@@ -11,7 +11,7 @@ import pytest
 from scipy.signal import lfilter
 
 from diagnosis.fitted import case, demo_arm, log
-from steelyard.diagnosis import Finding, Judgement
+from steelyard.diagnosis import Finding, Severity
 from steelyard.diagnosis.fitted.fitted_case import FittedCase
 from steelyard.diagnosis.fitted.model_error import ModelError, beginnings
 from steelyard.robot.robot import Body, Robot
@@ -59,10 +59,10 @@ def test_noise_alone_says_nothing(loaded: LoadedRobot, tmp_path: Path) -> None:
 
 def test_a_zero_offset_is_named_with_its_value(loaded: LoadedRobot, tmp_path: Path) -> None:
     (finding,) = found(loaded, tmp_path, offset=(0.0, 0.0, 0.1, 0.0, 0.0, 0.0))
-    assert finding.judgement == Judgement.DOUBTFUL and finding.joints == ("elbow",)
+    assert finding.severity == Severity.DOUBTFUL and finding.joints == ("elbow",)
     assert "zero offset of elbow 0.1" in finding.says and "x the measurement noise" in finding.says
-    assert finding.mend is not None
-    (edit,) = finding.mend.edits
+    assert finding.fix is not None
+    (edit,) = finding.fix.edits
     assert edit.path == ("signals", "position_offset")
     assert edit.value[2] == pytest.approx(0.1, abs=0.005)
     assert [x for k, x in enumerate(edit.value) if k != 2] == [0.0] * 5
@@ -77,7 +77,7 @@ def test_the_last_joint_turns_its_body_and_nothing_else(
 def test_a_longer_link_is_named(loaded: LoadedRobot, tmp_path: Path) -> None:
     body = loaded.robot.bodies[2]
     (finding,) = found(loaded, tmp_path, with_body(loaded.robot, 2, position=1.1 * body.position))
-    assert finding.judgement == Judgement.DOUBTFUL
+    assert finding.severity == Severity.DOUBTFUL
     assert "position of joint elbow" in finding.says
 
 
@@ -86,7 +86,7 @@ def test_a_tilted_axis_is_named(loaded: LoadedRobot, tmp_path: Path) -> None:
     turn = np.array([[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]])
     axes = turn if abs(body.axis[0]) < 0.9 else turn[[1, 2, 0]][:, [1, 2, 0]]
     (finding,) = found(loaded, tmp_path, with_body(loaded.robot, 4, rotation=body.rotation @ axes))
-    assert finding.judgement == Judgement.DOUBTFUL and "axis of joint wrist_bend" in finding.says
+    assert finding.severity == Severity.DOUBTFUL and "axis of joint wrist_bend" in finding.says
 
 
 @pytest.mark.parametrize("term", [Stribeck(speed=0.1), LoadDependent()], ids=lambda t: t.law)
@@ -95,7 +95,7 @@ def test_a_friction_law_that_lacks_is_a_remark(
 ) -> None:
     (finding,) = found(loaded, tmp_path, terms=(*DEFAULT_TERMS, term))
     assert "(worst joint: " in finding.says and "joints above 1.5 x)" in finding.says
-    assert finding.judgement == Judgement.OK and finding.headline
+    assert finding.severity == Severity.OK and finding.headline
     causes = finding.says.partition("not additive): ")[2]
     assert f"(term {term.law})" in causes.split(",")[0]
 
@@ -128,7 +128,7 @@ def test_large_residuals_beside_unknown_noise_are_said(
         ModelError()(replace(fitted, fitted_scores=(scored(fitted, percent),)))
         for percent in (5.0, 29.0)
     )
-    assert small == () and large[0].headline and large[0].judgement == Judgement.OK
+    assert small == () and large[0].headline and large[0].severity == Severity.OK
     assert "could not be compared" in large[0].says and "29 %" in large[0].says
 
 

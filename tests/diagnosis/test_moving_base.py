@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from steelyard.arrays import Array
 from steelyard.cli.app import app
 from steelyard.diagnosis import Diagnosis, examine
-from steelyard.diagnosis.finding import Finding, Judgement
+from steelyard.diagnosis.finding import Finding, Severity
 from steelyard.diagnosis.signals.moving_base import MovingBase, of_base
 from steelyard.identification.check_case import case_of, subject_of
 from steelyard.identification.logs import log_files
@@ -43,7 +43,7 @@ def logged(folder: Path, free: str, **more: Array) -> tuple[Path, Path]:
 def found(model: Path, log: Path) -> tuple[Finding, ...]:
     files = log_files([str(log)])
     case, _ = case_of(subject_of(str(model), files[0]), files, None, silent)
-    return examine(case, suspicions=[MovingBase()]).findings
+    return examine(case, checks=[MovingBase()]).findings
 
 
 def test_a_base_that_floats_in_the_model_is_said_to_be_assumed_at_rest(tmp_path: Path) -> None:
@@ -53,7 +53,7 @@ def test_a_base_that_floats_in_the_model_is_said_to_be_assumed_at_rest(tmp_path:
         "1 question could not be answered; base 'trunk' floats in the model, and is assumed to be "
         "at rest: not tested"
     )
-    assert not finding.judgement and not finding.answered
+    assert not finding.severity and not finding.answered
     assert finding.says == (
         "base 'trunk' floats in the model, and is assumed to be at rest: not tested"
     )
@@ -77,16 +77,16 @@ def test_an_inertial_sensor_tells_that_the_base_moves(
 ) -> None:
     model, log = logged(tmp_path, "<freejoint/>", **imu(turn, pull))
     (finding,) = found(model, log)
-    assert finding.judgement is Judgement.DOUBTFUL and finding.mend is not None
+    assert finding.severity is Severity.DOUBTFUL and finding.fix is not None
     assert "'trunk' is assumed to be at rest, but its sensor measures motion" in finding.says
     assert ("gyro" if turn else "acc") in finding.figure
-    assert "base fixed" in finding.mend.says
+    assert "base fixed" in finding.fix.says
 
 
 def test_a_noisy_sensor_at_rest_says_so(tmp_path: Path) -> None:
     model, log = logged(tmp_path, "<freejoint/>", **imu(0.0, 0.0))
     (finding,) = found(model, log)
-    assert not finding.judgement and finding.answered and "at rest" in finding.says
+    assert not finding.severity and finding.answered and "at rest" in finding.says
     files = log_files([str(log)])
     loaded = subject_of(str(model), files[0]).loaded
     assert of_base(loaded, (finding,)) == ()
@@ -97,7 +97,7 @@ def test_a_noisy_sensor_at_rest_says_so(tmp_path: Path) -> None:
 def test_degrees_are_told_by_the_name(tmp_path: Path) -> None:
     slow = {"imu_gyro_deg_x": np.sin(TIME)}
     (finding,) = found(*logged(tmp_path, "<freejoint/>", **slow))
-    assert not finding.judgement
+    assert not finding.severity
 
 
 def test_the_good_verdict_says_that_a_question_is_open(tmp_path: Path) -> None:

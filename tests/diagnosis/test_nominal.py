@@ -17,14 +17,14 @@ from diagnosis.test_model_based import (
     with_payload,
     wrong,
 )
-from steelyard.diagnosis import Edit, Judgement
-from steelyard.diagnosis.hypotheses import support
-from steelyard.diagnosis.hypotheses.evidence_kept import keeps_evidence
-from steelyard.diagnosis.hypotheses.possible import possible
-from steelyard.diagnosis.hypotheses.ranking import ranking
-from steelyard.diagnosis.hypotheses.verdict import verdict
-from steelyard.diagnosis.hypotheses.ways import _listed
+from steelyard.diagnosis import Edit, Severity
+from steelyard.diagnosis.decision import support as support
+from steelyard.diagnosis.decision.ranking import ranking
+from steelyard.diagnosis.decision.verdict import verdict
+from steelyard.diagnosis.hypotheses.alternatives import _listed
 from steelyard.diagnosis.knowledge import knowledge_of
+from steelyard.diagnosis.likelihood.evidence_kept import keeps_evidence
+from steelyard.diagnosis.likelihood.possible import possible
 from steelyard.report.text.findings import headline
 from steelyard.robot_file.edits import edited
 
@@ -54,12 +54,12 @@ def test_findings_hold_what_their_explanations_were_compared_with(arm, known):
 def test_a_clean_log_is_not_refused_for_wrong_masses(arm, factor):
     nominal_times(arm, factor)
     found = arm.examined(arm.table, known=False)
-    assert found.judgement <= Judgement.DOUBTFUL and not found.edits
-    for doubtful in (f for f in found.findings if f.judgement):
+    assert found.severity <= Severity.DOUBTFUL and not found.edits
+    for doubtful in (f for f in found.findings if f.severity):
         assert "links are" in doubtful.says and "efforts are off" in doubtful.says
     case = arm.case(arm.table, known=False)
     held = ranking(case, case.logs[0])
-    bodies = possible(held.trial, held.declared.reading)
+    bodies = possible(held.trial, held.declared.interpretation)
     assert bodies.scale * factor == pytest.approx(1.0, rel=0.3)
     assert bodies.percent < 4.0 < held.declared.percent
 
@@ -69,8 +69,8 @@ def test_currents_as_torques_are_refused_without_numbers(arm):
     table[:, arm.at(TAU)] /= GAINS
     found = arm.examined(table, known=False)
     assert wrong(found) == ["effort kind"] and not found.edits
-    mend = next(f.mend for f in found.findings if f.judgement)
-    assert mend is not None and 'gain = "identify"' in mend.says and "--loaded" in mend.says
+    fix = next(f.fix for f in found.findings if f.severity)
+    assert fix is not None and 'gain = "identify"' in fix.says and "--loaded" in fix.says
 
 
 @pytest.mark.parametrize("order", [[2, 1, 0, 3, 4, 5], [1, 2, 0, 3, 5, 4]])
@@ -123,15 +123,15 @@ def test_efforts_alone_in_another_order_are_not_hidden_by_wrong_masses(arm):
 
 
 def open_ones(found) -> list[str]:
-    return [f.suspicion for f in found.findings if not f.answered]
+    return [f.check for f in found.findings if not f.answered]
 
 
 @pytest.mark.parametrize("factor", [0.65, 1.0])
 def test_a_nominal_model_does_not_say_that_a_loaded_arm_is_empty(arm, factor):
     nominal_times(arm, factor)
     found = arm.examined(with_payload(arm, 1.0), known=False)
-    finding = next(f for f in found.findings if f.suspicion == "payload")
-    assert finding.judgement or not finding.answered
+    finding = next(f for f in found.findings if f.check == "payload")
+    assert finding.severity or not finding.answered
     assert "no fault" not in headline(found)
 
 
@@ -141,7 +141,7 @@ def test_a_right_nominal_model_answers_what_a_wrong_one_leaves_open(arm):
     table, noise = arm.table.copy(), np.random.default_rng(0).standard_normal(torque.shape)
     table[:, arm.at(TAU)] = torque + m.dq + 0.01 * torque.std(axis=0) * noise
     found = arm.examined(table, known=False)
-    assert found.judgement == Judgement.OK
+    assert found.severity == Severity.OK
     assert not {"payload", "mounting", "joint order", "effort sign"} & set(open_ones(found))
 
 
@@ -172,11 +172,9 @@ def test_an_order_that_rests_the_joint_in_motion_is_no_explanation(arm):
 def test_gains_that_no_log_fixes_are_doubtful(arm):
     text = edited(in_amperes(arm), [Edit(("signals", "effort", "gain"), "identify")])
     found = arm.examined(arm.table, text, known=False)
-    finding = next(f for f in found.findings if f.suspicion == "gain")
-    assert (
-        finding.judgement == Judgement.DOUBTFUL and "nothing determines the scale" in finding.says
-    )
-    assert finding.mend is not None and "--payload-mass" in finding.mend.says
+    finding = next(f for f in found.findings if f.check == "gain")
+    assert finding.severity == Severity.DOUBTFUL and "nothing determines the scale" in finding.says
+    assert finding.fix is not None and "--payload-mass" in finding.fix.says
     case = arm.case(arm.table, text, known=False)
     assert "identify demo_arm.toml log --loaded" in _listed(case, sure=True)
     assert "demo_arm.toml LOG... --loaded" in _listed(replace(case, logs=case.logs * 2), sure=True)
@@ -184,10 +182,8 @@ def test_gains_that_no_log_fixes_are_doubtful(arm):
     text = edited(in_amperes(arm), [Edit(("signals", "effort", "gain"), one)])
     table = arm.table.copy()
     table[:, arm.at(TAU)] /= GAINS
-    finding = next(
-        f for f in arm.examined(table, text, known=False).findings if f.suspicion == "gain"
-    )
-    assert finding.judgement == Judgement.OK or "do not show the gain" in finding.says
+    finding = next(f for f in arm.examined(table, text, known=False).findings if f.check == "gain")
+    assert finding.severity == Severity.OK or "do not show the gain" in finding.says
 
 
 def test_an_order_of_positions_or_of_efforts_is_written_with_a_margin_only(arm, monkeypatch):
@@ -195,19 +191,21 @@ def test_an_order_of_positions_or_of_efforts_is_written_with_a_margin_only(arm, 
     table[:, arm.at(TAU)] = arm.table[:, np.array(arm.at(TAU))[order]]
     case = arm.case(table, known=False)
     held = verdict(case, case.logs[0])
-    ((rival, judgement),) = held.winners
-    assert rival.fixed and judgement == Judgement.WRONG
+    ((hypothesis, severity),) = held.winners
+    assert hypothesis.fixed and severity == Severity.WRONG
     trial = held.ranking.trial
-    assert support._unrivalled(trial, [(rival, judgement)]) == [(rival, judgement)]
+    assert support._unrivalled(trial, [(hypothesis, severity)]) == [(hypothesis, severity)]
     monkeypatch.setattr(support, "MARGIN", 1e9)
-    ((rival, judgement),) = support._unrivalled(trial, [(rival, judgement)])
-    assert not rival.fixed and judgement == Judgement.DOUBTFUL
-    assert "efforts in the order" in rival.says and "columns of positions are" in rival.says
+    ((hypothesis, severity),) = support._unrivalled(trial, [(hypothesis, severity)])
+    assert not hypothesis.fixed and severity == Severity.DOUBTFUL
+    assert (
+        "efforts in the order" in hypothesis.says and "columns of positions are" in hypothesis.says
+    )
 
 
 def test_the_mirror_of_an_order_pairs_the_same_columns(arm):
     case = arm.case(arm.table, known=False)
-    before = ranking(case, case.logs[0]).declared.reading
+    before = ranking(case, case.logs[0]).declared.interpretation
     moved = before.changed(position=(1, 2, 0, 3, 5, 4))
     for after in (moved, before.changed(effort=(1, 2, 0, 3, 5, 4))):
         mirror = support._mirror(before, after)
@@ -253,7 +251,7 @@ def test_a_placeholder_for_speed_makes_no_degrees(arm, declared):
         text = re.sub(r"\nvelocity = .*", "", text)
     found = arm.examined(arm.table, text, known=False)
     assert not {"position", "velocity", "excitation"} & {
-        f.suspicion for f in found.findings if f.judgement
+        f.check for f in found.findings if f.severity
     }
 
 
@@ -265,9 +263,7 @@ def test_a_constant_pull_is_not_called_a_mounting(arm):
     q = table[:, arm.at(Q)]
     table[:, arm.at(TAU)] += pulls * np.cos(2.0 * q + 0.7)
     found = arm.examined(table, known=False)
-    assert not any(
-        f.suspicion == "mounting" and f.judgement is Judgement.WRONG for f in found.findings
-    )
+    assert not any(f.check == "mounting" and f.severity is Severity.WRONG for f in found.findings)
 
 
 @pytest.mark.parametrize("size", [0.0, 1e-12])
@@ -275,4 +271,4 @@ def test_efforts_of_no_size_end_in_a_finding(arm, size):
     table = arm.table.copy()
     table[:, arm.at(TAU)] *= size
     found = arm.examined(table, known=False)
-    assert not found.edits and found.judgement
+    assert not found.edits and found.severity

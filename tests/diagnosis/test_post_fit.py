@@ -2,23 +2,21 @@
 
 from typing import ClassVar, cast
 
-from steelyard.diagnosis import Finding, Judgement, Mend
+from steelyard.diagnosis import Finding, Fix, Severity
 from steelyard.diagnosis.fitted.post_fit import FittedCase, examine_fit
 from steelyard.report.content import ReportContent
-from steelyard.report.text.judgement import verdict
+from steelyard.report.text.verdict import verdict
 
 
 class Says:
     name: ClassVar[str] = "says"
 
-    def __init__(self, judgement: Judgement) -> None:
-        self.judgement = judgement
+    def __init__(self, severity: Severity) -> None:
+        self.severity = severity
 
     def __call__(self, case: FittedCase) -> tuple[Finding, ...]:
-        word = self.judgement.word
-        return (
-            Finding("says", "run 1", self.judgement, f"this is {word}", "3 Nm", (), Mend("A.")),
-        )
+        word = self.severity.word
+        return (Finding("says", "run 1", self.severity, f"this is {word}", "3 Nm", (), Fix("A.")),)
 
 
 def test_what_is_ok_does_not_qualify_and_the_worst_comes_first() -> None:
@@ -27,24 +25,24 @@ def test_what_is_ok_does_not_qualify_and_the_worst_comes_first() -> None:
     found = examine_fit(
         case,
         lambda event: bool(seen.append(event.phase)) or True,
-        [Says(Judgement.OK), Says(Judgement.DOUBTFUL), Says(Judgement.WRONG)],
+        [Says(Severity.OK), Says(Severity.DOUBTFUL), Says(Severity.WRONG)],
     )
-    assert [finding.judgement for finding in found] == [Judgement.WRONG, Judgement.DOUBTFUL]
+    assert [finding.severity for finding in found] == [Severity.WRONG, Severity.DOUBTFUL]
     assert len(seen) == 3
 
 
 def test_a_limitation_lowers_the_level_and_stands_beside_the_headline() -> None:
-    found = examine_fit(cast(FittedCase, None), checks=[Says(Judgement.WRONG)])
+    found = examine_fit(cast(FittedCase, None), checks=[Says(Severity.WRONG)])
     judged = verdict(ReportContent("title", "robot", limitations=found))
     assert judged.level == "poor"
     assert judged.limitations == (("run 1: this is wrong (3 Nm). A.", "poor"),)
-    doubtful = examine_fit(cast(FittedCase, None), checks=[Says(Judgement.DOUBTFUL)])
+    doubtful = examine_fit(cast(FittedCase, None), checks=[Says(Severity.DOUBTFUL)])
     assert verdict(ReportContent("title", "robot", limitations=doubtful)).level == "fair"
 
 
 def test_a_remark_stands_beside_the_headline_and_leaves_the_level() -> None:
-    remark = Finding("says", "", Judgement.OK, "residuals are 2 x the noise", "", headline=True)
-    plain = Finding("says", "", Judgement.OK, "all is well", "")
+    remark = Finding("says", "", Severity.OK, "residuals are 2 x the noise", "", headline=True)
+    plain = Finding("says", "", Severity.OK, "all is well", "")
 
     class Both:
         name: ClassVar[str] = "both"

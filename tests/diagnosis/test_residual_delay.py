@@ -5,8 +5,8 @@ import pytest
 
 from diagnosis.conftest import Arm
 from steelyard.arrays import Array
-from steelyard.diagnosis.finding import Judgement
-from steelyard.diagnosis.hypotheses.checks import EFFORT_DELAY
+from steelyard.diagnosis.decision.checks import EFFORT_DELAY
+from steelyard.diagnosis.finding import Severity
 from steelyard.diagnosis.residual_delay import residual_delay
 
 
@@ -23,9 +23,9 @@ def late(arm: Arm, seconds: Array) -> Array:
 def test_a_short_delay_is_found_without_a_reference(arm: Arm, delay: float) -> None:
     case = arm.case(late(arm, np.full(6, delay)), known=False)
     finding, *others = EFFORT_DELAY(case)
-    assert all(other.judgement == Judgement.OK for other in others)
-    assert finding.judgement == Judgement.WRONG and finding.mend is not None
-    (edit,) = finding.mend.edits
+    assert all(other.severity == Severity.OK for other in others)
+    assert finding.severity == Severity.WRONG and finding.fix is not None
+    (edit,) = finding.fix.edits
     assert edit.path == ("signals", "effort", "delay")
     assert edit.value == pytest.approx(delay, abs=3e-4)
     assert ("early" if delay < 0.0 else "late") in finding.says
@@ -40,8 +40,8 @@ def test_efforts_in_time_and_lags_that_differ_are_no_delay(arm: Arm) -> None:
 def test_a_declared_delay_is_counted_in(arm: Arm) -> None:
     text = arm.text.replace('unit = "Nm"', 'unit = "Nm"\ndelay = 0.01')
     finding = residual_delay(arm.case(late(arm, np.full(6, 0.014)), text, known=False), "x")
-    assert finding is not None and finding.mend is not None
-    assert finding.mend.edits[0].value == pytest.approx(0.014, abs=3e-4)
+    assert finding is not None and finding.fix is not None
+    assert finding.fix.edits[0].value == pytest.approx(0.014, abs=3e-4)
 
 
 def test_a_log_with_a_gap_is_not_asked(arm: Arm) -> None:

@@ -9,11 +9,11 @@ import pytest
 
 from diagnosis.fitted import case, demo_arm, log
 from steelyard.arrays import frozen
-from steelyard.diagnosis import Finding, Judgement
+from steelyard.diagnosis import Finding, Severity
 from steelyard.diagnosis.fitted.fitted_case import FittedCase
 from steelyard.diagnosis.fitted.last_link import LastLink
 from steelyard.diagnosis.fitted.runs_disagree import RunsDisagree
-from steelyard.estimation.estimate import Estimate, Standard
+from steelyard.estimation.estimate import Estimate, StandardEstimate
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.measurement import Run
 from steelyard.parameters import Parameters
@@ -53,7 +53,7 @@ def test_runs_of_one_robot_agree_whatever_its_friction(loaded: LoadedRobot, tmp_
 def test_runs_of_two_robots_disagree(loaded: LoadedRobot, tmp_path: Path) -> None:
     truths = random_truth(loaded.robot, 1), random_truth(loaded.robot, 2)
     (finding,) = found(loaded, tmp_path, *truths)
-    assert finding.judgement == Judgement.WRONG and finding.log == ""
+    assert finding.severity == Severity.WRONG and finding.log == ""
     assert "two robots" in finding.says and "run1 and run2 differ" in finding.says
 
 
@@ -75,7 +75,7 @@ def weighed(loaded: LoadedRobot, *masses: float, learned: float = 0.9) -> tuple[
     values = [m * b.inertia.mass for m, b in zip(masses, bodies, strict=True)]
     named = Parameters([f"m.{b.name}" for b in bodies], ["kg"] * len(bodies), values)
     spread = frozen(np.diag(np.square(0.05 * np.array(values))))
-    standard = Standard(named, spread, frozen(np.full(len(bodies), learned)))
+    standard = StandardEstimate(named, spread, frozen(np.full(len(bodies), learned)))
     estimate = replace(
         Estimate("", named, spread, (), np.ones(6), np.ones(6), 1.0, 1.0), standard=standard
     )
@@ -87,7 +87,7 @@ def weighed(loaded: LoadedRobot, *masses: float, learned: float = 0.9) -> tuple[
 
 def test_a_last_link_that_is_much_heavier_than_the_file_says(loaded: LoadedRobot) -> None:
     (finding,) = weighed(loaded, 1.0, 0.8, 1.1, 0.9, 1.0, 3.5)
-    assert finding.judgement == Judgement.DOUBTFUL
+    assert finding.severity == Severity.DOUBTFUL
     assert "(flange) is estimated 1 kg heavier than in the model file" in finding.says
 
 

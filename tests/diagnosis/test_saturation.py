@@ -7,7 +7,7 @@ import pytest
 
 from diagnosis.test_signals import case_of, sound
 from steelyard.arrays import Array
-from steelyard.diagnosis.finding import Finding, Judgement
+from steelyard.diagnosis.finding import Finding, Severity
 from steelyard.diagnosis.signals.saturation import Saturation
 
 SLOW = 2.0 * np.pi * 0.1 * np.arange(4000) / 100.0
@@ -36,7 +36,7 @@ def test_a_coarse_effort_is_not_cut_off(
 ) -> None:
     effort = WAVES[wave] / np.ptp(WAVES[wave])
     effort = effort + noise * np.random.default_rng(1).normal(size=len(effort))
-    assert asked(tmp_path, np.round(effort / step) * step).judgement == Judgement.OK
+    assert asked(tmp_path, np.round(effort / step) * step).severity == Severity.OK
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.003])
@@ -48,11 +48,11 @@ def test_an_effort_that_is_cut_off_is_found(
     effort = 0.5 * WAVES["sine"] + noise * np.random.default_rng(1).normal(size=len(SLOW))
     effort = sign * np.minimum(np.round(effort / step) * step, limit)
     found = asked(tmp_path, effort)
-    assert found.judgement == Judgement.DOUBTFUL and found.joints == ("joint_3",)
+    assert found.severity == Severity.DOUBTFUL and found.joints == ("joint_3",)
     assert f"stays at {sign * limit:.4g} Nm" in found.says
 
 
 def test_a_torque_that_is_switched_is_not_cut_off(tmp_path: Path) -> None:
     effort = 1e-3 * np.sin(7.0 * SLOW)
     effort[500:620], effort[900:1020] = 1.0, -1.0
-    assert asked(tmp_path, effort).judgement == Judgement.OK
+    assert asked(tmp_path, effort).severity == Severity.OK

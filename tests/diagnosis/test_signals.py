@@ -1,4 +1,4 @@
-"""Suspicions that need no model, on an invented log with one fault at a time."""
+"""Checks that need no model, on an invented log with one fault at a time."""
 
 import re
 from collections.abc import Callable
@@ -12,8 +12,8 @@ import pytest
 from steelyard.arrays import Array
 from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.examine import Diagnosis, examine
-from steelyard.diagnosis.finding import Finding, Judgement
-from steelyard.diagnosis.register import SUSPICIONS
+from steelyard.diagnosis.finding import Finding, Severity
+from steelyard.diagnosis.register import CHECKS
 from steelyard.diagnosis.signals.clock import Clock
 from steelyard.diagnosis.signals.excitation import Excitation
 from steelyard.diagnosis.signals.noise import Noise
@@ -106,11 +106,11 @@ def case_of(
 
 
 def diagnosis(folder: Path, table: Array, text: str = ROBOT) -> Diagnosis:
-    return examine(case_of(folder, table, text), suspicions=OWN)
+    return examine(case_of(folder, table, text), checks=OWN)
 
 
-def of(found: Diagnosis, suspicion: str) -> Finding:
-    return next(f for f in found.findings if f.suspicion == suspicion)
+def of(found: Diagnosis, check: str) -> Finding:
+    return next(f for f in found.findings if f.check == check)
 
 
 def scaled(columns: slice | int, factor: float) -> Change:
@@ -200,8 +200,8 @@ def still(table: Array) -> Array:
 SIGNALS = "signals"
 DEGREES = 180.0 / np.pi
 WITHOUT = {"velocity": None, "velocity_unit": None, "velocity_sign": None}
-WRONG, DOUBTFUL = Judgement.WRONG, Judgement.DOUBTFUL
-FAULTS: dict[str, tuple[Change, str, Judgement, dict[str, Any], tuple[int, ...]]] = {
+WRONG, DOUBTFUL = Severity.WRONG, Severity.DOUBTFUL
+FAULTS: dict[str, tuple[Change, str, Severity, dict[str, Any], tuple[int, ...]]] = {
     "milliseconds": (scaled(0, 1e3), "clock", WRONG, {"time_unit": "ms"}, ()),
     "microseconds": (scaled(0, 1e6), "clock", WRONG, {"time_unit": "us"}, ()),
     "jitter": (jittery, "clock", DOUBTFUL, {}, ()),
@@ -249,7 +249,7 @@ def test_joints_that_turn_round_together_do_not_rest(tmp_path: Path) -> None:
 
 
 def test_they_are_registered_and_quick() -> None:
-    registered = {type(s) for s in SUSPICIONS}
+    registered = {type(s) for s in CHECKS}
     assert {type(s) for s in OWN} <= registered
     assert all(s.quick for s in OWN)
 
@@ -257,8 +257,8 @@ def test_they_are_registered_and_quick() -> None:
 @pytest.mark.parametrize("seed", range(5))
 def test_a_sound_log_is_ok(tmp_path: Path, seed: int) -> None:
     found = diagnosis(tmp_path, sound(seed=seed))
-    assert [f.says for f in found.findings if f.judgement] == []
-    assert [f.suspicion for f in found.findings] == [s.name for s in OWN]
+    assert [f.says for f in found.findings if f.severity] == []
+    assert [f.check for f in found.findings] == [s.name for s in OWN]
     ends = re.findall(r"([\d.]+) s at", of(found, "rests").says)
     assert [float(end) for end in ends] == pytest.approx([2.0, 2.0], abs=0.11)
     assert found.edits == ()
@@ -266,20 +266,20 @@ def test_a_sound_log_is_ok(tmp_path: Path, seed: int) -> None:
 
 @pytest.mark.parametrize("fault", list(FAULTS))
 def test_a_fault_is_found_alone_with_its_mend(tmp_path: Path, fault: str) -> None:
-    change, suspicion, judgement, edits, joints = FAULTS[fault]
+    change, check, severity, edits, joints = FAULTS[fault]
     table = change(sound())
     found = diagnosis(tmp_path, table)
-    about = of(found, suspicion)
-    assert about.judgement == judgement
+    about = of(found, check)
+    assert about.severity == severity
     assert about.joints == tuple(f"joint_{k}" for k in joints)
-    assert about.mend is not None
-    assert {e.path: e.value for e in about.mend.edits} == {
+    assert about.fix is not None
+    assert {e.path: e.value for e in about.fix.edits} == {
         (SIGNALS, key): value for key, value in edits.items()
     }
-    assert [f.suspicion for f in found.findings if f.judgement] == [suspicion]
+    assert [f.check for f in found.findings if f.severity] == [check]
     if edits:
-        mended = diagnosis(tmp_path, table, edited(ROBOT, about.mend.edits))
-        assert mended.judgement == Judgement.OK
+        corrected = diagnosis(tmp_path, table, edited(ROBOT, about.fix.edits))
+        assert corrected.severity == Severity.OK
 
 
 @pytest.mark.parametrize("fault", list(FAULTS))
@@ -295,14 +295,14 @@ def test_every_picture_is_small_and_whole(tmp_path: Path, fault: str) -> None:
 
 @pytest.mark.parametrize("fault", ["milliseconds", "microseconds", "degrees", "one in degrees"])
 def test_units_are_told_without_velocities(tmp_path: Path, fault: str) -> None:
-    change, suspicion, judgement, edits, _ = FAULTS[fault]
+    change, check, severity, edits, _ = FAULTS[fault]
     text = ROBOT.replace('velocity = "dq{}"\n', "")
     found = diagnosis(tmp_path, change(sound()), text)
-    about = of(found, suspicion)
-    assert about.judgement == judgement
-    assert about.mend is not None
-    assert {e.path[-1]: e.value for e in about.mend.edits} == edits
-    assert not any(f.suspicion == "velocity" for f in found.findings)
+    about = of(found, check)
+    assert about.severity == severity
+    assert about.fix is not None
+    assert {e.path[-1]: e.value for e in about.fix.edits} == edits
+    assert not any(f.check == "velocity" for f in found.findings)
 
 
 @pytest.mark.parametrize(
@@ -320,7 +320,7 @@ def test_units_that_are_declared_wrongly(
 ) -> None:
     text = ROBOT.replace('position = "q{}"', f'position = "q{{}}"\n{line}')
     found = diagnosis(tmp_path, change(sound()), text)
-    assert found.judgement == Judgement.WRONG
+    assert found.severity == Severity.WRONG
     assert {e.path: e.value for e in found.edits} == {(SIGNALS, edit[0]): edit[1]}
 
 
@@ -328,7 +328,7 @@ def test_the_lag_of_velocities_that_are_left_out_is_a_fact(tmp_path: Path) -> No
     text = ROBOT.replace('velocity = "dq{}"\n', "")
     case = case_of(tmp_path, late(sound()), text, guesses=True)
     (found,) = Velocity()(case)
-    assert found.judgement == Judgement.OK
+    assert found.severity == Severity.OK
     assert "left out" in found.says
     assert "late" in found.says
     agreed = reading(case, case.logs[0]).agreement
@@ -338,10 +338,10 @@ def test_the_lag_of_velocities_that_are_left_out_is_a_fact(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize(
-    ("places", "judgement"), [(0, Judgement.OK), (8, Judgement.DOUBTFUL), (40, Judgement.WRONG)]
+    ("places", "severity"), [(0, Severity.OK), (8, Severity.DOUBTFUL), (40, Severity.WRONG)]
 )
 def test_rows_lost_before_stamps_were_made_even_are_found(
-    tmp_path: Path, places: int, judgement: Judgement
+    tmp_path: Path, places: int, severity: Severity
 ) -> None:
     table = sound(200.0)
     keep = np.ones(len(table), dtype=np.bool_)
@@ -351,8 +351,8 @@ def test_rows_lost_before_stamps_were_made_even_are_found(
     table = table[keep]
     table[:, 0] = stamps
     found = diagnosis(tmp_path, table)
-    assert of(found, "clock").judgement == judgement
-    assert of(found, "velocity").judgement == Judgement.OK
+    assert of(found, "clock").severity == severity
+    assert of(found, "velocity").severity == Severity.OK
     assert ("jump" in of(found, "clock").says) == (places > 0)
     assert not found.edits
 
@@ -374,10 +374,10 @@ def test_velocities_that_are_differences_of_positions_are_doubtful(
         table[rows, DQ] = slope
     (found,) = Velocity()(case_of(tmp_path, table))
     differ = "differences of each position" in found.says
-    assert (found.judgement, differ) == (
-        (Judgement.OK, False) if kind == "central" else (Judgement.DOUBTFUL, True)
+    assert (found.severity, differ) == (
+        (Severity.OK, False) if kind == "central" else (Severity.DOUBTFUL, True)
     )
-    assert kind == "central" or {e.path[-1] for e in found.mend.edits} >= {"velocity"}
+    assert kind == "central" or {e.path[-1] for e in found.fix.edits} >= {"velocity"}
 
 
 def test_the_standard_error_of_the_lag_is_honest(tmp_path: Path) -> None:
@@ -399,7 +399,7 @@ def test_every_order_of_the_velocities_is_found(tmp_path: Path) -> None:
         table = sound(seed=seed)
         table[:, DQ] = table[:, DQ][:, order]
         (found,) = Velocity()(case_of(tmp_path, table))
-        edits = () if found.mend is None else found.mend.edits
+        edits = () if found.fix is None else found.fix.edits
         wanted = [f"dq{k + 1}" for k in np.argsort(order)]
         said = edits[0].value if edits else ["dq1", "dq2", "dq3"]
         assert said == wanted
@@ -410,9 +410,9 @@ def test_slow_stamps_are_told_from_a_slow_log(tmp_path: Path) -> None:
     fast[:, 0] *= 1e3
     found = diagnosis(tmp_path, fast)
     clock = of(found, "clock")
-    assert clock.mend is not None
-    assert [e.value for e in clock.mend.edits] == ["ms"]
-    assert of(diagnosis(tmp_path, sound(rate=5.0, duration=200.0)), "clock").judgement == 0
+    assert clock.fix is not None
+    assert [e.value for e in clock.fix.edits] == ["ms"]
+    assert of(diagnosis(tmp_path, sound(rate=5.0, duration=200.0)), "clock").severity == 0
 
 
 def test_motor_side_positions_are_told(tmp_path: Path) -> None:
@@ -429,10 +429,10 @@ def test_motor_side_positions_are_told(tmp_path: Path) -> None:
     log = HeldLog(tmp_path / "run.csv", columns, table)
     evidence = Evidence(Recording(log, loaded.signals), Processing(), "run")
     (found,) = Position()(Case(loaded, (evidence,)))
-    assert found.judgement == Judgement.WRONG
+    assert found.severity == Severity.WRONG
     assert "look like motors'" in found.says
-    assert found.mend is not None
-    assert 'coordinates = "motor"' in found.mend.says
+    assert found.fix is not None
+    assert 'coordinates = "motor"' in found.fix.says
     assert case.loaded.signals is not None
     geared = named.replace(
         "[signals]", "[robot.transmission]\nratios = [100, 100, 100]\n\n[signals]"
@@ -443,7 +443,7 @@ def test_motor_side_positions_are_told(tmp_path: Path) -> None:
     assert loaded.signals is not None
     evidence = Evidence(Recording(log, loaded.signals), Processing(), "run")
     (found,) = Position()(Case(loaded, (evidence,)))
-    assert found.judgement == Judgement.OK
+    assert found.severity == Severity.OK
     assert "motor-side signals, ratios 100 100 100" in found.says
 
 
@@ -451,17 +451,17 @@ def test_positions_outside_their_limits_are_doubtful(tmp_path: Path) -> None:
     table = sound()
     table[:, 2] += 2.5
     (found,) = Position()(case_of(tmp_path, table))
-    assert found.judgement == Judgement.DOUBTFUL
+    assert found.severity == Severity.DOUBTFUL
     assert found.joints == ("joint_2",)
-    assert found.mend is not None
-    assert "position_offset" in found.mend.says
+    assert found.fix is not None
+    assert "position_offset" in found.fix.says
 
 
 def test_a_corrupt_head_is_told_and_harmless(tmp_path: Path) -> None:
     table = sound()
     table[1:15, 1:] = 1e250
     found = diagnosis(tmp_path, table)
-    assert found.judgement == Judgement.OK
+    assert found.severity == Severity.OK
     assert of(found, "rows").says == "14 broken rows in the head (rows 1 to 14), dropped"
 
 
@@ -469,9 +469,9 @@ def test_nothing_moves(tmp_path: Path) -> None:
     table = sound()
     table[:, 1:7] = 1e-5 * np.random.default_rng(7).normal(size=(len(table), 6))
     found = diagnosis(tmp_path, table)
-    assert of(found, "excitation").judgement == Judgement.WRONG
+    assert of(found, "excitation").severity == Severity.WRONG
     assert "no joint moves" in of(found, "rows").says
-    assert [f.suspicion for f in found.findings if f.judgement] == ["excitation"]
+    assert [f.check for f in found.findings if f.severity] == ["excitation"]
 
 
 def test_joints_may_move_in_different_logs(tmp_path: Path) -> None:
@@ -479,10 +479,10 @@ def test_joints_may_move_in_different_logs(tmp_path: Path) -> None:
     first[:, [1, 4]], second[:, [2, 3, 5, 6]] = 0.5, 0.5
     a, b = case_of(tmp_path, first), case_of(tmp_path, second)
     found = Excitation()(Case(a.loaded, (*a.logs, *b.logs)))
-    assert [f.judgement for f in found] == [Judgement.OK] * 3
+    assert [f.severity for f in found] == [Severity.OK] * 3
     assert found[-1].says == "every joint moves"
     found = Excitation()(Case(a.loaded, (*a.logs, *a.logs)))
-    assert found[-1].judgement == Judgement.DOUBTFUL
+    assert found[-1].severity == Severity.DOUBTFUL
     assert found[-1].joints == ("joint_1",)
 
 
@@ -493,14 +493,14 @@ def test_short_logs_do_no_harm(tmp_path: Path, rows: int) -> None:
         assert Velocity()(case_of(tmp_path, table)) == ()
         return
     found = diagnosis(tmp_path, sound()[:rows])
-    assert found.judgement == Judgement.WRONG
+    assert found.severity == Severity.WRONG
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e300])
 def test_garbage_alone_does_no_harm(tmp_path: Path, value: float) -> None:
     found = diagnosis(tmp_path, np.full((2000, 10), value))
-    assert of(found, "rows").judgement == Judgement.WRONG
-    assert of(found, "clock").judgement == Judgement.WRONG
+    assert of(found, "rows").severity == Severity.WRONG
+    assert of(found, "clock").severity == Severity.WRONG
 
 
 def test_names_of_columns_speak_for_their_units() -> None:
@@ -518,9 +518,9 @@ def test_names_of_columns_speak_for_their_units() -> None:
 
 def test_a_declared_delay_of_velocities_is_held_against_the_log(tmp_path: Path) -> None:
     declared = ROBOT.replace('velocity = "dq{}"', 'velocity = "dq{}"\nvelocity_delay = 0.05')
-    assert of(diagnosis(tmp_path, late(sound()), declared), "velocity").judgement == Judgement.OK
+    assert of(diagnosis(tmp_path, late(sound()), declared), "velocity").severity == Severity.OK
     found = of(diagnosis(tmp_path, sound(), declared), "velocity")
-    assert found.judgement == Judgement.DOUBTFUL and "late" in found.says
+    assert found.severity == Severity.DOUBTFUL and "late" in found.says
 
 
 def test_other_effort_columns_are_named(tmp_path: Path) -> None:
@@ -531,5 +531,5 @@ def test_other_effort_columns_are_named(tmp_path: Path) -> None:
     (evidence,) = case.logs
     recording = replace(evidence.recording, log=HeldLog(Path("log"), names, wide))
     (finding,) = Noise()(replace(case, logs=(replace(evidence, recording=recording),)))
-    assert finding.judgement == WRONG and finding.joints == ("joint_2",)
-    assert finding.mend is not None and finding.mend.says.endswith("has 'current{}_A' too")
+    assert finding.severity == WRONG and finding.joints == ("joint_2",)
+    assert finding.fix is not None and finding.fix.says.endswith("has 'current{}_A' too")

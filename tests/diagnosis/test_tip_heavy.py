@@ -8,10 +8,10 @@ from typer.testing import CliRunner
 
 from steelyard.arrays import Array
 from steelyard.cli.app import app
-from steelyard.diagnosis import Diagnosis, Judgement, examine
+from steelyard.diagnosis import Diagnosis, Severity, examine
 from steelyard.diagnosis.case import Case, Evidence
+from steelyard.diagnosis.decision.checks import EFFORT_KIND, EFFORT_SIGN, PAYLOAD
 from steelyard.diagnosis.finding import Finding
-from steelyard.diagnosis.hypotheses.checks import EFFORT_KIND, EFFORT_SIGN, PAYLOAD
 from steelyard.formats.register import open_log
 from steelyard.measurement import Processing, Recording
 from steelyard.measurement.recording import HeldLog
@@ -64,19 +64,19 @@ def examined(path: Path, tip: float, columns: tuple[str, ...], table: Array) -> 
     evidence = Evidence(
         Recording(HeldLog(Path("log"), columns, table), signals), Processing(), "log"
     )
-    return examine(Case(loaded, (evidence,), None), suspicions=ASKED)
+    return examine(Case(loaded, (evidence,), None), checks=ASKED)
 
 
-def named(found: Diagnosis, suspicion: str) -> Finding:
-    (finding,) = [f for f in found.findings if f.suspicion == suspicion]
+def named(found: Diagnosis, check: str) -> Finding:
+    (finding,) = [f for f in found.findings if f.check == check]
     return finding
 
 
 def test_a_lighter_last_link_is_said_and_not_suspicious(tmp_path: Path, log) -> None:
     found = examined(tmp_path / "arm.urdf", 1.25, *log)
-    assert found.judgement == Judgement.OK and not found.edits
+    assert found.severity == Severity.OK and not found.edits
     finding = named(found, "payload")
-    assert not finding.answered and finding.mend is None
+    assert not finding.answered and finding.fix is None
     assert "'link6'" in finding.says and "lighter" in finding.says
 
 
@@ -86,7 +86,7 @@ def test_a_factor_that_the_last_link_explains_as_well_is_open(tmp_path: Path, lo
     # such efforts as an arm of the model file has whose last link is 1.5 times lighter
     table[:, efforts] *= 1.6
     found = examined(tmp_path / "arm.urdf", 0.9, columns, table)
-    assert found.judgement == Judgement.OK and not found.edits
+    assert found.severity == Severity.OK and not found.edits
 
 
 def test_factors_that_no_link_explains_stay_wrong(tmp_path: Path, log) -> None:
@@ -94,7 +94,7 @@ def test_factors_that_no_link_explains_stay_wrong(tmp_path: Path, log) -> None:
     efforts = [k for k, name in enumerate(columns) if name.startswith("tau")]
     table[:, efforts] *= 0.05
     found = examined(tmp_path / "arm.urdf", 0.6, columns, table)
-    assert named(found, "effort kind").judgement == Judgement.WRONG and not found.edits
+    assert named(found, "effort kind").severity == Severity.WRONG and not found.edits
 
 
 @pytest.mark.parametrize("joint", [2, 4])
@@ -102,6 +102,6 @@ def test_a_sign_is_not_taken_for_another_last_link(tmp_path: Path, log, joint: i
     columns, table = log[0], log[1].copy()
     table[:, columns.index(f"tau{joint}_Nm")] *= -1.0
     found = examined(tmp_path / "arm.urdf", 0.6, columns, table)
-    assert named(found, "effort sign").judgement == Judgement.WRONG
+    assert named(found, "effort sign").severity == Severity.WRONG
     gain = [-1.0 if k == joint else 1.0 for k in range(1, 7)]
     assert [edit.value for edit in found.edits] == [gain]

@@ -20,7 +20,7 @@ from diagnosis.test_signals import (
 )
 from steelyard.arrays import Array
 from steelyard.diagnosis.examine import examine
-from steelyard.diagnosis.finding import Judgement
+from steelyard.diagnosis.finding import Severity
 from steelyard.diagnosis.signals.clock import Clock
 from steelyard.diagnosis.signals.position import Position
 from steelyard.diagnosis.signals.velocity import Velocity
@@ -40,11 +40,11 @@ def named(text: str, unit: str) -> tuple[str, tuple[str, ...]]:
 
 def units_found(
     folder: Path, table: Array, text: str, columns: tuple[str, ...] = COLUMNS
-) -> tuple[Judgement, dict[str, Any]]:
-    """The worst judgement on positions and velocities, and the changes that are proposed."""
+) -> tuple[Severity, dict[str, Any]]:
+    """The worst severity on positions and velocities, and the changes that are proposed."""
     case = case_of(folder, table, text, columns=columns)
-    found = examine(case, suspicions=(Clock(), Position(), Velocity()))
-    return found.judgement, {edit.path[-1]: edit.value for edit in found.edits}
+    found = examine(case, checks=(Clock(), Position(), Velocity()))
+    return found.severity, {edit.path[-1]: edit.value for edit in found.edits}
 
 
 def in_degrees(table: Array) -> Array:
@@ -72,14 +72,14 @@ def alone(table: Array, rest: float = 0.0) -> Array:
 def test_degrees_are_told_whatever_the_columns_are_called(
     tmp_path: Path, text: str, unit: str
 ) -> None:
-    judgement, edits = units_found(tmp_path, in_degrees(sound()), *named(text, unit))
+    severity, edits = units_found(tmp_path, in_degrees(sound()), *named(text, unit))
     if (
         unit == "rad" and text == UNLIMITED
     ):  # names and velocities speak for rad, only speed against
-        assert (judgement, edits) == (DOUBTFUL, {})
+        assert (severity, edits) == (DOUBTFUL, {})
     else:
         wanted = {"position_unit": "deg"} if text == LEFT_OUT else IN_DEG
-        assert (judgement, edits) == (WRONG, wanted)
+        assert (severity, edits) == (WRONG, wanted)
 
 
 @pytest.mark.parametrize("unit", ["rad", "deg"])
@@ -94,23 +94,23 @@ def test_radians_declared_as_degrees_are_told_by_velocities(tmp_path: Path, unit
 
 @pytest.mark.parametrize("text", [UNLIMITED, LEFT_OUT])
 def test_a_joint_without_limits_may_turn_as_far_as_it_likes(tmp_path: Path, text: str) -> None:
-    assert units_found(tmp_path, turning(sound()), text) == (Judgement.OK, {})
+    assert units_found(tmp_path, turning(sound()), text) == (Severity.OK, {})
     declared = text.replace('position = "q{}"', 'position = "q{}"\nposition_unit = "deg"').replace(
         'velocity = "dq{}"', 'velocity = "dq{}"\nvelocity_unit = "deg/s"'
     )
-    assert units_found(tmp_path, in_degrees(turning(sound())), declared) == (Judgement.OK, {})
-    assert units_found(tmp_path, turning(sound(), 20.0), text) == (Judgement.OK, {})
+    assert units_found(tmp_path, in_degrees(turning(sound())), declared) == (Severity.OK, {})
+    assert units_found(tmp_path, turning(sound(), 20.0), text) == (Severity.OK, {})
 
 
 def test_a_joint_with_limits_may_not(tmp_path: Path) -> None:
-    assert units_found(tmp_path, turning(sound()), ROBOT)[0] != Judgement.OK
+    assert units_found(tmp_path, turning(sound()), ROBOT)[0] != Severity.OK
 
 
 @pytest.mark.parametrize("lines", ["", 'velocity = "dq{}"\n'])
 def test_placeholders_for_limits_of_speed_say_little(tmp_path: Path, lines: str) -> None:
     text = re.sub(r"velocity = [\d.]+}", "velocity = 0.1}", ROBOT)
     text = text.replace('velocity = "dq{}"\n', lines)
-    assert units_found(tmp_path, sound(), text) == (Judgement.OK, {})
+    assert units_found(tmp_path, sound(), text) == (Severity.OK, {})
     edits = IN_DEG if lines else {"position_unit": "deg"}
     assert units_found(tmp_path, in_degrees(sound()), text) == (WRONG, edits)
 
@@ -120,7 +120,7 @@ def test_placeholders_for_limits_of_speed_say_little(tmp_path: Path, lines: str)
 def test_joints_that_rest_have_the_units_of_the_one_that_moves(
     tmp_path: Path, text: str, rest: float
 ) -> None:
-    assert units_found(tmp_path, alone(sound(), rest), text) == (Judgement.OK, {})
+    assert units_found(tmp_path, alone(sound(), rest), text) == (Severity.OK, {})
     wanted = {"position_unit": "deg"} if text == LEFT_OUT else IN_DEG
     assert units_found(tmp_path, in_degrees(alone(sound(), rest)), text) == (WRONG, wanted)
 
@@ -128,10 +128,10 @@ def test_joints_that_rest_have_the_units_of_the_one_that_moves(
 def test_units_are_the_same_for_all_joints_where_two_readings_fit_alike(tmp_path: Path) -> None:
     text = LEFT_OUT.replace('position = "q{}"', 'position = "q{}"\nposition_unit = "deg"')
     case = case_of(tmp_path, sound(), text, guesses=True)
-    found = examine(case, suspicions=(Clock(), Position(), Velocity()))
+    found = examine(case, checks=(Clock(), Position(), Velocity()))
     assert all(isinstance(edit.value, str) for edit in found.edits)
     mixed = text.replace('"deg"', '["rad", "deg", "rad"]')
-    assert units_found(tmp_path, scaled(2, DEGREES)(sound()), mixed) == (Judgement.OK, {})
+    assert units_found(tmp_path, scaled(2, DEGREES)(sound()), mixed) == (Severity.OK, {})
 
 
 @pytest.mark.parametrize("limits", ["joint_2 = {lower = -0.8, upper = 0.8, velocity = 1.0}\n", ""])
@@ -141,7 +141,7 @@ def test_millimetres_are_told(tmp_path: Path, limits: str) -> None:
     text = text.replace("[signals]", f"[robot.limits]\n{limits}\n[signals]", 1)
     table = sound()
     table[:, [2, 5]] *= 0.5
-    assert units_found(tmp_path, table.copy(), text) == (Judgement.OK, {})
+    assert units_found(tmp_path, table.copy(), text) == (Severity.OK, {})
     table[:, [2, 5]] *= 1e3
     edits = {"position_unit": "mm", "velocity_unit": "mm/s"}
     assert units_found(tmp_path, table, text) == (WRONG, edits)
@@ -151,4 +151,4 @@ def test_positions_called_motors_are_not_taken_for_degrees(tmp_path: Path) -> No
     text = LEFT_OUT.replace('"q{}"', '"q_motor{}"')
     columns = tuple(c.replace("q", "q_motor") if c[0] == "q" else c for c in COLUMNS)
     assert units_found(tmp_path, scaled(Q, 100.0)(sound()), text, columns) == (WRONG, {})
-    assert units_found(tmp_path, sound(), text, columns) == (Judgement.OK, {})
+    assert units_found(tmp_path, sound(), text, columns) == (Severity.OK, {})

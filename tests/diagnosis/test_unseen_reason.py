@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from steelyard.arrays import Array
-from steelyard.diagnosis import Finding, Judgement
+from steelyard.diagnosis import Finding, Severity
 from steelyard.diagnosis.fitted.post_fit import FittedCase, examine_fit
 from steelyard.diagnosis.fitted.unseen_reason import UnseenReason, _one_file
 from steelyard.robot.inertia import Inertia
@@ -49,14 +49,14 @@ def test_a_load_is_named_with_its_mass(arm, mass):
         f"most likely reason of the error: the arm carries a load of about {mass:.2g} kg"
         in found.says
     )
-    assert found.suspicion == UnseenReason.name and found.log == "log"
-    assert found.mend is not None and "steelyard payload" in found.mend.says
+    assert found.check == UnseenReason.name and found.log == "log"
+    assert found.fix is not None and "steelyard payload" in found.fix.says
 
 
 def test_another_robot_is_not_called_a_gain(arm):
     (found,) = found_in(arm, of(arm, random_truth(arm.robot, 80)))
     assert "no cause of the error was found; tested: a load" in found.says
-    assert "may come from another robot" in found.says and found.judgement
+    assert "may come from another robot" in found.says and found.severity
     assert "times the residuals of the fit" in found.figure
 
 
@@ -74,10 +74,10 @@ def test_logs_of_one_name_in_two_folders_are_two_files(one: str, other: str, sam
 
 
 def test_a_doubt_about_the_fitted_log_comes_before_another_robot(arm):
-    doubt = Finding("effort sign", "first", Judgement.DOUBTFUL, "all joints turned", "")
+    doubt = Finding("effort sign", "first", Severity.DOUBTFUL, "all joints turned", "")
     (found,) = found_in(arm, of(arm, random_truth(arm.robot, 80)), doubts=(doubt,))
     assert "found a doubt in first: all joints turned" in found.says
-    assert "another robot" not in found.says and found.judgement == Judgement.DOUBTFUL
+    assert "another robot" not in found.says and found.severity == Severity.DOUBTFUL
 
 
 def test_friction_that_would_not_dissipate_is_no_explanation(arm):
@@ -92,7 +92,7 @@ def test_friction_that_changed_is_named_with_what_is_left(arm):
     names = [n for n in arm.truth.values.names if n.startswith(("coulomb.", "viscous."))]
     much = {name: 6.0 * arm.truth.values[name] for name in names}
     (found,) = found_in(arm, of(arm, arm.truth.changed(**much)))
-    assert found.judgement == Judgement.DOUBTFUL
+    assert found.severity == Severity.DOUBTFUL
     assert found.says.startswith("friction or offsets differ from those of the fitted logs")
 
 
@@ -116,11 +116,11 @@ def test_a_doubt_about_a_fitted_log_comes_before_a_reason(arm):
     names = [p.name for p in RigidBody().parameters(arm.robot)][-10:]
     load = Inertia.about_com(3.0, [0.02, -0.01, 0.08], np.eye(3) * 0.0075).ten
     values = dict(zip(names, (arm.truth.inertial[-1] + load).tolist(), strict=True))
-    doubt = Finding("effort kind", "fit1", Judgement.DOUBTFUL, "no reading explains it", "")
+    doubt = Finding("effort kind", "fit1", Severity.DOUBTFUL, "no reading explains it", "")
     (found,) = found_in(arm, of(arm, arm.truth.changed(**values)), doubts=(doubt,))
     assert found.says.startswith("the check before the fit found a doubt in fit1: no reading")
     assert "the most likely reason of the error: the arm carries a load of about 3 kg" in found.says
-    assert found.judgement is Judgement.DOUBTFUL
+    assert found.severity is Severity.DOUBTFUL
 
 
 def test_efforts_at_a_limit_are_named_where_the_error_counts_them(arm):
@@ -128,5 +128,5 @@ def test_efforts_at_a_limit_are_named_where_the_error_counts_them(arm):
     for k in arm.at("tau{}_Nm"):
         most = 0.6 * np.abs(table[:, k]).max()
         table[:, k] = np.clip(table[:, k], -most, most)
-    (found,) = [f for f in found_in(arm, table) if f.suspicion == "clipped efforts"]
+    (found,) = [f for f in found_in(arm, table) if f.check == "clipped efforts"]
     assert "are saturated: the error includes them" in found.says and found.headline

@@ -18,7 +18,7 @@ from steelyard.estimation.least_squares.sandwich import inflations, scatter
 from steelyard.estimation.prior.prior import default_knowledge
 from steelyard.model import Model
 from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.information import Information, Stamp, Window
+from steelyard.regression.information import Information, Signature, Window
 from steelyard.regression.regressor import base_regressor
 
 MODEL = Model(tree())
@@ -52,9 +52,11 @@ def said(seed: int, error: float, noise: float = 0.05, share: float = 0.15) -> I
             for k in (cut, cut[beside[cut]])
         )
         found.append((whole.grams, whole.absolute, whole.counts, part.grams))
-    stamp = Stamp(MODEL.fingerprint, COLUMNS, ("Nm",) * 4, "none")
+    signature = Signature(MODEL.fingerprint, COLUMNS, ("Nm",) * 4, "none")
     windows = tuple(Window("run", float(k), k + 1.0) for k in range(8))
-    return Information(REGRESSOR.layout, stamp, windows, *map(np.array, zip(*found, strict=True)))
+    return Information(
+        REGRESSOR.layout, signature, windows, *map(np.array, zip(*found, strict=True))
+    )
 
 
 ESTIMATORS = (

@@ -15,7 +15,7 @@ from steelyard.estimation.least_squares.least_squares import (
 )
 from steelyard.parameters import Parameters
 from steelyard.progress import Event, Stopped
-from steelyard.regression.information import Information, Stamp, Window
+from steelyard.regression.information import Information, Signature, Window
 from steelyard.regression.regressor import Layout
 
 LAYOUT = Layout(("mean", "rest"), ("Nm", "Nm"), ("joint",), ((0, 1),))
@@ -32,7 +32,7 @@ def windows(seed: int, count: int = 40, size: int = 50, spread: float = 0.0) -> 
         grams.append((joined.T @ joined)[np.tril_indices(3)])
     return Information(
         LAYOUT,
-        Stamp("model", LAYOUT.columns, ("Nm",), "none"),
+        Signature("model", LAYOUT.columns, ("Nm",), "none"),
         tuple(Window("run", float(k), k + 1.0) for k in range(count)),
         np.array(grams),
         np.zeros((count, 3)),
@@ -107,7 +107,7 @@ class Moody:
     def __call__(self, information: Information) -> Estimate:
         self.calls += 1
         if self.calls > 1 and self.calls % self.good:
-            raise DataError("no", where="here", mend="there")
+            raise DataError("no", where="here", fix="there")
         return OrdinaryLeastSquares()(information)
 
 

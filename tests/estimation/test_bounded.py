@@ -16,7 +16,7 @@ from steelyard.estimation.prior.prior import default_knowledge
 from steelyard.estimation.register import ESTIMATORS, Context
 from steelyard.model import Model
 from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.information import Information, Stamp, Window
+from steelyard.regression.information import Information, Signature, Window
 from steelyard.regression.regressor import base_regressor
 from steelyard.terms.laws.coulomb import Coulomb
 from steelyard.terms.laws.offset import Offset
@@ -41,10 +41,10 @@ def information(
     dense = REGRESSOR.dense(q, dq, ddq)
     effort = dense @ truth + NOISE * rng.normal(size=(1, 300))
     sums = Accumulator(REGRESSOR)(Stretch(q, dq, ddq, effort))
-    stamp = Stamp(MODEL.fingerprint, NAMES, ("Nm",), "none")
+    signature = Signature(MODEL.fingerprint, NAMES, ("Nm",), "none")
     made = Information(
         REGRESSOR.layout,
-        stamp,
+        signature,
         (Window(run, 0.0, 1.0),),
         sums.grams[None],
         sums.absolute[None],

@@ -13,11 +13,11 @@ from steelyard.errors import DataError
 from steelyard.estimation.closed_loop.controller import JointPD, tuned_pd
 from steelyard.estimation.closed_loop.didim import Didim
 from steelyard.estimation.closed_loop.experiment import Experiment, Loop, Measured
+from steelyard.estimation.closed_loop.filtered_regressor import filtered
 from steelyard.estimation.closed_loop.forward import Forward, Integration
 from steelyard.estimation.closed_loop.instrumental import InstrumentalVariables
 from steelyard.estimation.closed_loop.kalman_parameters import KalmanParameters
 from steelyard.estimation.closed_loop.output_error import ClosedLoopOutputError
-from steelyard.estimation.closed_loop.rows import filtered
 from steelyard.estimation.closed_loop.simulation import simulate
 from steelyard.estimation.estimate import Estimate
 from steelyard.estimation.noise import torque_noise, white_noise
@@ -31,7 +31,7 @@ from steelyard.model import Model
 from steelyard.motion import Motion
 from steelyard.progress import Event, Stopped
 from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.information import Information, Stamp, Window
+from steelyard.regression.information import Information, Signature, Window
 from steelyard.regression.regressor import Regressor, base_regressor
 from steelyard.robot_file.signals import Signals
 from steelyard.terms.laws.coulomb import Coulomb
@@ -113,12 +113,12 @@ def experiment(position: float = 0.0, torque: float = 0.0, seed: int = 0) -> Exp
     layout = regressor().layout
     said = Information(
         layout,
-        Stamp("model", layout.columns, ("Nm",) * 3, "none"),
+        Signature("model", layout.columns, ("Nm",) * 3, "none"),
         (Window("run", 0.0, LENGTH),),
         sums.grams[None],
         sums.absolute[None],
         sums.counts[None],
-    ).diluted(run.matched.inflation)
+    ).with_effective_samples(run.matched.inflation)
     return Experiment(regressor(), (run,), (loop(),), said)
 
 
@@ -180,7 +180,7 @@ def _differenced(data: Experiment) -> Experiment:
     q, dq, ddq = motion(padded.T, None).reshape(3, 3, -1)
     sums = Accumulator(regressor(), run.matched)(Stretch(q, dq, ddq, run.tau.T))
     said = replace(data.information, grams=sums.grams[None], absolute=sums.absolute[None])
-    said = replace(said, counts=sums.counts[None]).diluted(run.matched.inflation)
+    said = replace(said, counts=sums.counts[None]).with_effective_samples(run.matched.inflation)
     moved = replace(run, motion=Motion(run.motion.t, q.T, dq.T, ddq.T))
     return replace(data, runs=(moved,), information=said)
 
@@ -220,7 +220,7 @@ def test_a_loop_that_is_not_the_logs_runs_away(offer: Offer) -> None:
     wrong = replace(loop(), controller=JointPD(np.full(3, -500.0), np.zeros(3)))
     with pytest.raises(DataError, match="diverged") as caught:
         made(offer)(replace(exact(), loops=(wrong,)))  # type: ignore[operator]
-    assert "controller" in caught.value.mend
+    assert "controller" in caught.value.fix
 
 
 def test_the_kalman_filter_says_where_it_diverged() -> None:

@@ -9,8 +9,8 @@ import pytest
 from cvxpy_oracle import cvxpy_problem, solved
 from invented import tree
 from steelyard.errors import DataError
+from steelyard.estimation.consistent.consistency_penalties import Entropic, Form, Free, Pullback
 from steelyard.estimation.consistent.consistent import Consistent
-from steelyard.estimation.consistent.physics import Entropic, Form, Free, Pullback
 from steelyard.estimation.estimate import Estimate
 from steelyard.estimation.knowledge import Knowledge, Row
 from steelyard.estimation.least_squares.least_squares import (
@@ -21,7 +21,7 @@ from steelyard.estimation.least_squares.whitened import whitened
 from steelyard.estimation.prior.prior import default_knowledge
 from steelyard.model import Model
 from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.information import Information, Stamp, Window
+from steelyard.regression.information import Information, Signature, Window
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
 
@@ -50,10 +50,10 @@ def said(
         size=effort.shape
     )
     sums = Accumulator(REGRESSOR)(Stretch(q, dq, ddq, effort))
-    stamp = Stamp(MODEL.fingerprint, REGRESSOR.layout.columns, ("Nm",) * 4, "none")
+    signature = Signature(MODEL.fingerprint, REGRESSOR.layout.columns, ("Nm",) * 4, "none")
     window = (Window("run", 0.0, 1.0),)
     parts = (sums.grams[None], sums.absolute[None], sums.counts[None])
-    return Information(REGRESSOR.layout, stamp, window, *parts)
+    return Information(REGRESSOR.layout, signature, window, *parts)
 
 
 def known(**changes: object) -> Knowledge:
@@ -216,7 +216,7 @@ def test_wishes_of_absurd_size_are_named_where_the_solver_gives_up() -> None:
     rows = (Row("a mountain", {"m.tip": 1.0}, lower=1e9, upper=1e9),)
     with pytest.raises(DataError) as caught:
         Consistent(REGRESSOR.base, known(rows=rows))(said(0.05))
-    assert "a mountain" in caught.value.mend or "a mountain" in caught.value.wrong
+    assert "a mountain" in caught.value.fix or "a mountain" in caught.value.wrong
 
 
 def test_bounds_beyond_all_reach_do_no_harm() -> None:
@@ -309,7 +309,7 @@ def test_a_solver_that_stops_early_is_never_called_solved() -> None:
 def test_too_few_samples_are_refused() -> None:
     with pytest.raises(DataError, match=r"too few samples: .* more than \d+ are needed") as caught:
         Consistent(REGRESSOR.base, known())(said(0.05, count=8))
-    assert "matched_cutoff" in caught.value.mend
+    assert "matched_cutoff" in caught.value.fix
 
 
 def test_the_estimate_survives_json() -> None:

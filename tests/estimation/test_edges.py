@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from in_amperes import GAINS, ROBOT, run_of
+from steelyard.estimation.consistent.consistency_penalties import Entropic, Pullback
 from steelyard.estimation.consistent.consistent import Consistent
-from steelyard.estimation.consistent.physics import Entropic, Pullback
 from steelyard.estimation.consistent.program import Program, wishes
 from steelyard.estimation.consistent.unknowns import unknowns
 from steelyard.estimation.estimate import Z95

@@ -14,7 +14,7 @@ from steelyard.motion import Motion
 from steelyard.parameters import Parameters
 from steelyard.regression.accumulate import Accumulator, Stretch
 from steelyard.regression.base import base_parameters
-from steelyard.regression.information import Information, Stamp, Window
+from steelyard.regression.information import Information, Signature, Window
 from steelyard.regression.predicted import with_predicted
 from steelyard.regression.regressor import base_regressor
 from steelyard.validation.effort_scales import effort_scales
@@ -33,7 +33,9 @@ def said(scales: np.ndarray, seed: int, noise: float = 0.01) -> Information:
     friction = [k for k, p in enumerate(MODEL.parameters) if p.prior is None]
     values[friction] = rng.uniform(0.1, 1.0, len(friction))
     valued = MODEL.at(Parameters(MODEL.names, MODEL.units, values))
-    stamp = Stamp(MODEL.fingerprint, REGRESSOR.layout.columns, MODEL.robot.effort_units, "none")
+    signature = Signature(
+        MODEL.fingerprint, REGRESSOR.layout.columns, MODEL.robot.effort_units, "none"
+    )
     parts = []
     for part in range(PARTS):
         q, dq, ddq = (
@@ -46,7 +48,7 @@ def said(scales: np.ndarray, seed: int, noise: float = 0.01) -> Information:
         parts.append(
             Information(
                 REGRESSOR.layout,
-                stamp,
+                signature,
                 (Window("run", float(part), part + 1.0),),
                 sums.grams[None],
                 sums.absolute[None],
@@ -91,7 +93,7 @@ def test_scales_are_found_within_their_intervals() -> None:
 def test_the_estimate_is_that_of_efforts_in_the_right_scale_but_less_sure() -> None:
     scaled, information = Scaled(consistent(), ROWS), said(OFF, 3)
     found = scaled.converged(information, scaled.unscaled(information), weigh=True)
-    right = information.scaled(1.0 / found.values, information.stamp.effort)
+    right = information.scaled(1.0 / found.values, information.signature.effort)
     estimate, plain = scaled.estimate(right, found), consistent()(right)
     assert estimate.parameters.names == plain.parameters.names
     assert estimate.condition == pytest.approx(plain.condition)

@@ -17,11 +17,11 @@ from steelyard.model import Model
 from steelyard.progress import Event, Stopped
 from steelyard.regression.accumulate import Accumulator, Stretch
 from steelyard.regression.base import base_parameters
-from steelyard.regression.information import Information, Stamp, Window
+from steelyard.regression.information import Information, Signature, Window
 from steelyard.regression.regressor import Regressor, base_regressor, chosen_regressor
 from steelyard.robot.robot import Coordinate, Robot
 from steelyard.robot_file.file import load_robot
-from steelyard.terms.candidates import Dictionary
+from steelyard.terms.candidates import CandidateTerms
 from steelyard.terms.laws.coulomb import Coulomb
 from steelyard.terms.laws.coupled import Coupled
 from steelyard.terms.laws.presliding import Dahl, LuGre
@@ -60,7 +60,9 @@ def said_about(samples: np.ndarray, effort: np.ndarray, passes: list[Regressor])
         )
         return Information(
             regressor.layout,
-            Stamp(regressor.model.fingerprint, regressor.layout.columns, ("Nm",) * ROBOT.n, "none"),
+            Signature(
+                regressor.model.fingerprint, regressor.layout.columns, ("Nm",) * ROBOT.n, "none"
+            ),
             (Window("run", 0.0, 1.0),),
             sums.grams[None],
             sums.absolute[None],
@@ -225,7 +227,7 @@ def test_dictionary_columns_are_the_terms_columns(law: type[Any], field: str) ->
     fixed = {"pairs": (("joint_1", "joint_2"),), "kind": "coulomb"} if law is Coupled else {}
     low, high = law.bounds[field]
     candidates = [law(**{field: x}, **fixed) for x in np.geomspace(low, high, 4).tolist()]
-    wide = Model(ROBOT, (Viscous(), Dictionary.of(ROBOT, candidates, candidates[-1])))
+    wide = Model(ROBOT, (Viscous(), CandidateTerms.of(ROBOT, candidates, candidates[-1])))
     samples, width = motion(3, 500), len(candidates[0].parameters(ROBOT))
     dense = chosen_regressor(wide, base_parameters(wide), range(len(wide.names))).dense(*samples)
     for c, term in enumerate(candidates):

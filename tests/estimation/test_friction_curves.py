@@ -15,7 +15,7 @@ from steelyard.motion import Motion
 from steelyard.parameters import Parameters
 from steelyard.regression.accumulate import Accumulator, Stretch
 from steelyard.regression.base import base_parameters
-from steelyard.regression.information import Information, Stamp, Window
+from steelyard.regression.information import Information, Signature, Window
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot.robot import Coordinate, Limits
 from steelyard.terms.laws.coulomb import Coulomb
@@ -221,9 +221,9 @@ def said() -> tuple[Model, Information]:
     effort = effort + 0.02 * rng.normal(size=effort.shape)
     accumulator = Accumulator(base_regressor(model))
     sums = accumulator(Stretch(q[None], dq[None], ddq[None], effort))
-    stamp = Stamp(model.fingerprint, accumulator.regressor.layout.columns, ("Nm",), "none")
+    signature = Signature(model.fingerprint, accumulator.regressor.layout.columns, ("Nm",), "none")
     return model, Information(
-        accumulator.regressor.layout, stamp, (Window("run", 0.0, 40.0),),
+        accumulator.regressor.layout, signature, (Window("run", 0.0, 40.0),),
         sums.grams[None], sums.absolute[None], sums.counts[None],
     )  # fmt: skip
 

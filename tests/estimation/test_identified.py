@@ -10,7 +10,7 @@ import pytest
 import steelyard
 from invented import tree
 from steelyard.errors import ModelError
-from steelyard.estimation.estimate import Blind, Estimate
+from steelyard.estimation.estimate import Estimate, Unidentifiable
 from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimation.known_scales import KnownScales
 from steelyard.model import Model
@@ -33,7 +33,7 @@ def identified() -> IdentifiedModel:
         "weighted least squares",
         Parameters(base.base_names, base.base_units, rng.normal(size=size)),
         spread @ spread.T,
-        (Blind("x", ("y",)),),
+        (Unidentifiable("x", ("y",)),),
         rng.random(4),
         np.full(4, 100.0),
         12.5,

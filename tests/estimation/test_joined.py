@@ -7,8 +7,14 @@ import pytest
 
 from loaded import run
 from steelyard.errors import DataError
-from steelyard.estimation.payload.joined import Part, covariance_of, inverse, joined, marginal
-from steelyard.regression.information import Stamp
+from steelyard.estimation.payload.stacked_information import (
+    Part,
+    covariance_of,
+    inverse,
+    joined,
+    marginal,
+)
+from steelyard.regression.information import Signature
 
 RUNS = run(1, noise=0.1), run(2, noise=0.1)
 SIZE = len(RUNS[0].layout.columns)
@@ -42,8 +48,8 @@ def test_joined_runs_have_the_sums_of_mapped_columns() -> None:
 
 
 def test_unequal_runs_are_refused() -> None:
-    stamp = Stamp(**{**vars(RUNS[0].stamp), "effort": ("Nm",) * 4})
-    other = replace(RUNS[0], stamp=stamp)
+    signature = Signature(**{**vars(RUNS[0].signature), "effort": ("Nm",) * 4})
+    other = replace(RUNS[0], signature=signature)
     with pytest.raises(DataError, match="unequal effort"):
         joined([Part(RUNS[0], np.eye(SIZE)), Part(other, np.eye(SIZE))], ["x"] * SIZE, ["1"] * SIZE)
 

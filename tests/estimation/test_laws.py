@@ -77,7 +77,7 @@ class Case:
             estimator = offer.make(Context(self.regressor, self.knowledge))
             return estimator(samples if offer.needs == "samples" else samples.information())
         except DataError as error:
-            if "pip install" in error.mend:
+            if "pip install" in error.fix:
                 pytest.skip(error.wrong)
             raise
 
@@ -181,7 +181,7 @@ def test_too_few_samples_are_refused_or_leave_doubt(offer: Offer, count: int) ->
     try:
         estimate = case(name).fit(offer, case(name).samples(0.05, count))
     except DataError as error:
-        assert error.where and error.mend
+        assert error.where and error.fix
         return
     assert np.isfinite(estimate.parameters.values).all()
     assert np.isfinite(estimate.std).all() and (estimate.std > 0.0).all()

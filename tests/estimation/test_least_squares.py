@@ -11,7 +11,7 @@ from steelyard.estimation.least_squares.least_squares import (
 )
 from steelyard.model import Model
 from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.information import Information, Stamp, Window
+from steelyard.regression.information import Information, Signature, Window
 from steelyard.regression.regressor import base_regressor
 
 MODEL = Model(tree())
@@ -34,7 +34,7 @@ def data(
     sums = Accumulator(REGRESSOR)(Stretch(q, dq, ddq, effort))
     information = Information(
         REGRESSOR.layout,
-        Stamp(MODEL.fingerprint, REGRESSOR.layout.columns, ("Nm",) * 4, "none"),
+        Signature(MODEL.fingerprint, REGRESSOR.layout.columns, ("Nm",) * 4, "none"),
         (Window("run", 0.0, 1.0),),
         sums.grams[None],
         sums.absolute[None],

@@ -10,21 +10,21 @@ import pytest
 
 from invented import tree
 from steelyard.errors import DataError
+from steelyard.estimation.consistent.consistency_penalties import Pullback
 from steelyard.estimation.consistent.consistent import Consistent
 from steelyard.estimation.consistent.log_cholesky import LogCholesky
 from steelyard.estimation.consistent.log_cholesky_body import entries
 from steelyard.estimation.consistent.log_cholesky_criterion import Criterion
-from steelyard.estimation.consistent.physics import Pullback
 from steelyard.estimation.consistent.unknowns import BASIS
-from steelyard.estimation.estimate import Estimate, Standard
+from steelyard.estimation.estimate import Estimate, StandardEstimate
 from steelyard.estimation.knowledge import Knowledge, Row
 from steelyard.estimation.least_squares.whitened import whitened
 from steelyard.estimation.prior.prior import default_knowledge
-from steelyard.identification.compare_inputs import rivals_of
+from steelyard.identification.compare_inputs import comparison_inputs
 from steelyard.model import Model
 from steelyard.progress import silent
 from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.information import Information, Stamp, Window
+from steelyard.regression.information import Information, Signature, Window
 from steelyard.regression.regressor import Regressor, base_regressor, standard_regressor
 from steelyard.robot.inertia import Inertia
 from steelyard.terms.laws.coulomb import Coulomb
@@ -62,7 +62,7 @@ def logged(
         columns = regressor.layout.columns
         return Information(
             regressor.layout,
-            Stamp(regressor.model.fingerprint, columns, ("Nm",) * 4, "none"),
+            Signature(regressor.model.fingerprint, columns, ("Nm",) * 4, "none"),
             (Window("run", 0.0, 1.0),),
             sums.grams[None],
             sums.absolute[None],
@@ -72,7 +72,7 @@ def logged(
     return said, truth
 
 
-def standard_of(estimate: Estimate) -> Standard:
+def standard_of(estimate: Estimate) -> StandardEstimate:
     assert estimate.standard is not None
     return estimate.standard
 
@@ -194,7 +194,7 @@ def test_it_never_says_solved_when_it_is_not() -> None:
     regressor, known = base_regressor(PLAIN), default_knowledge(PLAIN)
     with pytest.raises(DataError, match="did not reach the optimum in 3 steps") as caught:
         LogCholesky(regressor.base, known, gamma=10.0, steps=3)(said(regressor))
-    assert "consistent estimate" in caught.value.mend
+    assert "consistent estimate" in caught.value.fix
 
 
 def criteria(estimator: LogCholesky, information: Information, gamma: float) -> tuple[float, float]:
@@ -268,8 +268,8 @@ def test_real_robots(name: str, log: str, prior: str, tmp_path: Path) -> None:
     path = Path(os.environ["STEELYARD_DATA"]) / log
     text = (Path(__file__).parents[2] / f"examples/{name}.toml").read_text("utf-8")
     (tmp_path / "robot.toml").write_text(text + prior, "utf-8")
-    rivals = rivals_of(str(tmp_path / "robot.toml"), [str(path)], False, 1, silent)
-    information, context = rivals.parts.information, rivals.context
+    inputs = comparison_inputs(str(tmp_path / "robot.toml"), [str(path)], False, 1, silent)
+    information, context = inputs.parts.information, inputs.context
     mine = LogCholesky(context.regressor.base, context.knowledge, per_run=context.per_run)
     theirs = Consistent(mine.base, mine.knowledge, per_run=mine.per_run)
     found, wanted = mine(information), theirs(information)

@@ -16,7 +16,7 @@ from steelyard.estimation.least_squares.least_squares import (
 from steelyard.estimation.per_run import Runs
 from steelyard.model import Model
 from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.information import Information, Stamp, Window
+from steelyard.regression.information import Information, Signature, Window
 from steelyard.regression.regressor import base_regressor
 
 MODEL = Model(tree())
@@ -60,7 +60,7 @@ def one_run(
     ]
     information = Information(
         REGRESSOR.layout,
-        Stamp(MODEL.fingerprint, COLUMNS, ("Nm",) * 4, "none"),
+        Signature(MODEL.fingerprint, COLUMNS, ("Nm",) * 4, "none"),
         (Window(f"run{seed}", 0.0, 1.0), Window(f"run{seed}", 1.0, 2.0)),
         *(np.array([getattr(p, f) for p in parts]) for f in ("grams", "absolute", "counts")),
     )
@@ -266,7 +266,7 @@ def test_an_unknown_column_is_refused() -> None:
     with pytest.raises(DataError, match=r"there is no column 'offset\.tpi'") as caught:
         OrdinaryLeastSquares(per_run=("offset.tpi",))(one_run(0).information)
     assert caught.value.where == "parameters per run"
-    assert COLUMNS[0] in caught.value.mend
+    assert COLUMNS[0] in caught.value.fix
 
 
 def test_round_trip_is_exact() -> None:

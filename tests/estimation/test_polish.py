@@ -7,14 +7,14 @@ import pytest
 
 from estimation.test_consistent import REGRESSOR, TRUTH, heavier, known, said
 from steelyard.estimation.consistent.conic import solved
+from steelyard.estimation.consistent.consistency_penalties import Entropic, Form, Free, Pullback
 from steelyard.estimation.consistent.consistent import Consistent
-from steelyard.estimation.consistent.physics import Entropic, Form, Free, Pullback
-from steelyard.estimation.consistent.polish import polished
+from steelyard.estimation.consistent.newton_refinement import polished
 from steelyard.estimation.consistent.program import Program
 from steelyard.estimation.knowledge import Row
 from steelyard.estimation.least_squares.whitened import whitened
 
-WISHES = (
+CONSTRAINTS = (
     Row("mass of tip", {"m.tip": 1.0}, lower=1.05 * TRUTH["m.tip"], upper=1.05 * TRUTH["m.tip"]),
     Row("light left", {"m.left": 1.0}, upper=1.1 * TRUTH["m.left"]),
     Row("smooth", {"viscous.trunk_joint": 1.0}, upper=0.35),
@@ -30,7 +30,7 @@ def at(program: Program, gamma: float, aim: float) -> np.ndarray:
     return solved(program.conic(gamma), "here", aim=aim)[: len(program.unknowns.weak)]
 
 
-@pytest.mark.parametrize("rows", [(), WISHES], ids=["plain", "wishes"])
+@pytest.mark.parametrize("rows", [(), CONSTRAINTS], ids=["plain", "wishes"])
 @pytest.mark.parametrize(
     ("form", "gamma"),
     [(Entropic(), 0.1), (Entropic(), 5.0), (Entropic(), 1e3), (Pullback(), 5.0), (Pullback(), 1e3)],
@@ -76,6 +76,6 @@ def test_slopes_are_those_of_the_objective() -> None:
 
 
 def test_wishes_hold_to_rounding() -> None:
-    estimate = Consistent(REGRESSOR.base, known(rows=WISHES))(said(0.05))
+    estimate = Consistent(REGRESSOR.base, known(rows=CONSTRAINTS))(said(0.05))
     assert estimate.standard is not None
     assert estimate.standard.parameters["m.tip"] == pytest.approx(1.05 * TRUTH["m.tip"], abs=1e-12)

@@ -1,4 +1,4 @@
-"""Priors of bodies: mended, replaced, given; always possible, never silently changed."""
+"""Priors of bodies: corrected, replaced, given; always possible, never silently changed."""
 
 import os
 from pathlib import Path
@@ -97,23 +97,25 @@ def test_good_bodies_stay_as_they_are() -> None:
 
 def test_an_impossible_body_keeps_mass_centre_and_axes() -> None:
     broken = Inertia.about_com(2.0, (0.1, 0.0, 0.2), np.diag([0.01, 0.01, 0.05]))
-    mended = mended_body(broken)
-    assert mended.inertia.mass == 2.0
-    np.testing.assert_allclose(mended.inertia.com, (0.1, 0.0, 0.2))
-    np.testing.assert_allclose(moments(mended.inertia), [0.025 * THINNEST, 0.025, 0.025])
+    corrected = mended_body(broken)
+    assert corrected.inertia.mass == 2.0
+    np.testing.assert_allclose(corrected.inertia.com, (0.1, 0.0, 0.2))
+    np.testing.assert_allclose(moments(corrected.inertia), [0.025 * THINNEST, 0.025, 0.025])
     (note,) = default_knowledge(Model(with_bodies((broken, True)))).notes
     assert note.startswith("the prior of link 'trunk': its moments of inertia are lifted to 0.0252")
     assert "0.01 + 0.01 < 0.05" not in note  # the model file's own note has that
-    assert "it is not physically consistent: " in str(mended.why) and "0.01 + 0.01 < 0.05" in str(
-        mended.why
-    )
+    assert "it is not physically consistent: " in str(
+        corrected.why
+    ) and "0.01 + 0.01 < 0.05" in str(corrected.why)
 
 
 def test_a_thin_body_is_widened_and_its_moments_hardly_change() -> None:
     plate = prior_shapes.box(1.0, (0.0, 0.0, 0.1), (0.4, 0.3, 1e-3))
-    mended = mended_body(plate)
-    assert mended.thin
-    change = np.linalg.eigvalsh(mended.inertia.inertia_com) - np.linalg.eigvalsh(plate.inertia_com)
+    corrected = mended_body(plate)
+    assert corrected.thin
+    change = np.linalg.eigvalsh(corrected.inertia.inertia_com) - np.linalg.eigvalsh(
+        plate.inertia_com
+    )
     assert 0.0 < np.abs(change).max() <= 2.0 * THINNEST * moments(plate)[-1]
     notes = default_knowledge(Model(with_bodies((plate, True), (plate, True)))).notes
     assert notes == (
@@ -255,7 +257,7 @@ def test_given_bodies_are_mended_too() -> None:
 
 
 @pytest.mark.parametrize(
-    ("links", "wrong", "mend"),
+    ("links", "wrong", "fix"),
     [
         ({"tpi": {"mass": 1.0}}, "no moving link 'tpi'", "did you mean 'tip'"),
         ({"tip": {}}, "the prior of link 'tip'", "give mass"),
@@ -272,8 +274,8 @@ def test_given_bodies_are_mended_too() -> None:
         ),
     ],
 )
-def test_unclear_priors_are_refused(links: dict[str, Any], wrong: str, mend: str) -> None:
+def test_unclear_priors_are_refused(links: dict[str, Any], wrong: str, fix: str) -> None:
     with pytest.raises(ModelError) as caught:
         given({"links": links})
-    assert wrong in caught.value.wrong and mend in caught.value.mend
+    assert wrong in caught.value.wrong and fix in caught.value.fix
     assert caught.value.where == f"arm.toml, prior.links.{next(iter(links))}"

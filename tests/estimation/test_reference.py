@@ -7,7 +7,7 @@ import pytest
 
 from invented import single
 from steelyard.estimation.estimate import Estimate
-from steelyard.estimation.fields.reference import (
+from steelyard.estimation.fields.load_friction_reference import (
     PASSES,
     bodies_of,
     needs_reference,

@@ -19,7 +19,7 @@ from steelyard.estimation.least_squares.sandwich import (
 )
 from steelyard.model import Model
 from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.information import Information, Stamp, Window
+from steelyard.regression.information import Information, Signature, Window
 from steelyard.regression.regressor import base_regressor
 
 MODEL = Model(tree())
@@ -58,7 +58,7 @@ def data(
     ]
     information = Information(
         REGRESSOR.layout,
-        Stamp(MODEL.fingerprint, REGRESSOR.layout.columns, ("Nm",) * 4, "none"),
+        Signature(MODEL.fingerprint, REGRESSOR.layout.columns, ("Nm",) * 4, "none"),
         tuple(Window("run", float(k), k + 1.0) for k in range(windows)),
         *(np.array([getattr(s, f) for s in sums]) for f in ("grams", "absolute", "counts")),
     )
@@ -220,9 +220,9 @@ def runs_apart(seed: int, apart: float, count: int = 4) -> tuple[Information, np
             for cut in cuts
         ]
         windows = tuple(Window(f"run{number}", float(k), k + 1.0) for k in range(len(cuts)))
-        stamp = Stamp(MODEL.fingerprint, REGRESSOR.layout.columns, ("Nm",) * 4, "none")
+        signature = Signature(MODEL.fingerprint, REGRESSOR.layout.columns, ("Nm",) * 4, "none")
         arrays = (np.array([getattr(s, f) for s in sums]) for f in ("grams", "absolute", "counts"))
-        parts.append(Information(REGRESSOR.layout, stamp, windows, *arrays))
+        parts.append(Information(REGRESSOR.layout, signature, windows, *arrays))
     return sum(parts[1:], parts[0]), truth
 
 

@@ -71,4 +71,4 @@ def test_effort_that_columns_do_not_explain_has_no_solution() -> None:
     effort -= columns @ np.linalg.lstsq(columns, effort, rcond=None)[0]
     with pytest.raises(DataError, match="total least squares has no solution") as told:
         TotalLeastSquares()(of_columns(columns, effort))
-    assert "weighted least squares" in told.value.mend
+    assert "weighted least squares" in told.value.fix

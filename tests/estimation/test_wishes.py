@@ -11,15 +11,15 @@ import pytest
 
 from invented import ball, tree
 from steelyard.errors import DataError, ModelError
-from steelyard.estimation.consistent.contradictions import (
+from steelyard.estimation.consistent.infeasibility import (
     contradictions,
     irreducible,
     refuse_contradictions,
 )
 from steelyard.estimation.knowledge import Knowledge, Row
 from steelyard.estimation.prior.prior import default_knowledge
-from steelyard.estimation.prior.wish import Scope
-from steelyard.estimation.prior.wishes import WISHES, knowledge_of, wish_of
+from steelyard.estimation.prior.prior_constraint import ConstraintContext
+from steelyard.estimation.prior.register import CONSTRAINTS, knowledge_of, wish_of
 from steelyard.model import Model
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.robot import Frame
@@ -51,7 +51,7 @@ def parameters(bodies: Mapping[str, Inertia], **others: float) -> dict[str, floa
 
 
 def rows(table: Mapping[str, Any]) -> list[Row]:
-    return wish_of(table, "arm.toml, line 3").rows(Scope(MODEL, "arm.toml, line 3"))
+    return wish_of(table, "arm.toml, line 3").rows(ConstraintContext(MODEL, "arm.toml, line 3"))
 
 
 def holds(wishes: Sequence[Row], values: Mapping[str, float]) -> bool:
@@ -193,7 +193,7 @@ def test_rows_hold_where_the_wish_does(
 
 
 def test_every_kind_has_a_case() -> None:
-    assert {table["kind"] for table, *_ in CASES} == set(WISHES)
+    assert {table["kind"] for table, *_ in CASES} == set(CONSTRAINTS)
 
 
 def test_facets_of_a_cube_are_six() -> None:
@@ -292,16 +292,16 @@ MISTAKES: list[tuple[dict[str, Any], str, str]] = [
 ]
 
 
-@pytest.mark.parametrize(("table", "wrong", "mend"), MISTAKES)
-def test_mistakes_are_explained(table: dict[str, Any], wrong: str, mend: str) -> None:
+@pytest.mark.parametrize(("table", "wrong", "fix"), MISTAKES)
+def test_mistakes_are_explained(table: dict[str, Any], wrong: str, fix: str) -> None:
     with pytest.raises(ModelError) as caught:
         rows(table)
-    assert wrong in caught.value.wrong and mend in caught.value.mend
+    assert wrong in caught.value.wrong and fix in caught.value.fix
     assert caught.value.where == "arm.toml, line 3"
 
 
 def test_bodies_without_a_rigid_body_term_are_not_there() -> None:
-    scope = Scope(Model(tree(), (Viscous(),)), "arm.toml, line 3")
+    scope = ConstraintContext(Model(tree(), (Viscous(),)), "arm.toml, line 3")
     with pytest.raises(ModelError, match="no mass properties of link 'tip'"):
         wish_of({"kind": "mass", "link": "tip", "lower": 1}, "").rows(scope)
     with pytest.raises(ModelError, match="of no link"):
@@ -462,7 +462,7 @@ def test_contradictions_are_named(read: Any, knowledge: list[str], guilty: list[
     assert caught.value.wrong.startswith("these constraints are infeasible together: ")
     named = [k for k in range(1, 9) if f"[knowledge[{k}]]" in caught.value.wrong]
     assert named == guilty
-    assert caught.value.mend == "correct one of them, or leave it out"
+    assert caught.value.fix == "correct one of them, or leave it out"
     for left_out in guilty:
         known(read(*(x for k, x in enumerate(knowledge, start=1) if k != left_out)))
 

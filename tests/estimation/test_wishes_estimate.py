@@ -9,15 +9,15 @@ import pytest
 
 from invented import tree
 from steelyard.estimation.consistent.consistent import Consistent
-from steelyard.estimation.estimate import Standard
+from steelyard.estimation.estimate import StandardEstimate
 from steelyard.estimation.knowledge import Knowledge
 from steelyard.estimation.prior.prior import default_knowledge
-from steelyard.estimation.prior.wish import Scope
-from steelyard.estimation.prior.wishes import wish_of
+from steelyard.estimation.prior.prior_constraint import ConstraintContext
+from steelyard.estimation.prior.register import wish_of
 from steelyard.model import Model
 from steelyard.regression.accumulate import Accumulator, Stretch
 from steelyard.regression.base import base_parameters
-from steelyard.regression.information import Information, Stamp, Window
+from steelyard.regression.information import Information, Signature, Window
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot.inertia import Inertia
 
@@ -38,7 +38,7 @@ def measured(count: int = 1200) -> Information:
     sums = Accumulator(regressor)(Stretch(q, dq, ddq, effort))
     return Information(
         regressor.layout,
-        Stamp(MODEL.fingerprint, columns, ("Nm",) * 4, "none"),
+        Signature(MODEL.fingerprint, columns, ("Nm",) * 4, "none"),
         (Window("run", 0.0, 1.0),),
         sums.grams[None],
         sums.absolute[None],
@@ -53,19 +53,19 @@ def knowing(*tables: Mapping[str, Any]) -> Knowledge:
     rows = [
         row
         for k, table in enumerate(tables, start=1)
-        for row in wish_of(table, "").rows(Scope(MODEL, f"arm.toml, line {k}"))
+        for row in wish_of(table, "").rows(ConstraintContext(MODEL, f"arm.toml, line {k}"))
     ]
     return replace(default_knowledge(MODEL), rows=tuple(rows), uncertainty=0.3)
 
 
-def estimated(knowledge: Knowledge) -> Standard:
+def estimated(knowledge: Knowledge) -> StandardEstimate:
     standard = Consistent(base_parameters(MODEL), knowledge)(INFORMATION).standard
     assert standard is not None
     return standard
 
 
 PLAIN = estimated(knowing()).parameters.as_dict()
-WISHES: list[dict[str, Any]] = [
+CONSTRAINTS: list[dict[str, Any]] = [
     {"kind": "mass", "link": "tip", "value": 0.35},
     {"kind": "mass", "link": "slider", "lower": 5.0},
     {"kind": "total_mass", "lower": 20.0},
@@ -80,7 +80,7 @@ WISHES: list[dict[str, Any]] = [
 ]
 
 
-@pytest.mark.parametrize("wish", WISHES, ids=[wish["kind"] for wish in WISHES])
+@pytest.mark.parametrize("wish", CONSTRAINTS, ids=[wish["kind"] for wish in CONSTRAINTS])
 def test_the_estimate_obeys_where_the_data_alone_would_not(wish: dict[str, Any]) -> None:
     knowledge = knowing(wish)
     standard = estimated(knowledge)

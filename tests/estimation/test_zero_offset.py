@@ -10,7 +10,7 @@ from steelyard.estimation.zero_offset import find_offsets
 from steelyard.model import Model
 from steelyard.parameters import Parameters
 from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.information import Information, Stamp, Window
+from steelyard.regression.information import Information, Signature, Window
 from steelyard.regression.regressor import Regressor
 from steelyard.robot.robot import Body, Coordinate, Robot
 
@@ -65,12 +65,12 @@ class Logged:
         def said(regressor: Regressor) -> Information:
             channels = regressor.model.scan()(*samples)
             sums = Accumulator(regressor)(Stretch(*samples, self.effort, None, channels))
-            stamp = Stamp(
+            signature = Signature(
                 regressor.model.fingerprint, regressor.layout.columns, ("Nm",) * ROBOT.n, "none"
             )
             return Information(
                 regressor.layout,
-                stamp,
+                signature,
                 (Window("run", 0.0, 1.0),),
                 sums.grams[None],
                 sums.absolute[None],

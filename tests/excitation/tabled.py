@@ -14,7 +14,7 @@ from steelyard.excitation.problem import Problem
 from steelyard.excitation.result import Designed
 from steelyard.excitation.search.feasibility import refuse_impossible
 from steelyard.excitation.search.finish import Finished, finished
-from steelyard.excitation.search.parallel_search import Effort
+from steelyard.excitation.search.parallel_search import SearchBudget
 from steelyard.excitation.search.starts import NoMotion, random_starts
 from steelyard.excitation.search.widening import explained
 from steelyard.identification.logs import model_of as model_with_rigid_bodies
@@ -67,7 +67,7 @@ def designed(
 ) -> Designed:
     """A short design of tables."""
     loaded = arm(folder, tables)
-    effort = Effort(seconds, searches=1, processes=1, seed=seed)
+    effort = SearchBudget(seconds, searches=1, processes=1, seed=seed)
     return design(loaded, model_of(loaded), effort, earlier=earlier)
 
 

@@ -11,7 +11,7 @@ from excitation.tabled import OPEN, QUICK, arm, designed, model_of, problem_of
 from steelyard.excitation import design as designs
 from steelyard.excitation.constraints.certificate import certify, trajectory_hash
 from steelyard.excitation.constraints.torque import EffortLimit
-from steelyard.excitation.search.parallel_search import Effort, Found, Harvest
+from steelyard.excitation.search.parallel_search import Found, SearchBudget, SearchResult
 from steelyard.excitation.search.starts import random_starts
 from steelyard.excitation.search.time_after import RESERVE, Pace, time_after
 from steelyard.excitation.trajectories.exact import ExactTrajectory
@@ -62,13 +62,13 @@ def test_what_comes_before_the_search_is_taken_from_its_time(
     given = list[float]()
 
     def watched(*arguments: object) -> None:
-        given.append(next(x for x in arguments if isinstance(x, Effort)).seconds)
+        given.append(next(x for x in arguments if isinstance(x, SearchBudget)).seconds)
         raise StopIteration
 
     monkeypatch.setattr(designs, "harvested", watched)
     loaded = arm(tmp_path, OPEN + QUICK)
     with pytest.raises(StopIteration):
-        designs.design(loaded, model_of(loaded), Effort(20.0), since=time.monotonic() - 5.0)
+        designs.design(loaded, model_of(loaded), SearchBudget(20.0), since=time.monotonic() - 5.0)
     assert given[0] < 20.0 - 5.0 - RESERVE
 
 
@@ -78,5 +78,5 @@ def test_the_best_motion_is_finished_first(tmp_path: Path, monkeypatch: pytest.M
     best, middle, worst = sorted(starts, key=problem.figure)
     found = tuple(Found(k, x, problem.figure(x), 1.0, True) for k, x in enumerate((best, middle)))
     monkeypatch.setattr(designs, "composed", lambda *arguments: iter([worst]))
-    first, *rest = designs._candidates(problem, Harvest(found, 2, (), False))
+    first, *rest = designs._candidates(problem, SearchResult(found, 2, (), False))
     assert first is best and len(rest) == 2

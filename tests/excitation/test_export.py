@@ -119,4 +119,4 @@ def test_unknown_formats_are_refused(tmp_path: Path) -> None:
     robot: Robot = arm()
     with pytest.raises(OutputError, match="no format 'rapit'") as caught:
         write_export(Swings(), robot, "rapit", tmp_path)
-    assert "did you mean 'rapid'" in caught.value.mend
+    assert "did you mean 'rapid'" in caught.value.fix

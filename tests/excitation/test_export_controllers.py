@@ -127,7 +127,7 @@ def test_short_arms_have_fewer_axes_in_krl_and_none_in_rapid() -> None:
     for form in READERS:
         with pytest.raises(OutputError, match="this one has 13 joints") as caught:
             exported(Swings(13), arm(13), form)
-        assert "another format" in caught.value.mend
+        assert "another format" in caught.value.fix
 
 
 @pytest.mark.parametrize("form", READERS)

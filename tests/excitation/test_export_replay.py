@@ -129,7 +129,7 @@ def test_what_a_ur_cannot_do_is_refused() -> None:
             exported(Swings(robot.n), robot, "urscript")
     with pytest.raises(OutputError, match="do not accept 100 set points") as caught:
         exported(Swings(), arm(), "urscript", rate=100.0)
-    assert "125" in caught.value.mend and "500" in caught.value.mend
+    assert "125" in caught.value.fix and "500" in caught.value.fix
 
 
 @pytest.mark.parametrize("form", ["ros2", "urscript", "krl", "rapid"])

@@ -249,7 +249,7 @@ def test_nothing_proven_is_said() -> None:
             caught.value.wrong == "no motion was found that can be proven to keep all constraints"
         )
         assert caught.value.where == "excitation"
-        assert caught.value.mend.startswith("widen the boxes or the margins")
+        assert caught.value.fix.startswith("widen the boxes or the margins")
 
 
 def test_the_second_best_counts_if_the_best_is_not_proven() -> None:

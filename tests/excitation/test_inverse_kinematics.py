@@ -135,7 +135,7 @@ def test_frames_that_cannot_be_led_are_refused() -> None:
     tooled = arm("ur10")
     with pytest.raises(ModelError, match="no frame 'toll0'") as error:
         InverseKinematics.of(tooled.robot, "toll0", tooled.limits)
-    assert "did you mean 'tool0'" in error.value.mend
+    assert "did you mean 'tool0'" in error.value.fix
     with pytest.raises(ModelError, match="'base_link' does not move") as error:
         InverseKinematics.of(tooled.robot, "base_link", tooled.limits)
-    assert "wrist_3_link" in error.value.mend
+    assert "wrist_3_link" in error.value.fix

@@ -23,7 +23,7 @@ from steelyard.excitation.search.methods import Gradient, seeded
 from steelyard.excitation.search.starts import each_start, random_starts
 from steelyard.model import Model
 from steelyard.progress import Stopped
-from steelyard.regression.information_gradient import Shows
+from steelyard.regression.information_gradient import InformationEvaluator
 from steelyard.robot.robot import Body, Coordinate, Robot
 from steelyard.terms.laws.coulomb import Coulomb
 from steelyard.terms.laws.rigid_body import RigidBody
@@ -44,9 +44,9 @@ def two_limbs() -> Robot:
     return Robot("two", named, tuple(Coordinate(f"{n}_joint", "revolute") for n, _ in rows))
 
 
-def shows(robot: Robot) -> Shows:
+def shows(robot: Robot) -> InformationEvaluator:
     model = Model(robot, (RigidBody(), Coulomb(), Viscous()))
-    return Shows(model, np.ones(robot.n), np.full(robot.n, 0.02))
+    return InformationEvaluator(model, np.ones(robot.n), np.full(robot.n, 0.02))
 
 
 @cache

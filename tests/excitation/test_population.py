@@ -140,7 +140,7 @@ def test_a_missing_package_comes_with_the_line_that_installs_it(
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(DataError) as caught:
         METHODS[method].search(problem(FAMILIES["rest"]), seeded(0, 0), silently)
-    assert caught.value.mend == 'pip install "steelyard[population]"'
+    assert caught.value.fix == 'pip install "steelyard[population]"'
 
 
 def test_settings_are_passed_on(monkeypatch: pytest.MonkeyPatch) -> None:

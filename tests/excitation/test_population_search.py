@@ -112,7 +112,7 @@ def test_a_missing_package_comes_with_the_line_that_installs_it(
     with pytest.raises(DataError) as caught:
         search(bowl)
     assert caught.value.wrong.startswith(words)
-    assert caught.value.mend == 'pip install "steelyard[population]"'
+    assert caught.value.fix == 'pip install "steelyard[population]"'
 
 
 def test_generations_and_evaluations_are_as_many_as_asked_for() -> None:
@@ -134,7 +134,7 @@ def test_nobody_to_pair_is_refused(population: int, generations: int) -> None:
     with pytest.raises(DataError) as caught:
         genetic(bowl, population=population, generations=generations)
     assert caught.value.wrong == f"a population of {population} over {generations} generations"
-    assert "at least two individuals" in caught.value.mend
+    assert "at least two individuals" in caught.value.fix
 
 
 def test_the_best_ever_tried_is_the_answer() -> None:

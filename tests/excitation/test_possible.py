@@ -41,7 +41,7 @@ def test_times_that_are_too_short(tmp_path: Path, tables: str, words: str) -> No
     error = refused(tmp_path, head + tables.format("0.06"))
     assert words in error.wrong and "no joint can move by even 0.002 rad" in error.wrong
     assert error.where == "[excitation.motion]"
-    times = dict(re.findall(r"(\w+) = ([\d.]+)", error.mend))
+    times = dict(re.findall(r"(\w+) = ([\d.]+)", error.fix))
     changed = tables.format("0.06")
     for key, seconds in times.items():
         changed = re.sub(rf"\b{key} = [\d.]+", f"{key} = {seconds}", changed)
@@ -55,7 +55,7 @@ def test_times_that_are_too_short(tmp_path: Path, tables: str, words: str) -> No
 def test_fewer_harmonics_work_too(tmp_path: Path) -> None:
     tables = f"{FREE}acceleration = 1.0\n[excitation.motion]\nperiod = 2.0\nharmonics = {{}}\n"
     error = refused(tmp_path, tables.format(20))
-    most = int(re.findall(r"no more than (\d+) harmonics", error.mend)[0])
+    most = int(re.findall(r"no more than (\d+) harmonics", error.fix)[0])
     some_motion(tmp_path, tables.format(most))
     refused(tmp_path, tables.format(most + 1))
 
@@ -63,7 +63,7 @@ def test_fewer_harmonics_work_too(tmp_path: Path) -> None:
 def test_jerk_counts_as_acceleration_does(tmp_path: Path) -> None:
     tables = f"{FREE}jerk = 0.01\n[excitation.motion]\nperiod = {{}}\n"
     error = refused(tmp_path, tables.format("10.0"))
-    some_motion(tmp_path, tables.format(re.findall(r"period = ([\d.]+)", error.mend)[0]))
+    some_motion(tmp_path, tables.format(re.findall(r"period = ([\d.]+)", error.fix)[0]))
 
 
 @pytest.mark.parametrize("key", ["start", "end"])
@@ -81,8 +81,8 @@ def test_postures_outside_limits(tmp_path: Path, key: str, at: str, words: str) 
     error = refused(tmp_path, tables.replace("{}", at))
     assert words in error.wrong and f"the {key} posture" in error.wrong
     assert error.where == f"[excitation.motion] {key}"
-    assert ("position_margin" in error.mend) == (abs(float(at)) < 2.5)
-    low, high = numbers(error.mend)[:2]
+    assert ("position_margin" in error.fix) == (abs(float(at)) < 2.5)
+    low, high = numbers(error.fix)[:2]
     some_motion(tmp_path, tables.replace("{}", str(low if float(at) < 0.0 else high)))
 
 
@@ -114,7 +114,7 @@ def test_a_start_in_collision_or_out_of_its_box(
     error = refused(tmp_path, f"{walls}[excitation.motion]\nstart = {start}\n")
     assert "the start posture violates" in error.wrong and words in error.wrong
     assert "missed by" in error.wrong and error.where == "[excitation.motion] start"
-    advised = re.findall(r"\[.*\]", error.mend)[0]
+    advised = re.findall(r"\[.*\]", error.fix)[0]
     some_motion(tmp_path, f"{walls}[excitation.motion]\nstart = {advised}\n")
 
 
@@ -134,9 +134,9 @@ def test_a_start_in_collision_or_out_of_its_box(
 def test_a_box_out_of_reach(tmp_path: Path, tables: str, at: float, words: str) -> None:
     error = refused(tmp_path, tables.replace("{}", str(at)))
     assert "no posture was found that satisfies all constraints" in error.wrong
-    assert words in error.wrong and words in error.mend
+    assert words in error.wrong and words in error.fix
     missed = float(re.findall(r"missed by ([\d.]+) m", error.wrong)[0])
-    amount = float(re.findall(r"by ([\d.]+) m, or more", error.mend)[0])
+    amount = float(re.findall(r"by ([\d.]+) m, or more", error.fix)[0])
     assert missed < amount < missed + 0.1
     some_motion(tmp_path, tables.replace("{}", str(at - amount)))
     refused(tmp_path, tables.replace("{}", str(at - 0.99 * missed)))
@@ -148,7 +148,7 @@ def test_power_that_allows_no_motion(tmp_path: Path) -> None:
     error = refused(tmp_path, tables.format(1e-6))
     assert "power of" in error.wrong and "of the joints' ranges" in error.wrong
     assert error.where == "[excitation] power"
-    amounts = [float(x) for x in re.findall(r"by ([\d.]+) W", error.mend)]
+    amounts = [float(x) for x in re.findall(r"by ([\d.]+) W", error.fix)]
     some_motion(tmp_path, tables.format(1e-6 + max(amounts)))
 
 
@@ -172,7 +172,7 @@ def test_ends_too_far_apart_for_the_time(tmp_path: Path, kind: str) -> None:
     )
     error = refused(tmp_path, tables.format("1.0"))
     needed = float(re.findall(r"takes ([\d.]+) s, the motion has 1 s", error.wrong)[0])
-    advised = float(re.findall(r"more than ([\d.]+) s", error.mend)[0])
+    advised = float(re.findall(r"more than ([\d.]+) s", error.fix)[0])
     # a minimum-jerk move, near which the splines are: 15/8 of the mean speed, 10/sqrt(3) of the
     # way over the time squared
     speed, acceleration = 0.95 * 3.0, 0.95 * 5.0
@@ -222,5 +222,5 @@ def test_what_does_not_fit_the_robot(tmp_path: Path, tables: str, where: str, wo
     with pytest.raises(SteelyardError) as caught:
         designed(tmp_path, tables)
     assert where in caught.value.where
-    assert words in caught.value.mend
+    assert words in caught.value.fix
     assert QUICK not in tables

@@ -17,7 +17,7 @@ from steelyard.excitation.search.methods import Gradient, searches, seeded
 from steelyard.excitation.search.register import METHODS, method_of
 from steelyard.excitation.search.starts import random_starts
 from steelyard.progress import Stopped
-from steelyard.regression.information_gradient import Shows
+from steelyard.regression.information_gradient import InformationEvaluator
 from steelyard.regression.regressor import base_regressor
 from steelyard.terms.laws.coulomb import Coulomb
 
@@ -149,11 +149,11 @@ def test_methods_by_name() -> None:
     with pytest.raises(DataError) as caught:
         method_of("gradint")
     assert caught.value.wrong == "there is no search method 'gradint'"
-    assert "gradient" in caught.value.mend
+    assert "gradient" in caught.value.fix
 
 
 def test_a_model_of_other_laws_has_a_problem_too() -> None:
-    shows = Shows(
+    shows = InformationEvaluator(
         replace(MODEL, terms=(*MODEL.terms[:1], Coulomb(smoothing=0.1))),
         np.ones(3),
         np.full(3, 0.01),

@@ -15,8 +15,8 @@ def test_a_box_out_of_reach_names_the_least_move_that_works() -> None:
     with pytest.raises(DataError, match="the place box is out of reach") as error:
         plan("ur10", PickAndPlace(pick, far, cycles=1))
     assert "frame 'tool0' of robot 'ur10'" in error.value.where
-    shift = np.array([float(x) for x in error.value.mend.split("(")[1].split(")")[0].split(",")])
-    told = float(error.value.mend.split(" m, ")[1].split(" m")[0])
+    shift = np.array([float(x) for x in error.value.fix.split("(")[1].split(")")[0].split(",")])
+    told = float(error.value.fix.split(" m, ")[1].split(" m")[0])
     assert told == pytest.approx(np.linalg.norm(shift), abs=1e-3) and 0.1 < told < 0.4
     moved = Box(tuple(far.centre + shift), far.size)
     joint = Manner(path="joint")
@@ -30,10 +30,10 @@ def test_a_waypoint_out_of_reach_is_named() -> None:
     with pytest.raises(DataError, match=r"waypoint 2 is out of reach: of \(1.600, 0.300") as error:
         plan("ur10", Waypoints([[0.6, 0.2, 0.4], [1.6, 0.3, 0.4]]))
     assert "the nearest reachable position is (1.30" in error.value.wrong
-    assert "0.307 m" in error.value.mend
+    assert "0.307 m" in error.value.fix
     with pytest.raises(DataError, match="the square is out of reach") as error:
         plan("panda", Square((0.9, 0.0, 0.3), 0.2))
-    assert "move the square by (-0." in error.value.mend
+    assert "move the square by (-0." in error.value.fix
 
 
 def test_lines_through_what_no_posture_can_do_are_refused() -> None:
@@ -41,7 +41,7 @@ def test_lines_through_what_no_posture_can_do_are_refused() -> None:
     with pytest.raises(Astray) as error:
         plan("ur10", Waypoints([[0.6, 0.1, 0.3], [-0.6, 0.1, 0.3]], manner=Manner(attitude=DOWN)))
     assert "from waypoint 1 to waypoint 2" in error.value.where
-    assert "path = 'joint'" in error.value.mend
+    assert "path = 'joint'" in error.value.fix
     assert "%" in error.value.wrong
     joint = Manner(path="joint", attitude=DOWN)
     motion = plan("ur10", Waypoints([[0.6, 0.1, 0.3], [-0.6, 0.1, 0.3]], manner=joint))
@@ -62,7 +62,7 @@ def test_bad_input_is_refused_with_words() -> None:
         square.plan(tooled.robot, tooled.limits, tooled.frame, start=start)
     with pytest.raises(DataError, match="has 3 values") as error:
         square.plan(tooled.robot, tooled.limits, tooled.frame, start=start[:3])
-    assert "each of its 6 joints" in error.value.mend
+    assert "each of its 6 joints" in error.value.fix
     for wrong in (
         lambda: Box((0.0, 0.0, 0.0), (0.1, -0.1, 0.1)),
         lambda: PickAndPlace(box, box, cycles=0),
@@ -77,4 +77,4 @@ def test_bad_input_is_refused_with_words() -> None:
     ):
         with pytest.raises(DataError) as error:
             wrong()
-        assert error.value.mend
+        assert error.value.fix

@@ -292,7 +292,7 @@ def test_closed_chains_are_refused(tmp_path: Path) -> None:
 
     with pytest.raises(ModelError, match="closed chains") as caught:
         workspace_of(loaded, ())
-    assert "only_tool" in caught.value.mend
+    assert "only_tool" in caught.value.fix
 
 
 def test_the_elbow_of_a_ur10_stays_above_its_table(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ import pytest
 from excitation.tabled import OPEN, arm, model_of
 from steelyard.errors import DataError
 from steelyard.excitation.from_tables import Recipe, build
-from steelyard.excitation.search.parallel_search import Effort, Harvest, harvested
+from steelyard.excitation.search.parallel_search import SearchBudget, SearchResult, harvested
 from steelyard.progress import Event, Progress, Stopped, silent
 
 pytestmark = pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks at processes in /proc")
@@ -29,8 +29,8 @@ harmonics = 2
 
 
 def harvest(
-    folder: Path, effort: Effort, progress: Progress = silent, method: str = "gradient"
-) -> Harvest:
+    folder: Path, effort: SearchBudget, progress: Progress = silent, method: str = "gradient"
+) -> SearchResult:
     loaded = arm(folder, TABLES)
     model = model_of(loaded)
     return harvested(Recipe.of(loaded, model), build(loaded, model), method, effort, progress)
@@ -58,7 +58,7 @@ def _nobody_stays() -> Iterator[None]:
 
 def test_the_seed_alone_decides(tmp_path: Path) -> None:
     one, two, other = (
-        harvest(tmp_path, Effort(60.0, searches=3, processes=count, seed=seed))
+        harvest(tmp_path, SearchBudget(60.0, searches=3, processes=count, seed=seed))
         for count, seed in ((1, 0), (2, 0), (2, 1))
     )
     assert one.searches == two.searches == 3 and not one.stopped
@@ -77,13 +77,13 @@ def test_no_more_processes_than_searches(tmp_path: Path) -> None:
         seen.append(len(workers()))
         return True
 
-    found = harvest(tmp_path, Effort(60.0, searches=1, processes=8), watch)
+    found = harvest(tmp_path, SearchBudget(60.0, searches=1, processes=8), watch)
     assert found.searches == 1 and max(seen) == 1
 
 
 def test_time_ends_it_and_keeps_what_there_is(tmp_path: Path) -> None:
     begun = time.monotonic()
-    found = harvest(tmp_path, Effort(3.0, processes=2))
+    found = harvest(tmp_path, SearchBudget(3.0, processes=2))
     assert 2.5 < time.monotonic() - begun < 6.0
     assert found.best and len(found.best) <= 4 and not found.stopped
     assert [f.figure for f in found.best] == sorted(f.figure for f in found.best)
@@ -95,13 +95,13 @@ def stopping(ready: Callable[[Event], bool]) -> Progress:
 
 def test_asked_to_stop_it_gives_the_best_so_far(tmp_path: Path) -> None:
     begun = time.monotonic()
-    found = harvest(tmp_path, Effort(60.0, processes=2), stopping(lambda e: "best" in e.note))
+    found = harvest(tmp_path, SearchBudget(60.0, processes=2), stopping(lambda e: "best" in e.note))
     assert found.stopped and found.best and time.monotonic() - begun < 20.0
 
 
 def test_asked_to_stop_before_there_is_anything(tmp_path: Path) -> None:
     with pytest.raises(Stopped):
-        harvest(tmp_path, Effort(60.0, processes=2), stopping(lambda e: True))
+        harvest(tmp_path, SearchBudget(60.0, processes=2), stopping(lambda e: True))
 
 
 def killing(most: int, every: bool) -> Progress:
@@ -119,15 +119,15 @@ def killing(most: int, every: bool) -> Progress:
 
 
 def test_the_others_go_on_when_one_is_killed(tmp_path: Path) -> None:
-    found = harvest(tmp_path, Effort(4.0, processes=2), killing(1, every=False))
+    found = harvest(tmp_path, SearchBudget(4.0, processes=2), killing(1, every=False))
     assert found.lost == 1 and found.best
 
 
 def test_all_of_them_killed_is_said(tmp_path: Path) -> None:
     with pytest.raises(DataError) as caught:
-        harvest(tmp_path, Effort(60.0, processes=2), killing(2, every=True))
+        harvest(tmp_path, SearchBudget(60.0, processes=2), killing(2, every=True))
     assert "2 search processes ended early (signal 9)" in caught.value.wrong
-    assert "--processes" in caught.value.mend
+    assert "--processes" in caught.value.fix
 
 
 def test_an_error_in_a_worker_is_told(tmp_path: Path) -> None:
@@ -136,7 +136,7 @@ def test_an_error_in_a_worker_is_told(tmp_path: Path) -> None:
     recipe, problem = Recipe.of(loaded, model), build(loaded, model)
     (tmp_path / "arm.urdf").unlink()
     with pytest.raises(DataError, match="does not exist"):
-        harvested(recipe, problem, "gradient", Effort(60.0, processes=2))
+        harvested(recipe, problem, "gradient", SearchBudget(60.0, processes=2))
 
 
 def test_a_flaw_in_a_worker_is_told_with_its_traceback(tmp_path: Path) -> None:
@@ -144,7 +144,7 @@ def test_a_flaw_in_a_worker_is_told_with_its_traceback(tmp_path: Path) -> None:
     model = model_of(loaded)
     broken = Recipe(str(loaded.sources[0].path), (), {"limits": 3})
     with pytest.raises(RuntimeError, match="ValidationError"):
-        harvested(broken, build(loaded, model), "gradient", Effort(60.0))
+        harvested(broken, build(loaded, model), "gradient", SearchBudget(60.0))
 
 
 def task(folder: Path, searches: int | None, seconds: float = 60.0) -> str:

@@ -37,10 +37,10 @@ def test_what_is_not_told_apart_is_infinite_and_the_rest_is_not() -> None:
 
 
 def test_prior_information_makes_the_unseen_known() -> None:
-    from steelyard.excitation.predicted_accuracy import Shown
+    from steelyard.excitation.predicted_accuracy import PredictedAccuracy
 
     gram = np.diag([4.0, 0.0])
-    shown = Shown(("a", "b"), ("", ""), gram, 1.0, 1.0, 1.0, np.ones(2))
+    shown = PredictedAccuracy(("a", "b"), ("", ""), gram, 1.0, 1.0, 1.0, np.ones(2))
     np.testing.assert_array_equal(shown.std(), [0.5, np.inf])
     np.testing.assert_allclose(shown.std(np.diag([0.0, 25.0])), [0.5, 0.2])
 

@@ -207,7 +207,7 @@ def test_panda_quickly() -> None:
 
 
 @pytest.mark.parametrize(
-    ("make", "wrong", "mend"),
+    ("make", "wrong", "fix"),
     [
         (lambda: torque_limit({"arm": valued(tree(), (Dahl(length=1e-3),))}), "'dahl' rem", "coul"),
         (lambda: torque_limit({"a": valued(five_bar(), ())}), "closed chains", "leave out"),
@@ -227,10 +227,10 @@ def test_panda_quickly() -> None:
         (lambda: loaded(valued(tree(), ()), "hand", Inertia.zero()), "no frame 'hand'", "frames"),
     ],
 )
-def test_what_cannot_be_bounded_is_refused(make, wrong: str, mend: str) -> None:
+def test_what_cannot_be_bounded_is_refused(make, wrong: str, fix: str) -> None:
     with pytest.raises(ModelError, match=wrong) as caught:
         make()
-    assert mend in caught.value.mend
+    assert fix in caught.value.fix
 
 
 def test_payloads_need_bodies() -> None:

@@ -12,7 +12,7 @@ from steelyard.excitation.constraints.torque import EffortLimit
 from steelyard.excitation.design import design
 from steelyard.excitation.from_tables import build
 from steelyard.excitation.problem import Problem
-from steelyard.excitation.search.parallel_search import Effort
+from steelyard.excitation.search.parallel_search import SearchBudget
 from steelyard.excitation.uncovered import Declined
 from steelyard.identification.excitation_inputs import refuse_formats
 from steelyard.robot_file.file import load_robot
@@ -64,7 +64,7 @@ def test_friction_with_memory_of_an_earlier_model_limits_no_torque(tmp_path: Pat
 def test_planned_motions_are_held_to_the_same(tmp_path: Path) -> None:
     known, loaded = earlier(tmp_path), arm(tmp_path, f"{OPEN}{LIMITS}effort = 9.0\n{PLANNED}", DAHL)
     with pytest.raises(ModelError, match="cannot be limited: 'dahl' depends on the motion"):
-        design(loaded, model_of(loaded), Effort(20.0, processes=1), earlier=known)
+        design(loaded, model_of(loaded), SearchBudget(20.0, processes=1), earlier=known)
 
 
 def notes_without(folder: Path, joints: int, tables: str = "") -> tuple[tuple[str, ...], list[str]]:

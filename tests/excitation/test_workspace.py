@@ -123,7 +123,7 @@ def test_distance_from_a_box() -> None:
 
 
 @pytest.mark.parametrize(
-    ("make", "wrong", "mend"),
+    ("make", "wrong", "fix"),
     [
         (lambda r, m: tool_box(r, m, (0, 0, 1), (1, 1, 1)), "empty along z: from 1 to 1", "below"),
         (lambda r, m: tool_box(r, m, [None] * 3, [None] * 3), "open on all sides", "at least one"),
@@ -139,11 +139,11 @@ def test_distance_from_a_box() -> None:
         (lambda r, m: keep_out(r, m, np.zeros((0, 3)), np.zeros((0, 3))), "no boxes", "corner"),
     ],
 )
-def test_what_makes_no_sense_is_refused(make, wrong: str, mend: str) -> None:
+def test_what_makes_no_sense_is_refused(make, wrong: str, fix: str) -> None:
     robot = tree()
     with pytest.raises(ModelError, match=wrong) as caught:
         make(robot, [Marker("tip")])
-    assert mend in caught.value.mend
+    assert fix in caught.value.fix
 
 
 def test_a_frame_of_the_base_is_refused() -> None:
@@ -151,7 +151,7 @@ def test_a_frame_of_the_base_is_refused() -> None:
     fixed = robot.changed(frames=(Frame("plate", -1, np.eye(3), np.zeros(3)),))
     with pytest.raises(ModelError, match="'plate' is fixed to the base") as caught:
         tool_box(fixed, [Marker("plate")], [0] * 3, [1] * 3)
-    assert "'tip'" in caught.value.mend
+    assert "'tip'" in caught.value.fix
 
 
 def test_a_sphere_has_a_radius() -> None:

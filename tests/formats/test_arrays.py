@@ -112,7 +112,7 @@ def test_the_length_that_most_numbers_share_wins(
     assert [name for name, _ in log.left_out] == ["slow", "fast"]
     with pytest.raises(LogError, match="'slow' is no column of the table: its size is") as caught:
         list(log.parts(("slow",)))
-    assert "t, q_1, q_2, q_3" in caught.value.mend
+    assert "t, q_1, q_2, q_3" in caught.value.fix
 
 
 @pytest.mark.parametrize("write", [of_npz, of_mat, of_hdf5])
@@ -122,7 +122,7 @@ def test_a_file_without_a_table_is_refused(
     path = write(tmp_path / "run", {"gain": np.array(2.5)})
     with pytest.raises(LogError, match="no table of numbers .'gain': one number.") as caught:
         open_log(path)
-    assert "one row per sample" in caught.value.mend
+    assert "one row per sample" in caught.value.fix
 
 
 def test_python_objects_are_never_unpickled(tmp_path: Path) -> None:
@@ -263,7 +263,7 @@ def test_old_matlab_is_refused(tmp_path: Path) -> None:
     scipy.io.savemat(tmp_path / "run.mat", {"t": T}, format="4")
     with pytest.raises(LogError, match="no MATLAB file of version 5 or later") as caught:
         open_log(tmp_path / "run.mat")
-    assert "'-v7.3'" in caught.value.mend
+    assert "'-v7.3'" in caught.value.fix
 
 
 def test_classes_of_matlab_that_are_no_numbers_are_left_out(tmp_path: Path) -> None:
@@ -360,7 +360,7 @@ def test_headers_of_numpy_that_make_no_sense(tmp_path: Path, content: bytes, wor
     (tmp_path / "run.npy").write_bytes(content)
     with pytest.raises(LogError) as caught:
         open_log(tmp_path / "run.npy")
-    assert words in caught.value.wrong and "copy it again" in caught.value.mend
+    assert words in caught.value.wrong and "copy it again" in caught.value.fix
 
 
 def test_archives_that_are_not_numpys(tmp_path: Path) -> None:

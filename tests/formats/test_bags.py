@@ -90,7 +90,7 @@ def test_what_was_written_is_read(tmp_path: Path, writer: Writer) -> None:
 def test_times_of_nine_decimals_come_back(tmp_path: Path, writer: Writer) -> None:
     texts = [f"{k * 17}.{k * 123_456_79 % 10**9:09d}" for k in range(1, 100)]
     stamps = [int(text.replace(".", "")) for text in texts]
-    notes = [joint_state(stamp, NAMES[:1], [0.0], [], []) for stamp in stamps]
+    notes = [joint_state(signature, NAMES[:1], [0.0], [], []) for signature in stamps]
     found = read(open_log(writer(tmp_path, notes)), ("/joint_states/stamp",))
     assert found[:, 0].tolist() == [float(text) for text in texts]
 
@@ -172,9 +172,9 @@ def test_without_stamps_the_log_time_counts(tmp_path: Path) -> None:
         replace(joint_state(0, ["a"], [float(k)], [], []), time=START + k * 10**7) for k in range(5)
     ]
     log = open_log(write_bag2(tmp_path / "run", notes))
-    stamp, recorded = read(log, ("/joint_states/stamp", "/joint_states/log_time")).T
-    np.testing.assert_array_equal(stamp, recorded)
-    assert stamp[0] == START / 10**9
+    signature, recorded = read(log, ("/joint_states/stamp", "/joint_states/log_time")).T
+    np.testing.assert_array_equal(signature, recorded)
+    assert signature[0] == START / 10**9
 
 
 def test_files_of_a_split_bag_follow_each_other(tmp_path: Path) -> None:
@@ -191,11 +191,11 @@ def test_files_of_a_split_bag_follow_each_other(tmp_path: Path) -> None:
     metadata.write_text(text.replace("- run.mcap\n", "- gone.mcap\n"))
     with pytest.raises(LogError, match="no such log file") as caught:
         open_log(folder)
-    assert "run.mcap" in caught.value.mend
+    assert "run.mcap" in caught.value.fix
     metadata.write_text("rosbag2_bagfile_information:\n")
     with pytest.raises(LogError, match="'relative_file_paths'") as caught:
         open_log(folder)
-    assert ".mcap file itself" in caught.value.mend
+    assert ".mcap file itself" in caught.value.fix
 
 
 def test_nothing_is_written_beside_a_bag(tmp_path: Path, writer: Writer) -> None:
@@ -221,7 +221,7 @@ def test_the_content_counts_and_not_the_suffix(tmp_path: Path) -> None:
     (tmp_path / "run.db3").write_text("t,q\n0,1\n")
     with pytest.raises(LogError, match="neither an MCAP file nor the database") as caught:
         open_log(tmp_path / "run.db3")
-    assert ".csv" in caught.value.mend
+    assert ".csv" in caught.value.fix
 
 
 def test_a_column_that_is_not_there_is_named_with_its_neighbours(tmp_path: Path) -> None:
@@ -229,4 +229,4 @@ def test_a_column_that_is_not_there_is_named_with_its_neighbours(tmp_path: Path)
     log = open_log(write_mcap(tmp_path / "run.mcap", notes))
     with pytest.raises(LogError, match="no column '/joint_states/position/arm_9_joint'") as caught:
         read(log, ("/joint_states/position/arm_9_joint",))
-    assert "/joint_states/position/arm_" in caught.value.mend
+    assert "/joint_states/position/arm_" in caught.value.fix

@@ -85,7 +85,7 @@ def attempt(path: Path) -> np.ndarray | None:
         log = open_log(path)
         parts = list(log.parts(tuple(c for c in COLUMNS if c in log.columns) or log.columns[:3]))
     except LogError as error:
-        assert error.wrong and error.mend and str(path.parent) in error.where
+        assert error.wrong and error.fix and str(path.parent) in error.where
         assert len(str(error)) < 3000
         return None
     return np.concatenate(parts) if parts else np.zeros((0, 3))
@@ -149,7 +149,7 @@ def test_a_flipped_bit_in_a_chunk_is_said_with_its_place(tmp_path: Path, kind: s
     path.write_bytes(data)
     with pytest.raises(LogError, match="the record at byte [0-9]+ cannot be read") as caught:
         list(open_log(path).parts(COLUMNS))
-    assert "mcap recover" in caught.value.mend
+    assert "mcap recover" in caught.value.fix
 
 
 @pytest.mark.parametrize(
@@ -177,7 +177,7 @@ def test_an_encrypted_bag_is_refused(tmp_path: Path) -> None:
     (tmp_path / "run.bag").write_bytes(data)
     with pytest.raises(LogError, match="encrypted by rosbag/AesCbcEncryptor") as caught:
         open_log(tmp_path / "run.bag")
-    assert "rosbag decrypt" in caught.value.mend
+    assert "rosbag decrypt" in caught.value.fix
 
 
 def test_packed_bags_of_another_kind_are_refused(tmp_path: Path) -> None:
@@ -190,7 +190,7 @@ def test_packed_bags_of_another_kind_are_refused(tmp_path: Path) -> None:
         LogError, match=r"files are compressed \(xz\), where zstd is read"
     ) as caught:
         open_log(folder)
-    assert "ros2 bag convert" in caught.value.mend
+    assert "ros2 bag convert" in caught.value.fix
 
 
 def test_errors_of_a_packed_bag_name_it_and_not_its_copy(tmp_path: Path) -> None:
@@ -242,7 +242,7 @@ def test_a_database_of_something_else_is_refused(tmp_path: Path) -> None:
         base.commit()
     with pytest.raises(LogError, match="not a ROS 2 bag") as caught:
         open_log(tmp_path / "run.db3")
-    assert "-wal" in caught.value.mend
+    assert "-wal" in caught.value.fix
 
 
 def test_an_open_journal_is_remarked(tmp_path: Path) -> None:

@@ -41,14 +41,16 @@ def drives_store(stores: Stores) -> Any:
 
 def drives(store: Any) -> Any:
     types = store.types
-    stamp = types["builtin_interfaces/msg/Time"](12, 500_000_000)
+    signature = types["builtin_interfaces/msg/Time"](12, 500_000_000)
     since = types["builtin_interfaces/msg/Duration"](-1, 250_000_000)
     header = types["std_msgs/msg/Header"]
-    head = header(7, stamp, "") if "seq" in header.__dataclass_fields__ else header(stamp, "")
+    head = (
+        header(7, signature, "") if "seq" in header.__dataclass_fields__ else header(signature, "")
+    )
     drive = types["lab_msgs/msg/Drive"]
     return types["lab_msgs/msg/Drives"](
         head, since, True, -3, "x", np.array([0.5, 1.5, 2.5], dtype=np.float32),
-        [drive(40.0, stamp), drive(41.0, stamp)], drive(42.0, stamp),
+        [drive(40.0, signature), drive(41.0, signature)], drive(42.0, signature),
     )  # fmt: skip
 
 
@@ -121,14 +123,14 @@ def test_known_types_need_no_definition(tmp_path: Path) -> None:
     np.testing.assert_array_equal(part, [[5.0, 1.5]])
     with pytest.raises(LogError, match="'lab_msgs/msg/Odd' is not defined in the file") as caught:
         list(log.parts(("/odd/position",)))
-    assert "with its definition" in caught.value.mend
+    assert "with its definition" in caught.value.fix
     assert [t.problem != "" for t in topics(tmp_path / "run.mcap")] == [False, True]
 
 
 def test_json_is_read(tmp_path: Path) -> None:
-    stamp = {"sec": 3, "nsec": 250_000_000}
-    joints = {"header": {"stamp": stamp}, "name": ["b", "a"], "position": [2, 1.0]}
-    free = {"timestamp": stamp, "tcp": {"force": [1, 2.5, None]}, "ok": True, "n": 10**400}
+    signature = {"sec": 3, "nsec": 250_000_000}
+    joints = {"header": {"stamp": signature}, "name": ["b", "a"], "position": [2, 1.0]}
+    free = {"timestamp": signature, "tcp": {"force": [1, 2.5, None]}, "ok": True, "n": 10**400}
     notes = [("/js", 4 * 10**9, joints), ("/free", 5 * 10**9, free)]
     log = open_log(write_json_mcap(tmp_path / "run.mcap", notes))
     columns = ("/js/stamp", "/js/log_time", "/js/position/a", "/js/position/b")
@@ -157,7 +159,7 @@ def test_a_log_without_numbers_lists_its_topics(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="no topic of the log holds numbers") as caught:
         open_log(write_mcap(tmp_path / "run.mcap", notes))
     assert "/chatter (std_msgs/msg/String" in caught.value.wrong
-    assert "sensor_msgs/msg/JointState" in caught.value.mend
+    assert "sensor_msgs/msg/JointState" in caught.value.fix
 
 
 def test_encodings_that_are_not_read_are_named(tmp_path: Path) -> None:

@@ -56,7 +56,7 @@ def test_seconds_need_time(tmp_path: Path) -> None:
     path.write_text("q1,a\n0,1\n1,2\n")
     with pytest.raises(LogError, match="none of its columns looks like time") as caught:
         list(windowed(open_log(path), ("q1",), Cut(seconds=(0.0, 1.0))))
-    assert "LOG#START:STOP" in caught.value.mend and caught.value.where.endswith("run.csv@0:1")
+    assert "LOG#START:STOP" in caught.value.fix and caught.value.where.endswith("run.csv@0:1")
     content = content_of(open_log(path))
     assert (content.time, content.duration, content.rate) == (None, None, None)
 

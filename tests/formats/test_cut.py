@@ -59,5 +59,5 @@ def test_nonsense_is_refused(tmp_path: Path, window: str, words: str) -> None:
     with pytest.raises(LogError) as caught:
         parse_log_argument(f"{log}{window}")
     assert words in caught.value.wrong
-    assert "LOG@START:STOP" in caught.value.mend
+    assert "LOG@START:STOP" in caught.value.fix
     assert str(log) in caught.value.where

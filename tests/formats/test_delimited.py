@@ -175,7 +175,7 @@ def test_a_blank_file_is_refused(tmp_path: Path, content: bytes) -> None:
 def test_what_is_no_text_is_refused(tmp_path: Path, content: bytes) -> None:
     with pytest.raises(LogError, match="not a text table") as caught:
         read(tmp_path / "run.csv", content)
-    assert ".parquet" in caught.value.mend
+    assert ".parquet" in caught.value.fix
 
 
 def test_a_name_given_twice_is_ambiguous(tmp_path: Path) -> None:

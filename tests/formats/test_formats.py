@@ -79,8 +79,8 @@ def test_a_missing_column_is_named_with_its_neighbours(log: Log) -> None:
     with pytest.raises(LogError) as caught:
         list(log.parts(("time_s", "q1_rd")))
     assert caught.value.wrong == "the log has no column 'q1_rd'"
-    assert "'q1_rad'" in caught.value.mend
-    assert "[signals]" in caught.value.mend
+    assert "'q1_rad'" in caught.value.fix
+    assert "[signals]" in caught.value.fix
     assert caught.value.where == str(log.path)
 
 
@@ -91,7 +91,7 @@ def test_what_cannot_be_read_is_said(tmp_path: Path, suffix: str) -> None:
     (tmp_path / f"folder{suffix}").mkdir()
     with pytest.raises(LogError, match="no such log file") as caught:
         open_log(missing)
-    assert f"run{suffix}" in caught.value.mend
+    assert f"run{suffix}" in caught.value.fix
     with pytest.raises(LogError, match="is empty"):
         open_log(tmp_path / f"run{suffix}")
     with pytest.raises(LogError, match="the folder holds no log"):
@@ -102,4 +102,4 @@ def test_an_unknown_suffix_lists_the_known_ones(tmp_path: Path) -> None:
     (tmp_path / "run.xlsx").write_bytes(b"PK")
     with pytest.raises(LogError, match="'.xlsx'") as caught:
         open_log(tmp_path / "run.xlsx")
-    assert ".parquet" in caught.value.mend and ".csv" in caught.value.mend
+    assert ".parquet" in caught.value.fix and ".csv" in caught.value.fix

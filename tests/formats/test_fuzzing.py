@@ -65,7 +65,7 @@ def test_broken_files_are_an_error_or_a_table(
         names = [name for name in log.columns if log.columns.count(name) == 1]
         parts = list(log.parts(names))
     except LogError as error:
-        assert error.wrong and error.mend and str(path) in error.where
+        assert error.wrong and error.fix and str(path) in error.where
         return
     assert all(part.dtype == np.float64 and part.shape[1] == len(names) for part in parts)
 

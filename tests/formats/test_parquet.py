@@ -31,7 +31,7 @@ def test_another_kind_of_file_is_refused(tmp_path: Path, content: bytes) -> None
     path.write_bytes(content)
     with pytest.raises(LogError, match="cannot be read as Parquet") as caught:
         open_log(path)
-    assert ".csv" in caught.value.mend
+    assert ".csv" in caught.value.fix
 
 
 def test_half_a_file_is_refused(tmp_path: Path) -> None:
@@ -47,4 +47,4 @@ def test_lists_in_cells_are_refused(tmp_path: Path) -> None:
     pl.DataFrame({"q": [[1.0, 2.0], [3.0, 4.0]]}).write_parquet(path)
     with pytest.raises(LogError, match="cannot be read") as caught:
         list(open_log(path).parts(("q",)))
-    assert "one number a row" in caught.value.mend
+    assert "one number a row" in caught.value.fix

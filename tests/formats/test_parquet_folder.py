@@ -65,7 +65,7 @@ def test_other_columns_are_named_with_both_files(tmp_path: Path) -> None:
 def test_a_folder_without_logs_is_refused(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="the folder holds no log") as caught:
         PartitionedParquet.open(tmp_path)
-    assert "metadata.yaml" in caught.value.mend
+    assert "metadata.yaml" in caught.value.fix
 
 
 def test_a_broken_file_is_named(tmp_path: Path) -> None:

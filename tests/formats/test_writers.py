@@ -119,7 +119,7 @@ def test_files_are_not_overwritten(tmp_path: Path) -> None:
         writer_for(tmp_path / "run.csv")
     with pytest.raises(OutputError, match="cannot be written as '.bag'") as caught:
         writer_for(tmp_path / "run.bag")
-    assert ".csv, .parquet, .npz, .mat, .h5" in caught.value.mend
+    assert ".csv, .parquet, .npz, .mat, .h5" in caught.value.fix
 
 
 @pytest.mark.parametrize("suffix", [".parquet", ".npz", ".h5"])
@@ -131,4 +131,4 @@ def test_two_columns_of_one_name_are_refused(tmp_path: Path, suffix: str) -> Non
 def test_a_dataset_cannot_be_a_group_too(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="cannot be paths in HDF5") as caught:
         written(tmp_path / "run.h5", TABLE, ("q", "q/1", "t"))
-    assert "--columns" in caught.value.mend
+    assert "--columns" in caught.value.fix

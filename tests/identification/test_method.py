@@ -109,10 +109,10 @@ def test_unknown_names_are_refused_where_they_stand(folder: Path) -> None:
     with pytest.raises(ModelError) as caught:
         found(folder, '[estimation]\nmethod = "Hubber"\n')
     assert caught.value.wrong == "there is no estimator 'Hubber'"
-    assert "other.toml, line 4" in caught.value.where and "'Huber'" in caught.value.mend
+    assert "other.toml, line 4" in caught.value.where and "'Huber'" in caught.value.fix
     with pytest.raises(ModelError) as caught:
         found(folder, method="least_square")
-    assert caught.value.where == "--method" and "'least_squares'" in caught.value.mend
+    assert caught.value.where == "--method" and "'least_squares'" in caught.value.fix
     with pytest.raises(ModelError, match="no estimator 'GA'"):
         found(folder, method="GA")
     with pytest.raises(ModelError, match="no estimator 'WSL'"):
@@ -127,7 +127,7 @@ def test_what_cannot_be_had_is_refused_with_a_way_out(folder: Path) -> None:
     with pytest.raises(SteelyardError) as caught:
         found(folder, own, method="RLS")
     assert caught.value.wrong == "it keeps no parameters of single runs"
-    assert "take another estimator, or leave per_run = true out" in caught.value.mend
+    assert "take another estimator, or leave per_run = true out" in caught.value.fix
 
 
 def test_a_bootstrap_of_other_data_is_declined(folder: Path) -> None:

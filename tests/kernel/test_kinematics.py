@@ -70,7 +70,7 @@ def test_points_and_their_slopes() -> None:
 def test_a_name_that_is_not_there() -> None:
     with pytest.raises(ModelError, match="no frame 'tipp'") as caught:
         frame_of(tree(), "tipp")
-    assert "'tip'" in caught.value.mend
+    assert "'tip'" in caught.value.fix
 
 
 def test_frames_behind_passive_joints_are_refused() -> None:

@@ -186,7 +186,7 @@ def test_positions_that_jump_are_not_put_down_to_the_clock(recording, sines) -> 
     motion = sines(t)
     with pytest.raises(LogError, match="positions jump farther than a robot can move") as caught:
         prepare(recording(t, 1e4 * motion["q"], motion["effort"]))
-    assert "position_unit" in caught.value.mend
+    assert "position_unit" in caught.value.fix
 
 
 @pytest.mark.parametrize("kind", ["constant", "falling", "wrong"])
@@ -200,4 +200,4 @@ def test_a_time_column_that_is_none_is_refused(recording, sines, kind: str) -> N
     }[kind]
     with pytest.raises(LogError, match="column 't' does not increase") as caught:
         prepare(recording(clock, motion["q"], motion["effort"]))
-    assert "[signals]" in caught.value.mend
+    assert "[signals]" in caught.value.fix

@@ -93,7 +93,7 @@ def test_what_is_not_periodic_is_refused() -> None:
     t = np.arange(0.0, 20.0, 1.0 / RATE)
     with pytest.raises(LogError, match=r"not periodic with 3\.1 s: \d+ harmonics leave") as caught:
         Fourier(period=3.1).designed(8.0, RATE)(motion(t, 4.0)[0], None)
-    assert "correct the period" in caught.value.mend
+    assert "correct the period" in caught.value.fix
     with pytest.raises(LogError, match="samples over 0.49 periods"):
         fourier_series(np.arange(0.0, 5.0, 0.01), np.zeros((500, 1)), 0.0982, 3)
 

@@ -115,4 +115,4 @@ def test_the_cutoff_can_choose() -> None:
 def test_too_little_is_told(t: np.ndarray) -> None:
     with pytest.raises(LogError, match="nothing to smooth") as caught:
         kalman_smoothed(t, np.zeros((len(t), 1)))
-    assert "in order of time" in caught.value.mend
+    assert "in order of time" in caught.value.fix

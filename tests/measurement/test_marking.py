@@ -110,8 +110,8 @@ def test_repeated_rows_are_bridged_in_motion_only(recording, sines) -> None:
     kept = prepare(recording(t, q, effort), Processing(bridge_repeats=False))
     inside = slice(100, 8000)
     truth = plain.whole().motion.ddq[inside]
-    wrong, mended = (np.abs(r.whole().motion.ddq[inside] - truth).max() for r in (kept, run))
-    assert mended < 0.2 * wrong
+    wrong, corrected = (np.abs(r.whole().motion.ddq[inside] - truth).max() for r in (kept, run))
+    assert corrected < 0.2 * wrong
 
 
 def test_a_slow_coarse_sensor_is_not_stale() -> None:

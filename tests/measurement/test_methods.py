@@ -115,7 +115,7 @@ def test_fir_passes_and_stops() -> None:
 def test_a_fir_that_does_not_fit_says_so() -> None:
     with pytest.raises(LogError, match="does not fit samples at 200 Hz") as caught:
         FIR(transition=2.0).designed(80.0, 200.0)
-    assert "transition below" in caught.value.mend
+    assert "transition below" in caught.value.fix
 
 
 def test_central_differences_are_those_of_the_paper() -> None:
@@ -178,7 +178,7 @@ def test_settings_are_kept() -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "wrong", "mend"),
+    ("given", "wrong", "fix"),
     [
         ("butterwort", "'butterwort' is no method for motion", "did you mean 'butterworth'"),
         ({"order": 3}, "does not name its method", "the methods are auto"),
@@ -196,8 +196,8 @@ def test_settings_are_kept() -> None:
         ({"method": "fir", "transition": 0.0}, "a transition of 0", "up to 2"),
     ],
 )
-def test_mistakes_are_told(given: object, wrong: str, mend: str) -> None:
+def test_mistakes_are_told(given: object, wrong: str, fix: str) -> None:
     with pytest.raises(ModelError) as caught:
         method_of(given, "robot.toml, line 7")  # type: ignore[arg-type]
-    assert wrong in caught.value.wrong and mend in caught.value.mend
+    assert wrong in caught.value.wrong and fix in caught.value.fix
     assert caught.value.where == "robot.toml, line 7"

@@ -241,7 +241,7 @@ def test_a_log_shorter_than_its_filter(recording, sines) -> None:
     motion = sines(t)
     error = failing(recording(t, motion["q"], motion["effort"]), Processing(matched_cutoff=2.0))
     assert "2 Hz needs 2 s without a gap, the log has 0.99 s" in error.wrong
-    assert "record for longer" in error.mend
+    assert "record for longer" in error.fix
     few = recording(t[:6], motion["q"][:6], motion["effort"][:6])
     assert "shorter than any filter: 6 rows" in failing(few).wrong
 
@@ -259,7 +259,7 @@ def test_a_log_of_broken_rows(recording, sines) -> None:
     motion = sines(t)
     error = failing(recording(t, motion["q"] * np.nan, motion["effort"]))
     assert "every row of the log is broken: 500 of 500" in error.wrong
-    assert "[signals]" in error.mend
+    assert "[signals]" in error.fix
 
 
 def test_a_window_beside_the_log(recording, sines) -> None:

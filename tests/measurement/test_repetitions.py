@@ -98,7 +98,7 @@ def test_a_motion_without_period_is_told(recording: Callable[..., Recording]) ->
     q = np.stack([np.interp(t, np.arange(21.0), rng.normal(size=21)) for _ in range(2)], axis=1)
     with pytest.raises(LogError, match="no period was found") as caught:
         prepare(recording(t, q, q), Processing(repetitions=Repetitions()))
-    assert "repetitions = {period" in caught.value.mend
+    assert "repetitions = {period" in caught.value.fix
 
 
 def test_logs_of_one_motion(recording: Callable[..., Recording], tmp_path: Path) -> None:

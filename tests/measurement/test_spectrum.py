@@ -101,7 +101,7 @@ def test_cutoffs_asked_for_are_taken() -> None:
 def test_cutoffs_beyond_the_rate_are_refused(processing: Processing, words: str) -> None:
     with pytest.raises(LogError, match=words) as caught:
         cutoffs(processing, 0.5, 100.0, "run.csv")
-    assert caught.value.where == "run.csv" and "log faster" in caught.value.mend
+    assert caught.value.where == "run.csv" and "log faster" in caught.value.fix
 
 
 def test_rest_speeds_are_one_or_one_per_joint() -> None:

@@ -11,7 +11,7 @@ from steelyard.measurement.run import Block
 from steelyard.model import Model
 from steelyard.regression.accumulate import MOVING, RESTING, Accumulator, Stretch, Sums
 from steelyard.regression.gather import accumulate, cut
-from steelyard.regression.information import Information, Stamp
+from steelyard.regression.information import Information, Signature
 from steelyard.regression.parallel_filter import MatchedFilter
 from steelyard.regression.regressor import Regressor, base_regressor
 from steelyard.regression.windows import MOST_WINDOWS
@@ -93,8 +93,8 @@ def gathered(
     found: Regressor, matched: MatchedFilter | None, parts: list[Block], threads: int
 ) -> Information:
     accumulator = Accumulator(found, matched)
-    stamp = Stamp("m", found.layout.columns, ("Nm",), "f")
-    return accumulate(accumulator, cut(parts, "run", accumulator), stamp, threads)
+    signature = Signature("m", found.layout.columns, ("Nm",), "f")
+    return accumulate(accumulator, cut(parts, "run", accumulator), signature, threads)
 
 
 @pytest.mark.parametrize("kind", list(FILTERS))

@@ -87,7 +87,7 @@ def test_groups_are_sums_of_their_windows(run: Run) -> None:
         np.testing.assert_allclose(found.counts[k], sum(parts.counts[g] for g in group))
         first, last = parts.windows[group[0]], parts.windows[group[-1]]
         assert found.windows[k] == Window("swing", first.start, last.stop)
-    assert (found.layout, found.stamp) == (parts.layout, parts.stamp)
+    assert (found.layout, found.signature) == (parts.layout, parts.signature)
     assert found.n_samples[0] < parts.n_samples[0]
     none = parts.grouped([])
     assert none.windows == () and none.grams.shape == (0, parts.grams.shape[1])

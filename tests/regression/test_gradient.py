@@ -19,7 +19,7 @@ from steelyard.excitation.criteria.criteria import KINDS, worst
 from steelyard.excitation.criteria.measure import Measure
 from steelyard.excitation.objective import Case, Objective
 from steelyard.model import Model
-from steelyard.regression.information_gradient import Shows
+from steelyard.regression.information_gradient import InformationEvaluator
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot.robot import Robot
 from steelyard.terms.laws.coulomb import Coulomb
@@ -42,8 +42,10 @@ SHARP = 1e-9
 State = tuple[Array, Array, Array]
 
 
-def shows(robot: Robot, terms: Sequence[Term], width: float) -> Shows:
-    return Shows(Model(robot, tuple(terms)), WEIGHTS[: robot.n], np.full(robot.n, width))
+def shows(robot: Robot, terms: Sequence[Term], width: float) -> InformationEvaluator:
+    return InformationEvaluator(
+        Model(robot, tuple(terms)), WEIGHTS[: robot.n], np.full(robot.n, width)
+    )
 
 
 def drawn_state(n: int, count: int = 12, seed: int = 0) -> State:
@@ -88,7 +90,7 @@ def differences(function: Callable[[State], Array], state: State, h: float = 2e-
 class Oracle:
     """Sums of weighted squares of the regressor as identification computes it."""
 
-    shows: Shows
+    shows: InformationEvaluator
 
     def rows(self, state: State) -> Array:
         """Shape `(n, N, c)`."""

@@ -10,7 +10,7 @@ from steelyard.errors import DataError
 from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
 from steelyard.model import Model
 from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.information import Information, Stamp, Window
+from steelyard.regression.information import Information, Signature, Window
 from steelyard.regression.predicted import with_predicted
 from steelyard.regression.regressor import base_regressor
 
@@ -24,10 +24,10 @@ def piece(
     """One window, with the stacked regressor and effort it stands for, row-major by joint."""
     q, dq, ddq, effort = np.random.default_rng(seed).normal(size=(4, 4, count))
     sums = Accumulator(REGRESSOR)(Stretch(q, dq, ddq, effort))
-    stamp = Stamp("model", REGRESSOR.layout.columns, ("A",) * 4, "motion 20 Hz")
+    signature = Signature("model", REGRESSOR.layout.columns, ("A",) * 4, "motion 20 Hz")
     information = Information(
         REGRESSOR.layout,
-        stamp,
+        signature,
         (Window(run, float(seed), seed + 1.0),),
         sums.grams[None],
         sums.absolute[None],
@@ -84,7 +84,7 @@ def test_no_windows_are_still_information() -> None:
 )
 def test_unequal_information_is_not_added(field: str, value: object) -> None:
     first, second = piece(0)[0], piece(1, "b")[0]
-    other = replace(second, stamp=replace(second.stamp, **{field: value}))
+    other = replace(second, signature=replace(second.signature, **{field: value}))
     with pytest.raises(DataError, match=f"information of unequal {field} cannot be added") as told:
         first + other
     assert "runs a and b" in told.value.where
@@ -119,13 +119,13 @@ def test_gains_scale_the_effort_of_each_row() -> None:
     torque = effort * gains[:, None]
     assert np.allclose(scaled.normal()[1], np.einsum("jnp,jn->p", dense, torque), atol=1e-9)
     assert np.allclose(scaled.effort_squares(), (torque**2).sum(axis=1))
-    assert scaled.stamp.effort == ("Nm",) * 4
+    assert scaled.signature.effort == ("Nm",) * 4
     with pytest.raises(DataError, match="unequal effort"):
         information + scaled
 
 
 def test_runs_of_different_rates_add_to_the_same_in_any_order() -> None:
-    slow, fast = piece(0)[0].diluted(1.5), piece(1)[0].diluted(4.5)
+    slow, fast = piece(0)[0].with_effective_samples(1.5), piece(1)[0].with_effective_samples(4.5)
     one, other = WeightedLeastSquares()(slow + fast), WeightedLeastSquares()(fast + slow)
     assert np.allclose(one.covariance, other.covariance, rtol=1e-6)
     assert np.allclose((slow + fast).n_samples, 200 / 1.5 + 200 / 4.5)
@@ -146,7 +146,7 @@ def test_what_is_beside_rests_goes_with_the_sums() -> None:
         first.merged(1),
         first.select(names[3:7]),
         first.map(transform, names, units),
-        first.diluted(2.0),
+        first.with_effective_samples(2.0),
         first.scaled(np.array([2.0, -1.0, 3.0, 1.0]), ("Nm",) * 4),
         with_predicted(first, np.ones(P), ("a", "b", "c", "d"), np.zeros(4)),
     ):

@@ -48,7 +48,7 @@ def alike(samples: Information, passed: Information) -> None:
     for name in ("grams", "absolute", "counts"):
         mine, wanted = getattr(samples, name).sum(axis=0), getattr(passed, name).sum(axis=0)
         np.testing.assert_allclose(mine, wanted, rtol=1e-10, atol=1e-10 * np.abs(wanted).max())
-    assert (samples.layout, samples.stamp) == (passed.layout, passed.stamp)
+    assert (samples.layout, samples.signature) == (passed.layout, passed.signature)
 
 
 @pytest.mark.parametrize("rests", [False, True])
@@ -115,7 +115,7 @@ def test_weights_and_gains_reach_the_sums(run: Run) -> None:
     wanted = (part.T * weights) @ part * samples.sources[0].share
     np.testing.assert_allclose(found.row_gram(0), wanted, rtol=1e-10)
     assert found.n_samples[0] == pytest.approx(np.sum(samples.t > 12.0) * samples.sources[0].share)
-    assert found.stamp.effort == ("A",)
+    assert found.signature.effort == ("A",)
     with pytest.raises(DataError, match="unequal effort"):
         samples + samples.scaled(np.array([-2.0]), ("A",))
 

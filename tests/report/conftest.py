@@ -7,13 +7,13 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from browser import Seen, chromium, look
-from steelyard.diagnosis import Diagnosis, Edit, Judgement, Mend
+from browser import SampledInformation, chromium, look
+from steelyard.diagnosis import Diagnosis, Edit, Fix, Severity
 from steelyard.diagnosis import Finding as SaidFinding
-from steelyard.diagnosis.finding import Hypothesis, Picture, Trace
+from steelyard.diagnosis.finding import ComparedHypothesis, Picture, Trace
 from steelyard.estimation.consistent.consistent import Consistent
 from steelyard.estimation.effort_scales import Scaled, Scales
-from steelyard.estimation.estimate import Blind, Estimate, OfRun, Standard
+from steelyard.estimation.estimate import Estimate, RunParameters, StandardEstimate, Unidentifiable
 from steelyard.estimation.fields.fields import Finding
 from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimation.knowledge import Knowledge
@@ -73,7 +73,7 @@ def estimate(base: BaseMap, name: str = "weighted least squares", step: float = 
         name,
         Parameters(base.base_names[:-1], base.base_units[:-1], values + step * std),
         correlation * std[:, None] * std,
-        (Blind(base.base_names[-1], (base.base_names[0],)),),
+        (Unidentifiable(base.base_names[-1], (base.base_names[0],)),),
         np.array([0.12, 0.034]),
         np.array([4200.0, 4200.0]),
         812.0,
@@ -81,13 +81,13 @@ def estimate(base: BaseMap, name: str = "weighted least squares", step: float = 
     )
 
 
-def standard(model: Model) -> Standard:
+def standard(model: Model) -> StandardEstimate:
     """The nominal values, of which the data tell the second body's mass least."""
     values = np.array([p.prior if p.prior is not None else 0.5 for p in model.parameters])
     std = 0.02 * np.abs(values) + 1e-4
     learned = np.full(len(values), 0.9)
     learned[10] = 0.05
-    return Standard(Parameters(model.names, model.units, values), np.diag(std**2), learned)
+    return StandardEstimate(Parameters(model.names, model.units, values), np.diag(std**2), learned)
 
 
 def identified(arm: Robot) -> IdentifiedModel:
@@ -96,7 +96,7 @@ def identified(arm: Robot) -> IdentifiedModel:
     n = arm.n
     offset = base.base_names[-2], base.base_units[-2]
     drift = tuple(
-        OfRun(run, Parameters(offset[:1], offset[1:], [value]), np.array([0.02]))
+        RunParameters(run, Parameters(offset[:1], offset[1:], [value]), np.array([0.02]))
         for run, value in (("run1@0.6:9.5", 0.31), ("run2", -0.52))
     )
     signals = Signals(
@@ -190,24 +190,27 @@ def diagnosis(name: str = "arm", most: float = 1.0) -> Diagnosis:
     kinds: tuple[Literal["line", "points", "bars"], ...] = ("line", "points", "bars")
     traces = [Trace(f"{kind} {name}", t, most * np.sin(t), kind) for kind in kinds]
     picture = Picture(f"time {name} [s]", f"effort {name} [A]", tuple(traces))
-    mend = Mend(f"say so {name}", (Edit(("signals", "effort", "unit"), f"mA{name}"),))
-    rivals = (Hypothesis(f"in mA {name}", 4.3, 0.0), Hypothesis(name, float("inf"), -most))
+    fix = Fix(f"say so {name}", (Edit(("signals", "effort", "unit"), f"mA{name}"),))
+    rivals = (
+        ComparedHypothesis(f"in mA {name}", 4.3, 0.0),
+        ComparedHypothesis(name, float("inf"), -most),
+    )
     return Diagnosis(
         (
-            SaidFinding(f"clock {name}", name, Judgement.OK, name, name, (), mend, picture),
+            SaidFinding(f"clock {name}", name, Severity.OK, name, name, (), fix, picture),
             SaidFinding(
                 f"unit {name}",
                 name,
-                Judgement.WRONG,
+                Severity.WRONG,
                 f"a thousand times too much {name}",
                 f"9000 A {name}",
                 (name,),
-                mend,
+                fix,
                 picture,
                 rivals,
             ),
-            SaidFinding(f"rests {name}", "", Judgement.DOUBTFUL, name, "", (name,) * 7),
-            SaidFinding("clock", "other", Judgement.OK, name, name, (), None, picture),
+            SaidFinding(f"rests {name}", "", Severity.DOUBTFUL, name, "", (name,) * 7),
+            SaidFinding("clock", "other", Severity.OK, name, name, (), None, picture),
         )
     )
 
@@ -381,13 +384,13 @@ def nasty(usual: ReportContent) -> ReportContent:
 
 
 @pytest.fixture(scope="session")
-def browse(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Seen]:
+def browse(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], SampledInformation]:
     """Open a page in headless Chromium."""
     program = chromium()
     if program is None:
         pytest.skip("no Chromium (chromium, chromium-browser or google-chrome) on the path")
 
-    def open_page(page: str) -> Seen:
+    def open_page(page: str) -> SampledInformation:
         folder = tmp_path_factory.mktemp("browser")
         file = folder / "report.html"
         file.write_text(page, encoding="utf-8")

@@ -16,7 +16,7 @@ from steelyard.excitation.predicted_accuracy import shown
 from steelyard.excitation.result import Designed
 from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.model import Model
-from steelyard.regression.information_gradient import Shows
+from steelyard.regression.information_gradient import InformationEvaluator
 from steelyard.robot.robot import Frame, Robot
 from steelyard.terms.laws.coulomb import Coulomb
 from steelyard.terms.laws.rigid_body import RigidBody
@@ -44,7 +44,12 @@ def designed_for(arm: Robot, *, height: float = 1.0, known: bool = True) -> Desi
     motion = random_fourier(arm, seed=1, period=4.0, harmonics=4)
     model = Model(arm, (RigidBody(), Viscous(), Coulomb()))
     kind = KINDS["condition"]
-    cases = [Case(Shows(model, np.ones(arm.n), np.full(arm.n, 0.01)), Measure(kind, None, None))]
+    cases = [
+        Case(
+            InformationEvaluator(model, np.ones(arm.n), np.full(arm.n, 0.01)),
+            Measure(kind, None, None),
+        )
+    ]
     box = tool_box(arm, [tool], (-1.0, None, -height), (1.0, None, height))
     noise = np.array([0.5, 0.2])
     weights = 20.0 / noise**2

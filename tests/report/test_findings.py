@@ -7,10 +7,10 @@ import pytest
 from rich.console import Console
 
 from report.conftest import EVIL, diagnosis
-from steelyard.diagnosis import Diagnosis, Finding, Judgement
-from steelyard.diagnosis.finding import Hypothesis
+from steelyard.diagnosis import Diagnosis, Finding, Severity
+from steelyard.diagnosis.finding import ComparedHypothesis
 from steelyard.report.check_page import CheckContent, render_check
-from steelyard.report.sections.check import CheckSection, findings_of
+from steelyard.report.sections.model.check import CheckSection, findings_of
 from steelyard.report.terminal.findings import notes, show
 from steelyard.report.text.findings import diagnosis_dict, groups, headline, tally
 
@@ -26,9 +26,9 @@ def printed(said: Diagnosis, width: int = 80) -> str:
     return console.file.getvalue()
 
 
-def many(judgement: Judgement, count: int) -> Diagnosis:
+def many(severity: Severity, count: int) -> Diagnosis:
     says = "steps scatter"
-    findings = [Finding("clock", f"run{k}", judgement, says, f"{k} ms") for k in range(count)]
+    findings = [Finding("clock", f"run{k}", severity, says, f"{k} ms") for k in range(count)]
     return Diagnosis(tuple(findings))
 
 
@@ -47,7 +47,7 @@ def test_the_worst_is_last_and_the_verdict_at_the_end() -> None:
 @pytest.mark.parametrize("width", [80, 120])
 def test_rows_fit_the_terminal(width: int) -> None:
     long = " ".join(["much"] * 60)
-    said = Diagnosis((Finding("velocity lag", "run", Judgement.WRONG, long, long, ("elbow",)),))
+    said = Diagnosis((Finding("velocity lag", "run", Severity.WRONG, long, long, ("elbow",)),))
     text = printed(said, width)
     assert max(map(len, text.splitlines())) <= width
     assert text.count("much") == 120
@@ -55,51 +55,51 @@ def test_rows_fit_the_terminal(width: int) -> None:
 
 def test_what_is_ok_may_be_left_out() -> None:
     console = Console(file=io.StringIO(), width=80)
-    show(many(Judgement.OK, 2), console, fine=False)
+    show(many(Severity.OK, 2), console, fine=False)
     assert console.file.getvalue() == "Ok: no fault was found  (2 findings: 2 ok)\n"
 
 
 def test_many_logs_that_are_ok_are_one_row() -> None:
-    text = printed(many(Judgement.OK, 18))
+    text = printed(many(Severity.OK, 18))
     assert "clock  18 similar findings, run0: steps scatter" in text and "run3" not in text
-    assert "clock  steps scatter" in printed(many(Judgement.OK, 1))
+    assert "clock  steps scatter" in printed(many(Severity.OK, 1))
 
 
 def test_of_many_that_are_not_some_are_told_and_the_others_named() -> None:
-    text = printed(many(Judgement.DOUBTFUL, 9))
+    text = printed(many(Severity.DOUBTFUL, 9))
     assert text.count("steps scatter") == 3 and "run2: steps scatter" in text
     assert "and 6 more: run3, run4, run5, run6 and 2 others" in text
-    assert notes(many(Judgement.DOUBTFUL, 2)) == (
+    assert notes(many(Severity.DOUBTFUL, 2)) == (
         "check, clock: run0: steps scatter (0 ms); and 1 more: run1",
     )
-    assert notes(many(Judgement.OK, 2)) == ()
+    assert notes(many(Severity.OK, 2)) == ()
 
 
 def test_words_of_the_verdict() -> None:
-    assert headline(many(Judgement.OK, 2)) == "Ok: no fault was found"
-    assert headline(many(Judgement.DOUBTFUL, 2)) == "Doubtful: clock"
+    assert headline(many(Severity.OK, 2)) == "Ok: no fault was found"
+    assert headline(many(Severity.DOUBTFUL, 2)) == "Doubtful: clock"
     assert (headline(Diagnosis(())), tally(Diagnosis(()))) == (
         "No check applies",
         "no findings",
     )
-    assert [group.judgement for group in groups(diagnosis())] == [0, 0, 1, 2]
+    assert [group.severity for group in groups(diagnosis())] == [0, 0, 1, 2]
 
 
 def test_json_has_stable_keys_and_no_infinity() -> None:
     told = json.loads(json.dumps(diagnosis_dict(diagnosis()), allow_nan=False))
-    assert list(told) == ["judgement", "findings", "edits"]
-    assert told["judgement"] == "wrong"
+    assert list(told) == ["severity", "findings", "edits"]
+    assert told["severity"] == "wrong"
     assert told["edits"] == [{"path": ["signals", "effort", "unit"], "value": "mAarm"}]
     wrong = told["findings"][1]
     assert wrong == {
-        "suspicion": "unit arm",
+        "check": "unit arm",
         "log": "arm",
-        "judgement": "wrong",
+        "severity": "wrong",
         "says": "a thousand times too much arm",
         "figure": "9000 A arm",
         "answered": True,
         "joints": ["arm"],
-        "mend": {
+        "fix": {
             "says": "say so arm",
             "edits": told["edits"],
             "lines": '[signals.effort]\nunit = "mAarm"',
@@ -159,19 +159,19 @@ def test_pictures_stay_within_a_budget() -> None:
     assert all(one["picture"] is None for one in few["fine"])
 
 
-def of_payload(nominal: bool, *rivals: Hypothesis) -> Finding:
-    return Finding("payload", "run", Judgement.OK, "", "", hypotheses=rivals, nominal=nominal)
+def of_payload(nominal: bool, *rivals: ComparedHypothesis) -> Finding:
+    return Finding("payload", "run", Severity.OK, "", "", hypotheses=rivals, nominal=nominal)
 
 
 def test_it_is_said_why_a_finding_is_ok_though_a_rival_fits_better() -> None:
     load, declared = (
-        Hypothesis("0.9 kg", 4.1, 0.0),
-        Hypothesis("as declared", 7.8, -257.0, declared=True),
+        ComparedHypothesis("0.9 kg", 4.1, 0.0),
+        ComparedHypothesis("as declared", 7.8, -257.0, declared=True),
     )
     nominal = of_payload(True, load, declared)
     known = of_payload(False, load, declared)
     best = of_payload(True, declared, load)
-    wrong = Finding("gain", "run", Judgement.WRONG, "", "", hypotheses=(load, declared))
+    wrong = Finding("gain", "run", Severity.WRONG, "", "", hypotheses=(load, declared))
 
     def still(*findings: Finding) -> list[str]:
         return [one["still"] for one in findings_of(Diagnosis(findings))["fine"]]
@@ -185,8 +185,8 @@ def test_it_is_said_why_a_finding_is_ok_though_a_rival_fits_better() -> None:
 
 
 def test_open_questions_stand_on_the_page_before_what_is_ok() -> None:
-    left = Finding("gain", "run", Judgement.OK, "cannot be told", "", answered=False)
-    fine = Finding("clock", "run", Judgement.OK, "200 Hz", "")
+    left = Finding("gain", "run", Severity.OK, "cannot be told", "", answered=False)
+    fine = Finding("clock", "run", Severity.OK, "200 Hz", "")
     said = Diagnosis((fine, left))
     page = render_check(CheckContent("r", "r.toml", ("run",), None, said, {}, ()))
     assert page.index("cannot be told") < page.index("200 Hz")
@@ -194,7 +194,7 @@ def test_open_questions_stand_on_the_page_before_what_is_ok() -> None:
 
 
 def test_ok_findings_are_folded_by_suspicion() -> None:
-    html = CheckSection().show(findings_of(many(Judgement.OK, 18)))
+    html = CheckSection().show(findings_of(many(Severity.OK, 18)))
     assert html.count("<details") == 2 and "<details open" not in html
     assert "18 findings, the first: steps scatter" in html and html.count("<h3>") == 18
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from steelyard.report import ReportContent, render
-from steelyard.report.sections.effort import EffortSection
+from steelyard.report.sections.model.effort import EffortSection
 from steelyard.report.sections.register import SECTIONS
 from steelyard.report.thin import thin
 

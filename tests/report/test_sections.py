@@ -9,8 +9,8 @@ from steelyard.parameters import Parameters
 from steelyard.report import ReportContent
 from steelyard.report.sections.register import SECTIONS
 from steelyard.report.sections.section import Section
-from steelyard.report.text.judgement import exit_code, level_of, verdict
 from steelyard.report.text.table import rows
+from steelyard.report.text.verdict import exit_code, level_of, verdict
 
 BY_NAME: dict[str, Section] = {section.name: section for section in SECTIONS}
 

@@ -6,8 +6,8 @@ from rich.console import Console
 
 from steelyard.report import ReportContent, parameters_csv, summary
 from steelyard.report.terminal.terminal import CSV_COLUMNS
-from steelyard.report.text.judgement import verdict
 from steelyard.report.text.score_words import coverage_words
+from steelyard.report.text.verdict import verdict
 
 
 def printed(content: ReportContent, width: int = 120) -> str:

@@ -10,9 +10,9 @@ import pytest
 from rich.console import Console
 
 from steelyard.report import ReportContent, parameters_csv, render, summary
-from steelyard.report.sections.bodies import BodiesSection, margin, solids
-from steelyard.report.sections.effort import EffortSection
-from steelyard.report.sections.parameters import ParametersSection
+from steelyard.report.sections.model.bodies import BodiesSection, margin, solids
+from steelyard.report.sections.model.effort import EffortSection
+from steelyard.report.sections.model.parameters import ParametersSection
 from steelyard.report.text.table import rows
 from steelyard.report.thin import outline
 from steelyard.robot.inertia import Inertia

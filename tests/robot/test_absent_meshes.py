@@ -156,7 +156,7 @@ def test_what_is_wrong_beside_absent_meshes_is_told(tmp_path: Path) -> None:
     path.write_text('<mujoco><include file="gone.xml"/></mujoco>')
     with pytest.raises(ModelError, match="gone.xml") as caught:
         read_mjcf(path)
-    assert caught.value.mend == "put the missing file where the MJCF looks for it"
+    assert caught.value.fix == "put the missing file where the MJCF looks for it"
 
 
 def test_clearances_do_not_pass_over_absent_collision_meshes(tmp_path: Path) -> None:

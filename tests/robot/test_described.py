@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 import pytest
 
 from steelyard.errors import ModelError
-from steelyard.estimation.prior.wishes import KINDS as KNOWLEDGE
+from steelyard.estimation.prior.register import KINDS as KNOWLEDGE
 from steelyard.measurement.methods.register import method_of
 from steelyard.robot_file.described import Kinds
 from steelyard.terms.register import term_of
@@ -23,7 +23,7 @@ class Ball:
 
     def __post_init__(self) -> None:
         if self.radius <= 0.0:
-            raise ModelError(f"a radius of {self.radius:g}", where="ball", mend="give one above 0")
+            raise ModelError(f"a radius of {self.radius:g}", where="ball", fix="give one above 0")
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ def test_a_name_or_a_table_makes_the_value() -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "wrong", "mend"),
+    ("given", "wrong", "fix"),
     [
         ({"radius": 1.0}, "the table does not name its shape", "the shapes are ball, point"),
         ("bal", "'bal' is no shape of a body", "did you mean 'ball'?"),
@@ -56,15 +56,15 @@ def test_a_name_or_a_table_makes_the_value() -> None:
         ({"shape": "ball", "radius": -1.0}, "a radius of -1", "give one above 0"),
     ],
 )
-def test_mistakes_are_told_where_they_stand(given: Any, wrong: str, mend: str) -> None:
+def test_mistakes_are_told_where_they_stand(given: Any, wrong: str, fix: str) -> None:
     with pytest.raises(ModelError) as caught:
         SHAPES.built(given, "arm.toml, line 3")
-    assert wrong in caught.value.wrong and mend in caught.value.mend
+    assert wrong in caught.value.wrong and fix in caught.value.fix
     assert caught.value.where == "arm.toml, line 3"
 
 
 @pytest.mark.parametrize(
-    ("reader", "table", "mend"),
+    ("reader", "table", "fix"),
     [
         (term_of, {"law": "viscos"}, "did you mean 'viscous'"),
         (term_of, {"law": "stribeck", "sped": 0.1}, "'speed'"),
@@ -72,7 +72,7 @@ def test_mistakes_are_told_where_they_stand(given: Any, wrong: str, mend: str) -
         (KNOWLEDGE.built, {"kind": "total_mas"}, "'total_mass'"),
     ],
 )
-def test_all_of_them_name_what_is_near(reader: Any, table: dict[str, Any], mend: str) -> None:
+def test_all_of_them_name_what_is_near(reader: Any, table: dict[str, Any], fix: str) -> None:
     with pytest.raises(ModelError) as caught:
         reader(table, "arm.toml, line 3")
-    assert mend in caught.value.mend and caught.value.where == "arm.toml, line 3"
+    assert fix in caught.value.fix and caught.value.where == "arm.toml, line 3"

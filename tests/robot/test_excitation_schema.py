@@ -61,13 +61,13 @@ def test_flaws(tables: str, where: str, words: str) -> None:
     with pytest.raises(ModelError) as caught:
         read(f"[excitation.{tables}")
     assert where in caught.value.where
-    assert words in caught.value.mend
+    assert words in caught.value.fix
 
 
 def test_a_table_that_is_none() -> None:
     with pytest.raises(ModelError) as caught:
         read("[excitation]\nmotion = 3\n")
-    assert caught.value.mend == "it should be a table"
+    assert caught.value.fix == "it should be a table"
 
 
 def test_changes() -> None:

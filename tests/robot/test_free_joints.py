@@ -103,8 +103,8 @@ def test_a_floating_robot_without_a_base_is_refused_with_the_lines(tmp_path: Pat
     with pytest.raises(ModelError) as caught:
         load_robot(path)
     assert "link 'trunk' floats: its joint 'trunk_root' is a free joint" in caught.value.wrong
-    assert 'base = "world" (1 joints) or base = "trunk" (2 joints)' in caught.value.mend
-    assert "--fixed-base trunk" in caught.value.mend
+    assert 'base = "world" (1 joints) or base = "trunk" (2 joints)' in caught.value.fix
+    assert "--fixed-base trunk" in caught.value.fix
     assert load_robot(path, base="trunk").robot.joint_names == ("left_hip", "left_knee")
 
 
@@ -112,7 +112,7 @@ def test_a_base_beside_a_robot_file_is_refused(tmp_path: Path) -> None:
     file = robot_file(written(tmp_path, ARM), "")
     with pytest.raises(ModelError, match="given beside a robot file") as caught:
         load_robot(file, base="upper")
-    assert caught.value.mend == 'write base = "upper" under [robot] there'
+    assert caught.value.fix == 'write base = "upper" under [robot] there'
 
 
 def test_processes_that_search_motions_have_the_same_base(tmp_path: Path) -> None:
@@ -149,7 +149,7 @@ def test_a_ball_joint_is_locked_where_the_file_has_it(tmp_path: Path) -> None:
     path = written(tmp_path, WRIST)
     with pytest.raises(ModelError, match="'wrist' is a ball joint") as caught:
         load_robot(path)
-    assert "wrist = 0.0 under [robot.locked]" in caught.value.mend
+    assert "wrist = 0.0 under [robot.locked]" in caught.value.fix
     robot = load_robot(robot_file(path, "[robot.locked]\nwrist = 0.0")).robot
     assert robot.joint_names == ("shoulder", "end")
     stiff = load_robot(written(tmp_path, WRIST.replace('<joint name="wrist" type="ball"/>', "")))
@@ -161,7 +161,7 @@ def test_a_ball_joint_has_no_other_position(tmp_path: Path) -> None:
     path = robot_file(written(tmp_path, WRIST), "[robot.locked]\nwrist = 0.3")
     with pytest.raises(ModelError, match="locked at 0.3, but has no such position") as caught:
         load_robot(path)
-    assert "wrist = 0.0" in caught.value.mend
+    assert "wrist = 0.0" in caught.value.fix
 
 
 def test_a_ball_joint_is_locked_where_other_joints_are_listed(tmp_path: Path) -> None:
@@ -197,7 +197,7 @@ def test_urdfs_float_too(kind: str, tmp_path: Path) -> None:
     path.write_text(URDF.format(kind))
     with pytest.raises(ModelError, match="link 'body' floats") as caught:
         load_robot(path)
-    assert "line 8" in caught.value.where and 'base = "body"' in caught.value.mend
+    assert "line 8" in caught.value.where and 'base = "body"' in caught.value.fix
     robot = load_robot(robot_file(path, 'base = "body"')).robot
     assert robot.joint_names == ("j",)
     assert np.allclose(robot.gravity, [0.0, -9.81, 0.0])
@@ -210,5 +210,5 @@ def test_a_ball_joint_alone_leaves_nothing_to_identify(tmp_path: Path) -> None:
         ModelError, match=r"every joint would have to be locked: b \(a ball"
     ) as caught:
         proposed(written(tmp_path, alone))
-    assert "a joint of one degree of freedom" in caught.value.mend
-    assert "hand" not in caught.value.mend
+    assert "a joint of one degree of freedom" in caught.value.fix
+    assert "hand" not in caught.value.fix

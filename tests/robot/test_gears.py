@@ -83,11 +83,11 @@ ERRORS = {
 
 @pytest.mark.parametrize("case", ERRORS)
 def test_transmissions_that_cannot_be(case: str) -> None:
-    given, wrong, where, mend = ERRORS[case]
+    given, wrong, where, fix = ERRORS[case]
     with pytest.raises(ModelError) as caught:
         gears(**given)  # type: ignore[arg-type]
     assert wrong in caught.value.wrong
-    assert where in caught.value.where and mend in caught.value.mend
+    assert where in caught.value.where and fix in caught.value.fix
 
 
 def test_badly_scaled_gears_are_no_singular_ones() -> None:
@@ -153,14 +153,14 @@ SIDES = {
 
 @pytest.mark.parametrize("case", SIDES)
 def test_sides_that_do_not_fit(case: str) -> None:
-    effort, given, matrix, wrong, where, mend = SIDES[case]
+    effort, given, matrix, wrong, where, fix = SIDES[case]
     if case == "no gears for positions":
         effort = {"kind": "joint_torque", "side": "joint"}
     transmission = None if matrix is None else Transmission(("a", "b"), matrix)
     with pytest.raises(ModelError) as caught:
         signals(transmission, effort, **given)
     assert wrong in caught.value.wrong
-    assert where in caught.value.where and mend in caught.value.mend
+    assert where in caught.value.where and fix in caught.value.fix
 
 
 def full() -> Signals:

@@ -45,7 +45,7 @@ def test_a_loop_that_no_actuator_drives_is_locked(tmp_path: Path) -> None:
     path = arm(tmp_path, HAND, PIN)
     with pytest.raises(ModelError, match="the passive ones are not given") as caught:
         load_robot(path)
-    assert "`steelyard init` writes a robot file that locks the loops" in caught.value.mend
+    assert "`steelyard init` writes a robot file that locks the loops" in caught.value.fix
     path = arm(tmp_path, HAND, PIN, f"<actuator>{MOTORS}</actuator>")
     text, loaded = begun(path)
     assert loaded.robot.joint_names == ("shoulder", "elbow") and loaded.robot.loops == ()
@@ -59,8 +59,8 @@ def test_what_else_a_robot_file_must_say_is_no_matter_of_loops(tmp_path: Path) -
     ball = f'<body name="eye" pos=".1 0 .1"><joint name="gaze" type="ball"/>{BALL}</body>'
     with pytest.raises(OpenModelError, match="ball joint") as caught:
         load_robot(arm(tmp_path, HAND + ball, PIN))
-    assert "gaze = 0.0 under [robot.locked]" in caught.value.mend
-    assert "locks the loops" not in caught.value.mend
+    assert "gaze = 0.0 under [robot.locked]" in caught.value.fix
+    assert "locks the loops" not in caught.value.fix
 
 
 def test_a_loop_of_fingers_is_locked_whatever_drives_it(tmp_path: Path) -> None:
@@ -133,7 +133,7 @@ def test_joints_of_other_equalities_are_locked(case: str, tmp_path: Path) -> Non
     with pytest.raises(ModelError, match=f"joints are tied by {what}") as caught:
         load_robot(path)
     assert "equality 'e'" in caught.value.where
-    assert "left_j = 0.2, right_j = 0 under [robot.locked]" in caught.value.mend
+    assert "left_j = 0.2, right_j = 0 under [robot.locked]" in caught.value.fix
     text, loaded = begun(path)
     assert f"# Locked: tied by {what}.\nleft_j = 0.2\nright_j = 0.0\n" in text
     assert loaded.robot.joint_names == ("shoulder", "elbow")
@@ -150,7 +150,7 @@ def test_a_joint_that_follows_two_others_ties_them(tmp_path: Path) -> None:
     with pytest.raises(ModelError, match="joint equality that is one too many") as caught:
         load_robot(path)
     assert "equality 'elbow'" in caught.value.where
-    assert "right_j = 0, elbow = 0 under [robot.locked]" in caught.value.mend
+    assert "right_j = 0, elbow = 0 under [robot.locked]" in caught.value.fix
 
 
 def test_a_tendon_of_two_joints_that_keeps_its_length_makes_one_follow(tmp_path: Path) -> None:
@@ -211,4 +211,4 @@ def test_a_hand_alone_is_refused_with_the_reason(tmp_path: Path) -> None:
     <equality><weld body1="left" body2="right"/></equality></mujoco>""")
     with pytest.raises(ModelError, match=r"locked: left_j, right_j \(tied by a weld\)") as caught:
         proposed(path)
-    assert "the robot that carries this hand" in caught.value.mend
+    assert "the robot that carries this hand" in caught.value.fix

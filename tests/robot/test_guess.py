@@ -193,7 +193,7 @@ def test_currents_need_a_robot_file() -> None:
     with pytest.raises(ModelError) as caught:
         guess_signals(robot_of(TWO), ["t", *numbered("q#", "current#_A")])
     assert "has no drive gain" in caught.value.wrong
-    assert "steelyard init" in caught.value.where and "Nm/A" in caught.value.mend
+    assert "steelyard init" in caught.value.where and "Nm/A" in caught.value.fix
 
 
 def test_a_log_of_some_joints_needs_a_robot_file() -> None:
@@ -201,14 +201,14 @@ def test_a_log_of_some_joints_needs_a_robot_file() -> None:
     with pytest.raises(LogError) as caught:
         guess_signals(robot_of(MIXED), columns)
     assert "none for arm_2_joint, gripper_joint" in caught.value.wrong
-    assert "steelyard init" in caught.value.mend
+    assert "steelyard init" in caught.value.fix
 
 
 def test_positions_of_motors_are_told_with_what_they_need() -> None:
     with pytest.raises(LogError) as caught:
         guess_columns(TWO, ["t", *numbered("q_motor#", "tau#")])
-    assert 'coordinates = "motor"' in caught.value.mend
-    assert "[robot.transmission] ratios" in caught.value.mend
+    assert 'coordinates = "motor"' in caught.value.fix
+    assert "[robot.transmission] ratios" in caught.value.fix
 
 
 def test_a_column_beside_currents_without_a_unit_is_named() -> None:
@@ -241,7 +241,7 @@ def test_what_cannot_be_told_is_an_error(columns: list[str], words: str) -> None
         guess_columns(TWO, columns)
     assert words in caught.value.wrong
     assert ", ".join(columns) in caught.value.where
-    assert "[signals.effort] columns" in caught.value.mend
+    assert "[signals.effort] columns" in caught.value.fix
 
 
 @pytest.mark.parametrize(

@@ -94,10 +94,10 @@ ERRORS: dict[str, tuple[Callable[[], Robot], str, str]] = {
 
 @pytest.mark.parametrize("case", ERRORS)
 def test_loops_that_cannot_be_used(case: str) -> None:
-    spoilt, wrong, mend = ERRORS[case]
+    spoilt, wrong, fix = ERRORS[case]
     with pytest.raises(ModelError) as caught:
         loop_equations(spoilt())
-    assert wrong in caught.value.wrong and mend in caught.value.mend
+    assert wrong in caught.value.wrong and fix in caught.value.fix
     assert "loop 'tip'" in caught.value.where
 
 
@@ -268,12 +268,12 @@ FILE_ERRORS = {
 
 @pytest.mark.parametrize("case", FILE_ERRORS)
 def test_robot_file_errors(case: str, folder: Path) -> None:
-    old, new, wrong, where, mend = FILE_ERRORS[case]
+    old, new, wrong, where, fix = FILE_ERRORS[case]
     assert old in TOML
     with pytest.raises(ModelError) as caught:
         load_robot(written(folder, TOML.replace(old, new, 1)))
     assert wrong in caught.value.wrong
-    assert where in caught.value.where and mend in caught.value.mend
+    assert where in caught.value.where and fix in caught.value.fix
 
 
 MJCF = """<mujoco model="bars"><option gravity="0 -9.81 0"/>
@@ -358,7 +358,7 @@ def test_a_bare_mjcf_without_actuators_says_what_to_name(tmp_path: Path) -> None
     path.write_text(MJCF.format(CONNECT).replace('<motor joint="j2"/><motor joint="j1"/>', ""))
     with pytest.raises(ModelError) as caught:
         reduced(read_mjcf(path))
-    assert "j1, j3, j2, j4" in caught.value.wrong and "passive = [...]" in caught.value.mend
+    assert "j1, j3, j2, j4" in caught.value.wrong and "passive = [...]" in caught.value.fix
     assert str(path) in caught.value.where and "equality 'tip'" in caught.value.where
     toml = tmp_path / "robot.toml"
     toml.write_text('[robot]\nmjcf = "bare.xml"\npassive = ["j1", "j3"]\n')

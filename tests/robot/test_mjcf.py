@@ -149,7 +149,7 @@ def test_a_part_that_other_files_include_is_called_that(tmp_path: Path) -> None:
     path.write_text("<mujoco><body><joint/><geom size='.1'/></body></mujoco>")
     with pytest.raises(ModelError, match="outside <worldbody>: a part of a model") as caught:
         read_mjcf(path)
-    assert "the file that includes it" in caught.value.mend
+    assert "the file that includes it" in caught.value.fix
 
 
 def test_files_that_attach_each_other_are_refused(tmp_path: Path) -> None:

@@ -71,7 +71,7 @@ def test_without_them_the_model_is_the_prior(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "wrong", "line", "mend"),
+    ("text", "wrong", "line", "fix"),
     [
         ("[prior]\nsorce = 1", "unknown key 'sorce'", 4, "did you mean 'source'"),
         ('[prior]\nsource = "cad"', "'cad' cannot be used", 4, "'model' or 'none'"),
@@ -101,11 +101,11 @@ def test_without_them_the_model_is_the_prior(folder: Path) -> None:
     ],
 )
 def test_mistakes_name_line_and_key(
-    folder: Path, text: str, wrong: str, line: int, mend: str
+    folder: Path, text: str, wrong: str, line: int, fix: str
 ) -> None:
     with pytest.raises(ModelError) as caught:
         read(folder, text)
-    assert wrong in caught.value.wrong and mend in caught.value.mend
+    assert wrong in caught.value.wrong and fix in caught.value.fix
     assert f"arm.toml, line {line}, " in caught.value.where
 
 

@@ -214,7 +214,7 @@ MECHANISM = chain("revolute", "fixed", "revolute", "revolute", j4={"mimic": Mimi
 
 
 @pytest.mark.parametrize(
-    ("options", "wrong", "mend"),
+    ("options", "wrong", "fix"),
     [
         ({"joints": ["J1x"]}, "'J1x' is to be identified, but the model has no", "mean 'j1'"),
         ({"joints": ["j2"]}, "'j2' cannot be identified: it is fixed", "j1, j3"),
@@ -231,11 +231,11 @@ MECHANISM = chain("revolute", "fixed", "revolute", "revolute", j4={"mimic": Mimi
         ({"base": "l2", "tip": "l1"}, "'l1' is not beyond the base link 'l2'", "another base"),
     ],
 )  # fmt: skip
-def test_errors(options: dict, wrong: str, mend: str) -> None:
+def test_errors(options: dict, wrong: str, fix: str) -> None:
     with pytest.raises(ModelError) as caught:
         reduced(MECHANISM, **options)
     assert wrong in caught.value.wrong
-    assert mend in caught.value.mend
+    assert fix in caught.value.fix
 
 
 def test_mimic_of_a_fixed_joint_is_an_error() -> None:

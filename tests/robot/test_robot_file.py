@@ -155,7 +155,7 @@ def test_environment_variables_in_paths(
         load_robot(path)
     assert caught.value.wrong == "the environment variable 'ROBOTS_HERE' is not set"
     assert "line 2, [robot] urdf" in caught.value.where
-    assert "export ROBOTS_HERE=" in caught.value.mend
+    assert "export ROBOTS_HERE=" in caught.value.fix
 
 
 def test_locked_joints(folder: Path) -> None:
@@ -275,13 +275,13 @@ ERRORS = {
 
 @pytest.mark.parametrize("case", ERRORS)
 def test_errors_name_the_line_and_the_nearest_key(case: str, folder: Path) -> None:
-    text, wrong, where, mend = ERRORS[case]
+    text, wrong, where, fix = ERRORS[case]
     path = written(folder, text)
     with pytest.raises(ModelError) as caught:
         load_robot(path)
     assert wrong in caught.value.wrong
     assert str(path) in caught.value.where and where in caught.value.where
-    assert mend in caught.value.mend
+    assert fix in caught.value.fix
 
 
 def test_a_syntax_error_names_its_line(folder: Path) -> None:

@@ -328,13 +328,13 @@ ERRORS = {
 
 @pytest.mark.parametrize("case", ERRORS)
 def test_errors_say_what_where_and_how_to_mend(case: str, write: Callable[[str], Path]) -> None:
-    text, wrong, where, mend = ERRORS[case]
+    text, wrong, where, fix = ERRORS[case]
     path = write(text)
     with pytest.raises(ModelError) as caught:
         read_urdf(path)
     assert wrong in caught.value.wrong
     assert str(path) in caught.value.where and where in caught.value.where
-    assert mend in caught.value.mend
+    assert fix in caught.value.fix
 
 
 def test_missing_file_and_folder(tmp_path: Path) -> None:
@@ -367,4 +367,4 @@ def test_entities_are_refused(text: str, write: Callable[[str], Path]) -> None:
     with pytest.raises(ModelError) as caught:
         read_urdf(write(text))
     assert "defines XML entities" in caught.value.wrong
-    assert "line" in caught.value.where and "DOCTYPE" in caught.value.mend
+    assert "line" in caught.value.where and "DOCTYPE" in caught.value.fix

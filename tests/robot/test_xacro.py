@@ -241,9 +241,7 @@ def test_a_missing_package(write: Write) -> None:
     assert "the package 'hands' is not found" in caught.value.wrong
     assert str(path.parent / "src") in caught.value.wrong
     assert caught.value.where == f"{path}, line 2"
-    assert (
-        "ROS_PACKAGE_PATH=" in caught.value.mend and "[robot.xacro] packages" in caught.value.mend
-    )
+    assert "ROS_PACKAGE_PATH=" in caught.value.fix and "[robot.xacro] packages" in caught.value.fix
 
 
 def test_a_package_of_meshes_may_be_missing(write: Write) -> None:
@@ -291,13 +289,13 @@ ERRORS = {
 
 @pytest.mark.parametrize("name", ERRORS)
 def test_errors(write: Write, name: str) -> None:
-    text, wrong, mend = ERRORS[name]
+    text, wrong, fix = ERRORS[name]
     path = write("arm.xacro", f"{HEAD}\n{text}</robot>")
     with pytest.raises(ModelError) as caught:
         expand(path, {})
     assert wrong in caught.value.wrong
     assert caught.value.where == f"{path}, line 2"
-    assert mend in caught.value.mend
+    assert fix in caught.value.fix
 
 
 def test_places_of_calls(write: Write) -> None:
@@ -313,7 +311,7 @@ def test_places_of_calls(write: Write) -> None:
 def test_an_argument_that_the_file_does_not_have(write: Write) -> None:
     with pytest.raises(ModelError) as caught:
         expand(write("arm.urdf.xacro", ARM), {"nam": "x"})
-    assert caught.value.mend == "did you mean 'name'?"
+    assert caught.value.fix == "did you mean 'name'?"
 
 
 def test_a_file_of_macros(write: Write) -> None:
@@ -325,7 +323,7 @@ def test_a_file_of_macros(write: Write) -> None:
     with pytest.raises(ModelError) as caught:
         load_robot(path)
     assert caught.value.wrong == "the file only defines macros (hand), and no robot"
-    assert caught.value.mend.endswith("here arm.urdf.xacro")
+    assert caught.value.fix.endswith("here arm.urdf.xacro")
 
 
 HOSTILE = {

@@ -168,7 +168,7 @@ NOT_ONE_PER_COORDINATE: list[Term] = [
 def test_lists_fit_the_coordinates(term: Term) -> None:
     with pytest.raises(ModelError, match=f"term '{term.law}' has .* for 4 coordinates") as told:
         at(term)
-    assert "one per coordinate" in told.value.mend
+    assert "one per coordinate" in told.value.fix
 
 
 def test_lists_fit_the_pairs() -> None:
@@ -234,7 +234,7 @@ def test_coordinates_of_a_terms_own_have_a_form(along: Any) -> None:
     term = term_of({"law": "viscous", "along": along}, "here")
     with pytest.raises(ModelError, match="a term acts along") as told:
         term.parameters(tree())
-    assert "along = {wrist = {joint_5 = 1.0, joint_6 = 1.0}}" in told.value.mend
+    assert "along = {wrist = {joint_5 = 1.0, joint_6 = 1.0}}" in told.value.fix
 
 
 @pytest.mark.parametrize(
@@ -252,7 +252,7 @@ def test_coordinates_of_a_terms_own_move(parts: dict[str, float], words: str) ->
     term = term_of({"law": "quadratic", "along": {"wrist": parts}}, "here")
     with pytest.raises(ModelError, match=words) as told:
         term.parameters(tree())
-    assert "sizes from 1e-06 to 1e+06" in told.value.mend
+    assert "sizes from 1e-06 to 1e+06" in told.value.fix
 
 
 @pytest.mark.parametrize("size", [1e-6, -1e6])

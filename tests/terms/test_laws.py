@@ -19,15 +19,15 @@ from steelyard.model import Model
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
 from steelyard.robot.robot import JointKind
-from steelyard.terms.acting import Acting
+from steelyard.terms.acting import ActsOnAxes
 from steelyard.terms.axes import Axis
 from steelyard.terms.laws.rigid_body import RigidBody
 from steelyard.terms.register import TERMS, description_of, term_of
-from steelyard.terms.term import Remembering, Term
+from steelyard.terms.term import StatefulTerm, Term
 
 ROBOT = geared()
 ON: dict[LawCase, Term] = {case: case.on(ROBOT) for case in CASES}
-REMEMBERING = [case for case in CASES if isinstance(ON[case], Remembering)]
+REMEMBERING = [case for case in CASES if isinstance(ON[case], StatefulTerm)]
 STATIC = [case for case in CASES if case not in REMEMBERING and case.law != "rigid_body"]
 SPEED_LAWS = [case for case in STATIC if case.energy == "taken"]
 
@@ -187,7 +187,7 @@ def test_a_warm_start_is_forgotten(term: Term) -> None:
     assert np.all(np.abs(known - other)[:, sample] <= 2.0 * 2.0 * np.exp(-3.0) * size + 1e-12)
 
 
-@pytest.mark.parametrize("law", [law for law in TERMS if issubclass(TERMS[law], Acting)])
+@pytest.mark.parametrize("law", [law for law in TERMS if issubclass(TERMS[law], ActsOnAxes)])
 def test_units_follow_the_joint(law: str) -> None:
     (units,) = (case.units for case in CASES if case.law == law and case.units is not None)
     assert tuple(p.unit for p in term_of(law, "here").parameters(ROBOT)[:2]) == units

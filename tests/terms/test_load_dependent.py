@@ -91,13 +91,13 @@ def test_the_reference_is_checked() -> None:
     state = cycles(4, 1, 10)
     with pytest.raises(ModelError, match=r"names 'm\.tap'") as told:
         channels(LoadDependent().with_reference({"m.tap": 1.0}), tree(), state)
-    assert "'m.tip'" in told.value.mend
+    assert "'m.tip'" in told.value.fix
     with pytest.raises(ModelError, match="names no number of a body"):
         LoadDependent().with_reference({"coulomb.tip_joint": 1.0})
     for wrong in ((("m.tip", float("nan")),), (("m.tip", "heavy"),), "m.tip", 3):
         with pytest.raises(ModelError, match="load-dependent friction has reference = ") as told:
             LoadDependent(reference=wrong)
-        assert 'reference = {"m.forearm" = 3.2}' in told.value.mend
+        assert 'reference = {"m.forearm" = 3.2}' in told.value.fix
 
 
 def test_without_masses_a_reference_is_asked_for() -> None:
@@ -106,4 +106,4 @@ def test_without_masses_a_reference_is_asked_for() -> None:
     robot = single().changed(bodies=(blank,))
     with pytest.raises(ModelError, match="no body has a mass") as told:
         channels(LoadDependent(), robot, cycles(1, 1, 10))
-    assert "`reference`" in told.value.mend
+    assert "`reference`" in told.value.fix

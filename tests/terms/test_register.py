@@ -9,11 +9,11 @@ import pytest
 
 from law_cases import CASES, LawCase, name_of
 from moving import geared
-from steelyard.terms.acting import Acting
+from steelyard.terms.acting import ActsOnAxes
 from steelyard.terms.laws.viscous import Viscous
 from steelyard.terms.memory import Presliding
 from steelyard.terms.register import ASKED_OF_ALL, TERMS, complete, law_of
-from steelyard.terms.term import Remembering, Term
+from steelyard.terms.term import StatefulTerm, Term
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -32,7 +32,7 @@ def test_the_table_of_the_docs_names_every_law_and_its_fields() -> None:
     assert set(rows) == set(TERMS)
     whole = {law for law, row in rows.items() if "*as a whole*" in row}
     assert whole == {law for law, term in TERMS.items() if term.dissipation == "together"}
-    general = {f.name for f in fields(Acting)}
+    general = {f.name for f in fields(ActsOnAxes)}
     for law, row in rows.items():
         for field in (f for f in fields(TERMS[law]) if f.name not in general):
             assert f"`{field.name}" in row, f"the docs' row of {law} lacks {field.name}"
@@ -78,7 +78,7 @@ class Placeless(Term):
     dissipation: ClassVar[Any] = "each"
 
 
-class Formless(Acting, Remembering):
+class Formless(ActsOnAxes, StatefulTerm):
     dissipation: ClassVar[Any] = "each"
 
 
@@ -89,7 +89,7 @@ class Formless(Acting, Remembering):
         (Astray, "'speed' of `bounds` is no field"),
         (Elastic, "lacks 'law'"),
         (Elastic, "dissipates, but is no friction"),
-        (Secret, "has memory, but is no `Remembering`"),
+        (Secret, "has memory, but is no `StatefulTerm`"),
         (Stepless, "lacks 'steps'"),
         (Stepless, "lacks 'aside'"),
         (dataclass(Placeless), "does not act along coordinates"),

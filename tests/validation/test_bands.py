@@ -9,7 +9,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from in_amperes import GAINS, RATE, ROBOT, run_of
 from steelyard.estimation.calibration import Calibration
-from steelyard.estimation.estimate import Standard
+from steelyard.estimation.estimate import StandardEstimate
 from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
 from steelyard.measurement import Run
@@ -159,7 +159,7 @@ def test_standard_parameters_bring_their_prior_into_the_band() -> None:
     run = run_of(truth, 300)
     values = model.model.prior.values.values if model.model.prior else np.zeros(0)
     covariance = np.diag(np.square(0.1 * np.abs(values) + 0.01))
-    known = Standard(
+    known = StandardEstimate(
         Parameters(model.model.names, model.model.units, values), covariance, np.zeros(len(values))
     )
     posterior = replace(model, estimate=replace(model.estimate, standard=known))

@@ -11,7 +11,7 @@ import pytest
 from invented import single, tree
 from steelyard.errors import DataError
 from steelyard.estimation.consistent.consistent import Consistent
-from steelyard.estimation.estimate import Estimate, Standard
+from steelyard.estimation.estimate import Estimate, StandardEstimate
 from steelyard.estimation.least_squares.least_squares import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
@@ -25,7 +25,7 @@ from steelyard.parameters import Parameters
 from steelyard.progress import Event, Stopped, tell
 from steelyard.regression.accumulate import Accumulator, Stretch
 from steelyard.regression.gather import gather
-from steelyard.regression.information import Information, Stamp, Window
+from steelyard.regression.information import Information, Signature, Window
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot_file.signals import Signals
 from steelyard.validation.compare import Parts, compare, impossible_bodies, trials_of
@@ -56,9 +56,9 @@ def parts_of(count: int = 4, **more: Any) -> Parts:
     for seed in range(count):
         sums = Accumulator(REGRESSOR)(Stretch(*motion_of(seed), measured(seed)[1]))
         pieces = (x[None] for x in (sums.grams, sums.absolute, sums.counts))
-        stamp = Stamp(MODEL.fingerprint, COLUMNS, ("Nm",) * 4, "none")
+        signature = Signature(MODEL.fingerprint, COLUMNS, ("Nm",) * 4, "none")
         window = Window(f"run{seed}", 0.0, 1.0)
-        found.append(Information(REGRESSOR.layout, stamp, (window,), *pieces))
+        found.append(Information(REGRESSOR.layout, signature, (window,), *pieces))
     whole = sum(found[1:], found[0])
     names = tuple(f"run{seed}" for seed in range(count))
     windows = tuple((seed,) for seed in range(count))
@@ -112,7 +112,7 @@ def singular(data: Information) -> Estimate:
 
 
 def short(data: Information) -> Estimate:
-    raise DataError("the data are too few", where="here", mend="log longer")
+    raise DataError("the data are too few", where="here", fix="log longer")
 
 
 def broken(data: Information) -> Estimate:
@@ -135,7 +135,7 @@ def test_an_estimator_that_fails_says_why_and_stops_no_other() -> None:
     reasons = {one.name: {f.reason for f in one.failures} for one in comparison.trials}
     assert reasons["singular"] == {"a matrix cannot be solved with (singular matrix)"}
     assert reasons["short"] == {"the data are too few"}
-    assert trial(comparison, "short").failures[0].mend == "log longer"
+    assert trial(comparison, "short").failures[0].fix == "log longer"
     assert reasons["broken"] == {"it failed: ZeroDivisionError: division by zero"}
     assert [f.left_out for f in trial(comparison, "broken").failures] == ["run2"]
     assert reasons["blown"] == {"its values are not finite"}
@@ -158,7 +158,7 @@ def test_data_that_cannot_be_had_are_a_reason() -> None:
     comparison = compare(asking, CONTEXT, parts)
     samples, experiment = comparison.trials
     assert {f.reason for f in samples.failures} == {"it needs samples, and none is given"}
-    assert {(f.reason, f.mend) for f in experiment.failures} == {
+    assert {(f.reason, f.fix) for f in experiment.failures} == {
         ("there is but one run", "give two")
     }
 
@@ -211,7 +211,7 @@ def with_bodies(masses: float) -> Estimate:
         values[k] *= masses if name.startswith("m.") else 1.0
     plain = OrdinaryLeastSquares()(parts_of().information)
     size = len(values)
-    standard = Standard(
+    standard = StandardEstimate(
         Parameters(MODEL.names, MODEL.units, values), np.zeros((size, size)), np.zeros(size)
     )
     return replace(plain, standard=standard)
@@ -366,7 +366,7 @@ def test_what_keeps_no_parameters_of_single_runs_says_so() -> None:
         if one.name in refusing:
             with pytest.raises(DataError, match="keeps no parameters of single runs") as caught:
                 one.make(context)
-            assert caught.value.where == COLUMNS[-1] and "per_run = true" in caught.value.mend
+            assert caught.value.where == COLUMNS[-1] and "per_run = true" in caught.value.fix
         else:
             one.make(context)
     (rls,) = compare([o for o in ESTIMATORS if o.name == "RLS"], context, parts_of()).trials
@@ -403,7 +403,7 @@ def test_a_part_without_windows_is_refused() -> None:
     run = swing("short", 6.0)
     with pytest.raises(DataError, match="too short to leave a part of it out") as caught:
         Parts.of([run], parts_of().information.of([0]))
-    assert caught.value.where == "short" and caught.value.mend == "log longer, or several runs"
+    assert caught.value.where == "short" and caught.value.fix == "log longer, or several runs"
 
 
 def test_stretches_of_one_run_are_named_by_their_time() -> None:

@@ -17,7 +17,7 @@ from steelyard.measurement.recording import HeldLog
 from steelyard.model import Model
 from steelyard.regression.accumulate import Accumulator, Stretch
 from steelyard.regression.gather import gather
-from steelyard.regression.information import Information, Stamp, Window
+from steelyard.regression.information import Information, Signature, Window
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot_file.signals import Signals
 from steelyard.validation.cross import (
@@ -46,7 +46,7 @@ def part(seed: int, run: str) -> tuple[Information, np.ndarray, np.ndarray]:
     sums = Accumulator(REGRESSOR)(Stretch(q, dq, ddq, effort))
     information = Information(
         REGRESSOR.layout,
-        Stamp(MODEL.fingerprint, COLUMNS, ("Nm",) * 4, "none"),
+        Signature(MODEL.fingerprint, COLUMNS, ("Nm",) * 4, "none"),
         (Window(run, 0.0, 1.0),),
         sums.grams[None],
         sums.absolute[None],
@@ -139,7 +139,7 @@ def test_a_fold_with_nothing_in_it_is_refused() -> None:
     with pytest.raises(DataError, match="too short to leave a part of it out") as caught:
         per_fold(found, folds_of([swing("a", 6.0)]))
     assert caught.value.where == "short"
-    assert 'instead of "auto"' in caught.value.mend
+    assert 'instead of "auto"' in caught.value.fix
 
 
 def test_folds_come_in_their_order() -> None:
@@ -154,7 +154,7 @@ def test_folds_come_in_their_order() -> None:
 def test_runs_of_one_name_are_refused() -> None:
     with pytest.raises(DataError, match="2 runs are called 'a'") as caught:
         folds_of([swing("a", 6.0), swing("b", 6.0), swing("a", 6.0)])
-    assert caught.value.mend == "give every run a name of its own"
+    assert caught.value.fix == "give every run a name of its own"
 
 
 def test_where_a_joint_moves_in_one_run_only_stretches_are_left_out() -> None:

@@ -242,4 +242,4 @@ def test_a_run_too_short_is_refused() -> None:
     with pytest.raises(DataError) as caught:
         choose_friction(MODEL, [logged(COULOMB, 0, 1.7)], WeightedLeastSquares())
     assert "too short to leave a part of it out" in caught.value.wrong
-    assert "name the friction laws" in caught.value.mend
+    assert "name the friction laws" in caught.value.fix

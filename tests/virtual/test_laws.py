@@ -23,7 +23,7 @@ from steelyard.terms.laws.presliding import Dahl, LuGre, MaxwellSlip
 from steelyard.terms.laws.rigid_body import RigidBody
 from steelyard.terms.laws.rotor_inertia import RotorInertia
 from steelyard.terms.register import term_of
-from steelyard.terms.term import Remembering, Samples, Term
+from steelyard.terms.term import Samples, StatefulTerm, Term
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.laws import Laws, LawsInUse
 from steelyard.virtual.mujoco_model import build
@@ -93,7 +93,7 @@ def test_memory_steps_as_along_a_log(tree: Robot, law: Any) -> None:
 
 
 @dataclass(frozen=True)
-class Stranger(Remembering):
+class Stranger(StatefulTerm):
     """Dahl friction that gives no step of its states, so that the plant runs its own scan."""
 
     law: ClassVar[str] = "stranger"

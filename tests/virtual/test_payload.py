@@ -94,7 +94,7 @@ def test_impossible_payloads_are_refused(arm: Robot) -> None:
     for frame in ("tol", "base"):
         with pytest.raises(ModelError, match=f"'{frame}', which is no moving frame") as caught:
             MujocoPlant(arm, random_truth(arm, 0), Payload(LOAD, frame))
-        assert "tool" in caught.value.mend and "base" not in caught.value.mend
+        assert "tool" in caught.value.fix and "base" not in caught.value.fix
 
 
 def test_times_are_those_of_the_log() -> None:

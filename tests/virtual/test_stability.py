@@ -42,7 +42,7 @@ def test_absurdly_fine_steps_are_refused(pendulum: Robot, make_truth: Callable) 
     truth = make_truth(pendulum, Dahl(length=1e-9), **{"dahl.pivot": 50.0})
     with pytest.raises(ModelError, match="too stiff to be simulated: it needs steps below") as e:
         MujocoPlant(pendulum, truth)
-    assert "presliding lengths" in e.value.mend
+    assert "presliding lengths" in e.value.fix
 
 
 def test_a_stiff_contact_stays_stable(pendulum: Robot, make_truth: Callable) -> None:

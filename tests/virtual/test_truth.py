@@ -78,7 +78,7 @@ def test_truths_of_others_are_refused(tree: Robot, arm: Robot) -> None:
     data = random_truth(tree, 3).to_dict()
     with pytest.raises(ModelError, match="schema 'steelyard-truth/1' instead of") as caught:
         Truth.from_dict({**data, "schema": "steelyard-truth/1"}, tree)
-    assert "this version" in caught.value.mend
+    assert "this version" in caught.value.fix
     with pytest.raises(ModelError, match="not those of robot 'steelyard_demo_arm'|not those of"):
         Truth.from_dict(data, arm)
 

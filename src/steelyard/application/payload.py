@@ -26,9 +26,9 @@ from steelyard.arrays import Array
 from steelyard.errors import DataError
 from steelyard.estimation.estimate import Z95
 from steelyard.estimation.identified import IdentifiedModel
-from steelyard.estimation.payload.joined import covariance_of, inverse
 from steelyard.estimation.payload.load import PayloadEstimate, payload_of
 from steelyard.estimation.payload.load_case import LoadCase, carrier, load_case, refuse_foreign
+from steelyard.estimation.payload.stacked_information import covariance_of, inverse
 from steelyard.regression.information import Information
 from steelyard.robot_file.efforts import WITHOUT_TORQUE
 
@@ -117,19 +117,19 @@ def _refuse_unanswerable(loaded: Sequence[Information], drift: float, gain: floa
         raise DataError(
             "there is no run with the payload",
             where="identification of a payload",
-            mend="give at least one log of the loaded robot",
+            fix="give at least one log of the loaded robot",
         )
     if not drift >= 0.0:
         raise DataError(
             f"the drift of friction is {drift:g}",
             where="identification of a payload",
-            mend="give 0 for the model's friction, or a relative change such as 0.5",
+            fix="give 0 for the model's friction, or a relative change such as 0.5",
         )
     if not 0.0 <= gain < 1.0:
         raise DataError(
             f"the relative uncertainty of the drive gains is {gain:g}",
             where="identification of a payload",
-            mend="give 0 for exact gains, or a share such as 0.02",
+            fix="give 0 for exact gains, or a share such as 0.02",
         )
 
 

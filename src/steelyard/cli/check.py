@@ -45,7 +45,7 @@ def check(
     fixed_base: FixedBase = None,
     as_json: Json = False,
 ) -> None:
-    """Find out what is wrong with logs, and the lines of the robot file that mend it.
+    """Find out what is wrong with logs, and the lines of the robot file that correct it.
 
     The exit code is 0 if all is ok, 1 if something is doubtful, 2 if something is wrong; with --fix
     it is that of the new robot file.
@@ -88,8 +88,8 @@ def check(
         found.show(console)
         for line in hints(found, folder):
             console.print(Text(line), soft_wrap=True)
-    if found.last.judgement:
-        raise typer.Exit(int(found.last.judgement))
+    if found.last.severity:
+        raise typer.Exit(int(found.last.severity))
 
 
 def hints(found: "CheckResult", folder: Path | None) -> list[str]:
@@ -101,6 +101,6 @@ def hints(found: "CheckResult", folder: Path | None) -> list[str]:
         lines += [f"page        {folder / 'check.html'}", f"JSON        {folder / 'check.json'}"]
     if found.fixed is None and found.content.diagnosis.edits:
         lines.append("--fix       writes a new robot file with these lines, and checks again")
-    if folder is None and found.content.diagnosis.judgement:
+    if folder is None and found.content.diagnosis.severity:
         lines.append("-o FOLDER   writes a page with the plots")
     return lines if len(lines) > 1 else []

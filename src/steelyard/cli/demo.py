@@ -28,7 +28,7 @@ def demo(output: Output = None, seed: Seed = 0, as_json: Json = False) -> None:
     from steelyard.cli import interrupt
     from steelyard.cli.identify import run_identify
     from steelyard.cli.show import progress_bar
-    from steelyard.excitation.search.parallel_search import Effort
+    from steelyard.excitation.search.parallel_search import SearchBudget
     from steelyard.files import whole_folder
     from steelyard.identification.design import DesignedMotion, DesignTask
     from steelyard.identification.logs import model_of, new_folder
@@ -39,7 +39,7 @@ def demo(output: Output = None, seed: Seed = 0, as_json: Json = False) -> None:
     with progress_bar() as progress, whole_folder(folder) as part:
 
         def designed(loaded: "LoadedRobot") -> "ExactTrajectory":
-            effort = Effort(DESIGN, processes=os.cpu_count() or 1, seed=seed)
+            effort = SearchBudget(DESIGN, processes=os.cpu_count() or 1, seed=seed)
             task = DesignTask(loaded, model_of(loaded), None, ("csv",), None)
             found.append(task.done(effort, progress=progress))
             (part / "motion").mkdir()

@@ -115,7 +115,7 @@ def excite(
 
     from steelyard.cli import interrupt
     from steelyard.cli.show import progress_bar
-    from steelyard.excitation.search.parallel_search import Effort
+    from steelyard.excitation.search.parallel_search import SearchBudget
     from steelyard.files import whole_folder
     from steelyard.identification.design import design_task
     from steelyard.identification.logs import new_folder
@@ -137,7 +137,7 @@ def excite(
         still_unknown=still_unknown,
     )
     folder = new_folder(output, f"steelyard-{stem_of(robot)}-motion")
-    effort = Effort(budget, searches, processes or os.cpu_count() or 1, seed)
+    effort = SearchBudget(budget, searches, processes or os.cpu_count() or 1, seed)
     try:
         with progress_bar() as progress, whole_folder(folder) as part:
             with interrupt.quietly() if task.searched else nullcontext():

@@ -96,13 +96,13 @@ def _format(to: "Format | None", output: Path | None) -> "Format":
         raise OutputError(
             "no format is named",
             where="--to" if output is None else str(output),
-            mend="give --to urdf or --to mjcf, or end the name of --output in .urdf or .xml",
+            fix="give --to urdf or --to mjcf, or end the name of --output in .urdf or .xml",
         )
     if ending in (".urdf", ".mjcf") and ENDINGS[ending] != form:
         raise OutputError(
             f"the file would be {form.upper()}, but its name ends in '{ending}'",
             where=str(output),
-            mend=f"end its name in '{USUAL[form]}', or give --to {ENDINGS[ending]}",
+            fix=f"end its name in '{USUAL[form]}', or give --to {ENDINGS[ending]}",
         )
     return form
 
@@ -120,7 +120,7 @@ def _new_file(output: Path | None, default: str) -> Path:
         raise OutputError(
             "the file exists already",
             where=str(path),
-            mend="name another one with --output, or remove it",
+            fix="name another one with --output, or remove it",
         )
     return path
 

@@ -15,7 +15,7 @@ USAGE = 2
 
 
 def guarded(command: Callable[Arguments, None]) -> Callable[Arguments, None]:
-    """Exit code 2 with a message for what a user can mend."""
+    """Exit code 2 with a message for what a user can correct."""
 
     @functools.wraps(command)
     def run(*args: Arguments.args, **kwargs: Arguments.kwargs) -> None:

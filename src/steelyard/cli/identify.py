@@ -74,7 +74,7 @@ def identify(
     from rich.console import Console
 
     from steelyard.cli.show import progress_bar
-    from steelyard.report.text.judgement import exit_code
+    from steelyard.report.text.verdict import exit_code
 
     with progress_bar() as progress:
         found, folder = run_identify(

@@ -63,13 +63,13 @@ def init(
         raise OutputError(
             "the robot file exists already",
             where=str(target),
-            mend="name another one with --output, or remove it",
+            fix="name another one with --output, or remove it",
         )
     if rate is not None and log is None:
         raise ModelError(
             "--rate is given without a log",
             where="--rate",
-            mend="name the log behind the model file, or leave --rate out",
+            fix="name the log behind the model file, or leave --rate out",
         )
     columns, sample = (None, None) if log is None else sample_of(log)
     draft = drafted(proposal, columns, sample, target, rate)

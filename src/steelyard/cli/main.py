@@ -10,7 +10,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def main() -> None:
-    """Run the command line; exit code 2 for what a user can mend, 130 after Ctrl-C."""
+    """Run the command line; exit code 2 for what a user can correct, 130 after Ctrl-C."""
     try:
         interrupt.install()
         from steelyard.cli.app import app, expanded

@@ -37,7 +37,7 @@ def validate(
     from steelyard.files import whole_folder
     from steelyard.identification.logs import new_folder
     from steelyard.identification.validate import validate as validated
-    from steelyard.report.text.judgement import exit_code
+    from steelyard.report.text.verdict import exit_code
 
     folder = None if output is None else new_folder(output, "")
     with progress_bar() as progress, ExitStack() as parts:

@@ -74,7 +74,7 @@ class Evidence:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """All that a suspicion may look at.
+    """All that a check may look at.
 
     Attributes:
         loaded: The robot and what its file says.

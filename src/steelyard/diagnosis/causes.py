@@ -16,7 +16,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.estimation.estimate import Estimate
-from steelyard.estimation.fields.reference import bodies_of
+from steelyard.estimation.fields.load_friction_reference import bodies_of
 from steelyard.estimation.per_run import Runs, own_columns
 from steelyard.model import Model
 from steelyard.regression.information import Information

@@ -1,4 +1,4 @@
-"""What every suspicion can do."""
+"""What every check can do."""
 
 from typing import Protocol
 
@@ -6,7 +6,7 @@ from steelyard.diagnosis.case import Case
 from steelyard.diagnosis.finding import Finding
 
 
-class Suspicion(Protocol):
+class Check(Protocol):
     """One thing that may be wrong with logs."""
 
     @property

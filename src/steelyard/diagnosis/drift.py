@@ -7,9 +7,9 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.diagnosis.case import Case, Evidence
-from steelyard.diagnosis.finding import Finding, Judgement, Mend, Picture, Trace
-from steelyard.diagnosis.hypotheses.trial import LEAST, Trial
-from steelyard.diagnosis.hypotheses.verdict import verdict
+from steelyard.diagnosis.decision.verdict import verdict
+from steelyard.diagnosis.finding import Finding, Fix, Picture, Severity, Trace
+from steelyard.diagnosis.likelihood.trial import LEAST, Trial
 
 MUCH = 0.75
 """Range of friction over its mean from which on logs are not alike: more than from day to day."""
@@ -44,7 +44,7 @@ class Drift:
             f"('{case.joints[worst]}': least in {names[int(np.argmin(levels[:, worst]))]}, most in "
             f"{names[int(np.argmax(levels[:, worst]))]})"
         )
-        mend = Mend(
+        fix = Fix(
             'estimate it per log: {law = "offset", per_run = true} and likewise friction '
             "under [model] terms, or identify from logs of one day"
         )
@@ -52,11 +52,11 @@ class Drift:
             Finding(
                 self.name,
                 "",
-                Judgement.DOUBTFUL if much else Judgement.OK,
+                Severity.DOUBTFUL if much else Severity.OK,
                 says,
                 f"{100.0 * spread[worst]:.0f} %, bound {100.0 * MUCH:.0f} %",
                 much,
-                mend if much else None,
+                fix if much else None,
                 _picture(case, levels),
             ),
         )

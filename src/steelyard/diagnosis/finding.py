@@ -1,4 +1,4 @@
-"""What a suspicion found: a judgement, the evidence for it, and how to mend the robot file."""
+"""What a check found: a severity, the evidence for it, and how to correct the robot file."""
 
 from dataclasses import dataclass, field
 from enum import IntEnum
@@ -7,7 +7,7 @@ from typing import Any, Literal
 from steelyard.arrays import Array
 
 
-class Judgement(IntEnum):
+class Severity(IntEnum):
     """How bad it is; the worst one is the exit code of `steelyard check`."""
 
     OK = 0
@@ -36,12 +36,12 @@ class Edit:
 
 
 @dataclass(frozen=True)
-class Mend:
+class Fix:
     """What to do about a finding.
 
     Attributes:
         says: In one sentence.
-        edits: What to change in the robot file; none where the file cannot mend it.
+        edits: What to change in the robot file; none where the file cannot correct it.
         jointly: Whether all such edits of a log were tried as one change: one without the others
             is untested, and none is written where another one cannot be.
     """
@@ -77,13 +77,13 @@ class Picture:
 
 
 @dataclass(frozen=True)
-class Hypothesis:
+class ComparedHypothesis:
     """One explanation of the data beside others.
 
     Attributes:
         says: What it supposes, in a few words: "as declared", "joint 2 has the other sign".
         misfit: Relative error of the prediction under it [%].
-        log_likelihood: Against the best of its rivals, which is at 0 [natural units].
+        log_likelihood: Against the best of its hypotheses, which is at 0 [natural units].
         declared: Whether it is what the robot file declares.
     """
 
@@ -95,16 +95,16 @@ class Hypothesis:
 
 @dataclass(frozen=True, eq=False)
 class Finding:
-    """One judgement of one suspicion.
+    """One severity of one check.
 
     Attributes:
-        suspicion: Name of the suspicion.
+        check: Name of the check.
         log: Name of the log; empty if it is about all logs together.
-        judgement: How bad it is.
+        severity: How bad it is.
         says: What was found, in one sentence.
         figure: The evidence as a number with its unit, and what it is held against.
         joints: The joints concerned; empty if it is about all or none in particular.
-        mend: What to do; `None` if nothing need be done.
+        fix: What to do; `None` if nothing need be done.
         picture: The evidence as a plot, if there is one to show.
         hypotheses: Explanations that were compared, the likeliest first.
         nominal: Whether they were compared with the masses of a model file, not of a reference.
@@ -112,15 +112,15 @@ class Finding:
         headline: Whether it stands beside the headline though it is ok.
     """
 
-    suspicion: str
+    check: str
     log: str
-    judgement: Judgement
+    severity: Severity
     says: str
     figure: str
     joints: tuple[str, ...] = ()
-    mend: Mend | None = None
+    fix: Fix | None = None
     picture: Picture | None = None
-    hypotheses: tuple[Hypothesis, ...] = ()
+    hypotheses: tuple[ComparedHypothesis, ...] = ()
     nominal: bool = False
     answered: bool = True
     headline: bool = False

@@ -7,9 +7,9 @@ from operator import add
 from typing import ClassVar
 
 from steelyard.diagnosis.case import Case
-from steelyard.diagnosis.finding import Finding, Judgement, Mend
+from steelyard.diagnosis.finding import Finding, Fix, Severity
 from steelyard.errors import SteelyardError
-from steelyard.estimation.estimate import Blind, Estimate
+from steelyard.estimation.estimate import Estimate, Unidentifiable
 from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
 from steelyard.measurement import Run, prepare
 from steelyard.model import Model
@@ -48,8 +48,8 @@ class Identifiability:
             estimate = WeightedLeastSquares()(reduce(add, [gather(regressor, r) for r in runs]))
         except SteelyardError as error:
             says = f"undecided: {error.wrong}"
-            mend = Mend(error.mend)
-            return (Finding(self.name, "", Judgement.DOUBTFUL, says, "none", mend=mend),)
+            fix = Fix(error.fix)
+            return (Finding(self.name, "", Severity.DOUBTFUL, says, "none", fix=fix),)
         return (_told(self.name, estimate),)
 
 
@@ -62,11 +62,11 @@ def _told(name: str, estimate: Estimate) -> Finding:
         says += f"; not {listed}" + (" and more" if len(blind) > SHOWN else "")
     figure = f"{seen} of {whole}, condition number {estimate.condition_normalised:.3g} (normalised)"
     if not blind:
-        return Finding(name, "", Judgement.OK, says, figure)
-    return Finding(name, "", Judgement.DOUBTFUL, says, figure, mend=Mend(_advice(blind)))
+        return Finding(name, "", Severity.OK, says, figure)
+    return Finding(name, "", Severity.DOUBTFUL, says, figure, fix=Fix(_advice(blind)))
 
 
-def _advice(blind: Sequence[Blind]) -> str:
+def _advice(blind: Sequence[Unidentifiable]) -> str:
     wanted: dict[str, list[str]] = {}
     for parameter in blind:
         kind, _, of = parameter.name.partition(".")

@@ -5,7 +5,7 @@ from typing import ClassVar
 import numpy as np
 
 from steelyard.diagnosis.case import Case
-from steelyard.diagnosis.finding import Finding, Judgement
+from steelyard.diagnosis.finding import Finding, Severity
 from steelyard.diagnosis.fitted.model_error import (
     beginnings,
     can_be_ranked,
@@ -44,7 +44,7 @@ class JointZeros:
             return (_found(model, beginnings(runs)),)
         except SteelyardError as error:
             says = f"not estimated: {error.wrong}"
-            return (Finding(self.name, "", Judgement.OK, says, "", answered=False),)
+            return (Finding(self.name, "", Severity.OK, says, "", answered=False),)
 
 
 def _found(model: Model, runs: tuple[Run, ...]) -> Finding:
@@ -54,28 +54,28 @@ def _found(model: Model, runs: tuple[Run, ...]) -> Finding:
     offsets = estimated_offsets(model, runs)
     if offsets is None:
         says = "not estimated: too few samples"
-        return Finding(JointZeros.name, "", Judgement.OK, says, "", answered=False)
+        return Finding(JointZeros.name, "", Severity.OK, says, "", answered=False)
     far, known = far_offsets(offsets), np.isfinite(offsets.std)
     if not known.any():
         says = "not identifiable from these data: the zero offset of every joint"
-        return Finding(JointZeros.name, "", Judgement.OK, says, "", answered=False)
+        return Finding(JointZeros.name, "", Severity.OK, says, "", answered=False)
     if not far.any():
         says = f"no significant zero offset{_of(offsets)}{_hidden(offsets)}"
-        return Finding(JointZeros.name, "", Judgement.OK, says, _figure(offsets))
+        return Finding(JointZeros.name, "", Severity.OK, says, _figure(offsets))
     if not ranked.blamed or ranked.blamed[0].kind != "zero_offset":
         says = (
             f"{numbers(offsets, far)} is undecided: other model errors explain as much; compare "
             f"the zeros with the robot{_hidden(offsets)}"
         )
-        return Finding(JointZeros.name, "", Judgement.OK, says, _figure(offsets), answered=False)
+        return Finding(JointZeros.name, "", Severity.OK, says, _figure(offsets), answered=False)
     return Finding(
         JointZeros.name,
         "",
-        Judgement.DOUBTFUL,
+        Severity.DOUBTFUL,
         f"{numbers(offsets, far)} explains the residuals of a fit best",
         f"{100.0 * ranked.blamed[0].chi2 / ranked.total:.2g} % of chi², {residuals(ranked.beside)}",
         joints=tuple(j for j, wrong in zip(offsets.joints, far, strict=True) if wrong),
-        mend=correction(offsets, far),
+        fix=correction(offsets, far),
     )
 
 

@@ -1,8 +1,7 @@
-"""All suspicions, in the order in which they are asked and shown."""
+"""All checks, in the order in which they are asked and shown."""
 
-from steelyard.diagnosis.check import Suspicion
-from steelyard.diagnosis.drift import Drift
-from steelyard.diagnosis.hypotheses.checks import (
+from steelyard.diagnosis.check import Check
+from steelyard.diagnosis.decision.checks import (
     EFFORT_DELAY,
     EFFORT_KIND,
     EFFORT_SIGN,
@@ -13,6 +12,7 @@ from steelyard.diagnosis.hypotheses.checks import (
     PAYLOAD,
     POSITION_SIGN,
 )
+from steelyard.diagnosis.drift import Drift
 from steelyard.diagnosis.identifiability import Identifiability
 from steelyard.diagnosis.joint_zeros import JointZeros
 from steelyard.diagnosis.signals.clock import Clock
@@ -27,7 +27,7 @@ from steelyard.diagnosis.signals.rows import Rows
 from steelyard.diagnosis.signals.saturation import Saturation
 from steelyard.diagnosis.signals.velocity import Velocity
 
-SUSPICIONS: tuple[Suspicion, ...] = (
+CHECKS: tuple[Check, ...] = (
     Clock(),
     Rows(),
     Repeats(),

@@ -12,7 +12,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.diagnosis.case import Case, Evidence
-from steelyard.diagnosis.finding import Edit, Finding, Judgement, Mend
+from steelyard.diagnosis.finding import Edit, Finding, Fix, Severity
 from steelyard.diagnosis.identifiability import clean_runs, customary_model
 from steelyard.errors import SteelyardError
 from steelyard.measurement.run import Run
@@ -78,7 +78,7 @@ def residual_delay(case: Case, name: str) -> Finding | None:
 
     Args:
         case: Robot and logs.
-        name: Name of the suspicion.
+        name: Name of the check.
     """
     runs = [(e.run.duration, k) for k, e in enumerate(case.logs) if isinstance(e.run, Run)]
     if not runs:
@@ -106,13 +106,13 @@ def _late(evidence: Evidence, name: str, found: Delays) -> Finding:
     return Finding(
         name,
         "",
-        Judgement.WRONG,
+        Severity.WRONG,
         f"efforts are {abs(ms):.3g} ms {way} (± {2e3 * found.std:.1g}): the residuals of a fit of "
         f"{evidence.name} indicate this delay in all {found.rows} joints",
         f"a delay explains {100.0 * found.gone:.0f} % of the squared residual (bound "
         f"{100.0 * GONE:.0f} %), joints differ by {100.0 * found.scatter:.1g} % (bound "
         f"{100.0 * ALIKE:.0f} %)",
-        mend=Mend(
+        fix=Fix(
             f"efforts are {abs(ms):.3g} ms {way}: state the delay",
             (Edit(("signals", "effort", "delay"), round(whole, 5)),),
         ),

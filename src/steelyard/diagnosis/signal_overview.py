@@ -58,7 +58,7 @@ def once(question: Callable[[Case, Evidence], T]) -> Callable[[Case, Evidence], 
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
+class SignalOverview:
     """Good rows of a log's excerpt.
 
     Attributes:
@@ -164,13 +164,13 @@ class Sight:
 
 
 @once
-def look(case: Case, evidence: Evidence) -> Sight:
+def look(case: Case, evidence: Evidence) -> SignalOverview:
     """The good rows of a log's excerpt."""
     t, x = evidence.rows
     return seen(t, x, evidence.channels)
 
 
-def seen(t: Array, x: Array, channels: Channels) -> Sight:
+def seen(t: Array, x: Array, channels: Channels) -> SignalOverview:
     """Good rows of raw ones: readable, in order of time, without garbage."""
     readable = np.isfinite(t)
     stamped = readable.copy()
@@ -184,7 +184,7 @@ def seen(t: Array, x: Array, channels: Channels) -> Sight:
         kept[kept] = _near(x[kept, channel], _reach(x[kept, channel], channel, channels))
     broken = ~kept
     kept[kept] = _increasing(t[kept])
-    return Sight(channels, t[stamped], t[kept], x[kept], kept, broken, step)
+    return SignalOverview(channels, t[stamped], t[kept], x[kept], kept, broken, step)
 
 
 def _reach(values: Array, channel: int, channels: Channels) -> float:

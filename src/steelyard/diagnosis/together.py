@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.diagnosis.finding import Edit, Finding, Judgement, Mend
+from steelyard.diagnosis.finding import Edit, Finding, Fix, Severity
 
 DIGITS = 4
 SURE = 3.0
@@ -17,26 +17,24 @@ APART = "the other logs agree with the robot file as it is: give this one a robo
 
 
 def together(findings: Sequence[Finding]) -> tuple[Finding, ...]:
-    """The findings of all suspicions with mends that serve all logs.
+    """The findings of all checks with corrects that serve all logs.
 
     A log that is wrong while others are fine has no line in a robot file they share. Numbers that
     several logs ask for become their median; fitted factors that differ by more than their accuracy
     are doubtful, and none is written. Edits that were tried as one change stay together or go.
     """
-    names = dict.fromkeys(f.suspicion for f in findings)
-    of = {name: [f for f in findings if f.suspicion == name] for name in names}
+    names = dict.fromkeys(f.check for f in findings)
+    of = {name: [f for f in findings if f.check == name] for name in names}
     unlike = {name: _unlike(found) for name, found in of.items()}
     against = {name: _against(found, findings) for name, found in of.items()}
-    shared = [
-        _shared(f, of[f.suspicion], against[f.suspicion], unlike[f.suspicion]) for f in findings
-    ]
+    shared = [_shared(f, of[f.check], against[f.check], unlike[f.check]) for f in findings]
     lost: dict[str, str] = {}
     for f in shared:
-        if f.mend is not None and f.mend.jointly and not f.mend.edits:
-            lost.setdefault(f.log, unlike[f.suspicion] or against[f.suspicion])
+        if f.fix is not None and f.fix.jointly and not f.fix.edits:
+            lost.setdefault(f.log, unlike[f.check] or against[f.check])
     return tuple(
-        replace(f, mend=_without(f.mend, lost[f.log]))
-        if f.mend is not None and f.mend.jointly and f.mend.edits and f.log in lost
+        replace(f, fix=_without(f.fix, lost[f.log]))
+        if f.fix is not None and f.fix.jointly and f.fix.edits and f.log in lost
         else f
         for f in shared
     )
@@ -46,11 +44,11 @@ def _against(found: Sequence[Finding], findings: Sequence[Finding]) -> str:
     """Why the other logs speak against what one asks for; empty if none does.
 
     Args:
-        found: Of one suspicion.
+        found: Of one check.
         findings: Of all suspicions: a log with which nothing else is wrong agrees as it is.
     """
-    fine = [f.log for f in found if f.judgement == Judgement.OK and f.answered and f.log]
-    doubts = {log: [f.suspicion for f in findings if f.judgement and f.log == log] for log in fine}
+    fine = [f.log for f in found if f.severity == Severity.OK and f.answered and f.log]
+    doubts = {log: [f.check for f in findings if f.severity and f.log == log] for log in fine}
     if not fine or not all(doubts.values()):
         return APART if fine else ""
     listed = "; ".join(f"{log}: {', '.join(dict.fromkeys(x))}" for log, x in doubts.items())
@@ -65,7 +63,7 @@ def _unlike(found: Sequence[Finding]) -> str:
     edits = [
         (f.log, edit)
         for f in found
-        for edit in (f.mend.edits if f.mend else ())
+        for edit in (f.fix.edits if f.fix else ())
         if edit.spread > 0.0 and f.log
     ]
     for (_, a), (_, b) in combinations(edits, 2):
@@ -96,28 +94,28 @@ def _shown(value: Any) -> str:
 
 
 def _shared(finding: Finding, found: Sequence[Finding], against: str, unlike: str) -> Finding:
-    mend = finding.mend
-    if mend is None or not mend.edits:
+    fix = finding.fix
+    if fix is None or not fix.edits:
         return finding
-    if against and finding.log and finding.judgement == Judgement.WRONG:
-        return replace(finding, mend=_without(mend, against))
+    if against and finding.log and finding.severity == Severity.WRONG:
+        return replace(finding, fix=_without(fix, against))
     if unlike:
-        return replace(finding, judgement=Judgement.DOUBTFUL, mend=_without(mend, unlike))
-    edits = tuple(replace(e, value=_middle(list(_wanted(found, e)))) for e in mend.edits)
-    return replace(finding, mend=replace(mend, edits=edits))
+        return replace(finding, severity=Severity.DOUBTFUL, fix=_without(fix, unlike))
+    edits = tuple(replace(e, value=_middle(list(_wanted(found, e)))) for e in fix.edits)
+    return replace(finding, fix=replace(fix, edits=edits))
 
 
 def _wanted(found: Sequence[Finding], edit: Edit) -> Iterator[Any]:
     """What all logs ask for under one key."""
     for finding in found:
-        for other in finding.mend.edits if finding.mend else ():
+        for other in finding.fix.edits if finding.fix else ():
             if other.path == edit.path:
                 yield other.value
 
 
-def _without(mend: Mend, why: str) -> Mend:
+def _without(fix: Fix, why: str) -> Fix:
     """The advice without edits: the robot file that the logs share cannot be changed so."""
-    return replace(mend, says=f"{mend.says}; {why}", edits=())
+    return replace(fix, says=f"{fix.says}; {why}", edits=())
 
 
 def _middle(values: Sequence[Any]) -> Any:

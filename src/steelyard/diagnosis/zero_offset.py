@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.diagnosis.finding import Edit, Mend
+from steelyard.diagnosis.finding import Edit, Fix
 from steelyard.errors import DataError
 from steelyard.estimation.fields.fields import said_by
 from steelyard.estimation.zero_offset import ZeroOffsets, find_offsets, with_offsets
@@ -53,11 +53,11 @@ def numbers(offsets: ZeroOffsets, chosen: NDArray[np.bool_]) -> str:
     return f"zero offset of {', '.join(parts)}"
 
 
-def correction(offsets: ZeroOffsets, chosen: NDArray[np.bool_]) -> Mend:
+def correction(offsets: ZeroOffsets, chosen: NDArray[np.bool_]) -> Fix:
     """The line of the robot file that corrects offsets; others stay as they are given."""
     values = [
         round(float(value), 4) if far else float(start)
         for value, start, far in zip(offsets.values, offsets.start, chosen, strict=True)
     ]
     says = f'Set position_offset = {values} in [signals], or position_offset = "identify"'
-    return Mend(says, (Edit(("signals", "position_offset"), values),))
+    return Fix(says, (Edit(("signals", "position_offset"), values),))

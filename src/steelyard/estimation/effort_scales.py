@@ -155,7 +155,7 @@ class Scaled:
             DataError: As of the estimate without.
         """
         names = self._names
-        logged = information.scaled(scales.values, information.stamp.effort)
+        logged = information.scaled(scales.values, information.signature.effort)
         found = _without(self._wide(self._extended(logged, scales)), names)
         own = whitened(information, equal=self.estimator.equal).fit.solution
         return replace(
@@ -165,7 +165,7 @@ class Scaled:
         )
 
     def _extended(self, information: Information, at: Scales) -> Information:
-        scaled = information.scaled(1.0 / at.values, information.stamp.effort)
+        scaled = information.scaled(1.0 / at.values, information.signature.effort)
         return with_predicted(scaled, at.parameters, self._names, np.log(at.values))
 
     def _of_columns(self, information: Information, lifted: Array) -> Array:

@@ -34,7 +34,7 @@ Z95 = 1.959963984540054
 
 
 @dataclass(frozen=True)
-class Blind:
+class Unidentifiable:
     """A base parameter that the data do not show.
 
     Attributes:
@@ -47,7 +47,7 @@ class Blind:
 
 
 @dataclass(frozen=True, eq=False)
-class OfRun:
+class RunParameters:
     """Parameters that one run has for itself.
 
     Attributes:
@@ -62,7 +62,7 @@ class OfRun:
 
 
 @dataclass(frozen=True, eq=False)
-class Standard:
+class StandardEstimate:
     """Values of all standard parameters, as data and prior together have them.
 
     Attributes:
@@ -115,13 +115,13 @@ class Estimate:
     estimator: str
     parameters: Parameters
     covariance: Array
-    blind: tuple[Blind, ...]
+    blind: tuple[Unidentifiable, ...]
     sigma: Array
     n_samples: Array
     condition: float
     condition_normalised: float
-    per_run: tuple[OfRun, ...] = ()
-    standard: Standard | None = None
+    per_run: tuple[RunParameters, ...] = ()
+    standard: StandardEstimate | None = None
     learned: Array | None = None
     at_bound: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
@@ -185,13 +185,13 @@ class Estimate:
             estimator=data["estimator"],
             parameters=Parameters(data["names"], data["units"], values),
             covariance=covariance,
-            blind=tuple(Blind(b["name"], tuple(b["tied_to"])) for b in data["blind"]),
+            blind=tuple(Unidentifiable(b["name"], tuple(b["tied_to"])) for b in data["blind"]),
             sigma=frozen(data["sigma"]),
             n_samples=frozen(data["n_samples"]),
             condition=data["condition"],
             condition_normalised=data["condition_normalised"],
             per_run=tuple(
-                OfRun(
+                RunParameters(
                     own["run"],
                     Parameters(own["names"], own["units"], own["values"]),
                     frozen(own["std"]),
@@ -205,7 +205,7 @@ class Estimate:
         )
 
 
-def _standard_to_dict(standard: Standard) -> dict[str, Any]:
+def _standard_to_dict(standard: StandardEstimate) -> dict[str, Any]:
     return {
         "names": list(standard.parameters.names),
         "units": list(standard.parameters.units),
@@ -215,9 +215,9 @@ def _standard_to_dict(standard: Standard) -> dict[str, Any]:
     }
 
 
-def _standard_from_dict(data: Mapping[str, Any]) -> Standard:
+def _standard_from_dict(data: Mapping[str, Any]) -> StandardEstimate:
     size = len(data["names"])
-    standard = Standard(
+    standard = StandardEstimate(
         Parameters(data["names"], data["units"], data["values"]),
         frozen(np.reshape(data["covariance"], (size, size))),
         frozen(data["learned"], (size,)),

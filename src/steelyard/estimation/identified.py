@@ -207,22 +207,22 @@ def load_model(path: str | Path) -> IdentifiedModel:
     file = Path(path)
     if file.is_dir():
         file = file / "model.json"
-    mend = "give the model.json, or the output folder, that `steelyard identify` wrote"
+    fix = "give the model.json, or the output folder, that `steelyard identify` wrote"
     try:
         data = json.loads(file.read_text(encoding="utf-8"))
     except OSError as error:
         raise ModelError(
-            f"the model cannot be read ({error.strerror})", where=str(file), mend=mend
+            f"the model cannot be read ({error.strerror})", where=str(file), fix=fix
         ) from None
     except ValueError:
-        raise ModelError("the file is not JSON", where=str(file), mend=mend) from None
+        raise ModelError("the file is not JSON", where=str(file), fix=fix) from None
     if not isinstance(data, dict) or data.get("schema") != SCHEMA:
-        raise ModelError("the file is not an identified model", where=str(file), mend=mend)
+        raise ModelError("the file is not an identified model", where=str(file), fix=fix)
     if data.get("schema_version") != SCHEMA_VERSION:
         raise ModelError(
             f"the model has schema version {data.get('schema_version')}, not {SCHEMA_VERSION}",
             where=str(file),
-            mend="identify again with this version of steelyard",
+            fix="identify again with this version of steelyard",
         )
     try:
         return IdentifiedModel.from_dict(data)
@@ -231,5 +231,5 @@ def load_model(path: str | Path) -> IdentifiedModel:
         raise ModelError(
             f"the model is incomplete or damaged: {lacking}",
             where=str(file),
-            mend=mend,
+            fix=fix,
         ) from None

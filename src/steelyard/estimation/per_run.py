@@ -12,7 +12,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import DataError
-from steelyard.estimation.estimate import Blind
+from steelyard.estimation.estimate import Unidentifiable
 from steelyard.model import Model
 from steelyard.regression.information import Information
 
@@ -98,7 +98,7 @@ class Runs:
                 raise DataError(
                     f"there is no column '{name}' that could be estimated per run",
                     where="parameters per run",
-                    mend=f"its columns are {', '.join(columns[:12])}, ...",
+                    fix=f"its columns are {', '.join(columns[:12])}, ...",
                 )
         if not per_run:
             return cls(information, (information,), ())
@@ -154,11 +154,11 @@ class Runs:
 
 
 def explained(
-    blind: tuple[Blind, ...],
+    blind: tuple[Unidentifiable, ...],
     eliminated: tuple[Eliminated, ...],
     lengths: Array,
     names: tuple[str, ...],
-) -> tuple[Blind, ...]:
+) -> tuple[Unidentifiable, ...]:
     """What is not seen, with the parameters of single runs that hide it, or that no run sees."""
     seen = {names[column] for own in eliminated for column in own.columns}
     result = []
@@ -171,5 +171,5 @@ def explained(
             if abs(slope) * lengths[column] > TIED * lengths[k]
         )
         tied = tuple(dict.fromkeys((*one.tied_to, *hiding)))
-        result += [] if one.name in seen else [Blind(one.name, tied)]
+        result += [] if one.name in seen else [Unidentifiable(one.name, tied)]
     return tuple(result)

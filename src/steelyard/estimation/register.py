@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from steelyard.errors import DataError, ModelError
+from steelyard.estimation.consistent.consistency_penalties import Free, Pullback
 from steelyard.estimation.consistent.consistent import Consistent
-from steelyard.estimation.consistent.physics import Free, Pullback
 from steelyard.estimation.estimate import Estimator
 from steelyard.estimation.knowledge import Knowledge
 from steelyard.estimation.least_squares.least_squares import (
@@ -76,7 +76,7 @@ def _refuse_own(context: Context) -> None:
         raise DataError(
             "it keeps no parameters of single runs",
             where=", ".join(context.per_run),
-            mend="take another estimator, or leave per_run = true out of the robot file",
+            fix="take another estimator, or leave per_run = true out of the robot file",
         )
 
 
@@ -263,7 +263,7 @@ def offer_of(name: str, where: str, others: tuple[str, ...] = ()) -> Offer:
         raise ModelError(
             f"there is no estimator '{name}'",
             where=where,
-            mend=advice(name, names, "estimators", len(names)),
+            fix=advice(name, names, "estimators", len(names)),
         )
     return known[plain(name)]
 

@@ -20,8 +20,8 @@ import numpy as np
 from steelyard.arrays import Array, frozen
 from steelyard.errors import DataError
 from steelyard.estimation.estimate import Z95, Estimate
+from steelyard.estimation.fields.load_friction_reference import bodies_of
 from steelyard.estimation.fields.passes import Said
-from steelyard.estimation.fields.reference import bodies_of
 from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
 from steelyard.estimation.per_run import own_columns
 from steelyard.measurement.run import Run
@@ -132,7 +132,7 @@ def find_offsets(
         raise DataError(
             "zero offsets of closed chains cannot be estimated",
             where=f"robot '{model.robot.name}'",
-            mend="give position_offset = [...] in [signals]",
+            fix="give position_offset = [...] in [signals]",
         )
     fit = WeightedLeastSquares(per_run=own_columns(model))
     values, spread = start.copy(), np.full(len(start), np.nan)

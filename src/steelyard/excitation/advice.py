@@ -10,7 +10,7 @@ from steelyard.errors import DataError
 from steelyard.excitation.limits import MotionLimits
 from steelyard.excitation.objective import Case
 from steelyard.excitation.planned.sweeps import friction_sweeps, static_postures
-from steelyard.excitation.predicted_accuracy import Shown, deviations, information
+from steelyard.excitation.predicted_accuracy import PredictedAccuracy, deviations, information
 from steelyard.excitation.problem import jumping
 from steelyard.motion import Trajectory
 
@@ -48,7 +48,7 @@ class Advice:
 
 
 def advice(
-    shown: Shown,
+    shown: PredictedAccuracy,
     trajectory: Trajectory,
     cases: Sequence[Case],
     noise_weights: Array,
@@ -97,7 +97,9 @@ def _weighed(case: Case, weights: Array) -> Case:
     return replace(case, shows=replace(case.shows, weights=weights))
 
 
-def _of(what: str, seconds: float, gram: Array, shown: Shown, prior: Array | None) -> Advice:
+def _of(
+    what: str, seconds: float, gram: Array, shown: PredictedAccuracy, prior: Array | None
+) -> Advice:
     before = shown.std(prior)
     whole = shown.gram + gram if prior is None else shown.gram + gram + prior
     after = deviations(whole)

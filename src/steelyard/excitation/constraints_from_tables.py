@@ -25,7 +25,7 @@ from steelyard.robot.inertia import INERTIAL_NAMES
 from steelyard.robot.robot import Robot
 from steelyard.robot_file.excitation_sections import ExcitationSection
 from steelyard.robot_file.file import LoadedRobot
-from steelyard.terms.term import Remembering
+from steelyard.terms.term import StatefulTerm
 
 
 def constraints_of(
@@ -94,7 +94,7 @@ def efforts_of(loaded: LoadedRobot, model: Model, earlier: Earlier | None) -> Wa
             raise ModelError(
                 f"torque cannot be limited: {why}",
                 where="[excitation.limits]",
-                mend='leave out effort and power, or say effort = "any"',
+                fix='leave out effort and power, or say effort = "any"',
             )
         return [], [Gap(f"torque is not limited: {why}")]
     cases = _cases(loaded, _memoryless(model), earlier)
@@ -124,7 +124,7 @@ def _unlimited(robot: Robot, efforts: Array) -> list[str]:
 
 
 def _memoryless(model: Model) -> Model:
-    kept = tuple(term for term in model.terms if not isinstance(term, Remembering))
+    kept = tuple(term for term in model.terms if not isinstance(term, StatefulTerm))
     return Model(model.robot, kept)
 
 
@@ -137,7 +137,7 @@ def _unknown_efforts(loaded: LoadedRobot, model: Model, earlier: Earlier | None)
         return "the robot file's efforts are gravity compensated"
     if earlier is not None:
         for term in model.terms:
-            if isinstance(term, Remembering):
+            if isinstance(term, StatefulTerm):
                 return f"'{term.law}' depends on the earlier motion"
     if model.robot.passive:
         return "the robot has closed chains"

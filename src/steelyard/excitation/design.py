@@ -17,13 +17,13 @@ from steelyard.excitation.limbs import composed
 from steelyard.excitation.limits import MotionLimits
 from steelyard.excitation.objective import Case
 from steelyard.excitation.planned.plans import planned
-from steelyard.excitation.predicted_accuracy import Shown, shown
+from steelyard.excitation.predicted_accuracy import PredictedAccuracy, shown
 from steelyard.excitation.previous_model import Earlier
 from steelyard.excitation.problem import Problem
 from steelyard.excitation.result import Designed
 from steelyard.excitation.search.feasibility import refuse_impossible
 from steelyard.excitation.search.finish import finished
-from steelyard.excitation.search.parallel_search import Effort, Harvest, harvested
+from steelyard.excitation.search.parallel_search import SearchBudget, SearchResult, harvested
 from steelyard.excitation.search.register import method_of
 from steelyard.excitation.search.starts import NoMotion
 from steelyard.excitation.search.time_after import Pace, time_after
@@ -65,7 +65,7 @@ class _Motion:
     cases: Sequence[Case]
     limits: MotionLimits
     constraints: Sequence[Constraint]
-    harvest: Harvest | None
+    harvest: SearchResult | None
     notes: tuple[str, ...]
     hints: tuple[str, ...] = ()
     proven: Sequence[Array] | None = None
@@ -74,7 +74,7 @@ class _Motion:
 def design(
     loaded: LoadedRobot,
     model: Model,
-    effort: Effort,
+    effort: SearchBudget,
     *,
     earlier: Earlier | None = None,
     progress: Progress = silent,
@@ -105,7 +105,7 @@ def design(
 def _searched(
     loaded: LoadedRobot,
     model: Model,
-    effort: Effort,
+    effort: SearchBudget,
     earlier: Earlier | None,
     progress: Progress,
     begun: float,
@@ -144,7 +144,7 @@ def _searched(
     )
 
 
-def _candidates(problem: Problem, harvest: Harvest) -> list[Array]:
+def _candidates(problem: Problem, harvest: SearchResult) -> list[Array]:
     """The best motions and one of the best of every limb, best first: time may end after one."""
     found = [one.x for one in harvest.best]
     *_, mixed = composed(problem.objective, problem.walls, problem.limbs, found)
@@ -167,7 +167,7 @@ def _limbs(problem: Problem) -> tuple[str, ...]:
 def _planned(
     loaded: LoadedRobot,
     model: Model,
-    effort: Effort,
+    effort: SearchBudget,
     earlier: Earlier | None,
     progress: Progress,
     begun: float,
@@ -254,7 +254,7 @@ def _cell(loaded: LoadedRobot, trajectory: ExactTrajectory) -> tuple[str, ...]:
     )
 
 
-def _few(harvest: Harvest, effort: Effort) -> tuple[str, ...]:
+def _few(harvest: SearchResult, effort: SearchBudget) -> tuple[str, ...]:
     """That the time was short, if it was."""
     if harvest.stopped or harvest.searches >= min(FEW, effort.searches or FEW):
         return ()
@@ -265,7 +265,7 @@ def _few(harvest: Harvest, effort: Effort) -> tuple[str, ...]:
 
 
 def _advice(
-    seen: Shown, motion: _Motion, weights: Array, prior: Array | None
+    seen: PredictedAccuracy, motion: _Motion, weights: Array, prior: Array | None
 ) -> tuple[Advice, ...]:
     return advice(seen, motion.trajectory, motion.cases, weights, motion.limits, prior)
 

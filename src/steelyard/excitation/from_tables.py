@@ -25,7 +25,7 @@ from steelyard.excitation.problem import Problem
 from steelyard.excitation.uncovered import Declined, Gap
 from steelyard.model import Model
 from steelyard.regression.base import FAINT, base_parameters, clear_map
-from steelyard.regression.information_gradient import Shows
+from steelyard.regression.information_gradient import InformationEvaluator
 from steelyard.robot.robot import Robot
 from steelyard.robot_file.excitation_sections import (
     CriterionSection,
@@ -36,7 +36,7 @@ from steelyard.robot_file.excitation_sections import (
 from steelyard.robot_file.file import LoadedRobot, load_robot
 from steelyard.suggest import advice
 from steelyard.terms.register import description_of, term_of
-from steelyard.terms.term import Remembering
+from steelyard.terms.term import StatefulTerm
 
 SOFTNESS = 0.01
 """Width of speed within which jumping laws turn while optimising, over the highest speed."""
@@ -117,8 +117,8 @@ def build(loaded: LoadedRobot, model: Model, earlier: Earlier | None = None) -> 
 
 def memoryless(model: Model) -> tuple[Model, tuple[str, ...]]:
     """The model without terms that no single sample tells; notes on what the criterion lacks."""
-    left = [term for term in model.terms if isinstance(term, Remembering)]
-    kept = tuple(term for term in model.terms if not isinstance(term, Remembering))
+    left = [term for term in model.terms if isinstance(term, StatefulTerm)]
+    kept = tuple(term for term in model.terms if not isinstance(term, StatefulTerm))
     notes = [
         f"'{term.law}' depends on the earlier motion: it is left out of the criterion"
         for term in left
@@ -153,7 +153,7 @@ def limits_of(robot: Robot, section: MotionLimitsSection) -> MotionLimits:
                 f"joint '{joint.name}' has a range of {whole:.4g} {joint.unit}: none of it is "
                 f"left with a margin of {section.position_margin:g} {joint.unit} at each end",
                 where="[excitation.limits] position_margin",
-                mend=f"give a margin below {0.5 * whole:.4g}, or lock the joint",
+                fix=f"give a margin below {0.5 * whole:.4g}, or lock the joint",
             )
     default = np.array([DEFAULT_ACCELERATION[joint.kind] for joint in robot.coordinates])
     velocity = per_joint(section.velocity, robot, "velocity", own.velocity)
@@ -220,9 +220,11 @@ def cases_of(
         raise DataError(
             f"there is no criterion '{wanted.kind}'",
             where="[excitation.criterion] kind",
-            mend=advice(wanted.kind, KINDS, "criteria"),
+            fix=advice(wanted.kind, KINDS, "criteria"),
         )
-    shows = Shows(model, weights_of(wanted, model.robot, earlier), SOFTNESS * limits.velocity)
+    shows = InformationEvaluator(
+        model, weights_of(wanted, model.robot, earlier), SOFTNESS * limits.velocity
+    )
     chosen = None if wanted.chosen is None else _chosen(wanted.chosen, model)
     prior = None
     if wanted.after_earlier:
@@ -243,13 +245,13 @@ def weights_of(wanted: CriterionSection, robot: Robot, earlier: Earlier | None) 
             raise DataError(
                 f"the weights {list(wanted.weights)} do not fit {robot.n} joints",
                 where=where,
-                mend="give one number per joint, none of them negative, some above zero",
+                fix="give one number per joint, none of them negative, some above zero",
             )
         if wanted.after_earlier:
             raise DataError(
                 "weights of the joints are given, but earlier runs are weighted by their noise",
                 where=where,
-                mend="leave out the weights, or after_earlier",
+                fix="leave out the weights, or after_earlier",
             )
         return frozen(wanted.weights)
     if wanted.weights == "noise":
@@ -276,7 +278,7 @@ def sizes_of(earlier: Earlier, model: Model, load: LoadSection | None) -> Array:
             raise DataError(
                 f"the earlier model has no value of '{name}'",
                 where="[excitation.criterion] relative",
-                mend="give an earlier model with the same terms, or leave 'relative' out",
+                fix="give an earlier model with the same terms, or leave 'relative' out",
             )
     return np.asarray(sizes)
 
@@ -286,7 +288,7 @@ def _needed(earlier: Earlier | None, key: str) -> Earlier:
         raise DataError(
             f"'{key}' needs an earlier model, and none is given",
             where=f"[excitation.criterion] {key}",
-            mend="add --earlier MODEL.json, which `steelyard identify` wrote",
+            fix="add --earlier MODEL.json, which `steelyard identify` wrote",
         )
     return earlier
 
@@ -305,13 +307,13 @@ def _chosen(wanted: Sequence[str], model: Model) -> tuple[int, ...]:
             raise DataError(
                 f"'{name}' is neither a law nor a base parameter of the model",
                 where="[excitation.criterion] chosen",
-                mend=advice(name, [*laws, *base.base_names], "laws and parameters"),
+                fix=advice(name, [*laws, *base.base_names], "laws and parameters"),
             )
         found |= laws.get(name, {name})
     if not found & set(base.base_names):
         raise DataError(
             f"none of the chosen parameters is identifiable from torque: {list(wanted)}",
             where="[excitation.criterion] chosen",
-            mend="choose laws or parameters among " + ", ".join([*laws, *base.base_names]),
+            fix="choose laws or parameters among " + ", ".join([*laws, *base.base_names]),
         )
     return tuple(k for k, name in enumerate(base.base_names) if name in found)

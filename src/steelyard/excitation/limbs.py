@@ -15,7 +15,7 @@ from steelyard.arrays import Array
 from steelyard.excitation.barrier import Walls
 from steelyard.excitation.criteria.criteria import DOptimal
 from steelyard.excitation.objective import Objective
-from steelyard.regression.information_gradient import Shows
+from steelyard.regression.information_gradient import InformationEvaluator
 
 SHARPNESS = 4.0
 """Of the criterion by which motions are compared before they are improved."""
@@ -34,7 +34,7 @@ class Limb:
     columns: tuple[int, ...]
 
 
-def limbs_of(shows: Shows) -> tuple[Limb, ...]:
+def limbs_of(shows: InformationEvaluator) -> tuple[Limb, ...]:
     """The limbs of a robot, by their first joints; one of all joints where loops close.
 
     Joints that tell of no base parameter are limbs by themselves.

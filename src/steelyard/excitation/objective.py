@@ -10,14 +10,14 @@ from steelyard.arrays import Array
 from steelyard.excitation.bases.basis import Basis
 from steelyard.excitation.criteria.criteria import Criterion, worst
 from steelyard.excitation.criteria.measure import Measure
-from steelyard.regression.information_gradient import Seen, Shows
+from steelyard.regression.information_gradient import InformationEvaluator, SampledInformation
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
     """One load of the robot: what its motions show, and by what that is judged."""
 
-    shows: Shows
+    shows: InformationEvaluator
     criterion: Criterion
 
     @property
@@ -79,7 +79,7 @@ class Objective:
         pairs = [(c.criterion, s.gram) for c, s in zip(self.cases, self.seen(x), strict=True)]
         return worst(pairs, sharpness)[0]
 
-    def seen(self, x: Array) -> list[Seen]:
+    def seen(self, x: Array) -> list[SampledInformation]:
         """What the samples show, load by load."""
         q, dq, ddq = (
             np.ascontiguousarray((shape @ x.T).T + offset)

@@ -19,7 +19,7 @@ _BLIND = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class PredictedAccuracy:
     """The information of a motion about base parameters.
 
     Attributes:
@@ -66,7 +66,7 @@ def deviations(gram: Array) -> Array:
 
 def shown(
     trajectory: Trajectory, cases: Sequence[Case], noise_weights: Array, samples: int
-) -> Shown:
+) -> PredictedAccuracy:
     """What a motion shows.
 
     Args:
@@ -84,7 +84,7 @@ def shown(
     size = np.sqrt(np.maximum(np.diagonal(plain), 1e-300))
     spectrum = np.linalg.eigvalsh(plain / size[:, None] / size)[::-1]
     base = first.shows.base
-    return Shown(
+    return PredictedAccuracy(
         base.base_names,
         base.base_units,
         information(noisy, trajectory, samples),

@@ -9,7 +9,7 @@ from steelyard.excitation.constraints.certificate import Certificate
 from steelyard.excitation.constraints.constraint import Constraint
 from steelyard.excitation.constraints.markers import Marker
 from steelyard.excitation.limits import MotionLimits
-from steelyard.excitation.predicted_accuracy import Shown
+from steelyard.excitation.predicted_accuracy import PredictedAccuracy
 from steelyard.excitation.trajectories.exact import ExactTrajectory
 from steelyard.excitation.uncovered import Gap
 from steelyard.robot.robot import Robot
@@ -49,7 +49,7 @@ class Designed:
     limits: MotionLimits
     certificate: Certificate
     criterion: str
-    shown: Shown
+    shown: PredictedAccuracy
     course: tuple[tuple[float, float], ...]
     searches: int
     seconds: float

@@ -149,7 +149,7 @@ def _boxes(section: WorkspaceSection) -> tuple[Array, Array]:
         raise ModelError(
             "a forbidden box is open",
             where="[excitation.workspace] keep_out",
-            mend="give x, y and z of each, with two numbers each",
+            fix="give x, y and z of each, with two numbers each",
         )
     low, high = zip(*boxes, strict=True)
     return np.array(low), np.array(high)
@@ -162,7 +162,7 @@ def written(key: str) -> Iterator[None]:
         yield
     except ModelError as error:
         where = f"[excitation.{key}"
-        raise ModelError(error.wrong, where=where, mend=error.mend) from None
+        raise ModelError(error.wrong, where=where, fix=error.fix) from None
 
 
 def _sides(box: BoxSpans) -> tuple[list[float | None], list[float | None]]:

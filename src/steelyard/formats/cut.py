@@ -52,7 +52,7 @@ def parse_log_argument(argument: str) -> tuple[Path, Cut]:
         return Path(argument), Cut()
     start, colon, stop = window.partition(":")
     if not name or not colon:
-        raise LogError(f"'{mark}{window}' is not a window", where=argument, mend=SYNTAX)
+        raise LogError(f"'{mark}{window}' is not a window", where=argument, fix=SYNTAX)
     if mark == "@":
         seconds = _seconds(argument, start, 0.0), _seconds(argument, stop, inf)
         _require_order(argument, seconds[0], seconds[1])
@@ -69,7 +69,7 @@ def _seconds(argument: str, text: str, default: float) -> float:
     except ValueError:
         value = -1.0
     if not value >= 0.0:
-        raise LogError(f"'{text}' is not a time from the log's start", where=argument, mend=SYNTAX)
+        raise LogError(f"'{text}' is not a time from the log's start", where=argument, fix=SYNTAX)
     return value
 
 
@@ -79,7 +79,7 @@ def _row(argument: str, text: str) -> int | None:
     except ValueError:
         value = -1
     if value is not None and value < 0:
-        raise LogError(f"'{text}' is not a row", where=argument, mend=SYNTAX)
+        raise LogError(f"'{text}' is not a row", where=argument, fix=SYNTAX)
     return value
 
 
@@ -90,5 +90,5 @@ def _require_order(argument: str, start: float, stop: float) -> None:
             if start > stop
             else f"the window is empty: it starts and ends at {start:g}",
             where=argument,
-            mend=SYNTAX,
+            fix=SYNTAX,
         )

@@ -47,20 +47,20 @@ def require_columns(path: Path, known: Sequence[str], wanted: Sequence[str]) -> 
     Raises:
         LogError: One is missing or ambiguous.
     """
-    mend = "name the columns of the log under [signals] of the robot file"
+    fix = "name the columns of the log under [signals] of the robot file"
     for column in wanted:
         count = list(known).count(column)
         if count == 0:
             raise LogError(
                 f"the log has no column '{column}'",
                 where=str(path),
-                mend=f"{advice(column, known, 'columns')}; {mend}",
+                fix=f"{advice(column, known, 'columns')}; {fix}",
             )
         if count > 1:
             raise LogError(
                 f"the log has {count} columns that are called '{column}'",
                 where=str(path),
-                mend=f"rename them in the log's header, then {mend}",
+                fix=f"rename them in the log's header, then {fix}",
             )
 
 
@@ -72,11 +72,11 @@ def require_file(path: Path) -> None:
     """
     if path.is_dir():
         raise LogError(
-            "the log is a folder, not a file", where=str(path), mend="name one log file in it"
+            "the log is a folder, not a file", where=str(path), fix="name one log file in it"
         )
     if not path.exists():
         siblings = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
         hint = advice(path.name, siblings, "files there") if siblings else "check the path"
-        raise LogError("there is no such log file", where=str(path), mend=hint)
+        raise LogError("there is no such log file", where=str(path), fix=hint)
     if path.stat().st_size == 0:
-        raise LogError("the log file is empty", where=str(path), mend="record or copy it again")
+        raise LogError("the log file is empty", where=str(path), fix="record or copy it again")

@@ -53,6 +53,6 @@ def open_log(path: str | Path) -> Log:
         raise LogError(
             f"logs of the kind '{path.suffix or path.name}' are not known",
             where=str(path),
-            mend=f"give a file that ends in one of {', '.join(FORMATS)}",
+            fix=f"give a file that ends in one of {', '.join(FORMATS)}",
         )
     return opener(path)

@@ -67,7 +67,7 @@ def windowed(log: Log, columns: Sequence[str], cut: Cut) -> Iterator[Array]:
         raise LogError(
             "the log is cut in seconds, but none of its columns looks like time",
             where=f"{log.path}{cut.text}",
-            mend="cut it by rows: LOG#START:STOP",
+            fix="cut it by rows: LOG#START:STOP",
         )
     names = tuple(dict.fromkeys((time.name, *columns)))
     wanted = [names.index(column) for column in columns]

@@ -36,11 +36,11 @@ def writer_for(path: Path) -> Writer:
         raise OutputError(
             f"a log cannot be written as '{path.suffix or path.name}'",
             where=str(path),
-            mend=f"end its name in one of {', '.join(WRITERS)}",
+            fix=f"end its name in one of {', '.join(WRITERS)}",
         )
     if path.exists():
         raise OutputError(
-            "the file exists already", where=str(path), mend="name another one, or remove it"
+            "the file exists already", where=str(path), fix="name another one, or remove it"
         )
     return writer
 
@@ -111,7 +111,7 @@ def mat(path: Path, columns: Sequence[str]) -> Iterator[Write]:
             raise OutputError(
                 f"{spool.rows} rows are too many for MATLAB's version 5",
                 where=str(path),
-                mend="write .h5 instead, which MATLAB reads with h5read",
+                fix="write .h5 instead, which MATLAB reads with h5read",
             )
         file.write(b"MATLAB 5.0 MAT-file, written by steelyard".ljust(116) + bytes(8))
         file.write(pack("<H2s", 0x0100, b"IM"))
@@ -141,7 +141,7 @@ def hdf5(path: Path, columns: Sequence[str]) -> Iterator[Write]:
             raise OutputError(
                 f"the columns' names cannot be paths in HDF5 ({error})",
                 where=str(path),
-                mend="choose others with --columns, or write .parquet",
+                fix="choose others with --columns, or write .parquet",
             ) from error
 
         def write(part: Array) -> None:
@@ -218,5 +218,5 @@ def _require_distinct(path: Path, columns: Sequence[str]) -> None:
         raise OutputError(
             f"two columns would be called '{twice}'",
             where=str(path),
-            mend="choose columns with --columns",
+            fix="choose columns with --columns",
         )

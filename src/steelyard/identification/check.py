@@ -114,7 +114,7 @@ def check(
 
     Example:
         >>> found = check("arm.toml", "fit.parquet")
-        >>> found.last.judgement.name
+        >>> found.last.severity.name
         'OK'
     """
     target = None if fix is None else target_of(str(robot), str(fix))
@@ -135,7 +135,7 @@ def check(
         tuple(file.text for file in files),
         named,
         diagnosis,
-        {suspicion.name: suspicion.asks for suspicion in register.SUSPICIONS},
+        {check.name: check.asks for check in register.CHECKS},
         subject.notes,
     )
     return CheckResult(content, corrected)

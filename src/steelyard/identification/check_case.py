@@ -8,7 +8,7 @@ from typing import Any
 
 from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.examine import Diagnosis, examine
-from steelyard.diagnosis.finding import Edit, Finding, Judgement, Mend
+from steelyard.diagnosis.finding import Edit, Finding, Fix, Severity
 from steelyard.errors import LogError, ModelError
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.formats import parse_log_argument
@@ -59,7 +59,7 @@ class Subject:
             raise ModelError(
                 "the robot file does not assign the columns of a log",
                 where=str(self.path),
-                mend="add [signals], or let `steelyard init URDF LOG` write a robot file",
+                fix="add [signals], or let `steelyard init URDF LOG` write a robot file",
             )
         return self.loaded.signals
 
@@ -114,7 +114,7 @@ def case_of(
         try:
             one = Evidence(recording_of(file, signals), wanted, name)
             if len(one.rows[0]) == 0:
-                raise LogError("no rows", where=file.text, mend="widen the window")
+                raise LogError("no rows", where=file.text, fix="widen the window")
             evidence.append(one)
         except LogError as error:
             unread.append(_unreadable(name, error))
@@ -139,10 +139,10 @@ def diagnosed(
 
 def _needed(finding: Finding, data: Mapping[str, Any]) -> Finding:
     """The finding without edits that take out what the robot file does not have."""
-    if finding.mend is None:
+    if finding.fix is None:
         return finding
-    edits = tuple(e for e in finding.mend.edits if e.value is not None or _given(data, e.path))
-    return replace(finding, mend=replace(finding.mend, edits=edits))
+    edits = tuple(e for e in finding.fix.edits if e.value is not None or _given(data, e.path))
+    return replace(finding, fix=replace(finding.fix, edits=edits))
 
 
 def _given(data: Any, path: Sequence[str]) -> bool:
@@ -155,7 +155,7 @@ def _given(data: Any, path: Sequence[str]) -> bool:
 
 
 def _unreadable(name: str, error: LogError) -> Finding:
-    return Finding(READING, name, Judgement.WRONG, error.wrong, error.where, (), Mend(error.mend))
+    return Finding(READING, name, Severity.WRONG, error.wrong, error.where, (), Fix(error.fix))
 
 
 def _guesses(signals: Signals, evidence: Sequence[Evidence]) -> Mapping[str, tuple[str, ...]]:
@@ -177,5 +177,5 @@ def refuse_foreign(reference: IdentifiedModel, loaded: LoadedRobot, where: str) 
         raise ModelError(
             f"the model is of the joints {', '.join(its)}, the robot file of {', '.join(mine)}",
             where=where,
-            mend="give a model that `steelyard identify` made with this robot file",
+            fix="give a model that `steelyard identify` made with this robot file",
         )

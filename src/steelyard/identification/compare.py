@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from steelyard.identification.compare_inputs import offers_of, rivals_of
+from steelyard.identification.compare_inputs import comparison_inputs, offers_of
 from steelyard.identification.result import Result, paths_of
 from steelyard.progress import Progress, silent
 from steelyard.report import ReportContent
@@ -100,14 +100,14 @@ def compare(
     """
     offers = offers_of(estimators, everything)
     cores = threads or os.cpu_count() or 1
-    rivals = rivals_of(str(robot), paths_of(logs), check, cores, progress, fixed_base)
+    inputs = comparison_inputs(str(robot), paths_of(logs), check, cores, progress, fixed_base)
     trials: list[Trial] = []
     try:
-        for trial in trials_of(offers, rivals.context, rivals.parts, progress=progress):
+        for trial in trials_of(offers, inputs.context, inputs.parts, progress=progress):
             trials.append(trial)
     except interruption:
         if not trials:
             raise
-    found = compared(trials, offers, rivals.context, rivals.parts)
-    found = replace(found, lines=rivals.lines)
-    return EstimatorComparison(rivals.content(found), found)
+    found = compared(trials, offers, inputs.context, inputs.parts)
+    found = replace(found, lines=inputs.lines)
+    return EstimatorComparison(inputs.content(found), found)

@@ -29,7 +29,7 @@ ONE_RUN = (
 
 
 @dataclass(frozen=True, eq=False)
-class Rivals:
+class ComparisonInputs:
     """What estimators are given.
 
     Attributes:
@@ -75,7 +75,7 @@ def offers_of(names: Sequence[str], everything: bool) -> tuple[Offer, ...]:
         raise ModelError(
             "both --estimators and --all are given",
             where="--estimators with --all",
-            mend="leave out one of the two options",
+            fix="leave out one of the two options",
         )
     if not names:
         return tuple(offer for offer in ESTIMATORS if everything or not offer.slow)
@@ -84,14 +84,14 @@ def offers_of(names: Sequence[str], everything: bool) -> tuple[Offer, ...]:
     return tuple(dict.fromkeys(found))
 
 
-def rivals_of(
+def comparison_inputs(
     robot: str,
     logs: Sequence[str],
     check: bool,
     threads: int,
     progress: Progress,
     base: str | None = None,
-) -> Rivals:
+) -> ComparisonInputs:
     """Clean runs, the model with all that its file leaves open, and what the runs say of it."""
     file = load_robot(robot, base=base)
     files = log_files(logs)
@@ -101,7 +101,7 @@ def rivals_of(
         raise ModelError(
             "estimators cannot be compared while every drive gain is to be identified",
             where="[signals.effort] gain",
-            mend="identify the gains first (steelyard identify ROBOT LOG --loaded LOG "
+            fix="identify the gains first (steelyard identify ROBOT LOG --loaded LOG "
             "--payload-mass KG), and write them into the robot file",
         )
     model = model_of(file)
@@ -122,7 +122,7 @@ def rivals_of(
 
 def _given(
     ground: Ground, file: LoadedRobot, notes: tuple[str, ...], threads: int, progress: Progress
-) -> Rivals:
+) -> ComparisonInputs:
     """One more pass, in windows that parts can be made of."""
     model, runs = ground.model, ground.runs
     regressor, rests = base_regressor(model), remembers(model.terms)
@@ -143,7 +143,9 @@ def _given(
         {"samples": sources.samples, **({"experiment": sources.experiment} if several else {})},
         {"experiment": ONE_RUN},
     )
-    return Rivals(context, parts, ground, (*notes, *context.knowledge.notes), lines_of(file))
+    return ComparisonInputs(
+        context, parts, ground, (*notes, *context.knowledge.notes), lines_of(file)
+    )
 
 
 def lines_of(file: LoadedRobot) -> dict[str, str]:

@@ -16,7 +16,7 @@ from steelyard.excitation.export.between_points import gaps_of_files
 from steelyard.excitation.export.export import write_export
 from steelyard.excitation.previous_model import Earlier
 from steelyard.excitation.result import Designed
-from steelyard.excitation.search.parallel_search import Effort
+from steelyard.excitation.search.parallel_search import SearchBudget
 from steelyard.excitation.trajectories.exact import ExactTrajectory
 from steelyard.excitation.trajectories.files import write_motion
 from steelyard.identification.excitation_inputs import (
@@ -155,7 +155,7 @@ class DesignTask:
         return self.loaded.excitation.motion.kind in FAMILIES
 
     def done(
-        self, effort: Effort, *, progress: Progress = silent, since: float | None = None
+        self, effort: SearchBudget, *, progress: Progress = silent, since: float | None = None
     ) -> DesignedMotion:
         """The motion; see `design` for the arguments and errors."""
         designed = design(
@@ -256,7 +256,7 @@ def design_excitation(
         method=method,
         still_unknown=still_unknown,
     )
-    effort = Effort(budget, searches, processes or os.cpu_count() or 1, seed)
+    effort = SearchBudget(budget, searches, processes or os.cpu_count() or 1, seed)
     return task.done(effort, progress=progress)
 
 

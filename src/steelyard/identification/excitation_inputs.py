@@ -29,7 +29,7 @@ def asked(loaded: LoadedRobot, **options: Any) -> LoadedRobot:
         section = changed_excitation(loaded.excitation, **options)
     except ValueError as error:
         raise DataError(
-            str(error), where="options of steelyard excite", mend="see steelyard excite --help"
+            str(error), where="options of steelyard excite", fix="see steelyard excite --help"
         ) from None
     return replace(loaded, excitation=section)
 
@@ -78,12 +78,12 @@ def identified_before(path: Path, loaded: LoadedRobot) -> IdentifiedModel:
         raise DataError(
             f"the earlier model moves the joints {', '.join(theirs)}, this robot {', '.join(ours)}",
             where=str(path),
-            mend="give a model that was identified with this robot file",
+            fix="give a model that was identified with this robot file",
         )
     if not (known.estimate.sigma > 0.0).all():
         raise DataError(
             "the earlier model fits a joint's efforts without any noise",
             where=str(path),
-            mend="leave --earlier out: noise is then assumed",
+            fix="leave --earlier out: noise is then assumed",
         )
     return known

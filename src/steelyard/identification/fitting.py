@@ -133,7 +133,7 @@ def fit(
         scales = effort_scales(estimator, information, progress=progress)
     if scales is not None:
         runs = [_scaled(run, scales.found.values) for run in runs]
-        information = information.scaled(1.0 / scales.found.values, information.stamp.effort)
+        information = information.scaled(1.0 / scales.found.values, information.signature.effort)
         estimating = partial(_with_scales, scales)
     estimate = estimating(runs, information)(information)
     reference = _of_runs(LEAST[other if method.name == plain else plain], model)(information)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from steelyard.diagnosis.examine import Diagnosis
-from steelyard.diagnosis.finding import Edit, Finding, Judgement
+from steelyard.diagnosis.finding import Edit, Finding, Severity
 from steelyard.errors import ModelError, OutputError
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.files import whole_file
@@ -41,12 +41,12 @@ class Change:
     def cause(self) -> str:
         """What was found."""
         where = f", {place(self.finding)}" if place(self.finding) else ""
-        return f"{self.finding.suspicion}{where}: {self.finding.says}"
+        return f"{self.finding.check}{where}: {self.finding.says}"
 
 
 @dataclass(frozen=True, eq=False)
 class Fixed:
-    """A mended robot file.
+    """A corrected robot file.
 
     Attributes:
         subject: The file; written only if there are changes.
@@ -81,7 +81,7 @@ class Fixed:
             "changes": [
                 {
                     **edit_dict(change.edit),
-                    "suspicion": change.finding.suspicion,
+                    "check": change.finding.check,
                     "says": change.finding.says,
                 }
                 for change in self.changes
@@ -103,13 +103,13 @@ def target_of(robot: str, named: str) -> Path:
         raise OutputError(
             "the robot file to write exists already",
             where=str(target),
-            mend="name another one behind --fix, or remove it",
+            fix="name another one behind --fix, or remove it",
         )
     if not target.parent.is_dir():
         raise OutputError(
             "the new robot file cannot be written: there is no such folder",
             where=str(target),
-            mend="make the folder, or name another file behind --fix",
+            fix="make the folder, or name another file behind --fix",
         )
     return target
 
@@ -140,13 +140,13 @@ def fixed(
         changes = [c for c in changes if c.edit.path not in anew] + asked
         new = _loaded(new, edited(text, [change.edit for change in asked]), target)
         diagnosis = diagnosed(new, files, reference, progress, quick=quick)
-    worse = sorted(_wrong(diagnosis) & {f.suspicion for f in first.findings if _fine(f)})
+    worse = sorted(_wrong(diagnosis) & {f.check for f in first.findings if _fine(f)})
     if changes and (worse or _wrong(diagnosis) == _wrong(first) != set()):
         names = ", ".join(worse or sorted(_wrong(first)))
         why = f"with {'; '.join(c.line for c in changes)} the check finds {names} wrong"
         return Fixed(subject, (), first, (why,))
     lost = sorted(_settled(first) - _settled(diagnosis))
-    doubted = any(c.finding.judgement < Judgement.WRONG for c in changes)
+    doubted = any(c.finding.severity < Severity.WRONG for c in changes)
     if doubted and len(_settled(diagnosis)) < len(_settled(first)):
         lines = "; ".join(c.line for c in changes)
         why = f"with {lines} the check can no longer confirm what was ok before: {', '.join(lost)}"
@@ -155,34 +155,32 @@ def fixed(
 
 
 def _wrong(diagnosis: Diagnosis) -> set[str]:
-    return {f.suspicion for f in diagnosis.findings if f.judgement == Judgement.WRONG}
+    return {f.check for f in diagnosis.findings if f.severity == Severity.WRONG}
 
 
 def _settled(diagnosis: Diagnosis) -> set[str]:
-    """Suspicions that are answered, in all logs, and not doubtful."""
-    every = {f.suspicion for f in diagnosis.findings}
-    return every - {f.suspicion for f in diagnosis.findings if not _fine(f)}
+    """Checks that are answered, in all logs, and not doubtful."""
+    every = {f.check for f in diagnosis.findings}
+    return every - {f.check for f in diagnosis.findings if not _fine(f)}
 
 
 def _fine(finding: Finding) -> bool:
-    return finding.answered and finding.judgement == Judgement.OK
+    return finding.answered and finding.severity == Severity.OK
 
 
 def _unwritten(diagnosis: Diagnosis) -> tuple[str, ...]:
-    """Why what is not ok has no line in a new robot file, once per suspicion."""
+    """Why what is not ok has no line in a new robot file, once per check."""
     reasons = {}
     for finding in diagnosis.findings:
-        if not finding.judgement:
+        if not finding.severity:
             continue
-        if finding.mend is None or not finding.mend.edits:
+        if finding.fix is None or not finding.fix.edits:
             why = "no line of the robot file is known to correct it"
-        elif finding.judgement < diagnosis.judgement:
-            why = (
-                f"its lines are not written before what is {diagnosis.judgement.word} is corrected"
-            )
+        elif finding.severity < diagnosis.severity:
+            why = f"its lines are not written before what is {diagnosis.severity.word} is corrected"
         else:
             why = "the robot file states this already"
-        reasons[finding.suspicion] = f"{finding.suspicion}: {why}"
+        reasons[finding.check] = f"{finding.check}: {why}"
     return tuple(reasons.values())
 
 
@@ -193,7 +191,7 @@ def _loaded(subject: Subject, text: str, target: Path) -> Subject:
         raise ModelError(
             f"the findings give no valid robot file: {error.wrong}",
             where=error.where,
-            mend=f"change the file by hand, as the check without --fix says; {error.mend}",
+            fix=f"change the file by hand, as the check without --fix says; {error.fix}",
         ) from None
 
 
@@ -212,9 +210,9 @@ def _asking(diagnosis: Diagnosis, edit: Edit) -> Finding:
     asking = [
         finding
         for finding in diagnosis.findings
-        if finding.mend is not None and edit.path in [other.path for other in finding.mend.edits]
+        if finding.fix is not None and edit.path in [other.path for other in finding.fix.edits]
     ]
-    return max(asking, key=lambda finding: finding.judgement)
+    return max(asking, key=lambda finding: finding.severity)
 
 
 def _moved(subject: Subject, target: Path) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from steelyard.diagnosis import Diagnosis, Finding, Judgement
+from steelyard.diagnosis import Diagnosis, Finding, Severity
 from steelyard.diagnosis.fitted.absurd import refuse_absurd
 from steelyard.diagnosis.fitted.post_fit import FittedCase, examine_fit
 from steelyard.diagnosis.signals.moving_base import of_base
@@ -34,8 +34,8 @@ from steelyard.measurement import Run
 from steelyard.progress import Progress, silent
 from steelyard.report import ReportContent, parameters_csv, render, summary
 from steelyard.report.sections.register import SECTIONS
-from steelyard.report.text.judgement import Verdict, verdict
 from steelyard.report.text.table import rows
+from steelyard.report.text.verdict import Verdict, verdict
 from steelyard.robot_file.file import load_robot
 
 if TYPE_CHECKING:
@@ -237,5 +237,5 @@ def _doubts(diagnosis: Diagnosis | None, fitted: Sequence[Run]) -> tuple[Finding
     return tuple(
         finding
         for finding in found
-        if finding.judgement == Judgement.DOUBTFUL and finding.hypotheses and finding.log in names
+        if finding.severity == Severity.DOUBTFUL and finding.hypotheses and finding.log in names
     )

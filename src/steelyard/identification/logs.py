@@ -68,7 +68,7 @@ def refuse_overlaps(fitted: Sequence[LogArgument], unseen: Sequence[LogArgument]
                 raise LogError(
                     f"a part of '{log.path.name}' {role}",
                     where=f"{log.text} and {other.text}",
-                    mend="give every part once; cut a log with LOG@START:STOP",
+                    fix="give every part once; cut a log with LOG@START:STOP",
                 )
 
 
@@ -148,7 +148,7 @@ def model_of(loaded: LoadedRobot) -> Model:
                 f"term '{term.law}' acts on the motors' side, but efforts are link torques, "
                 "behind the gears",
                 where=spec.where,
-                mend='leave it out, or use kind = "joint_torque" if efforts are computed from '
+                fix='leave it out, or use kind = "joint_torque" if efforts are computed from '
                 "motor currents",
             )
     return Model(loaded.robot, terms)
@@ -276,6 +276,6 @@ def new_folder(output: Path | None, default: str) -> Path:
         raise OutputError(
             "the output folder exists already",
             where=str(folder),
-            mend="name another one with --output, or remove it",
+            fix="name another one with --output, or remove it",
         )
     return folder

@@ -12,7 +12,7 @@ from steelyard.errors import DataError
 from steelyard.estimation.closed_loop.experiment import Experiment
 from steelyard.estimation.estimate import Estimate, Estimator
 from steelyard.estimation.per_run import own_columns
-from steelyard.estimation.prior.wishes import knowledge_of
+from steelyard.estimation.prior.register import knowledge_of
 from steelyard.estimation.register import Context, Needs, Offer, offer_of, plain
 from steelyard.measurement import Run
 from steelyard.measurement.run import fastest_of
@@ -118,7 +118,7 @@ class Sources:
                 raise DataError(
                     "it simulates whole runs, and a part of this one is left out",
                     where=name,
-                    mend="give several logs, or several cuts of this one: LOG@0:10 LOG@10:20",
+                    fix="give several logs, or several cuts of this one: LOG@0:10 LOG@10:20",
                 )
         runs = [run for run in self.runs if run.name in given]
         return Experiment.of_runs(self.regressor, runs, information=information)
@@ -186,5 +186,5 @@ def _failed(offer: Offer, information: Information, why: str) -> DataError:
     return DataError(
         f"{offer.name} gives no estimate: {why}",
         where=", ".join(_by_run(information)),
-        mend="log a motion that excites the joints more, or take another estimator",
+        fix="log a motion that excites the joints more, or take another estimator",
     )

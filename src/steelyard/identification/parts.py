@@ -140,7 +140,7 @@ def export(
         raise OutputError(
             "the file exists already" if form else f"no format of files '{target.suffix}' is known",
             where=str(target),
-            mend="give the name of a new file that ends in .urdf or .xml",
+            fix="give the name of a new file that ends in .urdf or .xml",
         )
     made = exported(model, "urdf" if form == "urdf" else "mjcf", original)
     with whole_file(target) as part:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from steelyard.diagnosis.examine import Diagnosis
-from steelyard.diagnosis.finding import Judgement
+from steelyard.diagnosis.finding import Severity
 from steelyard.errors import DataError
 from steelyard.identification.check_case import Subject, diagnosed
 from steelyard.identification.logs import LogArgument
@@ -17,15 +17,15 @@ from steelyard.robot_file.file import LoadedRobot, robot_text
 def checked(
     robot: str, loaded: LoadedRobot, files: Sequence[LogArgument], progress: Progress
 ) -> Diagnosis:
-    """What the quick suspicions find.
+    """What the quick checks find.
 
     Raises:
-        DataError: Something is wrong that lines of the robot file mend.
+        DataError: Something is wrong that lines of the robot file correct.
     """
     path = Path(robot)
     text = robot_text(path) if path.suffix.lower() == ".toml" else ""
     diagnosis = diagnosed(Subject(path, text, loaded), files, None, progress, quick=True)
-    mendable = [f for f in diagnosis.findings if f.mend is not None and f.mend.edits]
+    mendable = [f for f in diagnosis.findings if f.fix is not None and f.fix.edits]
     _refuse(Diagnosis(tuple(mendable)), robot)
     return diagnosis
 
@@ -53,13 +53,13 @@ def refusal(diagnosis: Diagnosis, robot: str) -> DataError | None:
         diagnosis: What was found.
         robot: The robot file's name, for the advice.
     """
-    wrong = [f for f in diagnosis.findings if f.judgement == Judgement.WRONG]
+    wrong = [f for f in diagnosis.findings if f.severity == Severity.WRONG]
     if not wrong:
         return None
     places = [f"{place(f)} ({f.figure})" if place(f) else f.figure for f in wrong]
-    mends = [f.mend for f in wrong if f.mend is not None]
+    fixes = [f.fix for f in wrong if f.fix is not None]
     edits = Diagnosis(tuple(wrong)).edits
-    advice = "; ".join(dict.fromkeys(mend.says for mend in mends)) or "examine the log"
+    advice = "; ".join(dict.fromkeys(fix.says for fix in fixes)) or "examine the log"
     if edits:
         advice += f":\n\n{_indented(lines(edits))}\n\n  " + (
             f"`steelyard check {robot} LOG... --fix` writes a robot file with these lines; "
@@ -67,10 +67,10 @@ def refusal(diagnosis: Diagnosis, robot: str) -> DataError | None:
     else:
         advice += f"; `steelyard check {robot} LOG...` shows the evidence; "
     return DataError(
-        f"the log is wrong, {', '.join(dict.fromkeys(f.suspicion for f in wrong))}: "
+        f"the log is wrong, {', '.join(dict.fromkeys(f.check for f in wrong))}: "
         + "; ".join(dict.fromkeys(f.says for f in wrong)),
         where="; ".join(dict.fromkeys(places)),
-        mend=f"{advice}--no-check continues anyway",
+        fix=f"{advice}--no-check continues anyway",
     )
 
 

@@ -7,11 +7,11 @@ from steelyard.errors import DataError, ModelError
 from steelyard.estimation.consistent.consistent import Consistent
 from steelyard.estimation.estimate import Estimator
 from steelyard.estimation.fields.fields import Finding, find_fields, said_by
+from steelyard.estimation.fields.load_friction_reference import needs_reference, settled_reference
 from steelyard.estimation.fields.passes import Said
-from steelyard.estimation.fields.reference import needs_reference, settled_reference
 from steelyard.estimation.payload.gains import GainEstimate, identified_gains
 from steelyard.estimation.per_run import own_columns
-from steelyard.estimation.prior.wishes import knowledge_of
+from steelyard.estimation.prior.register import knowledge_of
 from steelyard.estimation.zero_offset import ZeroOffsets, find_offsets, with_offsets
 from steelyard.identification.logs import with_friction
 from steelyard.identification.method import method_of
@@ -153,7 +153,7 @@ def _refuse_finds(model: Model) -> None:
         raise ModelError(
             f"a field of term '{asking[0]}' cannot be estimated while friction is selected",
             where="[model] friction",
-            mend='give the field a number, or list the friction laws in place of "auto"',
+            fix='give the field a number, or list the friction laws in place of "auto"',
         )
 
 
@@ -181,7 +181,7 @@ def _gains(
             raise ModelError(
                 f"{given} given, but no drive gain is to be identified",
                 where="--loaded" if carrying else "--payload-mass, --payload-frame",
-                mend='give gain = "identify" in [signals.effort], or identify the payload with '
+                fix='give gain = "identify" in [signals.effort], or identify the payload with '
                 "`steelyard payload MODEL LOG`",
             )
         return None
@@ -190,7 +190,7 @@ def _gains(
         raise DataError(
             "drive gains and fields of terms cannot be estimated together",
             where="[signals.effort] gain",
-            mend="identify the gains with fields that are given, and write them into the file",
+            fix="identify the gains with fields that are given, and write them into the file",
         )
     regressor = base_regressor(model)
     rests = remembers(model.terms)
@@ -228,7 +228,7 @@ def _offsets(
         raise DataError(
             f"zero offsets and {beside} cannot be identified together",
             where="[signals] position_offset",
-            mend="identify the offsets with values given there, and write them into the file",
+            fix="identify the offsets with values given there, and write them into the file",
         )
     rests = remembers(model.terms)
     return find_offsets(

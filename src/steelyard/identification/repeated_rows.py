@@ -29,7 +29,7 @@ def refuse_same_rows(fitted: Sequence[Run], unseen: Sequence[Run]) -> None:
             raise LogError(
                 f"'{run.name}' holds the same samples as '{repeat.run}': {role}",
                 where=f"{run.name} {repeat.words}",
-                mend="give every part once; cut a log with LOG@START:STOP",
+                fix="give every part once; cut a log with LOG@START:STOP",
             )
 
 

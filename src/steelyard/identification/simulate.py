@@ -136,7 +136,7 @@ def _repeated(trajectory: ExactTrajectory, robot: Robot, periods: int) -> ExactT
                 f"'{joint.name}' begins with {what} {first[worst]:.4g} {joint.unit}{unit} and "
                 f"ends with {last[worst]:.4g} {joint.unit}{unit}",
                 where="--periods",
-                mend="leave it out, or give a motion that returns to its start",
+                fix="leave it out, or give a motion that returns to its start",
             )
     return repeated(trajectory, periods)
 
@@ -151,7 +151,7 @@ def _check_factor(factor: float) -> None:
         raise DataError(
             f"a dry run at {factor:g} of the speed is not slower than the motion",
             where="--dry-run",
-            mend="give a number above 0 and at most 1, such as 0.2",
+            fix="give a number above 0 and at most 1, such as 0.2",
         )
 
 
@@ -167,7 +167,7 @@ def _check_length(once: float, periods: int, factor: float) -> None:
             f"the run would be {seconds / 3600.0:.4g} hours long: {periods} times {once:g} s at "
             f"{factor:g} of the speed; a log holds 24 hours at most",
             where="--period, --motion, --periods or --dry-run",
-            mend="give fewer periods, a faster dry run, or a shorter motion",
+            fix="give fewer periods, a faster dry run, or a shorter motion",
         )
 
 
@@ -193,6 +193,6 @@ def _payload(
         raise ModelError(
             "a payload is attached, but it has no mass",
             where="--payload-frame, --attach or --release",
-            mend="add --payload-mass KG",
+            fix="add --payload-mass KG",
         )
     return None

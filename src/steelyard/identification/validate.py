@@ -25,7 +25,7 @@ from steelyard.measurement import Run
 from steelyard.progress import Progress, silent
 from steelyard.report import ReportContent, render, summary
 from steelyard.report.text.findings import finding_dict
-from steelyard.report.text.judgement import Verdict, verdict
+from steelyard.report.text.verdict import Verdict, verdict
 from steelyard.validation.score import RunScore
 
 if TYPE_CHECKING:

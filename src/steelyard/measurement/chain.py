@@ -15,7 +15,7 @@ from steelyard.measurement.processing import Processing
 from steelyard.measurement.recording import Channels, Recording
 from steelyard.measurement.rows.clock import Clock, Piece, Scan
 from steelyard.measurement.rows.interpolation import INTERPOLATIONS, Worst
-from steelyard.measurement.rows.marking import CUT_OFF, Marking, Suspicion
+from steelyard.measurement.rows.marking import CUT_OFF, Marking, RowChecks
 from steelyard.measurement.rows.resample import PASSED, Lane, Thinning, uniform
 
 SPREAD = 0.5
@@ -52,7 +52,7 @@ class Chain:
         clock: The log's clock.
         rate: Of the uniform clock [Hz].
         thinning: Samples of the clock that rows are brought to over samples that are left.
-        suspicion: What is known of rows that are not to be believed.
+        row_checks: What is known of rows that are not to be believed.
         flagged: Whether any effort is marked, so that flags are worth carrying.
         before: What the rows are already, in words.
     """
@@ -61,7 +61,7 @@ class Chain:
     clock: Clock
     rate: float
     thinning: int
-    suspicion: Suspicion
+    row_checks: RowChecks
     flagged: bool = True
     before: str = ""
 
@@ -78,7 +78,7 @@ class Chain:
     @property
     def words(self) -> str:
         """The stages, for reports."""
-        p, s = self.processing, self.suspicion
+        p, s = self.processing, self.row_checks
         stages = [self.before] if self.before else []
         stages += [
             "outliers kept"
@@ -121,7 +121,7 @@ class Chain:
         if self.thinning > 1:
             seconds += Thinning.design(self.thinning).halo / (self.rate * self.thinning)
         lags = recording.signals.velocity_delay, recording.signals.effort_delay
-        return seconds + max(abs(lag) for lag in lags) + self.suspicion.halo * self.clock.step
+        return seconds + max(abs(lag) for lag in lags) + self.row_checks.halo * self.clock.step
 
     def parts(
         self, recording: Recording, segments: Sequence[int], marking: Marking | None = None
@@ -134,7 +134,7 @@ class Chain:
             marking: Counts what is marked; by default nothing is counted.
         """
         operation = self.operation(recording.channels)
-        marking = Marking(self.suspicion) if marking is None else marking
+        marking = Marking(self.row_checks) if marking is None else marking
         n = recording.channels.joints
         pieces = Scan(self.clock, recording).pieces()
         for number, of_segment in groupby(pieces, key=lambda piece: piece.segment):
@@ -152,7 +152,7 @@ class Chain:
         """One segment's channels on the uniform clock; flags below them if they are carried."""
         c, s = recording.channels, recording.signals
         rows: Iterable[tuple[Array, Array]] = ((p.t, p.x) for p in pieces)
-        if not self.suspicion.idle:
+        if not self.row_checks.idle:
             rows = marking.rows(rows)
             if not self.flagged:
                 rows = ((t, x[:, : c.count]) for t, x in rows)

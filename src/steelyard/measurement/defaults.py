@@ -82,7 +82,7 @@ def cutoffs(
             raise LogError(
                 f"the {name} cut-off of {cutoff:g} Hz does not fit a log of {rate:g} Hz",
                 where=where,
-                mend=f"choose one above 0 and up to {share * rate:.4g} Hz, or log faster",
+                fix=f"choose one above 0 and up to {share * rate:.4g} Hz, or log faster",
             )
     return Cutoffs(motion, matched)
 
@@ -117,6 +117,6 @@ def given_rest_speed(processing: Processing, joints: int) -> Array | None:
         raise LogError(
             f"rest speed {processing.rest_speed} does not fit {joints} joints",
             where="processing",
-            mend=f"give one speed above 0 for all joints, or {joints} of them",
+            fix=f"give one speed above 0 for all joints, or {joints} of them",
         )
     return frozen(np.broadcast_to(speeds, (joints,)))

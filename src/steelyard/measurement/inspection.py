@@ -20,7 +20,7 @@ from steelyard.measurement.rows.clock import (
     not_followed,
     nothing_left,
 )
-from steelyard.measurement.rows.marking import Marking, Suspicion, suspicion
+from steelyard.measurement.rows.marking import Marking, RowChecks, row_checks
 from steelyard.measurement.rows.resample import sample_count, uniform
 from steelyard.measurement.rows.saturation import Extremes
 from steelyard.measurement.rows.validity import Verdict
@@ -48,7 +48,7 @@ class Survey:
         resolution: Smallest step of each channel that is not zero, shape `(C,)`.
         band: Band of the motion and noise of the positions.
         velocity_noise: Noise density of logged velocities, shape `(n,)`; `None` without them.
-        suspicion: What is known of rows that are not to be believed.
+        row_checks: What is known of rows that are not to be believed.
         even: Positions, and velocities if logged, of a stretch at the log's rate, `(n or 2n, N)`.
     """
 
@@ -61,7 +61,7 @@ class Survey:
     resolution: Array
     band: Band
     velocity_noise: Array | None
-    suspicion: Suspicion
+    row_checks: RowChecks
     even: Array
 
     @property
@@ -97,7 +97,7 @@ def survey(recording: Recording, processing: Processing | None = None) -> Survey
         raise LogError(
             f"the log is shorter than any filter: {counts[Verdict.KEPT]} rows can be used",
             where=recording.where,
-            mend="record for longer, or widen the window",
+            fix="record for longer, or widen the window",
         )
     logged = nice_rate(tally.total / tally.count)
     rate = logged if wanted.rate is None else wanted.rate
@@ -106,7 +106,7 @@ def survey(recording: Recording, processing: Processing | None = None) -> Survey
     limits = tally.limits(resolution[recording.channels.effort])
     if not wanted.leave_out_saturated:
         limits = np.full_like(limits, np.nan)
-    doubt = suspicion(
+    doubt = row_checks(
         recording.channels, excerpt.rows, limits, wanted.outliers, wanted.bridge_repeats
     )
     even = excerpt.even(logged, doubt)
@@ -124,7 +124,7 @@ def survey(recording: Recording, processing: Processing | None = None) -> Survey
         resolution=frozen(resolution),
         band=band,
         velocity_noise=velocity_noise,
-        suspicion=doubt,
+        row_checks=doubt,
         even=even,
     )
 
@@ -145,7 +145,7 @@ def _refuse_faster(rate: float, logged: float, recording: Recording) -> None:
         raise LogError(
             f"a clock of {rate:g} Hz is far above the log's {logged:g} Hz",
             where=recording.where,
-            mend=f"choose a rate up to {FASTER * logged:g} Hz in [processing], or leave it out",
+            fix=f"choose a rate up to {FASTER * logged:g} Hz in [processing], or leave it out",
         )
 
 
@@ -242,7 +242,7 @@ class _Excerpt:
         pieces = [piece.x for piece in self._longest or self._still]
         return np.concatenate(pieces).T if pieces else np.zeros((self._channels.count, 0))
 
-    def even(self, rate: float, doubt: Suspicion) -> Array:
+    def even(self, rate: float, doubt: RowChecks) -> Array:
         """Positions, and velocities if logged, on the uniform clock, shape `(n or 2n, N)`."""
         pieces, moved = self._longest or self._still, self._channels.effort.start
         if _length(pieces) < SHORTEST_CHAIN:

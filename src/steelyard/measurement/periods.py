@@ -47,7 +47,7 @@ class Repetitions:
                 f"repetitions of {self.period} s, {self.drop_first} and {self.drop_last} of them "
                 "dropped, are not valid",
                 where="repetitions",
-                mend="give period = ... above 0 s, drop_first and drop_last from 0 on",
+                fix="give period = ... above 0 s, drop_first and drop_last from 0 on",
             )
 
     @property

@@ -63,7 +63,7 @@ def prepare(recording: Recording, processing: Processing | None = None) -> Run:
     held, wide = _with_context(held, found, chain)
     segments = _long_enough(recording, wide, cut)
     given = given_rest_speed(processing, recording.channels.joints)
-    marking = Marking(found.suspicion, (found.segments[0].start, found.segments[-1].stop))
+    marking = Marking(found.row_checks, (found.segments[0].start, found.segments[-1].stop))
     speeds = _speeds(held, found, chain, segments, given, marking)
     if given is None:
         given = speeds.edge_above(_rest_speed(recording, found, chain, speeds.quantile(0.99)))
@@ -111,7 +111,7 @@ def _chain(processing: Processing, found: Survey, cut: Cutoffs) -> Chain:
         clock=found.clock,
         rate=found.rate,
         thinning=int(np.ceil(found.logged_rate / found.rate)) if slower else 1,
-        suspicion=found.suspicion,
+        row_checks=found.row_checks,
         flagged=False,
     )
 
@@ -120,7 +120,7 @@ def _static(recording: Recording) -> LogError:
     return LogError(
         "no joint moves in this log",
         where=recording.where,
-        mend="record a motion of all joints; a log at standstill does not identify a robot",
+        fix="record a motion of all joints; a log at standstill does not identify a robot",
     )
 
 
@@ -162,8 +162,7 @@ def _span(
             f"the motion in this log is shorter than its filter: {span[1] - span[0]:.2g} s, where "
             f"a cut-off of {cut.matched:g} Hz needs {need:.2g} s",
             where=recording.where,
-            mend="record a longer motion, or raise matched_cutoff in [processing] of the robot "
-            "file",
+            fix="record a longer motion, or raise matched_cutoff in [processing] of the robot file",
         )
     return span
 
@@ -200,7 +199,7 @@ def _long_enough(recording: Recording, found: Survey, cut: Cutoffs) -> tuple[Seg
             f"the log is shorter than its filter: a cut-off of {cut.matched:g} Hz needs "
             f"{need:.2g} s without a gap, the log has {longest:.2g} s",
             where=recording.where,
-            mend="record for longer, widen the window, or raise matched_cutoff in [processing] "
+            fix="record for longer, widen the window, or raise matched_cutoff in [processing] "
             "of the robot file",
         )
     return segments

@@ -62,7 +62,7 @@ class Processing:
             raise ModelError(
                 f"'{self.resampling}' is not a resampling method",
                 where="processing",
-                mend=f"use one of {', '.join(INTERPOLATIONS)}",
+                fix=f"use one of {', '.join(INTERPOLATIONS)}",
             )
 
     @property
@@ -145,6 +145,6 @@ def _positive(cutoff: Any, where: str) -> float | None:
         return None
     if isinstance(cutoff, bool) or not isinstance(cutoff, int | float) or not cutoff > 0.0:
         raise ModelError(
-            f"the effort's cutoff is {cutoff!r}", where=where, mend="give a frequency above 0 Hz"
+            f"the effort's cutoff is {cutoff!r}", where=where, fix="give a frequency above 0 Hz"
         )
     return float(cutoff)

@@ -160,7 +160,7 @@ class Recording:
         parts = list(self.log.parts(self.signals.columns, (0, limit), limit))
         if not parts:
             raise LogError(
-                "the log has no rows", where=str(self.log.path), mend="record or copy it again"
+                "the log has no rows", where=str(self.log.path), fix="record or copy it again"
             )
         if sum(len(part) for part in parts) == limit:
             return self

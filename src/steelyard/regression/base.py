@@ -249,5 +249,5 @@ def refuse_twins(model: Model, base: BaseMap) -> None:
                 f"'{base.names[k]}' is not distinguishable from {' and '.join(map(repr, others))}: "
                 "no motion separates these torque terms",
                 where=f"list of terms of robot '{model.robot.name}'",
-                mend="leave one of the terms out, or restrict it to other joints (`joints`)",
+                fix="leave one of the terms out, or restrict it to other joints (`joints`)",
             )

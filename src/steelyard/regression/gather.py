@@ -14,7 +14,7 @@ from steelyard.measurement.run import Block, Run
 from steelyard.model import Model
 from steelyard.progress import Progress, silent, tell
 from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.information import Information, Stamp, Window
+from steelyard.regression.information import Information, Signature, Window
 from steelyard.regression.parallel_filter import MatchedFilter
 from steelyard.regression.regressor import Regressor
 from steelyard.regression.windows import Windows
@@ -71,29 +71,29 @@ def gather(
     """
     river = begun(regressor, run, matched, rests, longest)
     found = accumulate(
-        river.accumulator, river.pieces, river.stamp, threads, run.duration, progress
+        river.accumulator, river.pieces, river.signature, threads, run.duration, progress
     )
     if not found.windows:
         raise river.too_short()
     chosen = river.accumulator.matched
-    return found if chosen is None else found.diluted(chosen.inflation)
+    return found if chosen is None else found.with_effective_samples(chosen.inflation)
 
 
 @dataclass(frozen=True, eq=False)
-class River:
+class GramPass:
     """A run on its way into sums.
 
     Attributes:
         run: The run.
         accumulator: What its pieces go through.
         pieces: Stretches with their halo; to be read once.
-        stamp: What the sums will mean.
+        signature: What the sums will mean.
     """
 
     run: Run
     accumulator: Accumulator
     pieces: Iterator[Piece]
-    stamp: Stamp
+    signature: Signature
 
     def too_short(self) -> LogError:
         """What to say if nothing came out."""
@@ -102,13 +102,13 @@ class River:
         return LogError(
             f"no stretch of the log is as long as its filter ({need:.2f} s)",
             where=self.run.name,
-            mend="log for longer, or raise matched_cutoff in [processing] of the robot file",
+            fix="log for longer, or raise matched_cutoff in [processing] of the robot file",
         )
 
 
 def begun(
     regressor: Regressor, run: Run, matched: bool, rests: bool, longest: float = np.inf
-) -> River:
+) -> GramPass:
     """A pass over a run, about to begin; see `gather`.
 
     Raises:
@@ -120,7 +120,7 @@ def begun(
     blocks = remembered(run.blocks(), regressor.model, rests)
     apart = max(run.duration * run.rate / LEAST_WINDOWS, SHORTEST * accumulator.halo)
     pieces = cut(blocks, run.name, accumulator, int(min(longest * run.rate, apart)))
-    return River(run, accumulator, pieces, stamp_of(regressor, run.effort_units, run, chosen))
+    return GramPass(run, accumulator, pieces, stamp_of(regressor, run.effort_units, run, chosen))
 
 
 def _refuse_dead_efforts(run: Run) -> None:
@@ -131,17 +131,17 @@ def _refuse_dead_efforts(run: Run) -> None:
         raise LogError(
             f"column '{dead[0]}' never changes: it holds no measured effort",
             where=run.name,
-            mend="name the right column in [signals.effort], or leave its joint out of "
+            fix="name the right column in [signals.effort], or leave its joint out of "
             "[robot] joints and lock it",
         )
 
 
 def stamp_of(
     regressor: Regressor, effort: tuple[str, ...], run: Run, matched: MatchedFilter | None
-) -> Stamp:
+) -> Signature:
     """What the sums of a run mean."""
     after = "no parallel filter" if matched is None else f"matched {matched.cutoff:g} Hz"
-    return Stamp(
+    return Signature(
         model=regressor.model.fingerprint,
         columns=regressor.layout.columns,
         effort=effort,
@@ -231,7 +231,7 @@ def _piece(block: Block, name: str, length: int) -> Piece:
 def accumulate(
     accumulator: Accumulator,
     pieces: Iterable[Piece],
-    stamp: Stamp,
+    signature: Signature,
     threads: int = 1,
     duration: float = 0.0,
     progress: Progress = silent,
@@ -243,7 +243,7 @@ def accumulate(
             collected.add(piece.window, result)
         tell(progress, f"gathering {piece.window.run}", piece.window.stop, duration)
     return Information(
-        accumulator.regressor.layout, stamp, tuple(collected.windows), *collected.sums
+        accumulator.regressor.layout, signature, tuple(collected.windows), *collected.sums
     )
 
 

@@ -11,7 +11,7 @@ from steelyard.measurement.run import Run
 from steelyard.progress import Progress, silent, tell
 from steelyard.regression.accumulate import Accumulator, Stretch
 from steelyard.regression.gather import Piece, begun, in_order
-from steelyard.regression.information import Stamp
+from steelyard.regression.information import Signature
 from steelyard.regression.regressor import Layout, Regressor
 from steelyard.regression.samples import Samples, Source
 
@@ -56,16 +56,16 @@ def gather_samples(
     if chosen is not None:
         share /= replace(chosen, decimation=chosen.decimation * kept.step).inflation
     error = motion_error(run, None if chosen is None else chosen.taps)
-    return _samples(regressor.layout, river.stamp, Source(run.name, share, error), kept.parts)
+    return _samples(regressor.layout, river.signature, Source(run.name, share, error), kept.parts)
 
 
-def _samples(layout: Layout, stamp: Stamp, source: Source, parts: "list[_Part]") -> Samples:
+def _samples(layout: Layout, signature: Signature, source: Source, parts: "list[_Part]") -> Samples:
     """Parts of one run, and what each row saw at the instants that count for it."""
     whole = _Part.joined(parts)
     at = tuple(np.flatnonzero(weight) for weight in whole.weights)
     return Samples(
         layout=layout,
-        stamp=stamp,
+        signature=signature,
         sources=(source,),
         source=np.zeros(len(whole.t), dtype=np.intp),
         t=frozen(whole.t),

@@ -17,7 +17,7 @@ from steelyard.regression.regressor import Layout
 
 
 @dataclass(frozen=True)
-class Stamp:
+class Signature:
     """What must be equal before two pieces of information can be added.
 
     Attributes:
@@ -32,7 +32,7 @@ class Stamp:
     effort: tuple[str, ...]
     filters: str
 
-    def refuse_unlike(self, other: "Stamp", where: str) -> None:
+    def refuse_unlike(self, other: "Signature", where: str) -> None:
         """What means something else cannot be added.
 
         Raises:
@@ -44,7 +44,7 @@ class Stamp:
                 raise DataError(
                     f"information of unequal {field} cannot be added ({mine} and {theirs})",
                     where=where,
-                    mend="gather both with the same robot file and the same cut-offs",
+                    fix="gather both with the same robot file and the same cut-offs",
                 )
 
 
@@ -63,7 +63,7 @@ class Information:
 
     Attributes:
         layout: Names, and what each row sees.
-        stamp: What the sums mean.
+        signature: What the sums mean.
         windows: One label per window, `w` of them.
         grams: Lower triangles of all rows' Gram matrices one after another, shape `(w, size)`.
         absolute: Sums of |column| and |effort| of all rows, shape `(w, width)`.
@@ -79,7 +79,7 @@ class Information:
     """
 
     layout: Layout
-    stamp: Stamp
+    signature: Signature
     windows: tuple[Window, ...]
     grams: Array
     absolute: Array
@@ -96,10 +96,10 @@ class Information:
         Raises:
             DataError: They differ in model, columns, effort unit or filters.
         """
-        self.stamp.refuse_unlike(other.stamp, f"runs {_runs(self)} and {_runs(other)}")
+        self.signature.refuse_unlike(other.signature, f"runs {_runs(self)} and {_runs(other)}")
         return Information(
             self.layout,
-            self.stamp,
+            self.signature,
             self.windows + other.windows,
             np.concatenate([self.grams, other.grams]),
             np.concatenate([self.absolute, other.absolute]),
@@ -122,7 +122,7 @@ class Information:
         chosen = list(windows)
         return Information(
             self.layout,
-            self.stamp,
+            self.signature,
             tuple(self.windows[k] for k in chosen),
             self.grams[chosen],
             self.absolute[chosen],
@@ -152,7 +152,7 @@ class Information:
 
         return Information(
             self.layout,
-            self.stamp,
+            self.signature,
             labels,
             joined(self.grams),
             joined(self.absolute),
@@ -222,7 +222,7 @@ class Information:
                 raise DataError(
                     f"there is no column '{name}'",
                     where=f"information of runs {_runs(self)}",
-                    mend=f"its columns are {', '.join(self.layout.columns[:12])}, ...",
+                    fix=f"its columns are {', '.join(self.layout.columns[:12])}, ...",
                 )
         old = [self.layout.columns.index(name) for name in names]
         transform = np.zeros((len(self.layout.columns), len(old)))
@@ -277,7 +277,7 @@ class Information:
 
         return Information(
             layout,
-            replace(self.stamp, columns=layout.columns),
+            replace(self.signature, columns=layout.columns),
             self.windows,
             of(self.grams),
             np.full((len(self.windows), sum(layout.widths)), np.nan),
@@ -285,11 +285,11 @@ class Information:
             None if self.beside is None else of(self.beside),
         )
 
-    def diluted(self, factor: float) -> "Information":
+    def with_effective_samples(self, factor: float) -> "Information":
         """The same data counted as so many times fewer samples: all sums divided by `factor`."""
         return Information(
             self.layout,
-            self.stamp,
+            self.signature,
             self.windows,
             self.grams / factor,
             self.absolute / factor,
@@ -309,7 +309,7 @@ class Information:
             absolute[:, self.layout.starts[row] + width - 1] *= abs(gain)
         return replace(
             self,
-            stamp=replace(self.stamp, effort=tuple(units)),
+            signature=replace(self.signature, effort=tuple(units)),
             grams=frozen(self.grams * ratios),
             absolute=frozen(absolute),
             beside=None if self.beside is None else frozen(self.beside * ratios),

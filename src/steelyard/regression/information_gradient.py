@@ -27,7 +27,7 @@ _Q, _DQ, _DDQ, _CHANNELS, _WIDTHS = range(5)
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class SampledInformation:
     """Regressor entries at samples; what `Shows.pull` needs of them.
 
     Attributes:
@@ -44,7 +44,7 @@ class Seen:
 
 
 @dataclass(frozen=True, eq=False)
-class Shows:
+class InformationEvaluator:
     """The information that samples of a motion hold about a model's base parameters.
 
     Laws that jump at zero speed turn within a width of speed, so that the information has slopes;
@@ -66,7 +66,7 @@ class Shows:
         """The model's base parameters that motions can show, one per column."""
         return clear_map(self.model)
 
-    def at(self, q: Array, dq: Array, ddq: Array, *, step: float = 1.0) -> Seen:
+    def at(self, q: Array, dq: Array, ddq: Array, *, step: float = 1.0) -> SampledInformation:
         """The information of samples of shape `(n, N)`, each of which counts `step` times.
 
         A motion at one of whose samples a loop of the robot cannot close shows nothing.
@@ -75,16 +75,16 @@ class Shows:
         channels = scan(q, dq, ddq)
         if not scan.closed.all():
             nothing = np.zeros((len(self.base), len(self.base)))
-            return Seen([], np.empty((0, q.shape[1])), step, nothing)
+            return SampledInformation([], np.empty((0, q.shape[1])), step, nothing)
         inputs = [q, dq, ddq, channels, self.widths]
         entries = self._entries(inputs, _SHARED)
         gram = np.zeros((len(self.base), len(self.base)))
         for block, (rows, square, weight) in zip(self._blocks(entries), self._places, strict=True):
             if len(rows):
                 gram[square] += (step * weight * block) @ block.T
-        return Seen(inputs, entries, step, gram)
+        return SampledInformation(inputs, entries, step, gram)
 
-    def pull(self, seen: Seen, slope: Array) -> tuple[Array, Array, Array]:
+    def pull(self, seen: SampledInformation, slope: Array) -> tuple[Array, Array, Array]:
         """Derivatives by `q`, `dq` and `ddq`, each `(n, N)`, of a function of the information.
 
         Args:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array, frozen
 from steelyard.measurement.noise_propagation import MotionError
-from steelyard.regression.information import Information, Stamp, Window
+from steelyard.regression.information import Information, Signature, Window
 from steelyard.regression.regressor import Layout
 
 Index = NDArray[np.intp]
@@ -41,7 +41,7 @@ class Samples:
 
     Attributes:
         layout: Names, and what each row sees.
-        stamp: What the samples mean.
+        signature: What the samples mean.
         sources: The runs, in any order.
         source: Number of the run of each instant, shape `(N,)`.
         t: Time of each instant from its log's start, shape `(N,)` [s].
@@ -56,7 +56,7 @@ class Samples:
     """
 
     layout: Layout
-    stamp: Stamp
+    signature: Signature
     sources: tuple[Source, ...]
     source: Index
     t: Array
@@ -78,7 +78,7 @@ class Samples:
             DataError: They differ in model, columns, effort unit or filters.
         """
         mine, theirs = ", ".join(self.runs), ", ".join(other.runs)
-        self.stamp.refuse_unlike(other.stamp, f"runs {mine} and {theirs}")
+        self.signature.refuse_unlike(other.signature, f"runs {mine} and {theirs}")
         return replace(
             self,
             sources=self.sources + other.sources,
@@ -139,7 +139,9 @@ class Samples:
             changed = row.copy()
             changed[:, -1] *= gain
             rows.append(frozen(changed))
-        return replace(self, rows=tuple(rows), stamp=replace(self.stamp, effort=tuple(units)))
+        return replace(
+            self, rows=tuple(rows), signature=replace(self.signature, effort=tuple(units))
+        )
 
     def residuals(self, values: Array) -> tuple[Array, ...]:
         """Effort not explained by parameters `(p,)`, per row, shape `(N_j,)`."""
@@ -162,7 +164,7 @@ class Samples:
         size = sum(w * (w + 1) // 2 for w in self.layout.widths)
         return Information(
             self.layout,
-            self.stamp,
+            self.signature,
             tuple(window for _, window, _ in parts),
             np.reshape([grams for grams, _, _ in sums], (len(sums), size)),
             np.reshape([absolute for _, absolute, _ in sums], (-1, sum(self.layout.widths))),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from steelyard.report.html import fill
 from steelyard.report.page import Shown, page_of
-from steelyard.report.sections.check import findings_of
+from steelyard.report.sections.model.check import findings_of
 from steelyard.report.text.findings import OPEN, Group, groups, place
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ class CheckContent:
         logs: The logs as they were given.
         model: The model they were compared with, if one was given.
         diagnosis: What was found.
-        asks: The question of each suspicion, by name.
+        asks: The question of each check, by name.
         notes: What was assumed.
     """
 
@@ -63,12 +63,12 @@ def render_check(content: CheckContent) -> str:
 def _rows(group: Group) -> list[dict[str, str]]:
     """One row per finding; of many that are ok the first speaks."""
     count = len(group.findings)
-    alike = count > 1 and not group.judgement
+    alike = count > 1 and not group.severity
     return [
         {
             "word": group.word,
             "level": group.level if group.word != OPEN else OPEN,
-            "suspicion": group.suspicion,
+            "check": group.check,
             "place": f"{count} similar findings, {finding.log or 'all logs'}"
             if alike
             else place(finding),

@@ -5,12 +5,12 @@ from importlib.metadata import version
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill
 from steelyard.report.page import Shown, page_of
-from steelyard.report.sections.compare import CompareSection
-from steelyard.report.sections.drives import DrivesSection
-from steelyard.report.sections.friction import FrictionSection
-from steelyard.report.sections.quality import QualitySection
+from steelyard.report.sections.model.compare import CompareSection
+from steelyard.report.sections.model.drives import DrivesSection
+from steelyard.report.sections.model.friction import FrictionSection
+from steelyard.report.sections.model.quality import QualitySection
+from steelyard.report.sections.model.settings import SettingsSection
 from steelyard.report.sections.section import Section
-from steelyard.report.sections.settings import SettingsSection
 
 SECTIONS: tuple[Section, ...] = (
     CompareSection(),

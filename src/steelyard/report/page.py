@@ -6,7 +6,7 @@ from importlib.metadata import version as package_version
 
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill, plotly_script, verbatim
-from steelyard.report.sections.check import PICTURE
+from steelyard.report.sections.model.check import PICTURE
 from steelyard.report.sections.register import sections_of
 
 

@@ -25,6 +25,6 @@ def refuse_coupled(
             f"joints are tied by {coupling.what}, which is not supported: "
             + ", ".join(coupling.joints),
             where=coupling.where,
-            mend=f"lock them: {lines} under [robot.locked] in a robot file, as `steelyard init` "
+            fix=f"lock them: {lines} under [robot.locked] in a robot file, as `steelyard init` "
             "writes it",
         )

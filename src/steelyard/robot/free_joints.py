@@ -114,7 +114,7 @@ def _floats(mechanism: Mechanism, trees: Mapping[Joint, int]) -> ModelError:
         f"link '{most.child}' floats: its joint '{most.name}' is a {_word(most)} joint, and a "
         "base at rest is needed",
         where=most.where,
-        mend=f"say which link is fixed to the world: {listed} under [robot] in a robot file, "
+        fix=f"say which link is fixed to the world: {listed} under [robot] in a robot file, "
         f"as `steelyard init` writes it, or --fixed-base {most.child} on the command line",
     )
 
@@ -131,13 +131,13 @@ def _check_balls(
                 f"ball joint '{ball.name}' is locked at {locked[ball.name]:g}, but has no such "
                 "position",
                 where=ball.where,
-                mend=f"write {ball.name} = 0.0: it is locked where the model file has it",
+                fix=f"write {ball.name} = 0.0: it is locked where the model file has it",
             )
         if ball.name not in locked and joints is None:
             raise OpenModelError(
                 f"joint '{ball.name}' is a ball joint, which has three degrees of freedom",
                 where=ball.where,
-                mend=f"lock it where the model file has it: {ball.name} = 0.0 under "
+                fix=f"lock it where the model file has it: {ball.name} = 0.0 under "
                 "[robot.locked] in a robot file, as `steelyard init` writes it",
             )
 

@@ -111,7 +111,7 @@ def _refuse_both(joints: Sequence[str] | None, passive: Sequence[str], where: st
         raise ModelError(
             f"joint '{both[0]}' is to be identified, and passive at once",
             where=where,
-            mend="list each joint of a loop under joints if it is logged, else under passive",
+            fix="list each joint of a loop under joints if it is logged, else under passive",
         )
 
 
@@ -123,13 +123,13 @@ def _check_links(mechanism: Mechanism, base: str, tip: str | Sequence[str] | Non
             raise ModelError(
                 f"the {role} link '{name}' does not exist",
                 where=mechanism.where,
-                mend=advice(name, links, "links"),
+                fix=advice(name, links, "links"),
             )
         if name not in below:
             raise ModelError(
                 f"the tip link '{name}' is not beyond the base link '{base}'",
                 where=mechanism.where,
-                mend="choose a tip beyond the base, or another base",
+                fix="choose a tip beyond the base, or another base",
             )
 
 
@@ -154,7 +154,7 @@ def _check_joints(mechanism: Mechanism, names: Sequence[str], use: str) -> None:
         raise ModelError(
             wrong,
             where=joint.where if joint else mechanism.where,
-            mend=listing(movable, what) if joint else advice(name, movable, what),
+            fix=listing(movable, what) if joint else advice(name, movable, what),
         )
 
 
@@ -186,13 +186,13 @@ def _moving(
                     else "is not between base and tip"
                 ),
                 where=mechanism.where,
-                mend="list every joint once, between base and tip, either as identified or locked",
+                fix="list every joint once, between base and tip, either as identified or locked",
             )
     if not joints:
         raise ModelError(
             "no joint is left to identify",
             where=mechanism.where,
-            mend="leave at least one revolute, continuous or prismatic joint unlocked",
+            fix="leave at least one revolute, continuous or prismatic joint unlocked",
         )
     return tuple(joints)
 

@@ -78,14 +78,14 @@ class Joint:
             raise ModelError(
                 f"the axis of joint '{self.name}' has no direction: {self.axis}",
                 where=self.where,
-                mend="give a vector that is not zero, e.g. xyz='0 0 1'",
+                fix="give a vector that is not zero, e.g. xyz='0 0 1'",
             ) from None
         if self.limits.lower > self.limits.upper:
             raise ModelError(
                 f"joint '{self.name}' has a lower limit above its upper one "
                 f"({self.limits.lower:g} > {self.limits.upper:g})",
                 where=self.where,
-                mend="swap the two limits",
+                fix="swap the two limits",
             )
 
     @property

@@ -67,7 +67,7 @@ def passive_joints(
         raise ModelError(
             f"of the loop joints {', '.join(candidates)} the passive ones are not given",
             where=pins[0].where,
-            mend="name them in a robot file: [robot] passive = [...]",
+            fix="name them in a robot file: [robot] passive = [...]",
         )
     return tuple(name for name in candidates if name not in active)
 
@@ -77,7 +77,7 @@ def _refuse_without_loops(closing: Closing) -> None:
         raise ModelError(
             "passive joints or a reference configuration are given, but the robot has no loops",
             where=closing.where,
-            mend="add [[robot.loops]] with links and points, or remove them",
+            fix="add [[robot.loops]] with links and points, or remove them",
         )
 
 
@@ -104,7 +104,7 @@ def closed_robot(
         raise ModelError(
             "every joint is passive: none is left to identify",
             where=closing.where,
-            mend="list under passive only the joints that the loops determine",
+            fix="list under passive only the joints that the loops determine",
         )
     frames = {frame.name: frame for frame in robot.frames}
     loops, places = [], []
@@ -119,7 +119,7 @@ def closed_robot(
             raise ModelError(
                 f"loop '{pin.name}' is locked open: its points are {gap:.3g} m apart",
                 where=pin.where,
-                mend="correct its points, or lock its joints where it closes",
+                fix="correct its points, or lock its joints where it closes",
             )
     if not loops and not robot.passive:
         return robot, ()
@@ -127,7 +127,7 @@ def closed_robot(
         raise ModelError(
             f"joint '{robot.passive[0].name}' is passive, but every loop is locked",
             where=closing.where,
-            mend="unlock the loops' joints, or lock the passive ones as well",
+            fix="unlock the loops' joints, or lock the passive ones as well",
         )
     start = [
         closing.assembly.get(c.name, mechanism.rest.get(c.name, _near_zero(c)))
@@ -147,7 +147,7 @@ def _loop(pin: Pin, frames: Mapping[str, Frame]) -> Loop:
             raise ModelError(
                 f"link '{link}' of loop '{pin.name}' is not beyond the base link",
                 where=pin.where,
-                mend="choose a base before both links of the loop",
+                fix="choose a base before both links of the loop",
             )
         frame = frames[link]
         bodies.append(frame.body)
@@ -167,7 +167,7 @@ def _check_assembly(robot: Robot, closing: Closing) -> None:
                 f"the reference configuration gives a position of joint '{name}', which is not "
                 "identified or passive",
                 where=closing.where,
-                mend=advice(name, names, "joints that move"),
+                fix=advice(name, names, "joints that move"),
             )
 
 

@@ -158,7 +158,7 @@ def checked_equations(robot: Robot, where: Sequence[str]) -> LoopEquations:
             f"loop '{robot.loops[loop].name}' does not close in the reference configuration: its "
             f"points stay {worst[loop]:.3g} m apart",
             where=where[loop],
-            mend="correct its points, or give [robot.assembly] positions of all joints near which "
+            fix="correct its points, or give [robot.assembly] positions of all joints near which "
             "it closes",
         )
     return _chosen(robot, assembly, near, where[0])
@@ -184,7 +184,7 @@ def _check_count(robot: Robot, near: Sequence[Array], where: str) -> None:
     raise ModelError(
         f"the loops give {equations}, but there {joints}: {names or 'none'}",
         where=where,
-        mend=f"name {count} of the loops' joints: [robot] passive = [...]",
+        fix=f"name {count} of the loops' joints: [robot] passive = [...]",
     )
 
 
@@ -224,7 +224,7 @@ def _chosen(robot: Robot, assembly: Array, near: Sequence[Array], where: str) ->
             f"the loops do not determine {names} in the reference configuration: it is singular, "
             "or they are the wrong joints",
             where=where,
-            mend="give [robot.assembly] positions away from singularities (bars in one line), or "
+            fix="give [robot.assembly] positions away from singularities (bars in one line), or "
             "name other joints: [robot] passive = [...]",
         )
     depends = np.abs(all_rows[kept]).max(axis=1) > 1e-12

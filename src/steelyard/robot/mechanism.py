@@ -144,7 +144,7 @@ def _check_names(mechanism: Mechanism) -> None:
                 raise ModelError(
                     f"{kind} name '{item.name}' is given twice",
                     where=item.where,
-                    mend=f"give every {kind} a name of its own",
+                    fix=f"give every {kind} a name of its own",
                 )
             seen.add(item.name)
     links = [link.name for link in mechanism.links]
@@ -154,7 +154,7 @@ def _check_names(mechanism: Mechanism) -> None:
                 raise ModelError(
                     f"the {role} link '{name}' of joint '{joint.name}' does not exist",
                     where=joint.where,
-                    mend=advice(name, links, "links"),
+                    fix=advice(name, links, "links"),
                 )
 
 
@@ -163,7 +163,7 @@ def _check_tree(mechanism: Mechanism) -> None:
         raise ModelError(
             "the robot has no links",
             where=mechanism.where,
-            mend="give a model with links and joints",
+            fix="give a model with links and joints",
         )
     carrier: dict[str, Joint] = {}
     for joint in mechanism.joints:
@@ -172,7 +172,7 @@ def _check_tree(mechanism: Mechanism) -> None:
                 f"link '{joint.child}' has two parent joints, "
                 f"'{carrier[joint.child].name}' and '{joint.name}'",
                 where=joint.where,
-                mend="a link has one parent joint: cut the loop by removing one of the two, and "
+                fix="a link has one parent joint: cut the loop by removing one of the two, and "
                 "close it with [[robot.loops]] in a robot file",
             )
         carrier[joint.child] = joint
@@ -182,14 +182,14 @@ def _check_tree(mechanism: Mechanism) -> None:
         raise ModelError(
             f"the links are not connected: {names} have no parent joint",
             where=roots[1].where,
-            mend="join them to one root link with fixed joints, or remove those not needed",
+            fix="join them to one root link with fixed joints, or remove those not needed",
         )
     reached = {j.child for root in roots for j in mechanism.from_link(root.name)}
     if loose := [j for j in mechanism.joints if j.child not in reached]:
         raise ModelError(
             "the joints form a closed cycle: " + ", ".join(f"'{j.name}'" for j in loose[:6]),
             where=loose[0].where,
-            mend="every link must lead back to one root link: correct a parent or a child",
+            fix="every link must lead back to one root link: correct a parent or a child",
         )
 
 
@@ -204,7 +204,7 @@ def _check_mimics(mechanism: Mechanism) -> None:
                 raise ModelError(
                     f"joint '{joint.name}' mimics joint '{joint.mimic.master}', which {fixed}",
                     where=joint.where,
-                    mend=advice(
+                    fix=advice(
                         joint.mimic.master,
                         [j.name for j in mechanism.joints if j.movable and j is not joint],
                         "joints that move",
@@ -214,7 +214,7 @@ def _check_mimics(mechanism: Mechanism) -> None:
                 raise ModelError(
                     "mimic joints follow each other in a circle: " + " -> ".join(seen),
                     where=joint.where,
-                    mend="one of them must move on its own: remove its mimic",
+                    fix="one of them must move on its own: remove its mimic",
                 )
             seen.append(master.name)
             joint = master

@@ -95,7 +95,7 @@ def read_bytes(path: Path, what: str) -> bytes:
         wrong = "this is a folder, not a file"
     except OSError as error:
         wrong = f"the file cannot be read: {error.strerror}"
-    raise ModelError(wrong, where=str(path), mend=f"give the path of {what}")
+    raise ModelError(wrong, where=str(path), fix=f"give the path of {what}")
 
 
 _ROOT = re.compile(rb"\A(?:\s|<\?.*?\?>|<!--.*?-->)*<[\w.:-]+", re.DOTALL)
@@ -146,16 +146,16 @@ def read_xml(path: Path) -> Element:
         raise ModelError(
             "the file defines XML entities, which a robot model does not need",
             where=f"{path}, line {builder.expat.CurrentLineNumber}",
-            mend="remove the <!DOCTYPE ...> with its <!ENTITY ...> lines",
+            fix="remove the <!DOCTYPE ...> with its <!ENTITY ...> lines",
         ) from None
     except (ParseError, ValueError, LookupError) as error:
         raise ModelError(
             f"the file is not valid XML: {error}",
             where=f"{path}, line {builder.expat.CurrentLineNumber}",
-            mend="give a URDF or an MJCF; if it is one, correct the XML there",
+            fix="give a URDF or an MJCF; if it is one, correct the XML there",
         ) from None
     if root is None:
         raise ModelError(
-            "the file holds no XML", where=str(path), mend="give a URDF or an MJCF file"
+            "the file holds no XML", where=str(path), fix="give a URDF or an MJCF file"
         )
     return root  # type: ignore[no-any-return]

@@ -22,14 +22,14 @@ def closing_of(section: RobotSection, mechanism: Mechanism, places: Places) -> C
                 raise ModelError(
                     f"the model has no link '{link}'",
                     where=places.where("robot", "loops", index, "links", end),
-                    mend=advice(link, names, "links"),
+                    fix=advice(link, names, "links"),
                 )
         name, where = loop.name or f"loop{index + 1}", places.where("robot", "loops", index)
         if any(pin.name == name for pin in (*mechanism.pins, *pins)):
             raise ModelError(
                 f"two loops have the name '{name}'",
                 where=where,
-                mend="give every loop a name of its own",
+                fix="give every loop a name of its own",
             )
         pins.append(Pin(name, loop.links, loop.points, where))
     return Closing(

@@ -40,7 +40,7 @@ class Kinds:
             raise ModelError(
                 none if name is None else f"'{name}' is no {self.what}",
                 where=where,
-                mend=advice(str(name or ""), self.register, f"{self.key}s", len(self.register)),
+                fix=advice(str(name or ""), self.register, f"{self.key}s", len(self.register)),
             )
         kind = self.register[name]
         known = [field.name for field in dataclasses.fields(kind)]
@@ -49,14 +49,14 @@ class Kinds:
                 raise ModelError(
                     f"{self.label} '{name}' does not understand '{key}'",
                     where=where,
-                    mend=advice(key, known, "keys there"),
+                    fix=advice(key, known, "keys there"),
                 )
         for field in dataclasses.fields(kind):
             if field.name not in table and field.default is field.default_factory is MISSING:
                 raise ModelError(
                     f"{self.label} '{name}' needs '{field.name}'",
                     where=where,
-                    mend=f"add {field.name} = ... to it",
+                    fix=f"add {field.name} = ... to it",
                 )
         return kind, table
 
@@ -71,7 +71,7 @@ class Kinds:
         try:
             return kind(**{key: _value(hints[key], key, x, where) for key, x in table.items()})
         except ModelError as error:
-            raise ModelError(error.wrong, where=where, mend=error.mend) from None
+            raise ModelError(error.wrong, where=where, fix=error.fix) from None
 
 
 def _value(declared: Any, name: str, value: Any, where: str) -> Any:
@@ -83,7 +83,7 @@ def _value(declared: Any, name: str, value: Any, where: str) -> Any:
         raise ModelError(
             f"{value!r} cannot be used for '{name}'",
             where=where,
-            mend=str(error)
+            fix=str(error)
             .replace("input", "it")
             .replace("tuple", "list in [ ]")
             .replace("field required", "give three numbers, [x, y, z]"),

@@ -111,7 +111,7 @@ def _added(text: str, path: tuple[str, ...], inside: Sequence[str], value: Any) 
 
 
 def _unfit(wrong: str, path: tuple[str, ...]) -> ModelError:
-    return ModelError(wrong, where=f"robot file, {shown(path)}", mend="change it by hand")
+    return ModelError(wrong, where=f"robot file, {shown(path)}", fix="change it by hand")
 
 
 def _header(path: Sequence[str]) -> str:

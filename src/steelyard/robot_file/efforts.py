@@ -39,13 +39,13 @@ def check_sides(section: SignalsSection, gears: Transmission | None, locate: Loc
             raise ModelError(
                 "signals are those of the motors, but the robot has no transmission",
                 where=locate(*keys),
-                mend="give [robot.transmission] ratios = [...], or a matrix",
+                fix="give [robot.transmission] ratios = [...], or a matrix",
             )
     if section.effort.side == "motor" and section.effort.kind not in MOTOR_KINDS:
         raise ModelError(
             f"an effort of kind '{section.effort.kind}' is not one of the motors",
             where=locate("signals", "effort", "side"),
-            mend='use kind = "motor_torque" or "motor_current" with side = "motor"',
+            fix='use kind = "motor_torque" or "motor_current" with side = "motor"',
         )
 
 
@@ -57,7 +57,7 @@ def coupled_map(
         raise ModelError(
             "gains behind coupled gears cannot be identified",
             where=locate("signals", "effort", "gain"),
-            mend="give each motor's gain (its torque constant), or log joint torques",
+            fix="give each motor's gain (its torque constant), or log joint torques",
         )
     return frozen(gears.matrix.T * gains)
 
@@ -75,14 +75,14 @@ def effort_units_of(
                 f"unit '{unit}' does not fit the joint torque of '{coordinate.name}', "
                 f"which is {coordinate.kind}",
                 where=where,
-                mend=f"use '{coordinate.effort_unit}' there, or kind = \"motor_current\" with "
+                fix=f"use '{coordinate.effort_unit}' there, or kind = \"motor_current\" with "
                 "gains if the columns hold currents",
             )
         if effort.kind == "motor_torque" and unit in ("A", "mA"):
             raise ModelError(
                 f"unit '{unit}' is a current's, but the effort's kind is motor_torque",
                 where=where,
-                mend='use kind = "motor_current", or unit = "Nm"',
+                fix='use kind = "motor_current", or unit = "Nm"',
             )
     return tuple(EFFORT_UNITS[u][0] for u in units), frozen([EFFORT_UNITS[u][1] for u in units])
 
@@ -104,7 +104,7 @@ def gains_of(
                     f"column '{column}' holds {WITHOUT_TORQUE[unit]}, but joint "
                     f"'{coordinate.name}' has no drive gain",
                     where=where,
-                    mend=f"give gain = [...] in {coordinate.effort_unit}/{unit} per joint, or "
+                    fix=f"give gain = [...] in {coordinate.effort_unit}/{unit} per joint, or "
                     'gain = "identify" with a known payload',
                 )
         return frozen(np.ones(n)), (False,) * n
@@ -117,7 +117,7 @@ def gains_of(
         raise ModelError(
             f"the gain of joint '{name}' is zero",
             where=where,
-            mend="give the torque at the joint per logged unit; its sign may be negative",
+            fix="give the torque at the joint per logged unit; its sign may be negative",
         )
     return gains, unknown
 
@@ -133,6 +133,6 @@ def check_count(got: int, what: str, coordinates: Sequence[Coordinate], where: s
         raise ModelError(
             f"{got} {what} are given for {len(coordinates)} identified joints ({names})",
             where=where,
-            mend="give one per joint, in the joints' order; [robot] joints = [...] says which "
+            fix="give one per joint, in the joints' order; [robot] joints = [...] says which "
             "joints are identified",
         )

@@ -66,7 +66,7 @@ def load_robot(
         raise ModelError(
             f"the base '{base}' is given beside a robot file",
             where=str(path),
-            mend=f'write base = "{base}" under [robot] there',
+            fix=f'write base = "{base}" under [robot] there',
         )
     if text is not None:
         return _from_toml(Path(path), text, sha256_of(text.encode()))
@@ -76,7 +76,7 @@ def load_robot(
             raise ModelError(
                 "arguments stand behind a robot file",
                 where=joined_reference(path, arguments),
-                mend="write them into it: [robot.xacro] arguments = {NAME = VALUE}",
+                fix="write them into it: [robot.xacro] arguments = {NAME = VALUE}",
             )
         return _from_toml(path, robot_text(path), source_of(path).sha256)
     return robot_of_model(read_model(path, arguments), base=base)
@@ -99,7 +99,7 @@ def robot_text(path: Path) -> str:
         raise ModelError(
             f"the robot file is not UTF-8 text: {error.reason} at byte {error.start}",
             where=str(path),
-            mend="save it as UTF-8",
+            fix="save it as UTF-8",
         ) from None
     return text.replace("\r\n", "\n")
 
@@ -213,7 +213,7 @@ def _check_name(kind: str, name: str, names: list[str], where: str) -> None:
         raise ModelError(
             f"the model has no {kind} '{name}'{moving}",
             where=where,
-            mend=advice(name, names, f"{kind}s"),
+            fix=advice(name, names, f"{kind}s"),
         )
 
 
@@ -225,7 +225,7 @@ def _limits(name: str, mechanism: Mechanism, section: RobotSection, places: Plac
             f"joint '{name}' has a lower limit of {limits.lower:g} and an upper one of "
             f"{limits.upper:g}",
             where=places.where("robot", "limits", name),
-            mend="the upper limit must be above the lower one",
+            fix="the upper limit must be above the lower one",
         )
     return limits
 
@@ -238,7 +238,7 @@ def _gravity(section: RobotSection, places: Places) -> Array | None:
         raise ModelError(
             "gravity and mounting are both given",
             where=places.where("robot", "gravity"),
-            mend="keep one of them: gravity is the vector in the base frame, mounting its rotation",
+            fix="keep one of them: gravity is the vector in the base frame, mounting its rotation",
         )
     mounting = section.mounting
     rotation = rpy_rotation(*np.deg2rad([mounting.roll, mounting.pitch, mounting.yaw]))
@@ -255,7 +255,7 @@ def _terms(file: RobotFile, places: Places) -> tuple[TermSpec, ...] | None:
             raise ModelError(
                 "a term's table does not name its law",
                 where=where,
-                mend='write {law = "coulomb", ...}',
+                fix='write {law = "coulomb", ...}',
             )
         specs.append(TermSpec(term if isinstance(term, str) else MappingProxyType(term), where))
     return tuple(specs)

@@ -89,8 +89,8 @@ def _whole(
     except ModelError as error:
         if locked is not None or not mechanism.pins:
             raise
-        mend = f"{error.mend}; `steelyard init` writes a robot file that locks the loops of hands"
-        raise ModelError(error.wrong, where=error.where, mend=mend) from None
+        fix = f"{error.fix}; `steelyard init` writes a robot file that locks the loops of hands"
+        raise ModelError(error.wrong, where=error.where, fix=fix) from None
 
 
 def source_of(path: Path) -> Source:

@@ -27,7 +27,7 @@ def model_path_of(section: RobotSection, path: Path, places: Places) -> Path | N
         raise ModelError(
             f"the robot has {' and '.join(given)}" if given else "the robot has no model",
             where=places.where("robot"),
-            mend='give exactly one of urdf = "FILE", mjcf = "FILE" and a table [robot.dh]',
+            fix='give exactly one of urdf = "FILE", mjcf = "FILE" and a table [robot.dh]',
         )
     if given == ["dh"]:
         return None
@@ -38,14 +38,14 @@ def model_path_of(section: RobotSection, path: Path, places: Places) -> Path | N
         raise ModelError(
             f"the robot's {given[0]} '{model_path}' does not exist",
             where=where,
-            mend="give its path relative to the robot file; ${NAME} stands for an environment "
+            fix="give its path relative to the robot file; ${NAME} stands for an environment "
             "variable",
         )
     if (read_xml(model_path).tag == "mujoco") != (given == ["mjcf"]):
         raise ModelError(
             f"'{model_path}' is not what its key '{given[0]}' says",
             where=where,
-            mend=f"write {'urdf' if given == ['mjcf'] else 'mjcf'} = ... instead",
+            fix=f"write {'urdf' if given == ['mjcf'] else 'mjcf'} = ... instead",
         )
     return model_path
 
@@ -79,7 +79,7 @@ def _expanded(text: str, where: str) -> str:
             raise ModelError(
                 f"the environment variable '{name}' is not set",
                 where=where,
-                mend=f"set it to the folder the path starts from: export {name}=/path/to/folder",
+                fix=f"set it to the folder the path starts from: export {name}=/path/to/folder",
             )
         return os.environ[name]
 

@@ -185,7 +185,7 @@ def _clock(section: SignalsSection, locate: Locate) -> tuple[str, float]:
     raise ModelError(
         f"there is {wrong}",
         where=locate("signals"),
-        mend='set time = "..." for the log\'s clock, or rate = ... [Hz] if it has none',
+        fix='set time = "..." for the log\'s clock, or rate = ... [Hz] if it has none',
     )
 
 
@@ -222,7 +222,7 @@ def _refuse_without_velocity(section: SignalsSection, locate: Locate) -> None:
             raise ModelError(
                 f"{key} is given, but no velocity columns",
                 where=locate("signals", key),
-                mend=f"add velocity = ..., or remove {key}",
+                fix=f"add velocity = ..., or remove {key}",
             )
 
 
@@ -255,7 +255,7 @@ def _columns(
             raise ModelError(
                 f"'{given}' is one column, but {len(coordinates)} joints are identified",
                 where=where,
-                mend='list one column per joint, or give a pattern: "q{}" for q1, q2, ..., '
+                fix='list one column per joint, or give a pattern: "q{}" for q1, q2, ..., '
                 'or "{joint}_position"',
             )
         given = expanded(given, coordinates)
@@ -269,7 +269,7 @@ def _check_distinct(columns: Sequence[str], where: str) -> None:
             raise ModelError(
                 f"column '{column}' is used twice",
                 where=where,
-                mend="give every signal a column of its own",
+                fix="give every signal a column of its own",
             )
 
 
@@ -300,7 +300,7 @@ def _scales(
             raise ModelError(
                 f"unit '{unit}' does not fit joint '{coordinate.name}', which is {coordinate.kind}",
                 where=where,
-                mend=f"use one of {', '.join(fitting)}",
+                fix=f"use one of {', '.join(fitting)}",
             )
         scales.append(1.0 if unit is None else fitting[unit])
     return frozen(scales)

@@ -55,7 +55,7 @@ def checked(path: Path, text: str, schema: type[Schema]) -> tuple[Schema, Places
         raise ModelError(
             f"the robot file is not valid TOML: {error}",
             where=str(path),
-            mend="correct that line: text in quotes, lists in [ ], each key once",
+            fix="correct that line: text in quotes, lists in [ ], each key once",
         ) from None
     places = Places(path, text)
     try:
@@ -76,14 +76,14 @@ def _explained(
         return ModelError(
             f"unknown key '{path[-1]}'",
             where=places.where(*path),
-            mend=advice(str(path[-1]), known, "keys there"),
+            fix=advice(str(path[-1]), known, "keys there"),
         )
     if first["type"] == "union_tag_invalid":
         kind, kinds = first["ctx"]["tag"], first["ctx"]["expected_tags"]
         return ModelError(
             f"there is no kind '{kind}' of '{path[-1]}'",
             where=places.where(*path, "kind"),
-            mend=advice(str(kind), [one.strip("' ") for one in kinds.split(",")], "kinds"),
+            fix=advice(str(kind), [one.strip("' ") for one in kinds.split(",")], "kinds"),
         )
     last = first["loc"][-1]
     if first["type"] == "missing" and isinstance(last, int):
@@ -91,14 +91,14 @@ def _explained(
         return ModelError(
             f"the list '{path[-1]}' is too short",
             where=places.where(*path),
-            mend=f"give it {1 + max(k for k in same if isinstance(k, int))} entries",
+            fix=f"give it {1 + max(k for k in same if isinstance(k, int))} entries",
         )
     if first["type"] == "missing":
         missing = str(last)
         return ModelError(
             f"key '{missing}' is missing",
             where=places.where(*path),
-            mend=f"add {missing} = ... to {shown(path)}" if path else f"add a [{missing}] table",
+            fix=f"add {missing} = ... to {shown(path)}" if path else f"add a [{missing}] table",
         )
     words = dict.fromkeys(
         _wanted(flaw["msg"]) for flaw in flaws if _path(data, flaw["loc"]) == path
@@ -106,7 +106,7 @@ def _explained(
     return ModelError(
         f"{first['input']!r} cannot be used for '{path[-1] if path else 'the file'}'",
         where=places.where(*path),
-        mend="it should be " + ", or ".join(words),
+        fix="it should be " + ", or ".join(words),
     )
 
 

@@ -37,20 +37,20 @@ def build_transmission(
         raise ModelError(
             f"{len(motors)} motors are named for {len(joints)} joints",
             where=locate("robot", "transmission", "motors"),
-            mend=f"name one motor per joint: {', '.join(joints)}",
+            fix=f"name one motor per joint: {', '.join(joints)}",
         )
     for motor in motors:
         if motors.count(motor) > 1:
             raise ModelError(
                 f"two motors are called '{motor}'",
                 where=locate("robot", "transmission", "motors"),
-                mend="give every motor a name of its own",
+                fix="give every motor a name of its own",
             )
         if motor in joints:
             raise ModelError(
                 f"motor '{motor}' has the name of a joint",
                 where=locate("robot", "transmission", "motors"),
-                mend="give it another one, so that terms can say which of the two they mean",
+                fix="give it another one, so that terms can say which of the two they mean",
             )
     matrix = _matrix(section, motors, joints, locate)
     lengths = np.linalg.norm(matrix, axis=1)
@@ -59,7 +59,7 @@ def build_transmission(
         raise ModelError(
             "the transmission cannot be inverted: " + _why(scaled, motors),
             where=locate("robot", "transmission"),
-            mend="every motor must turn some joint, and no combination of joints may leave all "
+            fix="every motor must turn some joint, and no combination of joints may leave all "
             "motors at rest: check ratios, coupling and matrix",
         )
     return Transmission(motors, matrix)
@@ -75,7 +75,7 @@ def _matrix(
         raise ModelError(
             "a transmission has ratios or a matrix, one of them",
             where=locate("robot", "transmission"),
-            mend="give ratios = [...] (and coupling = [...]), or matrix = [[...], ...]",
+            fix="give ratios = [...] (and coupling = [...]), or matrix = [[...], ...]",
         )
     n = len(joints)
     if section.matrix is not None:
@@ -83,7 +83,7 @@ def _matrix(
             raise ModelError(
                 f"the transmission matrix is not {n} x {n}",
                 where=locate("robot", "transmission", "matrix"),
-                mend="give one row per motor with one ratio per identified joint",
+                fix="give one row per motor with one ratio per identified joint",
             )
         matrix = np.array(section.matrix, dtype=np.float64)
     else:
@@ -92,7 +92,7 @@ def _matrix(
             raise ModelError(
                 f"{len(ratios)} ratios are given for {n} joints",
                 where=locate("robot", "transmission", "ratios"),
-                mend="give one ratio per identified joint, in the joints' order",
+                fix="give one ratio per identified joint, in the joints' order",
             )
         matrix = np.diag(np.array(ratios, dtype=np.float64))
     for index, coupling in enumerate(section.coupling):
@@ -105,7 +105,7 @@ def _matrix(
                 raise ModelError(
                     f"'{name}' is none of the robot's {kind}",
                     where=where,
-                    mend=advice(name, list(names), kind),
+                    fix=advice(name, list(names), kind),
                 )
         matrix[motors.index(coupling.motor), joints.index(coupling.joint)] += coupling.ratio
     return matrix

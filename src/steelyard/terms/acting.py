@@ -8,7 +8,7 @@ from steelyard.terms.term import Term
 
 
 @dataclass(frozen=True, kw_only=True)
-class Acting(Term):
+class ActsOnAxes(Term):
     """Where a term acts; every law that acts along coordinates has these fields.
 
     Attributes:

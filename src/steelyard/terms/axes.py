@@ -129,7 +129,7 @@ def per_axis(values: float | tuple[float, ...], axes: Sequence[Axis], law: str) 
         raise ModelError(
             f"a field of term '{law}' is not estimated yet",
             where="list of terms",
-            mend="estimate it from logs first, with `steelyard identify` or `find_fields`, or give "
+            fix="estimate it from logs first, with `steelyard identify` or `find_fields`, or give "
             "a number",
         )
     given = values if isinstance(values, tuple) else (values,) * len(axes)
@@ -137,7 +137,7 @@ def per_axis(values: float | tuple[float, ...], axes: Sequence[Axis], law: str) 
         raise ModelError(
             f"term '{law}' has {values} for {len(axes)} coordinates",
             where="list of terms",
-            mend="give one value above zero for all, or a list with one per coordinate",
+            fix="give one value above zero for all, or a list with one per coordinate",
         )
     return list(given)
 
@@ -165,7 +165,7 @@ def _listed(names: Any, what: str) -> tuple[str, ...]:
         raise ModelError(
             f"a term acts on {what} = {names!r}",
             where="list of terms",
-            mend=f'list names: {what} = ["...", "..."], or leave `{what}` out',
+            fix=f'list names: {what} = ["...", "..."], or leave `{what}` out',
         )
     return tuple(listed)
 
@@ -181,7 +181,7 @@ def _sums(along: Any) -> Along:
         raise ModelError(
             f"a term acts along {along!r}",
             where="list of terms",
-            mend="give every coordinate the joints it is made of: "
+            fix="give every coordinate the joints it is made of: "
             "along = {wrist = {joint_5 = 1.0, joint_6 = 1.0}}",
         )
     return sums
@@ -193,7 +193,7 @@ def _joint(robot: Robot, name: str) -> Axis:
         raise ModelError(
             f"a term acts on joint '{name}', which is not identified",
             where=f"robot '{robot.name}', list of terms",
-            mend=f"use names of {', '.join(names)}",
+            fix=f"use names of {', '.join(names)}",
         )
     k = names.index(name)
     return Axis(name, tuple(float(j == k) for j in range(len(names))), robot.joints[k].kind)
@@ -205,7 +205,7 @@ def _motor(robot: Robot, name: str) -> Axis:
         raise ModelError(
             f"a term acts on motor '{name}', which the robot does not have",
             where=f"robot '{robot.name}', list of terms",
-            mend="give the robot a [robot.transmission]"
+            fix="give the robot a [robot.transmission]"
             if gears is None
             else f"use names of {', '.join(gears.motors)}",
         )
@@ -232,7 +232,7 @@ def _combined(robot: Robot, name: str, parts: tuple[tuple[str, float], ...]) -> 
         raise ModelError(
             wrong,
             where=f"robot '{robot.name}', list of terms",
-            mend=f"combine joints of one kind, with coefficients of sizes from {least:g} to "
+            fix=f"combine joints of one kind, with coefficients of sizes from {least:g} to "
             f"{most:g}: {{wrist = {{joint_5 = 1.0, joint_6 = 1.0}}}}",
         )
     return Axis(name, tuple(total), kinds.pop())

@@ -14,11 +14,11 @@ from steelyard.arrays import Array
 from steelyard.kernel.equations.dynamics import JointState
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
-from steelyard.terms.term import Columns, Dissipation, Remembering, Samples, Term, channels_of
+from steelyard.terms.term import Columns, Dissipation, Samples, StatefulTerm, Term, channels_of
 
 
 @dataclass(frozen=True)
-class Dictionary(Remembering):
+class CandidateTerms(StatefulTerm):
     """Candidates for one term side by side; the parameters of number `c` are named `name@c`.
 
     Attributes:
@@ -31,14 +31,14 @@ class Dictionary(Remembering):
 
     law: ClassVar[str] = "dictionary"
     dissipation: ClassVar[Dissipation] = "none"
-    aside: ClassVar[tuple[str, ...]] = ("candidates", "longest")
+    state_only_fields: ClassVar[tuple[str, ...]] = ("candidates", "longest")
     candidates: tuple[Term, ...]
     longest: Term
     names: tuple[str, ...]
     places: tuple[tuple[int, int], ...]
 
     @classmethod
-    def of(cls, robot: Robot, candidates: Sequence[Term], longest: Term) -> "Dictionary":
+    def of(cls, robot: Robot, candidates: Sequence[Term], longest: Term) -> "CandidateTerms":
         """A dictionary of at least one candidate."""
         first, still = candidates[0], [np.zeros(1)] * robot.n_joints
         channels = [np.zeros(1)] * channels_of(first, robot)
@@ -68,7 +68,7 @@ class Dictionary(Remembering):
 
     def warm_up(self, robot: Robot) -> Array:
         """That of the longest memory."""
-        if isinstance(self.longest, Remembering):
+        if isinstance(self.longest, StatefulTerm):
             return self.longest.warm_up(robot)
         return np.zeros(robot.n_joints)
 
@@ -81,7 +81,7 @@ class Dictionary(Remembering):
         row = 0
         for c, term in enumerate(self.candidates):
             channels = np.empty((0, count))
-            if isinstance(term, Remembering):
+            if isinstance(term, StatefulTerm):
                 channels, memories[c] = term.remember(robot, samples, memories[c])
             seen = (list(x) for x in (samples.q, samples.dq, samples.ddq, channels))
             columns = term.columns(robot, JointState(*seen))

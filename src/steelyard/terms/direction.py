@@ -64,7 +64,7 @@ def refuse_negative(law: str, **fields: Any) -> None:
                 raise ModelError(
                     f"term '{law}' has {name} = {number!r}",
                     where="list of terms",
-                    mend=f"give '{name}' as a positive number, one for all or a list with one per "
+                    fix=f"give '{name}' as a positive number, one for all or a list with one per "
                     "coordinate",
                 )
 
@@ -81,7 +81,7 @@ def refuse_not_positive(law: str, **fields: Any) -> None:
             raise ModelError(
                 f"term '{law}' has {name} = {value!r}",
                 where="list of terms",
-                mend=f"give '{name}' above zero; to leave the effect out, leave out the term",
+                fix=f"give '{name}' above zero; to leave the effect out, leave out the term",
             )
 
 
@@ -95,5 +95,5 @@ def refuse_unknown(law: str, name: str, value: Any, known: Sequence[Any]) -> Non
         raise ModelError(
             f"term '{law}' has {name} = {value!r}",
             where="list of terms",
-            mend=f"give '{name}' one of {', '.join(repr(x) for x in known)}",
+            fix=f"give '{name}' one of {', '.join(repr(x) for x in known)}",
         )

@@ -16,9 +16,9 @@ from steelyard.arrays import Array
 from steelyard.kernel.equations.dynamics import JointState, Scalar
 from steelyard.kernel.native.recurrence import recurrence
 from steelyard.robot.robot import Robot
-from steelyard.terms.acting import Acting
+from steelyard.terms.acting import ActsOnAxes
 from steelyard.terms.axes import Axis
-from steelyard.terms.term import Remembering, Samples
+from steelyard.terms.term import Samples, StatefulTerm
 
 Step = tuple[Scalar, Scalar, Scalar]
 """$a$, $b$ and $c$ of one state."""
@@ -46,7 +46,7 @@ class Memory:
     states: Array
 
 
-class Presliding(Acting, Remembering):
+class Presliding(ActsOnAxes, StatefulTerm):
     """Friction whose states follow the position along its coordinates."""
 
     @abstractmethod

@@ -29,7 +29,7 @@ class Find:
             raise ModelError(
                 f"a field is to be estimated between {self.lower} and {self.upper}",
                 where="list of terms",
-                mend="give two numbers above zero, the smaller one first: {find = [0.001, 1.0]}",
+                fix="give two numbers above zero, the smaller one first: {find = [0.001, 1.0]}",
             )
 
     @property
@@ -75,7 +75,7 @@ def asked(law: type[Any], field: str, given: Any, where: str) -> Find:
         raise ModelError(
             f"term '{law.law}' has {field} = {given!r}",
             where=where,
-            mend=f'write {field} = "find", or '
+            fix=f'write {field} = "find", or '
             f"{field} = {{find = [{default[0]:g}, {default[1]:g}], per_joint = true}}; "
             "for numbers on some joints only, give each its own term (see `joints`)",
         )
@@ -94,7 +94,7 @@ def searchable(law: type[Any], field: str, where: str) -> tuple[float, float]:
         raise ModelError(
             f"the field '{field}' of term '{law.law}' cannot be estimated from data",
             where=where,
-            mend=f"give '{field}' a value; {others} can be estimated",
+            fix=f"give '{field}' a value; {others} can be estimated",
         )
     return bounds[field]
 

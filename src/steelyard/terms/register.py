@@ -11,7 +11,7 @@ from steelyard.kernel.equations.dynamics import JointState
 from steelyard.robot.inertia import INERTIAL_NAMES
 from steelyard.robot.robot import Robot
 from steelyard.robot_file.described import Kinds
-from steelyard.terms.acting import Acting
+from steelyard.terms.acting import ActsOnAxes
 from steelyard.terms.laws.coulomb import Coulomb
 from steelyard.terms.laws.coupled import Coupled
 from steelyard.terms.laws.directional import DirectionalCoulomb, DirectionalViscous
@@ -28,7 +28,7 @@ from steelyard.terms.laws.stribeck import Stribeck
 from steelyard.terms.laws.viscous import Viscous
 from steelyard.terms.memory import Presliding
 from steelyard.terms.open_fields import Find, asked, finds_of, is_asked
-from steelyard.terms.term import Remembering, Term, channels_of
+from steelyard.terms.term import StatefulTerm, Term, channels_of
 
 ASKED_OF_ALL = ("dissipation", "cause", "shown_by", "in_model_files")
 """What has no default, as any default would be wrong for some law."""
@@ -45,20 +45,24 @@ def complete(law: type[Term]) -> type[Term]:
     flaws += [f"lacks '{name}'" for name in ASKED_OF_ALL if not hasattr(law, name)]
     flaws += [f"lacks '{name}'" for name in sorted(law.__abstractmethods__)]
     flaws += [f"'{name}' of `bounds` is no field" for name in law.bounds if name not in names]
-    if issubclass(law, Remembering):
-        aside = getattr(law, "aside", None)
-        flaws += ["lacks 'aside'"] if aside is None else []
-        flaws += [f"'{name}' of `aside` is no field" for name in aside or () if name not in names]
+    if issubclass(law, StatefulTerm):
+        state_only_fields = getattr(law, "state_only_fields", None)
+        flaws += ["lacks 'aside'"] if state_only_fields is None else []
+        flaws += [
+            f"'{name}' of `state_only_fields` is no field"
+            for name in state_only_fields or ()
+            if name not in names
+        ]
     elif hasattr(law, "remember"):
-        flaws.append("has memory, but is no `Remembering`")
+        flaws.append("has memory, but is no `StatefulTerm`")
     if law.needs_reference != ("reference" in names):
         flaws.append("has a field 'reference' without `needs_reference`, or the other way round")
     if getattr(law, "dissipation", "none") != "none":
         if getattr(law, "cause", "friction") != "friction":
             flaws.append("dissipates, but is no friction")
-        if not issubclass(law, Acting):
-            flaws.append("is friction, but does not act along coordinates (`Acting`)")
-        elif issubclass(law, Remembering) and not issubclass(law, Presliding):
+        if not issubclass(law, ActsOnAxes):
+            flaws.append("is friction, but does not act along coordinates (`ActsOnAxes`)")
+        elif issubclass(law, StatefulTerm) and not issubclass(law, Presliding):
             flaws.append("is friction with memory, but no `Presliding`")
     if flaws:
         raise TypeError(f"law {law.__name__}: {'; '.join(flaws)}")
@@ -108,10 +112,10 @@ def term_of(description: str | Mapping[str, Any], where: str) -> Term:
         raise ModelError(
             f"a field of term '{law.law}' is of another type",
             where=where,
-            mend=f"its fields are: {', '.join(_names(law)) or 'none'}",
+            fix=f"its fields are: {', '.join(_names(law)) or 'none'}",
         ) from None
     except ModelError as error:
-        raise ModelError(error.wrong, where=where, mend=error.mend) from None
+        raise ModelError(error.wrong, where=where, fix=error.fix) from None
 
 
 def refuse_unfit(term: Term, robot: Robot, where: str) -> None:
@@ -122,14 +126,14 @@ def refuse_unfit(term: Term, robot: Robot, where: str) -> None:
     """
     try:
         term.parameters(robot)
-        if isinstance(term, Remembering) and not finds_of(term):
+        if isinstance(term, StatefulTerm) and not finds_of(term):
             term.warm_up(robot)
         if term.role != "body" and not finds_of(term):
             still = [np.zeros(1)] * robot.n_joints
             channels = [np.zeros(1)] * channels_of(term, robot)
             term.columns(robot, JointState(still, still, still, channels))
     except ModelError as error:
-        raise ModelError(error.wrong, where=where, mend=error.mend) from None
+        raise ModelError(error.wrong, where=where, fix=error.fix) from None
 
 
 def description_of(term: Term) -> dict[str, Any]:
@@ -165,7 +169,7 @@ def _refuse_mistaken_switch(law: type[Any], name: str, value: Any, where: str) -
     raise ModelError(
         f"term '{law.law}' has {name} = {value!r}",
         where=where,
-        mend=f"'{name}' is true or false" if switch else f"'{name}' is neither true nor false",
+        fix=f"'{name}' is true or false" if switch else f"'{name}' is neither true nor false",
     )
 
 

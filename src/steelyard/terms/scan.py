@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array
 from steelyard.kernel.quantities.passive_joints import Follower, all_joints, open_loop
 from steelyard.robot.robot import Robot
-from steelyard.terms.term import Remembering, Samples, Term
+from steelyard.terms.term import Samples, StatefulTerm, Term
 
 RigidTorque = Callable[[Array, Array, Array, Array], Array]
 """`q`, `dq`, `ddq` of all joints, `(n_joints, N)`, and ten numbers per body, to torques."""
@@ -39,7 +39,7 @@ class Scan:
         self.closed: NDArray[np.bool_] = np.ones(0, dtype=bool)
         self.warm: NDArray[np.bool_] = np.ones((robot.n, 0), dtype=bool)
         self._drop, self._rigid_torque = drop, rigid_torque
-        self._terms = [term for term in terms if isinstance(term, Remembering)]
+        self._terms = [term for term in terms if isinstance(term, StatefulTerm)]
         self._follower = Follower(robot) if robot.passive else None
         warm = [term.warm_up(robot) for term in self._terms]
         self._warm_up = np.max([np.zeros(robot.n_joints), *warm], axis=0)[:, None]

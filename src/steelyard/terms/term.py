@@ -122,13 +122,13 @@ class Samples:
     rigid_torque: Callable[[Array], Array]
 
 
-class Remembering(Term):
+class StatefulTerm(Term):
     """A term whose columns need more than one sample's state: a scan along the motion.
 
     Its channels enter `columns` as `state.channels`. Friction with memory is a `Presliding`.
     """
 
-    aside: ClassVar[tuple[str, ...]]
+    state_only_fields: ClassVar[tuple[str, ...]]
     """Fields that act on the channels alone; the columns over the channels do not know them."""
 
     @abstractmethod
@@ -152,4 +152,4 @@ class Remembering(Term):
 
 def channels_of(term: Term, robot: Robot) -> int:
     """Number of channels of any term."""
-    return term.n_channels(robot) if isinstance(term, Remembering) else 0
+    return term.n_channels(robot) if isinstance(term, StatefulTerm) else 0

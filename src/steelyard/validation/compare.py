@@ -72,7 +72,7 @@ class Parts:
             raise DataError(
                 "the run is too short to leave a part of it out",
                 where=", ".join(run.name for run in runs),
-                mend="log longer, or several runs",
+                fix="log longer, or several runs",
             )
         several = len(runs) > 1
         return cls(
@@ -93,8 +93,8 @@ class Parts:
         if needs == "information":
             return self.said(parts)
         if needs not in self.others:
-            wrong, mend = self.lacking.get(needs, (f"it needs {needs}, and none is given", LEFT))
-            raise DataError(wrong, where=", ".join(self.names), mend=mend)
+            wrong, fix = self.lacking.get(needs, (f"it needs {needs}, and none is given", LEFT))
+            raise DataError(wrong, where=", ".join(self.names), fix=fix)
         return self.others[needs](self.said(parts))
 
     def said(self, parts: Sequence[int]) -> Information:
@@ -210,7 +210,7 @@ def _fitted(
     except Stopped:
         raise
     except SteelyardError as error:
-        return error.wrong, error.mend
+        return error.wrong, error.fix
     except np.linalg.LinAlgError as error:
         return f"a matrix cannot be solved with ({str(error).lower()})", LEFT
     except MemoryError:

@@ -46,7 +46,7 @@ def _refuse_one_name(runs: Sequence[Run]) -> None:
         raise DataError(
             f"{names.count(twice[0])} runs are called '{twice[0]}'",
             where="runs that are left out in turn",
-            mend="give every run a name of its own",
+            fix="give every run a name of its own",
         )
 
 
@@ -144,7 +144,7 @@ def too_short(information: Information) -> DataError:
     return DataError(
         "the run is too short to leave a part of it out",
         where=", ".join(dict.fromkeys(w.run for w in information.windows)),
-        mend='log longer or several runs, or name the friction laws instead of "auto"',
+        fix='log longer or several runs, or name the friction laws instead of "auto"',
     )
 
 

@@ -133,7 +133,7 @@ def _asked(scales: Scales) -> bool:
 
 def _errors(held: Information, scales: Scales, sizes: Array) -> float:
     """Logarithm of the error on what was left out, efforts as logged."""
-    logged = held.scaled(1.0 / scales.values, held.stamp.effort)
+    logged = held.scaled(1.0 / scales.values, held.signature.effort)
     squares = logged.residual_squares(scales.parameters) * np.square(scales.values)
     shares = 100.0 * np.sqrt(squares / np.where(sizes > 0.0, sizes, np.inf))
     return float(logarithms(shares[None], sizes[None])[0])

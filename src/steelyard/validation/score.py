@@ -143,7 +143,7 @@ def score(
         raise DataError(
             f"the loops of '{valued.model.robot.name}' close at no sample of the run",
             where=run.name,
-            mend="check the loops' points and links, and the zeros and signs of the positions",
+            fix="check the loops' points and links, and the zeros and signs of the positions",
         )
     joints = tuple(
         squares.joint(j, coordinate.name, run.effort_units[j])

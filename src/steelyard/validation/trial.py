@@ -37,12 +37,12 @@ class Failure:
     Attributes:
         left_out: What was left out of it; `None` if it was of all data.
         reason: Why it failed.
-        mend: What can be done.
+        fix: What can be done.
     """
 
     left_out: str | None
     reason: str
-    mend: str
+    fix: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +152,7 @@ class Trial:
             "bodies_valid": None if self.impossible is None else not self.impossible,
             "impossible_bodies": None if self.impossible is None else list(self.impossible),
             "failures": [
-                {"left_out": one.left_out, "reason": one.reason, "mend": one.mend}
+                {"left_out": one.left_out, "reason": one.reason, "fix": one.fix}
                 for one in self.failures
             ],
             "notes": list(self.notes),

@@ -14,7 +14,7 @@ from steelyard.robot.robot import Robot
 from steelyard.terms.laws.rigid_body import RigidBody
 from steelyard.terms.open_fields import Find
 from steelyard.terms.register import DEFAULT_TERMS
-from steelyard.terms.term import SHARE, Remembering, Term
+from steelyard.terms.term import SHARE, StatefulTerm, Term
 from steelyard.virtual.mujoco_model import TIMESTEP
 from steelyard.virtual.scales import Scales, scales_of
 from steelyard.virtual.truth import Truth
@@ -131,7 +131,7 @@ def _smoothing(robot: Robot, model: Model, values: Parameters, scales: Scales) -
     known = values.as_dict()
     jump = np.zeros(robot.n_joints)
     for term in truth.laws:
-        if not isinstance(term, Remembering):
+        if not isinstance(term, StatefulTerm):
             own = np.array([known[p.name] for p in term.parameters(robot)])
             jump += scales.jumps(term, least) @ np.abs(own)
     return frozen(np.maximum(least, 2.0 * TIMESTEP * mobility * jump))

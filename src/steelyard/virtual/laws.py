@@ -21,7 +21,7 @@ from steelyard.kernel.program.smoothing import softened
 from steelyard.model import Model
 from steelyard.robot.robot import Robot
 from steelyard.terms.memory import Presliding, after
-from steelyard.terms.term import Remembering, Samples, Term, channels_of
+from steelyard.terms.term import Samples, StatefulTerm, Term, channels_of
 from steelyard.virtual.mujoco_model import MujocoModel
 
 VELOCITY, WIDTHS = 1, 7
@@ -278,7 +278,7 @@ class LawsInUse:
         dq, ddq = (self._joints(x)[:, None] for x in self._seen[1:])
         samples = Samples(q, dq, ddq, lambda tens: self._rigid(q, dq, ddq, tens))
         for k, placed in enumerate(self.laws.scanned):
-            if isinstance(placed.term, Remembering):
+            if isinstance(placed.term, StatefulTerm):
                 found, self._memories[k] = placed.term.remember(robot, samples, self._memories[k])
                 self._channels[placed.channel : placed.channel + len(found)] = found[:, 0]
 

@@ -178,7 +178,7 @@ def _carriers(robot: Robot) -> tuple[int, ...]:
             raise ModelError(
                 f"joint '{coordinate.name}' moves no body",
                 where=f"robot '{robot.name}'",
-                mend="lock the joint or leave it out",
+                fix="lock the joint or leave it out",
             )
     return tuple(first[index] for index in range(robot.n_joints))
 
@@ -220,7 +220,7 @@ def _principal(body: Body, inertia: Inertia) -> tuple[float, Array, Array, Array
         raise ModelError(
             f"link '{body.name}' is not physically consistent: {flaw}",
             where=f"mass properties of link '{body.name}'",
-            mend="correct the <inertial> of this link, or simulate with a truth of your own",
+            fix="correct the <inertial> of this link, or simulate with a truth of your own",
         )
     moments, axes = np.linalg.eigh(inertia.inertia_com)
     moments = np.maximum(moments, LEAST_INERTIA)
@@ -305,7 +305,7 @@ def _check_chain(robot: Robot, bodies: Iterable[int]) -> None:
             raise ModelError(
                 f"a rotor turns with joints '{names[0]}' and '{names[1]}' of different branches",
                 where=f"robot '{robot.name}'",
-                mend="the virtual robot couples rotors along one chain of joints only: put the "
+                fix="the virtual robot couples rotors along one chain of joints only: put the "
                 "rotor inertia on the joints",
             )
 
@@ -318,7 +318,7 @@ def _compile(spec: Any, robot: Robot) -> Any:
         raise ModelError(
             f"MuJoCo cannot use this robot: {error}",
             where=f"robot '{robot.name}'",
-            mend="check the masses, inertias and joint axes in the model file",
+            fix="check the masses, inertias and joint axes in the model file",
         ) from error
 
 

@@ -38,7 +38,7 @@ class Payload:
                 else f"the payload is attached at {self.attach:g} s, released at "
                 f"{self.release:g} s",
                 where=f"payload on '{self.frame}'",
-                mend="give mass properties of a real body, and times 0 <= attach < release",
+                fix="give mass properties of a real body, and times 0 <= attach < release",
             )
 
     @classmethod
@@ -69,7 +69,7 @@ class Payload:
             raise ModelError(
                 f"the payload hangs on '{self.frame}', which is no moving frame of the robot",
                 where=f"robot '{robot.name}'",
-                mend=f"use one of {', '.join(moving)}",
+                fix=f"use one of {', '.join(moving)}",
             )
         loaded = inertial.copy()
         loaded[body] += self.inertia.moved(rotation, position).ten

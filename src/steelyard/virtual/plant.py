@@ -66,7 +66,7 @@ class MujocoPlant:
             raise DataError(
                 "the loops cannot close at positions " + " ".join(f"{x:.4g}" for x in wanted),
                 where=f"robot '{self._robot.name}'",
-                mend="start from a posture that the robot can take",
+                fix="start from a posture that the robot can take",
             )
         self._place(full)
 
@@ -107,7 +107,7 @@ class MujocoPlant:
             raise DataError(
                 "the simulation diverged",
                 where=f"robot '{self._robot.name}'",
-                mend="give smaller torques, or a true robot with more inertia",
+                fix="give smaller torques, or a true robot with more inertia",
             )
         return q, dq
 
@@ -122,5 +122,5 @@ def _check_robot(robot: Robot, truth: Truth) -> None:
             f"the truth has {len(got[0])} links and {len(got[1])} joints, the robot "
             f"{len(wanted[0])} and {len(wanted[1])}, or they differ in names",
             where=f"truth for robot '{robot.name}'",
-            mend="take the truth that was made for this robot",
+            fix="take the truth that was made for this robot",
         )

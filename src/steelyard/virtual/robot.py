@@ -89,7 +89,7 @@ class VirtualRobot:
             raise DataError(
                 "a log of the virtual robot holds one motion, and this is a second one",
                 where=f"robot '{self.robot.name}'",
-                mend="record a log for each motion, or send them chained",
+                fix="record a log for each motion, or send them chained",
             )
         run = self.follow(trajectory)
         if self._recorded is not None:
@@ -115,7 +115,7 @@ class VirtualRobot:
             raise DataError(
                 "no motion was sent while the virtual robot recorded",
                 where=str(log),
-                mend="send a motion within the block",
+                fix="send a motion within the block",
             )
         self._write(runs[0], log)
 
@@ -150,7 +150,7 @@ class VirtualRobot:
                 f"the payload is attached at {self.payload.attach:g} s, "
                 f"but the log ends at {t[-1]:g} s",
                 where=f"payload on '{self.payload.frame}'",
-                mend="attach it earlier, or make the motion longer",
+                fix="attach it earlier, or make the motion longer",
             )
         self._plant.load(bool(loaded[0]))
         self.place(goal[0])
@@ -203,7 +203,7 @@ class VirtualRobot:
                 raise DataError(
                     f"the loops cannot close at {max(t[k] - self.rest, 0.0):.2f} s of the motion",
                     where=f"motion of robot '{self.robot.name}'",
-                    mend="give a motion, or limits of the joints, within which the loops close",
+                    fix="give a motion, or limits of the joints, within which the loops close",
                 )
 
     def _settle(self, goal: Array) -> Array:

@@ -12,7 +12,7 @@ from steelyard.model import Model
 from steelyard.robot.loop_equations import CLOSED, closest, gaps, residual
 from steelyard.robot.robot import Coordinate, Robot
 from steelyard.terms.axes import Axis
-from steelyard.terms.term import Remembering, Samples, Term
+from steelyard.terms.term import Samples, StatefulTerm, Term
 from steelyard.virtual.mujoco_model import MujocoModel, build, inverse_dynamics, mass_matrices
 
 _STATES = 64
@@ -88,7 +88,7 @@ class Scales:
     def _columns(self, term: Term, dq: Array, ddq: Array) -> Array:
         q, dq, ddq = self.postures.q.T, dq.T, ddq.T
         channels = np.empty((0, q.shape[1]))
-        if isinstance(term, Remembering):
+        if isinstance(term, StatefulTerm):
             bodies = Model(self.robot).bodies_only
 
             def loads(tens: Array) -> Array:
@@ -154,7 +154,7 @@ def postures_of(robot: Robot) -> Postures:
         raise ModelError(
             "the loops close nowhere within the limits of the joints",
             where=f"robot '{robot.name}'",
-            mend="correct the pins' points, the limits or [robot.assembly]",
+            fix="correct the pins' points, the limits or [robot.assembly]",
         )
     return Postures(q, np.array([passive_slopes(robot, x) for x in q]))
 

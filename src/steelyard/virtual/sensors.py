@@ -203,7 +203,7 @@ class Sensors:
             raise ModelError(
                 "motor torques are to be logged, but the robot has no transmission",
                 where=f"robot '{robot.name}'",
-                mend="give the robot a transmission, or log joint torques",
+                fix="give the robot a transmission, or log joint torques",
             )
         motors = np.linalg.solve(robot.transmission.matrix.T, effort.T)
         return {f"motor_tau{j + 1}_Nm": column for j, column in enumerate(motors)}
@@ -216,7 +216,7 @@ def _check_rate(rate: float) -> None:
         raise DataError(
             f"a log cannot have {rate:g} rows a second",
             where=f"sensors of the virtual robot, controlled at {CONTROL_RATE:g} Hz",
-            mend="take a rate that divides it: 1000, 500, 250, 200, 125, 100, ...",
+            fix="take a rate that divides it: 1000, 500, 250, 200, 125, 100, ...",
         )
 
 

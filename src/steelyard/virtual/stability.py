@@ -47,7 +47,7 @@ def stable_timestep(laws: Laws) -> float:
             raise ModelError(
                 f"a law is too stiff to be simulated: it needs steps below {2e6 * timestep:.2g} µs",
                 where="truth of the virtual robot",
-                mend="give it larger smoothing speeds or presliding lengths, less friction, or the "
+                fix="give it larger smoothing speeds or presliding lengths, less friction, or the "
                 "joints more rotor inertia",
             )
     return timestep
@@ -65,7 +65,7 @@ def _check_masses(laws: Laws, masses: Array) -> None:
             raise ModelError(
                 f"joint '{joint.name}' moves almost no inertia ({mass:.2g})",
                 where="truth of the virtual robot",
-                mend="give the links beyond this joint a mass, or the joint a rotor inertia",
+                fix="give the links beyond this joint a mass, or the joint a rotor inertia",
             )
 
 

@@ -17,7 +17,7 @@ from steelyard.errors import ModelError
 from steelyard.model import Model
 from steelyard.parameters import Parameters
 from steelyard.robot.robot import Robot
-from steelyard.terms.acting import Acting
+from steelyard.terms.acting import ActsOnAxes
 from steelyard.terms.axes import Axis
 from steelyard.terms.laws.rigid_body import RigidBody
 from steelyard.terms.register import description_of, term_of
@@ -87,7 +87,7 @@ class Truth:
         """Terms of a role with one parameter per coordinate: each with these and their values."""
         for term in self.model.terms:
             if term.role == role:
-                axes = cast(Acting, term).axes(self.robot)
+                axes = cast(ActsOnAxes, term).axes(self.robot)
                 for axis, parameter in zip(axes, term.parameters(self.robot), strict=True):
                     yield term, axis, self.values[parameter.name]
 
@@ -156,5 +156,5 @@ class Truth:
         )
 
 
-def _unusable(wrong: str, mend: str) -> ModelError:
-    return ModelError(wrong, where=_WHERE, mend=mend)
+def _unusable(wrong: str, fix: str) -> ModelError:
+    return ModelError(wrong, where=_WHERE, fix=fix)

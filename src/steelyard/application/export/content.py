@@ -101,7 +101,7 @@ def carriers_of(robot: Robot) -> tuple[int, ...]:
             raise ModelError(
                 f"joint '{joint.name}' moves bodies by mimic joints alone",
                 where=f"robot '{robot.name}'",
-                mend="give the robot with the joint that the others follow",
+                fix="give the robot with the joint that the others follow",
             )
     return tuple(found[index] for index in range(robot.n_joints))
 
@@ -125,14 +125,14 @@ def _standard(identified: IdentifiedModel) -> dict[str, float]:
         raise ModelError(
             "the model has base parameters only, not the mass and inertia of every link",
             where=f"model of '{name}', estimated by {estimate.estimator}",
-            mend="remove method from [estimation] of the robot file (or --method) and identify "
+            fix="remove method from [estimation] of the robot file (or --method) and identify "
             "again: the default estimator knows from the prior what the data do not determine",
         )
     if not identified.model.has_bodies:
         raise ModelError(
             "the model has no rigid bodies",
             where=f"terms of the model of '{name}'",
-            mend='identify with "rigid_body" among the terms',
+            fix='identify with "rigid_body" among the terms',
         )
     return identified.valued.values.as_dict()
 
@@ -153,7 +153,7 @@ def _inertia(robot: Robot, index: int, values: Mapping[str, float]) -> Inertia:
         raise ModelError(
             f"link '{name}' is not physically consistent: {flaw}",
             where=f"estimated mass properties of link '{name}'",
-            mend="identify with the default estimator: its links are physically consistent",
+            fix="identify with the default estimator: its links are physically consistent",
         )
     return inertia
 

@@ -49,7 +49,7 @@ def urdf_behind(path: Path) -> Path:
         raise ModelError(
             "there is no URDF to put the numbers into",
             where=str(path),
-            mend="give the robot's URDF, or leave out --model: a new file is then written",
+            fix="give the robot's URDF, or leave out --model: a new file is then written",
         )
     return path
 
@@ -91,7 +91,7 @@ def _refuse_stranger(content: Content, root: Span, path: Path) -> None:
                 raise ModelError(
                     f"the file has no {tag} '{name}', which the identified model has",
                     where=str(path),
-                    mend=f"give the URDF that the robot was identified with; "
+                    fix=f"give the URDF that the robot was identified with; "
                     f"{advice(name, there, tag + 's')}",
                 )
 

@@ -92,7 +92,7 @@ def exported(
         raise ModelError(
             f"numbers can be put into a URDF, not into {NAMES[form]}",
             where=str(original),
-            mend="leave out --model, or export to a URDF",
+            fix="leave out --model, or export to a URDF",
         )
     estimate = identified.estimate
     shares, blind = mass_shares(estimate, content), unseen(estimate, content)
@@ -137,7 +137,7 @@ def refuse_changed(path: Path, made: Exported) -> None:
         raise ModelError(
             f"link '{body.name}' {what} in the file than in the identified model",
             where=f"export of '{wanted.name}' to {NAMES[made.form]}",
-            mend="give the URDF that the robot was identified with, or leave out --model",
+            fix="give the URDF that the robot was identified with, or leave out --model",
         )
 
 

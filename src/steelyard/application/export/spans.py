@@ -127,5 +127,5 @@ def _refuse_other_encodings(path: Path, content: bytes) -> None:
         raise ModelError(
             f"the file is not UTF-8 (it says {name})",
             where=str(path),
-            mend="save a copy as UTF-8 and give that",
+            fix="save a copy as UTF-8 and give that",
         )

@@ -11,7 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from steelyard.diagnosis.finding import Finding, Judgement, Mend
+from steelyard.diagnosis.finding import Finding, Fix, Severity
 from steelyard.diagnosis.fitted.fitted_case import FittedCase
 from steelyard.errors import DataError
 from steelyard.estimation.estimate import Estimate
@@ -49,7 +49,7 @@ class AbsurdBodies:
         if not found:
             return ()
         says = "the estimate is physically absurd: " + "; ".join(found)
-        return (Finding(self.name, "", Judgement.WRONG, says, "", mend=Mend(CHECK)),)
+        return (Finding(self.name, "", Severity.WRONG, says, "", fix=Fix(CHECK)),)
 
 
 def refuse_absurd(identified: IdentifiedModel, where: str) -> None:
@@ -67,7 +67,7 @@ def refuse_absurd(identified: IdentifiedModel, where: str) -> None:
         raise DataError(
             f"the estimate is physically absurd: {'; '.join(found)}",
             where=where,
-            mend=f"c{CHECK[1:]}; --no-check writes the model anyway",
+            fix=f"c{CHECK[1:]}; --no-check writes the model anyway",
         )
 
 

@@ -6,7 +6,7 @@ Where it is worse at a joint that carries load, the fit gave that joint's torque
 
 from typing import ClassVar
 
-from steelyard.diagnosis.finding import Finding, Judgement, Mend
+from steelyard.diagnosis.finding import Finding, Fix, Severity
 from steelyard.diagnosis.fitted.fitted_case import FittedCase
 from steelyard.terms.laws.rotor_inertia import RotorInertia
 from steelyard.terms.register import law_of
@@ -29,9 +29,9 @@ class BelowNominal:
 
     def __call__(self, case: FittedCase) -> tuple[Finding, ...]:
         """One finding per run, of unseen runs where there are any."""
-        mend = _advice(case)
+        fix = _advice(case)
         return tuple(
-            _finding(score, worse, mend)
+            _finding(score, worse, fix)
             for score in case.unseen_scores or case.fitted_scores
             if (worse := _worse(score))
         )
@@ -51,21 +51,21 @@ def _worse(score: RunScore) -> tuple[JointScore, ...]:
     )
 
 
-def _advice(case: FittedCase) -> Mend:
+def _advice(case: FittedCase) -> Fix:
     """What to try first."""
     identified = case.identified
     names = [n for n in identified.estimate.parameters.names if law_of(n) is RotorInertia]
     held = [name for name in identified.estimate.at_bound if name in names]
     at_joints = identified.signals.effort_kind == "joint_torque"
     if at_joints and names and len(held) >= FEW * len(names):
-        return Mend(
+        return Fix(
             f"{len(held)} of {len(names)} rotor inertias are zero: torques may be from sensors "
             'on the link side; try kind = "link_torque" without rotor_inertia first'
         )
-    return Mend("Review the terms, and the check of this joint's effort")
+    return Fix("Review the terms, and the check of this joint's effort")
 
 
-def _finding(score: RunScore, worse: tuple[JointScore, ...], mend: Mend) -> Finding:
+def _finding(score: RunScore, worse: tuple[JointScore, ...], fix: Fix) -> Finding:
     words = ", ".join(
         f"{joint.joint} (RMSE {joint.rmse:.2g} {joint.unit}, nominal model {joint.prior_rmse:.2g})"
         for joint in worse
@@ -73,9 +73,9 @@ def _finding(score: RunScore, worse: tuple[JointScore, ...], mend: Mend) -> Find
     return Finding(
         BelowNominal.name,
         score.run,
-        Judgement.DOUBTFUL,
+        Severity.DOUBTFUL,
         f"larger prediction error than the nominal model of the robot file: {words}",
         "",
         tuple(joint.joint for joint in worse),
-        mend,
+        fix,
     )

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import ClassVar
 
-from steelyard.diagnosis.finding import Finding, Judgement, Mend
+from steelyard.diagnosis.finding import Finding, Fix, Severity
 from steelyard.diagnosis.fitted.fitted_case import FittedCase
 from steelyard.diagnosis.fitted.gain_drift import Drift, scale_drifts, together
 from steelyard.diagnosis.fitted.mid_log import Change, load_change, offset_steps
@@ -51,7 +51,7 @@ class ChangeInRun:
             warm = [drift for drift in scale_drifts(run, friction=True) if _sure_drift(drift)]
             if warm and not drifts and not steps:
                 found.append(_of_friction(warm, case))
-        return tuple(sorted(found, key=lambda finding: -finding.judgement))
+        return tuple(sorted(found, key=lambda finding: -finding.severity))
 
 
 def _runs(case: FittedCase) -> Iterator[Information]:
@@ -89,9 +89,9 @@ def _when(change: Change) -> str:
     return f"between {change.time - change.within:.3g} and {change.time + change.within:.3g} s"
 
 
-def _cut(change: Change) -> Mend:
+def _cut(change: Change) -> Fix:
     early, late = change.time - change.within, change.time + change.within
-    return Mend(
+    return Fix(
         f"identify the parts before and after separately: LOG@:{early:.3g} or LOG@{late:.3g}: "
         "(seconds from its start)"
     )
@@ -107,11 +107,11 @@ def _of_load(change: Change) -> Finding:
     return Finding(
         ChangeInRun.name,
         change.run,
-        Judgement.WRONG,
+        Severity.WRONG,
         f"the arm {way} a load of {abs(change.value):.3g} ± {Z95 * change.std:.1g} kg "
         f"{_when(change)}",
         _explains(change, LOAD),
-        mend=_cut(change),
+        fix=_cut(change),
     )
 
 
@@ -120,12 +120,12 @@ def _of_offset(change: Change, case: FittedCase) -> Finding:
     return Finding(
         ChangeInRun.name,
         change.run,
-        Judgement.DOUBTFUL,
+        Severity.DOUBTFUL,
         f"the offset of '{joint.name}' jumps by {change.value:+.3g} ± {Z95 * change.std:.1g} "
         f"{joint.effort_unit} {_when(change)}, as if its torque sensor were zeroed again",
         _explains(change, OFFSET),
         (joint.name,),
-        mend=_cut(change),
+        fix=_cut(change),
     )
 
 
@@ -150,11 +150,11 @@ def _of_friction(drifts: list[Drift], case: FittedCase) -> Finding:
     return Finding(
         ChangeInRun.name,
         drifts[0].run,
-        Judgement.OK,
+        Severity.OK,
         f"friction drifts during the log, as with gears warming up: {words}",
         "",
         names,
-        mend=Mend("Log once the gears are warm"),
+        fix=Fix("Log once the gears are warm"),
         headline=True,
     )
 
@@ -165,10 +165,10 @@ def _of_drift(drifts: list[Drift], case: FittedCase) -> Finding:
     return Finding(
         ChangeInRun.name,
         drifts[0].run,
-        Judgement.DOUBTFUL,
+        Severity.DOUBTFUL,
         f"the effort scale drifts during the log, as with a gain or sensor warming up: {words}",
         f"this explains {100.0 * least:.0f} % of the squared residual or more, bound "
         f"{100.0 * DRIFTS:.0f} %",
         names,
-        mend=Mend("log once the drives are warm, or cut the log into parts: LOG@START:STOP"),
+        fix=Fix("log once the drives are warm, or cut the log into parts: LOG@START:STOP"),
     )

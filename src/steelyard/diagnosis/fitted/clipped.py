@@ -2,7 +2,7 @@
 
 from typing import ClassVar
 
-from steelyard.diagnosis.finding import Finding, Judgement
+from steelyard.diagnosis.finding import Finding, Severity
 from steelyard.diagnosis.fitted.fitted_case import FittedCase
 
 SHARE = 0.002
@@ -25,6 +25,6 @@ class Clipped:
                     f"{count} efforts ({100.0 * count / values:.2g} %) are saturated: the "
                     "error includes them, though the required effort was not measured there"
                 )
-                remark = Finding(self.name, run.name, Judgement.OK, says, "", headline=True)
+                remark = Finding(self.name, run.name, Severity.OK, says, "", headline=True)
                 found.append(remark)
         return tuple(found)

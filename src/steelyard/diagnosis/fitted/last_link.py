@@ -10,10 +10,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from steelyard.diagnosis.finding import Finding, Judgement, Mend
+from steelyard.diagnosis.finding import Finding, Fix, Severity
 from steelyard.diagnosis.fitted.fitted_case import FittedCase
 from steelyard.diagnosis.fitted.runs_disagree import RunsDisagree
-from steelyard.estimation.estimate import Z95, Standard
+from steelyard.estimation.estimate import Z95, StandardEstimate
 from steelyard.estimation.identified import IdentifiedModel
 
 HEAVIER = 2.0
@@ -63,7 +63,7 @@ class LastLink:
         return () if RunsDisagree()(case) else (_finding(weight, usual),)
 
 
-def _weights(identified: IdentifiedModel, standard: Standard) -> list[Weight]:
+def _weights(identified: IdentifiedModel, standard: StandardEstimate) -> list[Weight]:
     """Masses that the model file knows and the data tell."""
     place = {name: k for k, name in enumerate(standard.parameters.names)}
     found = []
@@ -81,10 +81,10 @@ def _finding(weight: Weight, usual: float) -> Finding:
     return Finding(
         LastLink.name,
         "",
-        Judgement.DOUBTFUL,
+        Severity.DOUBTFUL,
         f"the last link ({weight.link}) is estimated {more:.2g} kg heavier than in the model file: "
         "the robot carries a payload or tool in all logs, or the model file is wrong",
         f"{weight.mass:.3g} ± {Z95 * weight.std:.2g} kg for {weight.nominal:.3g} kg, "
         f"{weight.ratio:.1f} times, the other links {usual:.1f} times",
-        mend=Mend("Log without the load, or add the tool to the model file"),
+        fix=Fix("Log without the load, or add the tool to the model file"),
     )

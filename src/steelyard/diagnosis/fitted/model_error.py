@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from steelyard.diagnosis.causes import Cause, causes, wide_model
-from steelyard.diagnosis.finding import Finding, Judgement, Mend
+from steelyard.diagnosis.finding import Finding, Fix, Severity
 from steelyard.diagnosis.fitted.fitted_case import FittedCase
 from steelyard.diagnosis.zero_offset import correction, estimated_offsets, far_offsets, numbers
 from steelyard.estimation.estimate import Estimate
@@ -153,7 +153,7 @@ def _remark(ranked: Ranked) -> Finding:
         says += ", which the intervals do not cover"
         named = (f"{cause.says} {100.0 * cause.share:.0f} %" for cause in likely)
         says += f"; reduction by each candidate alone (not additive): {', '.join(named)}"
-    return Finding(ModelError.name, "", Judgement.OK, says, "", headline=True)
+    return Finding(ModelError.name, "", Severity.OK, says, "", headline=True)
 
 
 def _not_looked_at(case: FittedCase, runs: Sequence[Run]) -> tuple[Finding, ...]:
@@ -168,28 +168,28 @@ def _not_looked_at(case: FittedCase, runs: Sequence[Run]) -> tuple[Finding, ...]
         f"{run.matched_cutoff:g} Hz leaves no band above it at {run.rate:g} Hz, and the fitted "
         f"runs have errors up to {error:.0f} %"
     )
-    return (Finding(ModelError.name, "", Judgement.OK, says, "", headline=True),)
+    return (Finding(ModelError.name, "", Severity.OK, says, "", headline=True),)
 
 
 def _doubtful(model: Model, runs: Sequence[Run], ranked: Ranked) -> Finding:
     """An error that stands out; zero offsets with their values."""
     first = ranked.blamed[0]
     words = " or ".join(cause.says for cause in ranked.blamed)
-    mend = Mend(ADVICE.get(first.kind, GEOMETRY))
+    fix = Fix(ADVICE.get(first.kind, GEOMETRY))
     if first.kind == "zero_offset":
         offsets = estimated_offsets(model, runs)
         found = None if offsets is None else far_offsets(offsets)
         if offsets is not None and found is not None and found.any():
-            words, mend = numbers(offsets, found), correction(offsets, found)
+            words, fix = numbers(offsets, found), correction(offsets, found)
     says = "a model error that the intervals do not cover"
     return Finding(
         ModelError.name,
         "",
-        Judgement.DOUBTFUL,
+        Severity.DOUBTFUL,
         f"{residuals(ranked.beside)}: {says}, {words}",
         f"{100.0 * first.chi2 / ranked.total:.2g} % of chi²",
         joints=tuple(j for j in ranked.beside.joints if j == first.joint),
-        mend=mend,
+        fix=fix,
     )
 
 

@@ -52,5 +52,5 @@ def examine_fit(
     found: list[Finding] = []
     for number, check in enumerate(chosen):
         tell(progress, f"checking the fit: {check.name}", number, len(chosen))
-        found += [finding for finding in check(case) if finding.judgement or finding.headline]
-    return tuple(sorted(found, key=lambda finding: -finding.judgement))
+        found += [finding for finding in check(case) if finding.severity or finding.headline]
+    return tuple(sorted(found, key=lambda finding: -finding.severity))

@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.diagnosis.finding import Finding, Judgement, Mend
+from steelyard.diagnosis.finding import Finding, Fix, Severity
 from steelyard.diagnosis.fitted.fitted_case import FittedCase
 from steelyard.errors import DataError
 from steelyard.estimation.estimate import Z95
@@ -89,20 +89,20 @@ def _finding(
         return Finding(
             RunsDisagree.name,
             name,
-            Judgement.WRONG,
+            Severity.WRONG,
             f"it carries a load of {mass:.3g} ± {half:.1g} kg that {others} not: the model "
             "describes neither load state",
             figure,
-            mend=Mend("Leave this log out, or give it as --loaded"),
+            fix=Fix("Leave this log out, or give it as --loaded"),
         )
     return Finding(
         RunsDisagree.name,
         "",
-        Judgement.WRONG,
+        Severity.WRONG,
         "these logs are of two robots, or the robot was changed: the bodies of "
         f"{_odd(identified, runs, own)}",
         figure,
-        mend=Mend("Identify each robot by itself"),
+        fix=Fix("Identify each robot by itself"),
     )
 
 

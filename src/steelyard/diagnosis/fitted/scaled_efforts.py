@@ -4,7 +4,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from steelyard.diagnosis.finding import Finding, Judgement
+from steelyard.diagnosis.finding import Finding, Severity
 from steelyard.diagnosis.fitted.fitted_case import FittedCase
 from steelyard.diagnosis.fitted.model_error import beginnings, can_be_ranked, ranked_causes
 from steelyard.estimation.estimate import Z95
@@ -34,7 +34,7 @@ class ScaledEfforts:
             "these factors, or a missing term has the same effect; masses are as uncertain as "
             f"the scales{_term_instead(case, scales.found.distance)}"
         )
-        return (Finding(self.name, "", Judgement.OK, says, "", headline=True),)
+        return (Finding(self.name, "", Severity.OK, says, "", headline=True),)
 
 
 def _term_instead(case: FittedCase, distance: float) -> str:

@@ -12,10 +12,10 @@ from typing import ClassVar
 import numpy as np
 
 from steelyard.diagnosis.case import Case, Evidence
-from steelyard.diagnosis.finding import Finding, Judgement, Mend
+from steelyard.diagnosis.decision.verdict import Verdict, verdict
+from steelyard.diagnosis.finding import Finding, Fix, Severity
 from steelyard.diagnosis.fitted.fitted_case import FittedCase
-from steelyard.diagnosis.hypotheses.trial import Trial
-from steelyard.diagnosis.hypotheses.verdict import Verdict, verdict
+from steelyard.diagnosis.likelihood.trial import Trial
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.measurement.run import Run
 from steelyard.robot_file.file import LoadedRobot
@@ -94,11 +94,11 @@ def _reason(fit: FittedCase, run: Run, score: RunScore, ratio: float) -> Finding
         return Finding(
             UnseenReason.name,
             run.name,
-            Judgement.DOUBTFUL,
+            Severity.DOUBTFUL,
             "friction or offsets differ from those of the fitted logs: fitting them to this log "
             f"reduces the typical error from {typical:.1f} % to {left:.1f} %",
             figure,
-            mend=Mend("identify from logs of one temperature, or give terms per_run"),
+            fix=Fix("identify from logs of one temperature, or give terms per_run"),
         )
     return _unexplained(fit, run, left, figure)
 
@@ -112,18 +112,18 @@ def _explains(held: Verdict, own: float) -> bool:
 def _unexplained(fit: FittedCase, run: Run, left: float, figure: str) -> Finding:
     """That no cause was found, and what is to be looked at first."""
     says = f"no cause of the error was found; tested: {TRIED} (these leave {left:.1f} %)"
-    mend = Mend("`steelyard check ROBOT LOG --model MODEL` shows what was compared")
+    fix = Fix("`steelyard check ROBOT LOG --model MODEL` shows what was compared")
     same = any(_one_file(run.name, name) for name in _fitted_names(fit))
     if fit.doubts:
         doubt = fit.doubts[0]
         says += f". The check before the fit found a doubt in {doubt.log}: {doubt.says}"
-        mend = Mend("resolve that first")
+        fix = Fix("resolve that first")
     elif not same:
         says += ". The log may come from another robot, or one that was modified"
-        mend = Mend("make sure that all logs are of one robot, or identify this one by itself")
+        fix = Fix("make sure that all logs are of one robot, or identify this one by itself")
     wrong = not same and not fit.doubts and left > BODIES
-    judgement = Judgement.WRONG if wrong else Judgement.DOUBTFUL
-    return Finding(UnseenReason.name, run.name, judgement, says, figure, mend=mend)
+    severity = Severity.WRONG if wrong else Severity.DOUBTFUL
+    return Finding(UnseenReason.name, run.name, severity, says, figure, fix=fix)
 
 
 def _fitted_names(fit: FittedCase) -> Sequence[str]:
@@ -147,15 +147,15 @@ def _own(identified: IdentifiedModel, score: RunScore) -> float:
 
 def _explained(fit: FittedCase, run: Run, held: Verdict) -> Finding:
     """The winners as one sentence, and what is to be settled before they can be believed."""
-    causes = tuple(rival for rival, _ in held.winners)
-    says = ", and ".join(rival.says for rival in causes)
+    causes = tuple(hypothesis for hypothesis, _ in held.winners)
+    says = ", and ".join(hypothesis.says for hypothesis in causes)
     before, after = held.ranking.declared, causes[-1]
     first = causes[0].cause
     names = held.ranking.trial.knowledge.robot.joint_names
-    judgement = max(judgement for _, judgement in held.winners)
+    severity = max(severity for _, severity in held.winners)
     reason = f"most likely reason of the error: {says}"
     if fit.doubts:
-        judgement, doubt = Judgement.DOUBTFUL, fit.doubts[0]
+        severity, doubt = Severity.DOUBTFUL, fit.doubts[0]
         reason = (
             f"the check before the fit found a doubt in {doubt.log}: {doubt.says}. If that log is "
             f"as declared, the {reason}"
@@ -163,11 +163,11 @@ def _explained(fit: FittedCase, run: Run, held: Verdict) -> Finding:
     return Finding(
         UnseenReason.name,
         run.name,
-        judgement,
+        severity,
         reason,
         f"misfit {before.percent:.1f} %, so explained {after.percent:.1f} %",
         tuple(names[j] for j in causes[0].joints),
-        Mend(ADVICE.get(first, f"`steelyard check ROBOT LOG --model MODEL` shows the {first}")),
+        Fix(ADVICE.get(first, f"`steelyard check ROBOT LOG --model MODEL` shows the {first}")),
     )
 
 

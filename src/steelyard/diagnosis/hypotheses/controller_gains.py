@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.diagnosis.case import Case, Evidence
-from steelyard.diagnosis.hypotheses.excerpt import Excerpt, excerpt_of
-from steelyard.diagnosis.hypotheses.nuisance import REST
+from steelyard.diagnosis.likelihood.excerpt import Excerpt, excerpt_of
+from steelyard.diagnosis.likelihood.nuisance import REST
 from steelyard.robot_file.column_names import Column, by_number
 
 TARGETS = frozenset("des desired target ref reference cmd command commanded setpoint".split())

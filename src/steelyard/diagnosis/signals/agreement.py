@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
-from steelyard.diagnosis.signal_overview import SHORTEST, Sight
+from steelyard.diagnosis.signal_overview import SHORTEST, SignalOverview
 from steelyard.diagnosis.signals.slopes import moving, slope, smooth, width_of
 
 LONGEST_LAG = 0.4
@@ -72,11 +72,11 @@ class Agreement:
         return sure
 
 
-def agreement(sight: Sight, velocity: Array, second: float = 1.0) -> Agreement | None:
+def agreement(overview: SignalOverview, velocity: Array, second: float = 1.0) -> Agreement | None:
     """Hold velocities against positions.
 
     Args:
-        sight: The log.
+        overview: The log.
         velocity: Velocities of the good rows, shape `(N, n)`.
         second: Seconds that a declared second really has.
 
@@ -84,12 +84,12 @@ def agreement(sight: Sight, velocity: Array, second: float = 1.0) -> Agreement |
         What was found; `None` if the log has no stretch that is long enough.
     """
     n = velocity.shape[1]
-    even, rate = sight.even(np.concatenate((sight.q, velocity), axis=1), second)
+    even, rate = overview.even(np.concatenate((overview.q, velocity), axis=1), second)
     pairs = [(slope(x[:n], rate), smooth(x[n:], rate)) for x in even]
     pairs = [(v, w) for v, w in pairs if v.shape[1] >= SHORTEST // 2]
     if not pairs:
         return None
-    move = moving(sight, np.concatenate([v for v, _ in pairs], axis=1))
+    move = moving(overview, np.concatenate([v for v, _ in pairs], axis=1))
     stride = max(1, int(rate * width_of(rate)))
     coarse = [(v[:, ::stride], w[:, ::stride]) for v, w in pairs]
     order, first = _order(coarse, move, max(1, round(LONGEST_LAG * rate / stride)))

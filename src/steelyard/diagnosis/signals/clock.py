@@ -7,7 +7,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.diagnosis.case import Case, Evidence
-from steelyard.diagnosis.finding import Edit, Finding, Judgement, Mend, Picture
+from steelyard.diagnosis.finding import Edit, Finding, Fix, Picture, Severity
 from steelyard.diagnosis.pictures import histogram, trace
 from steelyard.diagnosis.signal_overview import JITTER, LATE, look, once
 from steelyard.diagnosis.signals.lost_rows import Leaps, leaps
@@ -69,7 +69,7 @@ class Clock:
     def __call__(self, case: Case) -> tuple[Finding, ...]:
         """One finding per log; one more if a fit shows that the clock runs fast or slow."""
         found = tuple(self._look(case, evidence) for evidence in case.logs)
-        if any(finding.judgement for finding in found):
+        if any(finding.severity for finding in found):
             return found
         off = [by_velocities(case, evidence, self.name) for evidence in case.logs]
         found = tuple(o or f for o, f in zip(off, found, strict=True))
@@ -78,38 +78,38 @@ class Clock:
 
     def _look(self, case: Case, evidence: Evidence) -> Finding:
         """One log's finding."""
-        sight, units = look(case, evidence), reading(case, evidence)
-        if sight.step == 0.0:
+        overview, units = look(case, evidence), reading(case, evidence)
+        if overview.step == 0.0:
             return _stands(evidence)
         steps = _Steps(
-            sight.step * units.second, np.diff(sight.stamps) * units.second, sight.jitter
+            overview.step * units.second, np.diff(overview.stamps) * units.second, overview.jitter
         )
         if units.second != 1.0:
-            return _other_unit(evidence, units.time_unit, steps, sight.step)
-        judgement, says, figure, mend = _judged(steps)
+            return _other_unit(evidence, units.time_unit, steps, overview.step)
+        severity, says, figure, fix = _judged(steps)
         if evidence.recording.signals.time == ROW:
             says += ", as declared: the log has no column of time"
         gone = lost(case, evidence)
-        if judgement is Judgement.OK and gone is not None:
+        if severity is Severity.OK and gone is not None:
             return _leaps(evidence, gone, steps.step)
         return Finding(
             self.name,
             evidence.name,
-            judgement,
+            severity,
             says,
             figure,
-            mend=None if mend is None else Mend(mend),
-            picture=_picture(steps, sight.stamps),
+            fix=None if fix is None else Fix(fix),
+            picture=_picture(steps, overview.stamps),
         )
 
 
 @once
 def lost(case: Case, evidence: Evidence) -> Leaps | None:
     """Where rows are missing though stamps go on evenly; `None` if there are hardly any."""
-    sight = look(case, evidence)
-    if not sight.moves:
+    overview = look(case, evidence)
+    if not overview.moves:
         return None
-    found = leaps(sight.t, sight.q)
+    found = leaps(overview.t, overview.q)
     often = len(found.rows) >= LEAPS and found.missing.sum() >= LOST * found.moving
     return found if often else None
 
@@ -120,12 +120,12 @@ def _leaps(evidence: Evidence, found: Leaps, step: float) -> Finding:
     return Finding(
         Clock.name,
         evidence.name,
-        Judgement.WRONG if share >= MUCH_LOST else Judgement.DOUBTFUL,
+        Severity.WRONG if share >= MUCH_LOST else Severity.DOUBTFUL,
         f"rows are missing though time stamps are uniform: at {len(found.rows)} places all joints "
         f"jump ahead at once, by {typical:.2g} rows typically; {_time(step * found.missing.sum())} "
         "in all. Stamps were made evenly after rows got lost",
         f"{100.0 * share:.2g} % of the rows in motion are missing (bound {100.0 * LOST:g} %)",
-        mend=Mend("log the controller's own stamps, and keep them as they are"),
+        fix=Fix("log the controller's own stamps, and keep them as they are"),
     )
 
 
@@ -134,10 +134,10 @@ def _stands(evidence: Evidence) -> Finding:
     return Finding(
         Clock.name,
         evidence.name,
-        Judgement.WRONG,
+        Severity.WRONG,
         f"column '{column}' never goes forward: it is not a clock",
         "median step 0 s",
-        mend=Mend("set time = ... under [signals] to the log's clock"),
+        fix=Fix("set time = ... under [signals] to the log's clock"),
     )
 
 
@@ -145,26 +145,26 @@ def _other_unit(evidence: Evidence, unit: str, steps: _Steps, declared: float) -
     return Finding(
         Clock.name,
         evidence.name,
-        Judgement.WRONG,
+        Severity.WRONG,
         f"the stamps are in {unit}: rows would be {declared:.4g} s apart as declared, and are "
         f"{_time(steps.step)}",
         f"step of {declared:.4g} s as declared, logs have {SHORTEST_STEP:g} to {LONGEST_STEP:g} s",
-        mend=Mend(f"declare time in {unit}", (Edit(("signals", "time_unit"), unit),)),
+        fix=Fix(f"declare time in {unit}", (Edit(("signals", "time_unit"), unit),)),
         picture=Picture("step [s]", "rows", (histogram("steps", steps.steps),)),
     )
 
 
-def _judged(steps: _Steps) -> tuple[Judgement, str, str, str | None]:
-    """Judgement, sentence, figure and mend of the worst that is wrong with a clock."""
+def _judged(steps: _Steps) -> tuple[Severity, str, str, str | None]:
+    """Severity, sentence, figure and correct of the worst that is wrong with a clock."""
     count = max(len(steps.steps), 1)
     backward = int(np.count_nonzero(steps.steps < 0.0))
     repeats = int(np.count_nonzero(steps.steps == 0.0))
     jitter = f"jitter {100.0 * steps.jitter:.2g} % of the step"
     facts = _facts(steps)
     if backward:
-        judgement = Judgement.WRONG if backward > BACKWARD * count else Judgement.DOUBTFUL
+        severity = Severity.WRONG if backward > BACKWARD * count else Severity.DOUBTFUL
         return (
-            judgement,
+            severity,
             f"time decreases at {backward} rows; {facts}",
             f"{backward} of {count} steps backward, bound 0",
             "log the controller's own clock, not the arrival of messages, or sort the rows",
@@ -172,7 +172,7 @@ def _judged(steps: _Steps) -> tuple[Judgement, str, str, str | None]:
     if steps.missing:
         lost = float((steps.long - steps.step).sum())
         return (
-            Judgement.DOUBTFUL,
+            Severity.DOUBTFUL,
             f"rows are missing: {len(steps.long)} gaps, the longest of "
             f"{_time(float(steps.long.max()))}, {_time(lost)} in all; {facts}",
             f"{len(steps.long)} steps longer than {GAP_STEPS:g} median ones, "
@@ -181,19 +181,19 @@ def _judged(steps: _Steps) -> tuple[Judgement, str, str, str | None]:
         )
     if steps.jitter >= JITTER:
         return (
-            Judgement.DOUBTFUL,
+            Severity.DOUBTFUL,
             f"the stamps jitter; {facts}",
             f"{jitter}, bound {100.0 * JITTER:g} %",
             "log the controller's own clock, not the arrival of messages",
         )
     if repeats > REPEATS * count:
         return (
-            Judgement.DOUBTFUL,
+            Severity.DOUBTFUL,
             f"{repeats} rows have the stamp of the row before; {facts}",
             f"{100.0 * repeats / count:.2g} % of the stamps repeat, bound {100.0 * REPEATS:g} %",
             "log stamps with more digits; rows that repeat a stamp are dropped",
         )
-    return Judgement.OK, facts, f"{jitter}, bound {100.0 * JITTER:g} %", None
+    return Severity.OK, facts, f"{jitter}, bound {100.0 * JITTER:g} %", None
 
 
 def _facts(steps: _Steps) -> str:
@@ -225,4 +225,4 @@ def _picture(steps: _Steps, stamps: Array) -> Picture:
 
 def irregular(case: Case, evidence: Evidence) -> bool:
     """Whether the clock of a log is to blame for what goes wrong with it."""
-    return Clock()._look(case, evidence).judgement != Judgement.OK
+    return Clock()._look(case, evidence).severity != Severity.OK

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.diagnosis.case import Case, Evidence
-from steelyard.diagnosis.finding import Finding, Judgement, Mend
+from steelyard.diagnosis.finding import Finding, Fix, Severity
 from steelyard.diagnosis.identifiability import clean_runs, customary_model
 from steelyard.diagnosis.signal_overview import look, with_rows
 from steelyard.diagnosis.signals.other_efforts import with_others
@@ -29,7 +29,7 @@ MEASURED = 1e-6
 EXPLAINED = 0.005
 """Residual of a fit over the effort, below which the model explains all of it. Fits of the nine
 real robots leave 0.007 to 0.36."""
-MEASURE = Mend(
+MEASURE = Fix(
     "log the measured torque or the motor current, not the controller's feedforward or model torque"
 )
 ROWS = 20_000
@@ -56,12 +56,12 @@ def _found(case: Case, evidence: Evidence) -> Finding:
     effort, position = _noise(case, evidence)
     if not np.isfinite(effort).any():
         says = "the noise of efforts is below their resolution, or nothing moves for long enough"
-        return Finding(ComputedEfforts.name, evidence.name, Judgement.OK, says, "", answered=False)
+        return Finding(ComputedEfforts.name, evidence.name, Severity.OK, says, "", answered=False)
     worst = float(np.nanmax(effort))
     figure = f"noise up to {worst:.1g} of the effort's variation, bound {NOISE_FREE:g}"
     if worst > NOISE_FREE:
         says = "efforts have measurement noise"
-        return Finding(ComputedEfforts.name, evidence.name, Judgement.OK, says, figure)
+        return Finding(ComputedEfforts.name, evidence.name, Severity.OK, says, figure)
     measured = bool(np.nanmax(position, initial=0.0) > MEASURED)
     residual = _unexplained(case, evidence)
     if residual is not None:
@@ -82,10 +82,10 @@ def _smooth(evidence: Evidence, figure: str, measured: bool) -> Finding:
     return Finding(
         ComputedEfforts.name,
         evidence.name,
-        Judgement.DOUBTFUL if measured else Judgement.OK,
+        Severity.DOUBTFUL if measured else Severity.OK,
         says,
         figure,
-        mend=with_others(MEASURE, evidence) if measured else None,
+        fix=with_others(MEASURE, evidence) if measured else None,
         answered=measured,
     )
 
@@ -100,14 +100,14 @@ def _computed(evidence: Evidence, figure: str, measured: bool) -> Finding:
         else "as positions have no noise either, the log is a simulation or a computed command; a "
         "fit finds the parameters of that computation"
     )
-    judgement = Judgement.WRONG if measured else Judgement.DOUBTFUL
+    severity = Severity.WRONG if measured else Severity.DOUBTFUL
     return Finding(
         ComputedEfforts.name,
         evidence.name,
-        judgement,
+        severity,
         says,
         figure,
-        mend=with_others(MEASURE, evidence),
+        fix=with_others(MEASURE, evidence),
     )
 
 
@@ -117,9 +117,9 @@ def _percent(share: float) -> str:
 
 def _noise(case: Case, evidence: Evidence) -> tuple[Array, Array]:
     """Noise of efforts and positions over their variation, NaN where unknown, each `(n,)`."""
-    sight = look(case, evidence)
-    t, q, effort = sight.t[:ROWS], sight.q[:ROWS], sight.effort[:ROWS]
-    moving = _moving(q, sight.step * reading(case, evidence).second) & driven(case, evidence)
+    overview = look(case, evidence)
+    t, q, effort = overview.t[:ROWS], overview.q[:ROWS], overview.effort[:ROWS]
+    moving = _moving(q, overview.step * reading(case, evidence).second) & driven(case, evidence)
     with np.errstate(invalid="ignore", divide="ignore"):
         return (
             noise_levels(t, effort, moving) / effort.std(axis=0),

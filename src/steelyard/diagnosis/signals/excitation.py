@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.diagnosis.case import Case, Evidence
-from steelyard.diagnosis.finding import Finding, Judgement, Mend, Picture
+from steelyard.diagnosis.finding import Finding, Fix, Picture, Severity
 from steelyard.diagnosis.pictures import of_joints
 from steelyard.diagnosis.signal_overview import look
 from steelyard.diagnosis.signals.units import motion, reading
@@ -66,23 +66,23 @@ class Excitation:
 
     def _look(self, case: Case, evidence: Evidence, done: _Motion, alone: bool) -> Finding:
         still = np.flatnonzero(~done.moves)
-        judgement = Judgement.OK
+        severity = Severity.OK
         if not done.moves.any():
-            judgement = Judgement.WRONG if alone else Judgement.DOUBTFUL
+            severity = Severity.WRONG if alone else Severity.DOUBTFUL
         elif len(still) and alone:
-            judgement = Judgement.DOUBTFUL
+            severity = Severity.DOUBTFUL
         names = [case.joints[j] for j in still]
-        mend = None
-        if judgement != Judgement.OK:
-            mend = Mend(_help(case, still) if alone else "leave this log out: nothing moves in it")
+        fix = None
+        if severity != Severity.OK:
+            fix = Fix(_help(case, still) if alone else "leave this log out: nothing moves in it")
         return Finding(
             self.name,
             evidence.name,
-            judgement,
+            severity,
             _says(done, names),
             _figure(case, done),
-            joints=tuple(names) if judgement != Judgement.OK else (),
-            mend=mend,
+            joints=tuple(names) if severity != Severity.OK else (),
+            fix=fix,
             picture=_picture(case, done),
         )
 
@@ -90,36 +90,36 @@ class Excitation:
         moves = np.any([done.moves for done in motions], axis=0)
         still = np.flatnonzero(~moves)
         names = tuple(case.joints[j] for j in still)
-        judgement = Judgement.OK
+        severity = Severity.OK
         if len(still):
-            judgement = Judgement.DOUBTFUL if moves.any() else Judgement.WRONG
+            severity = Severity.DOUBTFUL if moves.any() else Severity.WRONG
         return Finding(
             self.name,
             "",
-            judgement,
+            severity,
             f"hardly any motion of {', '.join(names)} in any log" if names else "every joint moves",
             f"{np.count_nonzero(moves)} of {len(moves)} joints move",
             joints=names,
-            mend=Mend(_help(case, still)) if names else None,
+            fix=Fix(_help(case, still)) if names else None,
         )
 
 
 def _motion(case: Case, evidence: Evidence) -> _Motion:
-    sight, units = look(case, evidence), reading(case, evidence)
+    overview, units = look(case, evidence), reading(case, evidence)
     coordinates = case.loaded.robot.coordinates
     n = len(coordinates)
     slope = motion(case, evidence)
     scale = np.array([joint.position_scale for joint in units.joints])
-    if len(sight.q) < 2:
+    if len(overview.q) < 2:
         return _Motion(np.zeros(n), np.zeros(n), np.zeros(n, dtype=np.bool_), np.zeros(n))
-    low, high = np.quantile(sight.q, [QUANTILE, 1.0 - QUANTILE], axis=0)
+    low, high = np.quantile(overview.q, [QUANTILE, 1.0 - QUANTILE], axis=0)
     reach = (high - low) * np.maximum(scale, 1.0)
     enough = reach >= [LITTLE[c.kind] for c in coordinates]
     moves = enough & slope.moving
     fast = np.zeros(n)
     if slope.v.shape[1]:
         fast = np.quantile(np.abs(slope.v), 1.0 - QUANTILE, axis=1) * scale
-    even, rate = sight.even(sight.q, units.second)
+    even, rate = overview.even(overview.q, units.second)
     longest = max(even, key=lambda x: x.shape[1], default=np.zeros((n, 0)))
     band = [motion_band(longest[j : j + 1], rate).frequency if moves[j] else 0.0 for j in range(n)]
     return _Motion(reach, fast, moves, np.array(band))

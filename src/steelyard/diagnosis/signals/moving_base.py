@@ -11,7 +11,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.diagnosis.case import Case, Evidence
-from steelyard.diagnosis.finding import Finding, Judgement, Mend
+from steelyard.diagnosis.finding import Finding, Fix, Severity
 from steelyard.robot_file.column_names import words_of
 from steelyard.robot_file.file import LoadedRobot
 
@@ -27,7 +27,7 @@ LEAST_PULL = 0.03
 """The same of a measured acceleration, over its mean length, which is gravity's."""
 SMOOTH = 0.7
 """Root mean square of steps over that of values; of noise it is 1.4."""
-MEND = Mend(
+MEND = Fix(
     "log with the base fixed (on a stand, or hung up rigidly): the model assumes a base at rest"
 )
 
@@ -55,11 +55,11 @@ def of_base(loaded: LoadedRobot, findings: Sequence[Finding]) -> tuple[Finding, 
     """
     if not loaded.floats:
         return ()
-    known = [f for f in findings if f.suspicion == MovingBase.name]
-    moving = tuple(f for f in known if f.judgement)
+    known = [f for f in findings if f.check == MovingBase.name]
+    moving = tuple(f for f in known if f.severity)
     if moving or (known and all(f.answered for f in known)):
         return moving
-    return (Finding(MovingBase.name, "", Judgement.OK, _assumed(loaded), "", headline=True),)
+    return (Finding(MovingBase.name, "", Severity.OK, _assumed(loaded), "", headline=True),)
 
 
 def _assumed(loaded: LoadedRobot) -> str:
@@ -71,15 +71,15 @@ def _found(loaded: LoadedRobot, evidence: Evidence) -> Finding:
     moves = [*_turning(evidence, turns), *_pulled(evidence, pulls)]
     if moves:
         says = f"base '{loaded.base}' is assumed to be at rest, but its sensor measures motion"
-        name, judgement = MovingBase.name, Judgement.DOUBTFUL
-        return Finding(name, evidence.name, judgement, says, ", ".join(moves), mend=MEND)
+        name, severity = MovingBase.name, Severity.DOUBTFUL
+        return Finding(name, evidence.name, severity, says, ", ".join(moves), fix=MEND)
     if turns or pulls:
         says = f"base '{loaded.base}' is at rest according to its sensor"
         figure = ", ".join((*turns, *pulls))
-        return Finding(MovingBase.name, evidence.name, Judgement.OK, says, figure)
+        return Finding(MovingBase.name, evidence.name, Severity.OK, says, figure)
     figure = "no gyroscope or accelerometer of the base in the log"
     says = _assumed(loaded)
-    name, ok = MovingBase.name, Judgement.OK
+    name, ok = MovingBase.name, Severity.OK
     return Finding(name, evidence.name, ok, says, figure, answered=False, headline=True)
 
 

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.diagnosis.case import Case, Evidence
-from steelyard.diagnosis.finding import Finding, Judgement, Mend, Picture
+from steelyard.diagnosis.finding import Finding, Fix, Picture, Severity
 from steelyard.diagnosis.pictures import trace
-from steelyard.diagnosis.signal_overview import Sight, look, with_rows
+from steelyard.diagnosis.signal_overview import SignalOverview, look, with_rows
 from steelyard.diagnosis.signals.other_efforts import with_others
 from steelyard.diagnosis.signals.slopes import noise_of
 from steelyard.diagnosis.signals.units import driven, reading
@@ -21,10 +21,10 @@ ROWS = 500
 """Rows below which levels are not counted."""
 NOISY = 0.7
 """Noise from row to row over all that varies, from which on an effort is doubtful."""
-FINER = Mend(
+FINER = Fix(
     "leave these joints out (joints = [...], [robot.locked]), or log them with finer resolution"
 )
-CONSTANT = Mend("declare the columns that hold measured efforts under [signals.effort]")
+CONSTANT = Fix("declare the columns that hold measured efforts under [signals.effort]")
 BUSY = 20.0
 """Length of the picture [s]."""
 
@@ -42,14 +42,14 @@ class Noise:
         return tuple(self._look(case, evidence) for evidence in with_rows(case))
 
     def _look(self, case: Case, evidence: Evidence) -> Finding:
-        sight = look(case, evidence)
+        overview = look(case, evidence)
         move = driven(case, evidence)
-        levels = np.array([len(np.unique(column)) for column in sight.effort.T])
-        noise = noise_of(sight.effort)
-        spread = sight.effort.std(axis=0)
+        levels = np.array([len(np.unique(column)) for column in overview.effort.T])
+        noise = noise_of(overview.effort)
+        spread = overview.effort.std(axis=0)
         share = np.divide(noise, spread, out=np.zeros_like(noise), where=spread > 0.0)
         constant = move & (levels == 1)
-        coarse = move & (levels < LEVELS) & (len(sight.t) >= ROWS) & ~constant
+        coarse = move & (levels < LEVELS) & (len(overview.t) >= ROWS) & ~constant
         loud = move & (share > NOISY) & ~coarse
         bad = np.flatnonzero(constant | coarse | loud)
         seen = np.flatnonzero(move) if move.any() else np.arange(len(move))
@@ -58,19 +58,19 @@ class Noise:
         return Finding(
             self.name,
             evidence.name,
-            Judgement.WRONG if constant.any() else Judgement(int(len(bad) > 0)),
+            Severity.WRONG if constant.any() else Severity(int(len(bad) > 0)),
             "; ".join(
                 [
                     *_constant(case, evidence, constant),
-                    *_blamed(case, sight, coarse, loud, levels),
-                    _facts(case, sight, noise, units),
+                    *_blamed(case, overview, coarse, loud, levels),
+                    _facts(case, overview, noise, units),
                 ]
             ),
             f"{levels[least]} different efforts of {case.joints[least]} (bound {LEVELS}), noise "
             f"{100.0 * share[loudest]:.2g} % of {case.joints[loudest]} (bound {100.0 * NOISY:g} %)",
             joints=tuple(case.joints[j] for j in bad),
-            mend=with_others(CONSTANT if constant.any() else FINER, evidence) if len(bad) else None,
-            picture=_picture(case, evidence, sight, int(bad[0] if len(bad) else least)),
+            fix=with_others(CONSTANT if constant.any() else FINER, evidence) if len(bad) else None,
+            picture=_picture(case, evidence, overview, int(bad[0] if len(bad) else least)),
         )
 
 
@@ -82,13 +82,13 @@ def _constant(case: Case, evidence: Evidence, constant: NDArray[np.bool_]) -> li
 
 def _blamed(
     case: Case,
-    sight: Sight,
+    overview: SignalOverview,
     coarse: NDArray[np.bool_],
     loud: NDArray[np.bool_],
     levels: NDArray[np.intp],
 ) -> list[str]:
     said = []
-    steps = sight.resolution[sight.channels.effort]
+    steps = overview.resolution[overview.channels.effort]
     for joint in np.flatnonzero(coarse):
         said.append(
             f"the effort of {case.joints[joint]} has only {levels[joint]} levels, "
@@ -100,13 +100,13 @@ def _blamed(
     return said
 
 
-def _facts(case: Case, sight: Sight, noise: Array, units: tuple[str, ...]) -> str:
-    c = sight.channels
-    q, positions = noise_of(sight.q), case.loaded.robot.coordinates
+def _facts(case: Case, overview: SignalOverview, noise: Array, units: tuple[str, ...]) -> str:
+    c = overview.channels
+    q, positions = noise_of(overview.q), case.loaded.robot.coordinates
     worst, loudest = int(np.argmax(q)), int(np.argmax(noise))
     return (
-        f"positions: steps {_range(sight.resolution[c.q])}, noise up to {q[worst]:.1g} "
-        f"{positions[worst].unit}; efforts: steps {_range(sight.resolution[c.effort])}, "
+        f"positions: steps {_range(overview.resolution[c.q])}, noise up to {q[worst]:.1g} "
+        f"{positions[worst].unit}; efforts: steps {_range(overview.resolution[c.effort])}, "
         f"noise up to {noise[loudest]:.2g} {units[loudest]} ({case.joints[loudest]})"
     )
 
@@ -116,10 +116,10 @@ def _range(values: Array) -> str:
     return f"{low:.1g}" if high <= 1.01 * low else f"{low:.1g} to {high:.1g}"
 
 
-def _picture(case: Case, evidence: Evidence, sight: Sight, joint: int) -> Picture:
+def _picture(case: Case, evidence: Evidence, overview: SignalOverview, joint: int) -> Picture:
     """The joint's effort in the middle of the log."""
-    middle = 0.5 * (sight.t[0] + sight.t[-1])
-    at = np.abs(sight.t - middle) <= 0.5 * BUSY / reading(case, evidence).second
+    middle = 0.5 * (overview.t[0] + overview.t[-1])
+    at = np.abs(overview.t - middle) <= 0.5 * BUSY / reading(case, evidence).second
     unit = evidence.recording.signals.effort_units[joint]
-    t, effort = sight.t[at] - sight.t[0], sight.effort[at, joint]
+    t, effort = overview.t[at] - overview.t[0], overview.effort[at, joint]
     return Picture("time [s]", f"effort [{unit}]", (trace(case.joints[joint], t, effort),))

@@ -3,7 +3,7 @@
 import re
 
 from steelyard.diagnosis.case import Evidence
-from steelyard.diagnosis.finding import Mend
+from steelyard.diagnosis.finding import Fix
 from steelyard.robot_file.column_names import Column, by_number
 
 
@@ -15,7 +15,7 @@ def other_efforts(evidence: Evidence) -> tuple[str, ...]:
     return tuple(re.sub(r"\d+(?=\D*$)", "{}", group[0].name) for group in groups)
 
 
-def with_others(mend: Mend, evidence: Evidence) -> Mend:
+def with_others(fix: Fix, evidence: Evidence) -> Fix:
     """The advice, with the columns that may be taken instead."""
     others = ", ".join(f"'{pattern}'" for pattern in other_efforts(evidence))
-    return Mend(f"{mend.says}; this log has {others} too", mend.edits) if others else mend
+    return Fix(f"{fix.says}; this log has {others} too", fix.edits) if others else fix

@@ -7,7 +7,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.diagnosis.case import Case, Evidence
-from steelyard.diagnosis.finding import Edit, Finding, Judgement, Mend, Picture
+from steelyard.diagnosis.finding import Edit, Finding, Fix, Picture, Severity
 from steelyard.diagnosis.pictures import of_joints
 from steelyard.diagnosis.signal_overview import look, with_rows
 from steelyard.diagnosis.signals.unit_costs import SAME, beyond
@@ -51,11 +51,11 @@ class Position:
         return Finding(
             self.name,
             evidence.name,
-            Judgement.DOUBTFUL if names else Judgement.OK,
+            Severity.DOUBTFUL if names else Severity.OK,
             said + _facts(case, evidence),
             _figure(case, off),
             joints=names,
-            mend=Mend(
+            fix=Fix(
                 "check position_offset under [signals], the zero of the joints, and their limits"
             )
             if names
@@ -79,8 +79,8 @@ def _of_motors(case: Case, evidence: Evidence, off: Array, units: Reading) -> bo
     if all(Column(name).has("motor", "motors") for name in signals.position):
         declared = [joint.position_unit for joint in units.as_declared]
         return bool(far.any()) or declared != [joint.position_unit for joint in units.joints]
-    mended = np.array([j.position_scale for j in units.joints])
-    return bool(far.all() and (off * np.minimum(mended, 1.0) > MOTOR).all())
+    corrected = np.array([j.position_scale for j in units.joints])
+    return bool(far.all() and (off * np.minimum(corrected, 1.0) > MOTOR).all())
 
 
 def _motors(case: Case, evidence: Evidence, low: Array, high: Array, picture: Picture) -> Finding:
@@ -95,12 +95,12 @@ def _motors(case: Case, evidence: Evidence, low: Array, high: Array, picture: Pi
     return Finding(
         Position.name,
         evidence.name,
-        Judgement.WRONG,
+        Severity.WRONG,
         "positions look like motors', not joints': they are "
         + (far if outside else "named so, and faster than joints"),
         _figure(case, off),
         joints=tuple(case.joints[j] for j in np.flatnonzero(off > OUTSIDE)),
-        mend=Mend(
+        fix=Fix(
             'declare coordinates = "motor" under [signals], and the gears as ratios = [...] under '
             "[robot.transmission]"
             + (f"; for positions to be within limits they must be at least {least}" * outside)
@@ -128,12 +128,12 @@ def _other_unit(
     return Finding(
         Position.name,
         evidence.name,
-        Judgement.WRONG if sure else Judgement.DOUBTFUL,
+        Severity.WRONG if sure else Severity.DOUBTFUL,
         f"positions of {', '.join(names)} {'are' if sure else 'may be'} in {unit}: as declared, "
         f"{case.joints[clear]} would {_reasons(case, evidence, units, clear, off)}",
         _figure(case, off),
         joints=names,
-        mend=Mend(says, (edit,)) if sure else Mend(f"examine the log, and {says} if they are"),
+        fix=Fix(says, (edit,)) if sure else Fix(f"examine the log, and {says} if they are"),
         picture=picture,
     )
 

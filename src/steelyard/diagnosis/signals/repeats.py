@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.diagnosis.case import Case, Evidence
-from steelyard.diagnosis.finding import Edit, Finding, Judgement, Mend, Picture, Trace
-from steelyard.diagnosis.signal_overview import Sight, look
+from steelyard.diagnosis.finding import Edit, Finding, Fix, Picture, Severity, Trace
+from steelyard.diagnosis.signal_overview import SignalOverview, look
 from steelyard.diagnosis.signals.held import Hold, hold, mean_age, old_rows
 from steelyard.measurement.rows.stale import LONGEST_STALE
 
@@ -37,29 +37,31 @@ class Repeats:
         return tuple(finding for finding in found if finding is not None)
 
     def _both(self, case: Case, evidence: Evidence) -> tuple[Finding | None, ...]:
-        sight = look(case, evidence)
-        if len(sight.t) <= 2 * SPAN:
+        overview = look(case, evidence)
+        if len(overview.t) <= 2 * SPAN:
             return ()
-        c = sight.channels
-        positions = hold(sight.q, sight.resolution[c.q])
-        efforts = hold(sight.effort, sight.resolution[c.effort])
-        rows = np.ones(len(sight.t), dtype=np.bool_)
+        c = overview.channels
+        positions = hold(overview.q, overview.resolution[c.q])
+        efforts = hold(overview.effort, overview.resolution[c.effort])
+        rows = np.ones(len(overview.t), dtype=np.bool_)
         if evidence.processing.bridge_repeats and 0 < positions.every - 1 <= LONGEST_STALE:
-            rows = ~old_rows(sight.q)
-        age = mean_age(sight.q, positions, rows) * sight.step
-        late = mean_age(sight.effort, efforts, rows) * sight.step - age
+            rows = ~old_rows(overview.q)
+        age = mean_age(overview.q, positions, rows) * overview.step
+        late = mean_age(overview.effort, efforts, rows) * overview.step - age
         return (
-            self._irregular(evidence, sight)
+            self._irregular(evidence, overview)
             if positions.every == 1
-            else self._positions(evidence, sight, positions, round(age, 5)),
+            else self._positions(evidence, overview, positions, round(age, 5)),
             None
             if efforts.every == 1
-            else self._efforts(evidence, sight, efforts, round(late, 5) + 0.0),
+            else self._efforts(evidence, overview, efforts, round(late, 5) + 0.0),
         )
 
-    def _positions(self, evidence: Evidence, sight: Sight, held: Hold, left: float) -> Finding:
+    def _positions(
+        self, evidence: Evidence, overview: SignalOverview, held: Hold, left: float
+    ) -> Finding:
         """Positions that are new every n-th row, and their mean age once rows are bridged [s]."""
-        age = 0.5 * (held.every - 1) * sight.step
+        age = 0.5 * (held.every - 1) * overview.step
         doubtful = round(age, 4) > LATE or held.every - 1 > LONGEST_STALE
         does = (
             f"they are {1e3 * left:.2g} ms late on average, and rows are not bridged"
@@ -69,20 +71,22 @@ class Repeats:
         return Finding(
             self.name,
             evidence.name,
-            Judgement.DOUBTFUL if doubtful else Judgement.OK,
-            f"positions are updated {_every(sight, held)}: {does}",
+            Severity.DOUBTFUL if doubtful else Severity.OK,
+            f"positions are updated {_every(overview, held)}: {does}",
             f"{held.figure}; {1e3 * age:.3g} ms old on average, bound {1e3 * LATE:g} ms and "
             f"{LONGEST_STALE} repeated rows",
-            mend=Mend(
-                f"log at the update rate of positions, {1.0 / sight.step / held.every:.3g} Hz, or "
-                "update them at the rate of the log"
+            fix=Fix(
+                "log at the update rate of positions, "
+                f"{1.0 / overview.step / held.every:.3g} Hz, or update them at the rate of the log"
             )
             if doubtful
             else None,
             picture=held.picture,
         )
 
-    def _efforts(self, evidence: Evidence, sight: Sight, held: Hold, late: float) -> Finding:
+    def _efforts(
+        self, evidence: Evidence, overview: SignalOverview, held: Hold, late: float
+    ) -> Finding:
         """Efforts that are new every n-th row, and how much older than positions they are [s]."""
         stated = evidence.recording.signals.effort_delay
         doubtful = round(late - stated, 4) > LATE
@@ -95,10 +99,10 @@ class Repeats:
         return Finding(
             self.name,
             evidence.name,
-            Judgement.DOUBTFUL if doubtful else Judgement.OK,
-            f"efforts are updated {_every(sight, held)}: {does}{known}",
+            Severity.DOUBTFUL if doubtful else Severity.OK,
+            f"efforts are updated {_every(overview, held)}: {does}{known}",
             f"{held.figure}; {1e3 * late:.3g} ms later than positions, bound {1e3 * LATE:g} ms",
-            mend=Mend(
+            fix=Fix(
                 f"log efforts as they are measured, or state the mean delay, {1e3 * late:.3g} ms",
                 (Edit(("signals", "effort", "delay"), late),),
             )
@@ -107,9 +111,9 @@ class Repeats:
             picture=held.picture,
         )
 
-    def _irregular(self, evidence: Evidence, sight: Sight) -> Finding | None:
+    def _irregular(self, evidence: Evidence, overview: SignalOverview) -> Finding | None:
         """Rows in motion that repeat positions now and then."""
-        q, step = sight.q, sight.resolution[sight.channels.q]
+        q, step = overview.q, overview.resolution[overview.channels.q]
         far = np.abs(q[SPAN:] - q[:-SPAN]) > FAR * SPAN * step
         fast: NDArray[np.bool_] = np.any(far & (step > 0.0), axis=1)
         if not fast.any():
@@ -122,23 +126,23 @@ class Repeats:
         return Finding(
             self.name,
             evidence.name,
-            Judgement.DOUBTFUL if often else Judgement.OK,
+            Severity.DOUBTFUL if often else Severity.OK,
             f"{count} rows in motion repeat the positions of the row before"
             if count
             else "no row in motion repeats the previous one",
             f"{count} of {total} rows in motion ({100.0 * share:.2g} %), bound {100.0 * OFTEN:g} %",
-            mend=Mend(f"log at the update rate of positions, about {1.0 - share:.2g} of this one")
+            fix=Fix(f"log at the update rate of positions, about {1.0 - share:.2g} of this one")
             if often
             else None,
-            picture=_picture(sight.t[SPAN // 2 + 1 :][: len(again)] - sight.t[0], again)
+            picture=_picture(overview.t[SPAN // 2 + 1 :][: len(again)] - overview.t[0], again)
             if count
             else None,
         )
 
 
-def _every(sight: Sight, held: Hold) -> str:
+def _every(overview: SignalOverview, held: Hold) -> str:
     """How often samples are new."""
-    rate = 1.0 / sight.step
+    rate = 1.0 / overview.step
     return f"every {held.every} rows ({rate / held.every:.3g} Hz of {rate:.3g} Hz)"
 
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.diagnosis.case import Case, Evidence
-from steelyard.diagnosis.finding import Finding, Judgement, Mend, Picture
+from steelyard.diagnosis.finding import Finding, Fix, Picture, Severity
 from steelyard.diagnosis.pictures import trace
 from steelyard.diagnosis.signal_overview import look
 from steelyard.diagnosis.signals.slopes import ENDS, width_of
@@ -48,10 +48,10 @@ class Rests:
         return Finding(
             self.name,
             evidence.name,
-            Judgement.DOUBTFUL if often else Judgement.OK,
+            Severity.DOUBTFUL if often else Severity.OK,
             _says(rests, t, float(clock[-1] - clock[0]) * second),
             f"{100.0 * rest:.1f} % at rest, bound {100.0 * MOSTLY:g} %",
-            mend=Mend("cut off the standstill (LOG@START:STOP), and record more motion")
+            fix=Fix("cut off the standstill (LOG@START:STOP), and record more motion")
             if often
             else None,
             picture=_picture(t, share.max(axis=0)),

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.diagnosis.case import Case, Evidence
-from steelyard.diagnosis.finding import Finding, Judgement, Mend, Picture, Trace
+from steelyard.diagnosis.finding import Finding, Fix, Picture, Severity, Trace
 from steelyard.diagnosis.signal_overview import look
 from steelyard.diagnosis.signals.clock import irregular
 from steelyard.diagnosis.signals.units import reading
@@ -38,26 +38,26 @@ class Rows:
         broken = look(case, evidence).broken
         count, total = _counted(evidence, broken)
         share = count / max(total, 1)
-        judgement = (
-            Judgement.WRONG
+        severity = (
+            Severity.WRONG
             if share > MANY or total == 0
-            else Judgement.DOUBTFUL
+            else Severity.DOUBTFUL
             if share > FEW
-            else Judgement.OK
+            else Severity.OK
         )
-        mend = None if judgement == Judgement.OK else Mend("record or copy the log again")
+        fix = None if severity == Severity.OK else Fix("record or copy the log again")
         says = f"{count} broken rows{_where(broken)}, dropped" if count else "no broken rows"
         if isinstance(evidence.run, LogError):
             says += f"; as declared, the log cannot be used: {evidence.run.wrong}"
             if _unexplained(case, evidence):
-                judgement, mend = Judgement.WRONG, Mend(evidence.run.mend)
+                severity, fix = Severity.WRONG, Fix(evidence.run.fix)
         return Finding(
             self.name,
             evidence.name,
-            judgement,
+            severity,
             says,
             f"{count} of {total} rows ({100.0 * share:.2g} %), bound {100.0 * FEW:g} %",
-            mend=mend,
+            fix=fix,
             picture=_picture(broken) if broken.any() else None,
         )
 

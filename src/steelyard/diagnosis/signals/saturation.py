@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.diagnosis.case import Case, Evidence
-from steelyard.diagnosis.finding import Finding, Judgement, Mend, Picture
+from steelyard.diagnosis.finding import Finding, Fix, Picture, Severity
 from steelyard.diagnosis.pictures import trace
-from steelyard.diagnosis.signal_overview import Sight, look, with_rows
+from steelyard.diagnosis.signal_overview import SignalOverview, look, with_rows
 from steelyard.measurement.rows.outliers import stretches
 
 STAYS = 5
@@ -56,8 +56,8 @@ class Saturation:
         return tuple(self._look(case, evidence) for evidence in with_rows(case))
 
     def _look(self, case: Case, evidence: Evidence) -> Finding:
-        sight = look(case, evidence)
-        stays = [_stay(column) for column in sight.effort.T]
+        overview = look(case, evidence)
+        stays = [_stay(column) for column in overview.effort.T]
         cut = [j for j, stay in enumerate(stays) if stay.share >= 1.0]
         worst = max(range(len(stays)), key=lambda j: stays[j].share)
         names = tuple(case.joints[j] for j in cut)
@@ -70,15 +70,15 @@ class Saturation:
         return Finding(
             self.name,
             evidence.name,
-            Judgement.DOUBTFUL if cut else Judgement.OK,
+            Severity.DOUBTFUL if cut else Severity.OK,
             "; ".join(said) or "no effort stays at its extreme",
             f"{stays[worst].rows} rows at an extreme ({case.joints[worst]})"
             + (f", bound {stays[worst].bound:.0f}" if np.isfinite(stays[worst].bound) else ""),
             joints=names,
-            mend=Mend("move slower or with less load, or raise the range of the effort measurement")
+            fix=Fix("move slower or with less load, or raise the range of the effort measurement")
             if cut
             else None,
-            picture=_picture(case, evidence, sight, worst) if cut else None,
+            picture=_picture(case, evidence, overview, worst) if cut else None,
         )
 
 
@@ -112,7 +112,7 @@ def _stays(effort: Array, level: float) -> NDArray[np.intp]:
     return np.array([stop - start for start, stop in stretches(effort == level)])
 
 
-def _picture(case: Case, evidence: Evidence, sight: Sight, joint: int) -> Picture:
+def _picture(case: Case, evidence: Evidence, overview: SignalOverview, joint: int) -> Picture:
     unit = evidence.recording.signals.effort_units[joint]
-    effort = trace(case.joints[joint], sight.t - sight.t[0], sight.effort[:, joint])
+    effort = trace(case.joints[joint], overview.t - overview.t[0], overview.effort[:, joint])
     return Picture("time [s]", f"effort [{unit}]", (effort,))

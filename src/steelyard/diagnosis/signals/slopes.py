@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
-from steelyard.diagnosis.signal_overview import Sight
+from steelyard.diagnosis.signal_overview import SignalOverview
 
 WIDTH = 0.02
 """Standard deviation of the low-pass [s]: half the power is gone at 6.6 Hz."""
@@ -77,36 +77,36 @@ class Slopes:
     moving: NDArray[np.bool_]
 
 
-def slopes(sight: Sight, second: float = 1.0) -> Slopes:
+def slopes(overview: SignalOverview, second: float = 1.0) -> Slopes:
     """Derivatives of the positions, and which joints move.
 
     Args:
-        sight: The log.
+        overview: The log.
         second: Seconds that a declared second really has.
     """
-    even, rate = sight.even(np.column_stack((sight.t, sight.q)), second)
+    even, rate = overview.even(np.column_stack((overview.t, overview.q)), second)
     half = len(_bell(rate)) // 2
     pieces = [(x[0, half : x.shape[1] - half], slope(x[1:], rate)) for x in even]
     pieces = [(t, v) for t, v in pieces if v.shape[1]]
-    n = sight.channels.joints
+    n = overview.channels.joints
     t = np.concatenate([np.zeros(0), *(t for t, _ in pieces)])
     v = np.concatenate([np.zeros((n, 0)), *(v for _, v in pieces)], axis=1)
-    return Slopes(t, v, rate, moving(sight, v))
+    return Slopes(t, v, rate, moving(overview, v))
 
 
-def moving(sight: Sight, v: Array) -> NDArray[np.bool_]:
+def moving(overview: SignalOverview, v: Array) -> NDArray[np.bool_]:
     """Joints that move enough to say anything about, shape `(n,)`.
 
     Args:
-        sight: The log.
+        overview: The log.
         v: Derivatives of its positions, shape `(n, any)`.
     """
-    n = sight.channels.joints
+    n = overview.channels.joints
     if v.shape[1] == 0:
         return np.zeros(n, dtype=np.bool_)
     speed = np.sqrt(np.square(v).mean(axis=1))
-    steps = RANGE_STEPS * sight.resolution[sight.channels.q]
-    spread = np.ptp(sight.q, axis=0)
-    far = (spread > 0.0) & (spread >= np.maximum(steps, RANGE_NOISE * noise_of(sight.q)))
+    steps = RANGE_STEPS * overview.resolution[overview.channels.q]
+    spread = np.ptp(overview.q, axis=0)
+    far = (spread > 0.0) & (spread >= np.maximum(steps, RANGE_NOISE * noise_of(overview.q)))
     enough: NDArray[np.bool_] = far & (speed >= STILL * speed.max())
     return enough

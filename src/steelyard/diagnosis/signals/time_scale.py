@@ -12,7 +12,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from steelyard.diagnosis.case import Case, Evidence
-from steelyard.diagnosis.finding import Finding, Judgement, Mend
+from steelyard.diagnosis.finding import Finding, Fix, Severity
 from steelyard.diagnosis.identifiability import clean_runs, customary_model
 from steelyard.diagnosis.signals.units import driven, reading
 from steelyard.errors import SteelyardError
@@ -122,12 +122,12 @@ def _off(log: str, name: str, x: float, std: float, gone: float) -> Finding:
     return Finding(
         name,
         "",
-        Judgement.WRONG if sure else Judgement.DOUBTFUL,
+        Severity.WRONG if sure else Severity.DOUBTFUL,
         f"the clock runs {way}{other}: by a fit of {log} stamps are {scale:.4g} ± {half:.1g} times "
         "the true time, for only then accelerations and gravity agree on the bodies",
         f"this explains {100.0 * gone:.0f} % of the squared residual, bounds {100.0 * GONE:.0f} "
         f"and {100.0 * SURE:.0f} %",
-        mend=Mend(
+        fix=Fix(
             f"check the log's rate; divide the stamps by {scale:.4g} if it is so. If the clock is "
             "right, check gravity and lengths in the model file"
         ),
@@ -147,10 +147,10 @@ def by_velocities(case: Case, evidence: Evidence, name: str) -> Finding | None:
     return Finding(
         name,
         evidence.name,
-        Judgement.DOUBTFUL,
+        Severity.DOUBTFUL,
         f"velocities of all {len(ratio)} joints are {scale:.4g} times d(q)/dt: the clock runs "
         f"{way}, or their unit is off",
         f"{100.0 * abs(scale - 1.0):.2g} % from 1 (bound {100.0 * OFF:g} %), joints differ by "
         f"{100.0 * spread:.1g} % (bound {100.0 * UNEVEN:g} %)",
-        mend=Mend("check the log's rate, and leave velocities out if the clock is right"),
+        fix=Fix("check the log's rate, and leave velocities out if the clock is right"),
     )

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.diagnosis.case import EXCERPT, Case, Evidence
-from steelyard.diagnosis.signal_overview import Sight, look, once
+from steelyard.diagnosis.signal_overview import SignalOverview, look, once
 from steelyard.diagnosis.signals.agreement import Agreement, agreement
 from steelyard.diagnosis.signals.slopes import Slopes, slopes
 from steelyard.diagnosis.signals.unit_costs import (
@@ -83,9 +83,9 @@ def velocities(case: Case, evidence: Evidence) -> tuple[tuple[str, ...], Array] 
 
     Declared ones are in SI units as declared, others as logged. `None` if there are none.
     """
-    sight, signals = look(case, evidence), evidence.recording.signals
-    if sight.dq is not None and signals.velocity is not None:
-        return signals.velocity, sight.dq
+    overview, signals = look(case, evidence), evidence.recording.signals
+    if overview.dq is not None and signals.velocity is not None:
+        return signals.velocity, overview.dq
     columns = case.guesses.get("velocity", ())
     known = set(evidence.log.columns)
     if (
@@ -99,7 +99,7 @@ def velocities(case: Case, evidence: Evidence) -> tuple[tuple[str, ...], Array] 
     parts = list(evidence.log.parts(columns, (start, stop)))
     if not parts:
         return None
-    values = np.concatenate(parts)[sight.kept]
+    values = np.concatenate(parts)[overview.kept]
     return columns, np.where(np.isfinite(values), values, 0.0)
 
 
@@ -134,21 +134,21 @@ def unit_value(
 @once
 def reading(case: Case, evidence: Evidence) -> Reading:
     """The cheapest reading of a log."""
-    sight, signals = look(case, evidence), evidence.recording.signals
+    overview, signals = look(case, evidence), evidence.recording.signals
     time_scale, units = signals.time_scale, signals.time_units
     looked = min(
         (s / time_scale for s in units.values()),
-        key=lambda second: (step_cost(sight.step * second), second != 1.0),
+        key=lambda second: (step_cost(overview.step * second), second != 1.0),
     )
     logged = velocities(case, evidence)
-    agreed = None if logged is None else agreement(sight, logged[1], looked)
-    facts = _facts(case, evidence, sight, looked, agreed)
+    agreed = None if logged is None else agreement(overview, logged[1], looked)
+    facts = _facts(case, evidence, overview, looked, agreed)
     found = []
     for unit, scale in units.items():
         second = scale / time_scale
         joints = _units(facts, second / looked)
         changed = CHANGED if abs(second - 1.0) > 1e-9 else 0.0
-        cost = sum(j.cost for j in joints) + changed + step_cost(sight.step * second)
+        cost = sum(j.cost for j in joints) + changed + step_cost(overview.step * second)
         found.append((cost, unit, second, joints))
     cost, unit, second, joints = min(found, key=lambda f: f[0])
     declared = tuple(f.declared(1.0 / looked) for f in facts)
@@ -158,7 +158,7 @@ def reading(case: Case, evidence: Evidence) -> Reading:
         joints,
         tuple(f.declared(second / looked) for f in facts),
         cost,
-        sum(j.cost for j in declared) + step_cost(sight.step),
+        sum(j.cost for j in declared) + step_cost(overview.step),
         None if agreed is None else agreed.in_seconds(second / looked),
     )
 
@@ -171,14 +171,20 @@ def _units(facts: Sequence[JointFacts], second: float) -> tuple[JointReading, ..
 
 
 def _facts(
-    case: Case, evidence: Evidence, sight: Sight, looked: float, agreed: Agreement | None
+    case: Case,
+    evidence: Evidence,
+    overview: SignalOverview,
+    looked: float,
+    agreed: Agreement | None,
 ) -> tuple[JointFacts, ...]:
     signals = evidence.recording.signals
-    slope = slopes(sight, looked)
+    slope = slopes(overview, looked)
     v, move = slope.v, slope.moving
     fast = np.quantile(np.abs(v), FASTEST_SHARE, axis=1) if v.shape[1] else np.zeros(len(v))
     n = len(v)
-    low, high = np.quantile(sight.q, [0.005, 0.995], axis=0) if len(sight.q) else np.zeros((2, n))
+    low, high = (
+        np.quantile(overview.q, [0.005, 0.995], axis=0) if len(overview.q) else np.zeros((2, n))
+    )
     told = np.zeros(n, dtype=np.bool_) if agreed is None else agreed.told
     positions = declared_units(evidence, case)
     logged = velocities(case, evidence)

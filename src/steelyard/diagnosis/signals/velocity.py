@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.diagnosis.case import Case, Evidence
-from steelyard.diagnosis.finding import Edit, Finding, Judgement, Mend, Picture
-from steelyard.diagnosis.hypotheses.verdict import positions_at_fault
+from steelyard.diagnosis.decision.verdict import positions_at_fault
+from steelyard.diagnosis.finding import Edit, Finding, Fix, Picture, Severity
 from steelyard.diagnosis.pictures import trace
 from steelyard.diagnosis.signal_overview import look
 from steelyard.diagnosis.signals.agreement import Agreement
@@ -91,29 +91,29 @@ def _found(
     declared = evidence.recording.signals.velocity is not None
     faults = _faults(case, evidence, units, agreed)
     said = _said(case, columns, units, agreed, faults, declared)
-    judgement, mend, answered = Judgement.OK, None, True
+    severity, fix, answered = Severity.OK, None, True
     if lost(case, evidence) is not None:
         said, answered = ["rows are missing, which breaks d(q)/dt: see clock"], False
     elif declared and faults.misplaced and positions_at_fault(case, evidence):
         said.append("the positions are wrong")
     elif declared and faults.grave.any() and _with_positions(units, faults):
-        judgement = Judgement.DOUBTFUL
-        mend = Mend("check the unit of the positions; the velocities agree with it as declared")
+        severity = Severity.DOUBTFUL
+        fix = Fix("check the unit of the positions; the velocities agree with it as declared")
     elif declared and faults.grave.any():
-        judgement, mend = Judgement.WRONG, _mended(case, evidence, columns, units, faults)
+        severity, fix = Severity.WRONG, _mended(case, evidence, columns, units, faults)
     elif declared and (faults.late | faults.differenced).any():
-        judgement, mend = Judgement.DOUBTFUL, Mend(WITHOUT, REMOVED)
+        severity, fix = Severity.DOUBTFUL, Fix(WITHOUT, REMOVED)
     bad = faults.grave | faults.late | faults.differenced
     facts = _facts(agreed)
     left_out = "" if declared else f"velocities ({columns[0]} ...) are logged but left out; "
     return Finding(
         Velocity.name,
         evidence.name,
-        judgement,
+        severity,
         left_out + "; ".join([*said, facts]),
         _figure(case, evidence, units, agreed),
         joints=tuple(case.joints[j] for j in np.flatnonzero(bad)),
-        mend=mend,
+        fix=fix,
         picture=_picture(case, agreed, _worst(agreed, bad)),
         answered=answered,
     )
@@ -147,14 +147,14 @@ def _faults(case: Case, evidence: Evidence, units: Reading, agreed: Agreement) -
 
 def _differenced(case: Case, evidence: Evidence, units: Reading) -> NDArray[np.bool_]:
     """Velocities that are differences of positions, once all units are right."""
-    sight, logged = look(case, evidence), velocities(case, evidence)
+    overview, logged = look(case, evidence), velocities(case, evidence)
     if logged is None:
-        return np.zeros(sight.channels.joints, dtype=np.bool_)
+        return np.zeros(overview.channels.joints, dtype=np.bool_)
     q, dq = (
         np.array([getattr(joint, f"{name}_scale") for joint in units.joints])
         for name in ("position", "velocity")
     )
-    alike = one_sided(units.second * sight.t, q * sight.q, dq * logged[1])
+    alike = one_sided(units.second * overview.t, q * overview.q, dq * logged[1])
     return alike & driven(case, evidence)
 
 
@@ -212,11 +212,11 @@ def _said(
 
 def _mended(
     case: Case, evidence: Evidence, columns: tuple[str, ...], units: Reading, faults: _Faults
-) -> Mend:
+) -> Fix:
     """Order, unit and sign put right; or no velocities, if they cannot be."""
     agreed, signals = units.agreement, evidence.recording.signals
     if faults.scaled.any() or faults.strange.any() or agreed is None:
-        return Mend(WITHOUT, REMOVED)
+        return Fix(WITHOUT, REMOVED)
     edits, says = [], []
     if faults.swapped.any():
         order: Any = [columns[k] for k in agreed.order]
@@ -231,7 +231,7 @@ def _mended(
         signs = np.where(faults.turned, -own, own)
         edits.append(Edit(("signals", "velocity_sign"), [int(s) for s in signs]))
         says.append("change the signs of the velocities (or the positions', if a model says so)")
-    return Mend("; ".join(says), tuple(edits))
+    return Fix("; ".join(says), tuple(edits))
 
 
 def _at(mask: NDArray[np.bool_]) -> list[int]:

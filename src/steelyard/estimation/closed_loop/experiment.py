@@ -150,7 +150,7 @@ class Experiment:
             raise DataError(
                 f"no stretch without gaps is as long as {_SHORTEST:g} s",
                 where=", ".join(run.name for run in runs),
-                mend="log for longer",
+                fix="log for longer",
             )
         if information is None:
             units = regressor.model.robot.effort_units
@@ -159,7 +159,7 @@ class Experiment:
             for more in said[1:]:
                 information = information + more
         if loops is None:
-            from steelyard.estimation.closed_loop.stand_in import stand_in
+            from steelyard.estimation.closed_loop.assumed_controller import stand_in
 
             return stand_in(cls(regressor, parts, (), information))
         each = [loop for loop, of_run in zip(loops, stretches, strict=True) for _ in of_run]
@@ -191,7 +191,7 @@ class Experiment:
         Raises:
             DataError: Neither has a positive definite mass matrix along the motion.
         """
-        from steelyard.estimation.closed_loop.begin import begin
+        from steelyard.estimation.closed_loop.start_values import begin
 
         return begin(self)
 
@@ -219,7 +219,7 @@ def _gains(run: Run) -> Array:
         raise DataError(
             "simulating the robot needs joint torques, but the drive gains are unknown",
             where=run.name,
-            mend="give the gains in [signals.effort], or leave out estimators that simulate",
+            fix="give the gains in [signals.effort], or leave out estimators that simulate",
         )
     return signals.gains
 

@@ -202,7 +202,7 @@ def impossible_mass(model: Model) -> DataError:
         "with the current estimate the mass matrix is not positive definite, so that nothing "
         "can be simulated",
         where=f"model of '{model.robot.name}'",
-        mend="log a more exciting motion, filter it more, or use another estimator",
+        fix="log a more exciting motion, filter it more, or use another estimator",
     )
 
 
@@ -210,9 +210,9 @@ def _joined(found: tuple[list[Scalar], list[Scalar]]) -> list[Scalar]:
     return [*found[0], *found[1]]
 
 
-def _refused(model: Model, why: str, mend: str) -> DataError:
+def _refused(model: Model, why: str, fix: str) -> DataError:
     return DataError(
         f"the model cannot be simulated here: {why}",
         where=f"model of '{model.robot.name}'",
-        mend=mend,
+        fix=fix,
     )

@@ -21,9 +21,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from steelyard.arrays import Array
+from steelyard.estimation.closed_loop.convergence import result, unsettled
 from steelyard.estimation.closed_loop.experiment import Experiment, Measured
 from steelyard.estimation.closed_loop.kalman_pass import Belief, Noise, Steps, filtered
-from steelyard.estimation.closed_loop.settling import result, unsettled
 from steelyard.estimation.closed_loop.simulation import require_sound, simulate
 from steelyard.estimation.estimate import Estimate
 from steelyard.estimation.noise import torque_noise, white_noise

@@ -227,6 +227,5 @@ def _diverged(run: Measured, k: int, least: float) -> DataError:
     return DataError(
         f"the Kalman filter diverged at {run.motion.t[k]:.2f} s: {why}",
         where=run.name,
-        mend="filter the motion that it begins with more, or give the noises of position and "
-        "torque",
+        fix="filter the motion that it begins with more, or give the noises of position and torque",
     )

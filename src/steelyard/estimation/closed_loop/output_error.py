@@ -10,9 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from steelyard.arrays import Array
+from steelyard.estimation.closed_loop.convergence import floored, result, settled, unsettled
 from steelyard.estimation.closed_loop.didim import missed
 from steelyard.estimation.closed_loop.experiment import Experiment
-from steelyard.estimation.closed_loop.rows import (
+from steelyard.estimation.closed_loop.filtered_regressor import (
     Rows,
     as_column,
     deviations,
@@ -20,7 +21,6 @@ from steelyard.estimation.closed_loop.rows import (
     rows_of,
     torques,
 )
-from steelyard.estimation.closed_loop.settling import floored, result, settled, unsettled
 from steelyard.estimation.closed_loop.simulation import require_sound, simulate
 from steelyard.estimation.estimate import Estimate
 from steelyard.progress import Progress, silent

@@ -71,7 +71,7 @@ def require_sound(experiment: Experiment, simulated: Sequence[Simulated]) -> Non
             raise DataError(
                 "the simulation diverged with the current estimate",
                 where=run.name,
-                mend="filter the motion more, log a more exciting one, or check that controller "
+                fix="filter the motion more, log a more exciting one, or check that controller "
                 "and reference motion are those of the log",
             )
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.estimation.consistent.program import Program, Wishes
+from steelyard.estimation.consistent.program import ConicConstraints, Program
 
 NEAR, BEYOND = 1e-3, 1e-3
 """Distance to a bound, and distance beyond it that the data ask for, in standard deviations, at
@@ -102,7 +102,7 @@ def contradicted(program: Program, free: Array, covariance: Array) -> tuple[str,
     return _named(order, [found[label][1] for label in order])
 
 
-def far_wishes(wishes: Wishes) -> tuple[str, ...]:
+def far_wishes(wishes: ConicConstraints) -> tuple[str, ...]:
     """Wishes of sizes that hardly any parameter has, for messages."""
     sizes = np.where(np.isfinite(wishes.lower), np.abs(wishes.lower), 0.0)
     sizes = np.maximum(sizes, np.where(np.isfinite(wishes.upper), np.abs(wishes.upper), 0.0))

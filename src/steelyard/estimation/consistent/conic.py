@@ -111,7 +111,7 @@ def solved(
     raise Unsolved(
         f"the solver stopped before the optimum ({best.status}, off by {best.error:.1g})",
         where=where,
-        mend="log a more exciting motion, give a prior or a smaller uncertainty of it, "
+        fix="log a more exciting motion, give a prior or a smaller uncertainty of it, "
         "or use least squares",
     )
 
@@ -120,7 +120,7 @@ def _infeasible(where: str) -> Infeasible:
     return Infeasible(
         "no parameters satisfy all constraints",
         where=where,
-        mend="relax or remove contradicting constraints",
+        fix="relax or remove contradicting constraints",
     )
 
 

@@ -16,14 +16,14 @@ import numpy as np
 from steelyard.arrays import Array, frozen
 from steelyard.estimation.consistent.active_bounds import far_wishes, held
 from steelyard.estimation.consistent.conic import MOST_ITERATIONS, Infeasible, Unsolved, solved
-from steelyard.estimation.consistent.contradictions import refuse_contradictions
+from steelyard.estimation.consistent.consistency_penalties import Entropic, Form
 from steelyard.estimation.consistent.costs import cost_notes
-from steelyard.estimation.consistent.physics import Entropic, Form
-from steelyard.estimation.consistent.polish import polished
+from steelyard.estimation.consistent.infeasibility import refuse_contradictions
+from steelyard.estimation.consistent.newton_refinement import polished
+from steelyard.estimation.consistent.prior_weight import Tried, Weighed, weighed
 from steelyard.estimation.consistent.program import Program, wishes
 from steelyard.estimation.consistent.unknowns import Unknowns, unknowns
-from steelyard.estimation.consistent.weight import Tried, Weighed, weighed
-from steelyard.estimation.estimate import Estimate, Standard
+from steelyard.estimation.estimate import Estimate, StandardEstimate
 from steelyard.estimation.knowledge import Knowledge
 from steelyard.estimation.least_squares.normal_equations import Solution, Spread, described
 from steelyard.estimation.least_squares.whitened import Whitened, whitened
@@ -125,7 +125,7 @@ class Consistent:
                 raise type(error)(
                     error.wrong,
                     where=self._where,
-                    mend=f"check the magnitudes in [[knowledge]]: {'; '.join(far)}",
+                    fix=f"check the magnitudes in [[knowledge]]: {'; '.join(far)}",
                 ) from None
             raise
 
@@ -227,7 +227,9 @@ class Consistent:
             ),
         )
 
-    def _standard(self, estimate: Estimate, values: Array, spread: Array, share: Array) -> Standard:
+    def _standard(
+        self, estimate: Estimate, values: Array, spread: Array, share: Array
+    ) -> StandardEstimate:
         """All standard parameters; what every run has for itself is as a new run is expected."""
         learned = share.copy()
         full, covariance = values.copy(), spread.copy()
@@ -239,7 +241,7 @@ class Consistent:
                 covariance[k, k] = estimate.covariance[own, own]
         # what the wishes give has no variance, but for rounding
         np.fill_diagonal(covariance, np.maximum(np.diag(covariance), 0.0))
-        return Standard(
+        return StandardEstimate(
             Parameters(self.base.names, self.base.units, full),
             frozen(0.5 * (covariance + covariance.T)),
             frozen(learned),

@@ -8,8 +8,8 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.errors import DataError
 from steelyard.estimation.consistent.active_bounds import contradicted, held
+from steelyard.estimation.consistent.prior_weight import LEAST, Tried, Weighed
 from steelyard.estimation.consistent.program import Program, wishes
-from steelyard.estimation.consistent.weight import LEAST, Tried, Weighed
 from steelyard.estimation.knowledge import Knowledge
 
 EDGE = 0.02

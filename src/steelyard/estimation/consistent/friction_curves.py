@@ -18,10 +18,10 @@ from steelyard.estimation.knowledge import Row
 from steelyard.kernel.equations.dynamics import JointState
 from steelyard.model import Model
 from steelyard.robot.robot import Robot
-from steelyard.terms.acting import Acting
+from steelyard.terms.acting import ActsOnAxes
 from steelyard.terms.axes import Axis
 from steelyard.terms.memory import Presliding
-from steelyard.terms.term import Remembering, Samples
+from steelyard.terms.term import Samples, StatefulTerm
 
 REACH = 1.5
 """Speed up to which friction takes energy, over the greatest of the data."""
@@ -74,7 +74,7 @@ def friction_curves(model: Model, fastest: Sequence[float] | Array) -> tuple[Row
     laws = [
         term
         for term in model.terms
-        if isinstance(term, Acting) and term.dissipation != "none" and not term.per_run
+        if isinstance(term, ActsOnAxes) and term.dissipation != "none" and not term.per_run
     ]
     rows: list[Row] = []
     for axis in dict.fromkeys(axis for law in laws for axis in law.axes(model.robot)):
@@ -108,7 +108,7 @@ def _believed(limit: float, top: float) -> float:
 
 
 def _rows(
-    laws: Sequence[Acting], robot: Robot, axis: Axis, top: float, farthest: float
+    laws: Sequence[ActsOnAxes], robot: Robot, axis: Axis, top: float, farthest: float
 ) -> list[Row]:
     """The rows of one coordinate, each once.
 
@@ -151,7 +151,7 @@ def _rows(
     ]
 
 
-def _ranges(laws: Sequence[Acting], robot: Robot) -> list[float]:
+def _ranges(laws: Sequence[ActsOnAxes], robot: Robot) -> list[float]:
     """Ranges of cycles, around the lengths of the laws that remember."""
     found: set[float] = set()
     for law in laws:
@@ -162,10 +162,10 @@ def _ranges(laws: Sequence[Acting], robot: Robot) -> list[float]:
     return sorted(found)
 
 
-def _sliding(law: Acting, robot: Robot, speeds: Array) -> tuple[Array, Array]:
+def _sliding(law: ActsOnAxes, robot: Robot, speeds: Array) -> tuple[Array, Array]:
     """A motion that slides at one speed after the other: position and speed at two samples each."""
     far = 1.0
-    if isinstance(law, Remembering):
+    if isinstance(law, StatefulTerm):
         far = SLID * max(float(np.max(law.warm_up(robot))), 1e-9)
     v = np.concatenate([speeds[:1], np.repeat(speeds, 2)])
     steps = np.sign(v) * far
@@ -173,7 +173,7 @@ def _sliding(law: Acting, robot: Robot, speeds: Array) -> tuple[Array, Array]:
     return np.cumsum(steps), v
 
 
-def _work(law: Acting, robot: Robot, axis: Axis, reach: float, speed: float) -> Array:
+def _work(law: ActsOnAxes, robot: Robot, axis: Axis, reach: float, speed: float) -> Array:
     """Energy of a closed cycle over its length, per unit of each parameter."""
     half = reach * HALF[1:]
     once = np.concatenate([half, reach - half])
@@ -181,13 +181,15 @@ def _work(law: Acting, robot: Robot, axis: Axis, reach: float, speed: float) -> 
     steps = np.diff(x, prepend=-reach)
     force = _along(law, robot, axis, x, np.sign(steps) * speed)
     last = slice(len(x) - len(once), None)
-    if not isinstance(law, Remembering):
+    if not isinstance(law, StatefulTerm):
         return np.asarray(force[:, last] @ steps[last] / (2.0 * reach))
     before = force[:, len(x) - len(once) - 1 : -1]
     return np.asarray(0.5 * (force[:, last] + before) @ steps[last] / (2.0 * reach))
 
 
-def _turned(law: Acting, robot: Robot, axis: Axis, ranges: Sequence[float], speed: float) -> Array:
+def _turned(
+    law: ActsOnAxes, robot: Robot, axis: Axis, ranges: Sequence[float], speed: float
+) -> Array:
     """What is left below `PEAK` after a turn from sliding, on both sides, per parameter."""
     if not ranges:
         return np.zeros((len(law.parameters(robot)), 0))
@@ -200,13 +202,13 @@ def _turned(law: Acting, robot: Robot, axis: Axis, ranges: Sequence[float], spee
     return np.concatenate([sliding - force[:, :-1], sliding + force[:, :-1]], axis=1)
 
 
-def _along(law: Acting, robot: Robot, axis: Axis, x: Array, v: Array) -> Array:
+def _along(law: ActsOnAxes, robot: Robot, axis: Axis, x: Array, v: Array) -> Array:
     """Force of every parameter along a coordinate that alone moves, shape `(parameters, N)`."""
     row = np.array(axis.row)
     direction = row / (row @ row)
     q, dq = np.outer(direction, x), np.outer(direction, v)
     channels = np.empty((0, len(x)))
-    if isinstance(law, Remembering):
+    if isinstance(law, StatefulTerm):
         samples = Samples(q, dq, np.zeros_like(q), lambda tens: np.zeros_like(q))
         channels, _ = law.remember(robot, samples, None)
     state = JointState(list(q), list(dq), [np.zeros_like(x)] * len(q), list(channels))

@@ -13,11 +13,11 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import DataError
+from steelyard.estimation.consistent.consistency_penalties import Entropic
 from steelyard.estimation.consistent.consistent import Consistent
-from steelyard.estimation.consistent.contradictions import refuse_contradictions
 from steelyard.estimation.consistent.gauss_newton import Settled, bounded_gauss_newton
+from steelyard.estimation.consistent.infeasibility import refuse_contradictions
 from steelyard.estimation.consistent.log_cholesky_criterion import Criterion, bounds_of
-from steelyard.estimation.consistent.physics import Entropic
 from steelyard.estimation.consistent.program import Program
 from steelyard.estimation.estimate import Estimate
 from steelyard.estimation.knowledge import Knowledge, Row
@@ -96,7 +96,7 @@ class LogCholesky(Consistent):
             f"log-Cholesky Gauss-Newton did not reach the optimum in {self.steps} steps: "
             f"a further one predicts a decrease of {found.promise:.2g} of {found.cost:.4g}",
             where=", ".join(self.knowledge.bodies),
-            mend="use the convex consistent estimate, which minimises the same criterion",
+            fix="use the convex consistent estimate, which minimises the same criterion",
         )
 
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
+from steelyard.estimation.consistent.consistency_penalties import FAINT
 from steelyard.estimation.consistent.log_cholesky_body import entries
-from steelyard.estimation.consistent.physics import FAINT
 from steelyard.estimation.consistent.program import Program
 from steelyard.estimation.consistent.unknowns import BASIS, ENTRIES, ORDER
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.estimation.consistent.conic import Block, Conic
-from steelyard.estimation.consistent.physics import Form, Free
+from steelyard.estimation.consistent.consistency_penalties import Form, Free
 from steelyard.estimation.consistent.unknowns import Unknowns
 from steelyard.estimation.knowledge import Knowledge, Row
 from steelyard.robot.inertia import INERTIAL_NAMES
@@ -22,7 +22,7 @@ BEYOND = 1e6
 
 
 @dataclass(frozen=True, eq=False)
-class Wishes:
+class ConicConstraints:
     r"""Bounds and rows over the unknowns, each scaled to unit length: $l \le a\,u \le h$.
 
     Attributes:
@@ -49,7 +49,7 @@ class Wishes:
         return np.asarray(self.lower == self.upper)
 
 
-def wishes(unknowns: Unknowns, knowledge: Knowledge) -> Wishes:
+def wishes(unknowns: Unknowns, knowledge: Knowledge) -> ConicConstraints:
     """Bounds of the parameters and the user's rows; those that hold for any body are left out."""
     rows = (*_bounds(unknowns, knowledge), *knowledge.curves, *knowledge.rows)
     place = {name: k for k, name in enumerate(unknowns.names)}
@@ -65,7 +65,7 @@ def wishes(unknowns: Unknowns, knowledge: Knowledge) -> Wishes:
     equal = lower == upper
     lower = np.where((lower < -BEYOND) & ~equal, -np.inf, lower)
     upper = np.where((upper > BEYOND) & ~equal, np.inf, upper)
-    return Wishes(rows, matrix / sizes[:, None], lower, upper)
+    return ConicConstraints(rows, matrix / sizes[:, None], lower, upper)
 
 
 def _bounds(unknowns: Unknowns, knowledge: Knowledge) -> list[Row]:
@@ -91,7 +91,7 @@ class Program:
     """
 
     unknowns: Unknowns
-    wishes: Wishes
+    wishes: ConicConstraints
     form: Form
 
     def conic(self, gamma: float, *, data: bool = True, unit: float = 1.0) -> Conic:
@@ -197,7 +197,7 @@ def _added(values: Array, place: Array, more: Array) -> Array:
     return values
 
 
-def _wished(wishes: Wishes) -> Sequence[Block]:
+def _wished(wishes: ConicConstraints) -> Sequence[Block]:
     """Equations, then lower and upper bounds that are finite."""
     equal, columns = wishes.equal, np.arange(wishes.matrix.shape[1])
     low, high = (np.isfinite(side) & ~equal for side in (wishes.lower, wishes.upper))

@@ -14,7 +14,7 @@ from steelyard.progress import Progress, tell
 from steelyard.regression.base import BaseMap, base_parameters
 from steelyard.regression.information import Information
 from steelyard.regression.regressor import Regressor, chosen_regressor
-from steelyard.terms.candidates import Dictionary
+from steelyard.terms.candidates import CandidateTerms
 from steelyard.terms.open_fields import Find, finds_of
 from steelyard.terms.term import Term
 
@@ -147,7 +147,7 @@ class Search:
         columns = (*base.independent, *range(len(others.parameters), len(wide.parameters)))
         return chosen_regressor(wide, base, columns)
 
-    def _dictionary(self, term: int, grids: Sequence[Array]) -> Dictionary:
+    def _dictionary(self, term: int, grids: Sequence[Array]) -> CandidateTerms:
         """Every combination of the grid points of the term's fields, the last one fastest."""
         fields = list(finds_of(self.model.terms[term]))
         points = points_of(self.model, term)
@@ -157,7 +157,7 @@ class Search:
             for index in np.ndindex(*(points for _ in fields))
         ]
         longest = settled(self.model, term, {u: bounds_of(u)[1] for u, _ in mine})
-        return Dictionary.of(self.model.robot, candidates, longest)
+        return CandidateTerms.of(self.model.robot, candidates, longest)
 
     def _problem(self, information: Information) -> Problem:
         place = {name: k for k, name in enumerate(information.layout.columns)}

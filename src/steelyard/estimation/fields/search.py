@@ -208,7 +208,7 @@ def _as_one(information: Information) -> Information:
     sums = (information.grams, information.absolute, information.counts)
     return Information(
         information.layout,
-        information.stamp,
+        information.signature,
         (Window("all", 0.0, 0.0),),
         *(x.sum(axis=0, keepdims=True) for x in sums),
     )

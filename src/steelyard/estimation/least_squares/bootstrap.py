@@ -106,7 +106,7 @@ def bootstrap(
         raise DataError(
             "a bootstrap needs several windows of time, and each run has one",
             where=where,
-            mend="log for longer, or raise matched_cutoff in [processing] of the robot file",
+            fix="log for longer, or raise matched_cutoff in [processing] of the robot file",
         )
     whole, rng = estimator(information).parameters, np.random.default_rng(seed)
     found = []
@@ -119,7 +119,7 @@ def bootstrap(
         raise DataError(
             f"only {len(found)} of {draws} bootstrap draws gave an estimate",
             where=where,
-            mend="log for longer: the estimate exists only with certain windows",
+            fix="log for longer: the estimate exists only with certain windows",
         )
     scaled = (np.array(found) - whole.values) * np.sqrt(count / kept)
     return Bootstrap(whole, frozen(whole.values + scaled), draws - len(found), count)

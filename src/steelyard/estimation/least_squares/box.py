@@ -92,7 +92,7 @@ class Box:
             raise DataError(
                 f"bounded least squares did not converge: {found.message}",
                 where=f"{len(lengths)} parameters",
-                mend="remove bounds that contradict the data, or use WLS",
+                fix="remove bounds that contradict the data, or use WLS",
             )
         return np.asarray(np.clip(found.x / lengths, self.lower, self.upper))
 
@@ -151,11 +151,11 @@ def refuse_bad_bounds(bounds: Bounds, columns: tuple[str, ...]) -> None:
             raise DataError(
                 f"there is no column '{name}' that could be bounded",
                 where="bounds of the parameters",
-                mend=f"its columns are {', '.join(columns[:12])}, ...",
+                fix=f"its columns are {', '.join(columns[:12])}, ...",
             )
         if not lower < upper:
             raise DataError(
                 f"the bounds of '{name}' are empty: {lower:g} to {upper:g}",
                 where="bounds of the parameters",
-                mend="give a lower bound below the upper one, or leave the term out of the model",
+                fix="give a lower bound below the upper one, or leave the term out of the model",
             )

@@ -10,7 +10,7 @@ import numpy as np
 
 from steelyard.arrays import Array, frozen
 from steelyard.errors import DataError
-from steelyard.estimation.estimate import Blind, Estimate, OfRun
+from steelyard.estimation.estimate import Estimate, RunParameters, Unidentifiable
 from steelyard.estimation.per_run import TIED, Eliminated, Runs, explained
 from steelyard.parameters import Parameters
 from steelyard.regression.information import Information
@@ -37,7 +37,7 @@ class Solution:
     kept: list[int]
     inverse: Array
     locals: tuple[Eliminated, ...]
-    blind: tuple[Blind, ...]
+    blind: tuple[Unidentifiable, ...]
     singular: Array
     singular_normalised: Array
 
@@ -83,7 +83,7 @@ def solve(data: Runs, weights: Array, before: Solution | None = None) -> Solutio
         raise DataError(
             "none of the model's parameters is identifiable from the data",
             where=", ".join(dict.fromkeys(w.run for w in information.windows)) or "no window",
-            mend="log a motion in which the joints move",
+            fix="log a motion in which the joints move",
         )
     refuse_few(information, len(kept), 1.0)
     scale = np.sqrt(np.diag(matrix)[kept])
@@ -121,7 +121,7 @@ def refuse_few(information: Information, parameters: int, each: float) -> None:
             f"too few samples: {total:.3g} independent ones for {parameters} parameters; more than "
             f"{each * parameters:.4g} are needed",
             where=", ".join(dict.fromkeys(w.run for w in information.windows)) or "no window",
-            mend="log longer, with more of the time in motion; or leave terms out ([model] terms). "
+            fix="log longer, with more of the time in motion; or leave terms out ([model] terms). "
             "Behind the low-pass a higher rate adds none: a higher [processing] matched_cutoff "
             "does, if noise allows it",
         )
@@ -129,24 +129,24 @@ def refuse_few(information: Information, parameters: int, each: float) -> None:
 
 def visible(
     unit: Array, nonzero: Array, names: tuple[str, ...]
-) -> tuple[list[int], tuple[Blind, ...]]:
+) -> tuple[list[int], tuple[Unidentifiable, ...]]:
     """Columns that are new to those before them: Cholesky in natural order, the others left out."""
     size = len(unit)
     if nonzero.all() and _all_new(unit):
         return list(range(size)), ()
     factor = np.zeros((size, size))
     kept: list[int] = []
-    blind: list[Blind] = []
+    blind: list[Unidentifiable] = []
     for k in range(size):
         if not nonzero[k]:
-            blind.append(Blind(names[k]))
+            blind.append(Unidentifiable(names[k]))
             continue
         part = np.linalg.solve(factor[np.ix_(kept, kept)], unit[kept, k])
         rest = unit[k, k] - part @ part
         if rest < SEEN:
             weights = np.linalg.solve(unit[np.ix_(kept, kept)], unit[kept, k])
             tied = [names[j] for j, w in zip(kept, weights, strict=True) if abs(w) > TIED]
-            blind.append(Blind(names[k], tuple(tied)))
+            blind.append(Unidentifiable(names[k], tuple(tied)))
             continue
         factor[k, kept] = part
         factor[k, k] = np.sqrt(rest)
@@ -267,7 +267,7 @@ def described(name: str, fit: Fit, spread: Spread) -> Estimate:
         condition=condition_of(solution.singular),
         condition_normalised=condition_of(solution.singular_normalised),
         per_run=tuple(
-            OfRun(
+            RunParameters(
                 part.run,
                 Parameters(
                     [layout.columns[k] for k in part.columns],

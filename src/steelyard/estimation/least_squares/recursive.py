@@ -42,7 +42,7 @@ class Recursive:
             raise DataError(
                 f"a forgetting factor of {self.forgetting:g} per second is not valid",
                 where="recursive least squares",
-                mend="give a weight above 0 and up to 1, such as 0.98",
+                fix="give a weight above 0 and up to 1, such as 0.98",
             )
 
     def start(self) -> "Online":
@@ -90,7 +90,7 @@ class Online:
             raise DataError(
                 "no window was added yet",
                 where="recursive least squares",
-                mend="add information before asking for an estimate",
+                fix="add information before asking for an estimate",
             )
         found = self._settings.inner(self._faded)
         name = f"recursive {found.estimator}"
@@ -122,7 +122,7 @@ def _after(before: Information | None, keep: float, new: Information) -> Informa
     """Sums that have faded, and new ones; neighbours merge when there get too many."""
     if before is None:
         return new
-    both = before.diluted(1.0 / keep) + new
+    both = before.with_effective_samples(1.0 / keep) + new
     count = len(both.windows)
     if count <= MOST:
         return both

@@ -11,8 +11,8 @@ from functools import cached_property
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.estimation.payload.joined import covariance_of, inverse
 from steelyard.estimation.payload.load_case import LoadCase
+from steelyard.estimation.payload.stacked_information import covariance_of, inverse
 
 ROUNDS = 50
 """Most rounds of the weights."""

@@ -17,9 +17,9 @@ from steelyard.arrays import Array, frozen
 from steelyard.errors import DataError, ModelError
 from steelyard.estimation.estimate import Z95
 from steelyard.estimation.payload.bilinear import Bilinear, Solution, solved
-from steelyard.estimation.payload.joined import covariance_of
 from steelyard.estimation.payload.load import PayloadEstimate, payload_of
 from steelyard.estimation.payload.load_case import LoadCase, carrier, load_case, refuse_foreign
+from steelyard.estimation.payload.stacked_information import covariance_of
 from steelyard.model import Model
 from steelyard.regression.base import base_parameters
 from steelyard.regression.information import Information
@@ -151,7 +151,7 @@ def identified_gains(
     case = load_case(model, base_parameters(model), carries, unloaded, loaded, first_deviates=False)
     problem = Bilinear.of(case, mass, given, bool(loaded), _dissipative(model))
     solution = solved(problem)
-    units = _units(model, case.information.stamp.effort)
+    units = _units(model, case.information.signature.effort)
     assumed = np.zeros(len(given), dtype=np.bool_)
     while (unseen := _least_seen(problem, solution)) is not None:
         assumed[unseen] = True
@@ -196,13 +196,13 @@ def _given(model: Model, known: Mapping[str, float]) -> Array:
     for name, gain in known.items():
         where = f"known gains of robot '{model.robot.name}'"
         if name not in names:
-            mend = advice(name, names, "joints")
-            raise ModelError(f"there is no joint '{name}'", where=where, mend=mend)
+            fix = advice(name, names, "joints")
+            raise ModelError(f"there is no joint '{name}'", where=where, fix=fix)
         if not np.isfinite(gain) or gain == 0.0:
             raise ModelError(
                 f"the gain of joint '{name}' is {gain:g}",
                 where=where,
-                mend="give joint effort per logged unit, or leave it out to have it identified",
+                fix="give joint effort per logged unit, or leave it out to have it identified",
             )
         given[names.index(name)] = gain
     return given
@@ -216,24 +216,24 @@ def _refuse_unanswerable(
 ) -> None:
     where = "identification of drive gains"
     if not unloaded and not loaded:
-        raise DataError("there is no run", where=where, mend="give runs of the robot")
+        raise DataError("there is no run", where=where, fix="give runs of the robot")
     if unscaled:
         raise DataError(
             "nothing determines the scale: gains are identifiable only relative to each other",
             where=where,
-            mend="give a loaded run with the payload's mass (--loaded LOG --payload-mass KG), or "
+            fix="give a loaded run with the payload's mass (--loaded LOG --payload-mass KG), or "
             "the gain of one joint",
         )
     if mass is None:
         return
     if not (mass > 0.0 and np.isfinite(mass)):
-        raise DataError(f"the payload's mass is {mass:g} kg", where=where, mend="give it in kg")
+        raise DataError(f"the payload's mass is {mass:g} kg", where=where, fix="give it in kg")
     for runs, lacking in ((loaded, "with"), (unloaded, "without")):
         if not runs:
             raise DataError(
                 f"a known mass needs runs with and without it; there is none {lacking}",
                 where=where,
-                mend=f"give a run {lacking} the payload, best of the same motion (--loaded LOG for "
+                fix=f"give a run {lacking} the payload, best of the same motion (--loaded LOG for "
                 "those with it)",
             )
 
@@ -268,7 +268,7 @@ def _assumed(problem: Bilinear, solution: Solution, row: int, units: Sequence[st
             f"the data do not determine the gain of joint '{problem.names[row]}'{by}, nor another "
             "of its unit",
             where="identification of drive gains",
-            mend="move it faster, together with the other joints, or give its gain",
+            fix="move it faster, together with the other joints, or give its gain",
         )
     gains = 1.0 / solution.rho[alike]
     sign = problem.signs[row] or (1.0 if np.sum(np.sign(gains)) >= 0.0 else -1.0)

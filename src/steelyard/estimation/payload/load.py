@@ -189,7 +189,7 @@ def payload_of(
         raise DataError(
             "no parameter of the payload is identifiable from the data",
             where=f"frame '{frame.name}'",
-            mend="log a motion that turns the payload against gravity, with and without it",
+            fix="log a motion that turns the payload against gravity, with and without it",
         )
     return PayloadEstimate(
         frame.name,

@@ -12,7 +12,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import DataError, ModelError
-from steelyard.estimation.payload.joined import Part, joined
+from steelyard.estimation.payload.stacked_information import Part, joined
 from steelyard.model import Model
 from steelyard.regression.base import BaseMap
 from steelyard.regression.information import Information
@@ -41,19 +41,19 @@ def carrier(robot: Robot, name: str | None = None) -> Frame:
         raise ModelError(
             f"there is no frame '{name}'",
             where=f"robot '{robot.name}'",
-            mend=advice(name, frames, "frames"),
+            fix=advice(name, frames, "frames"),
         )
     if frames[name].body < 0:
         raise ModelError(
             f"frame '{name}' is fixed to the base: a payload there loads no joint",
             where=f"robot '{robot.name}'",
-            mend=f"name a frame that moves, such as '{robot.bodies[-1].name}'",
+            fix=f"name a frame that moves, such as '{robot.bodies[-1].name}'",
         )
     if robot.bodies[frames[name].body].massless:
         raise ModelError(
             f"frame '{name}' lies between two joints of one body, and carries nothing",
             where=f"robot '{robot.name}'",
-            mend=f"name a link with mass, such as '{robot.bodies[-1].name}'",
+            fix=f"name a link with mass, such as '{robot.bodies[-1].name}'",
         )
     return frames[name]
 
@@ -69,7 +69,7 @@ def payload_lift(robot: Robot, base: BaseMap, frame: Frame) -> Array:
         raise ModelError(
             "a payload adds to the robot's bodies, but the model's terms have none",
             where=f"robot '{robot.name}', list of terms",
-            mend='list the term "rigid_body", and identify the model anew',
+            fix='list the term "rigid_body", and identify the model anew',
         )
     move = np.array(
         [Inertia.from_ten(e).moved(frame.rotation, frame.position).ten for e in np.eye(10)]
@@ -178,9 +178,9 @@ def refuse_foreign(model: Model, runs: Sequence[Information]) -> None:
         DataError: One was not.
     """
     for run in runs:
-        if run.stamp.model != model.fingerprint:
+        if run.signature.model != model.fingerprint:
             raise DataError(
                 "the runs were gathered with another model",
                 where=f"run '{run.windows[0].run if run.windows else '?'}'",
-                mend="gather them with the regressor of this model",
+                fix="gather them with the regressor of this model",
             )

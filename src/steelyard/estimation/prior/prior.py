@@ -77,10 +77,10 @@ def model_prior(robot: Robot, index: int) -> Mended:
     return _stand_in(robot, index)
 
 
-def notes_on(mended: Mapping[str, Mended]) -> tuple[str, ...]:
-    """What was mended, by the names of the links."""
-    notes = [f"the prior of link '{name}': {one.why}" for name, one in mended.items() if one.why]
-    if thin := [f"'{name}'" for name, one in mended.items() if one.thin]:
+def notes_on(corrected: Mapping[str, Mended]) -> tuple[str, ...]:
+    """What was corrected, by the names of the links."""
+    notes = [f"the prior of link '{name}': {one.why}" for name, one in corrected.items() if one.why]
+    if thin := [f"'{name}'" for name, one in corrected.items() if one.thin]:
         side = f"{np.sqrt(THINNEST):.0%}"
         notes.append(
             f"prior bodies thinner than {side} of their length were widened: {', '.join(thin)}"

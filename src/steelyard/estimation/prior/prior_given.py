@@ -36,12 +36,12 @@ def given_knowledge(model: Model, section: PriorSection, where: Locate) -> Knowl
     bodies = rigid_bodies(model)
     for name in section.links:
         body_index(model.robot, name, where("prior", "links", name))
-    mended = {
+    corrected = {
         body.name: one
         for k, body in bodies.items()
         if (one := _prior(model.robot, k, section, where)) is not None
     }
-    return replace(knowledge_with(model, mended), uncertainty=section.uncertainty)
+    return replace(knowledge_with(model, corrected), uncertainty=section.uncertainty)
 
 
 def body_index(robot: Robot, name: str, where: str) -> int:
@@ -56,15 +56,15 @@ def body_index(robot: Robot, name: str, where: str) -> int:
     carrier = next((f.body for f in robot.frames if f.name == name), None)
     if name in names:
         wrong = f"link '{name}' is a frame between two joints of one body, and has no mass"
-        mend = "name the body itself"
+        fix = "name the body itself"
     elif carrier is None:
-        wrong, mend = f"the robot has no moving link '{name}'", advice(name, names, "moving links")
+        wrong, fix = f"the robot has no moving link '{name}'", advice(name, names, "moving links")
     elif carrier < 0:
-        wrong, mend = f"link '{name}' does not move", advice(name, names, "moving links")
+        wrong, fix = f"link '{name}' does not move", advice(name, names, "moving links")
     else:
         wrong = f"link '{name}' moves with link '{names[carrier]}', whose numbers include it"
-        mend = f"name '{names[carrier]}', and give the properties of both together in its frame"
-    raise ModelError(wrong, where=where, mend=mend)
+        fix = f"name '{names[carrier]}', and give the properties of both together in its frame"
+    raise ModelError(wrong, where=where, fix=fix)
 
 
 def _prior(robot: Robot, index: int, section: PriorSection, where: Locate) -> Mended | None:
@@ -76,11 +76,11 @@ def _prior(robot: Robot, index: int, section: PriorSection, where: Locate) -> Me
     if given.model_fields_set <= {"source"}:
         return model_prior(robot, index)
     mass, guessed = _mass(robot, index, given)
-    mended = mended_body(_solid(robot, index, given, mass))
+    corrected = mended_body(_solid(robot, index, given, mass))
     if not guessed:
-        return mended
+        return corrected
     said = f"its mass is not known; {mass:.3g} kg are assumed"
-    return replace(mended, why=f"{said}; {mended.why}" if mended.why else said)
+    return replace(corrected, why=f"{said}; {corrected.why}" if corrected.why else said)
 
 
 def _refuse_unclear(name: str, given: LinkPriorSection, where: str) -> None:
@@ -90,20 +90,20 @@ def _refuse_unclear(name: str, given: LinkPriorSection, where: str) -> None:
         raise ModelError(
             f"the prior of link '{name}'",
             where=where,
-            mend='give mass = ..., a box, a capsule, or com and inertia_com; or source = "none"',
+            fix='give mass = ..., a box, a capsule, or com and inertia_com; or source = "none"',
         )
     if given.source == "none" and len(given.model_fields_set) > 1:
         raise ModelError(
             f"the prior of link '{name}' is none, but properties are given",
             where=where,
-            mend='leave out source = "none", or the other keys',
+            fix='leave out source = "none", or the other keys',
         )
     if len(shapes) == 2 or (shapes and points):
         both = (*shapes, *points)[:2]
         raise ModelError(
             f"the prior of link '{name}' has {both[0]} and {both[1]} at once",
             where=where,
-            mend="keep one of them: a box, a capsule, or com and inertia_com",
+            fix="keep one of them: a box, a capsule, or com and inertia_com",
         )
 
 

@@ -80,7 +80,7 @@ def _roots(samples: Samples, position: ArrayLike | None) -> list[Array]:
             raise DataError(
                 "the propagation of position noise to the motion is unknown",
                 where=source.run,
-                mend="gather the samples from a run, whose filters are known",
+                fix="gather the samples from a run, whose filters are known",
             )
         found.append(motion_roots(source.error.covariance(position)))
     return found

@@ -37,14 +37,14 @@ def posture_of(given: Any, robot: Robot, what: str) -> Array | None:
                 raise DataError(
                     f"'{what}' names a joint '{name}' that the robot does not have",
                     where=_WHERE,
-                    mend=advice(name, robot.joint_names, "joints"),
+                    fix=advice(name, robot.joint_names, "joints"),
                 )
         return frozen([given.get(name, 0.0) for name in robot.joint_names])
     if len(given) != robot.n:
         raise DataError(
             f"'{what}' has {len(given)} numbers for {robot.n} joints",
             where=_WHERE,
-            mend="give one number per joint: " + ", ".join(robot.joint_names),
+            fix="give one number per joint: " + ", ".join(robot.joint_names),
         )
     return frozen(given)
 
@@ -88,7 +88,7 @@ def _with(start: Array | None, end: Array | None) -> Array | None:
         raise DataError(
             "an end posture is given, but no start posture",
             where=_WHERE,
-            mend="give start = [...] too; without either, the motion ends where it starts",
+            fix="give start = [...] too; without either, the motion ends where it starts",
         )
     return start
 
@@ -115,7 +115,7 @@ def basis_of(section: Any, robot: Robot) -> Basis:
     try:
         return FAMILIES[section.kind](section, robot)
     except ValueError as error:
-        raise DataError(str(error), where=_WHERE, mend="change that number") from error
+        raise DataError(str(error), where=_WHERE, fix="change that number") from error
 
 
 def per_joint(given: Any, robot: Robot, what: str, default: Array) -> Array:
@@ -136,7 +136,7 @@ def per_joint(given: Any, robot: Robot, what: str, default: Array) -> Array:
                 raise DataError(
                     f"the robot has no joint '{name}'",
                     where=where,
-                    mend=advice(name, robot.joint_names, "joints"),
+                    fix=advice(name, robot.joint_names, "joints"),
                 )
             values[robot.joint_names.index(name)] = value
         return values
@@ -144,6 +144,6 @@ def per_joint(given: Any, robot: Robot, what: str, default: Array) -> Array:
         raise DataError(
             f"{len(given)} numbers for {robot.n} joints",
             where=where,
-            mend="give one number, one per joint, or a table by joint name",
+            fix="give one number, one per joint, or a table by joint name",
         )
     return np.array(given, dtype=np.float64)

@@ -256,7 +256,7 @@ def self_clearance(
         raise ModelError(
             "a table of Denavit-Hartenberg parameters has no shapes that could collide",
             where=str(model),
-            mend="name a URDF or an MJCF with collision shapes, or leave collision out",
+            fix="name a URDF or an MJCF with collision shapes, or leave collision out",
         )
     geometry = robot_shapes(loaded.robot, model, skip)
     srdf = find_srdf(model, loaded.model_given)
@@ -291,5 +291,5 @@ def _check_pairs(robot: Robot, pairs: tuple[Pair, ...]) -> None:
         raise ModelError(
             "no pair of bodies is left that could collide",
             where=f"robot '{robot.name}'",
-            mend="give obstacles or a tool, ignore fewer pairs, or leave collision out",
+            fix="give obstacles or a tool, ignore fewer pairs, or leave collision out",
         )

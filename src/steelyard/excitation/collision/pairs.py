@@ -115,7 +115,7 @@ def _check(
             raise ModelError(
                 f"two bodies are called '{name}'",
                 where=f"collision shapes, '{name}'",
-                mend="give tools and payloads names that no link has",
+                fix="give tools and payloads names that no link has",
             )
     for pair in ignore:
         for name in pair:
@@ -123,7 +123,7 @@ def _check(
                 raise ModelError(
                     f"'{name}', which is to be ignored, has no collision shape",
                     where=f"ignored pair '{pair[0]}', '{pair[1]}'",
-                    mend=advice(name, groups, "bodies with shapes"),
+                    fix=advice(name, groups, "bodies with shapes"),
                 )
 
 
@@ -191,7 +191,7 @@ def disabled_pairs(path: Path) -> frozenset[frozenset[str]]:
             raise ModelError(
                 "<disable_collisions> does not name two links",
                 where=element.where,
-                mend='write <disable_collisions link1="..." link2="..."/>',
+                fix='write <disable_collisions link1="..." link2="..."/>',
             )
         pairs.add(frozenset(links))
     return frozenset(pairs)
@@ -204,6 +204,6 @@ def _srdf(path: Path) -> Element:
         raise ModelError(
             f"the file is not an SRDF: its outermost element is <{root.tag}>",
             where=root.where,
-            mend="give an SRDF (<robot> with <disable_collisions> elements)",
+            fix="give an SRDF (<robot> with <disable_collisions> elements)",
         )
     return root

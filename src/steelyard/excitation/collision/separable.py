@@ -83,7 +83,7 @@ def _refuse(shapes: Sequence[Shape], close: Sequence[tuple[Pair, float]], margin
             f"'{name}' overlaps {other} in every posture tried"
             + (": a mesh counts as its convex hull" if hull else ""),
             where=_WHERE,
-            mend=f"{first}, or name the pair in ignore: [{pair.first!r}, {pair.second!r}]",
+            fix=f"{first}, or name the pair in ignore: [{pair.first!r}, {pair.second!r}]",
         )
     if cell:
         pair, distance, _ = min(cell, key=lambda one: one[1])
@@ -91,7 +91,7 @@ def _refuse(shapes: Sequence[Shape], close: Sequence[tuple[Pair, float]], margin
             f"'{pair.first}' and '{pair.second}' are never {margin:g} m apart: the largest margin "
             f"that can be had, of {POSTURES} postures tried, is {_down(distance)} m",
             where=_WHERE,
-            mend=f"give a margin of {_down(distance)} m or less, move what stands in the cell, or "
+            fix=f"give a margin of {_down(distance)} m or less, move what stands in the cell, or "
             "name the pair in ignore",
         )
 

@@ -64,7 +64,7 @@ def whole_robot(loaded: LoadedRobot, tool: Marker, skip: Collection[str] = ()) -
         raise ModelError(
             "workspace limits of all links are not supported for a robot with closed chains",
             where=f"robot '{robot.name}'",
-            mend="bound the joints, or the tool alone by box, or by planes and keep_out with "
+            fix="bound the joints, or the tool alone by box, or by planes and keep_out with "
             "only_tool = true",
         )
     tree, model = _tree(loaded), loaded.sources[-1].path
@@ -73,7 +73,7 @@ def whole_robot(loaded: LoadedRobot, tool: Marker, skip: Collection[str] = ()) -
             raise ModelError(
                 f"there is no link '{name}' to skip",
                 where=f"robot '{robot.name}'",
-                mend=advice(name, tree.frames, "links"),
+                fix=advice(name, tree.frames, "links"),
             )
     wanted = [name for name in tree.frames if name not in skip]
     ends: dict[str, list[Array]] = {tool.frame: [_at(robot, tool.frame, tool.offset)]}

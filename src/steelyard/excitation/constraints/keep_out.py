@@ -108,7 +108,7 @@ def checked_boxes(lower: ArrayLike, upper: ArrayLike, name: str) -> tuple[Array,
             if len(low)
             else "there are no boxes",
             where=name,
-            mend="give every box a lower corner below its upper one in x, y and z",
+            fix="give every box a lower corner below its upper one in x, y and z",
         )
     return low, high
 

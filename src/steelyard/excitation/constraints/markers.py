@@ -172,7 +172,7 @@ def points_of(robot: Robot, markers: Sequence[Marker], where: str) -> Points:
         raise ModelError(
             "no point of the robot is named",
             where=where,
-            mend="name at least one frame, such as that of the last link, "
+            fix="name at least one frame, such as that of the last link, "
             f"'{robot.bodies[-1].name}'",
         )
     frames = [frame_of(robot, marker.frame) for marker in markers]
@@ -180,7 +180,7 @@ def points_of(robot: Robot, markers: Sequence[Marker], where: str) -> Points:
         raise ModelError(
             f"frame '{still[0]}' is fixed to the base: no motion moves it",
             where=where,
-            mend=f"name a frame that moves, such as '{robot.bodies[-1].name}'",
+            fix=f"name a frame that moves, such as '{robot.bodies[-1].name}'",
         )
     places = [
         frame.rotation @ marker.offset + frame.position

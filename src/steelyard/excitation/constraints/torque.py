@@ -23,7 +23,7 @@ from steelyard.model import Model, ValuedModel
 from steelyard.parameters import Parameters
 from steelyard.progress import Progress, silent
 from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
-from steelyard.terms.term import Remembering, Term
+from steelyard.terms.term import StatefulTerm, Term
 
 ROOM = 0.1
 """Share of a limit at which it begins to matter."""
@@ -180,7 +180,7 @@ def loaded(arm: ValuedModel, frame: str, payload: Inertia) -> ValuedModel:
             if body is None
             else "a payload adds to the robot's bodies, but the model's terms have none",
             where=f"robot '{robot.name}'",
-            mend=f"name a frame that moves, such as '{robot.bodies[-1].name}'"
+            fix=f"name a frame that moves, such as '{robot.bodies[-1].name}'"
             if body is None
             else 'list the term "rigid_body"',
         )
@@ -248,20 +248,20 @@ def _one_model(cases: Mapping[str, ValuedModel], name: str) -> Model:
         raise ModelError(
             "the cases are of different models" if models else "there is no model with values",
             where=name,
-            mend="give one model, with its values in every case",
+            fix="give one model, with its values in every case",
         )
     model = models[0]
-    if forgetless := [term.law for term in model.terms if isinstance(term, Remembering)]:
+    if forgetless := [term.law for term in model.terms if isinstance(term, StatefulTerm)]:
         raise ModelError(
             f"the law '{forgetless[0]}' has internal states, so its effort cannot be bounded",
             where=f"robot '{model.robot.name}', list of terms",
-            mend='limit efforts with a law without internal states, such as "coulomb"',
+            fix='limit efforts with a law without internal states, such as "coulomb"',
         )
     if model.robot.passive:
         raise ModelError(
             "the robot has closed chains, whose efforts are not bounded in this version",
             where=f"robot '{model.robot.name}'",
-            mend=f"leave out the limit '{name}', or describe the robot as a tree",
+            fix=f"leave out the limit '{name}', or describe the robot as a tree",
         )
     return model
 
@@ -279,6 +279,6 @@ def _checked(limits: ArrayLike, count: int, name: str, what: str) -> Array:
             if np.all(values > 0.0)
             else f"a limit of {what} is not above zero: {', '.join(f'{x:g}' for x in values)}",
             where=name,
-            mend=f"give a limit of {what} above zero for at least one joint",
+            fix=f"give a limit of {what} above zero for at least one joint",
         )
     return values

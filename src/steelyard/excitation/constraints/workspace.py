@@ -75,7 +75,7 @@ def tool_box(
             raise ModelError(
                 f"the box is empty along {_AXES[axis]}: from {low:g} to {high:g} m",
                 where=name,
-                mend="give a lower bound below the upper one",
+                fix="give a lower bound below the upper one",
             )
         normal = np.eye(3)[axis]
         if low is not None:
@@ -86,7 +86,7 @@ def tool_box(
         raise ModelError(
             "the box is open on all sides",
             where=name,
-            mend="give at least one bound, or leave the box out",
+            fix="give at least one bound, or leave the box out",
         )
     return _half_spaces(robot, markers, sides, name)
 
@@ -116,7 +116,7 @@ def planes(
         raise ModelError(
             "a plane has no direction" if len(vectors) else "there are no planes",
             where=name,
-            mend="give every plane a normal that is not zero, such as [0, 0, 1]",
+            fix="give every plane a normal that is not zero, such as [0, 0, 1]",
         )
     sides = [
         (n / size, float(d), f"{{}} above plane {number}")

@@ -122,11 +122,11 @@ def _lacks(designed: Designed, export: Export, between: str, rate: float) -> lis
     while enough <= _MOST and kept.short(error) is not None:
         enough = float(np.ceil(_FASTER * enough))
         error = error_between(designed.trajectory, between, enough)
-    mend = f"; --rate {enough:g} is enough" if enough <= _MOST else ""
+    fix = f"; --rate {enough:g} is enough" if enough <= _MOST else ""
     label, lack = lacking
     return [
         f"{export.file} has {rate:g} points per second; between them ({between}) a controller may "
-        f"violate a constraint by up to {_digits(1e3 * lack)} mm: {label}{mend}"
+        f"violate a constraint by up to {_digits(1e3 * lack)} mm: {label}{fix}"
     ]
 
 

@@ -40,7 +40,7 @@ def urscript_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:
         raise OutputError(
             f"UR controllers do not accept {rate:g} set points a second",
             where="rate of the export",
-            mend="give 125 (CB series), or 500 (e-Series and later)",
+            fix="give 125 (CB series), or 500 (e-Series and later)",
         )
     refuse_moving_ends(trajectory, robot, "a UR's program")
     step = 1.0 / rate
@@ -131,5 +131,5 @@ def _unfit(robot: Robot, form: str, wanted: str, prismatic: int = 0) -> OutputEr
     return OutputError(
         f"{form} is for robots of {wanted}, this one has {has}",
         where=f"robot '{robot.name}'",
-        mend="export the motion in another format",
+        fix="export the motion in another format",
     )

@@ -68,7 +68,7 @@ def exported(
         raise OutputError(
             f"{rate:g} points per second are not a valid rate",
             where="rate of the export",
-            mend="give a number of points per second above 0",
+            fix="give a number of points per second above 0",
         )
     return export.text(trajectory, robot, rate)
 
@@ -90,7 +90,7 @@ def write_export(
         raise OutputError(
             "the file exists already",
             where=str(path),
-            mend="name another folder, or remove the file",
+            fix="name another folder, or remove the file",
         )
     text = exported(trajectory, robot, form, rate)
     with whole_file(path) as part:
@@ -103,6 +103,6 @@ def _format(form: str) -> Export:
         raise OutputError(
             f"there is no format '{form}' for motions",
             where="format of the export",
-            mend=advice(form, EXPORTS, "formats"),
+            fix=advice(form, EXPORTS, "formats"),
         )
     return EXPORTS[form]

@@ -46,7 +46,7 @@ def _refuse_many(duration: float, rate: float) -> None:
         raise OutputError(
             f"{duration:g} s at {rate:g} points per second are more than {MOST_POINTS} points",
             where="rate of the export",
-            mend=f"give at most {MOST_POINTS / duration:.3g} points per second",
+            fix=f"give at most {MOST_POINTS / duration:.3g} points per second",
         )
 
 
@@ -70,7 +70,7 @@ def refuse_moving_ends(trajectory: ExactTrajectory, robot: Robot, what: str) -> 
                 f"the motion {end} with {speed[worst]:.3g} {joint.unit}/s, "
                 f"but {what} begins and ends at rest",
                 where=f"joint '{joint.name}'",
-                mend="design the motion from rest to rest, or with ramps",
+                fix="design the motion from rest to rest, or with ramps",
             )
 
 

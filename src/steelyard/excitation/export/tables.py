@@ -39,7 +39,7 @@ def keyframes_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:
         raise OutputError(
             "keyframes need the positions of all joints, but loops determine some of them",
             where=f"robot '{robot.name}'",
-            mend="export the motion in another format",
+            fix="export the motion in another format",
         )
     bodies = [robot.bodies[index] for index in _depth_first(robot)]
     followed = [body.coordinate for body in bodies]

@@ -165,7 +165,7 @@ def astray(wrong: str, where: str, share: float) -> Astray:
     error = Astray(
         wrong,
         where=where,
-        mend="take path = 'joint', another start posture, leave the tool's orientation free, or "
+        fix="take path = 'joint', another start posture, leave the tool's orientation free, or "
         "lay the places such that the lines keep away from the end of the reach and from the base",
     )
     error.progress = share

@@ -94,7 +94,7 @@ class InverseKinematics:
             raise ModelError(
                 f"frame '{frame}' does not move: it is fixed to the base",
                 where=f"robot '{robot.name}'",
-                mend=f"name a frame of a moving link, such as '{robot.bodies[-1].name}'",
+                fix=f"name a frame of a moving link, such as '{robot.bodies[-1].name}'",
             )
         return cls(
             kinematics,

@@ -61,7 +61,7 @@ class ToolLimits:
                 f"a tool that may move at {self.speed} m/s and {self.acceleration} m/s² stands "
                 "still",
                 where="tool limits of a process motion",
-                mend="give a speed and an acceleration above 0, or leave them out",
+                fix="give a speed and an acceleration above 0, or leave them out",
             )
 
 

@@ -70,7 +70,7 @@ def _box(spans: BoxSpans, key: str) -> Box:
         raise DataError(
             f"the box '{key}' is open",
             where=f"{WHERE} {key}",
-            mend="give x, y and z, two numbers each [m]; equal ones for a flat box",
+            fix="give x, y and z, two numbers each [m]; equal ones for a flat box",
         )
     lower, upper = zip(*given, strict=True)
     centre = tuple(0.5 * (a + b) for a, b in zip(lower, upper, strict=True))
@@ -137,7 +137,7 @@ def planned(loaded: LoadedRobot, limits: MotionLimits, seed: int) -> Planned:
     try:
         motion, said = PLANS[section.kind](section, loaded, limits, seed)
     except ValueError as error:
-        raise DataError(str(error), where=WHERE, mend="change that number") from error
+        raise DataError(str(error), where=WHERE, fix="change that number") from error
     if limits.jerk is None or section.kind == "replay":
         return motion, said
     least, most = motion.extremes(3)

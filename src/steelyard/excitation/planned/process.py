@@ -252,5 +252,5 @@ def upwards(robot: Robot) -> Array:
     return -robot.gravity / weight if weight > 1e-9 else np.eye(3)[2]
 
 
-def _refused(wrong: str, mend: str) -> DataError:
-    return DataError(wrong, where="process motion", mend=mend)
+def _refused(wrong: str, fix: str) -> DataError:
+    return DataError(wrong, where="process motion", fix=fix)

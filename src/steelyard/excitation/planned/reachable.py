@@ -55,14 +55,14 @@ def demand_reach(
         else f"the nearest reachable position is ({_point(places[k] + worst)}) m, "
         f"{lengths[k]:.3f} m away"
     )
-    mend = (
+    fix = (
         "no reachable shift of the whole was found: make it smaller, or relax the orientation"
         if shift is None
         else f"move {what} by ({_point(shift)}) m, {np.linalg.norm(shift):.3f} m in all: "
         "the smallest found that is reachable"
     )
     wrong = f"{what} is out of reach: of ({_point(places[k])}) m, {missed}"
-    raise DataError(wrong, where=where, mend=mend)
+    raise DataError(wrong, where=where, fix=fix)
 
 
 def least_shift(solver: InverseKinematics, places: Array, start: Array, seed: int) -> Array | None:

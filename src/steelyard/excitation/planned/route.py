@@ -93,7 +93,7 @@ class Planner:
             raise DataError(
                 "all positions of the task coincide",
                 where=self.where,
-                mend="give larger or separate boxes, or different positions",
+                fix="give larger or separate boxes, or different positions",
             )
         if postures_at(self.solver, tour.places, self._near, self.seed) is None:
             for place, name in zip(tour.places, tour.names, strict=True):
@@ -269,7 +269,7 @@ def _start(robot: Robot, limits: MotionLimits, start: ArrayLike) -> Array:
         raise DataError(
             f"the start posture has {posture.size} values, or one that is no number",
             where=f"robot '{robot.name}'",
-            mend=f"give one finite position for each of its {robot.n} joints",
+            fix=f"give one finite position for each of its {robot.n} joints",
         )
     past = np.maximum(limits.lower - posture, posture - limits.upper)
     j = int(np.argmax(past))
@@ -279,6 +279,6 @@ def _start(robot: Robot, limits: MotionLimits, start: ArrayLike) -> Array:
             f"the start posture is outside the range of joint '{joint.name}' by {past[j]:.3g} "
             f"{joint.unit}",
             where=f"robot '{robot.name}'",
-            mend=f"choose it from {limits.lower[j]:.4g} to {limits.upper[j]:.4g} {joint.unit}",
+            fix=f"choose it from {limits.lower[j]:.4g} to {limits.upper[j]:.4g} {joint.unit}",
         )
     return frozen(posture)

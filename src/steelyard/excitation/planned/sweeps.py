@@ -54,7 +54,7 @@ def friction_sweeps(
             f"{speeds} speeds from {slowest:g} of the fastest, {longest_s:g} s each, are not "
             "valid sweeps",
             where="friction sweeps",
-            mend="give 1 speed or more, a slowest share from 0 to 1 and a time above 0",
+            fix="give 1 speed or more, a slowest share from 0 to 1 and a time above 0",
         )
     lower, upper = _allowed(limits, _ROOM * fraction)
     posture = _inside(limits, fraction, posture)
@@ -151,7 +151,7 @@ def static_postures(
         raise DataError(
             f"{count} postures of {dwell_s:g} s at {speed:g} of the speed are not a valid motion",
             where="static postures",
-            mend="give 1 posture or more, 0 s or more, and a share of the speed from 0 to 1",
+            fix="give 1 posture or more, 0 s or more, and a share of the speed from 0 to 1",
         )
     lower, upper = _allowed(limits, fraction)
     start = _inside(limits, fraction, start)
@@ -178,7 +178,7 @@ def _allowed(limits: MotionLimits, fraction: float) -> tuple[Array, Array]:
         raise DataError(
             f"{fraction:g} is not a valid share of the limits",
             where="share of the limits",
-            mend="give a number above 0 and up to 1",
+            fix="give a number above 0 and up to 1",
         )
     middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
     return middle - fraction * half, middle + fraction * half
@@ -197,6 +197,6 @@ def _inside(limits: MotionLimits, fraction: float, posture: ArrayLike | None) ->
             f"joint {joint + 1} stands at {posture[joint]:.4g}, {excess[joint]:.2g} outside the "
             f"{lower[joint]:.4g} .. {upper[joint]:.4g} that it may use",
             where="posture",
-            mend=f"move it inside, or allow more than {fraction:g} of the range",
+            fix=f"move it inside, or allow more than {fraction:g} of the range",
         )
     return posture

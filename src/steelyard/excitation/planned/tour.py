@@ -43,7 +43,7 @@ class Manner:
             raise DataError(
                 f"{name} = {getattr(self, name)!r} cannot be used",
                 where="settings of a process motion",
-                mend="path is 'line' or 'joint', 0 < share <= 1, straightness > 0 m, dwell >= 0 s",
+                fix="path is 'line' or 'joint', 0 < share <= 1, straightness > 0 m, dwell >= 0 s",
             )
 
 

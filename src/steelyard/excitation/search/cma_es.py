@@ -71,7 +71,7 @@ def adapted(
             raise DataError(
                 f"CMA-ES needs the package cma ({error})",
                 where="CMA-ES",
-                mend='pip install "steelyard[population]"',
+                fix='pip install "steelyard[population]"',
             ) from error
         options = {
             "bounds": [(lower * lengths).tolist(), (upper * lengths).tolist()],

@@ -80,7 +80,7 @@ def _refuse_short(problem: Problem, section: Any) -> None:
         f"{what}: at {highest:.3g} Hz no joint can move by even {least[best]:g} {joint.unit} "
         "within its limits",
         where=_WHERE,
-        mend=f"give {longer} s or more{other}",
+        fix=f"give {longer} s or more{other}",
     )
 
 
@@ -97,7 +97,7 @@ def _refuse_far(problem: Problem, start: Array) -> None:
             f"to get from the start to the end posture within the limits takes {needed:.3g} s, "
             f"the motion has {motion.duration:.3g} s",
             where=_WHERE,
-            mend=f"give it more than {rounded_up(needed)} s, or closer postures",
+            fix=f"give it more than {rounded_up(needed)} s, or closer postures",
         )
 
 
@@ -118,7 +118,7 @@ def _refuse_outside(robot: Robot, limits: MotionLimits, posture: Array, key: str
             f"the {key} posture has joint '{joint.name}' at {at:.4g} {joint.unit}: that {how} "
             f"limit of {limit:.4g} {joint.unit}, which keeps the position margin",
             where=f"{_WHERE} {key}",
-            mend=f"give it between {_inside(low, high)} {joint.unit}{less}",
+            fix=f"give it between {_inside(low, high)} {joint.unit}{less}",
         )
 
 
@@ -138,10 +138,10 @@ def _refuse_lacking(
     if not here.lacks:
         return
     near = _near(limits, constraints, posture)
-    mend = "choose another posture"
+    fix = "choose another posture"
     if near is not None:
-        mend = f"nearby, {_listed(near)} satisfies all constraints"
-    raise DataError(f"the {key} posture violates: {told(here)}", where=f"{_WHERE} {key}", mend=mend)
+        fix = f"nearby, {_listed(near)} satisfies all constraints"
+    raise DataError(f"the {key} posture violates: {told(here)}", where=f"{_WHERE} {key}", fix=fix)
 
 
 def _refuse_nowhere(problem: Problem) -> None:
@@ -160,7 +160,7 @@ def _refuse_nowhere(problem: Problem) -> None:
     raise DataError(
         f"no posture was found that satisfies all constraints; the nearest violates: {told(best)}",
         where=f"[excitation] {names(lacks)}",
-        mend=f"{widen(lacks)}: room to reach it and to move by {SIZE:.0%} of what the joints may",
+        fix=f"{widen(lacks)}: room to reach it and to move by {SIZE:.0%} of what the joints may",
     )
 
 

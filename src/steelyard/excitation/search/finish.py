@@ -80,14 +80,14 @@ def finished(
             "no motion was found that identifies all parameters; a base parameter may be "
             "unidentifiable with all motions of this family within these limits",
             where="[excitation]",
-            mend="allow more: harmonics, a longer period, wider limits; or name the laws and "
+            fix="allow more: harmonics, a longer period, wider limits; or name the laws and "
             "parameters that matter in [excitation.criterion] chosen",
         )
     if best is None:
         raise NoMotion(
             "no motion was found that can be proven to keep all constraints",
             where="excitation",
-            mend="widen the boxes or the margins, or give a start posture with more room",
+            fix="widen the boxes or the margins, or give a start posture with more room",
         )
     figure, kept = best
     return Finished(kept.x, problem.basis.motion(kept.x), figure, kept.proven)

@@ -63,7 +63,7 @@ def evolved(
         raise DataError(
             f"the genetic algorithm needs the package pymoo ({error})",
             where="genetic algorithm",
-            mend='pip install "steelyard[population]"',
+            fix='pip install "steelyard[population]"',
         ) from error
     refuse_small(population, generations)
     span = upper - lower
@@ -94,5 +94,5 @@ def refuse_small(population: int, generations: int) -> None:
         raise DataError(
             f"a population of {population} over {generations} generations",
             where="genetic algorithm",
-            mend="give at least two individuals and one generation, such as 30 and 100",
+            fix="give at least two individuals and one generation, such as 30 and 100",
         )

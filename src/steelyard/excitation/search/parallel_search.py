@@ -48,7 +48,7 @@ class Found:
 
 
 @dataclass(frozen=True, eq=False)
-class Harvest:
+class SearchResult:
     """What the searches found.
 
     Attributes:
@@ -67,7 +67,7 @@ class Harvest:
 
 
 @dataclass(frozen=True)
-class Effort:
+class SearchBudget:
     """How much is searched.
 
     Attributes:
@@ -102,8 +102,8 @@ class _Over:
 
 
 def harvested(
-    recipe: Recipe, problem: Problem, method: str, effort: Effort, progress: Progress = silent
-) -> Harvest:
+    recipe: Recipe, problem: Problem, method: str, effort: SearchBudget, progress: Progress = silent
+) -> SearchResult:
     """Search until the time is spent; the best so far if the watcher stops it.
 
     Args:
@@ -140,7 +140,7 @@ def harvested(
     if not found:
         raise over.refused[0] if over.refused else _nothing(lost)
     whole = sum(f.whole for f in found)
-    return Harvest(tuple(found[:KEPT]), whole, tuple(course), stopped, len(lost))
+    return SearchResult(tuple(found[:KEPT]), whole, tuple(course), stopped, len(lost))
 
 
 def _nothing(lost: Sequence[int]) -> DataError:
@@ -150,19 +150,18 @@ def _nothing(lost: Sequence[int]) -> DataError:
         return DataError(
             f"{len(lost)} search processes ended early ({how}), and none found a motion",
             where="search processes",
-            mend="signal 9 often means too little memory: try fewer with --processes",
+            fix="signal 9 often means too little memory: try fewer with --processes",
         )
     return DataError(
         "no motion was found in the time given",
         where="excitation",
-        mend="give more time with --budget; the first motion takes about 2 s, longer with "
-        "collision",
+        fix="give more time with --budget; the first motion takes about 2 s, longer with collision",
     )
 
 
 def _lines(
     said: "queue.Queue[Any]",
-    effort: Effort,
+    effort: SearchBudget,
     begun: float,
     found: Sequence[Found],
     over: _Over,
@@ -183,7 +182,7 @@ def _lines(
             over.ends.append(line["ended"])
         elif "error" in line:
             kind = NoMotion if line["none"] else DataError
-            error = kind(line["error"], where=line["where"], mend=line["mend"])
+            error = kind(line["error"], where=line["where"], fix=line["fix"])
             if not line["none"]:
                 raise error
             over.refused.append(error)
@@ -194,7 +193,7 @@ def _lines(
 
 
 @contextmanager
-def _workers(recipe: Recipe, method: str, effort: Effort) -> Iterator["queue.Queue[Any]"]:
+def _workers(recipe: Recipe, method: str, effort: SearchBudget) -> Iterator["queue.Queue[Any]"]:
     """Processes that search, and the queue of what they say and how they ended."""
     said: queue.Queue[Any] = queue.Queue()
     with ExitStack() as stack:
@@ -205,7 +204,7 @@ def _workers(recipe: Recipe, method: str, effort: Effort) -> Iterator["queue.Que
 
 @contextmanager
 def _worker(
-    recipe: Recipe, method: str, effort: Effort, number: int, said: "queue.Queue[Any]"
+    recipe: Recipe, method: str, effort: SearchBudget, number: int, said: "queue.Queue[Any]"
 ) -> Iterator[None]:
     """A process that searches; a session of its own keeps Ctrl-C from it."""
     task = {

@@ -23,6 +23,6 @@ def method_of(name: str) -> Method:
         raise DataError(
             f"there is no search method '{name}'",
             where="[excitation.search] method",
-            mend=advice(name, METHODS, "methods"),
+            fix=advice(name, METHODS, "methods"),
         )
     return METHODS[name]

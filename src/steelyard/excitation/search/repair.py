@@ -1,4 +1,4 @@
-"""Mend what a motion lacks between its samples: first by a little more optimising, then by size."""
+"""Correct what a motion lacks between its samples: by a little more optimising, then by size."""
 
 import time
 from dataclasses import dataclass

@@ -78,7 +78,7 @@ def explained(problem: Problem, error: NoMotion) -> DataError:
         f"{error.wrong}; one of {SIZE:.0%} of the joints' ranges violates: "
         + "; ".join(str(lack) for lack in lacks[:4]),
         where="[excitation] " + names(lacks),
-        mend=widen(lacks),
+        fix=widen(lacks),
     )
 
 

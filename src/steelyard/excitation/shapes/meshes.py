@@ -86,8 +86,8 @@ WITHOUT = "name the link under skip to ignore its shapes"
 """The other way out of a mesh that cannot be used."""
 
 
-def _refused(wrong: str, where: str, mend: str) -> ModelError:
-    return ModelError(wrong, where=where, mend=mend)
+def _refused(wrong: str, where: str, fix: str) -> ModelError:
+    return ModelError(wrong, where=where, fix=fix)
 
 
 def _stl(data: bytes) -> Array:

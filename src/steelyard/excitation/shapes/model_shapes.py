@@ -45,7 +45,7 @@ def robot_shapes(robot: Robot, model: Path, skip: Collection[str] = ()) -> Geome
         raise ModelError(
             "clearances are not supported for a robot with closed chains",
             where=f"robot '{robot.name}'",
-            mend="leave collision out for this robot, and bound its joints instead",
+            fix="leave collision out for this robot, and bound its joints instead",
         )
     mechanism = read_mechanism(model)
     _check_links(skip, mechanism, model)
@@ -64,7 +64,7 @@ def robot_shapes(robot: Robot, model: Path, skip: Collection[str] = ()) -> Geome
         raise ModelError(
             "the model gives no link of the robot a collision shape",
             where=str(model),
-            mend="give a model with <collision> elements (URDF) or colliding geoms (MJCF), or "
+            fix="give a model with <collision> elements (URDF) or colliding geoms (MJCF), or "
             "leave collision out",
         )
     parents = {joint.child: joint.parent for joint in mechanism.joints}
@@ -105,7 +105,7 @@ def world_shapes(path: Path, skip: Collection[str] = ()) -> tuple[Shape, ...]:
         raise ModelError(
             "the cell's file holds no collision shape",
             where=str(path),
-            mend="give a file with <collision> elements (URDF) or colliding geoms (MJCF)",
+            fix="give a file with <collision> elements (URDF) or colliding geoms (MJCF)",
         )
     return shapes
 
@@ -117,7 +117,7 @@ def _check_links(skip: Collection[str], mechanism: Mechanism, path: Path) -> Non
             raise ModelError(
                 f"the link '{name}' to be skipped does not exist",
                 where=str(path),
-                mend=advice(name, names, "links"),
+                fix=advice(name, names, "links"),
             )
 
 
@@ -273,5 +273,5 @@ def _number(element: Element, attribute: str) -> float:
     return float(_vector(element, attribute, 1)[0])
 
 
-def _refused(wrong: str, element: Element, mend: str) -> ModelError:
-    return ModelError(wrong, where=element.where, mend=mend)
+def _refused(wrong: str, element: Element, fix: str) -> ModelError:
+    return ModelError(wrong, where=element.where, fix=fix)

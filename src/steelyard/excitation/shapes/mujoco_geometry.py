@@ -170,7 +170,7 @@ def _refuse_absent(file: Compiled, geom: int, link: str, path: Path) -> None:
         raise ModelError(
             f"the collision mesh '{file.stand_ins[geom]}' of link '{link}' is not there",
             where=str(path),
-            mend=f"put the file where the MJCF looks for it (see its meshdir), or {WITHOUT}",
+            fix=f"put the file where the MJCF looks for it (see its meshdir), or {WITHOUT}",
         )
 
 
@@ -230,7 +230,7 @@ def _solid(model: Any, geom: int, link: str, path: Path) -> Solid:
     raise ModelError(
         f"link '{link}' has a colliding geom of kind {kind.name[7:].lower()}, which is not convex",
         where=str(path),
-        mend="replace it by boxes or meshes, or name the link under skip to ignore its shapes",
+        fix="replace it by boxes or meshes, or name the link under skip to ignore its shapes",
     )
 
 

@@ -92,7 +92,7 @@ def wall(name: str, normal: ArrayLike, offset: float) -> Shape:
         raise ModelError(
             f"the normal of the plane '{name}' has no direction",
             where=f"plane '{name}'",
-            mend="give the direction of the free side, such as 0, 0, 1 for a floor",
+            fix="give the direction of the free side, such as 0, 0, 1 for a floor",
         )
     z = vector / length
     side = np.eye(3)[np.argmin(np.abs(z))]

@@ -187,5 +187,5 @@ def _numbers(path: Path, name: str, column: Any) -> Array:
     return np.asarray(values, dtype=np.float64)
 
 
-def _refused(path: Path, wrong: str, mend: str) -> DataError:
-    return DataError(wrong, where=str(path), mend=mend)
+def _refused(path: Path, wrong: str, fix: str) -> DataError:
+    return DataError(wrong, where=str(path), fix=fix)

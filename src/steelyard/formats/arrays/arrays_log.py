@@ -156,7 +156,7 @@ class ArraysLog:
                 raise LogError(
                     f"'{name}' is no column of the table: {why}",
                     where=str(self.path),
-                    mend=f"its columns are {', '.join(self.columns[:8])}"
+                    fix=f"its columns are {', '.join(self.columns[:8])}"
                     f"{', ...' if len(self.columns) > 8 else ''}",
                 )
 
@@ -181,6 +181,6 @@ def _nothing(path: Path, left_out: Sequence[tuple[str, str]]) -> LogError:
     return LogError(
         f"the file holds no table of numbers{f' ({found})' if found else ''}",
         where=str(path),
-        mend="store time and the joints' signals as arrays with one row per sample, such as "
+        fix="store time and the joints' signals as arrays with one row per sample, such as "
         "t (N), q (N x joints), tau (N x joints)",
     )

@@ -98,5 +98,5 @@ def _broken(path: Path, said: bytes, code: int) -> LogError:
     return LogError(
         f"the file cannot be read as HDF5 ({why})",
         where=str(path),
-        mend="copy it again, or save it anew with the program that wrote it",
+        fix="copy it again, or save it anew with the program that wrote it",
     )

@@ -27,7 +27,7 @@ def open_mat(path: Path) -> ArraysLog:
         raise LogError(
             "the file is no MATLAB file of version 5 or later",
             where=str(path),
-            mend="save it in MATLAB with save(..., '-v7') or '-v7.3'",
+            fix="save it in MATLAB with save(..., '-v7') or '-v7.3'",
         ) from None
     with explained(path):
         arrays = list(mat5_arrays(path))

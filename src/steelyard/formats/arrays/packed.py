@@ -129,7 +129,7 @@ def explained(path: Path) -> Iterator[None]:
         raise LogError(
             f"the file is broken or cut off ({text[0] if text else type(error).__name__})",
             where=str(path),
-            mend="copy it again, or save it anew with the program that wrote it",
+            fix="copy it again, or save it anew with the program that wrote it",
         ) from error
 
 

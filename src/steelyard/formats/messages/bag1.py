@@ -67,7 +67,7 @@ class Bag1:
             raise LogError(
                 f"the bag is encrypted by {name.decode(errors='replace')}",
                 where=str(path),
-                mend="decrypt it with `rosbag decrypt` first",
+                fix="decrypt it with `rosbag decrypt` first",
             )
         index = int.from_bytes(fields.get(b"index_pos", b""), "little")
         return cls(path, index if index <= size else 0)
@@ -239,7 +239,7 @@ def _old(path: Path, version: bytes) -> LogError:
     return LogError(
         f"the bag is of version {found}; version V2.0 is read",
         where=str(path),
-        mend="bring it up to date with ROS 1's `rosbag fix OLD.bag NEW.bag`",
+        fix="bring it up to date with ROS 1's `rosbag fix OLD.bag NEW.bag`",
     )
 
 
@@ -247,5 +247,5 @@ def _damaged(path: Path, at: int, why: str) -> LogError:
     return LogError(
         f"the bag is damaged: the record at byte {at} cannot be read, {why}",
         where=f"{path}, byte {at}",
-        mend="copy it again, or save what is left of it with ROS 1's `rosbag reindex` on a copy",
+        fix="copy it again, or save what is left of it with ROS 1's `rosbag reindex` on a copy",
     )

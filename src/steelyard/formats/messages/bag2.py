@@ -99,7 +99,7 @@ class SqliteFile:
             raise LogError(
                 "the database is not a ROS 2 bag: it has no tables of topics and messages",
                 where=str(self.path),
-                mend="name the .db3 file of a bag; if it was not closed, copy its -wal file too",
+                fix="name the .db3 file of a bag; if it was not closed, copy its -wal file too",
             )
         return base
 
@@ -149,7 +149,7 @@ def _malformed(path: Path, error: Exception) -> LogError:
     return LogError(
         f"the bag is damaged: its database cannot be read ({error})",
         where=str(path),
-        mend="copy it again, or save what is left of it: "
+        fix="copy it again, or save what is left of it: "
         "`sqlite3 BAD.db3 .recover | sqlite3 GOOD.db3`",
     )
 
@@ -238,7 +238,7 @@ def _plain(path: Path, named: Path) -> Container:
     raise LogError(
         "the file is neither an MCAP file nor the database of a ROS 2 bag",
         where=str(named),
-        mend="copy it again; a text table needs the suffix .csv",
+        fix="copy it again; a text table needs the suffix .csv",
     )
 
 
@@ -268,7 +268,7 @@ def _bad_metadata(path: Path, why: str) -> LogError:
     return LogError(
         f"the bag's {METADATA} cannot be understood: {why}",
         where=str(path),
-        mend="name the bag's .db3 or .mcap file itself, or run `ros2 bag reindex` on a copy",
+        fix="name the bag's .db3 or .mcap file itself, or run `ros2 bag reindex` on a copy",
     )
 
 
@@ -276,5 +276,5 @@ def _compressed(folder: Path, name: str, form: str) -> LogError:
     return LogError(
         f"the bag's files are compressed ({form}), where zstd is read",
         where=str(folder / name),
-        mend="convert it with `ros2 bag convert` to one that is not compressed",
+        fix="convert it with `ros2 bag convert` to one that is not compressed",
     )

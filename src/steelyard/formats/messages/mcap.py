@@ -225,7 +225,7 @@ def damaged(path: Path, at: int, why: str) -> LogError:
     return LogError(
         f"the file is damaged: the record at byte {at} cannot be read, {why}",
         where=f"{path}, byte {at}",
-        mend="copy it again, or save what is left of it: `mcap recover IN.mcap -o OUT.mcap`",
+        fix="copy it again, or save what is left of it: `mcap recover IN.mcap -o OUT.mcap`",
     )
 
 
@@ -234,5 +234,5 @@ def unreadable(path: Path, error: OSError) -> LogError:
     return LogError(
         f"the log cannot be read ({error.strerror or error})",
         where=str(path),
-        mend="check the file's permissions and the disk",
+        fix="check the file's permissions and the disk",
     )

@@ -72,7 +72,7 @@ class MessageLog:
             raise LogError(
                 f"no topic of the log holds numbers that can be read: {_listing(layouts)}",
                 where=str(path),
-                mend="record sensor_msgs/msg/JointState, or another topic with numbers in it",
+                fix="record sensor_msgs/msg/JointState, or another topic with numbers in it",
             )
         return cls(path, columns, container, layouts)
 
@@ -146,7 +146,7 @@ class MessageLog:
                     raise LogError(
                         f"the topic '{layout.name}' cannot be read: {layout.problem}",
                         where=str(self.path),
-                        mend="record it with its definition, or name columns of another topic",
+                        fix="record it with its definition, or name columns of another topic",
                     )
         require_columns(self.path, self.columns, columns)
 
@@ -174,7 +174,7 @@ def _container(path: Path) -> Container:
         raise LogError(
             f"the log cannot be read ({error.strerror or error})",
             where=str(path),
-            mend="check the file's permissions and the disk",
+            fix="check the file's permissions and the disk",
         ) from error
 
 
@@ -205,8 +205,8 @@ def _samples(
             if picked is None:
                 continue
             values[own] = picked
-            stamp = stamp_of(content) if layout.stamped else times[LOG_TIME]
-            times[STAMP] = nan if stamp is None else stamp
+            signature = stamp_of(content) if layout.stamped else times[LOG_TIME]
+            times[STAMP] = nan if signature is None else signature
         for k, name in enumerate(wanted):
             if name in times:
                 values[k] = times[name]

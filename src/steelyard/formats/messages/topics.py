@@ -113,7 +113,7 @@ def scan(container: Container) -> tuple[Layout, ...]:
         raise LogError(
             "; ".join(("the log holds no messages", *container.remarks)),
             where=str(container.path),
-            mend="record it again",
+            fix="record it again",
         )
     layouts = [look.layout(name) for name, look in looks.items()]
     if sum(len(layout.fields) for layout in layouts) > MOST_COLUMNS:
@@ -154,5 +154,5 @@ def _too_many(container: Container, what: str) -> LogError:
     return LogError(
         f"the log has more than {what}",
         where=str(container.path),
-        mend="copy it again; a log of this kind is damaged or not of a robot",
+        fix="copy it again; a log of this kind is damaged or not of a robot",
     )

@@ -50,7 +50,7 @@ class ZstdFile:
             yield
         except LogError as error:
             where = error.where.replace(str(self.copy.path), str(self.path))
-            raise LogError(error.wrong, where=where, mend=error.mend) from error
+            raise LogError(error.wrong, where=where, fix=error.fix) from error
 
 
 def unpacked_copy(path: Path) -> Path:
@@ -66,13 +66,13 @@ def unpacked_copy(path: Path) -> Path:
         raise LogError(
             f"the file is damaged: {error}",
             where=str(path),
-            mend="copy it again, or unpack what is left of it with `zstd -d` and name that file",
+            fix="copy it again, or unpack what is left of it with `zstd -d` and name that file",
         ) from error
     except OSError as error:
         raise LogError(
             f"the file cannot be unpacked ({error.strerror or error})",
             where=str(path),
-            mend="set TMPDIR to a folder on a disk with room for the unpacked file",
+            fix="set TMPDIR to a folder on a disk with room for the unpacked file",
         ) from error
 
 

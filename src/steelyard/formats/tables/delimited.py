@@ -69,7 +69,7 @@ class DelimitedLog:
             raise LogError(
                 "the file holds no table",
                 where=str(path),
-                mend="give a header and one row per sample",
+                fix="give a header and one row per sample",
             )
         _require_text(path, b"".join(lines[: header.body]))
         _require_width(path, header.columns)
@@ -114,7 +114,7 @@ class DelimitedLog:
         return LogError(
             f"more than {LONGEST >> 20} MiB of the log hold no ended row",
             where=str(self.path),
-            mend="check that the file is a text table with one line per sample",
+            fix="check that the file is a text table with one line per sample",
         )
 
     def _chunks(self) -> Iterator[bytes]:
@@ -179,7 +179,7 @@ def _require_text(path: Path, line: bytes) -> None:
         raise LogError(
             "the file is not a text table in UTF-8",
             where=str(path),
-            mend="save it as CSV in UTF-8; a Parquet file needs the suffix .parquet",
+            fix="save it as CSV in UTF-8; a Parquet file needs the suffix .parquet",
         )
 
 
@@ -188,7 +188,7 @@ def _require_width(path: Path, columns: Sequence[str]) -> None:
         raise LogError(
             f"the file's first lines name {len(columns)} columns; that is no table of a robot",
             where=str(path),
-            mend="check that the file is the log, and that its lines are ended",
+            fix="check that the file is the log, and that its lines are ended",
         )
 
 
@@ -196,5 +196,5 @@ def _unreadable(path: Path, error: OSError) -> LogError:
     return LogError(
         f"the log cannot be read ({error.strerror or error})",
         where=str(path),
-        mend="check the file's permissions and the disk",
+        fix="check the file's permissions and the disk",
     )

@@ -111,7 +111,7 @@ def _explained(path: Path, wrong: str) -> Iterator[None]:
         raise LogError(
             f"{wrong} ({_first_line(error)})",
             where=str(path),
-            mend="copy or convert it again; columns must hold one number a row, and a log in text "
+            fix="copy or convert it again; columns must hold one number a row, and a log in text "
             "form needs the suffix .csv",
         ) from error
 

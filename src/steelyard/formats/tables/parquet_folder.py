@@ -41,7 +41,7 @@ class PartitionedParquet:
             raise LogError(
                 f"the folder cannot be read ({error.strerror or error})",
                 where=str(path),
-                mend="check its permissions",
+                fix="check its permissions",
             ) from error
         names = {p: p.relative_to(path).parts for p in found}
         named = [p for p in found if not any(part[0] in "._" for part in names[p])]
@@ -49,7 +49,7 @@ class PartitionedParquet:
             raise LogError(
                 "the folder holds no log",
                 where=str(path),
-                mend="name a log file, a folder of .parquet files, or the folder of a ROS 2 bag, "
+                fix="name a log file, a folder of .parquet files, or the folder of a ROS 2 bag, "
                 "which holds its metadata.yaml",
             )
 
@@ -100,5 +100,5 @@ def _require_same(first: ParquetLog, other: ParquetLog) -> None:
         raise LogError(
             f"two files of the log have other columns: the second has {', '.join(differ)}",
             where=f"{first.path} and {other.path}",
-            mend="keep the files of one log in a folder of their own",
+            fix="keep the files of one log in a folder of their own",
         )

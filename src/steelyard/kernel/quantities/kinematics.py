@@ -130,7 +130,7 @@ def frame_of(robot: Robot, name: str) -> Frame:
         raise ModelError(
             f"there is no frame '{name}'",
             where=f"robot '{robot.name}'",
-            mend=advice(name, frames, "frames"),
+            fix=advice(name, frames, "frames"),
         )
     return frames[name]
 
@@ -230,7 +230,7 @@ def refuse_passive(robot: Robot, body: int, name: str) -> None:
             raise ModelError(
                 f"frame '{name}' hangs on joint '{link.joint}', which a closed loop determines",
                 where=f"robot '{robot.name}'",
-                mend="name a frame that hangs on driven joints only; frames behind passive "
+                fix="name a frame that hangs on driven joints only; frames behind passive "
                 "joints are not computed",
             )
         body = link.parent

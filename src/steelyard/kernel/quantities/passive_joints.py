@@ -123,7 +123,7 @@ def open_loop(
     return DataError(
         f"loop '{name}' does not close {when}: its points stay {gap:.3g} m apart",
         where=f"robot '{follower.robot.name}', measured positions",
-        mend="check the loop's points and links, and the zeros and signs of the positions; or "
+        fix="check the loop's points and links, and the zeros and signs of the positions; or "
         'write open_loops = "drop" under [robot] to leave such samples out',
     )
 

@@ -153,7 +153,7 @@ class LowPasses:
             raise LogError(
                 f"there are {len(self.banks)} cut-offs for {len(extended)} joints",
                 where="method 'auto' of [processing]",
-                mend="give one per joint, or leave them out",
+                fix="give one per joint, or leave them out",
             )
         each = [bank(x[None]) for bank, x in zip(self.banks, extended, strict=True)]
         return np.concatenate(each, axis=1)

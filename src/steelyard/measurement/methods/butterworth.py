@@ -34,7 +34,7 @@ class Butterworth:
                 if self.order < 2
                 else f"a Butterworth low-pass of order {self.order} rings",
                 where="butterworth",
-                mend=f"choose an order from 2 to {HIGHEST_ORDER}",
+                fix=f"choose an order from 2 to {HIGHEST_ORDER}",
             )
 
     def designed(self, cutoff: float, rate: float) -> Designed:

@@ -36,13 +36,13 @@ class FIR:
             raise ModelError(
                 f"a suppression of {self.suppression:g} dB is not available",
                 where="fir",
-                mend=f"choose {low:g} to {high:g} dB",
+                fix=f"choose {low:g} to {high:g} dB",
             )
         if not 0.0 < self.transition <= 2.0:
             raise ModelError(
                 f"a transition of {self.transition:g} times the cut-off is none",
                 where="fir",
-                mend="choose a number above 0 and up to 2",
+                fix="choose a number above 0 and up to 2",
             )
 
     def designed(self, cutoff: float, rate: float) -> Differentiating:
@@ -76,7 +76,7 @@ class FIR:
                 f"an FIR low-pass of {cutoff:g} Hz that stops at {cutoff + 0.5 * width:g} Hz does "
                 f"not fit samples at {rate:g} Hz",
                 where="method 'fir' of [processing]",
-                mend=f"choose a lower motion_cutoff, or a transition below {rate / cutoff - 2:.2g}",
+                fix=f"choose a lower motion_cutoff, or a transition below {rate / cutoff - 2:.2g}",
             )
         length, beta = kaiserord(self.suppression, 2.0 * width / rate)
         length += 1 - length % 2

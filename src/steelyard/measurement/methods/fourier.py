@@ -90,7 +90,7 @@ def fourier_series(
             f"{len(t)} samples over {span * frequency:.2g} periods do not determine {harmonics} "
             "harmonics",
             where="projection on harmonics",
-            mend="record whole periods, or ask for fewer harmonics",
+            fix="record whole periods, or ask for fewer harmonics",
         )
     origin = float(t[0])
     gram, sums = np.zeros((columns, columns)), np.zeros((columns, values.shape[1]))
@@ -195,13 +195,13 @@ class Fourier:
             raise ModelError(
                 "the base frequency is given twice" if len(given) == 2 else "it is not positive",
                 where="fourier",
-                mend="give frequency [Hz] or period [s], above 0, or leave both out",
+                fix="give frequency [Hz] or period [s], above 0, or leave both out",
             )
         if self.harmonics is not None and self.harmonics < 1:
             raise ModelError(
                 f"{self.harmonics} harmonics are not a valid motion",
                 where="fourier",
-                mend="give harmonics = 1 or more, or leave it out",
+                fix="give harmonics = 1 or more, or leave it out",
             )
 
     def designed(self, cutoff: float, rate: float) -> "DesignedFourier":
@@ -267,7 +267,7 @@ class DesignedFourier:
             raise LogError(
                 "the motion is not periodic: it returns to its start at most once",
                 where="method 'fourier' of [processing]",
-                mend="choose another method for motion, or give the period of the motion",
+                fix="choose another method for motion, or give the period of the motion",
             )
         return 1.0 / period if m.period is not None else refined_frequency(t, values, 1.0 / period)
 
@@ -283,6 +283,6 @@ class DesignedFourier:
                 f"{series.harmonics} harmonics leave {100.0 * share[worst]:.2g} % of joint "
                 f"{worst + 1}'s motion ({series.noise[worst]:.2g} rad or m)",
                 where="method 'fourier' of [processing]",
-                mend="correct the period or the number of harmonics, cut the log to whole periods "
+                fix="correct the period or the number of harmonics, cut the log to whole periods "
                 "(LOG@5:25s), or choose another method for motion",
             )

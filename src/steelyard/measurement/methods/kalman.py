@@ -73,7 +73,7 @@ def kalman_smoothed(
         raise LogError(
             f"{len(t)} samples, or a time that does not increase, are nothing to smooth",
             where="Kalman smoother",
-            mend=f"give {LEAST} samples or more, in order of time",
+            fix=f"give {LEAST} samples or more, in order of time",
         )
     unit = float(np.median(steps[1:]))
     result = np.empty((6, *values.shape))

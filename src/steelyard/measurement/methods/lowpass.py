@@ -60,7 +60,7 @@ def require_fitting(cutoff: float, rate: float) -> None:
         raise LogError(
             f"a low-pass of {cutoff:g} Hz does not fit samples at {rate:g} Hz",
             where="zero-phase low-pass",
-            mend=f"choose a cut-off above 0 and below {0.5 * rate:g} Hz",
+            fix=f"choose a cut-off above 0 and below {0.5 * rate:g} Hz",
         )
 
 

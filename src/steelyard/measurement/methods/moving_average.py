@@ -36,7 +36,7 @@ class MovingAverage:
                 if self.span % 2 == 0
                 else f"a moving average over {self.span} samples is none",
                 where="moving_average",
-                mend=f"choose an odd number from 1 to {LONGEST_SPAN}",
+                fix=f"choose an odd number from 1 to {LONGEST_SPAN}",
             )
 
     def designed(self, cutoff: float, rate: float) -> "CentralDifferences":

@@ -39,7 +39,7 @@ class SavitzkyGolay:
             raise ModelError(
                 f"a polynomial of degree {self.degree} cannot be used",
                 where="savitzky_golay",
-                mend=f"choose a degree from 2, which has an acceleration, to {HIGHEST_DEGREE}",
+                fix=f"choose a degree from 2, which has an acceleration, to {HIGHEST_DEGREE}",
             )
         fits = self.window is None or (
             self.window % 2 == 1 and self.degree < self.window <= LONGEST_WINDOW
@@ -49,7 +49,7 @@ class SavitzkyGolay:
                 f"a window of {self.window} samples does not fit a polynomial of degree "
                 f"{self.degree}",
                 where="savitzky_golay",
-                mend=f"choose an odd number above {self.degree} and up to {LONGEST_WINDOW}",
+                fix=f"choose an odd number above {self.degree} and up to {LONGEST_WINDOW}",
             )
 
     def designed(self, cutoff: float, rate: float) -> "DesignedSavitzkyGolay":
@@ -76,7 +76,7 @@ class SavitzkyGolay:
             raise LogError(
                 f"a cut-off of {cutoff:g} Hz needs windows of {window} samples",
                 where="method 'savitzky_golay' of [processing]",
-                mend="choose a higher motion_cutoff, or a lower rate",
+                fix="choose a higher motion_cutoff, or a lower rate",
             )
         return window
 

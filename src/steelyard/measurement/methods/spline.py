@@ -56,7 +56,7 @@ def smoothing_spline(t: Array, values: Array, weight: float | None = None) -> Sp
         raise LogError(
             f"{len(t)} samples, or a time that does not increase, are no spline",
             where="smoothing spline",
-            mend=f"give {LEAST} samples or more, in order of time",
+            fix=f"give {LEAST} samples or more, in order of time",
         )
     unit = float(np.median(step))
     step = step / unit

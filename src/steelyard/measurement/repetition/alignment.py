@@ -60,7 +60,7 @@ def averaged(
         raise LogError(
             "there are fewer than two whole repetitions of the motion",
             where="repetitions of [processing]",
-            mend="record more of them, drop fewer, or leave repetitions out",
+            fix="record more of them, drop fewer, or leave repetitions out",
         )
     at = np.concatenate(starts).astype(np.float64)
     reader = _Reader(logs)
@@ -114,6 +114,6 @@ def _alike(q: Array) -> None:
             f"repetition {worst + 1} of {len(q)} differs from the others: it deviates by "
             f"{100.0 * apart[worst] / size:.2g} % of the motion's range",
             where="repetitions of [processing]",
-            mend="correct the period, cut the log to the repetitions (LOG@5:65s), or drop more at "
+            fix="correct the period, cut the log to the repetitions (LOG@5:65s), or drop more at "
             "its start and end",
         )

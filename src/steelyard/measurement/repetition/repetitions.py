@@ -82,7 +82,7 @@ def mean_of_periods(recording: Recording, wanted: Repetitions) -> MeanMotion:
         raise LogError(
             "no period was found in this log: the motion does not return to its start",
             where=recording.where,
-            mend="state it: repetitions = {period = ...} under [processing], or leave it out",
+            fix="state it: repetitions = {period = ...} under [processing], or leave it out",
         )
     start, stop = moving_span(x[c.q])
     length = period * rate
@@ -93,7 +93,7 @@ def mean_of_periods(recording: Recording, wanted: Repetitions) -> MeanMotion:
             f"of {count} whole repetitions of {period:.5g} s in this log {max(last - first, 0)} "
             "are left",
             where=recording.where,
-            mend="record more of them, or set drop_first and drop_last under [processing]",
+            fix="record more of them, or set drop_first and drop_last under [processing]",
         )
     begin = min(start, max(0.5 * (start + stop - count * length), 0.0))
     starts = begin + length * np.arange(first, last, dtype=np.float64)
@@ -107,7 +107,7 @@ def mean_of_logs(recordings: Sequence[Recording]) -> MeanMotion:
         LogError: There are fewer than two of them, or they hold other motions.
     """
     if not recordings:
-        raise LogError("there is no log to average", where="logs", mend="give two or more")
+        raise LogError("there is no log to average", where="logs", fix="give two or more")
     held = [recording.held() for recording in recordings]
     first, rate = _even(held[0])
     logs = [first, *(_even(one, rate)[0] for one in held[1:])]
@@ -132,7 +132,7 @@ def _even(recording: Recording, rate: float | None = None) -> tuple[Array, float
     longest = max(found.segments, key=lambda s: s.stop - s.start).number
     pieces = Scan(found.clock, recording).pieces()
     rows = ((p.t, p.x) for p in pieces if p.segment == longest)
-    marked = rows if found.suspicion.idle else Marking(found.suspicion).rows(rows)
+    marked = rows if found.row_checks.idle else Marking(found.row_checks).rows(rows)
     count, chosen = recording.channels.count, found.rate if rate is None else rate
     parts = list(uniform(((t, x[:, :count]) for t, x in marked), chosen))
     return np.concatenate(parts, axis=1), chosen

@@ -249,7 +249,7 @@ def nothing_left(recording: Recording, counts: NDArray[np.int64]) -> LogError:
         return LogError(
             "the window of the log holds no row",
             where=recording.where,
-            mend="choose a window within the log; its seconds count from the first row",
+            fix="choose a window within the log; its seconds count from the first row",
         )
     worst = Verdict(int(np.argmax(lost)))
     if worst in (Verdict.REPEATED, Verdict.BACKWARD, Verdict.JUMP):
@@ -257,7 +257,7 @@ def nothing_left(recording: Recording, counts: NDArray[np.int64]) -> LogError:
     return LogError(
         f"every row of the log is broken: {lost[worst]} of {lost.sum()} rows hold {worst.reason}",
         where=recording.where,
-        mend="check that the columns under [signals] of the robot file hold numbers, and their "
+        fix="check that the columns under [signals] of the robot file hold numbers, and their "
         "units",
     )
 
@@ -271,7 +271,7 @@ def not_followed(recording: Recording, counts: NDArray[np.int64]) -> LogError:
         f"in {counts[Verdict.JUMP]} rows of {counts.sum()} time or positions jump farther than a "
         "robot can move",
         where=recording.where,
-        mend="check time_unit, position_unit, and whether positions are of motors (coordinates = "
+        fix="check time_unit, position_unit, and whether positions are of motors (coordinates = "
         '"motor"), under [signals] of the robot file',
     )
 
@@ -281,5 +281,5 @@ def not_increasing(recording: Recording) -> LogError:
     return LogError(
         f"column '{recording.signals.time}' does not increase from row to row as time does",
         where=recording.where,
-        mend="name the log's clock as time = ... under [signals] of the robot file",
+        fix="name the log's clock as time = ... under [signals] of the robot file",
     )

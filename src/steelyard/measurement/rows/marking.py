@@ -56,7 +56,7 @@ class Marked:
 
 
 @dataclass(frozen=True, eq=False)
-class Suspicion:
+class RowChecks:
     """What is known of a log before its rows are judged; an operation on rows with a halo.
 
     Attributes:
@@ -120,23 +120,23 @@ class Suspicion:
         return whole[:, self.halo : whole.shape[1] - self.halo]
 
 
-def suspicion(
+def row_checks(
     channels: Channels,
     excerpt: Array,
     limits: Array,
     threshold: float | None,
     bridge_stale: bool,
-) -> Suspicion:
+) -> RowChecks:
     """What an excerpt of a log says about the rows to expect.
 
     Args:
         channels: Order of the channels.
         excerpt: Consecutive rows, shape `(C, N)`.
         limits: Values at which efforts are cut off, shape `(n, 2)`.
-        threshold: See `Suspicion`.
-        bridge_stale: See `Suspicion`.
+        threshold: See `RowChecks`.
+        bridge_stale: See `RowChecks`.
     """
-    return Suspicion(
+    return RowChecks(
         channels,
         frozen(usual_distance(excerpt)),
         frozen(usual_bend(excerpt[channels.q])),
@@ -151,15 +151,15 @@ class Marking:
     """Rows of segments as they come, marked and bridged.
 
     Args:
-        suspicion: What is known of the log.
+        row_checks: What is known of the log.
         window: Times between which rows are counted [s].
     """
 
     def __init__(
-        self, suspicion: Suspicion, window: tuple[float, float] = (-np.inf, np.inf)
+        self, row_checks: RowChecks, window: tuple[float, float] = (-np.inf, np.inf)
     ) -> None:
         self._counts = [0] * COUNTS
-        self._suspicion, self._window = suspicion, window
+        self._suspicion, self._window = row_checks, window
 
     @property
     def found(self) -> Marked:

@@ -124,7 +124,7 @@ def replayed(stage: Stage, host: str, port: int, speed: float = 1.0) -> Replay:
         raise OutputError(
             "the replay needs viser, which is not installed",
             where="steelyard replay",
-            mend='pip install "steelyard[replay]"',
+            fix='pip install "steelyard[replay]"',
         ) from error
     _check(host)
     with _quiet():
@@ -150,7 +150,7 @@ def _check(host: str) -> None:
         raise OutputError(
             f"this machine has no address '{host}' to listen at: {error.strerror}",
             where="--host",
-            mend="leave --host out for this machine alone, or give 0.0.0.0 for all others too",
+            fix="leave --host out for this machine alone, or give 0.0.0.0 for all others too",
         ) from error
 
 

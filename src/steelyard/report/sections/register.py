@@ -1,32 +1,32 @@
 """All sections, in the order of the page."""
 
 from steelyard.report.content import ReportContent
-from steelyard.report.sections.bodies import BodiesSection
-from steelyard.report.sections.bootstrap import BootstrapSection
-from steelyard.report.sections.check import CheckSection
-from steelyard.report.sections.compare import CompareSection
-from steelyard.report.sections.conditioning import ConditioningSection
-from steelyard.report.sections.design_advice import DesignAdviceSection
-from steelyard.report.sections.design_joints import DesignJointsSection
-from steelyard.report.sections.design_proof import DesignProofSection
-from steelyard.report.sections.design_run import DesignRunSection
-from steelyard.report.sections.design_search import DesignSearchSection
-from steelyard.report.sections.design_shown import DesignShownSection
-from steelyard.report.sections.design_tool import DesignToolSection
-from steelyard.report.sections.design_verdict import DesignVerdictSection
-from steelyard.report.sections.drives import DrivesSection
-from steelyard.report.sections.effort import EffortSection
-from steelyard.report.sections.effort_scales import EffortScalesSection
-from steelyard.report.sections.friction import FrictionSection
-from steelyard.report.sections.parameters import ParametersSection
-from steelyard.report.sections.per_run import PerRunSection
-from steelyard.report.sections.quality import QualitySection
+from steelyard.report.sections.model.bodies import BodiesSection
+from steelyard.report.sections.model.bootstrap import BootstrapSection
+from steelyard.report.sections.model.check import CheckSection
+from steelyard.report.sections.model.compare import CompareSection
+from steelyard.report.sections.model.conditioning import ConditioningSection
+from steelyard.report.sections.model.drives import DrivesSection
+from steelyard.report.sections.model.effort import EffortSection
+from steelyard.report.sections.model.effort_scales import EffortScalesSection
+from steelyard.report.sections.model.friction import FrictionSection
+from steelyard.report.sections.model.parameters import ParametersSection
+from steelyard.report.sections.model.per_run import PerRunSection
+from steelyard.report.sections.model.quality import QualitySection
+from steelyard.report.sections.model.sensitivity import SensitivitySection
+from steelyard.report.sections.model.settings import SettingsSection
+from steelyard.report.sections.model.unseen import UnseenSection
+from steelyard.report.sections.model.verdict import VerdictSection
+from steelyard.report.sections.model.zero_offsets import ZeroOffsetsSection
+from steelyard.report.sections.motion.advice import DesignAdviceSection
+from steelyard.report.sections.motion.joints import DesignJointsSection
+from steelyard.report.sections.motion.proof import DesignProofSection
+from steelyard.report.sections.motion.run import DesignRunSection
+from steelyard.report.sections.motion.search import DesignSearchSection
+from steelyard.report.sections.motion.shown import DesignShownSection
+from steelyard.report.sections.motion.tool import DesignToolSection
+from steelyard.report.sections.motion.verdict import DesignVerdictSection
 from steelyard.report.sections.section import Section
-from steelyard.report.sections.sensitivity import SensitivitySection
-from steelyard.report.sections.settings import SettingsSection
-from steelyard.report.sections.unseen import UnseenSection
-from steelyard.report.sections.verdict import VerdictSection
-from steelyard.report.sections.zero_offsets import ZeroOffsetsSection
 
 SECTIONS: tuple[Section, ...] = (
     VerdictSection(),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Literal
 
 from steelyard.report.content import ReportContent
-from steelyard.report.sections.compare import (
+from steelyard.report.sections.model.compare import (
     failure_words,
     headline,
     in_order,
@@ -65,8 +65,8 @@ def comparison_lines(content: ReportContent, console: Console) -> None:
             heading = shown.headings[number]
             console.print(Text(f"{heading}: {ABOUT[heading]}"))
     for trial in in_order(comparison):
-        for when, reason, mend in failure_words(trial.failures, len(comparison.parts)):
-            console.print(Text(f"{trial.name} failed ({when}): {reason}; {mend}", style="yellow"))
+        for when, reason, fix in failure_words(trial.failures, len(comparison.parts)):
+            console.print(Text(f"{trial.name} failed ({when}): {reason}; {fix}", style="yellow"))
     console.print()
     advice = comparison.advice
     console.print(Text(headline(comparison), style="bold"))

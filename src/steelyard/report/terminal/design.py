@@ -19,7 +19,7 @@ from steelyard.report.text.design_words import (
     uncovered,
     unseen,
 )
-from steelyard.report.text.judgement import COLOURS
+from steelyard.report.text.verdict import COLOURS
 from steelyard.report.text.words import count, relative, significant
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""What the detective found, in a terminal: a table, the lines that mend it, the verdict."""
+"""What the detective found, in a terminal: a table, the lines that correct it, the verdict."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from steelyard.report.text.findings import (
     LEVELS,
     OPEN,
     Group,
+    fixes,
     groups,
     headline,
     lines,
-    mends,
     place,
     tally,
 )
-from steelyard.report.text.judgement import COLOURS
+from steelyard.report.text.verdict import COLOURS
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from steelyard.diagnosis import Diagnosis, Finding
 
 SHOWN = 3
-"""Findings of one suspicion and judgement that are shown one by one."""
+"""Findings of one check and severity that are shown one by one."""
 
 NAMED = 4
 """Logs that are named after them."""
@@ -43,31 +43,31 @@ def show(diagnosis: Diagnosis, console: Console, *, fine: bool = True) -> None:
     from rich.padding import Padding
     from rich.text import Text
 
-    shown = [group for group in groups(diagnosis) if fine or group.judgement]
+    shown = [group for group in groups(diagnosis) if fine or group.severity]
     if shown:
         console.print(_table(shown))
-    for mend, findings in mends(diagnosis).values():
-        names = ", ".join(dict.fromkeys(f.suspicion for f in findings))
+    for fix, findings in fixes(diagnosis).values():
+        names = ", ".join(dict.fromkeys(f.check for f in findings))
         console.print()
-        console.print(Text.assemble((f"fix {names}: ", "bold"), mend.says))
-        if mend.edits:
-            console.print(Padding(Text(lines(mend.edits), style="cyan"), (0, 0, 0, 4)))
+        console.print(Text.assemble((f"fix {names}: ", "bold"), fix.says))
+        if fix.edits:
+            console.print(Padding(Text(lines(fix.edits), style="cyan"), (0, 0, 0, 4)))
     if shown:
         console.print()
-    style = f"bold {COLOURS[LEVELS[diagnosis.judgement.word]]}"
+    style = f"bold {COLOURS[LEVELS[diagnosis.severity.word]]}"
     console.print(Text.assemble((headline(diagnosis), style), f"  ({tally(diagnosis)})"))
 
 
 def notes(diagnosis: Diagnosis) -> tuple[str, ...]:
-    """The findings that are not ok, one sentence per suspicion."""
+    """The findings that are not ok, one sentence per check."""
     said = []
     for group in groups(diagnosis):
-        if group.judgement:
+        if group.severity:
             first = group.findings[0]
             more = _others(group, 1)
             where = f"{place(first)}: " if place(first) else ""
             said.append(
-                f"check, {group.suspicion}: {where}{first.says} ({first.figure})"
+                f"check, {group.check}: {where}{first.says} ({first.figure})"
                 + (f"; {more}" if more else "")
             )
     return tuple(said)
@@ -86,15 +86,15 @@ def _table(shown: Sequence[Group]) -> Table:
         alike = _open_alike(shown, group)
         if alike and alike[0] is not group:
             continue
-        if before not in (None, group.judgement):
+        if before not in (None, group.severity):
             table.add_row()
-        before = group.judgement
+        before = group.severity
         style = f"bold {COLOURS[group.level]}" if group.word != OPEN else "dim"
         word = Text(group.word, style=style)
-        name, found = Text(group.suspicion), _found(group)
+        name, found = Text(group.check), _found(group)
         if len(alike) > 1:
             name = Text(f"{len(alike)} questions")
-            found = Text(", ".join(g.suspicion for g in alike) + ": ").append_text(found)
+            found = Text(", ".join(g.check for g in alike) + ": ").append_text(found)
         table.add_row(word, name, found)
     return table
 
@@ -112,7 +112,7 @@ def _found(group: Group) -> Text:
     from rich.text import Text
 
     first, count = group.findings[0], len(group.findings)
-    if not group.judgement:
+    if not group.severity:
         alike = f"{count} similar findings, {first.log or 'all logs'}: " if count > 1 else ""
         return Text.assemble((alike, "dim"), first.says)
     shown = [_one(finding) for finding in group.findings[:SHOWN]]

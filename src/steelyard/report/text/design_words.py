@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from steelyard.excitation.advice import HELPS
 from steelyard.excitation.bases.families import FAMILIES
-from steelyard.report.text.judgement import Level
+from steelyard.report.text.verdict import Level
 from steelyard.report.text.words import NONE, count, significant
 
 if TYPE_CHECKING:

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
-from steelyard.report.text.judgement import Level
+from steelyard.report.text.verdict import Level
 from steelyard.report.text.words import count
 
 if TYPE_CHECKING:
-    from steelyard.diagnosis import Diagnosis, Edit, Finding, Judgement, Mend
+    from steelyard.diagnosis import Diagnosis, Edit, Finding, Fix, Severity
 
 NAMED = 3
 """Most joints that a place names."""
@@ -23,46 +23,46 @@ LEVELS: dict[str, Level] = {"ok": "good", "doubtful": "fair", "wrong": "poor"}
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """All findings of one suspicion with one judgement.
+    """All findings of one check with one severity.
 
     Attributes:
-        suspicion: The suspicion's name.
-        judgement: How bad they are.
+        check: The check's name.
+        severity: How bad they are.
         findings: At least one.
     """
 
-    suspicion: str
-    judgement: Judgement
+    check: str
+    severity: Severity
     findings: tuple[Finding, ...]
 
     @property
     def word(self) -> str:
-        """The judgement, or that the question is open."""
+        """The severity, or that the question is open."""
         return word_of(self.findings[0])
 
     @property
     def level(self) -> Level:
-        """The judgement as a colour."""
-        return LEVELS[self.judgement.word]
+        """The severity as a colour."""
+        return LEVELS[self.severity.word]
 
 
 def groups(diagnosis: Diagnosis) -> tuple[Group, ...]:
-    """The findings by judgement, ok ones first, and in these by suspicion."""
-    found: dict[tuple[Judgement, str, bool], list[Finding]] = {}
-    for finding in sorted(diagnosis.findings, key=lambda f: f.judgement):
-        key = finding.judgement, finding.suspicion, finding.answered
+    """The findings by severity, ok ones first, and in these by check."""
+    found: dict[tuple[Severity, str, bool], list[Finding]] = {}
+    for finding in sorted(diagnosis.findings, key=lambda f: f.severity):
+        key = finding.severity, finding.check, finding.answered
         found.setdefault(key, []).append(finding)
     return tuple(Group(name, word, tuple(some)) for (word, name, _), some in found.items())
 
 
 def word_of(finding: Finding) -> str:
-    """The judgement, or that the question is open."""
-    return OPEN if not finding.judgement and not finding.answered else finding.judgement.word
+    """The severity, or that the question is open."""
+    return OPEN if not finding.severity and not finding.answered else finding.severity.word
 
 
 def headline(diagnosis: Diagnosis) -> str:
-    """The verdict in a few words, with the suspicions that hold."""
-    worst = diagnosis.judgement
+    """The verdict in a few words, with the checks that hold."""
+    worst = diagnosis.severity
     if not diagnosis.findings:
         return "No check applies"
     if worst == 0:
@@ -73,12 +73,12 @@ def headline(diagnosis: Diagnosis) -> str:
             told = f"Ok as far as decidable: {asked} could not be answered"
         beside = dict.fromkeys(f.says for f in diagnosis.findings if f.headline)
         return "; ".join((told, *beside))
-    names = [f.suspicion for f in diagnosis.findings if f.judgement == worst]
+    names = [f.check for f in diagnosis.findings if f.severity == worst]
     return f"{worst.word.capitalize()}: {', '.join(dict.fromkeys(names))}"
 
 
 def tally(diagnosis: Diagnosis) -> str:
-    """How many findings there are of each judgement, the worst first."""
+    """How many findings there are of each severity, the worst first."""
     words = [word_of(finding) for finding in diagnosis.findings]
     counts = [
         f"{words.count(word)} {word}" for word in ("wrong", "doubtful", "ok", OPEN) if word in words
@@ -86,13 +86,13 @@ def tally(diagnosis: Diagnosis) -> str:
     return f"{count(len(words), 'finding')}: {', '.join(counts)}" if words else "no findings"
 
 
-def mends(diagnosis: Diagnosis) -> dict[str, tuple[Mend, list[Finding]]]:
+def fixes(diagnosis: Diagnosis) -> dict[str, tuple[Fix, list[Finding]]]:
     """What is to be done, once each, with the findings that ask for it; the worst first."""
-    found: dict[str, tuple[Mend, list[Finding]]] = {}
-    for finding in sorted(diagnosis.findings, key=lambda f: -f.judgement):
-        if finding.judgement and finding.mend is not None:
-            key = f"{finding.mend.says} {lines(finding.mend.edits)}"
-            found.setdefault(key, (finding.mend, []))[1].append(finding)
+    found: dict[str, tuple[Fix, list[Finding]]] = {}
+    for finding in sorted(diagnosis.findings, key=lambda f: -f.severity):
+        if finding.severity and finding.fix is not None:
+            key = f"{finding.fix.says} {lines(finding.fix.edits)}"
+            found.setdefault(key, (finding.fix, []))[1].append(finding)
     return found
 
 
@@ -111,21 +111,21 @@ def place(finding: Finding) -> str:
 
 def finding_dict(finding: Finding) -> dict[str, Any]:
     """As JSON values; without the picture."""
-    mend = finding.mend
+    fix = finding.fix
     return {
-        "suspicion": finding.suspicion,
+        "check": finding.check,
         "log": finding.log,
-        "judgement": finding.judgement.word,
+        "severity": finding.severity.word,
         "says": finding.says,
         "figure": finding.figure,
         "answered": finding.answered,
         "joints": list(finding.joints),
-        "mend": None
-        if mend is None
+        "fix": None
+        if fix is None
         else {
-            "says": mend.says,
-            "edits": [edit_dict(edit) for edit in mend.edits],
-            "lines": lines(mend.edits),
+            "says": fix.says,
+            "edits": [edit_dict(edit) for edit in fix.edits],
+            "lines": lines(fix.edits),
         },
         "hypotheses": [
             {
@@ -148,7 +148,7 @@ def edit_dict(edit: Edit) -> dict[str, Any]:
 def diagnosis_dict(diagnosis: Diagnosis) -> dict[str, Any]:
     """As JSON values; without pictures."""
     return {
-        "judgement": diagnosis.judgement.word,
+        "severity": diagnosis.severity.word,
         "findings": [finding_dict(finding) for finding in diagnosis.findings],
         "edits": [edit_dict(edit) for edit in diagnosis.edits],
     }

@@ -11,7 +11,7 @@ import numpy as np
 from steelyard.estimation.estimate import Z95
 
 if TYPE_CHECKING:
-    from steelyard.estimation.estimate import Blind
+    from steelyard.estimation.estimate import Unidentifiable
     from steelyard.estimation.identified import IdentifiedModel
 
 WEAK = 20.0
@@ -158,7 +158,7 @@ def _held(row: Row, bounds: Sequence[float]) -> Row:
 
 
 def _blind(
-    blind: Blind, groups: dict[str, str], units: dict[str, str], nominal: float | None
+    blind: Unidentifiable, groups: dict[str, str], units: dict[str, str], nominal: float | None
 ) -> Row:
     tied = f" (tied to {', '.join(blind.tied_to)})" if blind.tied_to else ""
     return Row(

@@ -59,7 +59,7 @@ def compiled(path: Path) -> Compiled:
             f"the masses are scaled to a total (settotalmass), and body '{bodies[0][0].name}' has "
             f"no <inertial>, while its mesh '{bodies[0][1]}' is absent",
             where=str(path),
-            mend="put the mesh where the MJCF looks for it (see its meshdir)",
+            fix="put the mesh where the MJCF looks for it (see its meshdir)",
         )
     try:
         model = spec.compile()
@@ -87,7 +87,7 @@ def _refuse_circle(path: Path, above: tuple[Path, ...], fine: set[Path]) -> None
         raise ModelError(
             "the file includes itself, or attaches itself as a model",
             where=str(above[-1]),
-            mend=f"remove the element that names '{path.name}'",
+            fix=f"remove the element that names '{path.name}'",
         )
     if resolved in fine:
         return
@@ -109,7 +109,7 @@ def _refused(path: Path, error: Exception) -> ModelError:
     return ModelError(
         f"MuJoCo cannot compile the file: {text}",
         where=str(path),
-        mend="put the missing file where the MJCF looks for it"
+        fix="put the missing file where the MJCF looks for it"
         if "opening file" in text
         else "correct the MJCF there until `python -m mujoco.viewer --mjcf=FILE` shows it; a part "
         "that other files include cannot be read alone: give the file that includes it",

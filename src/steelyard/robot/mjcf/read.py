@@ -42,14 +42,14 @@ def read_mjcf(path: Path) -> Mechanism:
         raise ModelError(
             f"the file is not an MJCF: its outermost element is <{root.tag}>",
             where=root.where,
-            mend="give an MJCF (<mujoco>), a URDF (<robot>) or a robot file (.toml)",
+            fix="give an MJCF (<mujoco>), a URDF (<robot>) or a robot file (.toml)",
         )
     given = compiled(path)
     if given.model.nbody == 1 and root.all("body"):
         raise ModelError(
             "its bodies stand outside <worldbody>: a part of a model, not a robot",
             where=str(path),
-            mend="give the file that includes it, often in the same folder",
+            fix="give the file that includes it, often in the same folder",
         )
     name = root.attributes.get("model") or path.stem
     return _Reading(path, given, Actuators.of(given.model)).mechanism(name)

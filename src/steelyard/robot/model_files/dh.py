@@ -69,7 +69,7 @@ def dh_mechanism(
     Masses in the table are given in DH frame `i` in both. The base is DH frame 0.
     """
     if not rows:
-        raise ModelError("the DH table has no rows", where=where, mend="give one row per joint")
+        raise ModelError("the DH table has no rows", where=where, fix="give one row per joint")
     links, joints = [Link("base", None, where)], []
     end = Placement()
     for number, row in enumerate(rows, start=1):

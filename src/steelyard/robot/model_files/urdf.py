@@ -41,7 +41,7 @@ def read_urdf(path: Path) -> Mechanism:
         raise ModelError(
             f"the file is not a URDF: its outermost element is <{root.tag}>",
             where=root.where,
-            mend="give a URDF (<robot>), an MJCF (<mujoco>) or a robot file (.toml)",
+            fix="give a URDF (<robot>), an MJCF (<mujoco>) or a robot file (.toml)",
         )
     _refuse_xacro(root)
     return Mechanism(
@@ -78,7 +78,7 @@ def _refuse_xacro(root: Element) -> None:
         raise ModelError(
             "the file is a xacro template, not a URDF",
             where=f"{element.path}, line {element.line}",
-            mend="give the whole xacro file, which is expanded here, or expand it first: "
+            fix="give the whole xacro file, which is expanded here, or expand it first: "
             f"xacro {element.path.name} > robot.urdf",
         )
 
@@ -89,7 +89,7 @@ def _text(element: Element, attribute: str) -> str:
         raise ModelError(
             f"<{element.tag}> has no attribute '{attribute}'",
             where=element.where,
-            mend=f'write <{element.tag} {attribute}="...">',
+            fix=f'write <{element.tag} {attribute}="...">',
         )
     return value
 
@@ -106,7 +106,7 @@ def _numbers(element: Element, attribute: str, count: int, infinite: bool = Fals
         raise ModelError(
             f'{attribute}="{text}" of <{element.tag}> is not {wanted}',
             where=element.where,
-            mend=f'write {attribute}="' + " ".join(["0.0"] * count) + '" with your values',
+            fix=f'write {attribute}="' + " ".join(["0.0"] * count) + '" with your values',
         )
     return values
 
@@ -122,7 +122,7 @@ def _only(parent: Element, tag: str) -> Element | None:
         raise ModelError(
             f"<{parent.tag}> has {len(found)} <{tag}> elements",
             where=found[1].where + f" in {parent.where.rsplit(', ', 1)[1]}",
-            mend="keep one of them",
+            fix="keep one of them",
         )
     return found[0] if found else None
 
@@ -133,7 +133,7 @@ def _needed(parent: Element, tag: str) -> Element:
         raise ModelError(
             f"<{parent.tag}> has no <{tag}> element",
             where=parent.where,
-            mend=f"add a <{tag}> to it",
+            fix=f"add a <{tag}> to it",
         )
     return child
 
@@ -168,7 +168,7 @@ def _joint(element: Element) -> Joint:
         raise ModelError(
             f"joint '{name}' is of type '{kind}', which is not known",
             where=element.where,
-            mend=advice(kind, _KINDS, "joint types"),
+            fix=advice(kind, _KINDS, "joint types"),
         )
     axis = _only(element, "axis")
     moves = kind in _SINGLE

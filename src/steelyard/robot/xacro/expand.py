@@ -68,7 +68,7 @@ class Expander:
             raise ModelError(
                 "macros or elements are nested too deeply",
                 where=str(self.files[0]),
-                mend="look for a macro that calls itself without end",
+                fix="look for a macro that calls itself without end",
             ) from None
 
     @contextmanager
@@ -86,7 +86,7 @@ class Expander:
         except XacroError as error:
             where = f"{element.path}, line {element.line}"
             calls = "".join(f", called in {call}" for call in self.calls[:-4:-1])
-            raise ModelError(error.wrong, where=where + calls, mend=error.mend) from None
+            raise ModelError(error.wrong, where=where + calls, fix=error.fix) from None
         finally:
             self.depth -= 1
 

@@ -82,7 +82,7 @@ def evaluate(text: str, names: Names, budget: Budget) -> Any:
             tree = ast.parse(text.strip(), mode="eval")
         return _Evaluation(names, budget).of(tree.body)
     except XacroError as error:
-        raise XacroError(f"expression '{shown}': {error.wrong}", error.mend) from None
+        raise XacroError(f"expression '{shown}': {error.wrong}", error.fix) from None
     except (RecursionError, MemoryError):
         raise XacroError(f"expression '{shown}' is nested too deeply") from None
     except SyntaxError:

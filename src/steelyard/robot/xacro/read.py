@@ -89,7 +89,7 @@ def expand(
             raise ModelError(
                 f"'{path}' is not a xacro file, and has no arguments",
                 where=joined_reference(path, arguments),
-                mend="leave out what stands behind it",
+                fix="leave out what stands behind it",
             )
         return None
     places = Packages(tuple(packages), path)
@@ -113,7 +113,7 @@ def _check_arguments(path: Path, arguments: Mapping[str, str], declared: set[str
             raise ModelError(
                 f"the file has no argument '{name}'",
                 where=str(path),
-                mend=advice(name, sorted(declared), "arguments"),
+                fix=advice(name, sorted(declared), "arguments"),
             )
 
 
@@ -122,14 +122,14 @@ def _check_robot(path: Path, root: Element, macros: set[str]) -> None:
         return
     if not macros:
         raise ModelError(
-            "the file holds no links", where=str(path), mend="give the file of the whole robot"
+            "the file holds no links", where=str(path), fix="give the file of the whole robot"
         )
     users = _users(path)
     listed = f"here {', '.join(users)}" if users else "often NAME.urdf.xacro, or in ../robots"
     raise ModelError(
         f"the file only defines macros ({', '.join(sorted(macros))[:200]}), and no robot",
         where=str(path),
-        mend=f"give the file that includes it and calls them: {listed}",
+        fix=f"give the file that includes it and calls them: {listed}",
     )
 
 

@@ -14,10 +14,10 @@ BITS = 4096
 class XacroError(Exception):
     """What is wrong in a xacro file, and how to correct it; its place is added by the caller."""
 
-    def __init__(self, wrong: str, mend: str = "") -> None:
+    def __init__(self, wrong: str, fix: str = "") -> None:
         super().__init__(wrong)
         self.wrong = wrong
-        self.mend = mend or "correct the expression there"
+        self.fix = fix or "correct the expression there"
 
 
 class Budget:

@@ -42,24 +42,24 @@ def load_yaml(path: Path, number: Callable[[str], Any]) -> Any:
     from ruamel.yaml import YAML
     from ruamel.yaml.error import YAMLError
 
-    mend = "give the YAML file that the xacro file came with"
+    fix = "give the YAML file that the xacro file came with"
     if path.suffix.lower() not in (".yaml", ".yml") or not os.path.isfile(path):
-        raise XacroError(f"there is no YAML file '{path}'", mend)
+        raise XacroError(f"there is no YAML file '{path}'", fix)
     yaml = YAML(typ="safe", pure=True)
     try:
         content = read_bytes(path, "a YAML file")
         if len(content) > 1_000_000:
-            raise XacroError(f"'{path}' is larger than 1 MB", mend)
+            raise XacroError(f"'{path}' is larger than 1 MB", fix)
         node = yaml.compose(content.decode("utf-8-sig"))
         if node is None:
             return {}
         _prepare(node, number, {}, ())
         return yaml.constructor.construct_document(node)
     except ModelError as error:
-        raise XacroError(f"'{path}': {error.wrong}", mend) from None
+        raise XacroError(f"'{path}': {error.wrong}", fix) from None
     except (YAMLError, ValueError, TypeError, RecursionError) as error:
         words = " ".join(str(error).split())[:200]
-        raise XacroError(f"'{path}' is not plain YAML: {words}", mend) from None
+        raise XacroError(f"'{path}' is not plain YAML: {words}", fix) from None
 
 
 def _prepare(

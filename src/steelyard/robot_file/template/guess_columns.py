@@ -57,7 +57,7 @@ def guess_signals(
             f"the log has columns for {len(guess.joints)} joints of {robot.n}; "
             f"none for {', '.join(missing)}",
             where=f"columns {', '.join(columns)}",
-            mend="write a robot file with `steelyard init` and set there which joints are "
+            fix="write a robot file with `steelyard init` and set there which joints are "
             "identified, and where the others are locked",
         )
 
@@ -164,11 +164,11 @@ OF_MOTORS = (
 )
 
 
-def _give_up(wrong: str, columns: Sequence[str], mend: str = IN_FILE) -> NoReturn:
+def _give_up(wrong: str, columns: Sequence[str], fix: str = IN_FILE) -> NoReturn:
     raise LogError(
         f"the log's columns cannot be assigned: {wrong}",
         where=f"columns {', '.join(columns)}",
-        mend=mend,
+        fix=fix,
     )
 
 

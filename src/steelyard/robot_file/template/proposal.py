@@ -57,7 +57,7 @@ def proposed(reference: str | Path, base: str | None = None) -> Proposal:
         raise ModelError(
             "this is already a robot file",
             where=str(path),
-            mend="give its URDF or MJCF",
+            fix="give its URDF or MJCF",
         )
     model = read_model(path, arguments)
     mechanism, why_base = model.mechanism, ""
@@ -108,7 +108,7 @@ def _all_locked(
     return ModelError(
         "every joint would have to be locked: " + "; ".join(_by_reason(said)),
         where=mechanism.where,
-        mend="give the robot that carries this hand; or write a robot file by hand, with the "
+        fix="give the robot that carries this hand; or write a robot file by hand, with the "
         "joints that are logged under joints and those that loops determine under passive"
         if {*said.values()} != {_BALL}
         else "give a model with a joint of one degree of freedom",

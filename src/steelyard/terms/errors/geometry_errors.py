@@ -16,13 +16,13 @@ from steelyard.kernel.quantities.joint_placement import MOVES, torque_slope
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
 from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.term import Columns, Dissipation, Remembering, Samples
+from steelyard.terms.term import Columns, Dissipation, Samples, StatefulTerm
 
 Which = Literal["zero_offset", "compliance", "position", "axis"]
 
 
 @dataclass(frozen=True)
-class Displaced(Remembering):
+class Displaced(StatefulTerm):
     r"""Errors of the geometry, $\partial \tau / \partial x$ at a reference model.
 
     Per joint its `zero_offset` [rad; m], per body the `position` of its joint in the parent
@@ -37,7 +37,7 @@ class Displaced(Remembering):
 
     law: ClassVar[str] = "displaced"
     dissipation: ClassVar[Dissipation] = "none"
-    aside: ClassVar[tuple[str, ...]] = ("reference",)
+    state_only_fields: ClassVar[tuple[str, ...]] = ("reference",)
     which: tuple[Which, ...] = ("zero_offset",)
     reference: tuple[tuple[str, float], ...] = ()
 

@@ -10,11 +10,11 @@ from steelyard.kernel.equations.dynamics import JointState
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
 from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.term import Columns, Dissipation, Remembering, Samples
+from steelyard.terms.term import Columns, Dissipation, Samples, StatefulTerm
 
 
 @dataclass(frozen=True)
-class Misread(Remembering):
+class Misread(StatefulTerm):
     r"""Errors of efforts, around the torque $\tau$ of a reference model's bodies.
 
     Per joint `gain`, $\tau_j$: its effort is that share too large; and `saturation`,
@@ -28,7 +28,7 @@ class Misread(Remembering):
 
     law: ClassVar[str] = "misread"
     dissipation: ClassVar[Dissipation] = "none"
-    aside: ClassVar[tuple[str, ...]] = ("reference", "scale")
+    state_only_fields: ClassVar[tuple[str, ...]] = ("reference", "scale")
     reference: tuple[tuple[str, float], ...] = ()
     scale: tuple[float, ...] = ()
 

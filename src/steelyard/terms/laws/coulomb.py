@@ -10,7 +10,7 @@ from steelyard.errors import ModelError
 from steelyard.kernel.equations.dynamics import JointState
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
-from steelyard.terms.acting import Acting
+from steelyard.terms.acting import ActsOnAxes
 from steelyard.terms.axes import each, per_axis, spread
 from steelyard.terms.direction import (
     SHAPES,
@@ -25,7 +25,7 @@ from steelyard.terms.term import Cause, Columns, Dissipation, Role
 
 
 @dataclass(frozen=True)
-class Coulomb(Acting):
+class Coulomb(ActsOnAxes):
     r"""Coulomb friction, $f = f_c\,s(v)$ [Nm; N if prismatic].
 
     $s$ is the sign of the velocity, zero up to `threshold`, or with `smoothing` $w$ the smooth
@@ -55,7 +55,7 @@ class Coulomb(Acting):
             raise ModelError(
                 f"Coulomb friction with threshold {self.threshold} and smoothing {self.smoothing}",
                 where="list of terms",
-                mend="give one of the two, as a positive speed, or none for the plain sign",
+                fix="give one of the two, as a positive speed, or none for the plain sign",
             )
 
     @property

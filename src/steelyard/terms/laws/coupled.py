@@ -56,7 +56,7 @@ class Coupled(Term):
             raise ModelError(
                 "viscous coupled friction has no smoothing",
                 where="list of terms",
-                mend='leave out `smoothing`, or give kind = "coulomb"',
+                fix='leave out `smoothing`, or give kind = "coulomb"',
             )
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
@@ -122,5 +122,5 @@ def _no_pair(what: str) -> ModelError:
     return ModelError(
         f"coupled friction with {what}",
         where="list of terms",
-        mend='name two joints or motors per pair: pairs = [{from = "hip", to = "knee"}]',
+        fix='name two joints or motors per pair: pairs = [{from = "hip", to = "knee"}]',
     )

@@ -9,7 +9,7 @@ import numpy as np
 from steelyard.kernel.equations.dynamics import JointState
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
-from steelyard.terms.acting import Acting
+from steelyard.terms.acting import ActsOnAxes
 from steelyard.terms.axes import each, spread
 from steelyard.terms.direction import Field, directions, refuse_negative
 from steelyard.terms.model_files import Place, mean_of_directions
@@ -17,7 +17,7 @@ from steelyard.terms.term import Cause, Columns, Dissipation
 
 
 @dataclass(frozen=True)
-class DirectionalCoulomb(Acting):
+class DirectionalCoulomb(ActsOnAxes):
     r"""Coulomb friction of its own in each direction, $f = f_+ s_+(v) + f_- s_-(v)$.
 
     $s_\pm = (s \pm |s|)/2$ with the sign $s$ of the velocity, or $\tanh(v/w)$ with `smoothing`.
@@ -58,7 +58,7 @@ class DirectionalCoulomb(Acting):
 
 
 @dataclass(frozen=True)
-class DirectionalViscous(Acting):
+class DirectionalViscous(ActsOnAxes):
     r"""Viscous friction of its own in each direction, $f = f_+ \max(v, 0) + f_- \min(v, 0)$."""
 
     law: ClassVar[str] = "directional_viscous"

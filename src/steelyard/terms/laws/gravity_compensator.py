@@ -117,7 +117,7 @@ def _on_body(robot: Robot, link: str, point: tuple[float, ...]) -> tuple[int, An
     raise ModelError(
         f"a gravity compensator is fixed to link '{link}', which the robot does not have",
         where=f"robot '{robot.name}', list of terms",
-        mend=advice(link, known, "links"),
+        fix=advice(link, known, "links"),
     )
 
 
@@ -144,4 +144,4 @@ def _are_points(points: Any) -> bool:
 
 
 def _unusable(what: str) -> ModelError:
-    return ModelError(f"a gravity compensator {what}", where="list of terms", mend=EXAMPLE)
+    return ModelError(f"a gravity compensator {what}", where="list of terms", fix=EXAMPLE)

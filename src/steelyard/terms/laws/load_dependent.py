@@ -43,7 +43,7 @@ class LoadDependent(OneState):
     in_model_files: ClassVar[Place] = left_out("friction that grows with load")
     unnamed: ClassVar[tuple[str, ...]] = (*OneState.unnamed, "reference")
     needs_reference: ClassVar[bool] = True
-    aside: ClassVar[tuple[str, ...]] = ("length", "reference")
+    state_only_fields: ClassVar[tuple[str, ...]] = ("length", "reference")
     reference: tuple[tuple[str, float], ...] = ()
 
     def __post_init__(self) -> None:
@@ -61,7 +61,7 @@ class LoadDependent(OneState):
             raise ModelError(
                 "the reference of load-dependent friction names no number of a body",
                 where="list of terms",
-                mend='list "rigid_body" among the terms, or give standard parameters by name: '
+                fix='list "rigid_body" among the terms, or give standard parameters by name: '
                 '{"m.forearm": 3.2, ...}',
             )
         return replace(self, reference=tuple(bodies.items()))
@@ -92,7 +92,7 @@ class LoadDependent(OneState):
                 raise ModelError(
                     "load-dependent friction needs a reference model, but no body has a mass",
                     where=f"robot '{robot.name}', list of terms",
-                    mend="give the robot's links masses, or the term a `reference` from an "
+                    fix="give the robot's links masses, or the term a `reference` from an "
                     "earlier result",
                 )
             return robot.nominal.ravel()
@@ -102,7 +102,7 @@ class LoadDependent(OneState):
             raise ModelError(
                 f"the reference of load-dependent friction names '{strange[0]}'",
                 where=f"robot '{robot.name}', list of terms",
-                mend=advice(strange[0], names, "numbers of bodies"),
+                fix=advice(strange[0], names, "numbers of bodies"),
             )
         return np.array([values.get(name, 0.0) for name in names])
 
@@ -117,7 +117,7 @@ def _numbers(reference: Any) -> tuple[tuple[str, float], ...]:
         raise ModelError(
             f"load-dependent friction has reference = {reference!r}",
             where="list of terms",
-            mend='give finite numbers of bodies by name: reference = {"m.forearm" = 3.2}',
+            fix='give finite numbers of bodies by name: reference = {"m.forearm" = 3.2}',
         )
     return values
 

@@ -7,14 +7,14 @@ from typing import ClassVar
 from steelyard.kernel.equations.dynamics import JointState
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
-from steelyard.terms.acting import Acting
+from steelyard.terms.acting import ActsOnAxes
 from steelyard.terms.axes import each, spread
 from steelyard.terms.model_files import Place, left_out
 from steelyard.terms.term import Cause, Columns, Dissipation
 
 
 @dataclass(frozen=True)
-class Offset(Acting):
+class Offset(ActsOnAxes):
     r"""Constant effort, $f = o$ [Nm; N if prismatic]."""
 
     law: ClassVar[str] = "offset"

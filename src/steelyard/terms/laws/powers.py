@@ -9,7 +9,7 @@ import numpy as np
 from steelyard.kernel.equations.dynamics import JointState, Scalar
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
-from steelyard.terms.acting import Acting
+from steelyard.terms.acting import ActsOnAxes
 from steelyard.terms.axes import each, spread
 from steelyard.terms.model_files import Place, as_one, curve_over_speed
 from steelyard.terms.term import Cause, Columns, Dissipation
@@ -18,7 +18,7 @@ CREEP = 1e-12
 """Speed up to which the root is a straight line, so that its slope stays finite [rad/s; m/s]."""
 
 
-class _OfSpeed(Acting):
+class _OfSpeed(ActsOnAxes):
     """One parameter per coordinate, not negative, times a function of its speed."""
 
     dissipation: ClassVar[Dissipation] = "together"

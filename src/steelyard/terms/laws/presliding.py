@@ -37,7 +37,7 @@ class OneState(Presliding):
 
     cause: ClassVar[Cause] = "friction"
     shown_by: ClassVar[str] = REVERSALS
-    aside: ClassVar[tuple[str, ...]] = ("length",)
+    state_only_fields: ClassVar[tuple[str, ...]] = ("length",)
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"length": (1e-5, 3e-2)}
     length: Field = 3e-4
 
@@ -97,7 +97,7 @@ class MaxwellSlip(Presliding):
     cause: ClassVar[Cause] = "friction"
     shown_by: ClassVar[str] = REVERSALS
     in_model_files: ClassVar[Place] = full_sliding(lost=GIVES_WAY)
-    aside: ClassVar[tuple[str, ...]] = ("lengths", "relaxing")
+    state_only_fields: ClassVar[tuple[str, ...]] = ("lengths", "relaxing")
     lengths: tuple[float, ...] = (3e-4, 1e-3, 3e-3, 1e-2)
     relaxing: bool = False
 
@@ -106,7 +106,7 @@ class MaxwellSlip(Presliding):
             raise ModelError(
                 f"Maxwell slip with lengths {self.lengths!r}",
                 where="list of terms",
-                mend="give one length above zero per element: lengths = [3e-4, 1e-3]",
+                fix="give one length above zero per element: lengths = [3e-4, 1e-3]",
             )
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
@@ -167,7 +167,7 @@ class LuGre(Presliding):
     shown_by: ClassVar[str] = REVERSALS
     in_model_files: ClassVar[Place] = full_sliding("lugre", lost=f"{GIVES_WAY} and breakaway")
     shares: ClassVar[Mapping[str, tuple[float, float]]] = {"lugre_damping": (0.3, 0.8)}
-    aside: ClassVar[tuple[str, ...]] = ("length", "breakaway", "speed")
+    state_only_fields: ClassVar[tuple[str, ...]] = ("length", "breakaway", "speed")
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {
         "length": (1e-5, 3e-2),
         "speed": (1e-3, 1.0),
@@ -185,7 +185,7 @@ class LuGre(Presliding):
             raise ModelError(
                 f"LuGre friction breaks away at {min(ratios):g} times its Coulomb friction",
                 where="list of terms",
-                mend="give `breakaway` as a ratio of at least 1, one for all or a list",
+                fix="give `breakaway` as a ratio of at least 1, one for all or a list",
             )
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:

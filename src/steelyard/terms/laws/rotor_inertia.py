@@ -10,14 +10,14 @@ from steelyard.arrays import Array
 from steelyard.kernel.equations.dynamics import JointState
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
-from steelyard.terms.acting import Acting
+from steelyard.terms.acting import ActsOnAxes
 from steelyard.terms.axes import Axis, each, spread
 from steelyard.terms.model_files import Place, as_one
 from steelyard.terms.term import Cause, Columns, Dissipation, Role
 
 
 @dataclass(frozen=True)
-class RotorInertia(Acting):
+class RotorInertia(ActsOnAxes):
     r"""Rotor inertia, $f = I_a\,a$ with the coordinate's acceleration $a$ [kg m²; kg].
 
     On a joint it is the inertia reflected through the gear. Gyroscopic effects of the spinning

@@ -7,14 +7,14 @@ from steelyard.errors import ModelError
 from steelyard.kernel.equations.dynamics import JointState
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
-from steelyard.terms.acting import Acting
+from steelyard.terms.acting import ActsOnAxes
 from steelyard.terms.axes import Axis, each, spread
 from steelyard.terms.model_files import Part, Placed, Values, under
 from steelyard.terms.term import Cause, Columns, Dissipation
 
 
 @dataclass(frozen=True)
-class Spring(Acting):
+class Spring(ActsOnAxes):
     r"""Spring along a coordinate, $f = k\,(x - x_0)$, the effort that holds it [N m/rad; N/m].
 
     With `free = "unknown"` the torque is $f = k\,x - p$ with a preload $p = k\,x_0$, a parameter of
@@ -38,7 +38,7 @@ class Spring(Acting):
             raise ModelError(
                 f"term 'spring' has free = {self.free!r}",
                 where="list of terms",
-                mend="give the position where the spring is free [rad; m], one for all or a list, "
+                fix="give the position where the spring is free [rad; m], one for all or a list, "
                 'or free = "unknown"',
             )
 
@@ -78,6 +78,6 @@ class Spring(Acting):
             raise ModelError(
                 f"term 'spring' has {len(self.free)} free positions for {len(axes)} coordinates",
                 where="list of terms",
-                mend="give one position for all, or a list with one per coordinate",
+                fix="give one position for all, or a list with one per coordinate",
             )
         return self.free

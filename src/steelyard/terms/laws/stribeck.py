@@ -9,7 +9,7 @@ import numpy as np
 from steelyard.kernel.equations.dynamics import JointState, Scalar
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
-from steelyard.terms.acting import Acting
+from steelyard.terms.acting import ActsOnAxes
 from steelyard.terms.axes import each, per_axis, spread
 from steelyard.terms.direction import (
     Field,
@@ -23,7 +23,7 @@ from steelyard.terms.term import Cause, Columns, Dissipation
 
 
 @dataclass(frozen=True)
-class Stribeck(Acting):
+class Stribeck(ActsOnAxes):
     r"""Stribeck friction, the excess of breakaway over Coulomb friction.
 
     $$ f = (f_s - f_c)\,e^{-|v/v_s|^\beta}\,s(v) $$

@@ -6,14 +6,14 @@ from typing import ClassVar
 from steelyard.kernel.equations.dynamics import JointState
 from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
-from steelyard.terms.acting import Acting
+from steelyard.terms.acting import ActsOnAxes
 from steelyard.terms.axes import each, spread
 from steelyard.terms.model_files import Place, as_one
 from steelyard.terms.term import Cause, Columns, Dissipation
 
 
 @dataclass(frozen=True)
-class Viscous(Acting):
+class Viscous(ActsOnAxes):
     r"""Viscous friction, $f = f_v\,v$ [N m s/rad; N s/m if prismatic]."""
 
     law: ClassVar[str] = "viscous"

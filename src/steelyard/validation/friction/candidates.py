@@ -8,8 +8,8 @@ from typing import Any, cast
 from steelyard.model import Model
 from steelyard.regression.base import BaseMap, base_parameters
 from steelyard.regression.regressor import Regressor, chosen_regressor
-from steelyard.terms.candidates import Dictionary
-from steelyard.terms.term import Remembering, Term
+from steelyard.terms.candidates import CandidateTerms
+from steelyard.terms.term import StatefulTerm, Term
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +34,7 @@ class Candidates:
             known = by_law.setdefault(_place(term), ())
             by_law[_place(term)] = known if term in known else (*known, term)
         dictionaries = (
-            Dictionary.of(model.robot, terms, max(terms, key=lambda t: _warm_up(t, model)))
+            CandidateTerms.of(model.robot, terms, max(terms, key=lambda t: _warm_up(t, model)))
             for terms in by_law.values()
         )
         wide = Model(model.robot, (*model.terms, *dictionaries))
@@ -81,4 +81,4 @@ def _place(term: Term) -> tuple[Any, ...]:
 
 
 def _warm_up(term: Term, model: Model) -> float:
-    return float(term.warm_up(model.robot).max()) if isinstance(term, Remembering) else 0.0
+    return float(term.warm_up(model.robot).max()) if isinstance(term, StatefulTerm) else 0.0

@@ -19,7 +19,7 @@ from steelyard.arrays import Array
 from steelyard.errors import ModelError
 from steelyard.estimation.estimate import Estimator
 from steelyard.estimation.fields.fields import said_by
-from steelyard.estimation.fields.reference import reference_of
+from steelyard.estimation.fields.load_friction_reference import reference_of
 from steelyard.measurement.run import Run
 from steelyard.model import Model
 from steelyard.progress import Progress, silent
@@ -171,7 +171,7 @@ def refuse_listed(model: Model) -> None:
             raise ModelError(
                 f"friction is to be chosen, but '{term.law}' is listed ('{twice[0]}')",
                 where=f"list of terms of robot '{model.robot.name}'",
-                mend='leave friction laws of the joints out of `terms`, or friction = "auto"',
+                fix='leave friction laws of the joints out of `terms`, or friction = "auto"',
             )
 
 

@@ -16,7 +16,7 @@ from steelyard.terms.laws.presliding import Dahl, LuGre, MaxwellSlip
 from steelyard.terms.laws.spring import Spring
 from steelyard.terms.laws.stribeck import Stribeck
 from steelyard.terms.laws.viscous import Viscous
-from steelyard.terms.term import Remembering, Term
+from steelyard.terms.term import StatefulTerm, Term
 
 FINE = (3e-4, 1e-3, 3e-3, 1e-2)
 WIDE = (1e-3, 4e-3, 2e-2, 1e-1)
@@ -110,7 +110,7 @@ def _along(laws: Sequence[Term], aside: Sequence[Viscous]) -> tuple[Term, ...]:
 
 def remembers(terms: Sequence[Term]) -> bool:
     """Whether friction at rest is known: some law has a memory of where the joint came from."""
-    return any(isinstance(term, Remembering) for term in terms)
+    return any(isinstance(term, StatefulTerm) for term in terms)
 
 
 def mix_name(terms: Sequence[Term]) -> str:

@@ -1,0 +1,1 @@
+"""From compared hypotheses to findings: ranking, verdict, checks."""

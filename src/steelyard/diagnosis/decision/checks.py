@@ -1,0 +1,138 @@
+"""The checks whose question a hypothesis about the robot file answers, as one table."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from steelyard.diagnosis.case import Case
+from steelyard.diagnosis.decision.decidable import least_mass
+from steelyard.diagnosis.decision.friction_sign import friction_signs
+from steelyard.diagnosis.decision.gains_left import gains_left
+from steelyard.diagnosis.decision.ranking import known_of
+from steelyard.diagnosis.decision.telling import agrees, findings
+from steelyard.diagnosis.decision.verdict import Verdict, verdict
+from steelyard.diagnosis.finding import Finding, Severity
+from steelyard.diagnosis.residual_delay import residual_delay
+
+Findings = tuple[Finding, ...]
+
+
+@dataclass(frozen=True)
+class HypothesisCheck:
+    """A check by the hypotheses that have its name as their cause.
+
+    Attributes:
+        name: As users see it, and the cause of its hypotheses.
+        asks: The question in a few words.
+        fine: What holds where nothing is wrong, or the whole sentence for a verdict.
+        advice: What to do about a hypothesis that explains a log better.
+        completed: The findings with those that this check makes by other means.
+        quick: Whether `identify` asks it before it begins.
+    """
+
+    name: str
+    asks: str
+    fine: str | Callable[[Verdict], str]
+    advice: str
+    completed: Callable[[Case, str, Findings], Findings] | None = None
+    quick: bool = True
+
+    def __call__(self, case: Case) -> Findings:
+        """One finding per log that moves; one for all if nothing is known of the robot."""
+        found = findings(case, self.name, self._fine, self.advice)
+        return found if self.completed is None else self.completed(case, self.name, found)
+
+    def _fine(self, held: Verdict) -> str:
+        return agrees(held, self.fine) if isinstance(self.fine, str) else self.fine(held)
+
+
+def _signs_of_friction(case: Case, name: str, found: Findings) -> Findings:
+    """Without masses, what friction tells."""
+    return (friction_signs(case, name) if known_of(case) is None else ()) or found
+
+
+def _gains_not_found(case: Case, name: str, found: Findings) -> Findings:
+    """Where no gain is wrong, whether the logs give those that are to be identified."""
+    return found if any(f.severity for f in found) else gains_left(case, name) or found
+
+
+def _short_delays(case: Case, name: str, found: Findings) -> Findings:
+    """A delay in the residuals of a fit, unless one is known or another cause comes first."""
+    judged = [verdict(case, evidence) for evidence in case.logs]
+    winners = [winner for held in judged if held is not None for winner in held.winners]
+    if any(hypothesis.cause == name or how is Severity.WRONG for hypothesis, how in winners):
+        return found
+    late = residual_delay(case, name)
+    return found if late is None else (late, *(f for f in found if f.log))
+
+
+def _fine_gains(held: Verdict) -> str:
+    if any(held.ranking.trial.signals.unknown_gains):
+        return "gains are identified, so they are not compared with the model file"
+    return agrees(held, "gains and gear ratios are right")
+
+
+def _no_load(held: Verdict) -> str:
+    trial = held.ranking.trial
+    if trial.knowledge.identified:
+        return agrees(held, "the arm carries no load")
+    mass = least_mass(trial)
+    return agrees(held, f"no load of {mass:.2g} kg or more, if the model file's masses are right")
+
+
+JOINT_ORDER = HypothesisCheck(
+    "joint order",
+    "Is every column that of its joint?",
+    "columns are those of their joints",
+    "put the columns in the order of the joints",
+)
+POSITION_SIGN = HypothesisCheck(
+    "position sign",
+    "Do positions have the right sign?",
+    "positions have the right sign",
+    "state which position columns have the opposite sign",
+)
+EFFORT_SIGN = HypothesisCheck(
+    "effort sign",
+    "Do efforts have the right sign?",
+    "efforts have the right sign",
+    "change the sign of the gain",
+    _signs_of_friction,
+)
+EFFORT_UNIT = HypothesisCheck(
+    "effort unit",
+    "Are efforts in the unit declared?",
+    "efforts are in the unit declared",
+    "declare the unit in which efforts are logged",
+)
+EFFORT_KIND = HypothesisCheck(
+    "effort kind",
+    "Are efforts of the declared kind?",
+    "efforts are of the kind declared",
+    "declare what the columns hold",
+)
+GAIN = HypothesisCheck(
+    "gain",
+    "Are gains and gear ratios right?",
+    _fine_gains,
+    "use this gain; is it the gear ratio that is wrong?",
+    _gains_not_found,
+)
+EFFORT_DELAY = HypothesisCheck(
+    "effort delay",
+    "Do all efforts have a common delay?",
+    "efforts have no common delay",
+    "compensate the delay",
+    _short_delays,
+)
+MOUNTING = HypothesisCheck(
+    "mounting",
+    "Is the direction of gravity that of the robot file?",
+    "gravity has the direction of the robot file",
+    "state the direction of gravity in the base frame",
+)
+PAYLOAD = HypothesisCheck(
+    "payload",
+    "Is the arm without load?",
+    _no_load,
+    "identify without this log, give it as --loaded, or identify the load with steelyard payload",
+)

@@ -1,0 +1,219 @@
+r"""Which questions a nominal model can answer where it finds nothing wrong.
+
+Its misfit may come from wrong masses, or hide what is asked for. A question with a size (payload,
+tilt of gravity) is answered if that size alone could not make the misfit: for the effort per unit
+$c_j(t)$, and what is left of joint j's effort, $r_j(t)$, at most about
+
+$$ \min_j \operatorname{rms}(r_j) / \operatorname{std}(c_j) $$
+
+can be there, given the masses. A question with alternatives (signs, orders, units) is answered if
+each of them agrees clearly worse.
+"""
+
+from collections.abc import Iterator
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.arrays import Array
+from steelyard.diagnosis.decision.ranking import DECISIVE
+from steelyard.diagnosis.decision.support import HEAVIEST, LATE
+from steelyard.diagnosis.decision.verdict import (
+    LEAST_DELAY,
+    LEAST_MASS,
+    LEAST_SHARE,
+    Verdict,
+    last_of,
+)
+from steelyard.diagnosis.hypotheses.alternatives import FACTORS
+from steelyard.diagnosis.hypotheses.by_effort import poorly_shown
+from steelyard.diagnosis.hypotheses.by_position import Draft, judged
+from steelyard.diagnosis.hypotheses.by_surroundings import NEAR, SHARP, payload_fit
+from steelyard.diagnosis.likelihood.interpretation import Interpretation
+from steelyard.diagnosis.likelihood.possible import Possible, possible
+from steelyard.diagnosis.likelihood.trial import Score, Trial, regressors
+
+SHOWN = 3
+"""Alternatives that are named."""
+
+
+def undecided(held: Verdict, cause: str) -> str:
+    """Why a nominal model cannot answer a question; empty if it can.
+
+    Args:
+        held: What holds of the log; nothing that is of this cause.
+        cause: The check that asks.
+    """
+    trial, last = held.ranking.trial, last_of(held)
+    if trial.knowledge.identified:
+        return ""
+    open_factor = [r.cause for r, _ in held.winners if not r.fixed and r.cause in FACTORS]
+    if open_factor and cause in (*FACTORS, "payload"):
+        return f"undecided until {open_factor[-1]} is resolved, see there"
+    score = trial.score(last.interpretation)
+    misfit = f"the nominal model has a misfit of {float(score.percent[0]):.1f} %"
+    if cause in ("payload", "mounting"):
+        return _hidden(trial, last.interpretation, score, cause, misfit)
+    if cause == "gain" and any(trial.signals.unknown_gains):
+        return ""
+    if cause == "gain":
+        return _gains(trial, last.interpretation, misfit)
+    if cause == "effort delay":
+        near = _times(trial, last.interpretation)
+        misfit = "bodies of any mass fit as declared"
+    else:
+        near = _near(trial, last.interpretation, score, cause)
+    listed = ", ".join(near[:SHOWN]) + ", ..." * (len(near) > SHOWN)
+    return f"undecided: {misfit}, but fits about as well with {listed}" if near else ""
+
+
+def _hidden(
+    trial: Trial, interpretation: Interpretation, score: Score, cause: str, misfit: str
+) -> str:
+    """The same where the misfit could hide a payload or a tilt."""
+    if cause == "payload":
+        mass = detectable_mass(trial, interpretation, score)
+        hidden = mass > least_mass(trial)
+        size = f"{mass:.2g} kg at the last link"
+    else:
+        tilt = detectable_tilt(trial, interpretation, score)
+        hidden = tilt > NEAR
+        size = f"a tilt by {np.rad2deg(tilt):.0f}°"
+    return f"undecided: {misfit}, which {size} may cause" if hidden else ""
+
+
+def least_mass(trial: Trial) -> float:
+    """Payload from which on one matters [kg]."""
+    arm = sum(body.inertia.mass for body in trial.knowledge.robot.bodies)
+    return max(LEAST_MASS, LEAST_SHARE * arm)
+
+
+def detectable_mass(trial: Trial, interpretation: Interpretation, score: Score) -> float:
+    """Most that the arm may carry unseen, or carries by the best fit [kg]."""
+    q, dq, ddq = trial.motion(interpretation)
+    columns = trial.knowledge.payload(q, dq, ddq, interpretation.gravity)[:1]
+    bound = _size(trial, interpretation, score, columns)
+    fitted = payload_fit(trial, interpretation)
+    return max(bound, 0.0 if fitted is None else float(fitted.values[0]))
+
+
+def detectable_tilt(trial: Trial, interpretation: Interpretation, score: Score) -> float:
+    """Largest tilt of gravity that may be there unseen, about the worst axis [rad]."""
+    gravity, size = interpretation.gravity, float(np.linalg.norm(interpretation.gravity))
+    if size == 0.0:
+        return float(np.pi)
+    pulls = trial.knowledge.pulls(trial.motion(interpretation)[0])
+    across = np.linalg.svd(gravity[None])[2][1:]
+    columns = size * np.einsum("ai,ijt->ajt", across, pulls)
+    return float(np.arctan(max(_size(trial, interpretation, score, c[None]) for c in columns)))
+
+
+def _size(trial: Trial, interpretation: Interpretation, score: Score, columns: Array) -> float:
+    """What one number comes to if it makes all that is left, of the joint that shows it best.
+
+    Args:
+        trial: The log.
+        interpretation: How it is read.
+        score: Of that interpretation.
+        columns: Joint efforts per unit, shape `(1, n, N)`.
+    """
+    moving = _moving(trial, interpretation)
+    e = trial.excerpt.later([interpretation.delay])[0, list(interpretation.effort)]
+    e = e * interpretation.effort_scale[:, None]
+    unit = trial.into_logged(interpretation) @ columns[0]
+    left, shown = np.full(len(e), np.inf), np.ones(len(e))
+    for j in np.flatnonzero(score.counts[0] > 0.0):
+        left[j] = score.misfits[0, j] * np.sqrt(np.mean(np.square(e[j, moving[j]])))
+        shown[j] = max(float(np.std(unit[j, moving[j]])), 1e-12)
+    return float(np.min(left / shown))
+
+
+def _moving(trial: Trial, interpretation: Interpretation) -> NDArray[np.bool_]:
+    q, dq, ddq = trial.motion(interpretation)
+    u, du = trial.driven(dq), trial.driven(ddq)
+    arrays = (x[:, None] for x in (q, u, du, np.zeros_like(q)))
+    moving: NDArray[np.bool_] = regressors(*arrays)[1][:, 0] > 0.0
+    return moving
+
+
+def _gains(trial: Trial, interpretation: Interpretation, misfit: str) -> str:
+    weak = poorly_shown(trial, interpretation)
+    if not weak:
+        return ""
+    listed = ", ".join(f"'{name}'" for name in weak)
+    names = trial.knowledge.robot.joint_names
+    rest = [f"'{name}'" for name in names if name not in weak]
+    if not rest:
+        return f"undecided: {misfit}, with very different gains as well"
+    return (
+        f"undecided for {listed}: the nominal model agrees with very different gains as well; "
+        f"it agrees with those of {', '.join(rest)}"
+    )
+
+
+def _near(trial: Trial, interpretation: Interpretation, score: Score, cause: str) -> list[str]:
+    """Alternatives that do not agree clearly worse than an interpretation."""
+    least = float(score.log_likelihood[0]) - DECISIVE
+    seen = score.counts[0] > 0.0
+    drafts = [d for d in _drafts(trial, interpretation, cause) if np.any(seen[list(d.joints)])]
+    return [r.says for r in judged(trial, drafts) if float(r.score.log_likelihood) > least]
+
+
+def _times(trial: Trial, interpretation: Interpretation) -> list[str]:
+    """Delays that bodies of the log's own do not contradict."""
+    size, now = LEAST_DELAY[False], possible(trial, interpretation)
+    near = []
+    for more, way in ((size, "late"), (-size, "early")):
+        other = possible(trial, interpretation.changed(delay=interpretation.delay + more))
+        if now is None or other is None or _sharp(other) > _sharp(now) - LATE:
+            near.append(f"efforts {1e3 * size:.0f} ms {way}")
+    return near
+
+
+def _sharp(bodies: Possible) -> float:
+    return float(bodies.score.likelihood(SHARP, np.inf))
+
+
+def _drafts(trial: Trial, interpretation: Interpretation, cause: str) -> Iterator[Draft]:
+    """The alternatives of a question."""
+    names, n = trial.knowledge.robot.joint_names, trial.signals.n
+    every = tuple(range(n))
+    if cause == "position sign":
+        for j, name in enumerate(names):
+            changed = interpretation.changed(
+                position_scale=_turned(n, j) * interpretation.position_scale
+            )
+            yield Draft(cause, f"'{name}' with the opposite sign", changed, 0.0, (j,))
+    elif cause == "effort sign":
+        for j, name in enumerate(names):
+            changed = interpretation.with_factors(_turned(n, j))
+            yield Draft(cause, f"the opposite sign of '{name}'", changed, 0.0, (j,))
+        changed = interpretation.with_factors(-np.ones(n))
+        yield Draft(cause, "the opposite sign of all", changed, 0.0, every)
+    elif cause in ("effort unit", "effort kind"):
+        size = 1000.0 if cause == "effort unit" else HEAVIEST
+        for factor in (size, 1.0 / size):
+            changed = interpretation.with_factors(np.full(n, factor))
+            yield Draft(cause, f"efforts times {factor:.3g}", changed, 0.0, every)
+    elif cause == "joint order":
+        yield from _swaps(interpretation, names)
+
+
+def _swaps(interpretation: Interpretation, names: tuple[str, ...]) -> Iterator[Draft]:
+    for a, b in combinations(range(len(names)), 2):
+        order = list(range(len(names)))
+        order[a], order[b] = b, a
+        position = tuple(interpretation.position[k] for k in order)
+        effort = tuple(interpretation.effort[k] for k in order)
+        pair = f"'{names[a]}' and '{names[b]}' exchanged"
+        for what, changed in (
+            ("positions of ", interpretation.changed(position=position)),
+            ("efforts of ", interpretation.changed(effort=effort)),
+            ("", interpretation.changed(position=position, effort=effort)),
+        ):
+            yield Draft("joint order", what + pair, changed, 0.0, (a, b))
+
+
+def _turned(n: int, joint: int) -> Array:
+    return np.where(np.arange(n) == joint, -1.0, 1.0)

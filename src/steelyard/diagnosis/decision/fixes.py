@@ -1,0 +1,127 @@
+"""From the interpretation that explains a log to the keys of the robot file that say it."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.diagnosis.finding import Edit
+from steelyard.diagnosis.hypotheses.by_effort import PERCENT
+from steelyard.diagnosis.likelihood.accuracy import spread_of
+from steelyard.diagnosis.likelihood.interpretation import Interpretation
+from steelyard.diagnosis.likelihood.trial import Trial
+from steelyard.errors import ModelError
+from steelyard.robot_file.efforts import MOTOR_KINDS
+from steelyard.robot_file.file import LoadedRobot, load_robot_file
+
+DIGITS = 4
+"""Significant digits of fitted numbers."""
+WHOLE = 0.01
+"""Relative distance up to which a gear ratio is taken for a whole number."""
+EFFORT = ("signals", "effort")
+
+
+def edits_of(
+    cause: str, trial: Trial, interpretation: Interpretation, loaded: LoadedRobot
+) -> tuple[Edit, ...]:
+    """The edits that one cause needs; all causes' edits together make the interpretation."""
+    before, s = trial.declared, trial.signals
+    if cause == "joint order":
+        return _orders(before, interpretation, s.position, s.effort)
+    if cause == "position sign":
+        if np.array_equal(np.sign(interpretation.position_scale), np.sign(before.position_scale)):
+            return ()
+        signs = [int(x) for x in np.sign(interpretation.position_scale)]
+        return (Edit(("signals", "position_sign"), signs),)
+    if cause == "effort delay":
+        return (Edit((*EFFORT, "delay"), round(interpretation.delay, 4)),)
+    if cause == "mounting":
+        gravity = [round(float(x), 4) + 0.0 for x in interpretation.gravity]
+        return (Edit(("robot", "gravity"), gravity), Edit(("robot", "mounting"), None))
+    if cause in ("effort sign", "effort unit", "effort kind", "gain"):
+        return _effort(cause, trial, interpretation, loaded)
+    return ()
+
+
+def _orders(
+    before: Interpretation, after: Interpretation, position: Sequence[str], effort: Sequence[str]
+) -> tuple[Edit, ...]:
+    found = []
+    if after.position != before.position:
+        found.append(Edit(("signals", "position"), [position[k] for k in after.position]))
+    if after.effort != before.effort:
+        found.append(Edit((*EFFORT, "columns"), [effort[k] for k in after.effort]))
+    return tuple(found)
+
+
+def _effort(
+    cause: str, trial: Trial, after: Interpretation, loaded: LoadedRobot
+) -> tuple[Edit, ...]:
+    """Kind, unit and gain of the efforts."""
+    before, s = trial.declared, trial.signals
+    if np.any(after.ratios != 1.0):
+        return _ratios(trial, after, loaded)
+    factors = after.effort_scale / before.effort_scale
+    kinds = () if after.kind in (before.kind, PERCENT) else (Edit((*EFFORT, "kind"), after.kind),)
+    if after.kind == "gravity_compensated_torque" != before.kind:
+        if before.kind in MOTOR_KINDS or "A" in s.effort_units:
+            return (Edit(("robot", "gravity"), [0.0, 0.0, 0.0]),)
+        return kinds
+    gains = file_gains(trial, loaded) * factors
+    gain = (Edit((*EFFORT, "gain"), rounded(gains), _accuracy(cause, trial, after)),)
+    if after.kind == PERCENT:
+        kind = Edit((*EFFORT, "kind"), "motor_torque")
+        return (kind, Edit((*EFFORT, "unit"), "%"), *gain)
+    if after.kind == "motor_current" != before.kind:
+        return (*kinds, Edit((*EFFORT, "unit"), "A"), *gain)
+    if after.kind == "joint_torque" and before.kind == "motor_current":
+        units = list(loaded.robot.effort_units)
+        one = units[0] if len(set(units)) == 1 else units
+        return (*kinds, Edit((*EFFORT, "unit"), one), Edit((*EFFORT, "gain"), None))
+    if set(s.effort_units) == {"A"} and np.allclose(np.abs(factors), np.abs(factors[0])):
+        scale = float(np.abs(after.effort_scale[0]))
+        unit = {1.0: "A", 1e-3: "mA"}.get(round(scale, 9))
+        if unit is not None and abs(factors[0]) != 1.0:
+            edits = (Edit((*EFFORT, "unit"), unit),)
+            signed = Edit((*EFFORT, "gain"), rounded(gains / np.abs(factors)))
+            return edits if np.all(factors > 0.0) else (*edits, signed)
+    return gain
+
+
+def _ratios(trial: Trial, after: Interpretation, loaded: LoadedRobot) -> tuple[Edit, ...]:
+    """Gear ratios: whole numbers where one is near."""
+    gears = loaded.robot.transmission
+    if gears is None:
+        return ()
+    found = []
+    for ratio, factor in zip(np.diag(gears.matrix), after.ratios, strict=True):
+        value = float(f"{ratio * factor:.{DIGITS}g}") if factor != 1.0 else float(ratio)
+        whole = float(round(value))
+        found.append(whole if abs(value - whole) <= WHOLE * abs(value) else value)
+    return (Edit(("robot", "transmission", "ratios"), found, spread_of(trial, after)),)
+
+
+def _accuracy(cause: str, trial: Trial, after: Interpretation) -> float:
+    """Of a gain that was fitted; signs and units are exact."""
+    return spread_of(trial, after) if cause == "gain" else 0.0
+
+
+def file_gains(trial: Trial, loaded: LoadedRobot) -> Array:
+    """Gains as the robot file gives them: behind what its gears do, shape `(n,)`."""
+    s, gears = trial.signals, loaded.robot.transmission
+    if gears is None:
+        return trial.gains
+    if s.effort_map is not None:
+        return np.asarray(np.diag(np.linalg.solve(gears.matrix.T, s.effort_map)))
+    try:
+        section = load_robot_file(loaded.sources[0].path).signals
+    except ModelError:
+        return trial.gains
+    if section is not None and section.effort.side == "motor":
+        return np.asarray(trial.gains / np.diag(gears.matrix))
+    return trial.gains
+
+
+def rounded(values: Array) -> list[float]:
+    """To the digits that a fit is worth."""
+    return [float(f"{x:.{DIGITS}g}") for x in values]

@@ -1,0 +1,227 @@
+"""One ranking of all explanations of a log, so that one fault raises one alarm."""
+
+from dataclasses import dataclass, replace
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.diagnosis.case import Case, Evidence
+from steelyard.diagnosis.hypotheses.by_effort import PERCENT, Other, best_factors, effort_hypotheses
+from steelyard.diagnosis.hypotheses.by_last_link import link_hypotheses
+from steelyard.diagnosis.hypotheses.by_position import deep_hypotheses, position_hypotheses
+from steelyard.diagnosis.hypotheses.by_ratio import ratio_hypotheses
+from steelyard.diagnosis.hypotheses.by_surroundings import world_hypotheses
+from steelyard.diagnosis.hypotheses.hypothesis import AS_DECLARED, Hypothesis, one_of
+from steelyard.diagnosis.hypotheses.mirrored import efforts_first
+from steelyard.diagnosis.knowledge import Knowledge, knowledge_of
+from steelyard.diagnosis.likelihood.excerpt import excerpt_of
+from steelyard.diagnosis.likelihood.trial import Trial, trial_of
+from steelyard.diagnosis.signal_overview import once
+from steelyard.estimation.identified import IdentifiedModel
+from steelyard.progress import tell
+
+BAD = {True: 0.12, False: 0.5}
+"""Misfit of a joint from which on an interpretation is bad, with a reference and without."""
+EXPECTED = 3.0
+"""The same over what the reference's own residuals come to."""
+HOPELESS = 0.9
+LOOSE = 15.0
+"""Typical misfit [%] from which on efforts are read in other ways, though no joint is bad."""
+DECISIVE = 20.0
+"""Log-likelihood that a winner must gain for what it leaves to be looked at."""
+SUSPECT = 10.0
+"""What a hypothesis must gain for the others to be looked at where the interpretation is fine."""
+ALIEN = ("position unit", "clock")
+"""Causes that other checks report; what they leave is looked at once they are corrected."""
+COMPARING = "comparing explanations: order, signs, units, gains, mounting"
+"""The phase of the work that the checks share."""
+ROUNDS = 3
+"""Faults that are looked for, one after the other."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ranking:
+    """Explanations of one log.
+
+    Attributes:
+        trial: The log.
+        declared: As the robot file reads it.
+        rounds: Per round all hypotheses, the likeliest first; a round starts from the winner of the
+            one before, and the last one's winner is what it started from, or agrees.
+    """
+
+    trial: Trial
+    declared: Hypothesis
+    rounds: tuple[tuple[Hypothesis, ...], ...]
+
+    @property
+    def chain(self) -> tuple[Hypothesis, ...]:
+        """The winners, without the declared interpretation."""
+        winners = [hypotheses[0] for hypotheses in self.rounds]
+        return tuple(dict.fromkeys(w for w in winners if w.cause))
+
+
+@once
+def ranking(case: Case, evidence: Evidence) -> Ranking | None:
+    """The ranking of one log; `None` without motion, or if nothing is known of the robot."""
+    signals = evidence.recording.signals
+    knowledge = known_of(case)
+    gains = _gains(case, evidence)
+    if knowledge is None or gains is None:
+        return None
+    cutoff = None if case.reference is None else case.reference.cutoffs.matched
+    excerpt = excerpt_of(evidence.recording, evidence.processing, cutoff)
+    if excerpt is None:
+        return None
+    scales = _scales(case, evidence)
+    trial = trial_of(excerpt, signals, knowledge, case.loaded.robot, gains, scales)
+    if any(signals.unknown_gains) and not knowledge.identified:
+        trial = _with_free_gains(trial)
+    number = case.logs.index(evidence)
+    tell(case.progress, COMPARING, number, len(case.logs), evidence.name)
+    found = ranked(trial, _others(trial, case.reference))
+    tell(case.progress, COMPARING, number + 1, len(case.logs), evidence.name)
+    return found if np.any(found.declared.score.counts > 0.0) else None
+
+
+_KNOWN: WeakKeyDictionary[Case, Knowledge | None] = WeakKeyDictionary()
+
+
+def known_of(case: Case) -> Knowledge | None:
+    """What is known of the robot; a reference of other joints tells nothing."""
+    if case not in _KNOWN:
+        _KNOWN[case] = _known(case)
+    return _KNOWN[case]
+
+
+def _known(case: Case) -> Knowledge | None:
+    reference = case.reference
+    if reference is not None and reference.model.robot.joint_names != case.joints:
+        reference = None
+    return knowledge_of(reference, case.loaded.robot)
+
+
+def _gains(case: Case, evidence: Evidence) -> Array | None:
+    """Gains of the efforts; those to be identified are the reference's, without one 1."""
+    signals = evidence.recording.signals
+    gains = np.array(signals.gains)
+    if not any(signals.unknown_gains) or case.reference is None:
+        return gains
+    if case.reference.model.robot.joint_names != case.joints:
+        return None
+    return np.where(signals.unknown_gains, case.reference.signals.gains, gains)
+
+
+def _scales(case: Case, evidence: Evidence) -> Array | float:
+    """Logged effort over what the gains say, as the reference found it of sensors of this kind."""
+    reference, signals = case.reference, evidence.recording.signals
+    if reference is None or reference.effort_scales is None:
+        return 1.0
+    kinds = (reference.signals.effort_kind, reference.signals.effort_units)
+    same = kinds == (signals.effort_kind, signals.effort_units)
+    alike = same and reference.model.robot.joint_names == case.joints
+    values = reference.effort_scales.values
+    # gains that are to be identified are the reference's, which count its scales
+    return np.where(signals.unknown_gains or False, 1.0, values) if alike else 1.0
+
+
+def _with_free_gains(trial: Trial) -> Trial:
+    """The log with the gains at which the nominal bodies agree best.
+
+    All of them: where some are to be identified, those that are given may be up to one scale.
+    """
+    declared = trial.declared
+    sums = trial.sums([declared])
+    best = best_factors(trial, sums, list(declared.effort), declared.effort_scale)
+    return replace(trial, gains=trial.gains * best)
+
+
+def _others(trial: Trial, reference: IdentifiedModel | None) -> tuple[Other, ...]:
+    """What the efforts may be instead of what is declared."""
+    units, gains = trial.signals.effort_units, trial.gains
+    found = []
+    if "A" in units:
+        scale = np.asarray(trial.declared.effort_scale)
+        found.append(Other("efforts are joint torques", "joint_torque", 1.0 / (gains * scale)))
+    elif reference is not None and "A" in reference.signals.effort_units:
+        currents = reference.signals.gains / gains
+        found.append(Other("efforts are motor currents in A", "motor_current", currents))
+        found.append(Other("efforts are motor currents in mA", "motor_current", 1e-3 * currents))
+    limits = np.array([c.limits.effort for c in trial.knowledge.robot.coordinates])
+    if np.isfinite(limits).all() and np.all(limits > 0.0) and trial.signals.effort_map is None:
+        says = "efforts are percents of the joints' limits"
+        found.append(Other(says, PERCENT, 0.01 * limits / gains))
+    return tuple(found)
+
+
+def ranked(trial: Trial, others: tuple[Other, ...]) -> Ranking:
+    """Rank all explanations, and those of what the best of them leaves."""
+    score = one_of(trial.score(trial.declared), 0)
+    first = Hypothesis("", AS_DECLARED, trial.declared, 0.0, (), score)
+    now, rounds = first, []
+    for _ in range(ROUNDS):
+        hypotheses = _rivals(trial, now, others)
+        rounds.append(hypotheses)
+        gain = hypotheses[0].log_likelihood - now.log_likelihood
+        if gain < DECISIVE or hypotheses[0].cause in ALIEN or not bad(trial, hypotheses[0]):
+            break
+        now = hypotheses[0]
+    return Ranking(trial, first, tuple(rounds))
+
+
+def _rivals(trial: Trial, now: Hypothesis, others: tuple[Other, ...]) -> tuple[Hypothesis, ...]:
+    """Everything that one change of an interpretation can explain, the likeliest first."""
+    found, identified = [now], trial.knowledge.identified
+    if bad(trial, now) or identified or now.percent > LOOSE:
+        found += effort_hypotheses(
+            trial, now.interpretation, trial.sums([now.interpretation]), others
+        )
+    found += world_hypotheses(trial, now.interpretation)
+    if bad(trial, now) and not identified:
+        found += link_hypotheses(trial, now.interpretation)
+    found.sort(key=_unlikely)
+    gain = found[0].log_likelihood - now.log_likelihood
+    if bad(trial, now) or (identified and gain > SUSPECT):
+        found += position_hypotheses(trial, now.interpretation)
+        found += ratio_hypotheses(trial, now.interpretation)
+        found.sort(key=_unlikely)
+    if bad(trial, found[0]):
+        found += deep_hypotheses(trial, now.interpretation)
+        found.sort(key=_unlikely)
+    return efforts_first(now.interpretation, found)
+
+
+def _unlikely(hypothesis: Hypothesis) -> float:
+    return -hypothesis.log_likelihood
+
+
+def limits(trial: Trial) -> Array:
+    """Misfit of each joint from which on an interpretation is bad, shape `(n,)`."""
+    least = np.full(trial.signals.n, BAD[trial.knowledge.identified])
+    sigma = trial.knowledge.sigma
+    if sigma is None:
+        return least
+    logged = np.abs(trial.into_logged(trial.declared)) @ sigma
+    size = np.maximum(trial.size, 1e-300)
+    return np.asarray(np.maximum(least, np.minimum(EXPECTED * logged / size, HOPELESS)))
+
+
+def bad(trial: Trial, hypothesis: Hypothesis) -> bool:
+    """Whether a joint disagrees more than friction and a rough model explain.
+
+    An effort that is smaller than it should be, such as one without gravity, may disagree by as
+    many newton metres.
+    """
+    if not disagrees(trial, hypothesis):
+        return False
+    interpretation = hypothesis.interpretation
+    e = trial.excerpt.e[list(interpretation.effort)] * interpretation.effort_scale[:, None]
+    rms = np.maximum(np.sqrt(np.mean(np.square(e), axis=1)), 1e-300)
+    allowed = limits(trial) * np.maximum(trial.size / rms, 1.0)
+    return bool(np.any((hypothesis.misfits > allowed) & (hypothesis.score.counts > 0.0)))
+
+
+def disagrees(trial: Trial, hypothesis: Hypothesis) -> bool:
+    """Whether a joint disagrees, relative to its effort, however small that is."""
+    return bool(np.any((hypothesis.misfits > limits(trial)) & (hypothesis.score.counts > 0.0)))

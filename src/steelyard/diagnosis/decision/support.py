@@ -1,0 +1,344 @@
+"""What the data of a log say by themselves, where nothing but a nominal model is known.
+
+That links are heavier or lighter than a model file says is always a hypothesis. So an explanation
+is beyond doubt only if bodies that can exist, whatever they weigh, fit the log clearly better under
+it than as declared. Orders, signs and directions show so; a factor on all efforts never does, for
+bodies of as many times the mass make it.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.diagnosis.finding import Severity
+from steelyard.diagnosis.hypotheses.by_combination import combined_hypotheses
+from steelyard.diagnosis.hypotheses.by_effort import unit_hypotheses
+from steelyard.diagnosis.hypotheses.by_friction import friction_alone
+from steelyard.diagnosis.hypotheses.by_last_link import link_hypotheses
+from steelyard.diagnosis.hypotheses.by_mounting import mounting_hypotheses
+from steelyard.diagnosis.hypotheses.by_surroundings import SHARP, axis_near
+from steelyard.diagnosis.hypotheses.hypothesis import FREE, Hypothesis, one_of
+from steelyard.diagnosis.hypotheses.mirrored import with_mirror
+from steelyard.diagnosis.likelihood.interpretation import Interpretation
+from steelyard.diagnosis.likelihood.possible import Possible, possible
+from steelyard.diagnosis.likelihood.trial import FLOOR, Trial
+
+MARGIN, FALL = 60.0, 2.0
+"""Log-likelihood that bodies of the log's own must gain, and the factor by which the misfit of some
+joint must fall, for the data to contradict what is declared."""
+LATE = 12.0
+"""The same for a delay, with a sharper likelihood."""
+HEAVIEST = 6.0
+"""Factor by which all efforts may be off a nominal model's before its links are no excuse."""
+POOR, ROUGH = 10.0, 25.0
+"""Misfit of bodies of the log's own [%] from which on other orders and signs are tried, and up to
+which they are proposed."""
+FAIR = 5.0
+"""The same from which on other directions of gravity are tried."""
+KILO = 2.5
+"""Factor up to which links may differ from a model file's for efforts to be in a unit that is a
+thousand times the declared one: no gain is as large."""
+CLOSE = 3.0
+"""Log-likelihood within which two explanations agree equally well."""
+
+
+def contradicted(trial: Trial, before: Interpretation, winner: Hypothesis) -> bool:
+    """Whether the data, whatever the bodies weigh, speak for an explanation."""
+    then, now = possible(trial, before), possible(trial, winner.interpretation)
+    if then is None or now is None:
+        return False
+    if winner.cause == "effort delay":
+        gain = now.score.likelihood(SHARP, np.inf) - then.score.likelihood(SHARP, np.inf)
+        return bool(gain > LATE)
+    return better(now, then, winner.cost)
+
+
+def better(now: Possible, then: Possible, cost: float) -> bool:
+    """Whether one interpretation fits bodies of the log's own clearly better than another."""
+    gain = float(now.score.log_likelihood - then.score.log_likelihood) - cost
+    falls = then.score.misfits / np.maximum(now.score.misfits, FLOOR)
+    return gain >= MARGIN and float(np.max(falls)) >= FALL
+
+
+def supported(
+    trial: Trial, winners: Sequence[tuple[Hypothesis, Severity]]
+) -> tuple[tuple[Hypothesis, Severity], ...]:
+    """What holds of a log, from what a nominal model asks for and what the data say of it.
+
+    Args:
+        trial: The log.
+        winners: What the nominal model asks for, in the order in which it was found.
+    """
+    kept: list[tuple[Hypothesis, Severity]] = []
+    interpretation, asked = trial.declared, False
+    for hypothesis, severity in winners:
+        thousand = _as_thousand(trial, interpretation, hypothesis)
+        if thousand is not None:
+            kept.append((thousand, severity))
+            interpretation = thousand.interpretation
+            break
+        if hypothesis.cause == "payload" or contradicted(trial, interpretation, hypothesis):
+            fixed = hypothesis.fixed and not _fitted(interpretation, hypothesis)
+            kept.append((replace(hypothesis, fixed=fixed), severity))
+        elif _only_factor(interpretation, hypothesis):
+            asked = asked or not _of_unit(trial, interpretation, hypothesis)
+            if asked:
+                break
+            kept.append((hypothesis, severity))
+        else:
+            kept.append((replace(hypothesis, fixed=False), Severity.DOUBTFUL))
+            break
+        interpretation = hypothesis.interpretation
+    whole = _combined(trial, interpretation)
+    if whole:
+        kept = [*(kept if whole[0][0].cause == "mounting" else ()), *whole]
+        interpretation = whole[-1][0].interpretation
+    kept = [(with_mirror(trial, trial.declared, r), j) for r, j in _unrivalled(trial, kept)]
+    scale = _scale(trial, interpretation, asked)
+    return (*kept, scale) if scale is not None else tuple(kept)
+
+
+def _unrivalled(
+    trial: Trial, kept: list[tuple[Hypothesis, Severity]]
+) -> list[tuple[Hypothesis, Severity]]:
+    """Nothing is written where positions in another order do as well as efforts, or the reverse."""
+    before = trial.declared
+    for number, (hypothesis, _) in enumerate(kept):
+        after = hypothesis.interpretation
+        alone = (after.position == before.position) != (after.effort == before.effort)
+        if hypothesis.cause != "joint order" or not hypothesis.fixed or not alone:
+            continue
+        mirror = _mirror(before, after)
+        mine, other = possible(trial, after), possible(trial, mirror)
+        if mine is None or other is None:
+            continue
+        if float(mine.score.log_likelihood - other.score.log_likelihood) < MARGIN:
+            says = (
+                f"{hypothesis.says}, or {_order_of(trial, mirror)}: this log alone does not decide"
+            )
+            kept[number] = replace(hypothesis, says=says), Severity.DOUBTFUL
+            return [(replace(r, fixed=False), Severity.DOUBTFUL) for r, _ in kept]
+    return kept
+
+
+def _mirror(before: Interpretation, after: Interpretation) -> Interpretation:
+    """The same pairs of positions and efforts, as an order of the others."""
+    n = range(len(after.position))
+    if after.effort == before.effort:
+        effort = tuple(before.effort[after.position.index(before.position[j])] for j in n)
+        return after.changed(position=before.position, effort=effort)
+    position = tuple(before.position[after.effort.index(before.effort[j])] for j in n)
+    return after.changed(position=position, effort=before.effort)
+
+
+def _order_of(trial: Trial, interpretation: Interpretation) -> str:
+    """The order of the columns in a few words."""
+    if interpretation.position == trial.declared.position:
+        return f"efforts in the order {', '.join(str(k + 1) for k in interpretation.effort)}"
+    names = trial.knowledge.robot.joint_names
+    if interpretation.effort == interpretation.position:
+        return f"the columns are in the order {_inverse(names, interpretation.position)}"
+    return f"the columns of positions are those of {_inverse(names, interpretation.position)}"
+
+
+def _worst(bodies: Possible) -> float:
+    """Misfit of the joint that bodies of the log's own fit least [%]."""
+    seen = bodies.score.counts > 0.0
+    return 100.0 * float(np.max(bodies.score.misfits[seen], initial=0.0))
+
+
+def _only_factor(interpretation: Interpretation, hypothesis: Hypothesis) -> bool:
+    """Whether an explanation does nothing but multiply efforts by positive factors."""
+    after = hypothesis.interpretation
+    factors = after.effort_scale / interpretation.effort_scale
+    return bool(
+        np.all(factors > 0.0)
+        and (after.position, after.effort) == (interpretation.position, interpretation.effort)
+        and np.array_equal(after.gravity, interpretation.gravity)
+        and np.array_equal(after.position_scale, interpretation.position_scale)
+        and (after.delay, after.time) == (interpretation.delay, interpretation.time)
+        and np.array_equal(after.ratios, interpretation.ratios)
+    )
+
+
+def _fitted(interpretation: Interpretation, hypothesis: Hypothesis) -> bool:
+    """Whether an explanation's gains or ratios are those at which a nominal model agrees best."""
+    ratios = not np.array_equal(hypothesis.interpretation.ratios, interpretation.ratios)
+    return hypothesis.cost >= FREE and (ratios or _only_factor(interpretation, hypothesis))
+
+
+def _of_unit(trial: Trial, interpretation: Interpretation, hypothesis: Hypothesis) -> bool:
+    """Whether a known factor, not a fitted one, brings bodies from absurd masses to likely ones."""
+    then, now = possible(trial, interpretation), possible(trial, hypothesis.interpretation)
+    known = not _fitted(interpretation, hypothesis)
+    return known and then is not None and now is not None and _far(then) and not _far(now)
+
+
+def _as_thousand(
+    trial: Trial, interpretation: Interpretation, hypothesis: Hypothesis
+) -> Hypothesis | None:
+    """The unit that a fitted factor is near, if it leaves likely masses; `None` otherwise."""
+    factors = hypothesis.interpretation.effort_scale / interpretation.effort_scale
+    if not _fitted(interpretation, hypothesis) or not _near_thousand(trial, factors):
+        return None
+    unit = _thousand(trial, interpretation)
+    return unit if _of_unit(trial, interpretation, unit) else None
+
+
+def _near_thousand(trial: Trial, factors: Array) -> bool:
+    near = np.all((factors > 1e3 / KILO) & (factors < 1e3 * KILO))
+    return bool(near) and "A" not in trial.signals.effort_units
+
+
+def _thousand(trial: Trial, interpretation: Interpretation) -> Hypothesis:
+    """Efforts in a unit that is a thousand times the declared one."""
+    hypotheses = unit_hypotheses(trial, interpretation, trial.sums([interpretation]))
+    return max(hypotheses, key=lambda r: float(np.sum(np.abs(r.interpretation.effort_scale))))
+
+
+def _far(found: Possible) -> bool:
+    return max(found.scale, 1.0 / found.scale) > HEAVIEST
+
+
+def _combined(
+    trial: Trial, interpretation: Interpretation
+) -> tuple[tuple[Hypothesis, Severity], ...]:
+    """Order and signs of all columns, or gravity, if the data speak for another than is declared.
+
+    So much is changed at once that the misfit must fall in the typical joint, or be small in all.
+
+    Args:
+        trial: The log.
+        interpretation: As it is read so far; orders and signs are searched from the declared
+        interpretation.
+    """
+    now, own = possible(trial, interpretation), possible(trial, trial.declared)
+    if now is None or own is None:
+        return ()
+    poor = now.percent > POOR or _worst(now) > ROUGH
+    found = combined_hypotheses(trial) if poor else []
+    fair = now.percent > FAIR or _worst(now) > POOR
+    found += mounting_hypotheses(trial, interpretation) if fair else []
+    if not found:
+        return ()
+    found.sort(key=lambda pair: -pair[0].log_likelihood)
+    best, bodies = found[0]
+    if not better(bodies, now, best.cost):
+        return ()
+    if bodies.percent > ROUGH or (FALL * bodies.percent > now.percent and _worst(bodies) > POOR):
+        return ()
+    near = [r for r, _ in found[1:] if r.log_likelihood > best.log_likelihood - CLOSE]
+    sure = not near and bodies.percent <= _enough(best)
+    severity = Severity.WRONG if sure else Severity.DOUBTFUL
+    compared = "bodies of any mass", (now if best.cause else own).percent
+    return tuple(
+        (replace(part, fixed=sure, compared=compared), severity) for part in _parts(trial, best)
+    )
+
+
+def _enough(hypothesis: Hypothesis) -> float:
+    """Misfit [%] up to which an explanation may be sure.
+
+    A direction of gravity that lies along no axis may as well be a force from outside.
+    """
+    if hypothesis.cause != "mounting":
+        return ROUGH
+    gravity = hypothesis.interpretation.gravity
+    return FAIR if axis_near(gravity / np.linalg.norm(gravity)) is None else POOR
+
+
+def _parts(trial: Trial, best: Hypothesis) -> Iterator[Hypothesis]:
+    """One explanation per cause, all of the same interpretation."""
+    names, before, after = trial.knowledge.robot.joint_names, trial.declared, best.interpretation
+    if best.cause:
+        yield best
+        return
+    if (after.position, after.effort) != (before.position, before.effort):
+        says = _order_of(trial, after)
+        yield replace(best, cause="joint order", says=says)
+    for cause, says, then, now in (
+        (
+            "position sign",
+            "position of {} has the opposite sign",
+            before.position_scale,
+            after.position_scale,
+        ),
+        (
+            "effort sign",
+            "effort of {} has the opposite sign",
+            before.effort_scale,
+            after.effort_scale,
+        ),
+    ):
+        turned = np.flatnonzero(np.sign(then) != np.sign(now))
+        if len(turned):
+            who = ", ".join(f"'{names[j]}'" for j in turned)
+            who = "all joints" if len(turned) == len(names) > 1 else who
+            joints = tuple(int(j) for j in turned)
+            yield replace(best, cause=cause, says=says.format(who), joints=joints)
+
+
+def _inverse(names: Sequence[str], order: Sequence[int]) -> str:
+    """Which joint every column belongs to, in the order of the columns."""
+    return ", ".join(f"'{names[list(order).index(k)]}'" for k in range(len(order)))
+
+
+def other_bodies(trial: Trial, interpretation: Interpretation) -> Possible | None:
+    """Bodies of the log's own that explain a log; `None` where they do not, or hardly show."""
+    found = possible(trial, interpretation)
+    if found is None or found.percent > POOR or _worst(found) > ROUGH:
+        return None
+    return None if no_bodies(trial, interpretation, found) else found
+
+
+def no_bodies(trial: Trial, interpretation: Interpretation, found: Possible) -> bool:
+    """Whether friction alone fits a log about as well as with bodies: their size is open then."""
+    alone = Possible(friction_alone(trial, interpretation), 0.0)
+    return not better(found, alone, 0.0)
+
+
+def _scale(
+    trial: Trial, interpretation: Interpretation, asked: bool
+) -> tuple[Hypothesis, Severity] | None:
+    """A factor on all efforts, or bodies lighter or heavier than the nominal ones.
+
+    Beyond `HEAVIEST` something is wrong with the efforts, if the factor makes the nominal model
+    agree clearly better; below, only where the nominal model asks for it. Nothing is said where
+    friction alone fits as well as bodies.
+
+    Args:
+        trial: The log.
+        interpretation: What the data support.
+        asked: Whether the nominal model speaks for other gains.
+    """
+    found = possible(trial, interpretation)
+    if found is None or not (asked or (_far(found) and found.percent <= ROUGH)):
+        return None
+    if no_bodies(trial, interpretation, found):
+        return None
+    factor, far = 1.0 / found.scale, _far(found)
+    lighter = "lighter" if factor > 1.0 else "heavier"
+    says = (
+        f"either efforts are off by a factor of about {factor:.2g}, or the links are "
+        f"{max(factor, found.scale):.2g} times {lighter} than the model file says"
+    )
+    if found.percent > FAIR:
+        says += f", or lengths and axes are others: bodies of any mass leave {found.percent:.0f} %"
+    changed = interpretation.with_factors(np.full(trial.signals.n, factor))
+    cause = "gain" if "A" in trial.signals.effort_units else "effort kind"
+    score = one_of(trial.score(changed), 0)
+    if not asked and float(score.percent) * FALL > float(trial.score(interpretation).percent[0]):
+        return None
+    if far and _near_thousand(trial, np.array([factor])):
+        return _thousand(trial, interpretation), Severity.WRONG
+    joints = tuple(range(trial.signals.n))
+    hypothesis = Hypothesis(cause, says, changed, FREE, joints, score, fixed=False)
+    if far:
+        return hypothesis, Severity.WRONG
+    link = next(link_hypotheses(trial, interpretation), None)
+    if link is None or link.log_likelihood < hypothesis.log_likelihood - MARGIN:
+        return hypothesis, Severity.DOUBTFUL
+    says = f"either efforts are off by a factor of about {factor:.2g}, or {link.says}"
+    return replace(hypothesis, says=says), Severity.OK

@@ -1,0 +1,274 @@
+"""Findings of the checks that share the ranking: one fault, one alarm."""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from steelyard.diagnosis.case import Case, Evidence
+from steelyard.diagnosis.decision.confirm import confirmed
+from steelyard.diagnosis.decision.decidable import undecided
+from steelyard.diagnosis.decision.fixes import edits_of
+from steelyard.diagnosis.decision.ranking import HOPELESS, known_of
+from steelyard.diagnosis.decision.support import no_bodies, other_bodies
+from steelyard.diagnosis.decision.velocities import velocity_edits
+from steelyard.diagnosis.decision.verdict import CLEAN, ROUGH, Verdict, last_of, verdict
+from steelyard.diagnosis.finding import (
+    ComparedHypothesis,
+    Edit,
+    Finding,
+    Fix,
+    Picture,
+    Severity,
+    Trace,
+)
+from steelyard.diagnosis.hypotheses.alternatives import ways
+from steelyard.diagnosis.hypotheses.by_friction import friction_alone
+from steelyard.diagnosis.hypotheses.hypothesis import Hypothesis
+from steelyard.diagnosis.likelihood.possible import possible
+from steelyard.diagnosis.signal_overview import once
+
+HALF = 0.5
+"""Typical misfit of an interpretation that predicts next to nothing."""
+SHOWN = 6
+"""Hypotheses that are shown."""
+POINTS = 1500
+WHOLE = 100.0
+"""Misfit from which on no decimals are printed [%]."""
+MUCH = 1000.0
+"""Misfit beyond which the number says no more [%]."""
+UNEXPLAINED = "effort kind"
+"""The check that says so where nothing explains the efforts."""
+LOST = (
+    "no single hypothesis explains these efforts: check columns, kind, unit and gains, and which "
+    "joints are locked where; a model from clean runs (--model) tells more"
+)
+OF_NOMINAL = (
+    ", with the masses of the model file, which may be wrong: take the ratio from the data sheet, "
+    "or give a model from clean runs (--model)"
+)
+UNKNOWN = "undecided: the robot's model gives no masses; give --model"
+
+
+@once
+def edits(case: Case, evidence: Evidence) -> tuple[Edit, ...]:
+    """All edits that correct the robot file for one log; none if they do not do so together."""
+    held = verdict(case, evidence)
+    if held is None or not held.written:
+        return ()
+    last = held.written[-1].interpretation
+    causes = dict.fromkeys(hypothesis.cause for hypothesis in held.written)
+    found = [e for c in causes for e in edits_of(c, held.ranking.trial, last, case.loaded)]
+    found += velocity_edits(evidence, held.ranking.trial, last)
+    whole = tuple({edit.path: edit for edit in found}.values())
+    return whole if confirmed(case, evidence, whole, held) else ()
+
+
+def findings(
+    case: Case, cause: str, fine: Callable[[Verdict], str], advice: str
+) -> tuple[Finding, ...]:
+    """One finding per log that can be tried; one for all if nothing is known of the robot.
+
+    Args:
+        case: What there is.
+        cause: The check's name, and that of the hypotheses that are its own.
+        fine: What to say where nothing is wrong.
+        advice: What to do about a winner.
+    """
+    if known_of(case) is None:
+        figure_of = "no masses, no reference"
+        return (Finding(cause, "", Severity.OK, UNKNOWN, figure_of, answered=False),)
+    found: list[Finding] = []
+    for evidence in case.logs:
+        held = verdict(case, evidence)
+        if held is not None and not held.alien:
+            found += _of_log(case, evidence, held, cause, fine, advice)
+    return tuple(found)
+
+
+def _of_log(
+    case: Case,
+    evidence: Evidence,
+    held: Verdict,
+    cause: str,
+    fine: Callable[[Verdict], str],
+    advice: str,
+) -> Iterator[Finding]:
+    shown, nominal = hypotheses(held, cause), not held.ranking.trial.knowledge.identified
+    mine = [(number, w) for number, w in enumerate(held.winners) if w[0].cause == cause]
+    if not mine:
+        lost = cause == UNEXPLAINED and hopeless(held)
+        unclear = undecided(held, cause) if told(held) else ""
+        yield Finding(
+            cause,
+            evidence.name,
+            Severity.DOUBTFUL if lost else Severity.OK,
+            unclear or fine(held),
+            _worst(case, held) if lost else figure(held, cause),
+            fix=Fix(LOST) if lost else None,
+            hypotheses=shown,
+            nominal=nominal,
+            answered=told(held) and not unclear,
+        )
+        return
+    number, (hypothesis, severity) = mine[-1]
+    before = held.winners[number - 1][0] if number else held.ranking.declared
+    known, then, rise = _compared(held, hypothesis, before)
+    fix, severity = _mend(case, evidence, held, hypothesis, severity, advice)
+    yield Finding(
+        cause,
+        evidence.name,
+        severity,
+        f"{hypothesis.says}: agrees with {known} to {_percent(hypothesis.percent)}, "
+        f"{'without' if number and hypothesis.compared is None else 'as declared'} "
+        f"{_percent(then)}",
+        f"misfit {_percent(then)} falls to {_percent(hypothesis.percent)}{rise}",
+        tuple(case.joints[j] for j in hypothesis.joints),
+        fix,
+        picture(held, before, hypothesis),
+        shown,
+        nominal,
+        answered=bool(severity),
+    )
+
+
+def _compared(held: Verdict, hypothesis: Hypothesis, before: Hypothesis) -> tuple[str, float, str]:
+    """What a winner agrees with, the misfit before it [%], both of the same, and the gain."""
+    if hypothesis.compared is not None:
+        return *hypothesis.compared, ""
+    score = held.ranking.trial.score(before.interpretation)
+    rise = hypothesis.log_likelihood - float(score.log_likelihood[0])
+    percent = float(score.percent[0])
+    return _known(held), percent, f", log-likelihood rises by {rise:.0f}" * (rise > 0.0)
+
+
+def _mend(
+    case: Case,
+    evidence: Evidence,
+    held: Verdict,
+    hypothesis: Hypothesis,
+    severity: Severity,
+    advice: str,
+) -> tuple[Fix | None, Severity]:
+    """The advice with its edits, which the first finding of a log carries for the velocities."""
+    if not severity:
+        return None, severity
+    if not hypothesis.fixed and np.any(hypothesis.interpretation.ratios != 1.0):
+        return Fix(f"{hypothesis.says}{OF_NOMINAL}"), severity
+    if not hypothesis.fixed:
+        return ways(case, hypothesis, sure=severity is Severity.WRONG), severity
+    last, trial = held.written[-1].interpretation, held.ranking.trial
+    wanted = edits_of(hypothesis.cause, trial, last, case.loaded)
+    whole = edits(case, evidence)
+    if wanted and not whole:
+        says = f"{hypothesis.says}; no line of the robot file corrects it: examine the log"
+        return Fix(says), Severity.DOUBTFUL
+    paths = {edit.path for edit in wanted}
+    if hypothesis.cause in ("joint order", "position sign"):
+        paths |= {("signals", "velocity"), ("signals", "velocity_sign")}
+    mine = tuple(edit for edit in whole if edit.path in paths)
+    return Fix(f"{hypothesis.says}: {advice}", mine, bool(mine)), severity
+
+
+def hypotheses(held: Verdict, cause: str) -> tuple[ComparedHypothesis, ...]:
+    """The likeliest hypotheses, with the declared interpretation and this cause's own best one."""
+    ranked = held.ranking
+    hypotheses = ranked.rounds[0]
+    mine = [r for r in hypotheses if r.cause == cause][:2]
+    shown = {id(r): r for r in (*hypotheses[: SHOWN - 2], ranked.declared, *mine)}
+    ordered = sorted(shown.values(), key=lambda r: -r.log_likelihood)
+    top = ordered[0].log_likelihood
+    return tuple(
+        ComparedHypothesis(r.says, r.percent, r.log_likelihood - top, r is ranked.declared)
+        for r in ordered
+    )
+
+
+def _worst(case: Case, held: Verdict) -> str:
+    """The joint that disagrees most."""
+    misfits = held.ranking.declared.misfits
+    joint = int(np.argmax(misfits))
+    return f"misfit of {case.joints[joint]} {_percent(100.0 * misfits[joint])}, bound 90 %"
+
+
+def _percent(value: float) -> str:
+    if value >= MUCH:
+        return f"more than {MUCH:.0f} %"
+    return f"{value:.1f} %" if value < WHOLE else f"{value:.0f} %"
+
+
+def figure(held: Verdict, cause: str) -> str:
+    """The misfit, and that of the next best explanation of this kind."""
+    ranked = held.ranking
+    mine = [r for r in ranked.rounds[0] if r.cause == cause]
+    text = f"misfit {ranked.declared.percent:.1f} %"
+    return f"{text}, {mine[0].says}: {mine[0].percent:.1f} %" if mine else text
+
+
+def picture(held: Verdict, before: Hypothesis, after: Hypothesis) -> Picture:
+    """Effort of the joint that gains most: measured, and as it should be."""
+    trial = held.ranking.trial
+    joint = int(np.argmax(before.misfits / np.maximum(after.misfits, 1e-3)))
+    t, e, wrong = trial.compared(before.interpretation, joint)
+    _, corrected, right = trial.compared(after.interpretation, joint)
+    step = max(1, len(t) // POINTS)
+    name = trial.knowledge.robot.joint_names[joint]
+    traces = [Trace("measured", t[::step], e[::step]), Trace(before.says, t[::step], wrong[::step])]
+    if not np.allclose(corrected, e):
+        traces.append(Trace("measured, corrected", t[::step], corrected[::step]))
+    traces.append(Trace(after.says, t[::step], right[::step]))
+    return Picture("time [s]", f"effort of '{name}'", tuple(traces))
+
+
+def _unclear(held: Verdict) -> str:
+    """Why nothing explains a log."""
+    trial, interpretation = held.ranking.trial, held.ranking.declared.interpretation
+    bodies = other_bodies(trial, interpretation)
+    if bodies is not None:
+        return f"bodies that are not the model file's agree to {_percent(bodies.percent)}"
+    bodies = possible(trial, interpretation)
+    if bodies is None or not no_bodies(trial, interpretation, bodies):
+        return "no hypothesis is clearly better"
+    alone = float(friction_alone(trial, interpretation).percent)
+    return (
+        f"the efforts contain hardly any rigid-body torque: friction alone leaves "
+        f"{_percent(alone)}, with bodies of any mass {_percent(bodies.percent)}"
+    )
+
+
+def _known(held: Verdict) -> str:
+    identified = held.ranking.trial.knowledge.identified
+    return "the reference" if identified else "the nominal model"
+
+
+def told(held: Verdict) -> bool:
+    """Whether anything can be said of a log."""
+    close = held.ranking.trial.knowledge.identified or held.ranking.declared.percent <= ROUGH
+    return bool(held.winners) or (held.explained and close)
+
+
+def hopeless(held: Verdict) -> bool:
+    """Whether nothing that was tried explains the efforts, not even roughly."""
+    trial, declared = held.ranking.trial, held.ranking.declared
+    seen = declared.score.counts > 0.0
+    worst = float(np.max(declared.misfits[seen], initial=0.0))
+    if told(held) or (worst <= HOPELESS and declared.percent <= 100.0 * HALF):
+        return False
+    return trial.knowledge.identified or other_bodies(trial, declared.interpretation) is None
+
+
+def agrees(held: Verdict, what: str) -> str:
+    """What to say where nothing is wrong, or where nothing can be said."""
+    ranked = held.ranking
+    if not told(held):
+        much = _percent(ranked.declared.percent)
+        why = f"undecided: {_known(held)} disagrees by {much} and "
+        if ranked.trial.knowledge.identified:
+            return f"{why}no hypothesis is clearly better"
+        return f"{why}{_unclear(held)}; give --model"
+    percent = float(ranked.trial.score(last_of(held).interpretation).percent[0])
+    once = ""
+    if held.winners:
+        written = all(hypothesis.fixed for hypothesis, _ in held.winners)
+        once = ", once the rest is corrected" if written else ", if the rest is as stated"
+    close = "" if percent <= CLEAN else "only "
+    return f"{what} ({_known(held)} agrees {close}to {percent:.1f} %{once})"

@@ -1,0 +1,238 @@
+"""What a ranking says: which explanations are beyond doubt, and the findings that tell them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from steelyard.diagnosis.case import Case, Evidence
+from steelyard.diagnosis.decision.ranking import ALIEN, Ranking, bad, disagrees, ranking
+from steelyard.diagnosis.decision.support import supported
+from steelyard.diagnosis.finding import Severity
+from steelyard.diagnosis.hypotheses.by_effort import OWN
+from steelyard.diagnosis.hypotheses.by_friction import giving_way
+from steelyard.diagnosis.hypotheses.by_last_link import of_link
+from steelyard.diagnosis.hypotheses.by_surroundings import SHARP, delay_hypotheses
+from steelyard.diagnosis.hypotheses.hypothesis import Hypothesis
+from steelyard.diagnosis.hypotheses.mirrored import mirrors
+from steelyard.diagnosis.signal_overview import once
+
+MARGIN = {True: 20.0, False: 60.0}
+"""Log-likelihood by which an explanation must beat the declared interpretation, with and without a
+reference."""
+FALL = {True: 2.0, False: 2.5}
+"""Factor by which some joint's misfit must fall with a reference; without, the typical one."""
+CLOSE = 3.0
+"""Log-likelihood within which two explanations cannot be told apart."""
+ROUGH = 25.0
+"""Typical misfit [%] that an explanation by a nominal model may leave."""
+OF_JOINTS = ("effort sign", "position sign")
+"""Causes that show in the joints they are about, however well the others agree."""
+HUGE = 20.0
+"""Factor on one joint's effort beyond which a rough model is no excuse either."""
+STRIKING, CLEAN = 200.0, 12.0
+"""Log-likelihood gained, and misfit left [%], of an explanation by a nominal model that counts
+although the declared interpretation is not bad in itself."""
+LEAST_MASS, LEAST_SHARE, SURE_MASS = 0.3, 0.02, 6.0
+"""Least payload [kg], relative to the arm's mass, and over its standard deviation."""
+LEAST_DELAY = {True: 0.004, False: 0.04}
+"""Least delay [s], with and without a reference."""
+DELAY_ROWS, DELAY_MARGIN = 1.5, 12.0
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """What holds of one log.
+
+    Attributes:
+        ranking: All explanations.
+        winners: What is wrong, in the order in which it was found, with how sure that is; ok
+            where the model file alone is wrong, which leaves a question open.
+        explained: Whether the last winner agrees with what is known.
+    """
+
+    ranking: Ranking
+    winners: tuple[tuple[Hypothesis, Severity], ...]
+    explained: bool
+
+    @property
+    def written(self) -> tuple[Hypothesis, ...]:
+        """Those of the winners that the robot file may be changed to say."""
+        return tuple(hypothesis for hypothesis, _ in self.winners if hypothesis.fixed)
+
+    @property
+    def alien(self) -> bool:
+        """Whether another check's cause is the first to be corrected."""
+        return alien(self.winners)
+
+
+@once
+def verdict(case: Case, evidence: Evidence) -> Verdict | None:
+    """What holds of a log; `None` if it cannot be tried."""
+    found = ranking(case, evidence)
+    if found is None:
+        return None
+    winners: list[tuple[Hypothesis, Severity]] = []
+    before = found.declared
+    for hypotheses, winner in zip(found.rounds, found.chain, strict=False):
+        severity = _judged(found, before, winner, hypotheses)
+        if severity is Severity.OK:
+            link = _link(before, winner, hypotheses)
+            if link is None:
+                break
+            winner = link
+        winners.append((winner, severity))
+        before = winner
+    if all(w.cause != "effort delay" for w, _ in winners):
+        late = _delay(found, len(winners), before)
+        if late is not None and _late(found, before, late):
+            winners.append((late, Severity.WRONG))
+    if found.trial.knowledge.identified or alien(winners):
+        return Verdict(found, tuple(winners), not bad(found.trial, before))
+    held = supported(found.trial, winners)
+    return Verdict(found, held, not bad(found.trial, held[-1][0] if held else before))
+
+
+def last_of(held: Verdict) -> Hypothesis:
+    """The last winner, or the declared interpretation."""
+    return held.winners[-1][0] if held.winners else held.ranking.declared
+
+
+def alien(winners: Sequence[tuple[Hypothesis, Severity]]) -> bool:
+    """Whether another check's cause is the first to be corrected."""
+    return any(hypothesis.cause in ALIEN for hypothesis, _ in winners)
+
+
+def positions_at_fault(case: Case, evidence: Evidence) -> bool:
+    """Whether it is sure that positions, not velocities, have another order or sign."""
+    held = verdict(case, evidence)
+    return held is not None and any(
+        hypothesis.cause in ("joint order", "position sign")
+        and severity is Severity.WRONG
+        and _moves_positions(held.ranking, hypothesis)
+        for hypothesis, severity in held.winners
+    )
+
+
+def _moves_positions(found: Ranking, hypothesis: Hypothesis) -> bool:
+    before, after = found.trial.declared, hypothesis.interpretation
+    turned = np.sign(before.position_scale) != np.sign(after.position_scale)
+    return before.position != after.position or bool(np.any(turned))
+
+
+def _delay(found: Ranking, judged: int, before: Hypothesis) -> Hypothesis | None:
+    """The delay beside what was found so far."""
+    if judged < len(found.rounds):
+        return next((r for r in found.rounds[judged] if r.cause == "effort delay"), None)
+    return next(delay_hypotheses(found.trial, before.interpretation), None)
+
+
+def _judged(
+    found: Ranking, before: Hypothesis, winner: Hypothesis, hypotheses: tuple[Hypothesis, ...]
+) -> Severity:
+    """How sure a winner is."""
+    trial, sure = found.trial, found.trial.knowledge.identified
+    gain = winner.log_likelihood - before.log_likelihood
+    if gain < MARGIN[sure]:
+        return Severity.OK
+    if winner.cause == "payload":
+        heavy = _heavy(found, winner)
+        rough = not sure and not bad(trial, before)
+        return Severity.OK if rough or not heavy else _when(sure)
+    if winner.cause == "effort delay":
+        return Severity.WRONG if _late(found, before, winner) else Severity.OK
+    if sure:
+        fall = float(np.max(before.misfits / np.maximum(winner.misfits, 1e-3)))
+    elif not bad(trial, before) and not _striking(winner, gain):
+        return Severity.OK
+    else:
+        fall = before.percent / max(winner.percent, 1e-3)
+        if winner.cause in OF_JOINTS or _huge(before, winner):
+            fall = max(fall, _fall_of_joints(before, winner))
+        if winner.percent > ROUGH:
+            return Severity.OK
+    if fall < FALL[sure]:
+        return Severity.OK
+    near = [r for r in hypotheses[1:] if r.log_likelihood > winner.log_likelihood - CLOSE]
+    apart = [
+        r
+        for r in near
+        if (r.cause != winner.cause or r.joints != winner.joints)
+        and not mirrors(before.interpretation, winner, r)
+    ]
+    return _when(not apart)
+
+
+def _link(
+    before: Hypothesis, winner: Hypothesis, hypotheses: tuple[Hypothesis, ...]
+) -> Hypothesis | None:
+    """That the last link differs from a model file: it explains the log, and nothing is wrong.
+
+    `None` where it does not, or where another explanation does as well.
+    """
+    link = next((hypothesis for hypothesis in hypotheses if of_link(hypothesis)), None)
+    if link is None or winner.cause != link.cause:
+        return None
+    near = link.log_likelihood - CLOSE
+    if any(r.cause != link.cause and r.log_likelihood > near for r in hypotheses):
+        return None
+    gain = link.log_likelihood - before.log_likelihood
+    falls = before.percent >= FALL[False] * link.percent
+    return link if gain >= MARGIN[False] and falls else None
+
+
+def _striking(winner: Hypothesis, gain: float) -> bool:
+    """Whether a few numbers explain very much, and leave next to nothing."""
+    return gain >= STRIKING and winner.percent <= CLEAN and winner.cost <= OWN
+
+
+def _huge(before: Hypothesis, winner: Hypothesis) -> bool:
+    """Whether the gain of a joint is off by orders of magnitude."""
+    factor = np.abs(winner.interpretation.effort_scale / before.interpretation.effort_scale)
+    far = np.max(np.abs(np.log(factor)))
+    return winner.cause == "gain" and bool(far > np.log(HUGE))
+
+
+def _fall_of_joints(before: Hypothesis, winner: Hypothesis) -> float:
+    """Factor by which the misfit of the joints that an explanation is about falls."""
+    joints = list(winner.joints)
+    worst = float(np.max(winner.misfits[joints], initial=0.0))
+    if not joints or worst > 0.01 * ROUGH:
+        return 1.0
+    return float(np.min(before.misfits[joints])) / max(worst, 1e-3)
+
+
+def _when(sure: bool) -> Severity:
+    return Severity.WRONG if sure else Severity.DOUBTFUL
+
+
+def _heavy(found: Ranking, hypothesis: Hypothesis) -> bool:
+    """Whether a payload is heavy enough to be one."""
+    mass, std = payload_mass(hypothesis)
+    arm = sum(body.inertia.mass for body in found.trial.knowledge.robot.bodies)
+    return mass > max(LEAST_MASS, LEAST_SHARE * arm, SURE_MASS * std)
+
+
+def payload_mass(hypothesis: Hypothesis) -> tuple[float, float]:
+    """Mass and its standard deviation [kg]."""
+    ten = hypothesis.interpretation.payload
+    return (0.0, 0.0) if ten is None else (float(ten[0]), hypothesis.spread)
+
+
+def _late(found: Ranking, before: Hypothesis, hypothesis: Hypothesis) -> bool:
+    """Whether a delay is long enough, and certain enough, to matter.
+
+    Of a nominal model, friction that gives way must not explain as much.
+    """
+    sure, x = found.trial.knowledge.identified, found.trial.excerpt
+    delay = abs(hypothesis.interpretation.delay - before.interpretation.delay)
+    least = max(LEAST_DELAY[sure], DELAY_ROWS / x.log_rate)
+    if not sure and hypothesis.log_likelihood - before.log_likelihood < DELAY_MARGIN:
+        return False
+    if delay < least or disagrees(found.trial, hypothesis):
+        return False
+    others = [before.score]
+    if not sure:
+        others.append(giving_way(found.trial, before.interpretation))
+    late = float(hypothesis.score.likelihood(SHARP, np.inf))
+    return all(late - float(x.likelihood(SHARP, np.inf)) > DELAY_MARGIN for x in others)

@@ -1,0 +1,78 @@
+"""What to do where a number is poorly identifiable from a log: where to take it from, in order."""
+
+from steelyard.diagnosis.case import Case
+from steelyard.diagnosis.finding import Edit, Fix
+from steelyard.diagnosis.hypotheses.controller_gains import ControllerGains, controller_gains
+from steelyard.diagnosis.hypotheses.hypothesis import Hypothesis
+
+GO_ON = (
+    ". If masses are what is wrong in the model file, go on: the efforts are then right as declared"
+)
+FACTORS = ("gain", "effort kind", "effort unit")
+"""Causes that are a factor on efforts."""
+
+
+def ways(case: Case, hypothesis: Hypothesis, *, sure: bool) -> Fix:
+    """What to do about an explanation whose numbers are not written.
+
+    Args:
+        case: What there is.
+        hypothesis: The explanation.
+        sure: Whether it is beyond doubt that efforts are wrong.
+    """
+    if hypothesis.cause == "mounting":
+        return Fix(
+            f"{hypothesis.says}, or an external force acts on the arm (a cable, a balancer), or "
+            "lengths and axes differ from the model file: this log alone does not decide"
+        )
+    if hypothesis.cause == "payload":
+        return Fix(
+            f"{hypothesis.says}, or the bodies differ from the model file: identify it with "
+            "steelyard payload, against a model from clean runs, or give that here (--model)"
+        )
+    if hypothesis.cause not in FACTORS:
+        return Fix(
+            f"{hypothesis.says}, or the bodies differ from the model file: the log alone "
+            "cannot decide; look at both, or give a model from clean runs (--model)"
+        )
+    gains = controller_gains(case) if hypothesis.cause == "gain" else None
+    return Fix(_listed(case, sure=sure)) if gains is None else _of_controller(case, gains)
+
+
+def _of_controller(case: Case, gains: ControllerGains) -> Fix:
+    """The controller's own gains; those that its targets do not show are left to be identified."""
+    pairs = zip(case.joints, gains.values, gains.half_widths, gains.known, strict=True)
+    shown = ", ".join(f"{name} {g:.4g} ± {w:.2g}" for name, g, w, known in pairs if known)
+    says = (
+        "gains and masses cannot be identified together from this log; the controller's target "
+        f"torque over its target current ({gains.columns[0]} over {gains.columns[1]}, friction "
+        f"taken out) gives the gains {shown} (95 %)"
+    )
+    unknown = [f"'{n}'" for n, known in zip(case.joints, gains.known, strict=True) if not known]
+    if unknown:
+        says += (
+            f"; those of {', '.join(unknown)} are poorly identifiable from it: take them from the "
+            'data sheet, or leave them at "identify", relative to the others'
+        )
+    return Fix(says, (Edit(("signals", "effort", "gain"), gains.entries),))
+
+
+def _listed(case: Case, *, sure: bool) -> str:
+    """The ways to gains, in order."""
+    source = case.loaded.sources[0].path.name if case.loaded.sources else "ROBOT"
+    robot = source if source.endswith(".toml") else "ROBOT.toml"
+    log = case.logs[0].log.path.name if len(case.logs) == 1 else "LOG..."
+    entries = ['"identify"'] * len(case.joints)
+    entries[min(1, len(entries) - 1)] = "1.0"
+    one = f"[{', '.join(entries)}]"
+    return (
+        "gains and masses cannot be identified together from this log, and no number is written. "
+        "In this order: "
+        "(1) take gains from the controller's own target torque over its target current, or from "
+        "the data sheet (torque constant times gear ratio); "
+        '(2) write kind = "motor_current", unit = "A", gain = "identify" under [signals.effort] '
+        f"and run `steelyard identify {robot} {log} --loaded LOADED_LOG --payload-mass KG` with a "
+        "log that carries a known mass; "
+        f"(3) without its mass, write gain = {one}, and run the same without --payload-mass: "
+        "results are then up to one scale"
+    ) + ("" if sure else GO_ON)

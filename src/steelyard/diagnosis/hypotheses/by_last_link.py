@@ -1,0 +1,52 @@
+"""The last link as a hypothesis: its mass properties are not those of the model file.
+
+Where most of an arm's mass is in its last link, an error of that link in the model file changes the
+efforts of all joints by about one factor, and looks like a gain. A heavier link is the same as a
+payload; a lighter one is not, and has to be a body that can exist.
+"""
+
+from collections.abc import Iterator
+
+from steelyard.diagnosis.hypotheses.hypothesis import FREE, Hypothesis, one_of
+from steelyard.diagnosis.likelihood.interpretation import Interpretation
+from steelyard.diagnosis.likelihood.possible import other_link
+from steelyard.diagnosis.likelihood.trial import Trial
+from steelyard.estimation.payload.load_case import carrier
+
+OWN_FILE = "payload"
+"""The check that an explanation by the last link belongs to."""
+AGREES = 12.0
+"""Typical misfit [%] that one link alone may leave."""
+SAME = 0.01
+"""Change of the mass, over the link's, up to which its centre and inertia are what differs."""
+
+
+def link_hypotheses(trial: Trial, interpretation: Interpretation) -> Iterator[Hypothesis]:
+    """The last link with mass properties of its own, if these alone explain the efforts.
+
+    Args:
+        trial: A log of a robot of which only the model file is known.
+        interpretation: How it is read so far.
+    """
+    ten = other_link(trial, interpretation)
+    if ten is None:
+        return
+    body = trial.knowledge.robot.bodies[carrier(trial.knowledge.robot).body]
+    changed = interpretation.changed(payload=ten)
+    score = one_of(trial.score(changed), 0)
+    if float(score.percent) <= AGREES:
+        says = _words(body.name, float(ten[0]), body.inertia.mass)
+        yield Hypothesis(OWN_FILE, says, changed, 10.0 * FREE, (), score, fixed=False)
+
+
+def of_link(hypothesis: Hypothesis) -> bool:
+    """Whether an explanation is that the last link differs from the model file."""
+    return hypothesis.cause == OWN_FILE and not hypothesis.fixed
+
+
+def _words(name: str, more: float, mass: float) -> str:
+    if abs(more) <= SAME * mass:
+        return f"centre of mass or inertia of '{name}' differ from the model file"
+    heavier = "heavier" if more > 0.0 else "lighter"
+    off = f"'{name}' is about {abs(more):.2g} kg {heavier}"
+    return f"{off} than the {mass:.2g} kg of the model file"

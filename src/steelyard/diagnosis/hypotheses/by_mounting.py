@@ -1,0 +1,91 @@
+r"""Directions of gravity that bodies of a log's own fit, where they fit none that is declared.
+
+Efforts are linear in bodies and in gravity, $e = (Y_0 + \sum_a g_a Y_a) \phi$. With the bodies
+eliminated by least squares (variable projection), what is left depends on the direction of $g$
+alone, and is minimised from every axis. The likeliest directions are then compared with bodies
+that can exist.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.diagnosis.hypotheses.by_surroundings import NEAR, axis_near, gravity_words
+from steelyard.diagnosis.hypotheses.hypothesis import FREE, Hypothesis
+from steelyard.diagnosis.likelihood.interpretation import Interpretation
+from steelyard.diagnosis.likelihood.possible import SAMPLES, Possible, possible, rows_of
+from steelyard.diagnosis.likelihood.trial import Trial
+
+FEW = 3
+"""Directions that are compared with bodies that can exist."""
+RIDGE = 1e-4
+"""What keeps columns that a motion does not excite at zero, relative to their length."""
+
+
+def mounting_hypotheses(trial: Trial, now: Interpretation) -> list[tuple[Hypothesis, Possible]]:
+    """Interpretations that differ in gravity alone, the likeliest first, with the bodies of each.
+
+    Args:
+        trial: The log.
+        now: The interpretation that they start from.
+    """
+    size = float(np.linalg.norm(now.gravity))
+    if size == 0.0:
+        return []
+    found = []
+    for direction in _directions(trial, now)[:FEW]:
+        axis = axis_near(direction)
+        gravity = size * (direction if axis is None else axis)
+        cost = 2.0 * FREE if axis is None else FREE
+        interpretation = now.changed(gravity=gravity)
+        bodies = possible(trial, interpretation)
+        if bodies is not None:
+            says = gravity_words(direction)
+            found.append(
+                (Hypothesis("mounting", says, interpretation, cost, (), bodies.score), bodies)
+            )
+    return sorted(found, key=lambda pair: -pair[0].log_likelihood)
+
+
+def _directions(trial: Trial, now: Interpretation) -> list[Array]:
+    """Unit vectors that fit, the best first, none near another or the interpretation's own."""
+    from scipy.optimize import least_squares
+
+    thin = replace(trial, excerpt=trial.excerpt.thinned(SAMPLES))
+    left = _Left(thin, now)
+    axes = np.concatenate((np.eye(3), -np.eye(3)))
+    fits = [least_squares(left, start + 0.05, max_nfev=30) for start in axes]
+    known = now.gravity / np.linalg.norm(now.gravity)
+    found: list[Array] = []
+    for fit in sorted(fits, key=lambda fit: float(fit.cost)):
+        direction = fit.x / np.linalg.norm(fit.x)
+        if all(direction @ other < np.cos(NEAR) for other in (known, *found)):
+            found.append(direction)
+    return found
+
+
+class _Left:
+    """What is left of the efforts under a direction of gravity, any bodies taken."""
+
+    def __init__(self, trial: Trial, now: Interpretation) -> None:
+        size = float(np.linalg.norm(now.gravity))
+        free, efforts, _ = rows_of(trial, now.changed(gravity=np.zeros(3)))
+        pulls = [rows_of(trial, now.changed(gravity=size * axis))[0] - free for axis in np.eye(3)]
+        whole = np.sqrt(np.maximum(np.mean(np.square(efforts), axis=1), 1e-30))
+        blocks = np.concatenate((free, *pulls, efforts[..., None]), axis=-1) / whole[:, None, None]
+        triangle = np.asarray(np.linalg.qr(blocks.reshape(-1, blocks.shape[-1]), mode="r"))
+        self._k = free.shape[-1]
+        self._columns, self._efforts = triangle[:, :-1], triangle[:, -1]
+
+    def __call__(self, v: Array) -> Array:
+        """Residuals; the length of `v` is of no account, and kept near 1."""
+        length = float(np.linalg.norm(v))
+        parts = self._columns.reshape(len(self._columns), 4, self._k)
+        columns = parts[:, 0] + np.einsum("a,rak->rk", v / length, parts[:, 1:])
+        lengths = np.linalg.norm(columns, axis=0)
+        ridge = np.diag(RIDGE * np.maximum(lengths, 1e-6 * lengths.max()))
+        wide: Array = np.concatenate((columns, ridge))
+        right: Array = np.concatenate((self._efforts, np.zeros(self._k)))
+        solution = np.linalg.lstsq(wide, right, rcond=None)[0]
+        return np.concatenate((right - wide @ solution, [length - 1.0]))

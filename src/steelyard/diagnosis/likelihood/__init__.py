@@ -1,0 +1,1 @@
+"""How well an interpretation of a log agrees with what is known of the robot."""

@@ -1,0 +1,25 @@
+"""Whether another order of columns still has to explain the efforts of all joints that move."""
+
+from steelyard.diagnosis.likelihood.interpretation import Interpretation
+from steelyard.diagnosis.likelihood.trial import LEAST_SPAN, Trial
+
+
+def keeps_evidence(trial: Trial, interpretation: Interpretation) -> bool:
+    """Whether efforts that belong to motion as declared do so under an interpretation too.
+
+    An order that gives the effort of a joint in motion to a resting position is not to be
+    compared with others: what contradicts it no longer counts.
+    """
+    return _in_motion(trial, trial.declared) <= _in_motion(trial, interpretation)
+
+
+def _in_motion(trial: Trial, interpretation: Interpretation) -> set[int]:
+    """Effort columns of the positions that move."""
+    span = trial.excerpt.span.tolist()
+    pairs = zip(
+        interpretation.position,
+        interpretation.effort,
+        interpretation.position_scale.tolist(),
+        strict=True,
+    )
+    return {e for p, e, scale in pairs if abs(scale) * span[p] > LEAST_SPAN}

@@ -1,0 +1,151 @@
+"""A wish: something that a user knows of a robot's parameters, as rows of an estimate."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from typing import ClassVar, NoReturn, Protocol
+
+import numpy as np
+
+from steelyard.errors import ModelError
+from steelyard.estimation.knowledge import Row
+from steelyard.estimation.prior.prior import rigid_bodies
+from steelyard.estimation.prior.prior_given import body_index
+from steelyard.model import Model
+from steelyard.suggest import advice
+
+
+@dataclass(frozen=True, eq=False)
+class ConstraintContext:
+    """What a wish is about: the parameters of a model, and where the wish was written.
+
+    Attributes:
+        model: The model.
+        where: For messages.
+    """
+
+    model: Model
+    where: str
+
+    def body(self, name: str) -> str:
+        """The name, if a moving link with parameters has it.
+
+        Raises:
+            ModelError: None has.
+        """
+        body_index(self.model.robot, name, self.where)
+        if not rigid_bodies(self.model):
+            self.refuse(
+                f"the model has no mass properties of link '{name}'",
+                'add "rigid_body" to the terms, or remove the constraint',
+            )
+        return name
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Names of all moving links."""
+        return tuple(body.name for body in rigid_bodies(self.model).values())
+
+    def parameters(self, pattern: str) -> tuple[str, ...]:
+        """Parameters that a name means; `*` in it stands for anything.
+
+        Raises:
+            ModelError: None has such a name.
+        """
+        found = tuple(n for n in self.model.names if n == pattern or fnmatchcase(n, pattern))
+        if not found:
+            fix = advice(pattern, self.model.names, "parameters")
+            self.refuse(f"the model has no parameter '{pattern}'", fix)
+        return found
+
+    def parameter(self, name: str) -> str:
+        """The name, if a parameter has it.
+
+        Raises:
+            ModelError: None has.
+        """
+        if name not in self.model.names:
+            fix = advice(name, self.model.names, "parameters")
+            self.refuse(f"the model has no parameter '{name}'", fix)
+        return name
+
+    def refuse(self, wrong: str, fix: str) -> NoReturn:
+        """Stop at this wish.
+
+        Raises:
+            ModelError: Always.
+        """
+        raise ModelError(wrong, where=self.where, fix=fix)
+
+    def row(
+        self, said: str, coefficients: Mapping[str, float], interval: "Interval | float"
+    ) -> Row:
+        """A row with the wish in words, and the place it was written at."""
+        low, high = (interval, interval) if isinstance(interval, float) else interval
+        return Row(f"{said} ({self.where})", coefficients, low, high)
+
+
+Interval = tuple[float, float]
+"""Lower and upper bound."""
+
+
+class PriorConstraint(Protocol):
+    """One kind of knowledge, with what a table of the robot file says of it."""
+
+    kind: ClassVar[str]
+
+    def rows(self, scope: ConstraintContext) -> list[Row]:
+        """The wish over a model's standard parameters.
+
+        Raises:
+            ModelError: It names what the model does not have, or contradicts itself.
+        """
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bounded:
+    """A quantity that is known, or lies between bounds.
+
+    Attributes:
+        lower: Least value; none if `None`.
+        upper: Greatest value; none if `None`.
+        value: The value itself, instead of bounds.
+    """
+
+    lower: float | None = None
+    upper: float | None = None
+    value: float | None = None
+
+    def interval(self, scope: ConstraintContext) -> Interval:
+        """Lower and upper bound.
+
+        Raises:
+            ModelError: Nothing is given, a value beside bounds, or bounds in the wrong order.
+        """
+        bounds = self.lower is not None or self.upper is not None
+        if bounds == (self.value is not None):
+            scope.refuse(
+                "a value and bounds are given" if bounds else "neither value nor bounds are given",
+                "give value = ..., or lower = ... and upper = ..., or one of these",
+            )
+        if self.value is not None:
+            return self.value, self.value
+        low = -np.inf if self.lower is None else self.lower
+        high = np.inf if self.upper is None else self.upper
+        if low > high:
+            scope.refuse(
+                f"the lower bound {low:g} is above the upper bound {high:g}", "exchange them"
+            )
+        return low, high
+
+
+def in_words(interval: Interval, unit: str) -> str:
+    """A bound as people say it: `at least 3 kg`, `between 3 and 5 kg`, `3 kg`."""
+    low, high = interval
+    if low == high:
+        return f"{low:g} {unit}"
+    if not np.isfinite(high):
+        return f"at least {low:g} {unit}"
+    if not np.isfinite(low):
+        return f"at most {high:g} {unit}"
+    return f"between {low:g} and {high:g} {unit}"

@@ -1,0 +1,263 @@
+"""Estimators beside each other: errors where they were not fitted, and which one to take."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from steelyard.report.content import ReportContent
+from steelyard.report.html import fill, rounded, script_json
+from steelyard.report.sections.section import Numbers, Section
+from steelyard.report.sections.tables import PlainTable, Row
+from steelyard.report.text.words import NONE, percent, significant
+
+if TYPE_CHECKING:
+    from steelyard.validation.trial import Comparison, Failure, Trial
+
+WIDE = 8.0
+"""Ratio of the largest error to the least from which on the axis is logarithmic."""
+
+DECADES = {-5: "10 µs", -4: "0.1 ms", -3: "1 ms", -2: "10 ms", -1: "0.1 s", 0: "1 s", 1: "10 s"}
+"""Times on the axis by their decimal logarithm."""
+
+
+class CompareSection(Section):
+    """The advice, a picture of all errors, and tables."""
+
+    name: ClassVar[str] = "compare"
+    title: ClassVar[str] = "Estimators compared"
+
+    def numbers(self, content: ReportContent) -> Numbers | None:
+        """Everything, if estimators were compared."""
+        comparison = content.comparison
+        if comparison is None:
+            return None
+        tables = [main_table(comparison), _by_joint(comparison), _by_part(comparison)]
+        if any(trial.failures for trial in comparison.trials):
+            tables.append(_failures(comparison))
+        drawn = [trial for trial in in_order(comparison) if trial.mean is not None]
+        return {
+            "headline": headline(comparison),
+            "taken": comparison.advice is not None and bool(comparison.advice.name),
+            "advice": "" if comparison.advice is None else reasons(comparison),
+            "words": comparison.words,
+            "stopped": stopped(comparison),
+            "picture": script_json(_figure(drawn, comparison)) if drawn else None,
+            "height": 110 + 34 * len(drawn),
+            "tables": tables,
+            "title": self.title,
+            "notes": [(trial.name, trial.notes) for trial in comparison.trials if trial.notes],
+        }
+
+    def show(self, numbers: Numbers) -> str:
+        """The numbers as safe HTML."""
+        return fill("compare.html", numbers)
+
+
+def headline(comparison: Comparison) -> str:
+    """What to take, in a few words."""
+    advice = comparison.advice
+    if advice is None:
+        return "No estimator succeeded"
+    return f"Take {advice.name}" if advice.name else "No estimator is recommended"
+
+
+def reasons(comparison: Comparison) -> str:
+    """Why, and what to write into the robot file."""
+    advice, setting = comparison.advice, comparison.setting
+    why = "" if advice is None else advice.why
+    return why + (f". In the robot file: {setting}" if setting else "")
+
+
+def stopped(comparison: Comparison) -> str:
+    """What was asked for and not tried; empty if nothing."""
+    if not comparison.untried:
+        return ""
+    total = len(comparison.trials) + len(comparison.untried)
+    return (
+        f"stopped: {len(comparison.trials)} of {total} estimators compared; not tried: "
+        f"{', '.join(comparison.untried)}"
+    )
+
+
+def in_order(comparison: Comparison) -> list[Trial]:
+    """The least error first, those that failed last."""
+    return sorted(
+        comparison.trials,
+        key=lambda t: (not t.whole, float("inf") if t.mean is None else t.mean),
+    )
+
+
+def main_table(comparison: Comparison) -> PlainTable:
+    """One row per estimator."""
+    advice = comparison.advice
+    rows = [
+        Row(_cells(trial), advice is not None and trial.name == advice.name)
+        for trial in in_order(comparison)
+    ]
+    return PlainTable(
+        "Errors on left-out data",
+        "Mean over joints and runs with its standard error; joints where they move, behind the "
+        "parallel filter. Pooled: norms over all joints together. Bodies: not available "
+        "from estimators of base parameters. χ²: squared residuals on all data over the noise that "
+        "WLS estimates, per degree of freedom.",
+        ("Estimator", "Bodies", "Error", "Pooled", "Time", "Values", "Condition", "χ²"),
+        rows,
+        (0, 1),
+    )
+
+
+def _cells(trial: Trial) -> tuple[str, ...]:
+    count, missing = len(trial.failed), int(trial.failed.sum())
+    figure = trial.figure if missing < count else "failed"
+    if 0 < missing < count:
+        figure += f" (failed {missing} of {count})"
+    return (
+        trial.name,
+        bodies_words(trial),
+        figure,
+        percent(trial.mean_pooled),
+        time_words(trial.seconds),
+        NONE if trial.parameters is None else str(trial.parameters),
+        significant(trial.condition, 2),
+        NONE if trial.chi_square is None else f"{trial.chi_square:.3f}",
+    )
+
+
+def bodies_words(trial: Trial) -> str:
+    """Whether the bodies can exist."""
+    if trial.impossible is None:
+        return "not estimated" if trial.parameters is not None else NONE
+    if not trial.impossible:
+        return "all valid"
+    first = trial.impossible[0]
+    more = len(trial.impossible) - 1
+    return f"{first}{f' and {more} more' if more else ''} invalid"
+
+
+def time_words(seconds: float | None) -> str:
+    """Like `3.2 ms`, `14 s`."""
+    if seconds is None:
+        return NONE
+    return f"{significant(1e3 * seconds, 2)} ms" if seconds < 1.0 else f"{seconds:.3g} s"
+
+
+def failure_words(failures: Sequence[Failure], parts: int) -> list[tuple[str, str, str]]:
+    """When, why and what to do, once per reason; `parts` were left out in turn."""
+    found: dict[tuple[str, str], list[str | None]] = {}
+    for one in failures:
+        found.setdefault((one.reason, one.fix), []).append(one.left_out)
+    words = []
+    for (reason, fix), left in found.items():
+        names = [name for name in left if name is not None]
+        shown = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+        told = ["fitted to all data"] if None in left else []
+        told += [f"without {shown}"] if names else []
+        words.append(("every fit" if len(left) > parts else "; ".join(told), reason, fix))
+    return words
+
+
+def _failures(comparison: Comparison) -> PlainTable:
+    rows = [
+        Row((trial.name, *words))
+        for trial in in_order(comparison)
+        for words in failure_words(trial.failures, len(comparison.parts))
+    ]
+    headings = ("Estimator", "When", "Reason", "What to do")
+    return PlainTable("Fits that failed", "", headings, rows, (0, 1, 2, 3))
+
+
+def _by_joint(comparison: Comparison) -> PlainTable:
+    rows = [
+        Row((trial.name, *(percent(float(x)) for x in trial.by_joint)))
+        for trial in in_order(comparison)
+        if trial.mean is not None
+    ]
+    return PlainTable("Error by joint", "", ("Estimator", *comparison.joints), rows)
+
+
+def _by_part(comparison: Comparison) -> PlainTable:
+    shown = [trial for trial in in_order(comparison) if trial.mean is not None]
+    rows = [
+        Row(
+            (
+                part,
+                *(percent(None if trial.failed[k] else float(trial.means[k])) for trial in shown),
+            )
+        )
+        for k, part in enumerate(comparison.parts)
+    ]
+    caption = f"Error by {comparison.left_out} left out"
+    headings = (f"{comparison.left_out.capitalize()} left out", *(trial.name for trial in shown))
+    return PlainTable(caption, "", headings, rows)
+
+
+def _figure(drawn: Sequence[Trial], comparison: Comparison) -> dict[str, Any]:
+    """Errors of all parts with their means on the left, times on the right."""
+    errors = np.concatenate([t.means[np.isfinite(t.means)] for t in drawn])
+    wide = errors.min() > 0.0 and errors.max() > WIDE * errors.min()
+    names = [trial.name for trial in drawn]
+    return {
+        "x": "error [%]",
+        "y": "",
+        "traces": [
+            _dots(
+                f"one {comparison.left_out} left out",
+                [rounded(float(x)) for trial in drawn for x in trial.means],
+                [trial.name for trial in drawn for _ in trial.means],
+                {"size": 6, "opacity": 0.45, "color": "#7488a0"},
+                text=[part for _ in drawn for part in comparison.parts],
+                hovertemplate="%{y}, %{text}: %{x:.3g} %<extra></extra>",
+            ),
+            _dots(
+                "mean and its standard error",
+                [rounded(trial.mean or 0.0) for trial in drawn],
+                names,
+                {"size": 10, "symbol": "diamond", "color": "#0068a8"},
+                hovertemplate="%{y}: %{x:.3g} %<extra></extra>",
+                error_x={
+                    "type": "data",
+                    "array": [rounded(trial.spread or 0.0) for trial in drawn],
+                    "color": "#0068a8",
+                    "thickness": 2,
+                    "width": 5,
+                },
+            ),
+            _dots(
+                "time of one fit",
+                [None if t.seconds is None else rounded(max(t.seconds, 1e-6)) for t in drawn],
+                names,
+                {"size": 9, "symbol": "square", "color": "#d55e00"},
+                xaxis="x2",
+                hovertemplate="%{y}: %{x:.3g} s<extra></extra>",
+            ),
+        ],
+        "layout": {
+            "xaxis": {"domain": [0.0, 0.66], "type": "log" if wide else "linear"},
+            "xaxis2": _times([t.seconds for t in drawn if t.seconds]),
+            "yaxis": {"type": "category", "categoryarray": names, "autorange": "reversed"},
+        },
+    }
+
+
+def _dots(
+    name: str, x: Sequence[float | None], y: Sequence[str], marker: dict[str, Any], **more: Any
+) -> dict[str, Any]:
+    return {"name": name, "kind": "points", "x": x, "y": y, "more": {"marker": marker, **more}}
+
+
+def _times(seconds: Sequence[float]) -> dict[str, Any]:
+    """An axis of whole decades."""
+    known = np.log10(np.maximum(seconds, 1e-6)) if seconds else np.zeros(1)
+    first, last = int(np.floor(known.min())), int(np.ceil(known.max() + 1e-9))
+    ticks = range(first, last + 1)
+    return {
+        "domain": [0.72, 1.0],
+        "type": "log",
+        "title": {"text": "time of one fit", "standoff": 6},
+        "range": [first - 0.1, last + 0.1],
+        "tickvals": [10.0**k for k in ticks],
+        "ticktext": [DECADES.get(k, f"{10.0**k:g} s") for k in ticks],
+    }
