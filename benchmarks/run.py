@@ -38,7 +38,7 @@ from steelyard.model import Model  # noqa: E402
 from steelyard.regression.accumulate import Accumulator, Stretch  # noqa: E402
 from steelyard.regression.gather import accumulate, cut  # noqa: E402
 from steelyard.regression.information import Information, Signature, Window  # noqa: E402
-from steelyard.regression.parallel_filter import MatchedFilter  # noqa: E402
+from steelyard.regression.parallel_filter import ParallelFilter  # noqa: E402
 from steelyard.regression.regressor import Regressor, base_regressor  # noqa: E402
 from steelyard.robot.from_mechanism import reduced  # noqa: E402
 from steelyard.robot.inertia import INERTIAL_NAMES  # noqa: E402
@@ -87,7 +87,7 @@ def motion(n: int, count: int, seed: int = 0) -> tuple[np.ndarray, ...]:
 
 
 def information(
-    found: Regressor, data: tuple[np.ndarray, ...], matched: MatchedFilter | None
+    found: Regressor, data: tuple[np.ndarray, ...], matched: ParallelFilter | None
 ) -> Information:
     """One window of raw samples."""
     sums = Accumulator(found, matched)(Stretch(*data))
@@ -165,7 +165,7 @@ def solution_rows(found: Regressor, count: int) -> list[Row]:
     estimator = WeightedLeastSquares()
     estimator(information(found, data, None))
     ours = best(lambda: estimator(information(found, data, None))) / count
-    matched = MatchedFilter.design(8.0, 100.0)
+    matched = ParallelFilter.design(8.0, 100.0)
     filtered = best(lambda: estimator(information(found, data, matched))) / count
     model = pinocchio_model(found.model.robot)
     state = model.createData()
@@ -185,7 +185,7 @@ def solution_rows(found: Regressor, count: int) -> list[Row]:
     bound = 50.0 if count >= 100_000 else 0.0
     return [
         (f"{size} to WLS solution, steelyard", f"{1e9 * ours:.0f} ns a sample", "", True),
-        ("with matched filter (8 of 100 Hz)", f"{1e9 * filtered:.0f} ns a sample", "", True),
+        ("with parallel filter (8 of 100 Hz)", f"{1e9 * filtered:.0f} ns a sample", "", True),
         ("Pinocchio loop, stored, lstsq", f"{1e9 * theirs:.0f} ns a sample", "", True),
         (
             f"{size} to solution: ratio",

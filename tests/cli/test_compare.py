@@ -50,7 +50,7 @@ def test_errors_are_those_of_a_validation(command, tmp_path: Path) -> None:
     scored = command("validate", tmp_path / "fit", OTHER, "--json")
     (score,) = json.loads(scored.stdout)
     compared = sum(found["estimators"][0]["errors_percent"][1]) / len(found["joints"])
-    # one behind the matched filter, where samples that see a joint stick count as well, the other
+    # one behind the parallel filter, where samples that see a joint stick count as well, the other
     # behind a Butterworth of the same cut-off
     assert 0.5 < compared / score["mean_percent_moving"] < 2.0
 

@@ -94,8 +94,8 @@ def test_cutoffs_asked_for_are_taken() -> None:
     ("processing", "words"),
     [
         (Processing(motion_cutoff=60.0), "motion cut-off of 60 Hz does not fit a log of 100 Hz"),
-        (Processing(matched_cutoff=30.0), "matched cut-off of 30 Hz"),
-        (Processing(matched_cutoff=-1.0), "matched cut-off of -1 Hz"),
+        (Processing(matched_cutoff=30.0), "regression cut-off of 30 Hz"),
+        (Processing(matched_cutoff=-1.0), "regression cut-off of -1 Hz"),
     ],
 )
 def test_cutoffs_beyond_the_rate_are_refused(processing: Processing, words: str) -> None:

@@ -12,7 +12,7 @@ from steelyard.model import Model
 from steelyard.regression.accumulate import MOVING, RESTING, Accumulator, Stretch, Sums
 from steelyard.regression.gather import accumulate, cut
 from steelyard.regression.information import Information, Signature
-from steelyard.regression.parallel_filter import MatchedFilter
+from steelyard.regression.parallel_filter import ParallelFilter
 from steelyard.regression.regressor import Regressor, base_regressor
 from steelyard.regression.windows import MOST_WINDOWS
 
@@ -30,7 +30,7 @@ def stretch(n: int, count: int, weighted: bool, seed: int = 0) -> Stretch:
     return Stretch(q, dq, ddq, effort, weights)
 
 
-def oracle(found: Regressor, matched: MatchedFilter | None, data: Stretch) -> Sums:
+def oracle(found: Regressor, matched: ParallelFilter | None, data: Stretch) -> Sums:
     """The same with a stored regressor."""
     dense = found.dense(data.q, data.dq, data.ddq)
     count = data.q.shape[1]
@@ -66,7 +66,7 @@ def oracle(found: Regressor, matched: MatchedFilter | None, data: Stretch) -> Su
 def test_sums_equal_a_stored_regressor(name: str, kind: str, weighted: bool) -> None:
     found = regressor(name)
     chosen = FILTERS[kind]
-    matched = None if chosen is None else MatchedFilter.design(*chosen)
+    matched = None if chosen is None else ParallelFilter.design(*chosen)
     accumulator = Accumulator(found, matched)
     for count in (1, 3, 4, 5, 8, 17, 300, 1500):
         data = stretch(len(found.layout.rows), count, weighted)
@@ -90,7 +90,7 @@ def blocks(data: Stretch, sizes: list[int]) -> list[Block]:
 
 
 def gathered(
-    found: Regressor, matched: MatchedFilter | None, parts: list[Block], threads: int
+    found: Regressor, matched: ParallelFilter | None, parts: list[Block], threads: int
 ) -> Information:
     accumulator = Accumulator(found, matched)
     signature = Signature("m", found.layout.columns, ("Nm",), "f")
@@ -102,7 +102,7 @@ def gathered(
 def test_any_split_and_any_number_of_threads_give_the_same(kind: str, weighted: bool) -> None:
     found = regressor("tree")
     chosen = FILTERS[kind]
-    matched = None if chosen is None else MatchedFilter.design(*chosen)
+    matched = None if chosen is None else ParallelFilter.design(*chosen)
     data = stretch(4, 9000, weighted)
     wanted = gathered(found, matched, blocks(data, [9000]), 1)
     direct = Accumulator(found, matched)(data)
@@ -122,7 +122,7 @@ def test_any_split_and_any_number_of_threads_give_the_same(kind: str, weighted: 
 
 def test_gaps_are_not_filtered_across() -> None:
     found = regressor("tree")
-    matched = MatchedFilter.design(8.0, 100.0)
+    matched = ParallelFilter.design(8.0, 100.0)
     data = stretch(4, 3000, False)
     first, second = blocks(data, [1300, 1700])
     moved = Block(1, *[getattr(second, k) for k in ("t", "q", "dq", "ddq", "effort", "moving")])
@@ -150,7 +150,7 @@ def test_absurd_angles_are_refused() -> None:
 
 
 def test_the_filter_passes_slow_and_stops_fast_signals() -> None:
-    matched = MatchedFilter.design(8.0, 1000.0)
+    matched = ParallelFilter.design(8.0, 1000.0)
     frequencies = np.array([0.0, 1.0, 8.0, 16.5, 100.0])
     centre = (len(matched.taps) - 1) / 2
     phase = 2j * np.pi * frequencies[:, None] * (np.arange(len(matched.taps)) - centre) / 1000.0
@@ -162,7 +162,7 @@ def test_the_filter_passes_slow_and_stops_fast_signals() -> None:
 
 @pytest.mark.parametrize(("cutoff", "rate"), [(8.0, 100.0), (5.0, 1000.0)])
 def test_inflation_is_that_of_filtered_white_noise(cutoff: float, rate: float) -> None:
-    matched = MatchedFilter.design(cutoff, rate)
+    matched = ParallelFilter.design(cutoff, rate)
     rng = np.random.default_rng(0)
     noise = rng.normal(size=(2000, 8 * len(matched.taps)))
     windows = np.lib.stride_tricks.sliding_window_view(noise, len(matched.taps), axis=1)
@@ -174,7 +174,7 @@ def test_inflation_is_that_of_filtered_white_noise(cutoff: float, rate: float) -
 
 def test_weights_of_noise_are_filtered_as_its_variance() -> None:
     """A sample behind the filter has the mean variance of its taps; rests leave samples out."""
-    found, matched = regressor("single"), MatchedFilter.design(5.0, 100.0)
+    found, matched = regressor("single"), ParallelFilter.design(5.0, 100.0)
     data = stretch(1, 900, weighted=False)
     rng = np.random.default_rng(5)
     variance = rng.uniform(0.2, 3.0, (1, 900))

@@ -15,7 +15,7 @@ from steelyard.model import Model
 from steelyard.regression.gather import gather
 from steelyard.regression.gather_samples import gather_samples
 from steelyard.regression.information import Information, Window
-from steelyard.regression.parallel_filter import MatchedFilter
+from steelyard.regression.parallel_filter import ParallelFilter
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot_file.signals import Signals
 
@@ -149,7 +149,7 @@ def test_noise_of_positions_is_found_and_followed_to_accelerations(run: Run) -> 
     designed = run.chain.processing.motion.designed(run.motion_cutoff, run.rate)
     motion = designed(noise, None)[:, 0]
     same_shares(np.cov(motion), error.of_position[0])
-    taps = MatchedFilter.design(8.0, RATE).taps
+    taps = ParallelFilter.design(8.0, RATE).taps
     filtered = np.array([np.convolve(x, taps, mode="valid") for x in motion])
     wanted = motion_error(run, taps).covariance(1.0)[0]
     same_shares(np.cov(filtered), wanted)

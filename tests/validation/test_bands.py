@@ -19,7 +19,7 @@ from steelyard.measurement.run import Block
 from steelyard.model import Model
 from steelyard.parameters import Parameters
 from steelyard.regression.gather import along, gather
-from steelyard.regression.parallel_filter import MatchedFilter
+from steelyard.regression.parallel_filter import ParallelFilter
 from steelyard.regression.regressor import base_regressor
 from steelyard.validation.bands import Bands
 from steelyard.validation.score import RunScore, score
@@ -178,7 +178,7 @@ def test_the_residual_follows_the_filters_bandwidths() -> None:
     noise = np.random.default_rng(0).standard_normal(400_000)
     for factor in (1.0, 3.0):
         cutoff = factor * model.cutoffs.matched
-        matched = MatchedFilter.design(model.cutoffs.matched, RATE)
+        matched = ParallelFilter.design(model.cutoffs.matched, RATE)
         before = np.convolve(noise, matched.taps, "valid").std()
         after = next(apply(low_pass(cutoff, RATE), [noise[None]], 500_000)).std()
         wider = replace(model, cutoffs=replace(model.cutoffs, score=cutoff))

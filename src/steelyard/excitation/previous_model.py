@@ -8,7 +8,7 @@ import numpy as np
 
 from steelyard.arrays import Array, frozen
 from steelyard.regression.base import BaseMap
-from steelyard.regression.parallel_filter import MatchedFilter
+from steelyard.regression.parallel_filter import ParallelFilter
 
 _OVER = 20.0
 """Sampling rate over the cut-off; the independent samples a second do not depend on it."""
@@ -43,7 +43,7 @@ class Earlier:
     @property
     def independent_rate(self) -> float:
         """Independent samples a second behind the filter [Hz]."""
-        design = MatchedFilter.design(self.cutoff, _OVER * self.cutoff)
+        design = ParallelFilter.design(self.cutoff, _OVER * self.cutoff)
         return design.rate / (design.decimation * design.inflation)
 
     @property

@@ -40,7 +40,7 @@ def settings(identified: IdentifiedModel) -> tuple[tuple[str, str], ...]:
     return (
         ("estimator", identified.estimate.estimator),
         ("motion cut-off (positions, velocities, accelerations)", f"{cutoffs.motion:g} Hz"),
-        ("matched cut-off (regressor and effort)", f"{cutoffs.matched:g} Hz"),
+        ("regression cut-off (regressor and effort)", f"{cutoffs.matched:g} Hz"),
         ("score cut-off (measured and predicted effort)", f"{cutoffs.score:g} Hz"),
         ("velocities", velocity),
         ("motion", f"by {identified.processing.motion_words}"),
@@ -52,7 +52,7 @@ def settings(identified: IdentifiedModel) -> tuple[tuple[str, str], ...]:
 def notes_of(runs: Sequence[Run]) -> tuple[str, ...]:
     """The cut-offs, the chain, and one line for whatever of each run could not be used."""
     first = runs[0]
-    cut = f"cut-offs: motion {first.motion_cutoff:g} Hz, matched {first.matched_cutoff:g} Hz"
+    cut = f"cut-offs: motion {first.motion_cutoff:g} Hz, regression {first.matched_cutoff:g} Hz"
     chains = {f"chain: {run.chain.words}": run.name for run in runs}
     told = (words if len(chains) == 1 else f"{name}: {words}" for words, name in chains.items())
     return (cut, *told, *(f"{run.name}: {loss}" for run in runs for loss in run.quality.losses))

@@ -20,7 +20,7 @@ from steelyard.model import Model
 from steelyard.progress import Progress
 from steelyard.regression.gather_samples import gather_samples
 from steelyard.regression.information import Information, Window
-from steelyard.regression.parallel_filter import MatchedFilter
+from steelyard.regression.parallel_filter import ParallelFilter
 from steelyard.regression.regressor import Layout, Regressor
 from steelyard.regression.samples import Samples
 from steelyard.robot_file.loaded import LoadedRobot
@@ -144,7 +144,7 @@ class Sources:
 
 def _at_samples(windows: Iterable[Window], run: Run) -> list[Window]:
     """The windows where their samples are: in the middle of the filter, not at its start."""
-    taps = MatchedFilter.design(run.matched_cutoff, run.rate).taps
+    taps = ParallelFilter.design(run.matched_cutoff, run.rate).taps
     lag, half = ((len(taps) - 1) // 2) / run.rate, 0.5 / run.rate
     return [replace(w, start=w.start + lag - half, stop=w.stop + lag + half) for w in windows]
 

@@ -19,8 +19,8 @@ from steelyard.measurement.rows.marking import CUT_OFF, Marking, RowChecks
 from steelyard.measurement.rows.resample import PASSED, Lane, Thinning, uniform
 
 SPREAD = 0.5
-"""How far around an effort at its limit samples do not count, in periods of the matched cut-off:
-half the length over which the matched filter mixes them."""
+"""How far around an effort at its limit samples do not count, in periods of the regression cut-off:
+half the length over which the parallel filter mixes them."""
 
 CONTEXT = 4.0
 """How far methods that are given whole segments look beyond a window, in periods of the cut-off."""

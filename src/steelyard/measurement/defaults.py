@@ -12,20 +12,20 @@ MATCHED_FACTOR = 10.0
 """Matched cut-off over the motion's band: effort has harmonics of the motion (products of
 velocities, friction at reversals) that a factor near 1 would remove."""
 MATCHED_LOWEST = 2.0
-"""Lowest matched cut-off [Hz]: slower filters need logs of minutes."""
+"""Lowest regression cut-off [Hz]: slower filters need logs of minutes."""
 MATCHED_HIGHEST = 0.2
-"""Highest matched cut-off, per sampling rate."""
+"""Highest regression cut-off, per sampling rate."""
 MOTION_FACTOR = 3.0
-"""Motion cut-off over matched cut-off: the derivatives' filter must be flat where the matched one
-passes, and sharp corners of friction follow from velocities it has not rounded. What it passes of
-noise, the matched filter takes out again; on real robots a cut at the noise floor itself predicts
+"""Motion cut-off over regression cut-off: the derivatives' filter must be flat where the parallel
+one passes, and sharp corners of friction follow from velocities it has not rounded. What it passes
+of noise, the parallel filter takes out again; on real robots a cut at the noise floor itself predicts
 worse by 1 to 3 % of the error."""
 MOTION_HIGHEST = 0.25
 """Highest default motion cut-off, per sampling rate."""
 NYQUIST_SHARE = 0.45
 """Highest cut-off that can be asked for, per sampling rate."""
 SHORTEST = 4.0
-"""Least length of a segment in periods of the matched cut-off: what the matched filter spans."""
+"""Least length of a segment in periods of the regression cut-off: what the filter spans."""
 REST_SHARE = 0.005
 """Rest speed over the speed that a joint exceeds 1 % of the time."""
 REST_SHARE_OF_FASTEST = 0.001
@@ -42,7 +42,7 @@ DEPARTED = 2.0
 
 @dataclass(frozen=True)
 class Cutoffs:
-    """Cut-off frequencies [Hz] of the motion's and of the matched filter."""
+    """Cut-off frequencies [Hz] of the motion's and of the parallel filter."""
 
     motion: float
     matched: float

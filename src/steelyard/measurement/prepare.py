@@ -293,7 +293,7 @@ def _choices(
         f"{1e3 * most:.4g} ms)",
         f"motion below {found.band.frequency:.2g} Hz, above its noise up to "
         f"{found.band.floor:.2g} Hz: motion cut-off {chain.motion_cutoff:g} Hz"
-        f"{_given(asked.motion_cutoff)}, matched cut-off {chain.matched_cutoff:g} Hz"
+        f"{_given(asked.motion_cutoff)}, regression cut-off {chain.matched_cutoff:g} Hz"
         f"{_given(asked.matched_cutoff)}",
         f"chain: {chain.words}; {marked.words or 'nothing marked'}",
         "rest below " + " ".join(f"{s:.2g}" for s in rest_speed) + " rad/s or m/s",

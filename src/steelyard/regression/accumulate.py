@@ -1,4 +1,4 @@
-"""Gram matrices of one stretch of samples: kernel, matched filter, Gram, block by block."""
+"""Gram matrices of one stretch of samples: kernel, parallel filter, Gram, block by block."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from steelyard.arrays import Array
 from steelyard.kernel.native.compiled import Loops, loops
 from steelyard.kernel.native.native_loops import FIR_OUTPUTS, TILE_COLUMNS, TILE_ROWS
 from steelyard.model import check_angles
-from steelyard.regression.parallel_filter import MatchedFilter
+from steelyard.regression.parallel_filter import ParallelFilter
 from steelyard.regression.regressor import Regressor
 from steelyard.regression.tiling import Tiling
 
@@ -92,11 +92,11 @@ class Accumulator:
 
     Attributes:
         regressor: The columns.
-        matched: The matched filter, if any.
+        matched: The parallel filter, if any.
     """
 
     regressor: Regressor
-    matched: MatchedFilter | None = None
+    matched: ParallelFilter | None = None
 
     @cached_property
     def tiling(self) -> Tiling:

@@ -15,7 +15,7 @@ from steelyard.model import Model
 from steelyard.progress import Progress, silent, tell
 from steelyard.regression.accumulate import Accumulator, Stretch
 from steelyard.regression.information import Information, Signature, Window
-from steelyard.regression.parallel_filter import MatchedFilter
+from steelyard.regression.parallel_filter import ParallelFilter
 from steelyard.regression.regressor import Regressor
 from steelyard.regression.windows import Windows
 
@@ -58,7 +58,7 @@ def gather(
     Args:
         regressor: The columns.
         run: Clean motion and effort on a uniform clock.
-        matched: Whether columns and effort go through the run's matched filter.
+        matched: Whether columns and effort go through the run's parallel filter.
         rests: Whether samples count where a joint rests; its friction then lies anywhere in a dead
             zone, which only friction with memory knows.
         longest: Length that a window should not exceed [s]; merged ones may.
@@ -115,7 +115,7 @@ def begun(
         LogError: An effort never changes.
     """
     _refuse_dead_efforts(run)
-    chosen = MatchedFilter.design(run.matched_cutoff, run.rate) if matched else None
+    chosen = ParallelFilter.design(run.matched_cutoff, run.rate) if matched else None
     accumulator = Accumulator(regressor, chosen)
     blocks = remembered(run.blocks(), regressor.model, rests)
     apart = max(run.duration * run.rate / LEAST_WINDOWS, SHORTEST * accumulator.halo)
@@ -137,7 +137,7 @@ def _refuse_dead_efforts(run: Run) -> None:
 
 
 def stamp_of(
-    regressor: Regressor, effort: tuple[str, ...], run: Run, matched: MatchedFilter | None
+    regressor: Regressor, effort: tuple[str, ...], run: Run, matched: ParallelFilter | None
 ) -> Signature:
     """What the sums of a run mean."""
     after = "no parallel filter" if matched is None else f"matched {matched.cutoff:g} Hz"

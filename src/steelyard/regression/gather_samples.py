@@ -34,7 +34,7 @@ def gather_samples(
     Args:
         regressor: The columns.
         run: Clean motion and effort on a uniform clock.
-        matched: Whether columns and effort go through the run's matched filter.
+        matched: Whether columns and effort go through the run's parallel filter.
         rests: Whether samples count where a joint rests, see `gather`.
         most: Samples kept per effort row; memory holds twice as many.
         threads: Native threads.

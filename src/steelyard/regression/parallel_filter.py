@@ -1,4 +1,4 @@
-"""The matched filter: one linear-phase low-pass on regressor columns and effort alike.
+"""The parallel filter: one linear-phase low-pass on regressor columns and effort alike.
 
 Filtering both sides of `effort = columns · parameters` alike leaves the parameters what they are
 and removes the noise above the motion's band.
@@ -15,7 +15,7 @@ SUPPRESSION = 60.0
 
 
 @dataclass(frozen=True, eq=False)
-class MatchedFilter:
+class ParallelFilter:
     """A symmetric FIR low-pass that keeps every `decimation`-th sample.
 
     Attributes:
@@ -31,7 +31,7 @@ class MatchedFilter:
     decimation: int
 
     @classmethod
-    def design(cls, cutoff: float, rate: float) -> "MatchedFilter":
+    def design(cls, cutoff: float, rate: float) -> "ParallelFilter":
         """Kaiser-windowed low-pass, `SUPPRESSION` dB down from twice the cut-off on.
 
         Args:

@@ -45,11 +45,11 @@ class Samples:
         sources: The runs, in any order.
         source: Number of the run of each instant, shape `(N,)`.
         t: Time of each instant from its log's start, shape `(N,)` [s].
-        q: Positions at the instants, not behind the matched filter, shape `(N, n)` [rad; m].
+        q: Positions at the instants, not behind the parallel filter, shape `(N, n)` [rad; m].
         dq: Velocities, the same shape [rad/s; m/s].
         ddq: Accelerations, the same shape [rad/s²; m/s²].
         channels: What the model computed along the motion, shape `(N, n_channels)`.
-        rows: Per effort row `[columns that row sees | effort]` behind the matched filter, shape
+        rows: Per effort row `[columns that row sees | effort]` behind the parallel filter, shape
             `(N_j, k_j + 1)`.
         weights: Per effort row the weight of each of its samples, shape `(N_j,)`.
         at: Per effort row the number of the instant of each of its samples, shape `(N_j,)`.

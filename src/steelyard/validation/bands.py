@@ -5,7 +5,7 @@ the score's low-pass as the effort is; what is left open of the parameters makes
 deviation $\sqrt{y_j^T C y_j}$: the band of the model. A new measurement scatters around that by its
 residual too: $\sqrt{y_j^T C y_j + s_j^2}$.
 
-The residuals behind an estimate have gone through the matched filter, scores go through another
+The residuals behind an estimate have gone through the parallel filter, scores go through another
 low-pass. White residuals have variances in the ratio of the filters' noise bandwidths, which $s_j$
 follows where a score looks at more; where it looks at less, it is not credited with that, for what
 a model lacks is slow.
@@ -21,7 +21,7 @@ from steelyard.estimation.estimate import Z95
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.measurement.methods.lowpass import butterworth
 from steelyard.measurement.run import Block
-from steelyard.regression.parallel_filter import MatchedFilter
+from steelyard.regression.parallel_filter import ParallelFilter
 from steelyard.regression.regressor import Regressor, base_regressor
 from steelyard.validation.model_std import ModelStd
 
@@ -128,8 +128,8 @@ def _root(covariance: Array) -> Array:
 
 
 def _bandwidth_matched(cutoff: float) -> float:
-    """Noise bandwidth of the matched filter [Hz]."""
-    filter_ = MatchedFilter.design(cutoff, FINE * cutoff)
+    """Noise bandwidth of the parallel filter [Hz]."""
+    filter_ = ParallelFilter.design(cutoff, FINE * cutoff)
     return float(0.5 * FINE * cutoff * np.sum(np.square(filter_.taps)))
 
 

@@ -166,7 +166,7 @@ def left_out_errors(
 ) -> Array:
     r"""Relative errors of each fold, predicted from all others, shape `(folds, rows)` [%].
 
-    $100\,\|y - A\hat\phi\| / \|y\|$ per effort row behind the matched filter.
+    $100\,\|y - A\hat\phi\| / \|y\|$ per effort row behind the parallel filter.
 
     Args:
         fitted: One window per fold, to fit.

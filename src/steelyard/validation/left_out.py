@@ -15,7 +15,7 @@ from steelyard.regression.information import Information, Window
 from steelyard.validation.cross import stretches_of
 
 PER_WAVE = 20.0
-"""Instants at which motions are compared, over the matched cut-off."""
+"""Instants at which motions are compared, over the regression cut-off."""
 
 ALIKE = 0.1
 """Distance of alike positions and velocities, in their standard deviations, at most."""

@@ -1,6 +1,6 @@
 r"""Residuals beside the measurement noise: whether a model lacks something.
 
-The residuals of a fit went through the matched filter. What the motion demands ends at its band;
+The residuals of a fit went through the parallel filter. What the motion demands ends at its band;
 above it, the spectrum of measured minus predicted effort holds noise: that of the effort, and of
 the measured motion as far as its own filter lets it through. Noise that is white keeps
 $\sum_k h_k^2$ of its variance behind the filter, with $h$ its taps. Taken from the loudest octave
@@ -18,10 +18,10 @@ from steelyard.measurement.run import Run
 from steelyard.measurement.spectrum import welch
 from steelyard.model import ValuedModel
 from steelyard.regression.gather import along
-from steelyard.regression.parallel_filter import MatchedFilter
+from steelyard.regression.parallel_filter import ParallelFilter
 
 CLEAR = 2.0
-"""Frequencies from that many matched cut-offs on hold none of what is fitted."""
+"""Frequencies from that many regression cut-offs on hold none of what is fitted."""
 
 TOP = 0.4
 """Share of the sampling rate up to which the spectrum is read: resampling bends it above."""
@@ -38,7 +38,7 @@ LONGEST = 60.0
 
 @dataclass(frozen=True, eq=False)
 class ResidualNoise:
-    """Residuals and measurement noise behind the matched filter.
+    """Residuals and measurement noise behind the parallel filter.
 
     Attributes:
         joints: Names of the effort rows.
@@ -61,7 +61,7 @@ class ResidualNoise:
 def residual_noise(
     valued: ValuedModel, runs: Sequence[Run], sigma: Array, gains: Array
 ) -> ResidualNoise:
-    """Measurement noise of runs behind their matched filter, beside a fit's residuals.
+    """Measurement noise of runs behind their parallel filter, beside a fit's residuals.
 
     Args:
         valued: The fitted model.
@@ -71,7 +71,7 @@ def residual_noise(
     """
     variances, seconds = np.zeros(len(gains)), 0.0
     for run in runs:
-        taps = MatchedFilter.design(run.matched_cutoff, run.rate).taps
+        taps = ParallelFilter.design(run.matched_cutoff, run.rate).taps
         rest = _unexplained(valued, run, gains)
         density = noise_floor(rest, run.rate, run.matched_cutoff)
         least = np.square(np.asarray(run.quality.effort_resolution) * gains) / 12.0

@@ -54,7 +54,7 @@ class Trial:
         about: What it is.
         needs: What it looks at.
         slow: Whether it searches or simulates.
-        errors: Relative errors on what was left out, behind the matched filter and where joints
+        errors: Relative errors on what was left out, behind the parallel filter and where joints
             move, shape `(parts, joints)` [%]; NaN where a joint does not move in a part, infinite
             where the fit failed.
         pooled: The same with norms over all joints together, shape `(parts,)` [%].

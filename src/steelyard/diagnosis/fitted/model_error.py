@@ -164,7 +164,7 @@ def _not_looked_at(case: FittedCase, runs: Sequence[Run]) -> tuple[Finding, ...]
         return ()
     run = runs[0]
     says = (
-        "residuals could not be compared with noise: the matched cut-off of "
+        "residuals could not be compared with noise: the regression cut-off of "
         f"{run.matched_cutoff:g} Hz leaves no band above it at {run.rate:g} Hz, and the fitted "
         f"runs have errors up to {error:.0f} %"
     )

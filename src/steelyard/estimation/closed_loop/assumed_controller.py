@@ -20,7 +20,7 @@ BANDWIDTH = 20.0
 """Natural frequency of the joints' errors [Hz]."""
 
 _TORQUE_CUTOFF = 2.0
-"""Low-pass of the torque that is added, over the matched cut-off."""
+"""Low-pass of the torque that is added, over the regression cut-off."""
 
 _HIGHEST = 0.4
 

@@ -17,7 +17,7 @@ from steelyard.measurement.run import Run
 from steelyard.motion import Motion
 from steelyard.regression.gather import gather
 from steelyard.regression.information import Information
-from steelyard.regression.parallel_filter import MatchedFilter
+from steelyard.regression.parallel_filter import ParallelFilter
 from steelyard.regression.regressor import Regressor
 
 CONTROL_RATE = 1000.0
@@ -76,9 +76,9 @@ class Measured:
         return max(1, int(np.ceil(CONTROL_RATE / self.rate - 1e-9)))
 
     @cached_property
-    def matched(self) -> MatchedFilter:
+    def matched(self) -> ParallelFilter:
         """The filter of regressor and torque alike."""
-        return MatchedFilter.design(self.cutoff, self.rate)
+        return ParallelFilter.design(self.cutoff, self.rate)
 
     @cached_property
     def settled(self) -> Array:

@@ -1,4 +1,4 @@
-"""Regressor and torque of whole runs behind the matched filter: for small experiments."""
+"""Regressor and torque of whole runs behind the parallel filter: for small experiments."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.estimation.closed_loop.experiment import Experiment, Measured
 from steelyard.regression.accumulate import MOVING
-from steelyard.regression.parallel_filter import MatchedFilter
+from steelyard.regression.parallel_filter import ParallelFilter
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,8 +26,8 @@ class Rows:
     share: Array
 
 
-def filtered(values: Array, matched: MatchedFilter) -> Array:
-    """Samples `(N, ...)` through the matched filter, shape `(K, ...)`."""
+def filtered(values: Array, matched: ParallelFilter) -> Array:
+    """Samples `(N, ...)` through the parallel filter, shape `(K, ...)`."""
     from scipy.signal import upfirdn
 
     missing = -(len(matched.taps) - 1) % matched.decimation

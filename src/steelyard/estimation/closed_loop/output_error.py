@@ -1,6 +1,6 @@
 r"""Closed-loop output error: the values whose simulation shows the measured torques [Landau2001].
 
-Minimises $\sum_r \|\tau_r - \tau_{s,r}(\phi)\|^2 / \sigma_r^2$ behind the matched filter by
+Minimises $\sum_r \|\tau_r - \tau_{s,r}(\phi)\|^2 / \sigma_r^2$ behind the parallel filter by
 Levenberg and Marquardt's method [Marquardt1963]. The model is simulated in the same closed loop,
 once for every parameter that is moved a little, all side by side.
 """

@@ -1,6 +1,6 @@
 r"""Uncertainty that the residuals themselves tell: scores by windows of time.
 
-A covariance counts on residuals that are white behind the matched filter. Model error, drift and
+A covariance counts on residuals that are white behind the parallel filter. Model error, drift and
 coloured noise are not; neighbouring residuals are then alike for longer than the filter, and there
 are fewer independent ones. The scores of windows show it,
 $g_{wj} = A_{wj}^T (b - A\hat\phi)_{wj} / \sigma_j^2$: over windows longer than the correlation

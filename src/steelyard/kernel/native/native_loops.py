@@ -1,4 +1,4 @@
-"""The small loops around a traced program: Gram, |column| sums, matched filter, recurrence.
+"""The small loops around a traced program: Gram, |column| sums, parallel filter, recurrence.
 
 The first three work on a block of rows `y[row * ld + sample]` and are emitted for a number of
 lanes. Sample counts are multiples of the lanes; callers pad with zeros.
@@ -123,7 +123,7 @@ ret void
 
 
 def decimating_fir(lanes: int, name: str = "fir") -> str:
-    """The matched filter.
+    """The parallel filter.
 
     `void fir(y, ldy, rows, taps, T, D, M, z, ldz)`.
 

@@ -71,7 +71,14 @@ def fits_table(found: Sensitivity) -> PlainTable:
         "The same laws, fields and gains; errors are of the kind and the band of the verdict's "
         "headline in every row. A result that other cut-offs change by many standard deviations "
         "depends on the choice of cut-offs, not on the data alone.",
-        ("Cut-offs", "Motion", "Matched", "Error fitted", "Validation error", "Median shift [std]"),
+        (
+            "Cut-offs",
+            "Motion",
+            "Regression",
+            "Error fitted",
+            "Validation error",
+            "Median shift [std]",
+        ),
         rows,
     )
 
