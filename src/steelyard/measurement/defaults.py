@@ -17,9 +17,9 @@ MATCHED_HIGHEST = 0.2
 """Highest regression cut-off, per sampling rate."""
 MOTION_FACTOR = 3.0
 """Motion cut-off over regression cut-off: the derivatives' filter must be flat where the parallel
-one passes, and sharp corners of friction follow from velocities it has not rounded. What it passes
-of noise, the parallel filter takes out again; on real robots a cut at the noise floor itself predicts
-worse by 1 to 3 % of the error."""
+one passes, and sharp corners of friction follow from velocities it has not rounded. What it
+passes of noise, the parallel filter takes out again; on real robots a cut at the noise floor
+itself predicts worse by 1 to 3 % of the error."""
 MOTION_HIGHEST = 0.25
 """Highest default motion cut-off, per sampling rate."""
 NYQUIST_SHARE = 0.45
