@@ -192,7 +192,7 @@ def test_scales_say_how_well_gains_are_known() -> None:
     )
     assert alone.half_width[0] == pytest.approx(Z95 * 0.05 * LOAD.mass, rel=0.05)
     assert beside.half_width[0] > 1.05 * alone.half_width[0]
-    assert "uncertainty of 4 %" in beside.notes[-1] and "uncertain" not in alone.notes[-1]
+    assert "uncertainty of 4 %" in beside.notes[-1] and "drive gain" not in alone.notes[-1]
 
 
 def test_what_the_model_lacks_widens_the_intervals() -> None:
@@ -236,7 +236,7 @@ def test_frames_that_cannot_carry(frame: str, words: str) -> None:
 
 def foreign(information: Information, **fields: object) -> Information:
     signature = Signature(**{**vars(information.signature), **fields})  # type: ignore[arg-type]
-    return Information(**{**vars(information), "stamp": signature})
+    return Information(**{**vars(information), "signature": signature})
 
 
 def refusal(*args: object, **options: object) -> SteelyardError:

@@ -118,7 +118,7 @@ def test_twins_are_refused_where_fields_are_found_too(
     twins = '{law = "stribeck", speed = "find"}, {law = "spring", free = "unknown"}'
     robot = edited(given, tmp_path, (TERMS, TERMS.replace('"viscous"', twins)))
     done = command("identify", robot, given / "identification.parquet", "-o", tmp_path / "out")
-    assert done.exit_code == 2 and "cannot be told from" in done.stderr, done.output
+    assert done.exit_code == 2 and "not distinguishable from" in done.stderr, done.output
     assert not (tmp_path / "out").exists()
 
 

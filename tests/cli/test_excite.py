@@ -57,7 +57,7 @@ def test_files(made: Path) -> None:
     }
     said = (made / "said.txt").read_text()
     assert all(name in said for name in names)
-    assert "limit looked at is proven for all times" in " ".join(said.split())
+    assert "every checked limit is proven to hold at all times" in " ".join(said.split())
 
 
 def test_the_certificate_is_of_this_trajectory(made: Path) -> None:

@@ -96,7 +96,7 @@ def test_fields_are_not_found_for_friction_that_is_not_chosen_yet(
     wrist = '{law = "stribeck", speed = "find", along = {w = {elbow = 1.0, wrist_bend = 1.0}}}'
     path = robot(f'terms = ["rigid_body", {wrist}]\nfriction = "auto"')
     done = command("identify", path, given / "identification.parquet", "-o", path.parent / "out")
-    assert done.exit_code == 2 and "friction is to be chosen" in done.stderr, done.output
+    assert done.exit_code == 2 and "while friction is selected" in done.stderr, done.output
     assert "'stribeck'" in done.stderr and '"auto"' in done.stderr
 
 

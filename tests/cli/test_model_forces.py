@@ -46,7 +46,7 @@ def test_notes_of_the_model_file_are_told_by_every_command(
     assert sorted(made["notes"]) == sorted(told)
     checked = json.loads(command("check", mjcf, run / "log.parquet", "--json").stdout)
     assert set(told) <= set(checked["notes"])
-    assert load_robot(toml).notes == tuple(note for note in told if "placeholders" in note)
+    assert load_robot(toml).notes == tuple(note for note in told if "placeholder" in note)
 
 
 def test_torques_are_limited_by_the_range_of_forces(mjcf: Path) -> None:

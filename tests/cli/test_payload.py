@@ -63,7 +63,7 @@ def test_the_table_names_frame_numbers_and_units(
     for piece in ("mass", "kg", "centre x", "Iyz about the centre", "kg m²", "± 95 %"):
         assert piece in words
     assert "the inertia is" in words
-    assert "note: friction and offset are each run's own, within about 50 % of the model's" in words
+    assert "note: friction and offsets are estimated per run, within 50 % of the model's" in words
     assert "drive gains" not in words
 
 

@@ -57,7 +57,7 @@ def test_payloads_that_cannot_be_are_refused(command: Command, tmp_path: Path) -
     done = command(*RUN, "--payload-mass", "3", "--attach", "2", "--release", "1", *out)
     assert done.exit_code == 2 and "attached at 2 s, released at 1 s" in done.stderr
     done = command(*RUN, "--payload-mass", "3", "--attach", "300", *out)
-    assert done.exit_code == 2 and "taken at 300 s, but the log ends at" in done.stderr
+    assert done.exit_code == 2 and "attached at 300 s, but the log ends at" in done.stderr
     assert command(*RUN, "--payload-mass", "0", *out).exit_code == 2
     assert not (tmp_path / "o").exists()
 

@@ -45,7 +45,7 @@ def test_efforts_in_millinewton_metres_are_absurd(arm):
     model = identified(arm, 1000.0)
     said = absurdities(model)
     assert any("denser than tungsten" in x for x in said)
-    assert any("all links together" in x for x in said)
+    assert any("total mass of the links" in x for x in said)
     with pytest.raises(DataError, match="physically absurd") as error:
         refuse_absurd(model, "arm.toml")
     assert "--no-check" in error.value.fix
@@ -55,7 +55,7 @@ def test_reversed_efforts_give_an_estimate_and_their_reason(arm):
     model = identified(arm, -1.0)
     (finding,) = AbsurdBodies()(FittedCase(model, fitted=(None,)))
     assert finding.severity == Severity.WRONG
-    assert "friction of all joints comes out negative: efforts have the wrong sign" in finding.says
+    assert "friction of all joints is negative: efforts have the wrong sign" in finding.says
     assert AbsurdBodies()(FittedCase(model)) == ()
 
 

@@ -170,7 +170,7 @@ def test_data_without_the_effect_cannot_tell() -> None:
     result = found(DEFAULT_TERMS, Stribeck(), Stribeck(speed=SPEEDS), 0.5, size=0.0)
     assert not any(f.told for f in result.findings)
     assert len(result.notes) == 3
-    assert "not identifiable the speed of term 'stribeck' at 'joint_1'" in result.notes[0]
+    assert "bound the speed of term 'stribeck' at 'joint_1' on one side only" in result.notes[0]
     assert "log slower motion with reversals, or fix it: speed = " in result.notes[0]
 
 
@@ -180,7 +180,7 @@ def test_a_value_beyond_the_bounds_is_said() -> None:
     assert finding.value == 0.1 and finding.interval[1] == 0.1 and not finding.told
     (note,) = result.notes
     assert note == (
-        "the best speed of term 'stribeck' is its bound 0.1; widen the search, "
+        "the speed of term 'stribeck' is estimated at its bound 0.1; widen the search, "
         "or fix it: speed = 0.1"
     )
 
@@ -190,7 +190,7 @@ def test_one_open_end_is_said() -> None:
     result = found(BARE, Dahl(length=2e-6), wanted, 1.0)
     (finding,) = result.findings
     assert 1e-6 < finding.value and finding.interval[0] == 1e-6 and finding.interval[1] < 3e-3
-    assert f"only that it is below {finding.interval[1]:.3g}" in result.notes[0]
+    assert f"on one side only: below {finding.interval[1]:.3g}" in result.notes[0]
 
 
 def test_bounds_are_respected() -> None:
@@ -318,10 +318,13 @@ def test_a_robot_file_asks_for_a_search(tmp_path: Any) -> None:
 @pytest.mark.parametrize(
     ("description", "words"),
     [
-        ({"law": "viscous", "joints": "find"}, "'joints' of term 'viscous' cannot be found"),
-        ({"law": "stribeck", "exponent": "find"}, "give 'exponent' a value; 'speed' can be found"),
-        ({"law": "lugre", "breakaway": "find"}, "'length' and 'speed' can be found"),
-        ({"law": "dahl", "lenth": "find"}, "has no field 'lenth'"),
+        ({"law": "viscous", "joints": "find"}, "'joints' of term 'viscous' cannot be estimated"),
+        (
+            {"law": "stribeck", "exponent": "find"},
+            "give 'exponent' a value; 'speed' can be estimated",
+        ),
+        ({"law": "lugre", "breakaway": "find"}, "'length' and 'speed' can be estimated"),
+        ({"law": "dahl", "lenth": "find"}, "does not understand 'lenth'"),
         ({"law": "dahl", "length": {"find": [1.0, 0.1]}}, "the smaller one first"),
         ({"law": "dahl", "length": {"find": [0.0, 0.1]}}, "two numbers above zero"),
         ({"law": "dahl", "length": {"find": 0.1}}, 'write length = "find"'),
@@ -336,7 +339,7 @@ def test_wrong_requests_are_explained(description: Any, words: str) -> None:
 
 def test_a_field_that_cannot_be_found_is_refused_in_a_model() -> None:
     term = Stribeck(smoothing=Find(1e-3, 1.0))
-    with pytest.raises(ModelError, match="'smoothing' of term 'stribeck' cannot be found"):
+    with pytest.raises(ModelError, match="'smoothing' of term 'stribeck' cannot be estimated"):
         unknowns_of(Model(ROBOT, (term,)))
 
 

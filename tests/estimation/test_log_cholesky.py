@@ -152,7 +152,7 @@ def test_wishes_that_it_breaks_are_named() -> None:
     )
     found = LogCholesky(regressor.base, replace(known, rows=rows), gamma=10.0)(said(regressor))
     assert found.notes[-2:] == (
-        "2 wishes of [[knowledge]] about bodies or ties count for nothing in this estimator",
+        "2 entries of [[knowledge]] about bodies or ties are ignored by this estimator",
         "constraints that this estimate violates: left is heavier than 50 kg",
     )
     plain = LogCholesky(regressor.base, known, gamma=10.0)(said(regressor))
@@ -170,7 +170,7 @@ def test_a_tie_that_it_does_not_keep_makes_nothing_certain() -> None:
     plain = LogCholesky(regressor.base, known, gamma=10.0)(said(regressor))
     assert np.array_equal(standard_of(found).std, standard_of(plain).std)
     assert np.array_equal(standard_of(found).learned, standard_of(plain).learned)
-    assert any(note.startswith("1 wish of [[knowledge]]") for note in found.notes)
+    assert any(note.startswith("1 entry of [[knowledge]]") for note in found.notes)
 
 
 @pytest.mark.parametrize("coefficient", [1.0, -2.0])

@@ -74,7 +74,7 @@ def test_forgetting_weighs_windows_by_their_age() -> None:
     inverse = np.linalg.inv((whole[:, :-1] * root).T @ (whole[:, :-1] * root))
     noise = (whole[:, :-1] * root**2).T @ (whole[:, :-1] * root**2)
     assert np.allclose(found.covariance, found.sigma[0] ** 2 * inverse @ noise @ inverse, rtol=1e-6)
-    assert "what is 4.48 s old have weight 1/e" in found.notes
+    assert "data 4.48 s old have weight 1/e" in found.notes
 
 
 def test_it_is_constant_in_size_however_long_it_goes_on() -> None:

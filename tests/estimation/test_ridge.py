@@ -50,7 +50,7 @@ def test_it_is_least_squares_with_rows_for_the_target() -> None:
     right = np.concatenate([(effort * scale).ravel(), np.sqrt(0.02) * lengths * target])
     wanted, *_ = np.linalg.lstsq(rows, right, rcond=None)
     assert np.allclose(found.parameters.values, wanted, rtol=1e-6, atol=1e-6)
-    assert "drawn towards it with weight 0.02 (given)" in found.notes
+    assert "shrunk towards it with weight 0.02 (given)" in found.notes
 
 
 def test_the_weight_is_that_of_least_cross_validation() -> None:

@@ -183,7 +183,7 @@ def test_without_a_prior_it_is_the_estimate_s_own_covariance() -> None:
 def test_wide_intervals_are_told() -> None:
     estimate = WeightedLeastSquares()(data(5, 30.0)[0])
     assert len(estimate.notes) == 1
-    assert "alike for longer than the filter" in estimate.notes[0]
+    assert "correlated for longer than the filter" in estimate.notes[0]
     assert note_of(("a", "b"), np.array([1.0, 16.0]))[0].endswith("wider: b x 4.0")
     assert WeightedLeastSquares()(data(5, 0.0)[0]).notes == ()
 

@@ -235,7 +235,7 @@ MISTAKES: list[tuple[dict[str, Any], str, str]] = [
     ({"link": "tip"}, "does not name its kind", "the kinds are mass, total_mass"),
     ({"kind": "mas", "link": "tip"}, "'mas' is no kind of knowledge", "did you mean 'mass'"),
     ({"kind": "mass", "lower": 1}, "needs 'link'", "add link = ..."),
-    ({"kind": "mass", "link": "tip", "lowr": 1}, "has no key 'lowr'", "'lower'"),
+    ({"kind": "mass", "link": "tip", "lowr": 1}, "does not understand 'lowr'", "'lower'"),
     ({"kind": "mass", "link": 3, "lower": 1}, "3 cannot be used for 'link'", "string"),
     ({"kind": "mass", "link": "tip", "lower": True}, "True cannot be used", "number"),
     ({"kind": "mass", "link": "tip", "lower": float("nan")}, "nan cannot be used", "finite"),

@@ -110,7 +110,7 @@ def test_formats_have_files_of_their_own() -> None:
 @pytest.mark.parametrize("form", EXPORTS)
 @pytest.mark.parametrize("rate", [0.0, -1.0, float("nan"), float("inf"), 1e9])
 def test_rates_that_cannot_be_are_refused(form: str, rate: float) -> None:
-    wrong = r"no rate|are more than 2000000 points|do not take 1e\+09 set points"
+    wrong = r"not a valid rate|are more than 2000000 points|do not accept 1e\+09 set points"
     with pytest.raises(OutputError, match=wrong):
         exported(Swings(), arm(), form, rate)
 

@@ -198,11 +198,11 @@ SCRIPT = """
 import sys
 from steelyard.identification.logs import model_of
 from steelyard.excitation.design import design
-from steelyard.excitation.search.parallel_search import Effort
+from steelyard.excitation.search.parallel_search import SearchBudget
 from steelyard.robot_file.file import load_robot
 
 loaded = load_robot("arm.toml")
-found = design(loaded, model_of(loaded), Effort(60.0, searches=2, processes=2))
+found = design(loaded, model_of(loaded), SearchBudget(60.0, searches=2, processes=2))
 print(found.certificate.holds, found.searches)
 """
 

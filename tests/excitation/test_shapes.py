@@ -143,7 +143,7 @@ def test_a_cell_is_read_from_both_kinds_of_files(tmp_path: Path) -> None:
         ('<box size="1 2"/>', "size='1 2' of <box> is not 3 finite numbers"),
         ('<box size="1 2 nan"/>', "is not 3 finite numbers"),
         ('<box size="1 1 1"/><sphere radius="1"/>', "a collision of link 'hand' has 2 shapes"),
-        ('<mesh filename=""/>', "the collision mesh '' of link 'hand' is not there"),
+        ('<mesh filename=""/>', "the collision mesh '' of link 'hand' does not exist"),
     ],
 )
 def test_shapes_that_cannot_be_read_are_refused(tmp_path: Path, shape: str, words: str) -> None:

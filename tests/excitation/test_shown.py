@@ -54,7 +54,7 @@ def test_advice_adds_information(tmp_path: Path) -> None:
     assert len(again.helps) == len(before)
     assert [one.what for one in others] == [
         "one joint after another at three speeds, if the workspace allows it",
-        "standing at 20 postures, if the workspace allows it",
+        "20 static postures, if the workspace allows it",
     ]
     for one in others:
         assert np.all(one.std <= before * (1.0 + 1e-9))

@@ -131,7 +131,7 @@ def test_no_sweeps_are_refused(wrong: dict[str, float]) -> None:
 
 @pytest.mark.parametrize("wrong", [{"count": 0}, {"dwell_s": -1.0}, {"speed": 0.0}, {"speed": 2.0}])
 def test_no_postures_are_refused(wrong: dict[str, float]) -> None:
-    with pytest.raises(DataError, match="are no motion"):
+    with pytest.raises(DataError, match="are not a valid motion"):
         static_postures(LIMITS, **({"count": 2, "seed": 0} | wrong))
 
 

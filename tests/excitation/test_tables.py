@@ -268,7 +268,7 @@ def test_samples_of_the_figure(tmp_path: Path) -> None:
 def test_what_is_assumed_is_noted(tmp_path: Path) -> None:
     notes = problem_of(tmp_path).notes
     assert any("accelerations are kept below 5 rad/s²" in note for note in notes)
-    assert any("torques are limited with a prior model" in note for note in notes)
+    assert any("torques are limited with the values" in note for note in notes)
     given = problem_of(tmp_path, f"{OPEN}[excitation.limits]\nacceleration = 5.0\n").notes
     assert not any("accelerations" in note for note in given)
 

@@ -209,7 +209,11 @@ def test_panda_quickly() -> None:
 @pytest.mark.parametrize(
     ("make", "wrong", "fix"),
     [
-        (lambda: torque_limit({"arm": valued(tree(), (Dahl(length=1e-3),))}), "'dahl' rem", "coul"),
+        (
+            lambda: torque_limit({"arm": valued(tree(), (Dahl(length=1e-3),))}),
+            "'dahl' has internal states",
+            "coul",
+        ),
         (lambda: torque_limit({"a": valued(five_bar(), ())}), "closed chains", "leave out"),
         (lambda: torque_limit({"a": valued(tree(), ())}), "no joint has a limit", "above zero"),
         (

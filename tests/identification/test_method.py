@@ -66,7 +66,7 @@ def test_a_model_comes_of_every_estimator(folder: Path, offer, tmp_path: Path) -
     else:
         (note,) = notes
         assert note.startswith(f"estimated by {offer.name} ({offer.about}), as asked for")
-        assert ("impossible" in note) == (offer.name not in BODIES)
+        assert ("invalid" in note) == (offer.name not in BODIES)
     calibrated = result.model.calibration is not None
     assert calibrated == (offer.needs != "experiment")
     bands = [note for note in result.content.notes if "95 % bands" in note]

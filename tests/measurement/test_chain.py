@@ -206,8 +206,8 @@ def test_the_robot_files_table_becomes_the_chain() -> None:
     ("table", "wrong"),
     [
         ({"effort": {"method": "butterworth", "cutoff": -1}}, "cutoff is -1"),
-        ({"effort": {"method": "kalman"}}, "not a method for effort"),
-        ({"motion": {"method": "fir", "tap": 3}}, "has no setting 'tap'"),
+        ({"effort": {"method": "kalman"}}, "is no method for effort"),
+        ({"motion": {"method": "fir", "tap": 3}}, "does not understand 'tap'"),
     ],
 )
 def test_mistakes_name_their_place(table: dict[str, object], wrong: str) -> None:

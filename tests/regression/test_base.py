@@ -82,7 +82,7 @@ def twins(*terms: Term) -> str:
 def test_causes_that_no_motion_tells_apart_are_named() -> None:
     twice = Viscous(along=(("twice", (("hinge", 2.0),)),))
     said = twins(RigidBody(), Viscous(), Coulomb(), twice)
-    assert "'viscous.twice' cannot be told from 'viscous.hinge'" in said
+    assert "'viscous.twice' is not distinguishable from 'viscous.hinge'" in said
     assert "leave one of the terms out, or restrict it to other joints" in said
     assert "robot 'single'" in said and "coulomb" not in said
 
@@ -105,7 +105,7 @@ def test_a_twin_of_several_names_them_all() -> None:
     model = Model(ROBOTS["tree"](Path()), (RigidBody(), given, Viscous(along=sums[:2])))
     with pytest.raises(ModelError) as caught:
         refuse_twins(model, base_parameters(model))
-    assert "'viscous.minus' cannot be told from " in caught.value.wrong
+    assert "'viscous.minus' is not distinguishable from " in caught.value.wrong
     assert all(
         f"'viscous.{n}'" in caught.value.wrong for n in ("left_joint", "trunk_joint", "plus")
     )

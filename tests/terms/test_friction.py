@@ -181,7 +181,7 @@ def test_lists_fit_the_pairs() -> None:
     ("description", "words"),
     [
         ("coulom", "did you mean 'coulomb'"),
-        ({"law": "viscous", "speed": 3}, "has no field 'speed'"),
+        ({"law": "viscous", "speed": 3}, "does not understand 'speed'"),
         ({"law": "coulomb", "threshold": 0.1, "smoothing": 0.1}, "give one of the two"),
         ({"law": "coulomb", "threshold": -0.1}, "threshold = -0.1"),
         ({"law": "coulomb", "smoothing": [0.1, -0.1]}, "smoothing = -0.1"),

@@ -122,7 +122,7 @@ def test_impossible_bodies_are_named(
     tens[2] = Inertia.about_com(1.0, np.zeros(3), np.diag(moments)).ten
     with pytest.raises(ModelError, match=words) as caught:
         build(arm, tens)
-    assert "link 'forearm' cannot exist" in caught.value.wrong
+    assert "link 'forearm' is not physically consistent" in caught.value.wrong
 
 
 def test_a_coordinate_without_body_is_refused(pendulum: Robot) -> None:

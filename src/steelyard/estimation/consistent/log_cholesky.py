@@ -115,13 +115,13 @@ def _single(row: Row) -> bool:
 
 
 def _unheard(knowledge: Knowledge) -> tuple[str, ...]:
-    """How many wishes play no part."""
+    """How many prior constraints are not used."""
     labels = {row.label for row in knowledge.rows if not _single(row)}
     if not labels:
         return ()
     one = len(labels) == 1
-    count, verb = ("1 wish", "counts") if one else (f"{len(labels)} wishes", "count")
-    return (f"{count} of [[knowledge]] on bodies or ties {verb} ignored by this estimator",)
+    count, verb = ("1 entry", "is") if one else (f"{len(labels)} entries", "are")
+    return (f"{count} of [[knowledge]] about bodies or ties {verb} ignored by this estimator",)
 
 
 def _broken(knowledge: Knowledge, values: Parameters) -> tuple[str, ...]:

@@ -94,7 +94,7 @@ class Finding:
                 f"{log}, or {fix}"
             )
         if self.value in self.bounds:
-            return f"the best {of} is its bound {self.value:.3g}; widen the search, or {fix}"
+            return f"{of} is estimated at its bound {self.value:.3g}; widen the search, or {fix}"
         side = f"below {high:.3g}" if self.open_ends[0] else f"above {low:.3g}"
         return f"the data bound {of} on one side only: {side}; {log}, or {fix}"
 

@@ -9,7 +9,8 @@ from steelyard.arrays import Array
 from steelyard.errors import DataError
 from steelyard.estimation.estimate import Estimate
 from steelyard.estimation.knowledge import Knowledge
-from steelyard.estimation.least_squares.normal_equations import Fit, Spread, described
+from steelyard.estimation.least_squares.normal_equations import Fit, described, spread_of
+from steelyard.estimation.least_squares.sandwich import scatter
 from steelyard.estimation.least_squares.whitened import Whitened
 from steelyard.regression.base import BaseMap
 
@@ -112,8 +113,8 @@ class Box:
         inverse = np.linalg.inv(matrix / lengths[:, None] / lengths) / lengths[:, None] / lengths
         locals_ = tuple(part.solved(full) for part in data.normal(1.0 / variances)[2])
         solution = replace(old, values=full, inverse=inverse, locals=locals_)
-        own = tuple(part.covariance(old.kept, inverse) for part in locals_)
-        made = described(name, Fit(data, solution, variances), Spread(inverse, own))
+        found = Fit(data, solution, variances)
+        made = described(name, found, spread_of(found, scatter(fit) / variances))
         held = self.held(values)
         at = (f"at a bound: {', '.join(held)}",) if held else ()
         return replace(made, notes=(*notes, *at))
