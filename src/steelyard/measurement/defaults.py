@@ -75,7 +75,7 @@ def cutoffs(
         wide = max(MOTION_FACTOR * matched, floor)
         motion = rounded(max(matched, min(wide, MOTION_HIGHEST * rate)))
     for name, cutoff, share in (
-        ("matched", matched, MATCHED_HIGHEST),
+        ("regression", matched, MATCHED_HIGHEST),
         ("motion", motion, NYQUIST_SHARE),
     ):
         if not 0.0 < cutoff <= share * rate * (1.0 + 1e-9):
