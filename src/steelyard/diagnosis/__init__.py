@@ -1,4 +1,4 @@
-"""The detective: what is wrong with a log, and the line of the robot file that corrects it."""
+"""Checks: what is wrong with a log, and the line of the robot file that corrects it."""
 
 from steelyard.diagnosis.case import Case as Case
 from steelyard.diagnosis.examine import Diagnosis as Diagnosis
