@@ -2,7 +2,9 @@
 
 For each robot: `init` writes the robot file, `excite` designs the motion, `simulate` draws a robot
 and writes its logs, `check` and `identify` follow, with another motion to be predicted. Robots come
-from the folder `models` beside the one that STEELYARD_DATA names; meshes are not needed.
+from the folder `models` beside the one that STEELYARD_DATA names, and from the folders of
+STEELYARD_MODELS (`python -m proofs.models.model_files --fetch FOLDER` fills one); meshes are not
+needed.
 """
 
 import json
@@ -18,7 +20,8 @@ from pathlib import Path
 
 import numpy as np
 from proofs.checks.two_faults import run
-from proofs.support.claims import Claim, data_folder, main_of
+from proofs.support.claims import Claim, main_of
+from proofs.support.model_files import folders
 
 from steelyard.errors import SteelyardError
 from steelyard.estimation.estimate import Z95
@@ -26,6 +29,8 @@ from steelyard.estimation.identified import load_model
 from steelyard.identification.identify import identify
 
 DRAWS, PROCESSES = 2, 2
+
+SHARE = "cmeel.prefix/share/example-robot-data/robots"
 
 ROBOTS = {
     "aloha": "menagerie/aloha/aloha.xml",
@@ -40,6 +45,14 @@ ROBOTS = {
     "z1": "menagerie/unitree_z1/z1.xml",
     "vx300s": "menagerie/trossen_vx300s/vx300s.xml",
     "piper": "menagerie/agilex_piper/piper.xml",
+    "ur3": "ur_description/urdf/ur3_robot.urdf",
+    "ur10": "ur_description/urdf/ur10_robot.urdf",
+    "jaco": "kinova_description/robots/kinova.urdf",
+    "iiwa": "pybullet/pybullet_data/kuka_iiwa/model.urdf",
+    "xarm6": "pybullet/pybullet_data/xarm/xarm6_robot.urdf",
+    "sawyer": "robosuite/robosuite/models/assets/robots/sawyer/robot.xml",
+    "ur3e": "airo_models/airo_models/arms/ur3e/ur3e.urdf",
+    "so101": f"example_robot_data/{SHARE}/so_arm_description/urdf/so101.urdf",
 }
 
 OWN = ("aloha", "allegro")
@@ -61,9 +74,16 @@ class Outcome:
     why: str = ""
 
 
+def source_of(name: str) -> Path | None:
+    """The robot's published file, where it is there."""
+    places = (folder / ROBOTS[name] for folder in folders())
+    return next((path for path in places if path.is_file()), None)
+
+
 def model_of(name: str, folder: Path) -> Path:
     """The robot's model; Allegro's, whose masses are those of meshes, with those of boxes."""
-    source = data_folder().parent / "models" / ROBOTS[name]
+    source = source_of(name)
+    assert source is not None
     if name != "allegro":
         return source
     path, meshes = folder / source.name, r'<geom class="\w*visual".*/>| mass="0"'
@@ -174,11 +194,10 @@ def claims_of(name: str, outcomes: list[Outcome]) -> Iterator[Claim]:
 
 def main(draws: int = DRAWS, only: tuple[str, ...] = ()) -> list[Claim]:
     """Arms pooled, then the others."""
-    models = data_folder().parent / "models"
     with tempfile.TemporaryDirectory() as folder, get_context("spawn").Pool(PROCESSES) as pool:
         names = [name for name in ROBOTS if not only or name in only]
-        for name in [n for n in names if not (models / ROBOTS[n]).exists()]:
-            print(f"{name:<10} left out: no {models / ROBOTS[name]}", file=sys.stderr)
+        for name in [n for n in names if source_of(n) is None]:
+            print(f"{name:<10} left out: no {ROBOTS[name]}", file=sys.stderr)
             names.remove(name)
         drawn = partial(draws_of, folder=Path(folder), draws=draws)
         found = [one for some in pool.imap_unordered(drawn, names) for one in some]
