@@ -12,7 +12,7 @@ import pytest
 
 PACKAGE = Path(__file__).parent.parent / "src" / "steelyard"
 ORDER = (
-    ("errors", "arrays", "parameters", "motion", "progress", "files", "suggest"),
+    ("errors", "arguments", "arrays", "parameters", "motion", "progress", "files", "suggest"),
     ("robot",),
     ("robot_file",),
     ("kernel",),

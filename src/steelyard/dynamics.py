@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from steelyard.arrays import Array
 from steelyard.model import Model, ValuedModel
-from steelyard.motion import Motion
+from steelyard.motion import Motion, numbers
 from steelyard.parameters import Parameters
 from steelyard.terms.term import Term
 
@@ -26,7 +26,8 @@ def gravity(valued: ValuedModel, q: ArrayLike) -> Array:
     Returns:
         Shape of `q` [Nm; N].
     """
-    return bias(valued, q, np.zeros_like(np.asarray(q, dtype=np.float64)))
+    q = _configurations(valued, "q", q)
+    return bias(valued, q, np.zeros_like(q))
 
 
 def bias(valued: ValuedModel, q: ArrayLike, dq: ArrayLike) -> Array:
@@ -40,7 +41,8 @@ def bias(valued: ValuedModel, q: ArrayLike, dq: ArrayLike) -> Array:
     Returns:
         Shape of `q` [Nm; N].
     """
-    q, dq = np.asarray(q, dtype=np.float64), np.asarray(dq, dtype=np.float64)
+    q = _configurations(valued, "q", q)
+    dq = numbers("dq", dq, [q.shape])
     bodies = part(valued, lambda term: term.role == "body")
     efforts = bodies.torque(_samples(q, dq, np.zeros_like(q)))
     return efforts.reshape(q.shape)
@@ -56,7 +58,7 @@ def mass_matrix(valued: ValuedModel, q: ArrayLike) -> Array:
     Returns:
         Shape `(n, n)` or `(N, n, n)` [kg m²; kg m; kg].
     """
-    q = np.asarray(q, dtype=np.float64)
+    q = _configurations(valued, "q", q)
     many, n = np.atleast_2d(q), q.shape[-1]
     masses = part(valued, lambda term: term.cause == "inertia")
     postures = np.repeat(many, n + 1, axis=0)
@@ -78,6 +80,12 @@ def part(valued: ValuedModel, chosen: Callable[[Term], bool]) -> ValuedModel:
     model = Model(valued.model.robot, terms)
     values = valued.values.as_dict()
     return model.at(Parameters(model.names, model.units, [values[name] for name in model.names]))
+
+
+def _configurations(valued: ValuedModel, name: str, q: ArrayLike) -> Array:
+    """One configuration, or one a row."""
+    n = valued.model.robot.n
+    return numbers(name, q, [(n,), (None, n)])
 
 
 def _samples(q: Array, dq: Array, ddq: Array) -> Motion:

@@ -1,5 +1,7 @@
 """The one error root: every message says what is wrong, where, and how to correct it."""
 
+from typing import Any
+
 
 class SteelyardError(Exception):
     """Something a user gave cannot be used.
@@ -23,6 +25,9 @@ class SteelyardError(Exception):
         self.where = where
         self.fix = fix
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _again, (type(self), *self.args)
+
     def __str__(self) -> str:
         return f"{self.wrong}\n  where  {self.where}\n  fix    {self.fix}"
 
@@ -45,3 +50,8 @@ class DataError(SteelyardError):
 
 class OutputError(SteelyardError):
     """A result cannot be written."""
+
+
+def _again(kind: type[SteelyardError], wrong: str, where: str, fix: str) -> SteelyardError:
+    """An error from what pickle kept of it."""
+    return kind(wrong, where=where, fix=fix)

@@ -52,6 +52,16 @@ class Model:
         return f"Model({self.robot!r}, {laws}: {len(self.parameters)} parameters)"
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "terms", tuple(self.terms))
+        strange = [term for term in self.terms if not isinstance(term, Term)]
+        if strange or not isinstance(self.robot, Robot):
+            wrong, kind = (strange[0], "term") if strange else (self.robot, "robot")
+            raise ModelError(
+                f"{wrong!r} is no {kind}",
+                where="robot and terms of a model",
+                fix="give a Robot, such as load_robot(FILE).robot, and terms such as "
+                "terms.Viscous()",
+            )
         names = [parameter.name for parameter in self.parameters]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
@@ -60,6 +70,10 @@ class Model:
                 where=f"list of terms of robot '{self.robot.name}'",
                 fix="give each joint each law once (see the terms' `joints`)",
             )
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What pickle keeps: compiled code is of one process."""
+        return {"robot": self.robot, "terms": self.terms}
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -269,8 +283,14 @@ class ValuedModel:
 
         Raises:
             DataError: The motion has another number of joints, turns beyond 1e5 rad, or opens a
-                loop.
+                loop; or the efforts are too large for numbers.
         """
+        if not isinstance(motion, Motion):
+            raise DataError(
+                f"a {type(motion).__name__} is no motion",
+                where=f"model of '{self.model.robot.name}'",
+                fix="give steelyard.Motion(t, q, dq, ddq), or trajectory.sample(t)",
+            )
         if motion.n_joints != self.model.robot.n:
             raise DataError(
                 f"the motion has {motion.n_joints} joints, the model {self.model.robot.n}",
@@ -283,6 +303,7 @@ class ValuedModel:
             part = slice(start, start + BLOCK)
             q, dq, ddq = motion.q[part].T, motion.dq[part].T, motion.ddq[part].T
             result[part] = self.block(q, dq, ddq, scan(q, dq, ddq, motion.t[part])).T
+        check_efforts(result)
         return result
 
     def block(self, q: Array, dq: Array, ddq: Array, channels: Array | None = None) -> Array:
@@ -309,7 +330,8 @@ class Stepper:
 
     def __init__(self, valued: ValuedModel) -> None:
         code, n = valued.model.torque_code, valued.model.robot.n
-        self._inputs = [np.zeros((n, code.lanes)) for _ in range(3)]
+        self._motion = np.zeros((3, n, code.lanes))
+        self._inputs = list(self._motion)
         self._channels = np.zeros((valued.model.n_channels, code.lanes))
         self._scan = valued.model.scan()
         self._values = valued.values.values
@@ -332,18 +354,36 @@ class Stepper:
             DataError: An argument has another shape, or a position lies beyond 1e5 rad.
         """
         for buffer, values in zip(self._inputs, (q, dq, ddq), strict=True):
-            if np.shape(values) != (len(buffer),):
+            row = np.asarray(values)
+            if row.shape != (len(buffer),) or row.dtype.kind not in "iuf":
                 raise DataError(
-                    f"values of shape {np.shape(values)} for {len(buffer)} joints",
+                    f"values of shape {row.shape}, type {row.dtype}, for {len(buffer)} joints",
                     where="q, dq or ddq",
-                    fix="give one value per joint in each",
+                    fix="give one number per joint in each",
                 )
-            buffer[:] = np.reshape(values, (-1, 1))
+            buffer[:] = row[:, None]
         check_angles(self._inputs[0])
+        check_efforts(self._motion, "velocities and accelerations")
         if len(self._channels):
             self._channels[:] = self._scan(*(x[:, :1] for x in self._inputs))
         self._code.raw(self._code.lanes, *self._arguments)
-        return self._output[:, 0].copy()
+        efforts: Array = self._output[:, 0].copy()
+        check_efforts(efforts)
+        return efforts
+
+
+def check_efforts(values: Array, what: str = "efforts of the model") -> None:
+    """No silent NaN.
+
+    Raises:
+        DataError: A value is not finite.
+    """
+    if not np.isfinite(values).all():
+        raise DataError(
+            f"a value of the {what} is not finite",
+            where="velocities `dq` and accelerations `ddq`",
+            fix="check their units, and leave out samples without a number",
+        )
 
 
 def check_angles(q: Array) -> None:

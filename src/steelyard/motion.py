@@ -1,5 +1,6 @@
 """Motion of the joints in time, and what can make it: trajectories, plants and rigs."""
 
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.arrays import Array, frozen
+from steelyard.errors import DataError
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,6 +22,9 @@ class Motion:
         q: Positions, shape `(N, n)` [rad; m for prismatic joints].
         dq: Velocities, shape `(N, n)` [rad/s; m/s].
         ddq: Accelerations, shape `(N, n)` [rad/s²; m/s²].
+
+    Raises:
+        DataError: An array has another shape, or holds what is no finite number.
 
     Example:
         >>> rest = [[0.0, 0.0], [0.0, 0.0]]
@@ -34,16 +39,10 @@ class Motion:
     ddq: Array
 
     def __init__(self, t: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> None:
-        object.__setattr__(self, "t", frozen(t, (None,)))
-        for name, values in (("q", q), ("dq", dq), ("ddq", ddq)):
-            object.__setattr__(self, name, frozen(values, (len(self.t), None)))
-        if not self.q.shape == self.dq.shape == self.ddq.shape:
-            raise ValueError(
-                f"q, dq, ddq differ in shape: {self.q.shape}, {self.dq.shape}, {self.ddq.shape}"
-            )
-        for name in ("t", "q", "dq", "ddq"):
-            if not np.isfinite(getattr(self, name)).all():
-                raise ValueError(f"{name} holds a value that is not finite")
+        object.__setattr__(self, "t", numbers("t", t, [(None,)]))
+        object.__setattr__(self, "q", numbers("q", q, [(len(self.t), None)]))
+        for name, values in (("dq", dq), ("ddq", ddq)):
+            object.__setattr__(self, name, numbers(name, values, [self.q.shape]))
 
     def __len__(self) -> int:
         return len(self.t)
@@ -52,6 +51,46 @@ class Motion:
     def n_joints(self) -> int:
         """Number of joints."""
         return int(self.q.shape[1])
+
+
+def numbers(name: str, values: ArrayLike, shapes: Sequence[tuple[int | None, ...]]) -> Array:
+    """A read-only array of finite numbers.
+
+    Args:
+        name: What it is, for messages.
+        values: The numbers.
+        shapes: Shapes that it may have; `None` entries are free.
+
+    Raises:
+        DataError: It has none of them, or holds what is no finite number.
+    """
+    try:
+        array = frozen(values)
+    except (TypeError, ValueError) as error:
+        raise DataError(
+            f"'{name}' is no array of numbers: {error}",
+            where="samples of a motion",
+            fix="give a NumPy array or lists of equal lengths",
+        ) from None
+    if not any(
+        len(shape) == array.ndim
+        and all(want in (None, got) for want, got in zip(shape, array.shape, strict=True))
+        for shape in shapes
+    ):
+        letters = [["N" if size is None else str(size) for size in shape] for shape in shapes]
+        raise DataError(
+            f"'{name}' has shape {array.shape}",
+            where="samples of a motion",
+            fix=f"give {' or '.join(' x '.join(s) for s in letters)} numbers: rows are samples, "
+            "columns are joints",
+        )
+    if not np.isfinite(array).all():
+        raise DataError(
+            f"'{name}' holds a value that is not finite",
+            where="samples of a motion",
+            fix="leave out samples without a number",
+        )
+    return array
 
 
 class Trajectory(Protocol):

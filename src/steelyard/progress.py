@@ -22,7 +22,7 @@ class Event:
 
 
 Progress = Callable[[Event], bool]
-"""Told of every event; its answer is whether to keep going."""
+"""Told of every event; the work stops if it answers `False`."""
 
 
 class Stopped(Exception):
@@ -40,5 +40,6 @@ def tell(progress: Progress, phase: str, done: float, total: float, note: str = 
     Raises:
         Stopped: The answer was to stop.
     """
-    if not progress(Event(phase, done, total, note)):
+    answer: bool | None = progress(Event(phase, done, total, note))
+    if answer is not None and not answer:
         raise Stopped(f"stopped during {phase}, {done:.3g} of {total:.3g} done")

@@ -18,8 +18,9 @@ def simulate(
         typer.Option(help="Motion to follow: trajectory.json, or a table of time and positions."),
     ] = None,
     period: Annotated[
-        float, typer.Option(min=0.5, help="Seconds of random motion, without --motion.")
-    ] = 10.0,
+        float | None,
+        typer.Option(min=0.5, help="Seconds of random motion, 10 if unset; without --motion."),
+    ] = None,
     periods: Annotated[int, typer.Option(min=1, help="Number of periods, run without a stop.")] = 1,
     dry_run: Annotated[
         float,

@@ -10,6 +10,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from steelyard import dynamics
+from steelyard.arguments import checked
 from steelyard.arrays import Array
 from steelyard.errors import ModelError
 from steelyard.estimation.calibration import Calibration
@@ -194,8 +195,9 @@ class IdentifiedModel:
         return json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n"
 
 
-def load_model(path: str | Path) -> IdentifiedModel:
-    """Read `model.json`, or the folder that holds it.
+@checked()
+def load_model(path: str | Path | IdentifiedModel) -> IdentifiedModel:
+    """Read `model.json`, or the folder that holds it; a model is returned as it is.
 
     Raises:
         ModelError: It is missing, not an identified model, or of another version.
@@ -204,6 +206,8 @@ def load_model(path: str | Path) -> IdentifiedModel:
         >>> print(str(load_model("arm-model")).splitlines()[0])
         arm: joint1, joint2
     """
+    if isinstance(path, IdentifiedModel):
+        return path
     file = Path(path)
     if file.is_dir():
         file = file / "model.json"

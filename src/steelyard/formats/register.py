@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
+from steelyard.arguments import checked
 from steelyard.errors import LogError
 from steelyard.formats.arrays.hdf5 import open_hdf5
 from steelyard.formats.arrays.mat import open_mat
@@ -32,6 +33,7 @@ FORMATS: dict[str, Callable[[Path], Log]] = {
 """Suffix to opener."""
 
 
+@checked()
 def open_log(path: str | Path) -> Log:
     """The log in a file, a ROS 2 bag's folder, or a folder of Parquet files.
 

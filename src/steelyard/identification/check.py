@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.padding import Padding
 from rich.text import Text
 
+from steelyard.arguments import checked
 from steelyard.diagnosis import Diagnosis, register
 from steelyard.estimation.identified import IdentifiedModel, load_model
 from steelyard.identification.check_case import diagnosed, refuse_foreign, subject_of
@@ -87,6 +88,7 @@ class CheckResult(Result):
         show_findings(self.fixed.diagnosis, console, fine=False)
 
 
+@checked()
 def check(
     robot: str | Path,
     logs: str | Path | Iterable[str | Path],
@@ -118,8 +120,8 @@ def check(
         'OK'
     """
     target = None if fix is None else target_of(str(robot), str(fix))
-    known = model if model is None or isinstance(model, IdentifiedModel) else load_model(model)
-    files = log_files(paths_of(logs))
+    known = None if model is None else load_model(model)
+    files = log_files(paths_of(logs, least=1))
     subject = subject_of(str(robot), files[0], fixed_base)
     method_of(subject.loaded)
     named = None if model is None or isinstance(model, IdentifiedModel) else str(model)

@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
+from steelyard.arguments import checked
 from steelyard.identification.compare_inputs import comparison_inputs, offers_of
 from steelyard.identification.result import Result, paths_of
 from steelyard.progress import Progress, silent
 from steelyard.report import ReportContent
 from steelyard.report.compare_page import render_comparison
 from steelyard.report.terminal.compare import comparison_lines
+from steelyard.robot_file.loaded import LoadedRobot
 from steelyard.validation.compare import compared, trials_of
 from steelyard.validation.trial import Comparison, Trial
 
@@ -65,8 +67,9 @@ class EstimatorComparison(Result):
         comparison_lines(self.content, console)
 
 
+@checked(threads=1)
 def compare(
-    robot: str | Path,
+    robot: str | Path | LoadedRobot,
     logs: str | Path | Iterable[str | Path],
     estimators: Sequence[str] = (),
     *,
@@ -80,7 +83,7 @@ def compare(
     """Fit estimators to all logs but one, predict that one, each in turn.
 
     Args:
-        robot: Robot file (TOML), URDF, xacro or MJCF.
+        robot: Robot file (TOML), URDF, xacro or MJCF, or what `load_robot` made of it.
         logs: The logs; a single one is left out in stretches.
         estimators: Names of estimators; those that neither search nor simulate if empty.
         everything: Without names, all estimators.
@@ -100,7 +103,7 @@ def compare(
     """
     offers = offers_of(estimators, everything)
     cores = threads or os.cpu_count() or 1
-    inputs = comparison_inputs(str(robot), paths_of(logs), check, cores, progress, fixed_base)
+    inputs = comparison_inputs(robot, paths_of(logs, least=1), check, cores, progress, fixed_base)
     trials: list[Trial] = []
     try:
         for trial in trials_of(offers, inputs.context, inputs.parts, progress=progress):

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from steelyard.errors import ModelError
 from steelyard.estimation.fields.fields import said_by
@@ -10,7 +11,7 @@ from steelyard.estimation.register import ESTIMATORS, Context, Offer, offer_of
 from steelyard.identification.descriptions import dropped, notes_of
 from steelyard.identification.logs import log_files, model_of, refuse_overlaps, runs_of, signals_of
 from steelyard.identification.method import Sources, context_of, method_of
-from steelyard.identification.precheck import checked, passed
+from steelyard.identification.precheck import passed, prechecked
 from steelyard.identification.prepare_model import Ground, Payload, grounded
 from steelyard.progress import Progress
 from steelyard.regression.regressor import base_regressor
@@ -85,7 +86,7 @@ def offers_of(names: Sequence[str], everything: bool) -> tuple[Offer, ...]:
 
 
 def comparison_inputs(
-    robot: str,
+    robot: str | Path | LoadedRobot,
     logs: Sequence[str],
     check: bool,
     threads: int,
@@ -105,9 +106,13 @@ def comparison_inputs(
             "--payload-mass KG), and write them into the robot file",
         )
     model = model_of(file)
-    found_out = checked(robot, replace(file, signals=signals), files, progress) if check else None
+    found_out = (
+        prechecked(file.reference, replace(file, signals=signals), files, progress)
+        if check
+        else None
+    )
     runs = runs_of(file, signals, files, (), progress)[0]
-    doubts = () if found_out is None else passed(found_out, robot)
+    doubts = () if found_out is None else passed(found_out, file.reference)
     ground = grounded(model, file, runs, (), Payload(), WeightedLeastSquares(), threads, progress)
     notes = (
         *file.notes,

@@ -9,6 +9,8 @@ from typing import Any
 
 from rich.console import Console
 
+from steelyard.arguments import checked
+from steelyard.estimation.identified import IdentifiedModel
 from steelyard.excitation.bases.families import FAMILIES
 from steelyard.excitation.constraints.certificate import COVERS
 from steelyard.excitation.design import design
@@ -171,9 +173,9 @@ class DesignTask:
 
 
 def design_task(
-    robot: str | Path,
+    robot: str | Path | LoadedRobot,
     *,
-    earlier: str | Path | None = None,
+    earlier: str | Path | IdentifiedModel | None = None,
     formats: Sequence[str] = (),
     rate: float | None = None,
     fixed_base: str | None = None,
@@ -185,7 +187,7 @@ def design_task(
         SteelyardError: Something cannot be had.
     """
     loaded = asked(load_robot(robot, base=fixed_base), **tables)
-    known = None if earlier is None else identified_before(Path(earlier), loaded)
+    known = None if earlier is None else identified_before(earlier, loaded)
     model = with_friction(model_of(loaded), loaded)
     if known is not None:
         model = Model(loaded.robot, known.model.terms)
@@ -195,8 +197,9 @@ def design_task(
     return DesignTask(loaded, model, before, forms, rate)
 
 
+@checked(budget=0.0, rate=1.0, searches=1, processes=1, seed=0)
 def design_excitation(
-    robot: str | Path,
+    robot: str | Path | LoadedRobot,
     *,
     budget: float = BUDGET,
     motion: str | None = None,
@@ -204,8 +207,8 @@ def design_excitation(
     harmonics: int | None = None,
     criterion: str | None = None,
     method: str | None = None,
-    still_unknown: Sequence[str] | None = None,
-    earlier: str | Path | None = None,
+    still_unknown: bool = False,
+    earlier: str | Path | IdentifiedModel | None = None,
     formats: Sequence[str] = (),
     rate: float | None = None,
     fixed_base: str | None = None,
@@ -217,16 +220,16 @@ def design_excitation(
     """Design the motion that shows a robot's parameters best, and prove that it keeps its limits.
 
     Args:
-        robot: Robot file (TOML), URDF, xacro or MJCF; limits, tool box, obstacles and what is to be
-            shown stand in its `[excitation]` tables.
+        robot: Robot file (TOML), URDF, xacro or MJCF, or what `load_robot` made of it; limits,
+            tool box, obstacles and what is to be shown stand in its `[excitation]` tables.
         budget: Time of the design [s].
         motion: Kind of motion, in the place of the robot file's.
         period: Period [s], likewise.
         harmonics: Harmonics, likewise.
         criterion: What is minimised, likewise.
         method: Search method, likewise.
-        still_unknown: Patterns of parameters that are to be shown, likewise.
-        earlier: Model identified before, to design what it lacks: `model.json` or its folder.
+        still_unknown: Whether what the earlier logs left uncertain is to be shown.
+        earlier: Model identified before, to design what it lacks, its `model.json`, or its folder.
         formats: Formats of files beside CSV; see `steelyard excite --help`.
         rate: Points a second in those files.
         fixed_base: Link of a model file that is fixed to the world; `None` for its root.

@@ -66,24 +66,27 @@ def earlier_of(identified: IdentifiedModel) -> Earlier:
     )
 
 
-def identified_before(path: Path, loaded: LoadedRobot) -> IdentifiedModel:
+def identified_before(
+    earlier: str | Path | IdentifiedModel, loaded: LoadedRobot
+) -> IdentifiedModel:
     """An earlier model of the robot.
 
     Raises:
         DataError: It is of another robot, or knows no noise.
     """
-    known = load_model(path)
+    known = load_model(earlier)
+    where = "earlier model" if isinstance(earlier, IdentifiedModel) else str(earlier)
     theirs, ours = known.model.robot.joint_names, loaded.robot.joint_names
     if theirs != ours:
         raise DataError(
             f"the earlier model moves the joints {', '.join(theirs)}, this robot {', '.join(ours)}",
-            where=str(path),
+            where=where,
             fix="give a model that was identified with this robot file",
         )
     if not (known.estimate.sigma > 0.0).all():
         raise DataError(
             "the earlier model fits a joint's efforts without any noise",
-            where=str(path),
+            where=where,
             fix="leave --earlier out: noise is then assumed",
         )
     return known

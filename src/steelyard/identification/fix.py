@@ -64,11 +64,14 @@ class Fixed:
         """Write the robot file; where nothing was changed there is none to write.
 
         Raises:
-            OutputError: It cannot be written.
-            ValueError: Nothing was changed.
+            OutputError: Nothing was changed, or it cannot be written.
         """
         if not self.changes:
-            raise ValueError("nothing was changed, so there is no robot file to write")
+            raise OutputError(
+                "nothing was changed, so there is no robot file to write",
+                where=str(self.subject.path),
+                fix="save only where `fixed.changes` has any",
+            )
         with whole_file(self.subject.path) as part:
             part.write_text(self.subject.text, encoding="utf-8")
         return self.subject.path

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
+from steelyard.arguments import checked
 from steelyard.diagnosis import Diagnosis, Finding, Severity
 from steelyard.diagnosis.fitted.absurd import refuse_absurd
 from steelyard.diagnosis.fitted.post_fit import FittedCase, examine_fit
@@ -26,7 +27,7 @@ from steelyard.identification.logs import (
     signals_of,
 )
 from steelyard.identification.method import method_of
-from steelyard.identification.precheck import checked, passed
+from steelyard.identification.precheck import passed, prechecked
 from steelyard.identification.repeated_rows import marked_repeats, refuse_same_rows
 from steelyard.identification.result import Result, paths_of, scores_frame
 from steelyard.identification.sensitivity import varied
@@ -37,6 +38,7 @@ from steelyard.report.sections.register import SECTIONS
 from steelyard.report.text.table import rows
 from steelyard.report.text.verdict import Verdict, verdict
 from steelyard.robot_file.file import load_robot
+from steelyard.robot_file.loaded import LoadedRobot
 
 if TYPE_CHECKING:
     from polars import DataFrame
@@ -99,8 +101,9 @@ class Identification(Result):
         return f"<h4>{escape(self.content.title)}</h4><p><strong>{line}</strong></p>{tables}"
 
 
+@checked(payload_mass=1e-6, bootstrap=20, threads=1)
 def identify(
-    robot: str | Path,
+    robot: str | Path | LoadedRobot,
     logs: str | Path | Iterable[str | Path],
     validate: str | Path | Iterable[str | Path] = (),
     *,
@@ -118,7 +121,7 @@ def identify(
     """Identify a robot's dynamics from logs of its motion.
 
     Args:
-        robot: Robot file (TOML), URDF, xacro or MJCF.
+        robot: Robot file (TOML), URDF, xacro or MJCF, or what `load_robot` made of it.
         logs: Logs to fit; `run.csv@5:20` is a window in seconds, `run.csv#100:900` in rows.
         validate: Logs of other motions, to be predicted.
         loaded: Logs with a payload, to identify drive gains that are not known.
@@ -148,19 +151,21 @@ def identify(
     """
     cores = threads or os.cpu_count() or 1
     file = load_robot(robot, base=fixed_base)
-    asked = {"method": method_of(file, method).name} if method else {}
+    asked = {} if method is None else {"method": method_of(file, method).name}
     file = replace(file, estimation=file.estimation.model_copy(update=asked))
     method_of(file)
-    known, carrying, unknown = (log_files(paths_of(some)) for some in (logs, loaded, validate))
+    known, carrying, unknown = (
+        log_files(paths_of(some, least)) for some, least in ((logs, 1), (loaded, 0), (validate, 0))
+    )
     refuse_overlaps([*known, *carrying], unknown)
     signals, reasons = signals_of(file, known[0])
     model = model_of(file)
     found_out = None
     if check:
         given = replace(file, signals=signals)
-        found_out = checked(str(robot), given, (*known, *unknown), progress)
+        found_out = prechecked(file.reference, given, (*known, *unknown), progress)
     clean, unseen = runs_of(file, signals, [*known, *carrying], unknown, progress)
-    doubts = () if found_out is None else passed(found_out, str(robot))
+    doubts = () if found_out is None else passed(found_out, file.reference)
     notes = (*file.notes, *reasons, *notes_of((*clean, *unseen)), *doubts)
     refuse_same_rows(clean, unseen)
     fitted, loaded_runs = clean[: len(known)], clean[len(known) :]
@@ -168,7 +173,7 @@ def identify(
     payload = Payload(payload_mass, payload_frame)
     found = fit(model, file, fitted, loaded_runs, payload, origin, cores, progress)
     if check:
-        refuse_absurd(found.identified, str(robot))
+        refuse_absurd(found.identified, file.reference)
     found = calibrated(found, cores, progress)
     unseen = tuple(found.alike(run) for run in unseen)
     notes += (*found.notes, *dropped(model, (*clean, *unseen)))

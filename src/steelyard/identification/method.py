@@ -41,8 +41,8 @@ def method_of(loaded: LoadedRobot, option: str | None = None) -> Offer:
         ModelError: There is no estimator of that name.
     """
     given = loaded.estimation
-    where = "--method" if option else loaded.where("estimation", "method")
-    name = option or given.method
+    where = loaded.where("estimation", "method") if option is None else "--method"
+    name = given.method if option is None else option
     if plain(name) == plain("least_squares"):
         name = LEAST_SQUARES[given.weights]
     return offer_of(name, where, ("least_squares",))

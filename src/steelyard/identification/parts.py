@@ -5,9 +5,10 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from steelyard.application.export.export import exported, refuse_changed
-from steelyard.errors import OutputError
+from steelyard.arguments import checked
+from steelyard.errors import DataError, OutputError
 from steelyard.estimation.fields.fields import said_by
-from steelyard.estimation.identified import IdentifiedModel
+from steelyard.estimation.identified import IdentifiedModel, load_model
 from steelyard.excitation.trajectories.exact import ExactTrajectory
 from steelyard.excitation.trajectories.files import read_motion
 from steelyard.files import whole_file
@@ -24,6 +25,7 @@ from steelyard.robot_file.loaded import LoadedRobot
 from steelyard.validation.friction.mixes import remembers
 
 
+@checked()
 def model_of(robot: str | Path | LoadedRobot) -> Model:
     """The model that a robot file describes.
 
@@ -40,10 +42,11 @@ def model_of(robot: str | Path | LoadedRobot) -> Model:
         >>> model_of("arm.toml").robot.n
         2
     """
-    loaded = _loaded(robot)
+    loaded = load_robot(robot)
     return with_friction(model_with_open_friction(loaded), loaded)
 
 
+@checked()
 def load_runs(
     robot: str | Path | LoadedRobot,
     logs: str | Path | Iterable[str | Path],
@@ -65,11 +68,12 @@ def load_runs(
         >>> run.whole().motion.n_joints
         2
     """
-    loaded = _loaded(robot)
-    files = log_files(paths_of(logs))
+    loaded = load_robot(robot)
+    files = log_files(paths_of(logs, least=1))
     return runs_of(loaded, signals_of(loaded, files[0])[0], files, (), progress)[0]
 
 
+@checked(threads=1)
 def information(
     model: Model,
     runs: Sequence[Run],
@@ -90,11 +94,16 @@ def information(
         >>> said.normal()[0].shape == (len(said.layout.columns),) * 2
         True
     """
+    if not runs:
+        raise DataError(
+            "there is no run", where="list of runs", fix="give those that load_runs returns"
+        )
     cores = threads or os.cpu_count() or 1
     said = said_by(runs, rests=remembers(model.terms), threads=cores, progress=progress)
     return said(base_regressor(model))
 
 
+@checked()
 def read_trajectory(path: str | Path, robot: str | Path | LoadedRobot) -> ExactTrajectory:
     """The motion in a file.
 
@@ -109,16 +118,17 @@ def read_trajectory(path: str | Path, robot: str | Path | LoadedRobot) -> ExactT
         >>> read_trajectory("fit/trajectory.json", "arm.toml").duration > 5.0
         True
     """
-    return read_motion(Path(path), _loaded(robot).robot)
+    return read_motion(Path(path), load_robot(robot).robot)
 
 
+@checked()
 def export(
-    model: IdentifiedModel, path: str | Path, original: str | Path | None = None
+    model: str | Path | IdentifiedModel, path: str | Path, original: str | Path | None = None
 ) -> tuple[str, ...]:
     """Write an identified model as URDF (`.urdf`) or MJCF (`.xml`).
 
     Args:
-        model: The model.
+        model: The model, its `model.json`, or the folder that holds it.
         path: File to make; it must not exist.
         original: The robot's own URDF, to put the numbers into; a file of the moving bodies alone
             is made if `None`.
@@ -142,12 +152,8 @@ def export(
             where=str(target),
             fix="give the name of a new file that ends in .urdf or .xml",
         )
-    made = exported(model, "urdf" if form == "urdf" else "mjcf", original)
+    made = exported(load_model(model), "urdf" if form == "urdf" else "mjcf", original)
     with whole_file(target) as part:
         part.write_text(made.text, encoding="utf-8", newline="")
         refuse_changed(part, made)
     return tuple(made.unheld)
-
-
-def _loaded(robot: str | Path | LoadedRobot) -> LoadedRobot:
-    return robot if isinstance(robot, LoadedRobot) else load_robot(robot)

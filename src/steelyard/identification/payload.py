@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from steelyard.application.payload import identify_payload as payload_of
+from steelyard.arguments import checked
 from steelyard.estimation.identified import IdentifiedModel, load_model
 from steelyard.estimation.payload.load import PayloadEstimate
 from steelyard.estimation.payload.load_case import carrier
@@ -76,13 +77,14 @@ def payload_inputs(
     unloaded: str | Path | Iterable[str | Path],
 ) -> PayloadTask:
     """The model and the logs; the arguments and errors are those of `identify_payload`."""
-    identified = model if isinstance(model, IdentifiedModel) else load_model(model)
+    identified = load_model(model)
     carrier(identified.model.robot, frame)
-    with_it, without = log_files(paths_of(logs)), log_files(paths_of(unloaded))
+    with_it, without = log_files(paths_of(logs, least=1)), log_files(paths_of(unloaded))
     refuse_overlaps([*with_it, *without], [])
     return PayloadTask(identified, with_it, without, frame)
 
 
+@checked()
 def identify_payload(
     model: str | Path | IdentifiedModel,
     logs: str | Path | Iterable[str | Path],

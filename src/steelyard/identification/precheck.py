@@ -14,7 +14,7 @@ from steelyard.report.text.findings import lines, place
 from steelyard.robot_file.file import LoadedRobot, robot_text
 
 
-def checked(
+def prechecked(
     robot: str, loaded: LoadedRobot, files: Sequence[LogArgument], progress: Progress
 ) -> Diagnosis:
     """What the quick checks find.

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
+from steelyard.errors import LogError
 from steelyard.files import whole_folder
 from steelyard.report import ReportContent
 
@@ -77,6 +78,18 @@ def scores_frame(content: ReportContent) -> "DataFrame":
     return DataFrame(joints, infer_schema_length=None)
 
 
-def paths_of(logs: str | Path | Iterable[str | Path]) -> list[str]:
-    """One log or several as texts."""
-    return [str(logs)] if isinstance(logs, str | Path) else [str(log) for log in logs]
+def paths_of(logs: str | Path | Iterable[str | Path], least: int = 0) -> list[str]:
+    """One log or several as texts.
+
+    Raises:
+        LogError: One is no path, or there are fewer than `least`.
+    """
+    given = [logs] if isinstance(logs, str | Path) else list(logs)
+    strange = next((log for log in given if not isinstance(log, str | Path)), None)
+    if strange is not None or len(given) < least:
+        raise LogError(
+            "no log is given" if strange is None else f"a {type(strange).__name__} is no log",
+            where="list of logs",
+            fix="give the paths of log files",
+        )
+    return [str(log) for log in given]

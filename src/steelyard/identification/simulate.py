@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from steelyard.arguments import checked
 from steelyard.errors import DataError, ModelError
 from steelyard.excitation.trajectories.chained import repeated
 from steelyard.excitation.trajectories.exact import ExactTrajectory
@@ -13,11 +14,15 @@ from steelyard.identification.logs import model_of, with_friction
 from steelyard.progress import Progress, silent
 from steelyard.robot.robot import Robot
 from steelyard.robot_file.file import load_robot
+from steelyard.robot_file.loaded import LoadedRobot
 from steelyard.robot_file.signals import ROW
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.payload import Payload
 from steelyard.virtual.simulate import SimulatedFiles, customary_sensors
 from steelyard.virtual.simulate import simulate as simulate_robot
+
+PERIOD = 10.0
+"""Length of a random motion [s], if none is given."""
 
 _LONGEST = 24.0 * 3600.0
 """Robot time that a run may take [s]."""
@@ -41,12 +46,13 @@ class SimulatedRun:
     seconds: float
 
 
+@checked(period=0.5, periods=1, noise=0.0, payload_mass=1e-3, attach=0.0, release=0.0, seed=0)
 def simulate(
-    robot: str | Path,
+    robot: str | Path | LoadedRobot,
     folder: str | Path,
     motion: str | Path | None = None,
     *,
-    period: float = 10.0,
+    period: float | None = None,
     periods: int = 1,
     dry_run: float = 1.0,
     noise: float = 1.0,
@@ -61,11 +67,11 @@ def simulate(
     """Simulate a robot with invented true parameters near its nominal ones.
 
     Args:
-        robot: Robot file (TOML), URDF, xacro or MJCF.
+        robot: Robot file (TOML), URDF, xacro or MJCF, or what `load_robot` made of it.
         folder: Folder to make, for `log.parquet`, `trajectory.json` and `truth.json`.
         motion: Motion to follow, a `trajectory.json` or a table of postures; a random one if
             `None`.
-        period: Length of the random motion [s].
+        period: Length of the random motion [s], 10 if `None`.
         periods: How often the motion is run through.
         dry_run: Share of the speed.
         noise: Factor on the sensor noise of a usual arm.
@@ -88,13 +94,7 @@ def simulate(
     """
     loaded = load_robot(robot, base=fixed_base)
     _check_factor(dry_run)
-    if motion is None:
-        _check_length(period, periods, dry_run)
-    once = (
-        random_fourier(loaded.robot, seed=seed, period=period)
-        if motion is None
-        else read_motion(Path(motion), loaded.robot)
-    )
+    once = _once(loaded.robot, motion, period, periods, dry_run, seed)
     _check_length(once.duration, periods, dry_run)
     trajectory = _slowed(_repeated(once, loaded.robot, periods), dry_run)
     terms = with_friction(model_of(loaded), loaded).terms
@@ -117,6 +117,32 @@ def simulate(
         progress=progress,
     )
     return SimulatedRun(files, loaded.notes, once.duration)
+
+
+def _once(
+    robot: Robot,
+    motion: str | Path | None,
+    period: float | None,
+    periods: int,
+    dry_run: float,
+    seed: int,
+) -> ExactTrajectory:
+    """The motion that is given, or a random one.
+
+    Raises:
+        DataError: A period is given beside a motion, or the run takes too long.
+    """
+    if motion is None:
+        seconds = PERIOD if period is None else period
+        _check_length(seconds, periods, dry_run)
+        return random_fourier(robot, seed=seed, period=seconds)
+    if period is not None:
+        raise DataError(
+            "a period of the random motion is given beside a motion",
+            where="--period with --motion",
+            fix="leave out one of the two",
+        )
+    return read_motion(Path(motion), robot)
 
 
 def _repeated(trajectory: ExactTrajectory, robot: Robot, periods: int) -> ExactTrajectory:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
+from steelyard.arguments import checked
 from steelyard.diagnosis import Finding
 from steelyard.diagnosis.fitted.post_fit import FittedCase, examine_fit
 from steelyard.estimation.identified import IdentifiedModel, load_model
@@ -87,6 +88,7 @@ class Validation(Result):
         }
 
 
+@checked()
 def validate(
     model: str | Path | IdentifiedModel,
     logs: str | Path | Iterable[str | Path],
@@ -108,8 +110,8 @@ def validate(
         >>> scored.scores["relative_percent"].max() < 10.0
         True
     """
-    identified = model if isinstance(model, IdentifiedModel) else load_model(model)
-    files = log_files(paths_of(logs))
+    identified = load_model(model)
+    files = log_files(paths_of(logs, least=1))
     recordings = [recording_of(log, identified.signals) for log in files]
     runs = prepared(recordings, processing_of(identified), progress)
     scores = marked_repeats(identified, runs, scored(identified, runs, progress))

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import solve_triangular
 
+from steelyard.arguments import checked
 from steelyard.arrays import Array, frozen
 from steelyard.errors import ModelError
 from steelyard.kernel.native import cache
@@ -129,6 +130,7 @@ class BaseMap:
         )
 
 
+@checked()
 def base_parameters(model: Model) -> BaseMap:
     """The structural base parameters of a model, from the cache where possible.
 

@@ -6,6 +6,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from steelyard.arguments import checked as checked_arguments
 from steelyard.arrays import Array, frozen
 from steelyard.errors import ModelError
 from steelyard.robot.free_joints import floating_base
@@ -43,13 +44,15 @@ from steelyard.suggest import advice
 STANDARD_GRAVITY = 9.81
 
 
+@checked_arguments()
 def load_robot(
-    path: str | Path, text: str | None = None, *, base: str | None = None
+    path: str | Path | LoadedRobot, text: str | None = None, *, base: str | None = None
 ) -> LoadedRobot:
     """The robot of a URDF, a xacro file, an MJCF or a robot file (TOML), told by the content.
 
     Args:
-        path: The file; of a xacro file with its arguments: `arm.urdf.xacro name:=left`.
+        path: The file; of a xacro file with its arguments: `arm.urdf.xacro name:=left`. A robot
+            that is loaded already is returned as it is.
         text: What a robot file at `path` would hold; that file is then not read, and need not be
             there.
         base: The link of a URDF or MJCF that is fixed to the world; `None` is its root. A robot
@@ -62,6 +65,10 @@ def load_robot(
         >>> load_robot("arm.toml").stem
         'arm'
     """
+    if isinstance(path, LoadedRobot):
+        if text is None and base is None:
+            return path
+        path = path.reference
     if base is not None and Path(path).suffix.lower() == ".toml":
         raise ModelError(
             f"the base '{base}' is given beside a robot file",

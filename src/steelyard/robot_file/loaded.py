@@ -1,5 +1,6 @@
 """A robot with all that its files say."""
 
+import copyreg
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,6 +19,13 @@ from steelyard.robot_file.sections import (
     ValidationSection,
 )
 from steelyard.robot_file.signals import Signals
+
+
+def _proxy(table: dict[Any, Any]) -> MappingProxyType[Any, Any]:
+    return MappingProxyType(table)
+
+
+copyreg.pickle(MappingProxyType, lambda table: (_proxy, (dict(table),)))
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,180 @@
+"""Wrong arguments of the Python interface: errors that say what, where, and how to correct it."""
+
+import copy
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import steelyard
+from steelyard.errors import SteelyardError
+from steelyard.identification.fix import Fixed
+from steelyard.progress import Stopped, tell
+from test_interface import folder as folder
+
+NAN = float("nan")
+WRONG: dict[str, tuple[Callable[[Path], Any], str]] = {
+    "no log": (lambda f: steelyard.identify(f / "arm.toml", []), "no log is given"),
+    "no log to check": (lambda f: steelyard.check(f / "arm.toml", []), "no log is given"),
+    "no log to compare": (lambda f: steelyard.compare(f / "arm.toml", []), "no log is given"),
+    "no log to load": (lambda f: steelyard.load_runs(f / "arm.toml", []), "no log is given"),
+    "nothing to validate on": (lambda f: steelyard.validate(f / "arm-model", []), "no log is"),
+    "None as logs": (lambda f: steelyard.load_runs(f / "arm.toml", None), "'logs' cannot be None"),  # type: ignore[arg-type]
+    "a table as log": (lambda f: steelyard.identify(f / "arm.toml", [5]), "'logs' cannot be list"),  # type: ignore[list-item]
+    "a set of numbers": (lambda f: steelyard.identify(f / "arm.toml", {5}), "a int is no log"),  # type: ignore[arg-type]
+    "a number as method": (
+        lambda f: steelyard.identify(f / "arm.toml", f / "fit.parquet", method=5),  # type: ignore[arg-type]
+        "'method' cannot be 5",
+    ),
+    "an empty method": (
+        lambda f: steelyard.identify(f / "arm.toml", f / "fit.parquet", method=""),
+        "no estimator ''",
+    ),
+    "too few draws": (
+        lambda f: steelyard.identify(f / "arm.toml", f / "fit.parquet", bootstrap=0),
+        "'bootstrap' cannot be 0",
+    ),
+    "True as a number": (
+        lambda f: steelyard.identify(f / "arm.toml", f / "fit.parquet", bootstrap=True),
+        "'bootstrap' cannot be True",
+    ),
+    "a text as a switch": (
+        lambda f: steelyard.identify(f / "arm.toml", f / "fit.parquet", check="no"),  # type: ignore[arg-type]
+        "'check' cannot be 'no'",
+    ),
+    "negative threads": (
+        lambda f: steelyard.identify(f / "arm.toml", f / "fit.parquet", threads=-1),
+        "'threads' cannot be -1",
+    ),
+    "one name as a list": (
+        lambda f: steelyard.compare(f / "arm.toml", f / "fit.parquet", "WLS"),
+        "'estimators' cannot be 'WLS'",
+    ),
+    "no budget": (
+        lambda f: steelyard.design_excitation(f / "arm.toml", budget=NAN),
+        "'budget' cannot be nan",
+    ),
+    "patterns as a switch": (
+        lambda f: steelyard.design_excitation(f / "arm.toml", still_unknown=["m.*"]),  # type: ignore[arg-type]
+        "'still_unknown' cannot be list",
+    ),
+    "negative noise": (
+        lambda f: steelyard.simulate(f / "arm.toml", f / "new", noise=-1.0),
+        "'noise' cannot be -1.0",
+    ),
+    "half a period": (
+        lambda f: steelyard.simulate(f / "arm.toml", f / "new", periods=1.5),  # type: ignore[arg-type]
+        "'periods' cannot be 1.5",
+    ),
+    "negative seed": (
+        lambda f: steelyard.simulate(f / "arm.toml", f / "new", seed=-1),
+        "'seed' cannot be -1",
+    ),
+    "negative mass": (
+        lambda f: steelyard.simulate(f / "arm.toml", f / "new", payload_mass=-1.0),
+        "'payload_mass' cannot be -1.0",
+    ),
+    "motion and period": (
+        lambda f: steelyard.simulate(
+            f / "arm.toml", f / "new", f / "fit" / "trajectory.json", period=3.0
+        ),
+        "beside a motion",
+    ),
+    "no run": (lambda f: steelyard.information(steelyard.model_of(f / "arm.toml"), []), "no run"),
+    "a file as model": (lambda f: steelyard.base_parameters("arm.toml"), "'model' cannot be"),  # type: ignore[arg-type]
+    "names as terms": (
+        lambda f: steelyard.Model(steelyard.load_robot(f / "arm.urdf").robot, ("viscous",)),  # type: ignore[arg-type]
+        "'viscous' is no term",
+    ),
+    "a loaded robot as robot": (
+        lambda f: steelyard.Model(steelyard.load_robot(f / "arm.urdf"), ()),  # type: ignore[arg-type]
+        "is no robot",
+    ),
+    "samples of two lengths": (
+        lambda f: steelyard.Motion([0.0, 1.0], [[0.0]], [[0.0]], [[0.0]]),
+        r"'q' has shape \(1, 1\)",
+    ),
+    "a column too many": (
+        lambda f: steelyard.Motion([0.0], [[0.0]], [[0.0, 0.0]], [[0.0]]),
+        r"'dq' has shape \(1, 2\)",
+    ),
+    "no number": (lambda f: steelyard.Motion([0.0], [[NAN]], [[0.0]], [[0.0]]), "'q' holds"),
+    "ragged rows": (
+        lambda f: steelyard.Motion([0], [[0], [0, 1]], [[0]], [[0]]),
+        "'q' is no array",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_wrong_arguments_are_explained(case: str, folder: Path) -> None:
+    call, words = WRONG[case]
+    with pytest.raises(SteelyardError, match=words) as caught:
+        call(folder)
+    assert caught.value.where and caught.value.fix
+    assert not (folder / "new").exists()
+
+
+MODEL_WRONG: dict[str, tuple[Callable[[Any], Any], str]] = {
+    "scalar": (lambda m: m.gravity(0.0), r"'q' has shape \(\)"),
+    "three joints": (lambda m: m.mass_matrix(np.zeros((4, 3))), r"'q' has shape \(4, 3\)"),
+    "cube": (lambda m: m.gravity(np.zeros((4, 3, 2))), "'q' has shape"),
+    "words": (lambda m: m.gravity("ab"), "'q' is no array"),
+    "no number": (lambda m: m.mass_matrix([NAN, 0.0]), "'q' holds"),
+    "two shapes": (lambda m: m.bias(np.zeros((4, 2)), [0.0, 0.0]), "'dq' has shape"),
+    "overflow": (lambda m: m.bias([0.0, 0.0], [1e200, 0.0]), "efforts of the model is not finite"),
+    "an array": (lambda m: m.torque(np.zeros((4, 2))), "ndarray is no motion"),
+    "step without a number": (
+        lambda m: m.start().step([0.0, 0.0], [NAN, 0.0], [0.0, 0.0]),
+        "velocities and accelerations is not finite",
+    ),
+    "step of words": (lambda m: m.start().step(["a", "b"], [0, 0], [0, 0]), "type <U1"),
+}
+
+
+@pytest.mark.parametrize("case", MODEL_WRONG)
+def test_wrong_states_are_explained(case: str, folder: Path) -> None:
+    call, words = MODEL_WRONG[case]
+    with pytest.raises(SteelyardError, match=words):
+        call(steelyard.load_model(folder / "arm-model"))
+
+
+def test_values_can_be_pickled_and_copied(folder: Path) -> None:
+    model = steelyard.load_model(folder / "arm-model")
+    rest = steelyard.Motion([0.0], [[0.1, 0.2]], [[0.0, 0.0]], [[0.0, 0.0]])
+    torque = model.torque(rest)
+    for again in (pickle.loads(pickle.dumps(model)), copy.deepcopy(model)):
+        np.testing.assert_array_equal(again.torque(rest), torque)
+    loaded = steelyard.load_robot(folder / "arm.toml")
+    assert pickle.loads(pickle.dumps(loaded)).reference == loaded.reference
+    with pytest.raises(SteelyardError) as caught:
+        steelyard.load_robot(folder / "none.urdf")
+    again = pickle.loads(pickle.dumps(caught.value))
+    assert str(again) == str(caught.value) and type(again) is type(caught.value)
+
+
+def test_robots_and_models_are_accepted_as_read(folder: Path) -> None:
+    robot = steelyard.load_robot(folder / "arm.toml")
+    found = steelyard.identify(robot, folder / "fit.parquet")
+    np.testing.assert_array_equal(
+        found.model.estimate.parameters.values,
+        steelyard.load_model(folder / "arm-model").estimate.parameters.values,
+    )
+    assert steelyard.load_robot(robot) is robot
+    assert steelyard.load_model(found.model) is found.model
+
+
+def test_a_watcher_without_an_answer_does_not_stop_the_work() -> None:
+    tell(lambda event: None, "reading", 0, 1)  # type: ignore[arg-type, return-value]
+    with pytest.raises(Stopped):
+        tell(lambda event: False, "reading", 0, 1)
+
+
+def test_a_robot_file_without_changes_is_not_saved(folder: Path) -> None:
+    found = steelyard.check(folder / "arm.toml", folder / "fit.parquet", fix=folder / "new.toml")
+    assert isinstance(found.fixed, Fixed) and not found.fixed.changes
+    with pytest.raises(SteelyardError, match="nothing was changed"):
+        found.fixed.save()
