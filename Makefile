@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
-.PHONY: demo test check bench prove clean
+.PHONY: demo test check bench prove docs clean
 
 demo: $(VENV)/.base
 	$(BIN)/steelyard demo -o $$(mktemp -d)/demo
@@ -22,6 +22,10 @@ bench: $(VENV)/.test
 
 prove: $(VENV)/.test
 	$(BIN)/python -m proofs.run
+
+docs: $(VENV)/.docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build -q -d site
+	@echo "site/index.html"
 
 clean:
 	rm -rf $(VENV)
@@ -42,4 +46,8 @@ $(VENV)/.test: $(VENV)/.base
 
 $(VENV)/.check: $(VENV)/.base
 	$(PIP) install -q -c constraints.txt -e ".[check]"
+	@touch $@
+
+$(VENV)/.docs: $(VENV)/.base
+	$(PIP) install -q -c constraints.txt -e ".[docs]"
 	@touch $@

@@ -5,13 +5,16 @@ from pathlib import Path
 
 import pytest
 
+from steelyard.robot_file.section import Section
 from steelyard.robot_file.sections import RobotFile
 from steelyard.robot_file.toml_check import checked
 from steelyard.terms.open_fields import finds_of
 from steelyard.terms.register import term_of
 
 ROOT = Path(__file__).parent.parent
-DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")]
+DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")]
+GENERATED = {ROOT / "docs/reference" / f"{name}.md" for name in ("commands", "keys", "python")}
+"""Pages that `make docs` makes."""
 
 
 def snippets() -> list[tuple[str, str]]:
@@ -42,7 +45,8 @@ def test_links_and_paths_lead_somewhere() -> None:
     for document in DOCUMENTS:
         text = document.read_text("utf-8")
         links = re.findall(r"\]\((?!https?:)([^)#\s]+)", text)
-        missing += [link for link in links if not (document.parent / link).exists()]
+        targets = ((link, (document.parent / link).resolve()) for link in links)
+        missing += [link for link, at in targets if not (at.exists() or at in GENERATED)]
         paths = re.findall(r"`((?:src|tests|docs|examples|proofs|benchmarks)/[\w/.]+)", text)
         missing += [path for path in paths if "AREA" not in path and not (ROOT / path).exists()]
     assert missing == []
@@ -68,3 +72,15 @@ def test_snippets_are_of_a_robot_file(text: str) -> None:
     file = checked(Path("snippet.toml"), text, RobotFile)[0]
     for term in file.model.terms or () if file.model else ():
         finds_of(term_of(term, "snippet"))
+
+
+def sections(base: type[Section] = Section) -> list[type[Section]]:
+    """All tables of the robot file."""
+    below = base.__subclasses__()
+    return [*below, *(deeper for section in below for deeper in sections(section))]
+
+
+@pytest.mark.parametrize("section", sections(), ids=lambda section: section.__name__)
+def test_every_key_of_the_robot_file_is_described(section: type[Section]) -> None:
+    described = re.findall(r"^ {8}(\w+): \S", section.__doc__ or "", re.M)
+    assert described == list(section.model_fields)

@@ -25,7 +25,19 @@ WATER = 1000.0
 
 
 class MotionLimitsSection(Section):
-    """What joints may do; what is left out says the robot, or is assumed and noted."""
+    """What joints may do; what is left out says the robot, or is assumed and noted.
+
+    Attributes:
+        share: Share of the robot's limits that the motion may use.
+        position_margin: Distance from each end of the range [rad; m]; 2 % of it if left out.
+        velocity: Greatest speed, one for all joints, one each, or by joint [rad/s; m/s]; the
+            robot's if left out.
+        acceleration: Greatest acceleration, likewise [rad/s²; m/s²].
+        jerk: Greatest jerk, likewise [rad/s³; m/s³].
+        effort: Greatest effort, likewise [Nm; N]; `robot`: the robot's limits; `any`: none.
+        power: Greatest mechanical power, likewise [W].
+        total_power: Greatest mechanical power of all joints together [W].
+    """
 
     share: Share = 0.95
     position_margin: Annotated[float, Field(ge=0.0)] | None = None
@@ -38,7 +50,12 @@ class MotionLimitsSection(Section):
 
 
 class PlaneSection(Section):
-    """A half-space: normal . point >= above."""
+    """A half-space: normal . point >= above.
+
+    Attributes:
+        normal: Normal in the base frame.
+        above: Least value of normal · point [m].
+    """
 
     normal: Vector
     above: float
@@ -50,6 +67,18 @@ class WorkspaceSection(Section):
     `floor`, `planes` and `keep_out` hold for all links but those in `without`, the tool and the
     loads; with `only_tool`, planes and boxes hold for the tool's ball alone. `box` is always of the
     tool's ball alone.
+
+    Attributes:
+        frame: Frame of the tool; the last of the robot if left out.
+        point: Centre of the tool's ball in its frame [m].
+        radius: Radius of that ball [m].
+        floor: Height of the floor above the origin of the base [m].
+        box: Where the tool's ball may be.
+        planes: Planes that nothing may cross.
+        keep_out: Boxes that nothing may enter.
+        only_tool: Whether planes and boxes hold for the tool's ball only; the floor always
+            holds for all.
+        without: Links that floor, planes and boxes ignore.
     """
 
     frame: Name | None = None
@@ -69,7 +98,15 @@ class WorkspaceSection(Section):
 
 
 class CollisionSection(Section):
-    """What may not touch: the robot's own bodies, and the world; walls do not ask `without`."""
+    """What may not touch: the robot's own bodies, and the world; walls do not ask `without`.
+
+    Attributes:
+        bodies: Whether the robot's links may not touch each other.
+        margin: Least distance [m].
+        world: URDF or MJCF of obstacles, fixed to the base.
+        ignore: Pairs of links that may touch.
+        without: Links that are ignored.
+    """
 
     bodies: bool = True
     margin: Annotated[float, Field(ge=0.0)] = 0.01
@@ -81,9 +118,12 @@ class CollisionSection(Section):
 class CriterionSection(Section):
     """What is minimised.
 
-    `chosen`: laws or base parameters that matter; all, if left out. `weights` of the joints: all
-    `equal`, or by the `noise` of an earlier log. `relative`: to the parameters' earlier values.
-    `after_earlier`: of what earlier runs and this motion show together.
+    Attributes:
+        kind: Criterion, such as `d_optimal`.
+        chosen: Laws or base parameters of interest; all if left out.
+        weights: Weights of the joints: `equal`, by the `noise` of an earlier log, or numbers.
+        relative: Whether variances are relative to the parameters' earlier values.
+        after_earlier: Whether the information of earlier runs is added.
     """
 
     kind: Name = "d_optimal"
@@ -96,7 +136,11 @@ class CriterionSection(Section):
 class LoadSection(Section):
     """A load that may hang on the robot: a ball, to walls and for the inertia that torques count.
 
-    Without a radius the ball is that of as much water.
+    Attributes:
+        mass: Mass [kg].
+        frame: Frame that carries it; the last of the robot if left out.
+        com: Centre of mass in the link's frame [m].
+        radius: Radius of its ball [m]; that of as much water if left out.
     """
 
     mass: Positive
@@ -111,13 +155,28 @@ class LoadSection(Section):
 
 
 class SearchSection(Section):
-    """How the motion is looked for."""
+    """How the motion is looked for.
+
+    Attributes:
+        method: Search method: `gradient`, `genetic` or `cma_es`.
+    """
 
     method: Name = "gradient"
 
 
 class ExcitationSection(Section):
-    """All about the motion that is wanted."""
+    """All about the motion that is wanted.
+
+    Attributes:
+        motion: Family of motions.
+        limits: Limits of the motion.
+        workspace: Where the robot may be.
+        collision: What may not touch.
+        criterion: What is minimised.
+        loads: Loads that may hang on the robot.
+        search: How the motion is searched.
+        samples: Samples of the motion at which the criterion is computed.
+    """
 
     motion: MotionSection = FourierSection()
     limits: MotionLimitsSection = MotionLimitsSection()

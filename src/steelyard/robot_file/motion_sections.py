@@ -13,7 +13,13 @@ Posture = Annotated[tuple[float, ...], Field(strict=False)] | dict[str, float]
 
 
 class BoxSpans(Section):
-    """From least to greatest, along the axes of the base [m]; open where left out."""
+    """From least to greatest, along the axes of the base [m]; open where left out.
+
+    Attributes:
+        x: Range along x [m].
+        y: Range along y [m].
+        z: Range along z [m].
+    """
 
     x: Span | None = None
     y: Span | None = None
@@ -26,7 +32,15 @@ class BoxSpans(Section):
 
 
 class FourierSection(Section):
-    """A finite Fourier series that starts and ends at rest."""
+    """A finite Fourier series that starts and ends at rest.
+
+    Attributes:
+        kind: Kind of motion.
+        period: Length of one period [s].
+        harmonics: Number of harmonics.
+        start: First configuration, a list or by joint [rad; m]; chosen by the search if left out.
+        end: Last configuration, likewise.
+    """
 
     kind: Literal["fourier"] = "fourier"
     period: Positive = 10.0
@@ -36,7 +50,13 @@ class FourierSection(Section):
 
 
 class RawFourierSection(Section):
-    """A finite Fourier series that need not rest anywhere: for rigs that get into it themselves."""
+    """A finite Fourier series that need not rest anywhere: for rigs that get into it themselves.
+
+    Attributes:
+        kind: Kind of motion.
+        period: Length of one period [s].
+        harmonics: Number of harmonics.
+    """
 
     kind: Literal["raw_fourier"]
     period: Positive = 10.0
@@ -44,7 +64,16 @@ class RawFourierSection(Section):
 
 
 class BlendedFourierSection(Section):
-    """A Fourier series between two quintic blends, from rest and back to it."""
+    """A Fourier series between two quintic blends, from rest and back to it.
+
+    Attributes:
+        kind: Kind of motion.
+        period: Length of one period [s].
+        harmonics: Number of harmonics.
+        periods: Number of periods.
+        blend: Length of each blend [s].
+        start: First configuration, a list or by joint [rad; m]; chosen by the search if left out.
+    """
 
     kind: Literal["blended_fourier"]
     period: Positive = 10.0
@@ -55,7 +84,16 @@ class BlendedFourierSection(Section):
 
 
 class RampedFourierSection(Section):
-    """A Fourier series whose amplitude rises from zero and falls back to it."""
+    """A Fourier series whose amplitude rises from zero and falls back to it.
+
+    Attributes:
+        kind: Kind of motion.
+        period: Length of one period [s].
+        harmonics: Number of harmonics.
+        periods: Number of periods.
+        ramp: Length of each ramp [s].
+        start: First configuration, a list or by joint [rad; m]; chosen by the search if left out.
+    """
 
     kind: Literal["ramped_fourier"]
     period: Positive = 10.0
@@ -66,7 +104,16 @@ class RampedFourierSection(Section):
 
 
 class SplineSection(Section):
-    """B-splines from rest to rest."""
+    """B-splines from rest to rest.
+
+    Attributes:
+        kind: Kind of motion.
+        duration: Length of the motion [s].
+        points: Number of control points.
+        degree: Degree of the splines.
+        start: First configuration, a list or by joint [rad; m]; chosen by the search if left out.
+        end: Last configuration, likewise.
+    """
 
     kind: Literal["spline"]
     duration: Positive = 10.0
@@ -77,7 +124,15 @@ class SplineSection(Section):
 
 
 class ReachingSection(Section):
-    """Minimum-jerk moves between postures."""
+    """Minimum-jerk moves between postures.
+
+    Attributes:
+        kind: Kind of motion.
+        targets: Number of configurations.
+        move: Length of each move [s].
+        dwell: Standstill at each configuration [s].
+        start: First configuration, a list or by joint [rad; m]; chosen by the search if left out.
+    """
 
     kind: Literal["reaching"]
     targets: Count = 8
@@ -87,7 +142,20 @@ class ReachingSection(Section):
 
 
 class PickAndPlaceSection(Section):
-    """Random pick-and-place cycles between two boxes."""
+    """Random pick-and-place cycles between two boxes.
+
+    Attributes:
+        kind: Kind of motion.
+        pick: Box of the first points.
+        place: Box of the second points.
+        cycles: Number of cycles.
+        lift: Height of the lift [m].
+        path: Path of the tool: a straight `line`, or straight in `joint` space.
+        dwell: Standstill between moves [s].
+        speed: Greatest speed of the tool [m/s].
+        acceleration: Greatest acceleration of the tool [m/s²].
+        tool_axis: Direction of the tool's z axis in the base frame; free if left out.
+    """
 
     kind: Literal["pick_and_place"]
     pick: BoxSpans
@@ -102,7 +170,18 @@ class PickAndPlaceSection(Section):
 
 
 class SquareSection(Section):
-    """The edges of a horizontal square."""
+    """The edges of a horizontal square.
+
+    Attributes:
+        kind: Kind of motion.
+        centre: Centre in the base frame [m].
+        side: Length of an edge [m].
+        laps: Number of laps.
+        dwell: Standstill between moves [s].
+        speed: Greatest speed of the tool [m/s].
+        acceleration: Greatest acceleration of the tool [m/s²].
+        tool_axis: Direction of the tool's z axis in the base frame; free if left out.
+    """
 
     kind: Literal["square"]
     centre: Vector
@@ -115,7 +194,17 @@ class SquareSection(Section):
 
 
 class WaypointsSection(Section):
-    """From point to point of the tool."""
+    """From point to point of the tool.
+
+    Attributes:
+        kind: Kind of motion.
+        points: Points of the tool in the base frame [m].
+        path: Path of the tool: a straight `line`, or straight in `joint` space.
+        dwell: Standstill between moves [s].
+        speed: Greatest speed of the tool [m/s].
+        acceleration: Greatest acceleration of the tool [m/s²].
+        tool_axis: Direction of the tool's z axis in the base frame; free if left out.
+    """
 
     kind: Literal["waypoints"]
     points: Annotated[tuple[Vector, ...], Field(strict=False, min_length=2)]
@@ -127,7 +216,14 @@ class WaypointsSection(Section):
 
 
 class SweepsSection(Section):
-    """One joint after another, back and forth at several constant speeds."""
+    """One joint after another, back and forth at several constant speeds.
+
+    Attributes:
+        kind: Kind of motion.
+        speeds: Number of speeds.
+        slowest: Lowest speed, as a share of the greatest.
+        start: First configuration, a list or by joint [rad; m]; chosen by the search if left out.
+    """
 
     kind: Literal["sweeps"]
     speeds: Count = 5
@@ -136,7 +232,13 @@ class SweepsSection(Section):
 
 
 class PosturesSection(Section):
-    """Standing still at many postures."""
+    """Standing still at many postures.
+
+    Attributes:
+        kind: Kind of motion.
+        count: Number of configurations.
+        dwell: Standstill at each [s].
+    """
 
     kind: Literal["postures"]
     count: Count = 20
@@ -144,7 +246,12 @@ class PosturesSection(Section):
 
 
 class ReplaySection(Section):
-    """A motion from a file."""
+    """A motion from a file.
+
+    Attributes:
+        kind: Kind of motion.
+        file: A `trajectory.json` or a table of samples.
+    """
 
     kind: Literal["replay"]
     file: Name

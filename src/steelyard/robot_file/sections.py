@@ -30,7 +30,13 @@ Six = Annotated[tuple[float, float, float, float, float, float], Field(strict=Fa
 
 
 class MountingSection(Section):
-    """How the base is turned against the upright world: R = Rz(yaw) Ry(pitch) Rx(roll) [deg]."""
+    """How the base is turned against the upright world: R = Rz(yaw) Ry(pitch) Rx(roll) [deg].
+
+    Attributes:
+        roll: Rotation about the base's x axis, first [deg].
+        pitch: Rotation about the fixed y axis, second [deg].
+        yaw: Rotation about the fixed z axis, last [deg].
+    """
 
     roll: float = 0.0
     pitch: float = 0.0
@@ -38,7 +44,14 @@ class MountingSection(Section):
 
 
 class LimitsSection(Section):
-    """Limits of one joint that replace the model's; what is left out is taken from there."""
+    """Limits of one joint that replace the model's; what is left out is taken from there.
+
+    Attributes:
+        lower: Least position [rad; m].
+        upper: Greatest position [rad; m].
+        velocity: Greatest speed [rad/s; m/s].
+        effort: Greatest effort [Nm; N].
+    """
 
     lower: float | None = None
     upper: float | None = None
@@ -47,7 +60,19 @@ class LimitsSection(Section):
 
 
 class DHLinkSection(Section):
-    """One row of a Denavit-Hartenberg table, see `dh.DHRow`."""
+    """One row of a Denavit-Hartenberg table, see `dh.DHRow`.
+
+    Attributes:
+        joint: Name of the joint; `joint_1`, `joint_2`, ... if left out.
+        kind: Type of the joint.
+        a: Length of the link [m].
+        alpha: Twist of the link, in `angle_unit`.
+        d: Offset along the joint's axis [m].
+        theta: Joint angle at position zero, in `angle_unit`.
+        mass: Mass [kg].
+        com: Centre of mass in the link's DH frame [m].
+        inertia_com: `Ixx, Ixy, Iyy, Ixz, Iyz, Izz` about the centre of mass [kg m²].
+    """
 
     joint: Name | None = None
     kind: Literal["revolute", "prismatic"] = "revolute"
@@ -61,7 +86,13 @@ class DHLinkSection(Section):
 
 
 class DHSection(Section):
-    """A Denavit-Hartenberg table."""
+    """A Denavit-Hartenberg table.
+
+    Attributes:
+        convention: `modified` (Craig, Khalil) or `standard`.
+        angle_unit: Unit of `alpha` and `theta`.
+        links: Rows of the table, from base to tip.
+    """
 
     convention: Literal["standard", "modified"]
     angle_unit: Literal["rad", "deg"] = "rad"
@@ -69,7 +100,13 @@ class DHSection(Section):
 
 
 class CouplingSection(Section):
-    """A motor that turns with a joint that is not its own."""
+    """A motor that turns with a joint that is not its own.
+
+    Attributes:
+        motor: The motor.
+        joint: The joint that it turns with besides its own.
+        ratio: Motor positions per joint position.
+    """
 
     motor: Name
     joint: Name
@@ -77,7 +114,14 @@ class CouplingSection(Section):
 
 
 class TransmissionSection(Section):
-    """Gears between motors and joints, see `robot.Transmission`."""
+    """Gears between motors and joints, see `robot.Transmission`.
+
+    Attributes:
+        motors: Names of motors; `motor_1`, `motor_2`, ... if left out.
+        ratios: Diagonal of R in motor positions q_m = R q, in the order of the joints.
+        coupling: Entries of R outside its diagonal.
+        matrix: R in full, one row per motor, instead of `ratios` and `coupling`.
+    """
 
     motors: Names | None = None
     ratios: Numbers | None = None
@@ -86,7 +130,13 @@ class TransmissionSection(Section):
 
 
 class LoopSection(Section):
-    """A pin that closes a chain: a point of one link, in its frame, stays on one of another."""
+    """A pin that closes a chain: a point of one link, in its frame, stays on one of another.
+
+    Attributes:
+        name: Name in messages; `loop1`, `loop2`, ... if left out.
+        links: The two links that meet.
+        points: The loop-closure joint in the frame of each link [m].
+    """
 
     name: Name | None = None
     links: Annotated[tuple[Name, Name], Field(strict=False)]
@@ -96,8 +146,9 @@ class LoopSection(Section):
 class XacroSection(Section):
     """How the model file is expanded, if it is a xacro file.
 
-    `arguments`: what `$(arg NAME)` stands for. `packages`: folders of ROS packages, from the robot
-    file's folder.
+    Attributes:
+        arguments: Values of `$(arg NAME)`.
+        packages: Folders of ROS packages, or packages, relative to the robot file.
     """
 
     arguments: dict[str, str | bool | int | float] = {}
@@ -105,7 +156,30 @@ class XacroSection(Section):
 
 
 class RobotSection(Section):
-    """Which robot, which of its joints move, and how it is mounted."""
+    """Which robot, which of its joints move, and how it is mounted.
+
+    Attributes:
+        name: Name of the robot; the model's if left out.
+        source: Origin of the model and of the data, for the report.
+        urdf: URDF or xacro file.
+        mjcf: MJCF file.
+        dh: Denavit-Hartenberg table, instead of a file.
+        xacro: Expansion of a xacro file.
+        joints: Joints to identify, in the order of the log's columns; all if left out.
+        base: Link that is fixed to the world; the model's root if left out.
+        tip: Last link, or links, of the robot; all if left out.
+        gravity: Gravity in the base frame [m/s²], instead of `mounting`.
+        mounting: Orientation of the base relative to upright.
+        snap_angles: Whether entries of rotations and axes below 2e-5 are rounded to exact ones.
+        locked: Positions of joints that do not move [rad; m].
+        limits: Limits that replace those of the model, by joint.
+        transmission: Gears between motors and joints.
+        loops: Loop-closure joints of closed chains.
+        passive: Joints whose positions follow from the loops; not logged.
+        assembly: Approximate reference configuration of closed chains, by joint [rad; m].
+        open_loops: What is done with samples at which a loop cannot close: `stop` with an error, or
+            `drop` them.
+    """
 
     name: Name | None = None
     source: str | None = None
@@ -131,7 +205,10 @@ class RobotSection(Section):
 class ModelSection(Section):
     """The causes of torque: law names, or tables with the name under `law`.
 
-    With `friction = "auto"` the friction laws are chosen from the data, beside the terms listed.
+    Attributes:
+        terms: Torque terms: names of laws, or tables with the name under `law`; the default terms
+            if left out.
+        friction: `auto`: friction laws are chosen from the data.
     """
 
     terms: (
@@ -141,7 +218,16 @@ class ModelSection(Section):
 
 
 class EffortSection(Section):
-    """What the effort columns hold."""
+    """What the effort columns hold.
+
+    Attributes:
+        columns: Columns, or one name with `{}` for 1, 2, ... or `{joint}` for the joint's name.
+        kind: Content of the columns.
+        unit: Unit, one for all columns or one each.
+        side: Whether efforts are those of joints or of motors.
+        gain: Effort per A, Nm, N or %, one for all columns or one each; `identify` estimates it.
+        delay: Delay relative to positions [s]; it is corrected.
+    """
 
     columns: Name | Names
     kind: EffortKind
@@ -152,7 +238,24 @@ class EffortSection(Section):
 
 
 class SignalsSection(Section):
-    """Which columns of a log are what."""
+    """Which columns of a log are what.
+
+    Attributes:
+        time: Column of time.
+        time_unit: Unit of time.
+        rate: Sampling rate of a log with evenly spaced rows, instead of `time` [Hz].
+        coordinates: Whether positions and velocities are those of joints or of motors.
+        position: Columns of positions, or one name with `{}` or `{joint}`.
+        position_unit: Unit, one for all columns or one each; rad or m by the joint's type if left
+            out.
+        position_sign: -1 for columns that count in the opposite direction.
+        position_offset: Joint positions at logged zero [rad; m]; `identify` estimates them.
+        velocity: Columns of velocities; positions are differentiated if left out.
+        velocity_unit: Unit, one for all columns or one each.
+        velocity_sign: -1 for columns that count in the opposite direction.
+        velocity_delay: Delay of velocities relative to positions [s]; it is corrected.
+        effort: Columns of efforts.
+    """
 
     time: Name | None = None
     time_unit: TimeUnit = "s"
@@ -176,7 +279,13 @@ class SignalsSection(Section):
 
 
 class RepetitionsTable(Section):
-    """That a log repeats one motion; a period that is left out is found."""
+    """That a log repeats one motion; a period that is left out is found.
+
+    Attributes:
+        period: Period [s]; found from the data if left out.
+        drop_first: Periods that are left out at the start.
+        drop_last: Periods that are left out at the end.
+    """
 
     period: Positive | None = None
     drop_first: Annotated[int, Field(ge=0)] = 1
@@ -186,8 +295,21 @@ class RepetitionsTable(Section):
 class ProcessingSection(Section):
     """The chain from rows to motion; what is left out is chosen from the data.
 
-    `motion` and `effort` are a method's name, or a table with the name under `method` and its
-    settings; what they may be, the measurement room knows.
+    Attributes:
+        outliers: Threshold of the Hampel filter in scaled MAD; `keep` disables it.
+        repeats: Whether repeated rows are interpolated.
+        saturation: Whether saturated efforts have weight zero.
+        rate: Rate of the uniform clock [Hz]; that of the log if left out.
+        resampling: Interpolation to that clock.
+        motion: Method that computes the motion: its name, or a table with the name under `method`.
+        motion_cutoff: Cut-off of the low-pass of positions and velocities [Hz]; chosen from the
+            data if left out.
+        effort: Filter of efforts, like `motion`; as logged if left out.
+        matched_cutoff: Cut-off of the parallel filter, the low-pass of regressor and efforts [Hz];
+            chosen from the data if left out.
+        rest_speed: Speed up to which a joint is at standstill [rad/s; m/s]; chosen from the data if
+            left out.
+        repetitions: `find`, or a table, if a log repeats one motion.
     """
 
     outliers: Positive | Literal["keep"] = 15.0
@@ -206,10 +328,12 @@ class ProcessingSection(Section):
 class EstimationSection(Section):
     """How parameters are estimated.
 
-    `method`: `consistent` with physics and what is known beforehand, plain `least_squares`, or
-    any other estimator by its name.
-    `weights`: joints weigh by the `noise` of their own residuals, or are `equal`.
-    `effort_scales`: a scale of each joint's efforts, where the data ask for it; or none.
+    Attributes:
+        method: `consistent`: physically consistent, with a prior; `least_squares`: without; or the
+            name of another estimator.
+        weights: `noise`: joints are weighted by the variance of their residuals; or `equal`.
+        effort_scales: `auto`: a scale of each joint's efforts is estimated if it is significant; or
+            `off`.
     """
 
     method: Name = "consistent"
@@ -218,14 +342,25 @@ class EstimationSection(Section):
 
 
 class BoxSection(Section):
-    """A solid box: its edges [m] along the axes of the link's frame, and its centre there."""
+    """A solid box: its edges [m] along the axes of the link's frame, and its centre there.
+
+    Attributes:
+        size: Lengths along the axes of the link's frame [m].
+        centre: Centre in that frame [m].
+    """
 
     size: Annotated[tuple[Positive, Positive, Positive], Field(strict=False)]
     centre: Vector = (0.0, 0.0, 0.0)
 
 
 class CapsuleSection(Section):
-    """A solid rod with round ends: centres of the end balls in the link's frame, radius [m]."""
+    """A solid rod with round ends: centres of the end balls in the link's frame, radius [m].
+
+    Attributes:
+        start: Centre of one end's ball in the link's frame [m].
+        end: Centre of the other's [m].
+        radius: Radius [m].
+    """
 
     start: Vector = (0.0, 0.0, 0.0)
     end: Vector
@@ -235,7 +370,13 @@ class CapsuleSection(Section):
 class LinkPriorSection(Section):
     """What is known of one link before the data, in its own frame.
 
-    `source`: what is left out says the `model` file; or `none`: nothing is known of the link.
+    Attributes:
+        source: Where the rest of the prior comes from: the `model` file, or `none`.
+        mass: Mass [kg].
+        com: Centre of mass [m].
+        inertia_com: `Ixx, Ixy, Iyy, Ixz, Iyz, Izz` about the centre of mass [kg m²].
+        box: Solid box that gives centre and inertia.
+        capsule: Solid capsule that gives centre and inertia.
     """
 
     source: Literal["model", "none"] = "model"
@@ -249,8 +390,10 @@ class LinkPriorSection(Section):
 class PriorSection(Section):
     """Mass properties before the data.
 
-    `source`: those of the `model` file, or `none` but for the links listed. `uncertainty`: how
-    far they are off, relatively; found from the data if left out.
+    Attributes:
+        source: Where prior masses come from: the `model` file, or `none`.
+        uncertainty: Relative standard deviation; estimated from the data if left out.
+        links: Priors of single links.
     """
 
     source: Literal["model", "none"] = "model"
@@ -259,13 +402,30 @@ class PriorSection(Section):
 
 
 class ValidationSection(Section):
-    """How scores are formed."""
+    """How scores are formed.
+
+    Attributes:
+        cutoff: Cut-off of the low-pass of measured and predicted efforts [Hz]; that of the parallel
+            filter if left out.
+    """
 
     cutoff: Positive | None = None
 
 
 class RobotFile(Section):
-    """The whole robot file."""
+    """The whole robot file.
+
+    Attributes:
+        robot: The robot.
+        model: Torque terms.
+        signals: Columns of logs.
+        processing: From rows to motion.
+        estimation: The estimator.
+        prior: Prior of the mass properties.
+        knowledge: Prior constraints, see Prior knowledge.
+        validation: Scores.
+        excitation: The motion that `steelyard excite` designs.
+    """
 
     robot: RobotSection
     model: ModelSection | None = None
