@@ -178,3 +178,20 @@ def test_a_robot_file_without_changes_is_not_saved(folder: Path) -> None:
     assert isinstance(found.fixed, Fixed) and not found.fixed.changes
     with pytest.raises(SteelyardError, match="nothing was changed"):
         found.fixed.save()
+
+
+@pytest.mark.parametrize(
+    ("method", "ignored"),
+    [("WLS", True), ("Huber", True), ("least_squares", False), ("OLS", False), ("SDP", False)],
+)
+def test_weights_that_an_estimator_does_not_use_are_noted(
+    method: str, ignored: bool, folder: Path, tmp_path: Path
+) -> None:
+    robot = tmp_path / "arm.toml"
+    robot.write_text(
+        f'[robot]\nurdf = "{folder / "arm.urdf"}"\n'
+        f'[estimation]\nmethod = "{method}"\nweights = "equal"\n'
+    )
+    found = steelyard.identify(robot, folder / "fit.parquet", check=False)
+    noted = [note for note in found.content.notes if "does not use [estimation] weights" in note]
+    assert bool(noted) == ignored

@@ -50,7 +50,7 @@ class Offer:
         needs: What it looks at.
         make: The estimator for a model and what is known of it.
         slow: Whether it searches or simulates, and so is compared only where it is named.
-        uses: Tables of the robot file that it uses.
+        uses: Tables and keys of the robot file that it uses.
     """
 
     name: str
@@ -63,6 +63,9 @@ class Offer:
 
 PRIOR, KNOWLEDGE = "[prior]", "[[knowledge]]"
 """Tables that say what is known beforehand."""
+
+WEIGHTS = "[estimation] weights"
+"""How joints weigh, for estimators that are to be had either way."""
 
 
 def _consistent(context: Context) -> Consistent:
@@ -178,21 +181,21 @@ ESTIMATORS: tuple[Offer, ...] = (
         "valid inertias, entropic distance to the prior",
         "information",
         _consistent,
-        uses=(PRIOR, KNOWLEDGE),
+        uses=(PRIOR, KNOWLEDGE, WEIGHTS),
     ),
     Offer(
         "pullback",
         "valid inertias, quadratic distance to the prior",
         "information",
         lambda c: replace(_consistent(c), form=Pullback()),
-        uses=(PRIOR, KNOWLEDGE),
+        uses=(PRIOR, KNOWLEDGE, WEIGHTS),
     ),
     Offer(
         "SDP",
         "valid inertias without prior: effect of the constraints alone",
         "information",
         lambda c: replace(_consistent(c), form=Free()),
-        uses=(KNOWLEDGE,),
+        uses=(KNOWLEDGE, WEIGHTS),
     ),
     Offer("TLS", "total least squares: noise in the columns too", "information", _total),
     Offer(
@@ -217,7 +220,7 @@ ESTIMATORS: tuple[Offer, ...] = (
         "the consistent estimate by Gauss-Newton in log-Cholesky coordinates",
         "information",
         _log_cholesky,
-        uses=(PRIOR, KNOWLEDGE),
+        uses=(PRIOR, KNOWLEDGE, WEIGHTS),
     ),
     Offer(
         "IV", "instruments from the simulated closed loop", "experiment", _instrumental, slow=True

@@ -18,7 +18,7 @@ from steelyard.estimation.least_squares.least_squares import (
     WeightedLeastSquares,
 )
 from steelyard.estimation.payload.gains import GainEstimate
-from steelyard.estimation.register import KNOWLEDGE, PRIOR, Offer, offer_of
+from steelyard.estimation.register import KNOWLEDGE, PRIOR, WEIGHTS, Offer, offer_of
 from steelyard.estimation.zero_offset import ZeroOffsets
 from steelyard.identification.logs import wanted_by
 from steelyard.identification.method import (
@@ -266,7 +266,12 @@ def _chosen(loaded: LoadedRobot, method: Offer, why: str, estimate: Estimate) ->
     if not why:
         return ()
     bodies = ": inertias may be invalid" if estimate.standard is None else ""
-    given = {PRIOR: loaded.prior != PriorSection(), KNOWLEDGE: bool(loaded.knowledge)}
+    given = {
+        PRIOR: loaded.prior != PriorSection(),
+        KNOWLEDGE: bool(loaded.knowledge),
+        WEIGHTS: "weights" in loaded.estimation.model_fields_set
+        and method.name != LEAST_SQUARES[loaded.estimation.weights],
+    }
     idle = " and ".join(name for name, there in given.items() if there and name not in method.uses)
     unheard = (f"{method.name} does not use {idle}",) if idle else ()
     return (f"estimated by {method.name} ({method.about}), {why}{bodies}", *unheard)
