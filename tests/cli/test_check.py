@@ -106,12 +106,14 @@ def test_the_worst_judgement_is_the_exit_code(
     work: Path,
 ) -> None:
     asking(monkeypatch, severity)
-    good = command("check", ROBOT, LOG, OTHER)
+    good = command("check", ROBOT, LOG, OTHER, "-v")
     assert good.exit_code == 0 and good.stderr == ""
     assert "ok position unit 2 similar findings, identification: within a turn" in words(
         good.stdout
     )
     assert good.stdout.rstrip().endswith("Ok: no fault was found  (2 findings: 2 ok)")
+    short = words(command("check", ROBOT, LOG, OTHER).stdout)
+    assert short == "ok 1 check position unit Ok: no fault was found (2 findings: 2 ok)"
     both = words(command("check", ROBOT, degrees, LOG).stdout)
     assert (severity.word == "wrong") == ("give this one a robot file of its own" in both)
     assert f"(2 findings: 1 {severity.word}, 1 ok)" in both

@@ -20,9 +20,9 @@ def content(name: str = "arm", most: float = 1.0) -> CheckContent:
     return CheckContent(name, f"{name}.toml", (name, "b.csv"), name, said, {name: name}, (name,))
 
 
-def printed(said: Diagnosis, width: int = 80) -> str:
+def printed(said: Diagnosis, width: int = 80, verbose: bool = True) -> str:
     console = Console(file=io.StringIO(), width=width)
-    show(said, console)
+    show(said, console, verbose=verbose)
     return console.file.getvalue()
 
 
@@ -42,6 +42,15 @@ def test_the_worst_is_last_and_the_verdict_at_the_end() -> None:
         "    [signals.effort]",
         '    unit = "mAarm"',
     ]
+
+
+def test_checks_that_are_ok_are_one_line() -> None:
+    said = Diagnosis((*many(Severity.OK, 2).findings, *diagnosis("arm").findings))
+    lines = printed(said, verbose=False).splitlines()
+    assert [line for line in lines if line.startswith("ok")] == [lines[0]]
+    names = dict.fromkeys(f.check for f in said.findings if not f.severity)
+    assert lines[0].split() == ["ok", str(len(names)), "checks", *", ".join(names).split()]
+    assert lines[2].startswith("doubtful") and lines[-1].startswith("Wrong")
 
 
 @pytest.mark.parametrize("width", [80, 120])

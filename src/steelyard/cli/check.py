@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from steelyard.cli.guard import guarded
-from steelyard.cli.options import LOG_HELP, FixedBase, Json, RobotArgument
+from steelyard.cli.options import LOG_HELP, FixedBase, Json, RobotArgument, Verbose
 
 if TYPE_CHECKING:
     from steelyard.identification.check import CheckResult
@@ -43,6 +43,7 @@ def check(
         ),
     ] = None,
     fixed_base: FixedBase = None,
+    verbose: Verbose = False,
     as_json: Json = False,
 ) -> None:
     """Find out what is wrong with logs, and the lines of the robot file that correct it.
@@ -85,7 +86,7 @@ def check(
         )
     else:
         console = Console()
-        found.show(console)
+        found.show(console, verbose)
         for line in hints(found, folder):
             console.print(Text(line), soft_wrap=True)
     if found.last.severity:

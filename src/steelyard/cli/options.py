@@ -6,6 +6,9 @@ from typing import Annotated
 import typer
 
 Json = Annotated[bool, typer.Option("--json", help="Machine-readable results on standard output.")]
+Verbose = Annotated[
+    bool, typer.Option("--verbose", "-v", help="Print what each check found, ok ones too.")
+]
 Threads = Annotated[
     int | None, typer.Option(min=1, help="Threads for the pass over the data; all cores if unset.")
 ]

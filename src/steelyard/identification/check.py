@@ -62,13 +62,13 @@ class CheckResult(Result):
             "fixed": None if self.fixed is None else self.fixed.to_dict(),
         }
 
-    def show(self, console: Console) -> None:
-        """Print what was found and what was changed."""
+    def show(self, console: Console, verbose: bool = False) -> None:
+        """Print what was found and what was changed; with `verbose` each check that is ok."""
         for note in self.content.notes:
             console.print(Text(f"note: {note}", style="dim"))
         if self.content.notes:
             console.print()
-        show_findings(self.content.diagnosis, console)
+        show_findings(self.content.diagnosis, console, verbose=verbose)
         if self.fixed is None:
             return
         console.print()

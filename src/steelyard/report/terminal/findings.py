@@ -17,6 +17,7 @@ from steelyard.report.text.findings import (
     tally,
 )
 from steelyard.report.text.verdict import COLOURS
+from steelyard.report.text.words import count
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -32,12 +33,15 @@ NAMED = 4
 """Logs that are named after them."""
 
 
-def show(diagnosis: Diagnosis, console: Console, *, fine: bool = True) -> None:
+def show(
+    diagnosis: Diagnosis, console: Console, *, fine: bool = True, verbose: bool = False
+) -> None:
     """Print the findings, the worst last, then what to do and the verdict.
 
     Args:
         diagnosis: What was found.
         fine: Whether to print those that are ok.
+        verbose: Whether to print each of these, not their names alone.
         console: Where to print.
     """
     from rich.padding import Padding
@@ -45,7 +49,7 @@ def show(diagnosis: Diagnosis, console: Console, *, fine: bool = True) -> None:
 
     shown = [group for group in groups(diagnosis) if fine or group.severity]
     if shown:
-        console.print(_table(shown))
+        console.print(_table(shown, verbose))
     for fix, findings in fixes(diagnosis).values():
         names = ", ".join(dict.fromkeys(f.check for f in findings))
         console.print()
@@ -73,7 +77,7 @@ def notes(diagnosis: Diagnosis) -> tuple[str, ...]:
     return tuple(said)
 
 
-def _table(shown: Sequence[Group]) -> Table:
+def _table(shown: Sequence[Group], verbose: bool) -> Table:
     from rich.table import Table
     from rich.text import Text
 
@@ -82,7 +86,14 @@ def _table(shown: Sequence[Group]) -> Table:
     table.add_column(max_width=18)
     table.add_column(ratio=1)
     before = None
-    for group in shown:
+    passed = [] if verbose else [group for group in shown if group.word == "ok"]
+    if passed:
+        names = ", ".join(group.check for group in passed)
+        table.add_row(
+            Text("ok", style=f"bold {COLOURS['good']}"), count(len(passed), "check"), names
+        )
+        before = passed[0].severity
+    for group in (group for group in shown if group not in passed):
         alike = _open_alike(shown, group)
         if alike and alike[0] is not group:
             continue
@@ -111,9 +122,9 @@ def _found(group: Group) -> Text:
     """What one row says; of many that are ok the first speaks."""
     from rich.text import Text
 
-    first, count = group.findings[0], len(group.findings)
+    first, several = group.findings[0], len(group.findings)
     if not group.severity:
-        alike = f"{count} similar findings, {first.log or 'all logs'}: " if count > 1 else ""
+        alike = f"{several} similar findings, {first.log or 'all logs'}: " if several > 1 else ""
         return Text.assemble((alike, "dim"), first.says)
     shown = [_one(finding) for finding in group.findings[:SHOWN]]
     rest = _others(group, SHOWN)
