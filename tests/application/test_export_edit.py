@@ -234,7 +234,7 @@ def test_an_mjcf_is_not_edited(arm: IdentifiedModel, tmp_path: Path) -> None:
         exported(arm, "mjcf", tmp_path / "arm.urdf")
     path = tmp_path / "arm.xml"
     path.write_text("<mujoco/>")
-    with pytest.raises(ModelError, match="no URDF to put the numbers into"):
+    with pytest.raises(ModelError, match="no URDF to insert the values into"):
         exported(arm, "urdf", path)
 
 

@@ -231,7 +231,7 @@ def test_init_names_the_joints_of_hands_that_it_locks(command: Command, tmp_path
     path.write_text(f"<mujoco><worldbody><body>{arm}{fingers}</body></worldbody></mujoco>")
     shown = command("init", path, "-o", tmp_path / "arm.toml").stdout
     named = ", ".join(f"finger{k}" for k in range(6))
-    assert f"note  locked {named} and 2 more (of a hand, by name or place); " in shown
+    assert f"note  locked {named} and 2 more (recognised as joints of a hand); " in shown
 
 
 def test_init_says_each_statement_once(command: Command, tmp_path: Path) -> None:

@@ -35,7 +35,7 @@ def test_a_file_is_written(
     words = " ".join(done.stdout.split())
     form = "MJCF" if name == "arm.xml" else "URDF"
     assert f"{name}: " in words and "moving links" in words and " kg" in words
-    assert f"{form} has no place for:" in words and "constant efforts (offset)" in words
+    assert f"{form} cannot represent:" in words and "constant efforts (offset)" in words
     assert ("rotor inertia" in words) == (form == "URDF")
     assert mujoco.MjModel.from_xml_path(str(tmp_path / name)).nu == (0 if form == "URDF" else 6)
 

@@ -20,8 +20,8 @@ from steelyard.cli.validate import validate
 
 app = typer.Typer(
     name="steelyard",
-    help="Identify the dynamics of a robot from logged motion and torque: robot file and log in, "
-    "report and model out.",
+    help="Identify the dynamic model of a robot from logs of joint positions and torques. Input: "
+    "robot file and logs. Output: report and model.",
     epilog="First try: steelyard demo",
     no_args_is_help=True,
     add_completion=False,

@@ -21,7 +21,7 @@ def check(
     model: Annotated[
         str | None,
         typer.Option(
-            help="Model identified from clean runs, to compare with: model.json or its folder.",
+            help="Reference model identified from clean runs: model.json or its folder.",
             metavar="MODEL",
         ),
     ] = None,
@@ -34,19 +34,19 @@ def check(
         ),
     ] = None,
     quick: Annotated[
-        bool, typer.Option("--quick", help="Only the checks that `identify` runs before it fits.")
+        bool, typer.Option("--quick", help="Only the checks that `identify` makes before the fit.")
     ] = False,
     output: Annotated[
         Path | None,
         typer.Option(
-            "--output", "-o", help="Folder to make for a page with plots, and JSON; none if unset."
+            "--output", "-o", help="Output folder for a page with plots and JSON; none if unset."
         ),
     ] = None,
     fixed_base: FixedBase = None,
     verbose: Verbose = False,
     as_json: Json = False,
 ) -> None:
-    """Find out what is wrong with logs, and the lines of the robot file that correct it.
+    """Check logs for errors, and propose lines of the robot file that correct them.
 
     The exit code is 0 if all is ok, 1 if something is doubtful, 2 if something is wrong; with --fix
     it is that of the new robot file.

@@ -33,7 +33,7 @@ def compare(
     ] = False,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="Folder to make for a page with plots; none if unset."),
+        typer.Option("--output", "-o", help="Output folder for a page with plots; none if unset."),
     ] = None,
     no_check: Annotated[
         bool,
@@ -43,9 +43,9 @@ def compare(
     threads: Threads = None,
     as_json: Json = False,
 ) -> None:
-    """Compare estimators: fit to all logs but one, predict that one, each in turn.
+    """Compare estimators by cross-validation: fit all logs but one and predict it.
 
-    Ctrl-C ends it with the estimators that are done.
+    Ctrl-C ends the comparison; finished estimators are reported.
 
     Example: steelyard compare ur10e.toml run1.parquet run2.parquet run3.parquet -o compared
     """

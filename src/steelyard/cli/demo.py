@@ -19,7 +19,7 @@ DESIGN = 8.0
 
 @guarded
 def demo(output: Output = None, seed: Seed = 0, as_json: Json = False) -> None:
-    """Design a motion for an arm, run it, identify the arm from it, validate on another motion.
+    """Demonstration on a simulated arm: design a motion, identify, validate.
 
     Example: steelyard demo -o first-try
     """
@@ -66,7 +66,7 @@ def demo(output: Output = None, seed: Seed = 0, as_json: Json = False) -> None:
     identified.show(console)
     typer.echo(
         "\nyour own robot: steelyard init URDF LOG, steelyard check ROBOT LOG..., then identify\n"
-        f"\nrobot file, logs and the hidden truth  {folder / 'robot'}\n"
+        f"\nrobot file, logs, true parameters      {folder / 'robot'}\n"
         f"designed motion and its report         {folder / 'motion' / 'report.html'}\n"
         f"model                                  {folder / 'results' / 'model.json'}\n"
         f"report                                 {folder / 'results' / 'report.html'}"

@@ -42,7 +42,7 @@ def excite(
         ),
     ] = None,
     period: Annotated[
-        float | None, typer.Option(help="Seconds of the motion, or of its period.")
+        float | None, typer.Option(help="Duration or period of the motion in seconds.")
     ] = None,
     harmonics: Annotated[int | None, typer.Option(help="Harmonics of a Fourier series.")] = None,
     criterion: Annotated[
@@ -55,8 +55,8 @@ def excite(
     earlier: Annotated[
         Path | None,
         typer.Option(
-            help="model.json of an earlier log: its noise predicts the standard "
-            "deviations, its values the torques.",
+            help="model.json identified from a previous log: gives noise for predicted standard "
+            "deviations, and parameter values for predicted torques.",
             metavar="MODEL",
         ),
     ] = None,
@@ -64,19 +64,19 @@ def excite(
         bool,
         typer.Option(
             "--still-unknown",
-            help="Optimise for what the earlier log left uncertain; needs --earlier.",
+            help="Optimise the information of previous and new log together; needs --earlier.",
         ),
     ] = False,
     method: Annotated[
         str | None, typer.Option(help="Search method: gradient, genetic or cma_es.", metavar="NAME")
     ] = None,
-    budget: Annotated[float, typer.Option(min=1.0, help="Time limit of the search [s].")] = BUDGET,
+    budget: Annotated[float, typer.Option(min=1.0, help="Time limit in seconds.")] = BUDGET,
     searches: Annotated[
         int | None,
         typer.Option(
             min=1,
-            help="Stop after this many searches: the result then depends on the seed alone, if the "
-            "budget suffices.",
+            help="Stop after this many searches; if the budget suffices, the result depends on "
+            "the seed only.",
         ),
     ] = None,
     processes: Annotated[
@@ -86,7 +86,7 @@ def excite(
         list[str] | None,
         typer.Option(
             "--format",
-            help="Also write it for a controller: csv, ros2, urscript, krl, rapid, mujoco.",
+            help="Also write the motion for a controller: csv, ros2, urscript, krl, rapid, mujoco.",
             metavar="NAME",
         ),
     ] = None,
@@ -98,15 +98,15 @@ def excite(
     output: Output = None,
     as_json: Json = False,
 ) -> None:
-    """Design the motion that shows a robot's parameters best, and prove that it keeps its limits.
+    """Design an excitation motion, and prove that it keeps all limits.
 
-    Limits, tool box, obstacles and what is to be shown stand in the robot file, in its
-    excitation tables. Writes trajectory.json, certificate.json, trajectory.csv and report.html.
-    Ctrl-C ends the search and keeps the best motion so far. Exit code 1: a planned motion does not
-    keep everything; it is written, but no program for a controller. Exit code 3: all that was
-    looked at is proven, but something was not looked at (a floor, links without shapes, torques),
-    no search came to an end, or parameters are hidden behind others; everything is written, and the
-    summary says what is not covered.
+    The excitation tables of the robot file give limits, workspace, obstacles and criterion.
+    Writes trajectory.json, certificate.json, trajectory.csv and report.html. Ctrl-C ends the search
+    and keeps the best motion so far. Exit code 1: a planned motion violates a limit; trajectory and
+    report are written, but no controller program. Exit code 3: all that was checked is proven, but
+    something was not checked (floor, links without shapes, torques), no search converged, or
+    parameters are nearly inseparable; all files are written, and the summary lists what is not
+    covered.
 
     Example: steelyard excite panda.toml --budget 20 -o panda-motion
     """

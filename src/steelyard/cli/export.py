@@ -23,18 +23,18 @@ USUAL: "dict[Format, str]" = {"urdf": ".urdf", "mjcf": ".xml"}
 @guarded
 def export(
     model: Annotated[
-        str, typer.Argument(help="model.json, or the folder that holds it.", metavar="MODEL")
+        str, typer.Argument(help="model.json, or the folder that contains it.", metavar="MODEL")
     ],
     to: Annotated[
         Literal["urdf", "mjcf"] | None,
-        typer.Option(help="Format; by the ending of --output if unset."),
+        typer.Option(help="Format; if unset, from the suffix of --output."),
     ] = None,
     original: Annotated[
         Path | None,
         typer.Option(
             "--model",
-            help="The robot's own URDF, or its robot file: numbers are put into a copy of it, "
-            "meshes and comments stay.",
+            help="URDF of the robot, or its robot file: values are written into a copy; meshes "
+            "and comments are kept.",
             metavar="URDF",
         ),
     ] = None,
@@ -43,15 +43,16 @@ def export(
         typer.Option(
             "--output",
             "-o",
-            help="File to make; must not exist. In this folder, after the robot, if unset.",
+            help="Output file; must not exist. If unset, in the current folder and named after "
+            "the robot.",
         ),
     ] = None,
     as_json: Json = False,
 ) -> None:
     """Write the masses, inertias and friction of an identified model as URDF or MJCF.
 
-    What the format has no place for is listed, here and in the file's head, and so is what does
-    not come from the data.
+    Terminal and file header list what the format cannot represent, and what comes from the prior
+    instead of the data.
 
     Example: steelyard export steelyard-ur10e --to mjcf -o ur10e.xml
     """
@@ -140,7 +141,7 @@ def _tell(path: Path, made: "Exported") -> None:
     console.print(Text(f"{path}: {links}, {mass:.4g} kg"), soft_wrap=True)
     few = [f"{name} {x:.0%}" for name, x in made.mass_shares.items() if x < FEW]
     for heading, sentences in (
-        (f"{made.form.upper()} has no place for:", made.unheld),
+        (f"{made.form.upper()} cannot represent:", made.unheld),
         (
             "mostly from the prior (share of the mass that comes from the data):",
             (", ".join(few),) if few else (),

@@ -34,7 +34,7 @@ def identify(
     ] = None,
     payload_frame: Annotated[
         str | None,
-        typer.Option(help="Frame that carries it; the last link's if unset.", metavar="NAME"),
+        typer.Option(help="Frame of the payload; that of the last link if unset.", metavar="NAME"),
     ] = None,
     output: Output = None,
     no_check: Annotated[
@@ -56,8 +56,8 @@ def identify(
     method: Annotated[
         str | None,
         typer.Option(
-            help="Estimator, as WLS, Huber or IV, in place of the robot file's; "
-            "`steelyard compare` tells which suits the logs.",
+            help="Estimator, such as WLS, Huber or IV, instead of the robot file's; `steelyard "
+            "compare` recommends one.",
             metavar="NAME",
         ),
     ] = None,
@@ -67,7 +67,7 @@ def identify(
 ) -> None:
     """Identify a robot's dynamics from logs of its motion.
 
-    The exit code is 1 if the verdict is poor: the model is written, but not to be relied on.
+    The exit code is 1 if the verdict is poor: the model is written, but should not be used.
 
     Example: steelyard identify ur10e.toml run1.parquet run2.parquet --validate run3.parquet
     """

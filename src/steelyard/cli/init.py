@@ -26,28 +26,26 @@ def init(
         str,
         typer.Argument(help=f"URDF, xacro file or MJCF of the robot. {ARGUMENTS}", metavar="URDF"),
     ],
-    log: Annotated[
-        Path | None, typer.Argument(help="A log of the robot, to guess its columns from.")
-    ] = None,
+    log: Annotated[Path | None, typer.Argument(help="Log from which columns are guessed.")] = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Robot file to write; must not exist.")
     ] = None,
     rate: Annotated[
         float | None,
         typer.Option(
-            help="Rate of the log's rows [Hz], if it has no column of time.", min=1e-6, max=1e6
+            help="Sampling rate of the log in Hz, if it has no time column.", min=1e-6, max=1e6
         ),
     ] = None,
     fixed_base: FixedBase = None,
     as_json: Json = False,
 ) -> None:
-    """Write a commented robot file: columns guessed, fingers locked, limits taken over.
+    """Write a commented robot file: guesses columns, locks finger joints, copies limits.
 
-    The exit code is 1 if the log has no columns for some joints, or its columns are unknown.
+    The exit code is 1 if columns of some joints are missing in the log or not recognised.
 
     Example: steelyard init panda.urdf run1.parquet -o panda.toml
 
-    Without a column of time: steelyard init panda.urdf run1.csv --rate 1000
+    Without a time column: steelyard init panda.urdf run1.csv --rate 1000
     """
     from steelyard.cli import interrupt
     from steelyard.errors import ModelError, OutputError
@@ -69,7 +67,7 @@ def init(
         raise ModelError(
             "--rate is given without a log",
             where="--rate",
-            fix="name the log behind the model file, or leave --rate out",
+            fix="give the log after the model file, or leave out --rate",
         )
     columns, sample = (None, None) if log is None else sample_of(log)
     draft = drafted(proposal, columns, sample, target, rate)
@@ -105,7 +103,7 @@ def _hands(draft: "Draft") -> tuple[str, ...]:
     shown = ", ".join(draft.hands[:_NAMED])
     more = f" and {len(draft.hands) - _NAMED} more" if len(draft.hands) > _NAMED else ""
     return (
-        f"locked {shown}{more} (of a hand, by name or place); to identify one, move it from "
+        f"locked {shown}{more} (recognised as joints of a hand); to identify one, move it from "
         "[robot.locked] to joints",
     )
 
@@ -138,8 +136,8 @@ def show(draft: "Draft", target: Path, notes: Sequence[str]) -> None:
         say(f"      steelyard excite {target} -o motion")
         say("      with its log (columns are guessed unless [signals] names them):")
     elif draft.guess is None:
-        say(f"next  fill in [signals], which is a comment in {target} so far; then:")
+        say(f"next  fill in [signals], which is commented out in {target}; then:")
     else:
         say("next  review the lines marked CHECK, then:")
     say(f"      steelyard check {target} LOG...")
-    say(f"      and if all is well:  steelyard identify {target} LOG...")
+    say(f"      if no error is found:  steelyard identify {target} LOG...")

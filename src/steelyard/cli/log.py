@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from steelyard.formats.contents import LogContent
 
 log = typer.Typer(
-    name="log", help="Look into logs, and write them in other formats.", no_args_is_help=True
+    name="log", help="List the contents of logs, and convert them.", no_args_is_help=True
 )
 
 
@@ -28,7 +28,7 @@ def info(
     logs: Annotated[list[str], typer.Argument(help=LOG_HELP, metavar="LOG...")],
     as_json: Json = False,
 ) -> None:
-    """Show what is in logs: rows, duration, rate, and what each column holds.
+    """List rows, duration, rate and columns of logs.
 
     Example: steelyard log info run.csv
     """
@@ -65,13 +65,13 @@ def convert(
         list[str] | None,
         typer.Option(
             "--columns",
-            help="Columns to write, in this order; * stands for anything. All if unset.",
+            help="Columns to write, in this order; * is a wildcard. All if unset.",
             metavar="NAME...",
         ),
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Write a log, or a part of it, in another format; every number stays as it is.
+    """Convert a log, or a part of it, to another format; no number is changed.
 
     Example: steelyard log convert run.mcap@1:5 run.parquet --columns "/joint_states/*"
     """

@@ -12,12 +12,12 @@ Verbose = Annotated[
 Threads = Annotated[
     int | None, typer.Option(min=1, help="Threads for the pass over the data; all cores if unset.")
 ]
-Seed = Annotated[int, typer.Option(min=0, help="Same seed, same numbers.")]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")]
 Output = Annotated[
     Path | None,
-    typer.Option("--output", "-o", help="Folder to make for the results; must not exist."),
+    typer.Option("--output", "-o", help="Output folder; must not exist."),
 ]
-ARGUMENTS = "Arguments of a xacro file stand behind it: arm.urdf.xacro name:=left."
+ARGUMENTS = "Arguments of a xacro file follow it: arm.urdf.xacro name:=left."
 RobotArgument = Annotated[
     str,
     typer.Argument(
@@ -27,8 +27,8 @@ RobotArgument = Annotated[
 FixedBase = Annotated[
     str | None,
     typer.Option(
-        help="Link of a URDF or MJCF that is fixed to the world, where its base floats; a robot "
-        "file says base = ... instead.",
+        help="Link to fix to the world, for a URDF or MJCF with a floating base; in a robot "
+        "file, base = ... does this.",
         metavar="LINK",
     ),
 ]

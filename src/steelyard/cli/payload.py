@@ -25,23 +25,21 @@ IMPOSSIBLE = (
 @guarded
 def payload(
     model: Annotated[
-        str, typer.Argument(help="model.json, or the folder that holds it.", metavar="MODEL")
+        str, typer.Argument(help="model.json, or the folder that contains it.", metavar="MODEL")
     ],
     logs: Annotated[
         list[str], typer.Argument(help=f"With the payload. {LOG_HELP}", metavar="LOG...")
     ],
     frame: Annotated[
         str | None,
-        typer.Option(
-            help="Frame to give the numbers in; the last link's if unset.", metavar="NAME"
-        ),
+        typer.Option(help="Frame of the results; that of the last link if unset.", metavar="NAME"),
     ] = None,
     unloaded: Annotated[
         list[str] | None,
         typer.Option(
             "--unloaded",
-            help="Logs without the payload: arm and payload are then identified together, "
-            "and the model gives only the equations.",
+            help="Logs without the payload: arm and payload are then identified together, and of "
+            "the model only the equations are used.",
             metavar="LOG...",
         ),
     ] = None,
@@ -50,18 +48,18 @@ def payload(
         typer.Option(
             min=0.0,
             max=0.5,
-            help="Relative standard deviation of each drive gain, where efforts are currents; "
-            "if unset 0.02, or 0 with scales that were identified with the model.",
+            help="Relative standard deviation of each drive gain, if efforts are currents; if "
+            "unset 0.02, or 0 if scales of the efforts were identified with the model.",
             metavar="SHARE",
         ),
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="Folder to make for payload.json; none if unset."),
+        typer.Option("--output", "-o", help="Output folder for payload.json; none if unset."),
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Weigh what a robot carries: mass, centre and inertia, with intervals.
+    """Identify a payload: mass, centre of mass and inertia, with 95 % intervals.
 
     Example: steelyard payload steelyard-ur10e loaded.parquet --frame tool0
     """

@@ -25,15 +25,15 @@ def replay(
         int, typer.Option(min=1, max=65535, help="Port of the page in the browser.")
     ] = 8080,
     host: Annotated[
-        str, typer.Option(help="Address to listen at; 0.0.0.0 admits other machines.")
+        str, typer.Option(help="Address to listen at; 0.0.0.0 accepts other machines.")
     ] = HERE,
     speed: Annotated[
         float, typer.Option(min=0.01, max=100.0, help="Playback speed, relative to the motion's.")
     ] = 1.0,
 ) -> None:
-    r"""Show a robot along a motion in the browser, until Ctrl-C.
+    r"""Animate a motion of a robot in the browser, until Ctrl-C.
 
-    Collision shapes stand for the links; a link without shapes is a stick. Needs viser:
+    Links are drawn as their collision shapes, or as lines without one. Needs viser:
     pip install "steelyard\[replay]".
 
     Example: steelyard replay panda.toml panda-motion/trajectory.json

@@ -19,9 +19,9 @@ def simulate(
     ] = None,
     period: Annotated[
         float | None,
-        typer.Option(min=0.5, help="Seconds of random motion, 10 if unset; without --motion."),
+        typer.Option(min=0.5, help="Seconds of random motion without --motion; 10 if unset."),
     ] = None,
-    periods: Annotated[int, typer.Option(min=1, help="Number of periods, run without a stop.")] = 1,
+    periods: Annotated[int, typer.Option(min=1, help="Periods, without a stop.")] = 1,
     dry_run: Annotated[
         float,
         typer.Option(
@@ -30,33 +30,34 @@ def simulate(
         ),
     ] = 1.0,
     noise: Annotated[
-        float, typer.Option(min=0.0, help="Sensor noise, as a factor on that of a usual arm.")
+        float, typer.Option(min=0.0, help="Sensor noise, relative to that of a typical arm.")
     ] = 1.0,
     payload_mass: Annotated[
         float | None,
-        typer.Option(min=1e-3, help="Mass of the payload, a steel ball [kg]."),
+        typer.Option(min=1e-3, help="Mass of the payload in kg, a steel sphere."),
     ] = None,
     payload_frame: Annotated[
-        str | None, typer.Option(help="Frame that carries it; the last link's if unset.")
+        str | None, typer.Option(help="Frame of the payload; that of the last link if unset.")
     ] = None,
     attach: Annotated[
-        float, typer.Option(min=0.0, help="Time of the log at which it is attached [s].")
+        float, typer.Option(min=0.0, help="Time in seconds at which the payload is attached.")
     ] = 0.0,
     release: Annotated[
-        float, typer.Option(min=0.0, help="Time at which it is released [s]; never if unset.")
+        float,
+        typer.Option(min=0.0, help="Time in seconds at which it is released; never if unset."),
     ] = float("inf"),
     fixed_base: FixedBase = None,
     seed: Seed = 0,
     output: Output = None,
     as_json: Json = False,
 ) -> None:
-    """Simulate a robot with invented true parameters near its nominal ones.
+    """Simulate a robot with random true parameters near the nominal ones, and log it.
 
-    It follows any motion that excite or simulate wrote, or a table of postures; --dry-run
-    follows it slowly. Its causes of torque are those of the robot file, with Coulomb and viscous
-    friction where that is to be chosen. Writes log.parquet, trajectory.json and,
-    in a file of its own, truth.json. The seed makes both the robot and its random
-    motion: give --motion for another motion of the same robot.
+    Follows any motion written by excite or simulate, or a table of positions; --dry-run slows it
+    down. Torque terms are those of the robot file, with Coulomb and viscous friction if its
+    friction is "auto". Writes log.parquet, trajectory.json and truth.json (the true parameters).
+    The seed determines the robot and its random motion: give --motion for another motion of the
+    same robot.
 
     Example: steelyard simulate panda.urdf --seed 1 -o panda-run1
     """

@@ -14,19 +14,19 @@ from steelyard.cli.options import LOG_HELP, Json
 @guarded
 def validate(
     model: Annotated[
-        str, typer.Argument(help="model.json, or the folder that holds it.", metavar="MODEL")
+        str, typer.Argument(help="model.json, or the folder that contains it.", metavar="MODEL")
     ],
     logs: Annotated[list[str], typer.Argument(help=LOG_HELP, metavar="LOG...")],
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="Folder to make for a report; none if unset."),
+        typer.Option("--output", "-o", help="Output folder for the report; none if unset."),
     ] = None,
     as_json: Json = False,
 ) -> None:
     """Score an identified model on logs that it was not fitted to.
 
     The exit code is 1 if the verdict is poor: the error is above 30 %, or a check of the model on
-    these logs finds something wrong. A score itself is no failure.
+    these logs finds something wrong. Otherwise it is 0.
 
     Example: steelyard validate steelyard-ur10e other_motion.parquet
     """

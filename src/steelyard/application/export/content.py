@@ -101,7 +101,7 @@ def carriers_of(robot: Robot) -> tuple[int, ...]:
             raise ModelError(
                 f"joint '{joint.name}' moves bodies by mimic joints alone",
                 where=f"robot '{robot.name}'",
-                fix="give the robot with the joint that the others follow",
+                fix="include the joint that the mimic joints follow",
             )
     return tuple(found[index] for index in range(robot.n_joints))
 
@@ -126,7 +126,7 @@ def _standard(identified: IdentifiedModel) -> dict[str, float]:
             "the model has base parameters only, not the mass and inertia of every link",
             where=f"model of '{name}', estimated by {estimate.estimator}",
             fix="remove method from [estimation] of the robot file (or --method) and identify "
-            "again: the default estimator knows from the prior what the data do not determine",
+            "again: the default estimator takes from the prior what the data do not determine",
         )
     if not identified.model.has_bodies:
         raise ModelError(

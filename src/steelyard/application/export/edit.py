@@ -47,7 +47,7 @@ def urdf_behind(path: Path) -> Path:
     tag = None if path.suffix.lower() == ".toml" else spans_of(path)[1].tag
     if tag != "robot":
         raise ModelError(
-            "there is no URDF to put the numbers into",
+            "there is no URDF to insert the values into",
             where=str(path),
             fix="give the robot's URDF, or leave out --model: a new file is then written",
         )

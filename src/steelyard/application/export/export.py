@@ -90,7 +90,7 @@ def exported(
         text = urdf_with(content, path, head_of(identified, content, form, more))
     else:
         raise ModelError(
-            f"numbers can be put into a URDF, not into {NAMES[form]}",
+            f"values can be inserted into a URDF, not into {NAMES[form]}",
             where=str(original),
             fix="leave out --model, or export to a URDF",
         )

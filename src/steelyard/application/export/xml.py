@@ -63,9 +63,9 @@ def head_of(
         f"Runs: {', '.join(origin.runs) or 'unknown'}.",
         "Inputs, SHA-256:",
         *(f"  {role}: {value}" for role, value in origin.inputs.items()),
-        "Inertias are those of moving links with all that is fixed to them.",
+        "Inertias of moving links include all links that are fixed to them.",
         *more,
-        f"Of the identified model {NAMES[form]} has no place for:",
+        f"{NAMES[form]} cannot represent these parts of the identified model:",
         *(f"  - {sentence}" for sentence in content.unheld or ("nothing",)),
     ]
     return comment("\n".join(lines))
