@@ -127,7 +127,7 @@ def _motors() -> list[Claim]:
 
 def _head() -> Claim:
     found = finding(examine(example_case("ur10e", BROKEN_HEAD), quick=True), "rows")
-    count = re.match(r"(\d+) broken rows in the head", found.says)
+    count = re.match(r"(\d+) corrupt rows at the start", found.says)
     holds = count is not None and 7 <= int(count.group(1)) <= 19
     return Claim("corrupt head of ur-19_09_27-11_32_02", found.says, "7 to 19 rows named", holds)
 

@@ -103,7 +103,7 @@ def degrees(arm: Arm, log: Log) -> Log:
 SIGN = r"check (wrong|doubtful|open) effort sign"
 UNIT = r"check (wrong|doubtful|open) effort unit"
 ORDER = r"check (wrong|doubtful|open) joint order"
-GAIN = r"check (wrong|doubtful|open) gain|scale per joint"
+GAIN = r"check (wrong|doubtful|open) gain|scale of the efforts"
 LOAD = r"payload|carries|load"
 MOUNT = r"check (wrong|doubtful|open) mounting"
 POSITION = r"check (wrong|doubtful|open) position unit|in degrees|deg"
@@ -168,7 +168,7 @@ def right(pair: Pair, found: Outcome) -> bool:
     named = all(any(re.search(says, line) for line in found.said) for says in pair.says)
     if found.fix is not None:
         return found.fix[1] <= CLEAN or (found.fix[1] < found.fix[0] and named)
-    untold = bool(found.wrong) and any("cannot be told" in line for line in found.said)
+    untold = bool(found.wrong) and any("cannot distinguish" in line for line in found.said)
     return named or untold
 
 

@@ -123,7 +123,7 @@ def sentences(content: ReportContent, place: str) -> list[str]:
     judged = verdict(content)
     said = [f"{place} {judged.level}: {judged.headline}. {judged.detail}"]
     said += [f"{place} {level}: {sentence}" for sentence, level in judged.limitations]
-    told = [note for note in content.notes if not re.search("^cut-offs:|chain: ", note)]
+    told = [note for note in content.notes if not re.search("^cut-offs:|processing: ", note)]
     return said + [f"note: {note}" for note in told]
 
 

@@ -108,12 +108,10 @@ def test_the_worst_judgement_is_the_exit_code(
     asking(monkeypatch, severity)
     good = command("check", ROBOT, LOG, OTHER, "-v")
     assert good.exit_code == 0 and good.stderr == ""
-    assert "ok position unit 2 similar findings, identification: within a turn" in words(
-        good.stdout
-    )
-    assert good.stdout.rstrip().endswith("Ok: no fault was found  (2 findings: 2 ok)")
+    assert "ok position unit identification (and 1 more): within a turn" in words(good.stdout)
+    assert good.stdout.rstrip().endswith("Ok: no error was found  (2 findings: 2 ok)")
     short = words(command("check", ROBOT, LOG, OTHER).stdout)
-    assert short == "ok 1 check position unit Ok: no fault was found (2 findings: 2 ok)"
+    assert short == "ok 1 check position unit Ok: no error was found (2 findings: 2 ok)"
     both = words(command("check", ROBOT, degrees, LOG).stdout)
     assert (severity.word == "wrong") == ("give this one a robot file of its own" in both)
     assert f"(2 findings: 1 {severity.word}, 1 ok)" in both
@@ -140,7 +138,7 @@ def test_fix_writes_a_new_robot_file_and_checks_again(
     shown = words(done.stdout)
     change = '[signals] position_unit = "deg" position unit, degrees: shoulder_turn: positions go'
     assert f"differs: {change}" in shown and "Checked again with" in shown
-    assert shown.index("Wrong: position unit") < shown.index("Ok: no fault")
+    assert shown.index("Wrong: position unit") < shown.index("Ok: no error")
     assert shown.endswith(f"robot file {fixed} -o FOLDER writes a page with the plots")
     assert command("check", fixed, degrees).exit_code == 0
     again = command("check", robot, degrees, "--fix")
@@ -364,7 +362,7 @@ def test_identify_stops_at_what_is_wrong(
     done = command("identify", ROBOT, degrees, "-o", tmp_path / "o")
     assert done.exit_code == 2 and not (tmp_path / "o").exists()
     said = words(done.stderr)
-    assert "error: the log is wrong, position unit: positions go around where degrees: " in said
+    assert "error: failed check, position unit: positions go around where degrees: " in said
     assert 'fix they are in degrees: [signals] position_unit = "deg"' in said
     assert f"`steelyard check {ROBOT} LOG... --fix` writes" in said and "--no-check" in said
     assert slow.seen == []

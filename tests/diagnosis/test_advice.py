@@ -9,10 +9,13 @@ from steelyard.estimation.estimate import Unidentifiable
 @pytest.mark.parametrize(
     ("names", "wanted"),
     [
-        (("stribeck.elbow",), "slow motion both ways of elbow"),
+        (("stribeck.elbow",), "slow motion in both directions of elbow"),
         (("lugre_damping.elbow", "dahl.wrist"), "reversals of elbow, wrist"),
-        (("offset.elbow", "coulomb.elbow"), "motion both ways of elbow"),
-        (("mx.arm", "Izz.arm"), "other postures of the joints up to arm; acceleration, in turn"),
+        (("offset.elbow", "coulomb.elbow"), "motion in both directions of elbow"),
+        (
+            ("mx.arm", "Izz.arm"),
+            "other configurations of the joints up to arm; acceleration, one by one",
+        ),
     ],
 )
 def test_each_law_says_what_shows_it(names: tuple[str, ...], wanted: str) -> None:

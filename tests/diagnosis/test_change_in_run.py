@@ -49,7 +49,7 @@ def with_load(arm: Arm, mass: float) -> Array:
 def test_a_load_that_is_picked_up_is_weighed(arm: Arm, fitted: bool) -> None:
     (finding,) = found(arm, with_load(arm, 1.2), fitted=fitted)
     assert finding.severity == Severity.WRONG and finding.log == "log"
-    assert "picks up a load of 1.2" in finding.says
+    assert "picks up a payload of 1.2" in finding.says
     start, stop = (
         float(x) for x in finding.says.split("between ")[1].split(" s")[0].split(" and ")
     )

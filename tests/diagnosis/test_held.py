@@ -61,11 +61,11 @@ def test_held_efforts_are_late(tmp_path: Path, rate: float, every: int, severity
 @pytest.mark.parametrize(
     ("rate", "every", "severity", "does"),
     [
-        (100.0, 2, DOUBTFUL, "repeated rows are bridged"),
-        (500.0, 2, OK, "repeated rows are bridged"),
-        (500.0, 3, OK, "repeated rows are bridged"),
-        (500.0, 6, DOUBTFUL, "they are 5 ms late on average, and rows are not bridged"),
-        (2000.0, 6, DOUBTFUL, "they are 1.2 ms late on average, and rows are not bridged"),
+        (100.0, 2, DOUBTFUL, "repeated rows are interpolated"),
+        (500.0, 2, OK, "repeated rows are interpolated"),
+        (500.0, 3, OK, "repeated rows are interpolated"),
+        (500.0, 6, DOUBTFUL, "they are 5 ms late on average, and rows are not interpolated"),
+        (2000.0, 6, DOUBTFUL, "they are 1.2 ms late on average, and rows are not interpolated"),
     ],
 )
 @pytest.mark.parametrize("columns", [(Q,), (MOTION,)])
@@ -96,7 +96,7 @@ def test_efforts_held_in_other_rows_than_positions_are_late(tmp_path: Path) -> N
 def test_joints_that_are_read_in_turn_are_not_bridged(tmp_path: Path) -> None:
     table = held(held(sound(), 2, slice(1, 3)), 2, slice(3, 4), phase=1)
     (found,) = said(tmp_path, table)
-    assert found.says.endswith("they are 5 ms late on average, and rows are not bridged")
+    assert found.says.endswith("they are 5 ms late on average, and rows are not interpolated")
 
 
 def test_the_delay_that_is_proposed_mends_the_robot_file(tmp_path: Path) -> None:
@@ -113,7 +113,7 @@ def test_repeated_rows_that_are_kept_leave_positions_late(tmp_path: Path) -> Non
     case = case_of(tmp_path, held(sound(), 2, MOTION))
     kept = replace(case.logs[0], processing=Processing(bridge_repeats=False))
     (found,) = Repeats()(replace(case, logs=(kept,)))
-    assert found.says.endswith("they are 5 ms late on average, and rows are not bridged")
+    assert found.says.endswith("they are 5 ms late on average, and rows are not interpolated")
 
 
 def no_noise(table: Array) -> Array:

@@ -50,7 +50,7 @@ def test_a_base_that_floats_in_the_model_is_said_to_be_assumed_at_rest(tmp_path:
     model, log = logged(tmp_path, "<freejoint/>")
     (finding,) = found(model, log)
     assert headline(Diagnosis((finding,))).endswith(
-        "1 question could not be answered; base 'trunk' floats in the model, and is assumed to be "
+        "1 question could not be decided; base 'trunk' floats in the model, and is assumed to be "
         "at rest: not tested"
     )
     assert not finding.severity and not finding.answered

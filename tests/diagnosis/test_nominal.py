@@ -132,7 +132,7 @@ def test_a_nominal_model_does_not_say_that_a_loaded_arm_is_empty(arm, factor):
     found = arm.examined(with_payload(arm, 1.0), known=False)
     finding = next(f for f in found.findings if f.check == "payload")
     assert finding.severity or not finding.answered
-    assert "no fault" not in headline(found)
+    assert "no error" not in headline(found)
 
 
 def test_a_right_nominal_model_answers_what_a_wrong_one_leaves_open(arm):

@@ -60,13 +60,13 @@ def test_runs_of_two_robots_disagree(loaded: LoadedRobot, tmp_path: Path) -> Non
 def test_of_three_runs_the_odd_one_is_named(loaded: LoadedRobot, tmp_path: Path) -> None:
     one, other = random_truth(loaded.robot, 1), random_truth(loaded.robot, 2)
     (finding,) = found(loaded, tmp_path, one, other, one)
-    assert "the bodies of run2 differ from the others'" in finding.says
+    assert "the link inertias of run2 differ from the others'" in finding.says
 
 
 def test_a_load_in_one_run_is_weighed(loaded: LoadedRobot, tmp_path: Path) -> None:
     truth = random_truth(loaded.robot, 1)
     (finding,) = found(loaded, tmp_path, truth, carrying(truth, 1.5))
-    assert finding.log == "run2" and "carries a load of 1.5 " in finding.says
+    assert finding.log == "run2" and "carries a payload of 1.5 " in finding.says
 
 
 def weighed(loaded: LoadedRobot, *masses: float, learned: float = 0.9) -> tuple[Finding, ...]:

@@ -1,4 +1,4 @@
-"""What is said of scales, and of a term that explains more than they do."""
+"""What is said of scales, and of a term that explains more than the scales."""
 
 from types import SimpleNamespace
 from typing import Any, cast
@@ -37,7 +37,7 @@ def cause(kind: str, factor: float) -> Cause:
 @pytest.mark.parametrize("kind", ["spring", "load_dependent"])
 def test_a_term_that_looks_like_scales_is_named(monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
     says = remark(monkeypatch, cause(kind, 3.0), cause("gain", 2.0))
-    assert "a 0.80" in says and f"a {kind} explains more than they do" in says
+    assert "a 0.80" in says and f"a {kind} explains more than the scales" in says
 
 
 def test_others_and_weaker_ones_are_not(monkeypatch: pytest.MonkeyPatch) -> None:

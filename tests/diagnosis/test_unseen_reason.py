@@ -46,7 +46,7 @@ def test_a_load_is_named_with_its_mass(arm, mass):
     values = dict(zip(names, (arm.truth.inertial[-1] + load).tolist(), strict=True))
     (found,) = found_in(arm, of(arm, arm.truth.changed(**values)))
     assert (
-        f"most likely reason of the error: the arm carries a load of about {mass:.2g} kg"
+        f"most likely reason of the error: the arm carries a payload of about {mass:.2g} kg"
         in found.says
     )
     assert found.check == UnseenReason.name and found.log == "log"
@@ -76,7 +76,7 @@ def test_logs_of_one_name_in_two_folders_are_two_files(one: str, other: str, sam
 def test_a_doubt_about_the_fitted_log_comes_before_another_robot(arm):
     doubt = Finding("effort sign", "first", Severity.DOUBTFUL, "all joints turned", "")
     (found,) = found_in(arm, of(arm, random_truth(arm.robot, 80)), doubts=(doubt,))
-    assert "found a doubt in first: all joints turned" in found.says
+    assert "was doubtful about first: all joints turned" in found.says
     assert "another robot" not in found.says and found.severity == Severity.DOUBTFUL
 
 
@@ -118,8 +118,10 @@ def test_a_doubt_about_a_fitted_log_comes_before_a_reason(arm):
     values = dict(zip(names, (arm.truth.inertial[-1] + load).tolist(), strict=True))
     doubt = Finding("effort kind", "fit1", Severity.DOUBTFUL, "no reading explains it", "")
     (found,) = found_in(arm, of(arm, arm.truth.changed(**values)), doubts=(doubt,))
-    assert found.says.startswith("the check before the fit found a doubt in fit1: no reading")
-    assert "the most likely reason of the error: the arm carries a load of about 3 kg" in found.says
+    assert found.says.startswith("the check before the fit was doubtful about fit1: no reading")
+    assert (
+        "the most likely reason of the error: the arm carries a payload of about 3 kg"
+    ) in found.says
     assert found.severity is Severity.DOUBTFUL
 
 

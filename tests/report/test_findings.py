@@ -65,12 +65,12 @@ def test_rows_fit_the_terminal(width: int) -> None:
 def test_what_is_ok_may_be_left_out() -> None:
     console = Console(file=io.StringIO(), width=80)
     show(many(Severity.OK, 2), console, fine=False)
-    assert console.file.getvalue() == "Ok: no fault was found  (2 findings: 2 ok)\n"
+    assert console.file.getvalue() == "Ok: no error was found  (2 findings: 2 ok)\n"
 
 
 def test_many_logs_that_are_ok_are_one_row() -> None:
     text = printed(many(Severity.OK, 18))
-    assert "clock  18 similar findings, run0: steps scatter" in text and "run3" not in text
+    assert "clock  run0 (and 17 more): steps scatter" in text and "run3" not in text
     assert "clock  steps scatter" in printed(many(Severity.OK, 1))
 
 
@@ -85,7 +85,7 @@ def test_of_many_that_are_not_some_are_told_and_the_others_named() -> None:
 
 
 def test_words_of_the_verdict() -> None:
-    assert headline(many(Severity.OK, 2)) == "Ok: no fault was found"
+    assert headline(many(Severity.OK, 2)) == "Ok: no error was found"
     assert headline(many(Severity.DOUBTFUL, 2)) == "Doubtful: clock"
     assert (headline(Diagnosis(())), tally(Diagnosis(()))) == (
         "No check applies",
@@ -187,10 +187,12 @@ def test_it_is_said_why_a_finding_is_ok_though_a_rival_fits_better() -> None:
 
     assert still(best) == [""] and still(nominal, wrong) == [""]
     said, reference = still(nominal, known)
-    assert "misfit is only 7.8\u00a0%" in said and "errors of the nominal masses" in said
+    assert (
+        "misfit as declared is only 7.8\u00a0%" in said and "errors of the nominal masses" in said
+    )
     assert "nominal" not in reference and "gain is statistically significant" in reference
     content_of = CheckContent("r", "r.toml", ("run",), None, Diagnosis((nominal,)), {}, ())
-    assert "Still ok: as declared" in render_check(content_of)
+    assert "Ok although another row fits better" in render_check(content_of)
 
 
 def test_open_questions_stand_on_the_page_before_what_is_ok() -> None:

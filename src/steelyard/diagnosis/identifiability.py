@@ -22,10 +22,10 @@ from steelyard.terms.register import DEFAULT_TERMS, law_of, term_of
 
 SHOWN = 6
 HELPS = {
-    "m": "other postures of the joints before",
-    "mx": "other postures of the joints up to",
-    "my": "other postures of the joints up to",
-    "mz": "other postures of the joints up to",
+    "m": "other configurations of the joints before",
+    "mx": "other configurations of the joints up to",
+    "my": "other configurations of the joints up to",
+    "mz": "other configurations of the joints up to",
 }
 """What shows mass and first moments of a body; other parameters, what their laws say."""
 

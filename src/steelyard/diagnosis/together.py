@@ -74,8 +74,8 @@ def _unlike(found: Sequence[Finding]) -> str:
                 if e.path == a.path
             )
             return (
-                f"the logs ask for factors that are not one number ({a.path[-1]}: {listed}; 95 %): "
-                "something else differs between the logs, or explains them; nothing is written"
+                f"the logs require different factors ({a.path[-1]}: {listed}; 95 %): "
+                "another difference between the logs explains them; no factor is written"
             )
     return ""
 

@@ -67,7 +67,7 @@ def refusal(diagnosis: Diagnosis, robot: str) -> DataError | None:
     else:
         advice += f"; `steelyard check {robot} LOG...` shows the evidence; "
     return DataError(
-        f"the log is wrong, {', '.join(dict.fromkeys(f.check for f in wrong))}: "
+        f"failed check, {', '.join(dict.fromkeys(f.check for f in wrong))}: "
         + "; ".join(dict.fromkeys(f.says for f in wrong)),
         where="; ".join(dict.fromkeys(places)),
         fix=f"{advice}--no-check continues anyway",

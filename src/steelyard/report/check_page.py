@@ -69,7 +69,7 @@ def _rows(group: Group) -> list[dict[str, str]]:
             "word": group.word,
             "level": group.level if group.word != OPEN else OPEN,
             "check": group.check,
-            "place": f"{count} similar findings, {finding.log or 'all logs'}"
+            "place": f"{finding.log or 'all logs'} (and {count - 1} more)"
             if alike
             else place(finding),
             "says": finding.says,

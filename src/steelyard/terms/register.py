@@ -94,7 +94,7 @@ TERMS: dict[str, type[Any]] = {
     )
 }
 
-_KINDS = Kinds(TERMS, "law", "cause of torque", "term")
+_KINDS = Kinds(TERMS, "law", "torque term", "term")
 
 DEFAULT_TERMS: tuple[Term, ...] = (RigidBody(), RotorInertia(), Coulomb(), Viscous(), Offset())
 

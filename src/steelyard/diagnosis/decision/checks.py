@@ -74,15 +74,17 @@ def _fine_gains(held: Verdict) -> str:
 def _no_load(held: Verdict) -> str:
     trial = held.ranking.trial
     if trial.knowledge.identified:
-        return agrees(held, "the arm carries no load")
+        return agrees(held, "the arm carries no payload")
     mass = least_mass(trial)
-    return agrees(held, f"no load of {mass:.2g} kg or more, if the model file's masses are right")
+    return agrees(
+        held, f"no payload of {mass:.2g} kg or more, if the model file's masses are right"
+    )
 
 
 JOINT_ORDER = HypothesisCheck(
     "joint order",
-    "Is every column that of its joint?",
-    "columns are those of their joints",
+    "Does every column belong to its joint?",
+    "every column belongs to its joint",
     "put the columns in the order of the joints",
 )
 POSITION_SIGN = HypothesisCheck(
@@ -114,7 +116,7 @@ GAIN = HypothesisCheck(
     "gain",
     "Are gains and gear ratios right?",
     _fine_gains,
-    "use this gain; is it the gear ratio that is wrong?",
+    "use this gain, or correct the gear ratio",
     _gains_not_found,
 )
 EFFORT_DELAY = HypothesisCheck(
@@ -132,7 +134,8 @@ MOUNTING = HypothesisCheck(
 )
 PAYLOAD = HypothesisCheck(
     "payload",
-    "Is the arm without load?",
+    "Does the arm carry no payload?",
     _no_load,
-    "identify without this log, give it as --loaded, or identify the load with steelyard payload",
+    "identify without this log, give it as --loaded, or identify the payload with steelyard "
+    "payload",
 )

@@ -50,7 +50,7 @@ def undecided(held: Verdict, cause: str) -> str:
         return ""
     open_factor = [r.cause for r, _ in held.winners if not r.fixed and r.cause in FACTORS]
     if open_factor and cause in (*FACTORS, "payload"):
-        return f"undecided until {open_factor[-1]} is resolved, see there"
+        return f"undecided until {open_factor[-1]} is decided"
     score = trial.score(last.interpretation)
     misfit = f"the nominal model has a misfit of {float(score.percent[0]):.1f} %"
     if cause in ("payload", "mounting"):
@@ -61,7 +61,7 @@ def undecided(held: Verdict, cause: str) -> str:
         return _gains(trial, last.interpretation, misfit)
     if cause == "effort delay":
         near = _times(trial, last.interpretation)
-        misfit = "bodies of any mass fit as declared"
+        misfit = "the declared interpretation fits with free link inertias"
     else:
         near = _near(trial, last.interpretation, score, cause)
     listed = ", ".join(near[:SHOWN]) + ", ..." * (len(near) > SHOWN)
@@ -145,10 +145,10 @@ def _gains(trial: Trial, interpretation: Interpretation, misfit: str) -> str:
     names = trial.knowledge.robot.joint_names
     rest = [f"'{name}'" for name in names if name not in weak]
     if not rest:
-        return f"undecided: {misfit}, with very different gains as well"
+        return f"undecided: {misfit} also with very different gains"
     return (
-        f"undecided for {listed}: the nominal model agrees with very different gains as well; "
-        f"it agrees with those of {', '.join(rest)}"
+        f"undecided for {listed}: very different gains fit the nominal model as well; no error "
+        f"in the gains of {', '.join(rest)}"
     )
 
 

@@ -91,7 +91,7 @@ def _of_log(case: Case, evidence: Evidence, name: str) -> Finding | None:
     if not braked and 2 * len(driven) > len(case.joints) > 1:
         says = (
             "all efforts or all positions have the wrong sign: friction drives "
-            f"{listed} instead of braking, and takes energy in no joint"
+            f"{listed} instead of braking, and is dissipative in no joint"
         )
         gains = [-float(g) for g in signals.gains]
         edits = (

@@ -115,9 +115,7 @@ def _unrivalled(
         if mine is None or other is None:
             continue
         if float(mine.score.log_likelihood - other.score.log_likelihood) < MARGIN:
-            says = (
-                f"{hypothesis.says}, or {_order_of(trial, mirror)}: this log alone does not decide"
-            )
+            says = f"{hypothesis.says}, or {_order_of(trial, mirror)}: this log alone cannot decide"
             kept[number] = replace(hypothesis, says=says), Severity.DOUBTFUL
             return [(replace(r, fixed=False), Severity.DOUBTFUL) for r, _ in kept]
     return kept
@@ -232,7 +230,7 @@ def _combined(
     near = [r for r, _ in found[1:] if r.log_likelihood > best.log_likelihood - CLOSE]
     sure = not near and bodies.percent <= _enough(best)
     severity = Severity.WRONG if sure else Severity.DOUBTFUL
-    compared = "bodies of any mass", (now if best.cause else own).percent
+    compared = "free link inertias", (now if best.cause else own).percent
     return tuple(
         (replace(part, fixed=sure, compared=compared), severity) for part in _parts(trial, best)
     )
@@ -322,10 +320,14 @@ def _scale(
     lighter = "lighter" if factor > 1.0 else "heavier"
     says = (
         f"either efforts are off by a factor of about {factor:.2g}, or the links are "
-        f"{max(factor, found.scale):.2g} times {lighter} than the model file says"
+        f"{max(factor, found.scale):.2g} times {lighter} than in the model file"
     )
     if found.percent > FAIR:
-        says += f", or lengths and axes are others: bodies of any mass leave {found.percent:.0f} %"
+        says += (
+            ", or lengths and axes differ from the model file: with free link inertias the "
+            "misfit is "
+            f"{found.percent:.0f} %"
+        )
     changed = interpretation.with_factors(np.full(trial.signals.n, factor))
     cause = "gain" if "A" in trial.signals.effort_units else "effort kind"
     score = one_of(trial.score(changed), 0)

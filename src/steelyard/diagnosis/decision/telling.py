@@ -39,8 +39,8 @@ MUCH = 1000.0
 UNEXPLAINED = "effort kind"
 """The check that says so where nothing explains the efforts."""
 LOST = (
-    "no single hypothesis explains these efforts: check columns, kind, unit and gains, and which "
-    "joints are locked where; a model from clean runs (--model) tells more"
+    "no single hypothesis explains these efforts: check columns, kind, unit, gains, and locked "
+    "joints with their positions; a model from clean runs (--model) allows more conclusions"
 )
 OF_NOMINAL = (
     ", with the masses of the model file, which may be wrong: take the ratio from the data sheet, "
@@ -118,7 +118,7 @@ def _of_log(
         cause,
         evidence.name,
         severity,
-        f"{hypothesis.says}: agrees with {known} to {_percent(hypothesis.percent)}, "
+        f"{hypothesis.says}: misfit of {known} {_percent(hypothesis.percent)}, "
         f"{'without' if number and hypothesis.compared is None else 'as declared'} "
         f"{_percent(then)}",
         f"misfit {_percent(then)} falls to {_percent(hypothesis.percent)}{rise}",
@@ -201,7 +201,7 @@ def figure(held: Verdict, cause: str) -> str:
     ranked = held.ranking
     mine = [r for r in ranked.rounds[0] if r.cause == cause]
     text = f"misfit {ranked.declared.percent:.1f} %"
-    return f"{text}, {mine[0].says}: {mine[0].percent:.1f} %" if mine else text
+    return f"{text}; best alternative ({mine[0].says}): {mine[0].percent:.1f} %" if mine else text
 
 
 def picture(held: Verdict, before: Hypothesis, after: Hypothesis) -> Picture:
@@ -224,14 +224,17 @@ def _unclear(held: Verdict) -> str:
     trial, interpretation = held.ranking.trial, held.ranking.declared.interpretation
     bodies = other_bodies(trial, interpretation)
     if bodies is not None:
-        return f"bodies that are not the model file's agree to {_percent(bodies.percent)}"
+        return (
+            "with other link inertias than the model file's the misfit is "
+            f"{_percent(bodies.percent)}"
+        )
     bodies = possible(trial, interpretation)
     if bodies is None or not no_bodies(trial, interpretation, bodies):
         return "no hypothesis is clearly better"
     alone = float(friction_alone(trial, interpretation).percent)
     return (
-        f"the efforts contain hardly any rigid-body torque: friction alone leaves "
-        f"{_percent(alone)}, with bodies of any mass {_percent(bodies.percent)}"
+        f"the efforts contain hardly any rigid-body torque: the misfit is {_percent(alone)} with "
+        f"friction alone, {_percent(bodies.percent)} with free link inertias"
     )
 
 
@@ -261,7 +264,7 @@ def agrees(held: Verdict, what: str) -> str:
     ranked = held.ranking
     if not told(held):
         much = _percent(ranked.declared.percent)
-        why = f"undecided: {_known(held)} disagrees by {much} and "
+        why = f"undecided: {_known(held)} has a misfit of {much} and "
         if ranked.trial.knowledge.identified:
             return f"{why}no hypothesis is clearly better"
         return f"{why}{_unclear(held)}; give --model"
@@ -270,5 +273,5 @@ def agrees(held: Verdict, what: str) -> str:
     if held.winners:
         written = all(hypothesis.fixed for hypothesis, _ in held.winners)
         once = ", once the rest is corrected" if written else ", if the rest is as stated"
-    close = "" if percent <= CLEAN else "only "
-    return f"{what} ({_known(held)} agrees {close}to {percent:.1f} %{once})"
+    high = "" if percent <= CLEAN else "high "
+    return f"{what} ({high}misfit of {_known(held)}: {percent:.1f} %{once})"

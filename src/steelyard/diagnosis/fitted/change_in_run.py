@@ -108,7 +108,7 @@ def _of_load(change: Change) -> Finding:
         ChangeInRun.name,
         change.run,
         Severity.WRONG,
-        f"the arm {way} a load of {abs(change.value):.3g} ± {Z95 * change.std:.1g} kg "
+        f"the arm {way} a payload of {abs(change.value):.3g} ± {Z95 * change.std:.1g} kg "
         f"{_when(change)}",
         _explains(change, LOAD),
         fix=_cut(change),
@@ -122,7 +122,7 @@ def _of_offset(change: Change, case: FittedCase) -> Finding:
         change.run,
         Severity.DOUBTFUL,
         f"the offset of '{joint.name}' jumps by {change.value:+.3g} ± {Z95 * change.std:.1g} "
-        f"{joint.effort_unit} {_when(change)}, as if its torque sensor were zeroed again",
+        f"{joint.effort_unit} {_when(change)}, as after a new zero of its torque sensor",
         _explains(change, OFFSET),
         (joint.name,),
         fix=_cut(change),

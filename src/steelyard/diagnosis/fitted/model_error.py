@@ -152,7 +152,7 @@ def _remark(ranked: Ranked) -> Finding:
     else:
         says += ", which the intervals do not cover"
         named = (f"{cause.says} {100.0 * cause.share:.0f} %" for cause in likely)
-        says += f"; reduction by each candidate alone (not additive): {', '.join(named)}"
+        says += f"; share explained by each candidate alone (not additive): {', '.join(named)}"
     return Finding(ModelError.name, "", Severity.OK, says, "", headline=True)
 
 

@@ -81,7 +81,7 @@ def _finding(
     identified: IdentifiedModel, runs: Sequence[Information], own: Array, times: float
 ) -> Finding:
     """The load in one run that explains it, or else that the robots differ."""
-    figure = f"together they leave {times:.1f} times the residuals of each run by itself"
+    figure = f"a common fit has {times:.1f} times the residuals of separate fits"
     loads = [_load(identified, runs, own, number) for number in range(len(runs))]
     left, mass, half, name = min(loads)
     if left <= EXPLAINED:
@@ -90,8 +90,8 @@ def _finding(
             RunsDisagree.name,
             name,
             Severity.WRONG,
-            f"it carries a load of {mass:.3g} ± {half:.1g} kg that {others} not: the model "
-            "describes neither load state",
+            f"it carries a payload of {mass:.3g} ± {half:.1g} kg that {others} not: the model is "
+            "valid neither with nor without it",
             figure,
             fix=Fix("Leave this log out, or give it as --loaded"),
         )
@@ -99,10 +99,10 @@ def _finding(
         RunsDisagree.name,
         "",
         Severity.WRONG,
-        "these logs are of two robots, or the robot was changed: the bodies of "
+        "these logs are of two robots, or the robot was modified: the link inertias of "
         f"{_odd(identified, runs, own)}",
         figure,
-        fix=Fix("Identify each robot by itself"),
+        fix=Fix("Identify each robot separately"),
     )
 
 

@@ -28,9 +28,10 @@ class ScaledEfforts:
         far = np.abs(np.log(scales.found.values)) > Z95 * scales.found.std
         values = zip(scales.joints, scales.found.values, scales.half_width, far, strict=True)
         off = [f"{joint} {x:.2f} ± {half:.2f}" for joint, x, half, is_far in values if is_far]
-        listed = ", ".join(off) or "none by itself beyond its interval"
+        listed = ", ".join(off) or "none significant by itself"
         says = (
-            f"efforts are read with a scale per joint ({listed}): sensors or gains are off by "
+            f"a scale of the efforts is estimated per joint ({listed}): sensors or gains are off "
+            f"by "
             "these factors, or a missing term has the same effect; masses are as uncertain as "
             f"the scales{_term_instead(case, scales.found.distance)}"
         )
@@ -52,6 +53,6 @@ def _term_instead(case: FittedCase, distance: float) -> str:
     if not found or found[0].kind not in ALIKE or found[0].chi2 <= distance:
         return ""
     return (
-        f"; {found[0].says} explains more than they do (chi² {found[0].chi2:.0f} beside them, "
-        f"{distance:.0f} by them): try that first"
+        f"; {found[0].says} explains more than the scales (reduces χ² by {found[0].chi2:.0f} in "
+        f"addition to them, the scales by {distance:.0f}): try that first"
     )

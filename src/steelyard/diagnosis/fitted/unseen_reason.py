@@ -45,10 +45,10 @@ RESTING = 1e-6
 BODIES = 30.0
 """Typical error [%] with friction and offsets fitted anew from which on bodies are wrong."""
 
-TRIED = "a load, signs, orders, units, gains, a delay, the mounting, friction and offsets"
+TRIED = "payload, signs, order, units, gains, delay, mounting, friction and offsets"
 
 ADVICE = {
-    "payload": "identify it with `steelyard payload`, or validate on a log without load",
+    "payload": "identify it with `steelyard payload`, or validate on a log without payload",
 }
 """What to do about an explanation, by its cause."""
 
@@ -98,7 +98,7 @@ def _reason(fit: FittedCase, run: Run, score: RunScore, ratio: float) -> Finding
             "friction or offsets differ from those of the fitted logs: fitting them to this log "
             f"reduces the typical error from {typical:.1f} % to {left:.1f} %",
             figure,
-            fix=Fix("identify from logs of one temperature, or give terms per_run"),
+            fix=Fix("identify from logs at one temperature, or use terms with per_run = true"),
         )
     return _unexplained(fit, run, left, figure)
 
@@ -111,16 +111,16 @@ def _explains(held: Verdict, own: float) -> bool:
 
 def _unexplained(fit: FittedCase, run: Run, left: float, figure: str) -> Finding:
     """That no cause was found, and what is to be looked at first."""
-    says = f"no cause of the error was found; tested: {TRIED} (these leave {left:.1f} %)"
+    says = f"no cause of the error was found; tested: {TRIED} ({left:.1f} % remain with the last)"
     fix = Fix("`steelyard check ROBOT LOG --model MODEL` shows what was compared")
     same = any(_one_file(run.name, name) for name in _fitted_names(fit))
     if fit.doubts:
         doubt = fit.doubts[0]
-        says += f". The check before the fit found a doubt in {doubt.log}: {doubt.says}"
+        says += f". The check before the fit was doubtful about {doubt.log}: {doubt.says}"
         fix = Fix("resolve that first")
     elif not same:
         says += ". The log may come from another robot, or one that was modified"
-        fix = Fix("make sure that all logs are of one robot, or identify this one by itself")
+        fix = Fix("make sure that all logs are of one robot, or identify this one separately")
     wrong = not same and not fit.doubts and left > BODIES
     severity = Severity.WRONG if wrong else Severity.DOUBTFUL
     return Finding(UnseenReason.name, run.name, severity, says, figure, fix=fix)
@@ -157,15 +157,15 @@ def _explained(fit: FittedCase, run: Run, held: Verdict) -> Finding:
     if fit.doubts:
         severity, doubt = Severity.DOUBTFUL, fit.doubts[0]
         reason = (
-            f"the check before the fit found a doubt in {doubt.log}: {doubt.says}. If that log is "
-            f"as declared, the {reason}"
+            f"the check before the fit was doubtful about {doubt.log}: {doubt.says}. If the "
+            f"robot file describes that log correctly, the {reason}"
         )
     return Finding(
         UnseenReason.name,
         run.name,
         severity,
         reason,
-        f"misfit {before.percent:.1f} %, so explained {after.percent:.1f} %",
+        f"misfit {before.percent:.1f} %, with this explanation {after.percent:.1f} %",
         tuple(names[j] for j in causes[0].joints),
         Fix(ADVICE.get(first, f"`steelyard check ROBOT LOG --model MODEL` shows the {first}")),
     )

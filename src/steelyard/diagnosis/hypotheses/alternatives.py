@@ -5,9 +5,7 @@ from steelyard.diagnosis.finding import Edit, Fix
 from steelyard.diagnosis.hypotheses.controller_gains import ControllerGains, controller_gains
 from steelyard.diagnosis.hypotheses.hypothesis import Hypothesis
 
-GO_ON = (
-    ". If masses are what is wrong in the model file, go on: the efforts are then right as declared"
-)
+GO_ON = ". If the masses of the model file are wrong, continue: the efforts are then as declared"
 FACTORS = ("gain", "effort kind", "effort unit")
 """Causes that are a factor on efforts."""
 
@@ -23,17 +21,17 @@ def ways(case: Case, hypothesis: Hypothesis, *, sure: bool) -> Fix:
     if hypothesis.cause == "mounting":
         return Fix(
             f"{hypothesis.says}, or an external force acts on the arm (a cable, a balancer), or "
-            "lengths and axes differ from the model file: this log alone does not decide"
+            "lengths and axes differ from the model file: this log alone cannot decide"
         )
     if hypothesis.cause == "payload":
         return Fix(
-            f"{hypothesis.says}, or the bodies differ from the model file: identify it with "
+            f"{hypothesis.says}, or the link inertias differ from the model file: identify it with "
             "steelyard payload, against a model from clean runs, or give that here (--model)"
         )
     if hypothesis.cause not in FACTORS:
         return Fix(
-            f"{hypothesis.says}, or the bodies differ from the model file: the log alone "
-            "cannot decide; look at both, or give a model from clean runs (--model)"
+            f"{hypothesis.says}, or the link inertias differ from the model file: the log alone "
+            "cannot decide; examine both, or give a model from clean runs (--model)"
         )
     gains = controller_gains(case) if hypothesis.cause == "gain" else None
     return Fix(_listed(case, sure=sure)) if gains is None else _of_controller(case, gains)
@@ -46,7 +44,7 @@ def _of_controller(case: Case, gains: ControllerGains) -> Fix:
     says = (
         "gains and masses cannot be identified together from this log; the controller's target "
         f"torque over its target current ({gains.columns[0]} over {gains.columns[1]}, friction "
-        f"taken out) gives the gains {shown} (95 %)"
+        f"removed) gives the gains {shown} (95 %)"
     )
     unknown = [f"'{n}'" for n, known in zip(case.joints, gains.known, strict=True) if not known]
     if unknown:

@@ -91,7 +91,7 @@ def unit_hypotheses(
         "A" in trial.signals.effort_units and np.max(np.abs(interpretation.effort_scale)) >= 1.0
     )
     units = {
-        f"efforts are {says}": np.full(n, f)
+        f"efforts are logged in a unit {says}": np.full(n, f)
         for says, f in THOUSAND.items()
         if f < 1.0 or not amperes
     }

@@ -150,7 +150,7 @@ def _all_signs(trial: Trial, interpretation: Interpretation) -> Iterator[Draft]:
     for joints in sets:
         numbers = ", ".join(str(j + 1) for j in joints)
         cost = choice(n) * min(len(joints), n - len(joints))
-        yield _flipped(interpretation, joints, f"joints {numbers} count the other way", cost)
+        yield _flipped(interpretation, joints, f"joints {numbers} have the opposite sign", cost)
 
 
 def _all_orders(interpretation: Interpretation) -> Iterator[Draft]:

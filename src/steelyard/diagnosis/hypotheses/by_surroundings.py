@@ -78,7 +78,7 @@ def payload_hypotheses(trial: Trial, interpretation: Interpretation) -> Iterator
         return
     mass, std = fitted.values[0], np.sqrt(fitted.covariance[0, 0])
     loaded = interpretation.changed(payload=fitted.values)
-    says = f"the arm carries a load of about {mass:.2g} kg"
+    says = f"the arm carries a payload of about {mass:.2g} kg"
     if not trial.knowledge.identified:
         says += " (if the model file's masses are right)"
     yield _world("payload", says, trial, loaded, 10.0 * FREE, float(std))

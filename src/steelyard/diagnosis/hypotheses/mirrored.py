@@ -18,7 +18,7 @@ from steelyard.diagnosis.likelihood.trial import Trial
 
 CLOSE = 3.0
 """Log-likelihood within which the two fit equally well."""
-BOTH = ": both fit with free masses, and this log cannot distinguish them"
+BOTH = ": both fit with free link inertias, and this log cannot distinguish them"
 JOINTS, EFFORTS = "all positions have the opposite sign", "all efforts have the opposite sign"
 
 

@@ -121,11 +121,12 @@ def _leaps(evidence: Evidence, found: Leaps, step: float) -> Finding:
         Clock.name,
         evidence.name,
         Severity.WRONG if share >= MUCH_LOST else Severity.DOUBTFUL,
-        f"rows are missing though time stamps are uniform: at {len(found.rows)} places all joints "
-        f"jump ahead at once, by {typical:.2g} rows typically; {_time(step * found.missing.sum())} "
-        "in all. Stamps were made evenly after rows got lost",
+        f"rows are missing though time stamps are uniform: at {len(found.rows)} places all "
+        f"joints jump ahead simultaneously, by {typical:.2g} rows typically; "
+        f"{_time(step * found.missing.sum())} "
+        "in all. Time stamps were made uniform after rows were lost",
         f"{100.0 * share:.2g} % of the rows in motion are missing (bound {100.0 * LOST:g} %)",
-        fix=Fix("log the controller's own stamps, and keep them as they are"),
+        fix=Fix("log the controller's own time stamps, and do not change them"),
     )
 
 
@@ -135,7 +136,7 @@ def _stands(evidence: Evidence) -> Finding:
         Clock.name,
         evidence.name,
         Severity.WRONG,
-        f"column '{column}' never goes forward: it is not a clock",
+        f"column '{column}' never increases: it is not a clock",
         "median step 0 s",
         fix=Fix("set time = ... under [signals] to the log's clock"),
     )
@@ -146,7 +147,7 @@ def _other_unit(evidence: Evidence, unit: str, steps: _Steps, declared: float) -
         Clock.name,
         evidence.name,
         Severity.WRONG,
-        f"the stamps are in {unit}: rows would be {declared:.4g} s apart as declared, and are "
+        f"time stamps are in {unit}: the time step would be {declared:.4g} s as declared, and is "
         f"{_time(steps.step)}",
         f"step of {declared:.4g} s as declared, logs have {SHORTEST_STEP:g} to {LONGEST_STEP:g} s",
         fix=Fix(f"declare time in {unit}", (Edit(("signals", "time_unit"), unit),)),
@@ -182,7 +183,7 @@ def _judged(steps: _Steps) -> tuple[Severity, str, str, str | None]:
     if steps.jitter >= JITTER:
         return (
             Severity.DOUBTFUL,
-            f"the stamps jitter; {facts}",
+            f"time stamps jitter; {facts}",
             f"{jitter}, bound {100.0 * JITTER:g} %",
             "log the controller's own clock, not the arrival of messages",
         )
@@ -203,7 +204,7 @@ def _facts(steps: _Steps) -> str:
     low, high = np.quantile(forward, [0.01, 0.99])
     words = f"{1.0 / mean:.4g} Hz, steps "
     if high - low <= 1e-3 * steps.step:
-        return words + f"of {_time(steps.step)}, even"
+        return words + f"of {_time(steps.step)}, uniform"
     longest = f", the longest {_time(float(forward.max()))}" if forward.max() > 1.5 * high else ""
     spread = _time(steps.jitter * steps.step)
     return f"{words}{_time(float(low))} to {_time(float(high))}{longest}, jitter {spread}"

@@ -65,7 +65,9 @@ def _found(case: Case, evidence: Evidence) -> Finding:
     measured = bool(np.nanmax(position, initial=0.0) > MEASURED)
     residual = _unexplained(case, evidence)
     if residual is not None:
-        figure += f"; a fit leaves {_percent(residual)} of the effort, bound {_percent(EXPLAINED)}"
+        figure += (
+            f"; residual of a fit {_percent(residual)} of the effort, bound {_percent(EXPLAINED)}"
+        )
     if residual is None or residual > EXPLAINED:
         return _smooth(evidence, figure, measured)
     return _computed(evidence, figure, measured)

@@ -129,7 +129,7 @@ def _says(done: _Motion, still: Sequence[str]) -> str:
     if not done.moves.any():
         return "no joint moves"
     band = done.band[done.moves]
-    facts = f"motion below {band.min():.2g} to {band.max():.2g} Hz"
+    facts = f"motion up to {band.min():.2g} to {band.max():.2g} Hz, by joint"
     if still:
         return f"hardly any motion of {', '.join(still)}; {facts}"
     return f"every joint moves; {facts}"
@@ -153,7 +153,7 @@ def _help(case: Case, still: NDArray[np.intp]) -> str:
         limit = c.limits.velocity
         speed = f", up to {FAST * limit:.2g} {c.unit}/s" if np.isfinite(limit) else ""
         parts.append(f"{c.name} by {USEFUL[c.kind]} or more{speed}")
-    return "record a motion of " + "; ".join(parts) + ", at several speeds and both ways"
+    return "record a motion of " + "; ".join(parts) + ", at several speeds in both directions"
 
 
 def _picture(case: Case, done: _Motion) -> Picture:

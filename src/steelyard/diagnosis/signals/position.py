@@ -96,7 +96,7 @@ def _motors(case: Case, evidence: Evidence, low: Array, high: Array, picture: Pi
         Position.name,
         evidence.name,
         Severity.WRONG,
-        "positions look like motors', not joints': they are "
+        "positions appear to be those of motors, not joints: they are "
         + (far if outside else "named so, and faster than joints"),
         _figure(case, off),
         joints=tuple(case.joints[j] for j in np.flatnonzero(off > OUTSIDE)),
@@ -159,7 +159,7 @@ def _facts(case: Case, evidence: Evidence) -> str:
     signals, gears = evidence.recording.signals, case.loaded.robot.transmission
     units = " and ".join(sorted(set(declared_units(evidence, case))))
     if wrapped := evidence.recording.wrapped:
-        units += f" ({', '.join(wrapped)} wrap at a turn: made continuous)"
+        units += f" ({', '.join(wrapped)} wrap after a turn: unwrapped)"
     if signals.position_map is None or gears is None:
         return f"positions in {units}, within the joints' limits"
     ratios = " ".join(f"{r:g}" for r in np.diag(gears.matrix))
@@ -170,7 +170,8 @@ def _facts(case: Case, evidence: Evidence) -> str:
 def _figure(case: Case, off: Array) -> str:
     far = int(np.argmax(off))
     return (
-        f"{case.joints[far]} gets {off[far]:.3g} times as far from the middle as its limits, "
+        f"{case.joints[far]} reaches {off[far]:.3g} times its limits, from the middle of its "
+        f"range, "
         f"bound {OUTSIDE:g}"
     )
 

@@ -64,9 +64,9 @@ class Repeats:
         age = 0.5 * (held.every - 1) * overview.step
         doubtful = round(age, 4) > LATE or held.every - 1 > LONGEST_STALE
         does = (
-            f"they are {1e3 * left:.2g} ms late on average, and rows are not bridged"
+            f"they are {1e3 * left:.2g} ms late on average, and rows are not interpolated"
             if left > 0.0
-            else "repeated rows are bridged"
+            else "repeated rows are interpolated"
         )
         return Finding(
             self.name,

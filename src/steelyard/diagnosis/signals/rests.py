@@ -75,7 +75,7 @@ def _says(rests: NDArray[np.bool_], t: Array, duration: float) -> str:
         duration: Of the log [s].
     """
     if not rests.any():
-        return "the robot never stands still"
+        return "no standstill"
     moves = np.flatnonzero(~rests)
     start = float(t[moves[0]]) if rests[0] else 0.0
     stop = duration - float(t[moves[-1]]) if rests[-1] else 0.0

@@ -46,7 +46,7 @@ class Rows:
             else Severity.OK
         )
         fix = None if severity == Severity.OK else Fix("record or copy the log again")
-        says = f"{count} broken rows{_where(broken)}, dropped" if count else "no broken rows"
+        says = f"{count} corrupt rows{_where(broken)}, dropped" if count else "no corrupt rows"
         if isinstance(evidence.run, LogError):
             says += f"; as declared, the log cannot be used: {evidence.run.wrong}"
             if _unexplained(case, evidence):
@@ -84,9 +84,9 @@ def _where(broken: NDArray[np.bool_]) -> str:
     if len(at) == 0:
         return ""
     if at[-1] < END:
-        return f" in the head (rows {at[0]} to {at[-1]})"
+        return f" at the start (rows {at[0]} to {at[-1]})"
     if at[0] >= len(broken) - END:
-        return f" in the tail (from row {at[0]})"
+        return f" at the end (from row {at[0]})"
     return f" (the first is row {at[0]}, the last {at[-1]})"
 
 

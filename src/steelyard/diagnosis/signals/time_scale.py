@@ -123,8 +123,9 @@ def _off(log: str, name: str, x: float, std: float, gone: float) -> Finding:
         name,
         "",
         Severity.WRONG if sure else Severity.DOUBTFUL,
-        f"the clock runs {way}{other}: by a fit of {log} stamps are {scale:.4g} ± {half:.1g} times "
-        "the true time, for only then accelerations and gravity agree on the bodies",
+        f"the clock runs {way}{other}: by a fit of {log} time stamps are {scale:.4g} ± "
+        f"{half:.1g} times "
+        "the true time, as only then accelerations and gravity give the same inertial parameters",
         f"this explains {100.0 * gone:.0f} % of the squared residual, bounds {100.0 * GONE:.0f} "
         f"and {100.0 * SURE:.0f} %",
         fix=Fix(

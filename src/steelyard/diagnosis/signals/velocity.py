@@ -197,15 +197,17 @@ def _said(
         factors = ", ".join(f"{abs(units.relative(j)):.3g}" for j in _at(faults.scaled))
         said.append(f"velocities of {_names(case, faults.scaled)} are {factors} times d(q)/dt")
     if faults.strange.any():
-        said.append(f"velocities of {_names(case, faults.strange)} are not their derivatives")
+        said.append(
+            f"velocities of {_names(case, faults.strange)} are not the derivatives of the positions"
+        )
     if faults.late.any():
         used = "" if declared else ", but are not used"
         said.append(f"velocities of {_names(case, faults.late)} are late{used}")
     if faults.differenced.any():
         used = "" if declared else ", but are not used"
         said.append(
-            f"velocities of {_names(case, faults.differenced)} are differences of each position "
-            f"and its neighbour's: half a row late, with twice the noise{used}"
+            f"velocities of {_names(case, faults.differenced)} are differences of successive "
+            f"positions: half a row late, with twice the noise{used}"
         )
     return said
 
@@ -230,7 +232,10 @@ def _mended(
         own = np.sign(signals.velocity_scale)[agreed.order]
         signs = np.where(faults.turned, -own, own)
         edits.append(Edit(("signals", "velocity_sign"), [int(s) for s in signs]))
-        says.append("change the signs of the velocities (or the positions', if a model says so)")
+        says.append(
+            "change the signs of the velocities (or of the positions, if a check against "
+            "a model finds them wrong)"
+        )
     return Fix("; ".join(says), tuple(edits))
 
 

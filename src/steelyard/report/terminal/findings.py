@@ -124,7 +124,7 @@ def _found(group: Group) -> Text:
 
     first, several = group.findings[0], len(group.findings)
     if not group.severity:
-        alike = f"{several} similar findings, {first.log or 'all logs'}: " if several > 1 else ""
+        alike = f"{first.log or 'all logs'} (and {several - 1} more): " if several > 1 else ""
         return Text.assemble((alike, "dim"), first.says)
     shown = [_one(finding) for finding in group.findings[:SHOWN]]
     rest = _others(group, SHOWN)

@@ -67,10 +67,10 @@ def headline(diagnosis: Diagnosis) -> str:
         return "No check applies"
     if worst == 0:
         open_ones = sum(not finding.answered for finding in diagnosis.findings)
-        told = "Ok: no fault was found"
+        told = "Ok: no error was found"
         if open_ones:
             asked = count(open_ones, "question")
-            told = f"Ok as far as decidable: {asked} could not be answered"
+            told = f"Ok, but {asked} could not be decided"
         beside = dict.fromkeys(f.says for f in diagnosis.findings if f.headline)
         return "; ".join((told, *beside))
     names = [f.check for f in diagnosis.findings if f.severity == worst]

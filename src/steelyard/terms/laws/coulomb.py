@@ -41,7 +41,7 @@ class Coulomb(ActsOnAxes):
     law: ClassVar[str] = "coulomb"
     dissipation: ClassVar[Dissipation] = "each"
     cause: ClassVar[Cause] = "friction"
-    shown_by: ClassVar[str] = "motion both ways of"
+    shown_by: ClassVar[str] = "motion in both directions of"
     symbol: ClassVar[str] = "FC"
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"smoothing": (1e-3, 1.0)}
     threshold: Field = 0.0

@@ -39,7 +39,7 @@ class Coupled(Term):
     law: ClassVar[str] = "coupled"
     dissipation: ClassVar[Dissipation] = "none"
     cause: ClassVar[Cause] = "friction"
-    shown_by: ClassVar[str] = "motion in turn of the joints"
+    shown_by: ClassVar[str] = "separate motion of the joints"
     in_model_files: ClassVar[Place] = left_out("friction of one joint that loads another")
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"smoothing": (1e-3, 1.0)}
     pairs: tuple[Pair, ...] = ()

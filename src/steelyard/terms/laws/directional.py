@@ -31,7 +31,7 @@ class DirectionalCoulomb(ActsOnAxes):
     law: ClassVar[str] = "directional_coulomb"
     dissipation: ClassVar[Dissipation] = "each"
     cause: ClassVar[Cause] = "friction"
-    shown_by: ClassVar[str] = "motion both ways of"
+    shown_by: ClassVar[str] = "motion in both directions of"
     in_model_files: ClassVar[Place] = mean_of_directions("dry")
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"smoothing": (1e-3, 1.0)}
     smoothing: Field = 0.0
@@ -64,7 +64,7 @@ class DirectionalViscous(ActsOnAxes):
     law: ClassVar[str] = "directional_viscous"
     dissipation: ClassVar[Dissipation] = "each"
     cause: ClassVar[Cause] = "friction"
-    shown_by: ClassVar[str] = "motion at several speeds both ways of"
+    shown_by: ClassVar[str] = "motion at several speeds in both directions of"
     in_model_files: ClassVar[Place] = mean_of_directions("viscous")
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:

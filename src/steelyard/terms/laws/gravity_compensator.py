@@ -37,7 +37,7 @@ class GravityCompensator(Term):
     law: ClassVar[str] = "gravity_compensator"
     dissipation: ClassVar[Dissipation] = "none"
     cause: ClassVar[Cause] = "spring"
-    shown_by: ClassVar[str] = "other postures of the joints between the links of"
+    shown_by: ClassVar[str] = "other configurations of the joints between the links of"
     name: str = ""
     links: tuple[str, ...] = ()
     points: tuple[tuple[float, ...], ...] = ()

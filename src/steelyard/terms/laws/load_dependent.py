@@ -39,7 +39,7 @@ class LoadDependent(OneState):
 
     law: ClassVar[str] = "load_dependent"
     dissipation: ClassVar[Dissipation] = "none"
-    shown_by: ClassVar[str] = "motion both ways under several loads of"
+    shown_by: ClassVar[str] = "motion in both directions under several loads of"
     in_model_files: ClassVar[Place] = left_out("friction that grows with load")
     unnamed: ClassVar[tuple[str, ...]] = (*OneState.unnamed, "reference")
     needs_reference: ClassVar[bool] = True

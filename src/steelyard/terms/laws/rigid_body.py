@@ -24,7 +24,7 @@ class RigidBody(Term):
     law: ClassVar[str] = "rigid_body"
     dissipation: ClassVar[Dissipation] = "none"
     cause: ClassVar[Cause] = "inertia"
-    shown_by: ClassVar[str] = "acceleration, in turn and together, of the joints up to"
+    shown_by: ClassVar[str] = "acceleration, one by one and together, of the joints up to"
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """Ten per body, named like `Izz.forearm`."""

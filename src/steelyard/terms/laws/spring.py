@@ -28,7 +28,7 @@ class Spring(ActsOnAxes):
     law: ClassVar[str] = "spring"
     dissipation: ClassVar[Dissipation] = "none"
     cause: ClassVar[Cause] = "spring"
-    shown_by: ClassVar[str] = "other postures of"
+    shown_by: ClassVar[str] = "other configurations of"
     free: float | tuple[float, ...] | str = 0.0
 
     def __post_init__(self) -> None:

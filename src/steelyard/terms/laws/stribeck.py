@@ -40,7 +40,7 @@ class Stribeck(ActsOnAxes):
     law: ClassVar[str] = "stribeck"
     dissipation: ClassVar[Dissipation] = "together"
     cause: ClassVar[Cause] = "friction"
-    shown_by: ClassVar[str] = "slow motion both ways of"
+    shown_by: ClassVar[str] = "slow motion in both directions of"
     in_model_files: ClassVar[Place] = curve_over_speed("excess of friction at breakaway")
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"speed": (1e-3, 1.0)}
     speed: Field = 0.1

@@ -120,14 +120,18 @@ def _still_ok(finding: Finding, diagnosis: Diagnosis) -> str:
     told = any(f.log == finding.log and f.severity and f.hypotheses for f in diagnosis.findings)
     if finding.severity or not finding.answered or told or not declared or rivals[0] is declared:
         return ""
-    misfit = f"Still ok: as declared the misfit is only {percent(declared.misfit)}"
+    misfit = (
+        "Ok although another row fits better: the misfit as declared is only "
+        f"{percent(declared.misfit)}"
+    )
     if finding.nominal:
         return (
             f"{misfit}, within the error of a nominal model; a better row may equally fit errors "
             "of the nominal masses, which a reference (--model) would separate."
         )
     return (
-        f"{misfit}; a row with more free numbers nearly always fits better, and is accepted only "
+        f"{misfit}; a hypothesis with more free parameters nearly always fits better, and is "
+        f"accepted only "
         "where its gain is statistically significant and large enough to matter."
     )
 
