@@ -31,17 +31,17 @@ PRIORS: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "prior that breaks the triangle inequality": (
         re.escape(FOREARM),
         FOREARM.replace('izz="0.0024"', 'izz="0.0424"'),
-        ("prior of link 'forearm'", "triangle inequality", "lifted to"),
+        ("prior of link 'forearm'", "triangle inequality", "raised to"),
     ),
     "prior with a negative moment": (
         re.escape(FOREARM),
         FOREARM.replace('izz="0.0024"', 'izz="-0.0024"'),
-        ("prior of link 'forearm'", "negative", "lifted to"),
+        ("prior of link 'forearm'", "negative", "raised to"),
     ),
     "prior without moments": (
         re.escape(FOREARM),
         re.sub('"[^"]+"', '"0"', FOREARM),
-        ("prior of link 'forearm'", "a solid ball of 1.9 kg"),
+        ("prior of link 'forearm'", "a solid sphere of 1.9 kg"),
     ),
     "prior without mass": (
         re.escape('<mass value="0.8"/>'),

@@ -219,7 +219,9 @@ def test_a_body_that_cannot_be_is_told() -> None:
     ten = np.array([1.0, 0.0, 0.0, 0.0, -0.1, 0.0, 0.2, 0.0, 0.0, 0.2])
     found = PayloadEstimate("f", "b", ten, 1e-6 * np.eye(10), np.ones(1), np.ones(1))
     assert found.flaw == "a principal moment of inertia is negative (-0.1 kg m²)"
-    assert "Ixx have their whole interval below zero, which no body has" in found.remarks[0]
+    assert (
+        "Ixx have intervals entirely below zero, which is physically impossible" in found.remarks[0]
+    )
     assert found.to_dict()["possible_body"] is False and found.to_dict()["flaw"] == found.flaw
     assert identify_payload(EXACT, [run(2, LOAD)], "tool").to_dict()["possible_body"] is True
 

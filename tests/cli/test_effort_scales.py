@@ -49,7 +49,7 @@ def test_scales_are_found_and_used_for_other_logs(
         assert abs(value - OFF.get(k, 1.0)) < half
     assert found["values"][1] - found["half_width"][1] > 1.0
     assert found["left_out_error_percent"] < found["left_out_error_without_percent"]
-    assert any("a scale per joint" in note for note in result["notes"])
+    assert any("a scale of the efforts is estimated per joint" in note for note in result["notes"])
     remarks = [x["says"] for x in result["limitations"] if x["check"] == "effort scales"]
     assert len(remarks) == 1 and "shoulder_lift 1.2" in remarks[0]
     assert "explains more" not in remarks[0]

@@ -42,7 +42,7 @@ def test_fits_with_other_cutoffs_are_compared(swept: tuple[str, Path]) -> None:
 
 def test_the_report_has_a_section_for_it(swept: tuple[str, Path], identified: Path) -> None:
     page = (swept[1] / "report.html").read_text()
-    assert "Fits with other cut-offs" in page and "Parameters that move most" in page
+    assert "Fits with other cut-offs" in page and "Largest parameter shifts" in page
     assert "Fits with other cut-offs" not in (identified / "report.html").read_text()
 
 
@@ -53,11 +53,11 @@ def test_the_terminal_shows_it(command, given: Path, tmp_path: Path) -> None:
     )
     assert done.exit_code == 0, done.output
     assert "Fits with other cut-offs" in done.output and "x 1.41" in done.output
-    assert "parameters that move most, in standard deviations" in done.output
+    assert "largest parameter shifts, in standard deviations" in done.output
 
 
 def test_the_chain_is_noted_and_kept_by_the_model(identified: Path) -> None:
     terminal = (identified.parent / "terminal.txt").read_text()
-    assert "chain: Hampel threshold 15 scaled MAD" in " ".join(terminal.split())
+    assert "processing: Hampel threshold 15 scaled MAD" in " ".join(terminal.split())
     model = json.loads((identified / "model.json").read_text())
     assert model["processing"]["outliers"] == 15.0 and model["processing"]["motion"]["method"]

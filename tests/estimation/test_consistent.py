@@ -209,7 +209,7 @@ def test_what_a_bound_holds_is_at_it_and_said() -> None:
 def test_a_prior_that_is_stated_too_sure_is_called_that() -> None:
     knowledge = replace(heavier(2.0), uncertainty=0.01)
     estimate = Consistent(REGRESSOR.base, knowledge)(said(0.01))
-    assert any("a prior of this certainty" in note for note in estimate.notes)
+    assert any("a prior with this uncertainty" in note for note in estimate.notes)
 
 
 def test_wishes_of_absurd_size_are_named_where_the_solver_gives_up() -> None:

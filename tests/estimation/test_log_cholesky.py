@@ -152,7 +152,7 @@ def test_wishes_that_it_breaks_are_named() -> None:
     )
     found = LogCholesky(regressor.base, replace(known, rows=rows), gamma=10.0)(said(regressor))
     assert found.notes[-2:] == (
-        "2 entries of [[knowledge]] about bodies or ties are ignored by this estimator",
+        "2 entries of [[knowledge]] about links or ties are ignored by this estimator",
         "constraints that this estimate violates: left is heavier than 50 kg",
     )
     plain = LogCholesky(regressor.base, known, gamma=10.0)(said(regressor))

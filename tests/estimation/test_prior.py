@@ -102,7 +102,7 @@ def test_an_impossible_body_keeps_mass_centre_and_axes() -> None:
     np.testing.assert_allclose(corrected.inertia.com, (0.1, 0.0, 0.2))
     np.testing.assert_allclose(moments(corrected.inertia), [0.025 * THINNEST, 0.025, 0.025])
     (note,) = default_knowledge(Model(with_bodies((broken, True)))).notes
-    assert note.startswith("the prior of link 'trunk': its moments of inertia are lifted to 0.0252")
+    assert note.startswith("the prior of link 'trunk': its moments of inertia are raised to 0.0252")
     assert "0.01 + 0.01 < 0.05" not in note  # the model file's own note has that
     assert "it is not physically consistent: " in str(
         corrected.why
@@ -119,7 +119,7 @@ def test_a_thin_body_is_widened_and_its_moments_hardly_change() -> None:
     assert 0.0 < np.abs(change).max() <= 2.0 * THINNEST * moments(plate)[-1]
     notes = default_knowledge(Model(with_bodies((plate, True), (plate, True)))).notes
     assert notes == (
-        "prior bodies thinner than 10% of their length were widened: 'trunk', 'slider'",
+        "priors of links thinner than 10% of their length were widened: 'trunk', 'slider'",
     )
 
 
@@ -153,7 +153,7 @@ def test_a_point_mass_becomes_a_ball_about_its_centre() -> None:
     assert known.priors[0] is not None
     np.testing.assert_allclose(known.priors[0].com, (0.0, 0.0, 0.03))
     assert moments(known.priors[0])[0] > 0.0
-    assert "its moments of inertia are zero; a solid ball of 0.2 kg" in known.notes[0]
+    assert "its moments of inertia are zero; a solid sphere of 0.2 kg" in known.notes[0]
     dense = Inertia.about_com(5.0, np.zeros(3), 1e-6 * np.eye(3))
     assert "denser than steel" in str(mended_body(dense).why)
 
@@ -191,7 +191,7 @@ def test_priors_of_real_robots_are_possible(name: str) -> None:
     [
         ("tx40", "link_6", "its moments of inertia are zero"),
         ("panda", "panda_link2", "were widened"),
-        ("tiago", "arm_1_link", "its moments of inertia are lifted to"),
+        ("tiago", "arm_1_link", "its moments of inertia are raised to"),
     ],
 )
 def test_notes_name_the_links_of_real_robots(name: str, link: str, words: str) -> None:

@@ -256,7 +256,7 @@ MISTAKES: list[tuple[dict[str, Any], str, str]] = [
     ({"kind": "mass", "link": "tip"}, "neither value nor bounds", "give value = ..."),
     ({"kind": "mass", "link": "tip", "value": 1, "lower": 1}, "a value and bounds", "give value"),
     ({"kind": "mass", "link": "tip", "lower": 2, "upper": 1}, "lower bound 2 is above", "exchange"),
-    ({"kind": "total_mass", "links": [], "lower": 2}, "of no link", "name links"),
+    ({"kind": "total_mass", "links": [], "lower": 2}, "but no link", "name links"),
     ({**HALF, "upper": [1, -1, 1]}, "the box's lower y is 0, its upper one -1", "exchange"),
     (
         {"kind": "centre_in_hull", "link": "tip", "points": HULL[:3]},
@@ -304,7 +304,7 @@ def test_bodies_without_a_rigid_body_term_are_not_there() -> None:
     scope = ConstraintContext(Model(tree(), (Viscous(),)), "arm.toml, line 3")
     with pytest.raises(ModelError, match="no mass properties of link 'tip'"):
         wish_of({"kind": "mass", "link": "tip", "lower": 1}, "").rows(scope)
-    with pytest.raises(ModelError, match="of no link"):
+    with pytest.raises(ModelError, match="but no link"):
         wish_of({"kind": "total_mass", "lower": 1}, "").rows(scope)
 
 
@@ -363,7 +363,7 @@ def test_a_lower_bound_takes_the_place_of_the_laws(read: Any) -> None:
     found = known(loaded)
     assert found.lower[found.names.index("viscous.elbow")] == -2.0
     assert found.lower[found.names.index("viscous.wrist")] == 0.0
-    assert found.notes == ("'viscous.elbow' may be below zero, as the robot file says",)
+    assert found.notes == ("'viscous.elbow' may be below zero, as the robot file allows",)
 
 
 def test_knowledge_of_friction_that_was_not_chosen_is_passed_over(read: Any) -> None:

@@ -213,7 +213,7 @@ def test_a_hollow_mesh_around_the_robot_is_refused(tmp_path: Path) -> None:
 
 def test_a_margin_that_the_cell_does_not_allow_is_refused(tmp_path: Path) -> None:
     ring = obstacle("ring", Ball(0.05), (0.0, 0.0, 0.06 + 0.106))
-    with pytest.raises(ModelError, match="never 0.3 m apart: the largest margin") as error:
+    with pytest.raises(ModelError, match="never 0.3 m apart: the largest possible margin") as error:
         self_clearance(snake(tmp_path), others=(ring,), margin=0.3)
     most = float(str(error.value).split("a margin of ")[1].split(" m or less")[0])
     assert 0.0 < most < 0.07

@@ -332,7 +332,7 @@ def test_one_case_that_shows_nothing_is_enough() -> None:
 def test_measures_say_what_they_are_of() -> None:
     assert MEASURES["everything"](KINDS["condition"]).name == (
         "condition number (raw), of 3 chosen parameters, with earlier runs, "
-        "relative to expected sizes"
+        "relative to expected values"
     )
     assert Measure(KINDS["condition"]).name == KINDS["condition"].name
     assert len({kind.name for kind in KINDS.values()}) == len(KINDS)

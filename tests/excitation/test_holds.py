@@ -13,7 +13,9 @@ POSTURES = [[0.0, 1.0], [1.0, -1.0], [0.5, 0.0]]
 def test_holds_are_found_with_their_lengths() -> None:
     motion = through_postures(POSTURES, [1.0, 2.0], 0.5)
     np.testing.assert_allclose(holds(motion), [0.5, 0.5])
-    assert holds_said(motion) == ("all joints stand still 2 times: 0.5 s each time, 1 s in all",)
+    assert holds_said(motion) == (
+        "all joints are at standstill 2 times: 0.5 s each time, 1 s in all",
+    )
 
 
 def test_a_slowed_motion_holds_longer() -> None:

@@ -103,7 +103,7 @@ CELL = urdf(link("wall", '<box size="0.1 2 2"/>', xyz="0.6 0 0.5"), name="cell")
         (
             f"{OPEN}[excitation.workspace]\nbox = {{z = [0.5, 1.0]}}\n",
             [0.0, 1.2, 0.0],
-            "z of 'tool' above 0.5 m (missed by 0.7",
+            "z of 'tool' above 0.5 m (violated by 0.7",
         ),
     ],
 )
@@ -113,7 +113,7 @@ def test_a_start_in_collision_or_out_of_its_box(
     written(tmp_path, CELL, "cell.urdf")
     error = refused(tmp_path, f"{walls}[excitation.motion]\nstart = {start}\n")
     assert "the start posture violates" in error.wrong and words in error.wrong
-    assert "missed by" in error.wrong and error.where == "[excitation.motion] start"
+    assert "violated by" in error.wrong and error.where == "[excitation.motion] start"
     advised = re.findall(r"\[.*\]", error.fix)[0]
     some_motion(tmp_path, f"{walls}[excitation.motion]\nstart = {advised}\n")
 
@@ -135,7 +135,7 @@ def test_a_box_out_of_reach(tmp_path: Path, tables: str, at: float, words: str) 
     error = refused(tmp_path, tables.replace("{}", str(at)))
     assert "no posture was found that satisfies all constraints" in error.wrong
     assert words in error.wrong and words in error.fix
-    missed = float(re.findall(r"missed by ([\d.]+) m", error.wrong)[0])
+    missed = float(re.findall(r"violated by ([\d.]+) m", error.wrong)[0])
     amount = float(re.findall(r"by ([\d.]+) m, or more", error.fix)[0])
     assert missed < amount < missed + 0.1
     some_motion(tmp_path, tables.replace("{}", str(at - amount)))
@@ -157,7 +157,7 @@ def test_effort_that_does_not_hold_the_arm(tmp_path: Path) -> None:
     tables = f"{OPEN}[excitation.limits]\nshare = 1.0\neffort = {{}}\n{start}"
     error = refused(tmp_path, tables.format(2.0))
     assert "the start posture violates: torque of 'boom_joint'" in error.wrong
-    missed = float(re.findall(r"missed by ([\d.]+) Nm", error.wrong)[0])
+    missed = float(re.findall(r"violated by ([\d.]+) Nm", error.wrong)[0])
     # masses of 1 kg at the origins of 'stick' and 'tool'
     assert missed == pytest.approx(9.81 * (0.3 + 0.65) - 2.0, rel=0.01)
     some_motion(tmp_path, tables.format(2.0 + 1.1 * missed))

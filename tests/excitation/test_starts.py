@@ -123,7 +123,7 @@ def test_without_room_there_is_no_motion() -> None:
     with pytest.raises(DataError) as caught:
         random_starts(none, np.random.default_rng(0), 5)
     assert caught.value.wrong.startswith("no motion about any of 35 random postures keeps all")
-    assert "start posture with room around it" in caught.value.fix
+    assert "start posture farther from the limits" in caught.value.fix
 
 
 def test_standing_names_what_is_lacking_worst_first() -> None:

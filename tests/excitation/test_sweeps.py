@@ -113,10 +113,10 @@ def test_same_seed_same_postures_and_given_start() -> None:
 
 
 def test_a_posture_outside_is_refused_with_its_joint() -> None:
-    with pytest.raises(DataError, match=r"joint 2 stands at 0\.29, 0\.02 outside") as caught:
+    with pytest.raises(DataError, match=r"joint 2 is at 0\.29, 0\.02 outside") as caught:
         friction_sweeps(LIMITS, [0.0, 0.29, 2.0, 0.2], fraction=0.9)
     assert "allow more than 0.9" in caught.value.fix
-    with pytest.raises(DataError, match=r"joint 4 stands at 3, 2\.6 outside"):
+    with pytest.raises(DataError, match=r"joint 4 is at 3, 2\.6 outside"):
         static_postures(LIMITS, count=1, seed=0, start=[0.0, 0.0, 2.0, 3.0], fraction=1.0)
 
 

@@ -52,18 +52,18 @@ def test_efforts_without_gravity_limit_no_torque(tmp_path: Path) -> None:
 def test_friction_with_memory_of_an_earlier_model_limits_no_torque(tmp_path: Path) -> None:
     known, loaded = earlier(tmp_path), arm(tmp_path, OPEN, DAHL)
     problem = build(loaded, model_of(loaded), known)
-    note = "torque is not limited: 'dahl' depends on the earlier motion"
+    note = "torque is not limited: 'dahl' has internal states"
     assert names_of(problem) == [] and note in problem.notes
     assert names_of(build(loaded, model_of(loaded))) == ["torque"]
     for asked in ASKED:
         loaded = arm(tmp_path, f"{OPEN}{LIMITS}{asked}\n", DAHL)
-        with pytest.raises(ModelError, match="limited: 'dahl' depends on the earlier motion"):
+        with pytest.raises(ModelError, match="limited: 'dahl' has internal states"):
             build(loaded, model_of(loaded), known)
 
 
 def test_planned_motions_are_held_to_the_same(tmp_path: Path) -> None:
     known, loaded = earlier(tmp_path), arm(tmp_path, f"{OPEN}{LIMITS}effort = 9.0\n{PLANNED}", DAHL)
-    with pytest.raises(ModelError, match="limited: 'dahl' depends on the earlier motion"):
+    with pytest.raises(ModelError, match="limited: 'dahl' has internal states"):
         design(loaded, model_of(loaded), SearchBudget(20.0, processes=1), earlier=known)
 
 

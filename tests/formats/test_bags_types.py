@@ -196,7 +196,7 @@ def test_messages_that_cannot_be_decoded_are_rows_of_nan(tmp_path: Path) -> None
         ("float64 x\nlab_msgs/Gone g\n", "lacks the type 'lab_msgs/msg/Gone'"),
         ("float64[999999999] x\n", "holds more than"),
         ("string[999999999] x\n", "holds more than"),
-        ("Odd[2] x\n", "holds itself"),
+        ("Odd[2] x\n", "contains itself"),
         ("Nil[] x\n" + "=" * 80 + "\nMSG: lab_msgs/Nil\n\n", "a sequence of nothing"),
         ("float64[ x\n", "cannot be understood"),
         ("#" * 300_000, "cannot be understood"),

@@ -16,7 +16,7 @@ from steelyard.progress import Event, Stopped
 def path(tmp_path: Path) -> Path:
     path = tmp_path / "run.csv"
     rows = [[5000 + 10 * k, 0.1 * k, "x" if k % 4 == 0 else -k] for k in range(200)]
-    rows[20][0] = "oops"  # has the time of the row before
+    rows[20][0] = "oops"  # has a repeated time stamp
     path.write_text("\n".join(",".join(map(str, row)) for row in [["t_ms", "q1", "a"], *rows]))
     return path
 

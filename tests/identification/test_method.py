@@ -65,7 +65,7 @@ def test_a_model_comes_of_every_estimator(folder: Path, offer, tmp_path: Path) -
         assert not notes
     else:
         (note,) = notes
-        assert note.startswith(f"estimated by {offer.name} ({offer.about}), as asked for")
+        assert note.startswith(f"estimated by {offer.name} ({offer.about}), as requested")
         assert ("invalid" in note) == (offer.name not in BODIES)
     calibrated = result.model.calibration is not None
     assert calibrated == (offer.needs != "experiment")
@@ -126,14 +126,14 @@ def test_what_cannot_be_had_is_refused_with_a_way_out(folder: Path) -> None:
     own = '[model]\nterms = ["rigid_body", "viscous", {law = "offset", per_run = true}]\n'
     with pytest.raises(SteelyardError) as caught:
         found(folder, own, method="RLS")
-    assert caught.value.wrong == "it keeps no parameters of single runs"
-    assert "take another estimator, or leave per_run = true out" in caught.value.fix
+    assert caught.value.wrong == "it does not estimate parameters per run"
+    assert "use another estimator, or leave per_run = true out" in caught.value.fix
 
 
 def test_a_bootstrap_of_other_data_is_declined(folder: Path) -> None:
     result = found(folder, method="huber", bootstrap=20)
     assert result.content.bootstrap is None
-    assert "no bootstrap: Huber looks at samples, which are not drawn again" in result.content.notes
+    assert "no bootstrap: Huber needs samples, which cannot be resampled" in result.content.notes
     assert found(folder, method="ridge", bootstrap=20).content.bootstrap is not None
 
 
@@ -164,4 +164,4 @@ def test_without_a_scale_no_prior_is_compared(folder: Path, method: str, fitted:
     gains = SimpleNamespace(relative=True)
     offer, why = _method(replace(loaded, estimation=section), "WLS", cast(Any, gains))
     assert offer.name == (fitted or method)
-    assert why.startswith("for without a scale") == bool(fitted)
+    assert why.startswith("because a prior") == bool(fitted)

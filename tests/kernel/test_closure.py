@@ -187,7 +187,7 @@ def test_a_torque_along_an_open_loop_tells_time_and_gap() -> None:
         Model(robot.changed(open_loops="drop")).prior.torque(Motion(t, path.T, zero, zero))  # type: ignore[union-attr]
     first = int(np.argmin(Follower(robot)(path)[1]))
     assert f"loop 'tip' does not close at t = {t[first]:.4f} s" in caught.value.wrong
-    assert " m apart" in caught.value.wrong and 'open_loops = "drop"' in caught.value.fix
+    assert "closure error" in caught.value.wrong and 'open_loops = "drop"' in caught.value.fix
     stepper = Model(robot).prior.start()  # type: ignore[union-attr]
     with pytest.raises(DataError, match="does not close at this sample"):
         stepper.step(path[:, 150], zero[0], zero[0])

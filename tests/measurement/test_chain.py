@@ -172,7 +172,12 @@ def test_the_chain_is_told_and_kept(recording, sines) -> None:
     t, motion = spoilt(sines)
     wanted = CHAINS["pchip and averages"]
     notes = " ".join(prepare(recording(t, motion["q"], motion["effort"]), wanted).quality.notes)
-    for words in ("chain:", "outliers bridged", "repeated rows bridged", "limit left out"):
+    for words in (
+        "processing:",
+        "outliers interpolated",
+        "repeated rows interpolated",
+        "limit left out",
+    ):
         assert words in notes
     assert "pchip to 222.045 Hz, motion by moving average, span 7 (12 Hz), efforts by" in notes
     for processing in (*CHAINS.values(), Processing(rest_speed=(0.1, 0.2))):

@@ -113,6 +113,6 @@ def test_the_cutoff_can_choose() -> None:
 
 @pytest.mark.parametrize("t", [np.arange(3.0), np.array([0.0, 1, 2, 2, 3, 4, 5])])
 def test_too_little_is_told(t: np.ndarray) -> None:
-    with pytest.raises(LogError, match="nothing to smooth") as caught:
+    with pytest.raises(LogError, match="cannot be smoothed") as caught:
         kalman_smoothed(t, np.zeros((len(t), 1)))
     assert "in order of time" in caught.value.fix

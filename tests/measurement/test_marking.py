@@ -32,7 +32,7 @@ def test_spikes_are_found_and_nothing_else(recording, sines) -> None:
         q[row + 40 : row + 40 + width, row % 2] += rng.choice([-1.0, 1.0]) * 0.01
     run = prepare(recording(t, q, effort))
     assert 0.9 * 2 * widths.sum() <= run.quality.marked.outliers <= 2 * widths.sum() + 4
-    assert any("outliers bridged" in loss for loss in run.quality.losses)
+    assert any("outliers interpolated" in loss for loss in run.quality.losses)
     plain = prepare(recording(t, motion["q"], motion["effort"])).whole()
     data = run.whole()
     first, last = max(data.t[0], plain.t[0]), min(data.t[-1], plain.t[-1])

@@ -152,14 +152,14 @@ def test_quality_says_what_was_found(recording, sines) -> None:
     quality = run.quality
     assert (quality.rows, quality.kept, quality.repeated, quality.short) == (3000, 2997, 1, 1)
     assert quality.dropped == {
-        "a value no sensor can have": 2,
-        "the time of the row before": 1,
+        "an implausible value": 2,
+        "a repeated time stamp": 1,
     }
     assert len(quality.gaps) == 3 and len(run.segments) == 3
     np.testing.assert_allclose(quality.resolution, 1e-4, rtol=1e-6)
     assert quality.step_min == pytest.approx(0.010, abs=1e-6)
     notes, losses = "\n".join(quality.notes), "\n".join(quality.losses)
-    assert "dropped 3 of 3000 rows: 2 with a value no sensor can have, 1 with" in losses
+    assert "dropped 3 of 3000 rows: 2 with an implausible value, 1 with" in losses
     assert "3 gaps split the run" in losses and "1 stretch" in losses
     assert "resampled to 100 Hz" in notes and f"motion cut-off {run.motion_cutoff:g} Hz" in notes
     assert dict(quality.rows_of_text)["rows"] == "2997 of 3000 used"
@@ -258,7 +258,7 @@ def test_a_log_of_broken_rows(recording, sines) -> None:
     t = np.arange(500) * 0.01
     motion = sines(t)
     error = failing(recording(t, motion["q"] * np.nan, motion["effort"]))
-    assert "every row of the log is broken: 500 of 500" in error.wrong
+    assert "every row of the log is invalid: 500 of 500" in error.wrong
     assert "[signals]" in error.fix
 
 

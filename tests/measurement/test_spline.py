@@ -49,5 +49,5 @@ def test_the_cutoff_can_choose() -> None:
 
 
 def test_too_little_is_told() -> None:
-    with pytest.raises(LogError, match="are no spline"):
+    with pytest.raises(LogError, match="cannot be fitted by a spline"):
         smoothing_spline(np.array([0.0, 1, 2, 2, 3, 4]), np.zeros(6))

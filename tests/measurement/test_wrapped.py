@@ -50,7 +50,7 @@ def test_a_run_says_that_positions_were_wrapped(tmp_path: Path) -> None:
     t, q = motion()
     plain = prepare(recording(tmp_path, t, q).unwrapped(), Processing())
     assert "q1_rad, q2_rad, q4_rad" in plain.quality.losses[0]
-    assert "wrap at a turn" in plain.quality.losses[0]
+    assert "wrap after a turn" in plain.quality.losses[0]
     assert plain.quality.kept == len(t)
     np.testing.assert_allclose(np.ptp(plain.whole().motion.q[:, 1]), 4.8, rtol=0.02)
 

@@ -89,7 +89,7 @@ def test_open_stretches_are_told_with_time_and_gap() -> None:
         assert stretch.loop == "tip" and abs(stretch.samples - (last - first + 1)) <= 2
         assert abs(stretch.start - first / RATE) < 0.02 and abs(stretch.stop - last / RATE) < 0.02
         assert 0.0 < stretch.gap < 0.02
-        assert f"from {stretch.start:.4f} s" in str(stretch) and " m apart" in str(stretch)
+        assert f"from {stretch.start:.4f} s" in str(stretch) and "closure error" in str(stretch)
     assert open_stretches(run_of(), Model(robot()).bodies_only.robot) == ()
 
 
@@ -111,7 +111,7 @@ def test_open_loops_stop_by_default() -> None:
     with pytest.raises(DataError) as caught:
         gather(base_regressor(model), run)
     assert f"does not close at t = {first.start:.4f} s" in caught.value.wrong
-    assert f"{first.gap:.3g} m apart" in caught.value.wrong
+    assert f"closure error {first.gap:.3g} m" in caught.value.wrong
 
 
 def test_scores_keep_what_is_closed() -> None:

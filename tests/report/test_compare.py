@@ -56,7 +56,7 @@ def test_the_table_has_the_best_first_and_the_failed_last(usual: ReportContent) 
 
 def test_the_advice_is_marked_and_explained(usual: ReportContent) -> None:
     page = section(usual)
-    assert "Take consistent" in page
+    assert "Recommended: consistent" in page
     assert "within one standard error of the difference, and its inertias are valid" in page
     (marked,) = re.findall(r'<tr class="marked"><th scope="row">(.*?)</th>', page)
     assert marked == "consistent"
@@ -117,7 +117,7 @@ def test_the_terminal_says_the_same(usual: ReportContent) -> None:
     text = printed(usual)
     assert "4.17 ± 0.67 %" in text and "all valid" in text
     assert "never failed (every fit): too few [data] ; log longer" in text
-    assert "Take consistent\nconsistent: " in text
+    assert "Recommended: consistent\nconsistent: " in text
     assert "stopped: 5 of 6 estimators compared; not tried: genetic" in text
     assert "note: joint 'wrist' is locked at 0.3 rad" in text
     assert all(len(line) <= 80 for line in printed(usual, 80).splitlines())
@@ -126,7 +126,7 @@ def test_the_terminal_says_the_same(usual: ReportContent) -> None:
 def test_columns_of_the_terminal_are_explained(usual: ReportContent) -> None:
     assert usual.comparison is not None
     text = " ".join(printed(usual).split())
-    assert "χ²: squared residuals over the noise that WLS estimates" in text
+    assert "χ²: squared residuals over the noise variance by WLS" in text
     assert "Condition" not in text
     apart = tuple(replace(one, condition=10.0**k) for k, one in enumerate(usual.comparison.trials))
     text = printed(replace(usual, comparison=replace(usual.comparison, trials=apart)))

@@ -168,7 +168,7 @@ def test_a_motion_that_is_not_proven_is_called_so_everywhere(beyond: Designed) -
     assert "not safe" in headline(beyond)
     words = text(render(content(beyond)))
     assert "Not proven: do not run this motion" in words
-    assert re.search(r"tool box: z of 'tip' (below|above) -?0\.3 m: missed by 0\.\d+ m", words)
+    assert re.search(r"tool box: z of 'tip' (below|above) -?0\.3 m: violated by 0\.\d+ m", words)
     assert "This motion is not proven to keep its limits: do not run it." in words
     lines = printed(beyond)
     assert "not safe" in " ".join(lines.split())
@@ -187,7 +187,7 @@ def test_a_safe_motion_says_what_it_shows_and_that_it_is_proven(designed: Design
     figure = f"condition number (raw) {designed.shown.raw:.3g} (smaller is better)"
     assert f"4 s, Fourier series from rest to rest; {figure}, best of 7 searches in 2.5 s" in words
     assert "the acceleration is a guess" in words and "Assumed: something" in words
-    assert "7 searches came to an end in 2.5 s" in words and "improved 2 times" in words
+    assert "7 searches finished in 2.5 s" in words and "improved 2 times" in words
     assert (
         "trajectory.json" in words and "--dry-run 0.2" in words and "(20 s instead of 4 s)" in words
     )

@@ -214,10 +214,10 @@ def test_groupings_stand_in_rows_of_their_own(usual):
 
 def test_what_is_long_of_a_log_stands_below_it(usual):
     long = "resampled to 100 Hz; " * 9
-    more = (("run1", (("rows", "12"), ("decided", long))), ("points", (("rows", "13"),)))
+    more = (("run1", (("rows", "12"), ("processing", long))), ("points", (("rows", "13"),)))
     html = shown("quality", replace(usual, qualities=more))
     assert html.count('<th scope="col"') == 2 and html.count('<tr class="below">') == 1
-    assert "decided: resampled to 100\u00a0Hz" in html
+    assert "processing: resampled to 100\u00a0Hz" in html
 
 
 def test_what_a_bound_holds_trades_against_nothing(usual):

@@ -142,7 +142,11 @@ def test_the_margin_is_one_at_the_prior_and_below_zero_beyond_what_can_be(usual)
     broken = replace(standard, parameters=replace_values(standard.parameters, values))
     content = with_estimate(usual, standard=broken)
     assert (
-        BodiesSection().numbers(content)["tables"][0].rows[0].cells[6].endswith("no body can be so")
+        BodiesSection()
+        .numbers(content)["tables"][0]
+        .rows[0]
+        .cells[6]
+        .endswith("not physically consistent")
     )
 
 

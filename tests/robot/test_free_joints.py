@@ -75,9 +75,10 @@ def test_what_is_assumed_and_left_out_is_told(tmp_path: Path) -> None:
     robot, notes = reduced(mechanism, base="trunk")
     assert robot.joint_names == ("left_hip", "left_knee")
     assert notes == (
-        "base 'trunk' is assumed to be at rest, turned as the model file has it: the free joint "
+        "base 'trunk' is assumed to be at rest, in the orientation of the model file: the free "
+        "joint "
         "of 'trunk' is left out",
-        "left out, as it floats beside the robot: dog, cube",
+        "left out, as it is not part of the robot: dog, cube",
         "left out, as the base 'trunk' does not carry them: shoulder",
     )
     robot, notes = reduced(mechanism, base="left_thigh")
@@ -87,13 +88,13 @@ def test_what_is_assumed_and_left_out_is_told(tmp_path: Path) -> None:
     assert not any("carry" in n for n in reduced(mechanism, ["left_knee"], base="left_thigh")[1])
     robot, notes = reduced(mechanism, base="world")
     assert robot.joint_names == ("shoulder",)
-    assert notes == ("left out, as it floats beside the robot: trunk, dog, cube",)
+    assert notes == ("left out, as it is not part of the robot: trunk, dog, cube",)
 
 
 def test_loose_bodies_are_left_out_beside_a_robot_that_stands(tmp_path: Path) -> None:
     plain = load_robot(written(tmp_path, ARM))
     loaded = load_robot(written(tmp_path, ARM + CUBE.format("red") + CUBE.format("blue")))
-    assert loaded.notes == ("left out, as it floats beside the robot: red, blue",)
+    assert loaded.notes == ("left out, as it is not part of the robot: red, blue",)
     assert not loaded.floats
     assert [frame.name for frame in loaded.robot.frames] == [f.name for f in plain.robot.frames]
 
@@ -167,7 +168,7 @@ def test_a_ball_joint_has_no_other_position(tmp_path: Path) -> None:
 def test_a_ball_joint_is_locked_where_other_joints_are_listed(tmp_path: Path) -> None:
     robot, notes = reduced(read_mjcf(written(tmp_path, WRIST)), ["end"])
     assert robot.joint_names == ("end",)
-    assert "locked where the model file has it: ball joint wrist" in notes
+    assert "locked at its position in the model file: ball joint wrist" in notes
 
 
 def test_init_locks_ball_joints(tmp_path: Path) -> None:

@@ -201,7 +201,7 @@ def test_a_weld_that_nothing_moves_says_nothing(tmp_path: Path) -> None:
     hand = '<body name="pad">{ball}</body>'
     robot, notes = reduced(read_mjcf(arm(tmp_path, hand, '<weld body1="pad" body2="lower"/>')))
     assert robot.joint_names == ("shoulder", "elbow")
-    assert notes == ("left out, as it floats beside the robot: cube",)
+    assert notes == ("left out, as it is not part of the robot: cube",)
 
 
 def test_a_hand_alone_is_refused_with_the_reason(tmp_path: Path) -> None:

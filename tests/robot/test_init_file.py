@@ -169,7 +169,7 @@ def test_without_a_log_the_signals_are_a_template_that_works(tmp_path: Path) -> 
     output = tmp_path / "r.toml"
     loaded, text = round_trip(model, output, None)
     assert loaded.signals is None and "no log was given" in text
-    head, template = text.split("leading marks.\n")
+    head, template = text.split("leading #.\n")
     lines = template.split("\n\n")[0].splitlines()
     output.write_text(head + "\n" + "\n".join(line.removeprefix("# ") for line in lines))
     signals = load_robot(output).signals

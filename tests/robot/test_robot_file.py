@@ -186,7 +186,7 @@ def test_one_gain_for_all(folder: Path) -> None:
 def test_unit_gains_of_currents_are_noted(folder: Path) -> None:
     effort = EFFORT.replace("joint_torque", "motor_current").replace('["Nm", "N"]', '"A"')
     text = ROBOT + SIGNALS.replace(EFFORT, effort) + "gain = 1.0"
-    assert "every drive gain is 1" in load_robot(written(folder, text)).notes[-1]
+    assert "all drive gains are 1" in load_robot(written(folder, text)).notes[-1]
 
 
 def test_windows_line_ends_and_byte_order_marks(folder: Path) -> None:

@@ -364,13 +364,13 @@ def test_what_keeps_no_parameters_of_single_runs_says_so() -> None:
     refusing = {"RLS", "IV", "DIDIM", "CLOE", "EKF"}
     for one in ESTIMATORS:
         if one.name in refusing:
-            with pytest.raises(DataError, match="keeps no parameters of single runs") as caught:
+            with pytest.raises(DataError, match="does not estimate parameters per run") as caught:
                 one.make(context)
             assert caught.value.where == COLUMNS[-1] and "per_run = true" in caught.value.fix
         else:
             one.make(context)
     (rls,) = compare([o for o in ESTIMATORS if o.name == "RLS"], context, parts_of()).trials
-    assert {f.reason for f in rls.failures} == {"it keeps no parameters of single runs"}
+    assert {f.reason for f in rls.failures} == {"it does not estimate parameters per run"}
 
 
 def test_a_trial_with_a_failure_is_never_taken() -> None:

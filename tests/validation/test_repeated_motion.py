@@ -58,7 +58,7 @@ def test_rows_of_a_known_log_are_recognised(
     }[change]
     repeat = repeat_of(known, run_of(arm, changed))
     assert repeat is not None and repeat.same and repeat.run == "first"
-    assert "holds rows of first" in repeat.words
+    assert "contains rows of first" in repeat.words
 
 
 def test_a_motion_once_more_is_repeated_but_not_the_same_log(

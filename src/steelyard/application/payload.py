@@ -170,8 +170,8 @@ def _scale_notes(gain: float | None, of_scales: Array | None, covariance: Array)
     if of_scales is not None:
         half, all_of_it = (Z95 * np.sqrt(matrix[0, 0]) for matrix in (of_scales, covariance))
         note = (
-            "efforts are corrected by the scales identified with the model; their uncertainty is "
-            f"± {half:.2g} kg of the mass's 95 % interval of ± {all_of_it:.2g} kg"
+            "efforts are corrected by the scales identified with the model; their uncertainty "
+            f"contributes ± {half:.2g} kg to the mass's 95 % interval of ± {all_of_it:.2g} kg"
         )
         more = f"; each drive gain has a further uncertainty of {100.0 * gain:g} %" if gain else ""
         return (note + more,)
@@ -184,7 +184,8 @@ def _scale_notes(gain: float | None, of_scales: Array | None, covariance: Array)
         return ("drive gains are assumed exact: a gain error of 1 % changes the mass by about 1 %",)
     return (
         f"drive gains are assumed known within {100.0 * gain:g} % each (one standard deviation); "
-        "larger errors change the mass by as much, outside its interval (--gain-uncertainty)",
+        "if they are less accurate, state --gain-uncertainty, or the interval of the mass is too "
+        "narrow",
     )
 
 

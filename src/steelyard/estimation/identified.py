@@ -35,7 +35,7 @@ class Provenance:
         version: Version of steelyard.
         inputs: Role and name of every file to its SHA-256.
         runs: The runs that were fitted, with their cuts.
-        notes: What was decided on the way, for people to read.
+        notes: Assumptions and automatic choices, for display.
     """
 
     version: str
@@ -46,7 +46,7 @@ class Provenance:
 
 @dataclass(frozen=True)
 class Cutoffs:
-    """Frequencies [Hz] that the model was made with, and that it is to be scored with."""
+    """Cut-off frequencies [Hz] of the fit and of the score."""
 
     motion: float
     matched: float
@@ -67,10 +67,9 @@ class IdentifiedModel:
         provenance: Inputs and settings.
         processing: The chain from rows to motion that logs of the robot go through.
         motions: Rows of the fitted runs, to recognise their motions in other logs.
-        calibration: How wide bands of predicted efforts are; `None` where nothing could be left
-            out, or nothing was.
-        effort_scales: Scales of the efforts that were estimated; the gains of `signals` count them
-            already. `None` without.
+        calibration: Width of the 95 % bands of predicted efforts; `None` without left-out runs.
+        effort_scales: Scales of the efforts that were estimated; already included in the
+            gains of `signals`. `None` without.
 
     Example:
         >>> model = load_model("arm-model")
@@ -197,7 +196,7 @@ class IdentifiedModel:
 
 @checked()
 def load_model(path: str | Path | IdentifiedModel) -> IdentifiedModel:
-    """Read `model.json`, or the folder that holds it; a model is returned as it is.
+    """Read `model.json`, or the folder that contains it; a model is returned as it is.
 
     Raises:
         ModelError: It is missing, not an identified model, or of another version.

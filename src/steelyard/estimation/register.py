@@ -77,9 +77,9 @@ def _refuse_own(context: Context) -> None:
     """Refuse parameters of single runs, for estimators that would take them as shared."""
     if context.per_run:
         raise DataError(
-            "it keeps no parameters of single runs",
+            "it does not estimate parameters per run",
             where=", ".join(context.per_run),
-            fix="take another estimator, or leave per_run = true out of the robot file",
+            fix="use another estimator, or leave per_run = true out of the robot file",
         )
 
 
@@ -197,10 +197,10 @@ ESTIMATORS: tuple[Offer, ...] = (
         lambda c: replace(_consistent(c), form=Free()),
         uses=(KNOWLEDGE, WEIGHTS),
     ),
-    Offer("TLS", "total least squares: noise in the columns too", "information", _total),
+    Offer("TLS", "total least squares: noise in the regressor too", "information", _total),
     Offer(
         "ridge",
-        "weighted least squares shrunk towards the nominal bodies",
+        "weighted least squares shrunk towards the nominal inertial parameters",
         "information",
         _ridge,
         uses=(PRIOR,),

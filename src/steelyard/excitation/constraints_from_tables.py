@@ -138,7 +138,7 @@ def _unknown_efforts(loaded: LoadedRobot, model: Model, earlier: Earlier | None)
     if earlier is not None:
         for term in model.terms:
             if isinstance(term, StatefulTerm):
-                return f"'{term.law}' depends on the earlier motion"
+                return f"'{term.law}' has internal states"
     if model.robot.passive:
         return "the robot has closed chains"
     if not model.has_bodies:

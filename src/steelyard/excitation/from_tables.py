@@ -119,10 +119,7 @@ def memoryless(model: Model) -> tuple[Model, tuple[str, ...]]:
     """The model without terms that no single sample tells; notes on what the criterion lacks."""
     left = [term for term in model.terms if isinstance(term, StatefulTerm)]
     kept = tuple(term for term in model.terms if not isinstance(term, StatefulTerm))
-    notes = [
-        f"'{term.law}' depends on the earlier motion: it is left out of the criterion"
-        for term in left
-    ]
+    notes = [f"'{term.law}' has internal states: it is left out of the criterion" for term in left]
     bare = Model(model.robot, kept)
     clear = clear_map(bare).base_names
     if faint := [name for name in base_parameters(bare).base_names if name not in clear]:
@@ -150,8 +147,8 @@ def limits_of(robot: Robot, section: MotionLimitsSection) -> MotionLimits:
     for joint, low, high, whole in zip(robot.coordinates, lower, upper, span, strict=True):
         if not low < high:
             raise DataError(
-                f"joint '{joint.name}' has a range of {whole:.4g} {joint.unit}: none of it is "
-                f"left with a margin of {section.position_margin:g} {joint.unit} at each end",
+                f"joint '{joint.name}' has a range of {whole:.4g} {joint.unit}: nothing remains "
+                f"with a margin of {section.position_margin:g} {joint.unit} at each end",
                 where="[excitation.limits] position_margin",
                 fix=f"give a margin below {0.5 * whole:.4g}, or lock the joint",
             )

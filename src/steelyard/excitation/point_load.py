@@ -13,7 +13,8 @@ SHELL = 2.0 / 3.0
 """Inertia of a hollow ball about its centre, over its mass and its radius squared."""
 
 COUNTED = (
-    "torques hold for loads of any inertia from a point mass to a hollow ball of the load's radius "
+    "torques hold for loads of any inertia from a point mass to a hollow sphere of the load's "
+    "radius "
     "about its centre of mass, alike about all axes; not for an elongated one"
 )
 """What torques count of loads."""
@@ -24,7 +25,7 @@ def load_inertias(load: LoadSection) -> Mapping[str, Inertia]:
     shell = SHELL * load.mass * load.ball**2
     return {
         "as a point": Inertia.about_com(load.mass, load.com, np.zeros((3, 3))),
-        f"as a hollow ball of {1e3 * load.ball:.3g} mm": Inertia.about_com(
+        f"as a hollow sphere of {1e3 * load.ball:.3g} mm": Inertia.about_com(
             load.mass, load.com, shell * np.eye(3)
         ),
     }

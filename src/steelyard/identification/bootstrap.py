@@ -20,7 +20,7 @@ def drawn_again(content: ReportContent, fit: Fit, draws: int, progress: Progress
     """
     if fit.method.needs != "information":
         of = "samples" if fit.method.needs == "samples" else "whole runs"
-        why = f"{fit.method.name} looks at {of}, which are not drawn again"
+        why = f"{fit.method.name} needs {of}, which cannot be resampled"
         return replace(content, notes=(*content.notes, f"no bootstrap: {why}"))
     try:
         found = bootstrap(fit.estimator, fit.information, draws=draws, progress=progress)

@@ -38,11 +38,11 @@ class CheckResult(Result):
 
     @property
     def last(self) -> Diagnosis:
-        """What is found with the corrected robot file; without one, with the given file."""
+        """The findings with the corrected robot file; without one, with the given file."""
         return self.content.diagnosis if self.fixed is None else self.fixed.diagnosis
 
     def report(self) -> str:
-        """The page: HTML that needs no other file."""
+        """The report as one self-contained HTML page."""
         return render_check(self.content)
 
     def write(self, folder: Path) -> None:
@@ -99,16 +99,16 @@ def check(
     fixed_base: str | None = None,
     progress: Progress = silent,
 ) -> CheckResult:
-    """Find out what is wrong with logs, and the lines of the robot file that correct it.
+    """Check logs for errors, and propose lines of the robot file that correct them.
 
     Args:
         robot: Robot file (TOML), URDF, xacro or MJCF.
         logs: The logs; `run.csv@5:20` is a window in seconds.
-        model: Model identified from clean runs, to compare with.
-        fix: Name of a corrected robot file to make, beside the robot's if empty; it is checked
+        model: Reference model identified from clean runs.
+        fix: Path of a corrected robot file; if empty, beside the given one. It is checked
             again, and written by `CheckResult.fixed.save()`. `None` for none.
-        quick: Whether to look only for what `identify` looks for before it begins.
-        fixed_base: Link of a model file that is fixed to the world; `None` for its root.
+        quick: Whether to make only the checks that `identify` makes before the fit.
+        fixed_base: Link to fix to the world, for a model file; `None` for its root.
         progress: Receives events of progress; an exception from it stops the work.
 
     Raises:

@@ -26,11 +26,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class EstimatorComparison(Result):
-    """Estimators beside each other.
+    """A comparison of estimators.
 
     Attributes:
         content: What the page shows.
-        comparison: Errors of every estimator where it was not fitted, and the advice.
+        comparison: Errors of every estimator on left-out runs, and the recommendation.
     """
 
     content: ReportContent
@@ -43,13 +43,13 @@ class EstimatorComparison(Result):
 
     @property
     def table(self) -> "DataFrame":
-        """One row per estimator: its errors where it was not fitted, and its time."""
+        """One row per estimator: its errors on left-out runs, and its time."""
         from polars import DataFrame
 
         return DataFrame(self.comparison.to_dict()["estimators"], infer_schema_length=None)
 
     def report(self) -> str:
-        """The page: HTML that needs no other file."""
+        """The report as one self-contained HTML page."""
         return render_comparison(self.content)
 
     def write(self, folder: Path) -> None:
@@ -80,18 +80,18 @@ def compare(
     progress: Progress = silent,
     interruption: type[BaseException] = KeyboardInterrupt,
 ) -> EstimatorComparison:
-    """Fit estimators to all logs but one, predict that one, each in turn.
+    """Compare estimators by cross-validation: fit all logs but one and predict it.
 
     Args:
         robot: Robot file (TOML), URDF, xacro or MJCF, or what `load_robot` made of it.
-        logs: The logs; a single one is left out in stretches.
+        logs: The logs; a single one is divided into stretches.
         estimators: Names of estimators; those that neither search nor simulate if empty.
         everything: Without names, all estimators.
         check: Whether the logs are checked before.
-        fixed_base: Link of a model file that is fixed to the world; `None` for its root.
+        fixed_base: Link to fix to the world, for a model file; `None` for its root.
         threads: Native threads; as many as the machine has cores if `None`.
         progress: Receives events of progress; an exception from it stops the work.
-        interruption: Exception that ends the comparison with the estimators that are done.
+        interruption: Exception that ends the comparison; finished estimators are returned.
 
     Raises:
         SteelyardError: A file cannot be used, or there is no estimator of a name.

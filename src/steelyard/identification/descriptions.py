@@ -53,7 +53,7 @@ def notes_of(runs: Sequence[Run]) -> tuple[str, ...]:
     """The cut-offs, the chain, and one line for whatever of each run could not be used."""
     first = runs[0]
     cut = f"cut-offs: motion {first.motion_cutoff:g} Hz, regression {first.matched_cutoff:g} Hz"
-    chains = {f"chain: {run.chain.words}": run.name for run in runs}
+    chains = {f"processing: {run.chain.words}": run.name for run in runs}
     told = (words if len(chains) == 1 else f"{name}: {words}" for words, name in chains.items())
     return (cut, *told, *(f"{run.name}: {loss}" for run in runs for loss in run.quality.losses))
 

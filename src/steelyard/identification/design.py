@@ -67,7 +67,7 @@ class DesignedMotion(Result):
         return _may_write(self.designed, self.formats)
 
     def report(self) -> str:
-        """The page: HTML that needs no other file."""
+        """The report as one self-contained HTML page."""
         return self._page(())
 
     def write(self, folder: Path) -> None:
@@ -99,7 +99,7 @@ class DesignedMotion(Result):
         return render(content)
 
     def show(self, console: Console) -> None:
-        """Print what the motion shows, and which limits it is proven to keep."""
+        """Print the predicted accuracy, and which limits are proven."""
         design_summary(self.designed, console)
 
     def to_dict(self) -> dict[str, Any]:
@@ -135,12 +135,12 @@ class DesignedMotion(Result):
 
 @dataclass(frozen=True, eq=False)
 class DesignTask:
-    """A motion that is wanted, checked as far as that is possible before any search.
+    """A design problem, checked as far as possible before the search.
 
     Attributes:
         loaded: The robot and its tables.
-        model: What the motion is to show.
-        earlier: What an earlier identification of the robot knows, if anything.
+        model: The model whose parameters are to be identified.
+        earlier: The model identified from a previous log, if any.
         formats: Formats of the motion's files.
         rate: Points a second in those files; each format's own if `None`.
     """
@@ -181,10 +181,10 @@ def design_task(
     fixed_base: str | None = None,
     **tables: Any,
 ) -> DesignTask:
-    """What is wanted; the arguments are those of `design_excitation`.
+    """The design problem; the arguments are those of `design_excitation`.
 
     Raises:
-        SteelyardError: Something cannot be had.
+        SteelyardError: The problem has no solution, or a file cannot be used.
     """
     loaded = asked(load_robot(robot, base=fixed_base), **tables)
     known = None if earlier is None else identified_before(earlier, loaded)
@@ -217,24 +217,24 @@ def design_excitation(
     seed: int = 0,
     progress: Progress = silent,
 ) -> DesignedMotion:
-    """Design the motion that shows a robot's parameters best, and prove that it keeps its limits.
+    """Design an excitation motion, and prove that it keeps all limits.
 
     Args:
         robot: Robot file (TOML), URDF, xacro or MJCF, or what `load_robot` made of it; limits,
-            tool box, obstacles and what is to be shown stand in its `[excitation]` tables.
+            workspace, obstacles and criterion are in its `[excitation]` tables.
         budget: Time of the design [s].
-        motion: Kind of motion, in the place of the robot file's.
+        motion: Kind of motion, instead of the robot file's.
         period: Period [s], likewise.
         harmonics: Harmonics, likewise.
         criterion: What is minimised, likewise.
         method: Search method, likewise.
-        still_unknown: Whether what the earlier logs left uncertain is to be shown.
-        earlier: Model identified before, to design what it lacks, its `model.json`, or its folder.
+        still_unknown: Whether the information of `earlier` is added to that of the motion.
+        earlier: Model identified from a previous log, its `model.json`, or its folder.
         formats: Formats of files beside CSV; see `steelyard excite --help`.
         rate: Points a second in those files.
-        fixed_base: Link of a model file that is fixed to the world; `None` for its root.
-        searches: After how many searches to stop before the time; `None` for never.
-        processes: Searches side by side; as many as the machine has cores if `None`.
+        fixed_base: Link to fix to the world, for a model file; `None` for its root.
+        searches: Number of searches after which the design ends; `None` for no limit.
+        processes: Parallel searches; as many as the machine has cores if `None`.
         seed: Same seed and number of searches, same motion.
         progress: Receives events of progress; asked to stop, the design ends with the best so far.
 

@@ -195,14 +195,15 @@ def calibrated(found: Fit, threads: int, progress: Progress) -> Fit:
     )
     if calibration is not None:
         return replace(found, identified=replace(identified, calibration=calibration))
-    why = "without a part of the logs the rest is too little to fit"
+    why = "with one part of the logs left out, the rest does not suffice for a fit"
     if found.method.needs == "experiment":
         why = f"{found.method.name} needs whole runs, and could not be fitted without one of them"
     return replace(found, notes=(*found.notes, NOT_CALIBRATED.format(why)))
 
 
 NOT_CALIBRATED = (
-    "the 95 % bands of efforts count noise only: {}, so nothing could be left out to calibrate them"
+    "the 95 % bands of efforts include noise only: {}, so nothing could be left out to calibrate "
+    "them"
 )
 
 LeastSquares = OrdinaryLeastSquares | WeightedLeastSquares
@@ -221,21 +222,21 @@ def _method(loaded: LoadedRobot, plain: str, gains: GainEstimate | None) -> tupl
     """The estimator, and why it is not the default one; nothing if it is."""
     asked = method_of(loaded)
     if asked.uses and gains is not None and gains.relative:
-        return offer_of(plain, ""), "for without a scale no prior of the bodies can be compared"
+        return offer_of(plain, ""), "because a prior of the links needs efforts in a known scale"
     usual = EstimationSection().method
-    return asked, "" if asked.name == usual else "as asked for"
+    return asked, "" if asked.name == usual else "as requested"
 
 
 def _unscaled_because(loaded: LoadedRobot, ground: Ground, estimator: Estimator[Any]) -> str:
     """Why scales cannot be estimated; empty where they can."""
     if ground.gains is not None:
-        return 'beside gain = "identify"'
+        return 'together with gain = "identify"'
     if type(estimator) is not Consistent:
         return f'with method = "{loaded.estimation.method}"'
     if estimator.per_run:
-        return "beside terms that are estimated per run"
+        return "together with terms that are estimated per run"
     if ground.runs[0].recording.signals.effort_map is not None:
-        return "behind coupled gears, where a scale is of a motor and not of a joint"
+        return "with coupled gears, where a scale belongs to a motor and not to a joint"
     return ""
 
 

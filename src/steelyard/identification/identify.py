@@ -58,7 +58,7 @@ class Identification(Result):
 
     @property
     def verdict(self) -> Verdict:
-        """The headline, its level and what qualifies it."""
+        """The headline, its level, and findings that limit it."""
         return verdict(self.content)
 
     @property
@@ -74,7 +74,7 @@ class Identification(Result):
         return scores_frame(self.content)
 
     def report(self) -> str:
-        """The page: HTML that needs no other file."""
+        """The report as one self-contained HTML page."""
         return render(self.content)
 
     def write(self, folder: Path) -> None:
@@ -126,13 +126,13 @@ def identify(
         validate: Logs of other motions, to be predicted.
         loaded: Logs with a payload, to identify drive gains that are not known.
         payload_mass: Mass of that payload [kg].
-        payload_frame: Frame that carries it; the last link's if `None`.
-        check: Whether the logs are checked before; what is wrong then stops the identification.
-        sensitivity: Whether to fit again with other cut-off frequencies.
-        bootstrap: How often to estimate again from windows of time drawn again; `None` for never.
+        payload_frame: Frame of the payload; that of the last link if `None`.
+        check: Whether the logs are checked before the fit; a wrong finding stops it.
+        sensitivity: Whether to repeat the fit with other cut-off frequencies.
+        bootstrap: Number of bootstrap estimates from resampled time windows; `None` for none.
         method: Name of an estimator (see `estimators`), or `least_squares`; that of the robot file
             if `None`.
-        fixed_base: Link of a model file that is fixed to the world; `None` for its root.
+        fixed_base: Link to fix to the world, for a model file; `None` for its root.
         threads: Native threads; as many as the machine has cores if `None`.
         progress: Receives events of progress; an exception from it stops the work.
 

@@ -134,7 +134,7 @@ def export(
             is made if `None`.
 
     Returns:
-        What the format has no place for, a sentence each.
+        What the format cannot represent, one sentence each.
 
     Raises:
         SteelyardError: The file exists, its name ends otherwise, or the model lacks parameters.

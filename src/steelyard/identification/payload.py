@@ -35,7 +35,7 @@ class PayloadTask:
         identified: The model.
         loaded: Logs with the payload.
         unloaded: Logs without it.
-        frame: Frame to give the numbers in; the last link's if `None`.
+        frame: Frame of the results; that of the last link if `None`.
     """
 
     identified: IdentifiedModel
@@ -94,15 +94,15 @@ def identify_payload(
     gain_uncertainty: float | None = None,
     progress: Progress = silent,
 ) -> PayloadEstimate:
-    """Identify what a robot carries: mass, centre and inertia, with intervals.
+    """Identify a payload: mass, centre of mass and inertia, with 95 % intervals.
 
     Args:
-        model: The model, its `model.json`, or the folder that holds it.
+        model: The model, its `model.json`, or the folder that contains it.
         logs: Logs with the payload.
-        frame: Frame to give the numbers in; the last link's if `None`.
-        unloaded: Logs without the payload: all is then estimated from the logs together.
-        gain_uncertainty: Relative standard deviation of each drive gain; if `None` 0.02 where
-            efforts are currents, nothing beside identified scales.
+        frame: Frame of the results; that of the last link if `None`.
+        unloaded: Logs without the payload: arm and payload are then identified together.
+        gain_uncertainty: Relative standard deviation of each drive gain; if `None`, 0.02 for
+            currents, or 0 if effort scales were identified with the model.
         progress: Receives events of progress; an exception from it stops the work.
 
     Raises:

@@ -252,7 +252,7 @@ def _gain_note(gains: GainEstimate) -> str:
     if assumed:
         text += (
             "; not identifiable from these data, assumed to be the geometric mean of the others: "
-            f"{', '.join(assumed)}; efforts of these joints in Nm, their friction and rotors are "
-            "in that scale"
+            f"{', '.join(assumed)}; efforts in Nm, friction and rotor inertia of these joints "
+            "are relative to these gains"
         )
     return text

@@ -25,7 +25,7 @@ class Result(ABC):
 
     @abstractmethod
     def report(self) -> str:
-        """The page: HTML that needs no other file."""
+        """The report as one self-contained HTML page."""
 
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:

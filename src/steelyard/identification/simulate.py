@@ -64,7 +64,7 @@ def simulate(
     seed: int = 0,
     progress: Progress = silent,
 ) -> SimulatedRun:
-    """Simulate a robot with invented true parameters near its nominal ones.
+    """Simulate a robot with random true parameters near the nominal ones, and log it.
 
     Args:
         robot: Robot file (TOML), URDF, xacro or MJCF, or what `load_robot` made of it.
@@ -72,14 +72,14 @@ def simulate(
         motion: Motion to follow, a `trajectory.json` or a table of postures; a random one if
             `None`.
         period: Length of the random motion [s], 10 if `None`.
-        periods: How often the motion is run through.
-        dry_run: Share of the speed.
-        noise: Factor on the sensor noise of a usual arm.
-        payload_mass: Mass of a steel ball that is carried [kg]; `None` for none.
-        payload_frame: Frame that carries it; the last link's if `None`.
-        attach: When it is taken [s].
-        release: When it is let go [s].
-        fixed_base: Link of a model file that is fixed to the world; `None` for its root.
+        periods: Number of periods.
+        dry_run: Speed relative to the motion's, at most 1.
+        noise: Sensor noise relative to that of a typical arm.
+        payload_mass: Mass of the payload, a steel sphere [kg]; `None` for none.
+        payload_frame: Frame of the payload; that of the last link if `None`.
+        attach: Time at which it is attached [s].
+        release: Time at which it is released [s].
+        fixed_base: Link to fix to the world, for a model file; `None` for its root.
         seed: Same seed, same robot and same random motion.
         progress: Receives events of progress; asked to stop, nothing is written.
 

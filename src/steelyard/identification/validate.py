@@ -45,7 +45,7 @@ class Validation(Result):
 
     @property
     def verdict(self) -> Verdict:
-        """The headline, its level and what qualifies it."""
+        """The headline, its level, and findings that limit it."""
         return verdict(self.content)
 
     @property
@@ -54,7 +54,7 @@ class Validation(Result):
         return scores_frame(self.content)
 
     def report(self) -> str:
-        """The page: HTML that needs no other file."""
+        """The report as one self-contained HTML page."""
         return render(self.content)
 
     def write(self, folder: Path) -> None:
@@ -98,7 +98,7 @@ def validate(
     """Score an identified model on logs that it was not fitted to.
 
     Args:
-        model: The model, its `model.json`, or the folder that holds it.
+        model: The model, its `model.json`, or the folder that contains it.
         logs: The logs; `run.csv@5:20` is a window in seconds.
         progress: Receives events of progress; an exception from it stops the work.
 

@@ -86,7 +86,7 @@ class Chain:
             else f"Hampel threshold {s.threshold:g} scaled MAD"
         ]
         if s.bridge_stale:
-            stages.append("repeated rows bridged")
+            stages.append("repeated rows interpolated")
         if not np.isnan(s.limits).all():
             stages.append("efforts at their limit left out")
         stages.append(f"{p.resampling} to {self.rate:g} Hz")

@@ -33,7 +33,7 @@ class OpenStretch:
     def __str__(self) -> str:
         return (
             f"{self.run}: loop '{self.loop}' does not close from {self.start:.4f} s to "
-            f"{self.stop:.4f} s, its points stay {self.gap:.3g} m apart at first: "
+            f"{self.stop:.4f} s, closure error {self.gap:.3g} m at first: "
             f"{self.samples} samples left out"
         )
 

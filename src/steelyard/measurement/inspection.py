@@ -143,7 +143,7 @@ def _spectra(even: Array, rate: float, channels: Channels) -> tuple[Band, Array 
 def _refuse_faster(rate: float, logged: float, recording: Recording) -> None:
     if rate > FASTER * logged:
         raise LogError(
-            f"a clock of {rate:g} Hz is far above the log's {logged:g} Hz",
+            f"a rate of {rate:g} Hz is far above the log's {logged:g} Hz",
             where=recording.where,
             fix=f"choose a rate up to {FASTER * logged:g} Hz in [processing], or leave it out",
         )

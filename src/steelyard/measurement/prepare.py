@@ -261,7 +261,7 @@ def _unwrapped(recording: Recording) -> tuple[str, ...]:
     """Which positions were logged modulo a turn."""
     if not recording.wrapped:
         return ()
-    return (f"positions {', '.join(recording.wrapped)} wrap at a turn: made continuous",)
+    return (f"positions {', '.join(recording.wrapped)} wrap after a turn: unwrapped",)
 
 
 def _losses(found: Survey, segments: tuple[Segment, ...], marked: Marked) -> tuple[str, ...]:
@@ -291,12 +291,12 @@ def _choices(
     return (
         f"resampled to {found.rate:g} Hz (steps {1e3 * mean:.4g} ms mean, {1e3 * least:.4g} to "
         f"{1e3 * most:.4g} ms)",
-        f"motion below {found.band.frequency:.2g} Hz, above its noise up to "
-        f"{found.band.floor:.2g} Hz: motion cut-off {chain.motion_cutoff:g} Hz"
+        f"motion band {found.band.frequency:.2g} Hz, floor {found.band.floor:.2g} Hz: motion "
+        f"cut-off {chain.motion_cutoff:g} Hz"
         f"{_given(asked.motion_cutoff)}, regression cut-off {chain.matched_cutoff:g} Hz"
         f"{_given(asked.matched_cutoff)}",
-        f"chain: {chain.words}; {marked.words or 'nothing marked'}",
-        "rest below " + " ".join(f"{s:.2g}" for s in rest_speed) + " rad/s or m/s",
+        f"processing: {chain.words}; {marked.words or 'nothing corrected'}",
+        "rest speed " + " ".join(f"{s:.2g}" for s in rest_speed) + " rad/s or m/s",
     )
 
 

@@ -76,15 +76,15 @@ class Quality:
         return (
             ("rows", f"{self.kept} of {self.rows} used"),
             ("dropped", lost or "none"),
-            ("marked", self.marked.words or "none"),
+            ("corrected", self.marked.words or "none"),
             ("duration", f"{self.duration:.2f} s"),
             ("clock", self.clock_text),
             ("gaps", ", ".join(f"{t:.2f} s" for t in self.gaps[:10]) or "none"),
             ("uniform clock", f"{self.rate:g} Hz"),
             ("position resolution", _numbers(self.resolution)),
             ("effort resolution", _numbers(self.effort_resolution)),
-            ("fastest", _numbers(self.max_speed)),
-            ("decided", "; ".join(self.notes)),
+            ("maximum speed", _numbers(self.max_speed)),
+            ("processing", "; ".join(self.notes)),
         )
 
     @property

@@ -71,14 +71,14 @@ def settled(
         raise _floats(mechanism, trees)
     kept, notes = mechanism, list(mechanism.notes)
     if joint := floating_base(mechanism, base):
-        rests = f"base '{root}' is assumed to be at rest, turned as the model file has it"
+        rests = f"base '{root}' is assumed to be at rest, in the orientation of the model file"
         notes.append(Listed(rests, f"the {_word(joint)} joint of '{joint.child}' is left out"))
         others = floating_trees(mechanism, mechanism.root)
         trees = trees | {j: n for j, n in others.items() if j not in mechanism.to_link(root)}
         kept = _without(mechanism, trees, root)
     if trees:
         names = ", ".join(tree.child for tree in trees)
-        notes.append(Listed("left out, as it floats beside the robot", names))
+        notes.append(Listed("left out, as it is not part of the robot", names))
         kept = _without(mechanism, trees, root)
     beyond = kept.from_link(root)
     aside = [joint.name for joint in kept.joints if joint.movable and joint not in beyond]
@@ -90,7 +90,7 @@ def settled(
     _check_balls(kept, balls, joints, locked)
     if assumed := [ball.name for ball in balls if ball.name not in locked]:
         ball_joints = f"ball joint {', '.join(assumed)}"
-        notes.append(Listed("locked where the model file has it", ball_joints))
+        notes.append(Listed("locked at its position in the model file", ball_joints))
     names_of_balls = {ball.name for ball in balls}
     return Settled(kept, {n: x for n, x in locked.items() if n not in names_of_balls}, tuple(notes))
 
@@ -131,13 +131,13 @@ def _check_balls(
                 f"ball joint '{ball.name}' is locked at {locked[ball.name]:g}, but has no such "
                 "position",
                 where=ball.where,
-                fix=f"write {ball.name} = 0.0: it is locked where the model file has it",
+                fix=f"write {ball.name} = 0.0: it is locked at its position in the model file",
             )
         if ball.name not in locked and joints is None:
             raise OpenModelError(
                 f"joint '{ball.name}' is a ball joint, which has three degrees of freedom",
                 where=ball.where,
-                fix=f"lock it where the model file has it: {ball.name} = 0.0 under "
+                fix=f"lock it at its position in the model file: {ball.name} = 0.0 under "
                 "[robot.locked] in a robot file, as `steelyard init` writes it",
             )
 

@@ -39,7 +39,7 @@ def reduction_notes(
     if lacking:
         names = ", ".join(f"{link.name} ('{link.lacks}')" for link in lacking[:6])
         more = f" and {len(lacking) - 6} more" if len(lacking) > 6 else ""
-        absent = "prior mass is zero, as the mesh that gives it is absent"
+        absent = "prior mass is zero, as the mesh is missing"
         notes.append(Listed(absent, names + more))
     for body in robot.bodies:
         if flaw := body.inertia.flaw():

@@ -117,7 +117,7 @@ def closed_robot(
         gap = float(np.linalg.norm(loop.points[0] - loop.points[1]))
         if gap > CLOSED:
             raise ModelError(
-                f"loop '{pin.name}' is locked open: its points are {gap:.3g} m apart",
+                f"loop '{pin.name}' is locked open: closure error {gap:.3g} m",
                 where=pin.where,
                 fix="correct its points, or lock its joints where it closes",
             )

@@ -155,8 +155,8 @@ def checked_equations(robot: Robot, where: Sequence[str]) -> LoopEquations:
     if worst.max() > CLOSED:
         loop = int(worst.argmax())
         raise ModelError(
-            f"loop '{robot.loops[loop].name}' does not close in the reference configuration: its "
-            f"points stay {worst[loop]:.3g} m apart",
+            f"loop '{robot.loops[loop].name}' does not close in the reference configuration: "
+            f"closure error {worst[loop]:.3g} m",
             where=where[loop],
             fix="correct its points, or give [robot.assembly] positions of all joints near which "
             "it closes",

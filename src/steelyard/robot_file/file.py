@@ -142,7 +142,9 @@ def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
         and not any(signals.unknown_gains)
     ):
         unit = next(unit for unit in signals.effort_units if unit in WITHOUT_TORQUE)
-        notes += (f"every drive gain is 1: parameters are right only if 1 {unit} makes 1 Nm",)
+        notes += (
+            f"all drive gains are 1: parameters are correct only if 1 {unit} corresponds to 1 Nm",
+        )
     return LoadedRobot(
         robot,
         notes,

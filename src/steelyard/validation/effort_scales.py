@@ -57,7 +57,8 @@ class EffortScales:
         values = zip(self.joints, self.found.values, self.half_width, strict=True)
         listed = ", ".join(f"{joint} {x:.2f} ± {half:.2f}" for joint, x, half in values)
         return (
-            f"efforts are read with a scale per joint (logged over model, {BEFORE}): {listed}; "
+            f"a scale of the efforts is estimated per joint (logged over model, {BEFORE}): "
+            f"{listed}; "
             f"error on left-out motion {self.error:.3g} % instead of {self.without:.3g} %; masses "
             'are as uncertain as the scales; effort_scales = "off" in [estimation] keeps the given '
             "gains"

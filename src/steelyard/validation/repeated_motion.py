@@ -60,7 +60,7 @@ class Repeat:
     @property
     def words(self) -> str:
         """In a few words: of which run, how much, and how close."""
-        what = "holds rows of" if self.same else "repeats the motion of"
+        what = "contains rows of" if self.same else "repeats the motion of"
         return (
             f"{what} {self.run} ({100.0 * self.share:.0f} % of its motion, "
             f"{self.shift:.4g} s later, to {100.0 * self.distance:.1g} % of the joints' range"

@@ -203,8 +203,8 @@ class Comparison:
         """What was compared, in one sentence."""
         which = "run" if self.left_out == "run" else "stretch of the run"
         return (
-            f"Each estimator is fitted to all but one {which}, and predicts that one: "
-            f"{len(self.parts)} times."
+            f"Each estimator is fitted to all but one {which} and predicts that one, for each of "
+            f"the {len(self.parts)}."
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -278,7 +278,7 @@ def _why(chosen: Trial, best: Trial, close: Sequence[Trial]) -> str:
         reasons.append("it is simpler")
     return (
         f"{best.name}: {best.figure}; {chosen.name}: {chosen.figure}, within one standard error "
-        f"of the difference, and {' and '.join(reasons)}: take {chosen.name}"
+        f"of the difference, and {' and '.join(reasons)}: {chosen.name} is recommended"
     )
 
 

@@ -227,5 +227,6 @@ def _diverged(run: Measured, k: int, least: float) -> DataError:
     return DataError(
         f"the Kalman filter diverged at {run.motion.t[k]:.2f} s: {why}",
         where=run.name,
-        fix="filter the motion that it begins with more, or give the noises of position and torque",
+        fix="low-pass the motion of its start values more, or give the noise of positions and "
+        "torques",
     )

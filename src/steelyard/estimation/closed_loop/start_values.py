@@ -13,8 +13,8 @@ from steelyard.terms.acting import ActsOnAxes
 from steelyard.terms.laws.rigid_body import RigidBody
 
 NOTE = (
-    "the estimate from the filtered motion cannot be simulated: the search started with the "
-    "bodies of the model file"
+    "the estimate from the filtered motion cannot be simulated: the search started from the "
+    "inertial parameters of the model file"
 )
 
 

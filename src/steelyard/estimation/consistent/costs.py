@@ -57,7 +57,7 @@ def cost_notes(
         return tuple(notes)
     if rise > 2.0 * rank and any(program.unknowns.priors):
         notes.append(
-            f"a prior of this certainty raises χ² by {rise:.4g}, where up to {rank} is within "
+            f"a prior with this uncertainty raises χ² by {rise:.4g}, where up to {rank} is within "
             "noise: the data contradict it"
         )
     return tuple(notes)

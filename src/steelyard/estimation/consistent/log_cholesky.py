@@ -51,7 +51,7 @@ class LogCholesky(Consistent):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not isinstance(self.form, Entropic):
-            raise ValueError("in log-Cholesky coordinates the prior is the entropic one")
+            raise ValueError("log-Cholesky supports only the entropic prior")
 
     def __call__(self, information: Information) -> Estimate:
         """Estimate all standard parameters.
@@ -121,7 +121,7 @@ def _unheard(knowledge: Knowledge) -> tuple[str, ...]:
         return ()
     one = len(labels) == 1
     count, verb = ("1 entry", "is") if one else (f"{len(labels)} entries", "are")
-    return (f"{count} of [[knowledge]] about bodies or ties {verb} ignored by this estimator",)
+    return (f"{count} of [[knowledge]] about links or ties {verb} ignored by this estimator",)
 
 
 def _broken(knowledge: Knowledge, values: Parameters) -> tuple[str, ...]:

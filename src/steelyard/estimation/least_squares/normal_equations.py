@@ -122,8 +122,8 @@ def refuse_few(information: Information, parameters: int, each: float) -> None:
             f"{each * parameters:.4g} are needed",
             where=", ".join(dict.fromkeys(w.run for w in information.windows)) or "no window",
             fix="log longer, with more of the time in motion; or leave terms out ([model] terms). "
-            "Behind the low-pass a higher rate adds none: a higher [processing] matched_cutoff "
-            "does, if noise allows it",
+            "A higher sampling rate adds none because of the low-pass; a higher [processing] "
+            "matched_cutoff does, if noise allows it",
         )
 
 

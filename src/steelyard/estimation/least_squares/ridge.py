@@ -65,7 +65,7 @@ class Ridge:
                 standard[tens] = prior.ten
         values = base.base_values(standard).tolist()
         named = tuple(zip(base.base_names, values, strict=True))
-        return cls(named, "the nominal bodies, no friction", per_run=per_run)
+        return cls(named, "the nominal inertial parameters, zero friction", per_run=per_run)
 
     def __call__(self, information: Information) -> Estimate:
         """Estimate all columns that the data see.

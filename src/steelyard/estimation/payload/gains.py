@@ -265,8 +265,8 @@ def _assumed(problem: Bilinear, solution: Solution, row: int, units: Sequence[st
         width = 100.0 * Z95 * share
         by = f" (95 % interval of ± {width:.0f} %)" if width < 1e4 else ""
         raise DataError(
-            f"the data do not determine the gain of joint '{problem.names[row]}'{by}, nor another "
-            "of its unit",
+            f"the data do not determine the gain of joint '{problem.names[row]}'{by}, nor any "
+            "other gain of its unit",
             where="identification of drive gains",
             fix="move it faster, together with the other joints, or give its gain",
         )

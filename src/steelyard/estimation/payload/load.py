@@ -105,8 +105,8 @@ class PayloadEstimate:
         below = [name for name, value, width in pairs if value < -width]
         if below:
             found.append(
-                f"{', '.join(below)} have their whole interval below zero, which no body has: the "
-                "model or the gains are wrong by more than the intervals cover"
+                f"{', '.join(below)} have intervals entirely below zero, which is physically "
+                "impossible: model or gains have errors that the intervals do not cover"
             )
         found.append(
             f"the inertia is poorly identifiable: the interval of {', '.join(weak)} contains zero"

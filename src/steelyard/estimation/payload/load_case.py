@@ -51,7 +51,7 @@ def carrier(robot: Robot, name: str | None = None) -> Frame:
         )
     if robot.bodies[frames[name].body].massless:
         raise ModelError(
-            f"frame '{name}' lies between two joints of one body, and carries nothing",
+            f"frame '{name}' lies between two joints of one body, and has no mass",
             where=f"robot '{robot.name}'",
             fix=f"name a link with mass, such as '{robot.bodies[-1].name}'",
         )

@@ -44,7 +44,7 @@ class TotalMass(Bounded):
         r"""$l \le \sum m_i \le u$."""
         links = scope.bodies if self.links is None else self.links
         if not links:
-            scope.refuse("a total mass is given of no link", 'name links, or add "rigid_body"')
+            scope.refuse("a total mass is given, but no link", 'name links, or add "rigid_body"')
         if twice := [link for link in links if links.count(link) > 1]:
             scope.refuse(f"link '{twice[0]}' is named twice", "name it once")
         interval = self.interval(scope)

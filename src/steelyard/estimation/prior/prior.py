@@ -83,7 +83,7 @@ def notes_on(corrected: Mapping[str, Mended]) -> tuple[str, ...]:
     if thin := [f"'{name}'" for name, one in corrected.items() if one.thin]:
         side = f"{np.sqrt(THINNEST):.0%}"
         notes.append(
-            f"prior bodies thinner than {side} of their length were widened: {', '.join(thin)}"
+            f"priors of links thinner than {side} of their length were widened: {', '.join(thin)}"
         )
     return tuple(notes)
 
@@ -106,7 +106,7 @@ def mended_body(given: Inertia, *, told: bool = False) -> Mended:
         was = was or "it is denser than steel"
         return Mended(
             ball(given.mass, given.com),
-            f"{was}; a solid ball of {given.mass:.3g} kg about its centre of mass is assumed",
+            f"{was}; a solid sphere of {given.mass:.3g} kg about its centre of mass is assumed",
         )
     least = THINNEST * moments[-1]
     if moments[0] >= least:
@@ -116,7 +116,7 @@ def mended_body(given: Inertia, *, told: bool = False) -> Mended:
         return Mended(lifted, thin=True)
     lifted_to = _listed(np.linalg.eigvalsh(lifted.inertia_com), "kg m²")
     why = "its moments of inertia are" if told else f"it is not physically consistent: {flaw};"
-    return Mended(lifted, f"{why} lifted to {lifted_to}")
+    return Mended(lifted, f"{why} raised to {lifted_to}")
 
 
 def stand_in_mass(robot: Robot) -> float:

@@ -77,7 +77,7 @@ def knowledge_of(model: Model, loaded: LoadedRobot, fastest: Array | None = None
         _refuse_own(mine, own_columns(model), where)
         rows += mine
     lower, loosened = _loosened(known, rows)
-    notes += [f"'{name}' may be below zero, as the robot file says" for name in loosened]
+    notes += [f"'{name}' may be below zero, as the robot file allows" for name in loosened]
     known = replace(known, lower=lower, rows=tuple(rows), notes=tuple(notes))
     refuse_contradictions(known)
     return known if fastest is None else _with_curves(known, model, fastest, loosened)

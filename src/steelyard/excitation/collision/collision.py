@@ -262,7 +262,7 @@ def self_clearance(
     srdf = find_srdf(model, loaded.model_given)
     if srdf is not None:
         never = geometry.never | disabled_pairs(srdf)
-        notes = (*geometry.notes, f"pairs of links that may touch are read from '{srdf}'")
+        notes = (*geometry.notes, f"pairs of links that may touch are taken from '{srdf}'")
         geometry = replace(geometry, never=never, notes=notes)
     return clearance(
         loaded.robot,

@@ -82,12 +82,13 @@ def candidate_pairs(
             else:
                 pairs.append(Pair(first, second, ways))
     reasons = {
-        "links that meet at their joint": near,
+        "links connected by a joint": near,
         "which may touch according to the model or its SRDF": modelled,
         "which may touch as specified": asked,
     }
     notes = tuple(
-        f"no clearance of {len(left)} pair{'s' * (len(left) > 1)}, {why}: {', '.join(left)}"
+        f"clearance is not checked for {len(left)} pair{'s' * (len(left) > 1)}, {why}: "
+        f"{', '.join(left)}"
         for why, left in reasons.items()
         if left
     )

@@ -50,8 +50,8 @@ class Room(Clearance):
     def how(self) -> str:
         """How it is proven, in one sentence."""
         return (
-            "distances of convex shapes, and how fast they can change, over stretches of time; "
-            f"{1e3 * RESERVE:g} mm of reserve are kept to every boundary"
+            "distances of convex shapes with bounds of their rate of change, over time intervals; "
+            f"{1e3 * RESERVE:g} mm are reserved at every boundary"
         )
 
 

@@ -88,10 +88,10 @@ def _refuse(shapes: Sequence[Shape], close: Sequence[tuple[Pair, float]], margin
     if cell:
         pair, distance, _ = min(cell, key=lambda one: one[1])
         raise ModelError(
-            f"'{pair.first}' and '{pair.second}' are never {margin:g} m apart: the largest margin "
-            f"that can be had, of {POSTURES} postures tried, is {_down(distance)} m",
+            f"'{pair.first}' and '{pair.second}' are never {margin:g} m apart: the largest "
+            f"possible margin in {POSTURES} random postures is {_down(distance)} m",
             where=_WHERE,
-            fix=f"give a margin of {_down(distance)} m or less, move what stands in the cell, or "
+            fix=f"give a margin of {_down(distance)} m or less, move the object in the cell, or "
             "name the pair in ignore",
         )
 

@@ -104,13 +104,13 @@ class Certificate:
     def failures(self) -> tuple[str, ...]:
         """What is not proven, and by how much, one line each."""
         beyond = [
-            f"{x.quantity} of '{x.joint}' goes {-x.margin:.3g} {x.unit} beyond its limit"
+            f"{x.quantity} of '{x.joint}' exceeds its limit by {-x.margin:.3g} {x.unit}"
             for x in self.extremes
             if x.margin is not None and not x.margin >= 0.0
         ]
         negative = [
             f"{proof.name}: {label}: "
-            + (f"missed by {-seen:.3g} {proof.unit}" if seen < 0.0 else "not proven")
+            + (f"violated by {-seen:.3g} {proof.unit}" if seen < 0.0 else "not proven")
             for proof in self.proofs
             for label, least, seen in zip(proof.labels, proof.proven, proof.sampled, strict=True)
             if not least >= 0.0

@@ -28,8 +28,8 @@ TOLERANCE = 5e-4
 """How far below the least margin at a sample a proof may stay [m]."""
 
 PROOF = (
-    "positions and velocities at the middle of every stretch of time, and interval bounds of the "
-    "accelerations all over it"
+    "positions and velocities at the middle of every time interval, and bounds of the "
+    "accelerations over the interval"
 )
 """How margins of spheres are proven."""
 

@@ -13,7 +13,7 @@ from steelyard.progress import Progress
 SAMPLES = 1000
 """Samples of a motion whose least margins stand beside the proven ones."""
 
-BOUNDS = "bounds over stretches of time that leave no time out"
+BOUNDS = "bounds over time intervals that cover the whole motion"
 """How a constraint is proven that does not say more."""
 
 

@@ -60,8 +60,8 @@ class EffortLimit:
     def how(self) -> str:
         """How it is proven, in one sentence."""
         return (
-            "interval arithmetic bounds how fast efforts change over every stretch of time; "
-            "friction is bounded by its worse sign"
+            "interval arithmetic bounds the rate of change of efforts over every time interval; "
+            "friction has its worse sign"
         )
 
     @property

@@ -58,7 +58,7 @@ class Measure:
         parts = [self.kind.name]
         parts += [] if self.chosen is None else [f"of {len(self.chosen)} chosen parameters"]
         parts += [] if self.prior is None else ["with earlier runs"]
-        parts += [] if self.sizes is None else ["relative to expected sizes"]
+        parts += [] if self.sizes is None else ["relative to expected values"]
         return ", ".join(parts)
 
     def smooth(self, gram: Array, sharpness: float) -> tuple[float, Array]:

@@ -153,7 +153,7 @@ def _stuck(
 def _other_posture(off: Array, names: Sequence[str], where: str) -> Astray:
     j = int(np.argmax(np.abs(off)))
     return astray(
-        f"the straight line ends in another posture than the motion has there: joint "
+        f"the posture at the end of the straight line differs from that of the motion: joint "
         f"'{names[j]}' is off by {abs(off[j]):.2f}",
         where,
         1.0,
@@ -165,8 +165,8 @@ def astray(wrong: str, where: str, share: float) -> Astray:
     error = Astray(
         wrong,
         where=where,
-        fix="take path = 'joint', another start posture, leave the tool's orientation free, or "
-        "lay the places such that the lines keep away from the end of the reach and from the base",
+        fix="use path = 'joint' or another start posture, leave the tool's orientation free, or "
+        "move the points away from the limit of the reach and from the base",
     )
     error.progress = share
     return error

@@ -58,8 +58,8 @@ class ToolLimits:
     def __post_init__(self) -> None:
         if not (self.speed > 0.0 and self.acceleration > 0.0):
             raise DataError(
-                f"a tool that may move at {self.speed} m/s and {self.acceleration} m/s² stands "
-                "still",
+                f"a tool speed of {self.speed} m/s and acceleration of {self.acceleration} m/s² "
+                "allow no motion",
                 where="tool limits of a process motion",
                 fix="give a speed and an acceleration above 0, or leave them out",
             )

@@ -135,7 +135,7 @@ class PickAndPlace:
         lifts = np.outer([0.0, 1.0] if self.lift else [0.0], self.lift * upwards(robot))
         for box, name in ((self.pick, "the pick box"), (self.place, "the place box")):
             corners = (lifts[:, None] + box.corners).reshape(-1, 3)
-            planner.demand(corners, name, "corners and lifted corners")
+            planner.demand(corners, name, "corners and raised corners")
         return planner.run(self.tour(robot, seed))
 
 

@@ -194,8 +194,8 @@ def _inside(limits: MotionLimits, fraction: float, posture: ArrayLike | None) ->
     joint = int(np.argmax(excess))
     if excess[joint] > 0.0:
         raise DataError(
-            f"joint {joint + 1} stands at {posture[joint]:.4g}, {excess[joint]:.2g} outside the "
-            f"{lower[joint]:.4g} .. {upper[joint]:.4g} that it may use",
+            f"joint {joint + 1} is at {posture[joint]:.4g}, {excess[joint]:.2g} outside its "
+            f"allowed range {lower[joint]:.4g} .. {upper[joint]:.4g}",
             where="posture",
             fix=f"move it inside, or allow more than {fraction:g} of the range",
         )

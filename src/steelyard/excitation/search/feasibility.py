@@ -115,8 +115,8 @@ def _refuse_outside(robot: Robot, limits: MotionLimits, posture: Array, key: str
         inside = joint.limits.lower < at < joint.limits.upper
         less = ", or less margin in [excitation.limits] position_margin" if inside else ""
         raise DataError(
-            f"the {key} posture has joint '{joint.name}' at {at:.4g} {joint.unit}: that {how} "
-            f"limit of {limit:.4g} {joint.unit}, which keeps the position margin",
+            f"the {key} posture has joint '{joint.name}' at {at:.4g} {joint.unit}: this {how} "
+            f"limit of {limit:.4g} {joint.unit} (with the position margin)",
             where=f"{_WHERE} {key}",
             fix=f"give it between {_inside(low, high)} {joint.unit}{less}",
         )
@@ -160,14 +160,14 @@ def _refuse_nowhere(problem: Problem) -> None:
     raise DataError(
         f"no posture was found that satisfies all constraints; the nearest violates: {told(best)}",
         where=f"[excitation] {names(lacks)}",
-        fix=f"{widen(lacks)}: room to reach it and to move by {SIZE:.0%} of what the joints may",
+        fix=f"{widen(lacks)}: this allows a motion of {SIZE:.0%} of the joints' ranges about it",
     )
 
 
 def told(place: Standing) -> str:
     """What a posture lacks, in words."""
     return "; ".join(
-        f"{label} (missed by {-value:.3g} {constraint.unit})"
+        f"{label} (violated by {-value:.3g} {constraint.unit})"
         for constraint, label, value in place.lacks[:4]
     )
 

@@ -87,7 +87,7 @@ def finished(
         raise NoMotion(
             "no motion was found that can be proven to keep all constraints",
             where="excitation",
-            fix="widen the boxes or the margins, or give a start posture with more room",
+            fix="widen the boxes or the margins, or give a start posture farther from the limits",
         )
     figure, kept = best
     return Finished(kept.x, problem.basis.motion(kept.x), figure, kept.proven)

@@ -140,7 +140,7 @@ def each_start(
             f"no motion about any of {count + _POSTURES} random postures keeps all limits and "
             "constraints",
             where="[excitation]",
-            fix="widen the limits or the boxes, or give a start posture with room around it",
+            fix="widen the limits or the boxes, or give a start posture farther from the limits",
         )
 
 

@@ -34,7 +34,7 @@ class Lack:
     amount: float
 
     def __str__(self) -> str:
-        return f"{self.label} (missed by {self.amount:.3g} {self.constraint.unit})"
+        return f"{self.label} (violated by {self.amount:.3g} {self.constraint.unit})"
 
     @property
     def widened(self) -> str:
@@ -75,7 +75,7 @@ def explained(problem: Problem, error: NoMotion) -> DataError:
     if not lacks:
         return error
     return DataError(
-        f"{error.wrong}; one of {SIZE:.0%} of the joints' ranges violates: "
+        f"{error.wrong}; a motion of {SIZE:.0%} of the joints' ranges violates: "
         + "; ".join(str(lack) for lack in lacks[:4]),
         where="[excitation] " + names(lacks),
         fix=widen(lacks),

@@ -82,7 +82,7 @@ def mesh_points(path: Path, where: str) -> Array:
     return np.unique(points, axis=0)
 
 
-WITHOUT = "name the link under skip to ignore its shapes"
+WITHOUT = "name the link under `without` to ignore its shapes"
 """The other way out of a mesh that cannot be used."""
 
 

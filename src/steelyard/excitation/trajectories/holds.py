@@ -34,4 +34,4 @@ def holds_said(motion: ExactTrajectory) -> tuple[str, ...]:
     same = most - least <= 1e-6 * most
     each = f"{most:.3g} s each time" if same else f"{least:.3g} to {most:.3g} s each time"
     times = "once" if len(found) == 1 else f"{len(found)} times"
-    return (f"all joints stand still {times}: {each}, {found.sum():.3g} s in all",)
+    return (f"all joints are at standstill {times}: {each}, {found.sum():.3g} s in all",)

@@ -119,7 +119,7 @@ def _refused(data: h5py.Dataset) -> str:
     if data.chunks and prod(data.chunks) * data.dtype.itemsize > LARGEST_CHUNK:
         return "its chunks are larger than 32 MiB; repack it with h5repack -l CHUNK=..."
     if size > UNSTORED and size > LARGEST_RATIO * data.id.get_storage_size():
-        return "it is said to be much larger than what is stored of it"
+        return "its declared size is much larger than its stored data"
     return ""
 
 

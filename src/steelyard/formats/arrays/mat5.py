@@ -190,7 +190,7 @@ class _Scanner:
             raise ValueError(f"'{name}' holds numbers of no known kind")
         dtype = np.dtype(f"{self.order}{NUMBERS[kind]}")
         if prod(shape) * dtype.itemsize != length:
-            raise ValueError(f"'{name}' is said to have a size that it has not")
+            raise ValueError(f"'{name}' has a wrong declared size")
         if len(shape) != 2:
             return Member(name, (), left_out=f"it has {len(shape)} axes")
         one = Member(name, () if shape == (1, 1) else shape)
@@ -213,7 +213,7 @@ class _Scanner:
         if inline or length == 0:
             return kind, inline
         if length > LONGEST_TEXT:
-            raise ValueError(f"a name or a size is said to be {length} bytes long")
+            raise ValueError(f"a name or a size is declared to be {length} bytes long")
         content = self._taken(length)
         self._to(self.at + -length % 8)
         return kind, content
@@ -234,6 +234,6 @@ class _Scanner:
 
     def _to(self, end: int) -> None:
         if end < self.at:
-            raise ValueError("a variable is longer than it is said to be")
+            raise ValueError("a variable is longer than declared")
         skip(self.stream, end - self.at)
         self.at = end

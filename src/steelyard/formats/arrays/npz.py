@@ -126,7 +126,7 @@ def _header(stream: IO[bytes], size: int) -> _Header:
     text = stream.read(length).decode("utf-8" if start[6] == 3 else "latin-1")
     dtype, shape, order = _parsed(text)
     if prod(shape) * dtype.itemsize > size - 8 - width - length:
-        raise ValueError("an array is said to be larger than the file")
+        raise ValueError("an array is declared larger than the file")
     return _Header(dtype, shape, order)
 
 

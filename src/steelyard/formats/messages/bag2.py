@@ -71,7 +71,7 @@ class SqliteFile:
                 last = None
                 for row, topic, time, data in base.execute(_select(channels), (LARGEST,)):
                     if last is not None and row <= last:
-                        raise sqlite3.DatabaseError("rows are met twice")
+                        raise sqlite3.DatabaseError("rows occur twice")
                     last = row
                     if isinstance(time, int) and topic in channels:
                         whole = data if isinstance(data, bytes) else None

@@ -103,7 +103,7 @@ def _require_small(store: "Typestore", channel: Channel) -> None:
 
     def size_of(name: str, depth: int) -> int:
         if depth > DEEPEST:
-            raise Unreadable(f"the type '{channel.type}' holds itself")
+            raise Unreadable(f"the type '{channel.type}' contains itself")
         if name not in store.fielddefs:
             raise Unreadable(f"the definition of '{channel.type}' lacks the type '{name}'")
         if name not in sizes:
@@ -130,7 +130,7 @@ def _require_small(store: "Typestore", channel: Channel) -> None:
     try:
         size_of(channel.type, 0)
     except RecursionError as error:
-        raise Unreadable(f"the type '{channel.type}' holds itself") from error
+        raise Unreadable(f"the type '{channel.type}' contains itself") from error
 
 
 def _is_empty(store: "Typestore", name: str) -> bool:

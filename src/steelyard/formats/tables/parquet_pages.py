@@ -118,7 +118,7 @@ class _Thrift:
     def _fits(self, count: int) -> int:
         """A count of things of a byte at least."""
         if count > self._stream.getbuffer().nbytes - self._stream.tell():
-            raise ValueError("its description is longer than itself")
+            raise ValueError("its description is longer than declared")
         return count
 
     def _signed(self) -> int:

@@ -121,7 +121,7 @@ def open_loop(
     name, gap = follower.gap(q[:, first])
     when = "at this sample" if t is None else f"at t = {t[first]:.4f} s"
     return DataError(
-        f"loop '{name}' does not close {when}: its points stay {gap:.3g} m apart",
+        f"loop '{name}' does not close {when}: closure error {gap:.3g} m",
         where=f"robot '{follower.robot.name}', measured positions",
         fix="check the loop's points and links, and the zeros and signs of the positions; or "
         'write open_loops = "drop" under [robot] to leave such samples out',

@@ -40,7 +40,7 @@ class FIR:
             )
         if not 0.0 < self.transition <= 2.0:
             raise ModelError(
-                f"a transition of {self.transition:g} times the cut-off is none",
+                f"a transition of {self.transition:g} times the cut-off is not valid",
                 where="fir",
                 fix="choose a number above 0 and up to 2",
             )

@@ -71,7 +71,7 @@ def kalman_smoothed(
     steps = np.diff(t, prepend=t[:1])
     if len(t) < LEAST or not (steps[1:] > 0.0).all():
         raise LogError(
-            f"{len(t)} samples, or a time that does not increase, are nothing to smooth",
+            f"{len(t)} samples, or a time that does not increase, cannot be smoothed",
             where="Kalman smoother",
             fix=f"give {LEAST} samples or more, in order of time",
         )

@@ -34,7 +34,7 @@ class MovingAverage:
             raise ModelError(
                 f"a moving average over {self.span} samples has no middle"
                 if self.span % 2 == 0
-                else f"a moving average over {self.span} samples is none",
+                else f"a moving average over {self.span} samples is not valid",
                 where="moving_average",
                 fix=f"choose an odd number from 1 to {LONGEST_SPAN}",
             )

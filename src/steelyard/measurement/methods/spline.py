@@ -54,7 +54,7 @@ def smoothing_spline(t: Array, values: Array, weight: float | None = None) -> Sp
     step = np.diff(t)
     if len(t) < LEAST or not (step > 0.0).all():
         raise LogError(
-            f"{len(t)} samples, or a time that does not increase, are no spline",
+            f"{len(t)} samples, or a time that does not increase, cannot be fitted by a spline",
             where="smoothing spline",
             fix=f"give {LEAST} samples or more, in order of time",
         )

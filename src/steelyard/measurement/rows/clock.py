@@ -255,7 +255,7 @@ def nothing_left(recording: Recording, counts: NDArray[np.int64]) -> LogError:
     if worst in (Verdict.REPEATED, Verdict.BACKWARD, Verdict.JUMP):
         return not_followed(recording, lost)
     return LogError(
-        f"every row of the log is broken: {lost[worst]} of {lost.sum()} rows hold {worst.reason}",
+        f"every row of the log is invalid: {lost[worst]} of {lost.sum()} rows hold {worst.reason}",
         where=recording.where,
         fix="check that the columns under [signals] of the robot file hold numbers, and their "
         "units",

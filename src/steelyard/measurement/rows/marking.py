@@ -46,8 +46,8 @@ class Marked:
     def words(self) -> str:
         """What was marked; empty if nothing was."""
         said = (
-            (self.outliers, "outlier", "bridged"),
-            (self.stale, "repeated row", "bridged"),
+            (self.outliers, "outlier", "interpolated"),
+            (self.stale, "repeated row", "interpolated"),
             (self.cut_off, "effort", "at its limit left out"),
         )
         return ", ".join(

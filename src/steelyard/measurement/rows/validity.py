@@ -35,10 +35,10 @@ class Verdict(IntEnum):
 _REASONS = {
     Verdict.KEPT: "kept",
     Verdict.UNREADABLE: "a cell that is missing or not a number",
-    Verdict.ABSURD: "a value no sensor can have",
-    Verdict.REPEATED: "the time of the row before",
-    Verdict.BACKWARD: "a time before the row before",
-    Verdict.JUMP: "a time or position that jumps there and back",
+    Verdict.ABSURD: "an implausible value",
+    Verdict.REPEATED: "a repeated time stamp",
+    Verdict.BACKWARD: "a time stamp before the previous one",
+    Verdict.JUMP: "a single jump of time or position",
 }
 
 

@@ -28,9 +28,9 @@ USUAL = 0.8
 """Share of the rows with one condition number from which on it tells nothing."""
 
 ABOUT = {
-    "Condition": "number of the whitened regressor, columns of unit length",
-    "χ²": "squared residuals over the noise that WLS estimates: about 1 for WLS itself, more is "
-    "the effect of constraints, of a prior or of other weights",
+    "Condition": "condition number of the whitened regressor, columns of unit length",
+    "χ²": "squared residuals over the noise variance by WLS, per degree of freedom: about 1 for "
+    "WLS; an excess is due to constraints, a prior or other weights",
 }
 """What columns say that do not speak for themselves."""
 

@@ -76,7 +76,10 @@ def design_summary(designed: Designed, console: Console) -> None:
     console.print()
     for one in helpful(designed.advice)[:ADVISED]:
         console.print(
-            Text(f"{capital(one.what)} ({one.seconds:.3g} s) reduces {brings(designed, one, 1)}")
+            Text(
+                f"{capital(one.what)} ({one.seconds:.3g} s) reduces the std of "
+                f"{brings(designed, one, 1)}"
+            )
         )
     for note in designed.notes:
         if note in uncovered(designed):

@@ -277,7 +277,7 @@ def brings(designed: Designed, one: Advice, most: int = NAMED) -> str:
         return f"all standard deviations to {100.0 * shares[0]:.0f} %"
     named = "; ".join(_fall(designed, one, name) for name, _ in one.helps[:most])
     more = len(one.helps) - most
-    return named + (f"; {more} more" if more > 0 else "")
+    return named + (f", and {more} more" if more > 0 else "")
 
 
 def _fall(designed: Designed, one: Advice, name: str) -> str:

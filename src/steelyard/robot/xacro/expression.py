@@ -120,7 +120,7 @@ class _Evaluation:
 
     def _attribute(self, node: ast.Attribute) -> Any:
         if node.attr.startswith("_"):
-            raise XacroError(f"'{node.attr}' cannot be asked for", _MEND)
+            raise XacroError(f"'{node.attr}' is not accessible", _MEND)
         inside = self.of(node.value)
         if isinstance(inside, Mapping):
             if node.attr not in inside:
@@ -128,7 +128,7 @@ class _Evaluation:
             return inside[node.attr]
         if isinstance(inside, Names):
             return inside.value(node.attr)
-        raise XacroError(f"'{node.attr}' cannot be asked for", _MEND)
+        raise XacroError(f"'{node.attr}' is not accessible", _MEND)
 
     def _binop(self, node: ast.BinOp) -> Any:
         operation = self._operation(_BINARY, node.op)

@@ -89,7 +89,7 @@ def expand(
             raise ModelError(
                 f"'{path}' is not a xacro file, and has no arguments",
                 where=joined_reference(path, arguments),
-                fix="leave out what stands behind it",
+                fix="leave out the arguments after it",
             )
         return None
     places = Packages(tuple(packages), path)

@@ -27,7 +27,7 @@ SETTINGS = """\
 # source = "model"
 # Their relative uncertainty; estimated from the data if left out.
 # uncertainty = 0.3
-# Links with a prior of their own, or none.
+# Priors of single links.
 # [prior.links.NAME]
 # mass = 3.9
 # box = {size = [0.1, 0.1, 0.3], centre = [0.0, 0.0, 0.15]}

@@ -52,7 +52,7 @@ unit = {toml_text(effort.unit)}  # "A", "mA", "Nm", "N" or "%"; or one per joint
 
 def _clock_lines(section: SignalsSection) -> str:
     if section.rate is not None:
-        why = "# The log has no column of time: rows come at this rate [Hz]."
+        why = "# The log has no time column: sampling rate [Hz]."
         return f"{why}\nrate = {section.rate!r}"
     unit = f'{toml_text(section.time_unit)}  # "s", "ms", "us" or "ns"'
     return f"time = {toml_text(section.time)}\ntime_unit = {unit}"
@@ -77,10 +77,10 @@ def signals_template(
     columns: Sequence[str] | None, problem: str, moving: Sequence[Coordinate]
 ) -> str:
     """Comments to fill in, with the columns of the log if there is one."""
-    why = f"{problem}. Fill this in and remove the leading marks."
+    why = f"{problem}. Fill this in and remove the leading #."
     if columns is None:
         why = "no log was given. Columns are guessed from each log; to set them, fill this in and "
-        why += "remove the leading marks."
+        why += "remove the leading #."
     head = [comment(f"CHECK: {why}")]
     if columns:
         head.append(comment("The log's columns: " + ", ".join(toml_text(c) for c in columns)))
@@ -89,10 +89,10 @@ def signals_template(
     lines = [
         "[signals]",
         'time = "time"',
-        'time_unit = "s"  # "s", "ms", "us" or "ns"; without a clock, rate = 100.0 [Hz] for both',
+        'time_unit = "s"  # "s", "ms", "us" or "ns"; or rate = 100.0 [Hz] instead of both',
         f'position = {listed}  # or a pattern: "q{{}}", "{{joint}}_q"',
         f'position_unit = {toml_text([c.unit for c in moving])}  # "rad", "deg", "m" or "mm"',
-        '# coordinates = "motor"  # where positions are the motors\'; above [signals] say then:',
+        '# coordinates = "motor"  # if positions are the motors\'; then add above [signals]:',
         "# [robot.transmission]",
         f"# ratios = {ratios}  # turns of each motor per turn of its joint",
         "[signals.effort]",

@@ -138,7 +138,7 @@ def _xacro_lines(loaded: LoadedRobot) -> str:
     )
     mark = "" if given else "# "
     return f"""
-# Arguments of the xacro file, and folders where ROS packages lie, beside those above the file.
+# Arguments of the xacro file, and folders of ROS packages, in addition to those above the file.
 {mark}xacro.arguments = {{{given}}}
 # xacro.packages = ["../src"]"""
 
@@ -154,15 +154,15 @@ def _robot_part(proposal: Proposal, moving: Sequence[Coordinate], output_path: P
 name = {toml_text(robot.name)}
 # Where the model and the logs come from, for the report.
 # source = "https://..."
-# From this file's folder; ${{NAME}} in it stands for an environment variable.
+# Path relative to this file; ${{NAME}} is an environment variable.
 {kind} = {toml_text(_relative(model_path, output_path))}{_xacro_lines(proposal.loaded)}
 # Joints to identify, in the order of the columns below. All others are locked.
 joints = [
 {names}]
 {_base_lines(proposal)}
 # tip = "tool0"
-# CHECK: gravity [m/s²] in the frame of the base. It differs on a wall or a ceiling;
-# instead of it, mounting = {{roll = 0.0, pitch = 90.0, yaw = 0.0}} gives the base's rotation [deg].
+# CHECK: gravity [m/s²] in the frame of the base. Change it for wall or ceiling mounting;
+# instead, mounting = {{roll = 0.0, pitch = 90.0, yaw = 0.0}} gives the base's rotation [deg].
 gravity = {toml_text(robot.gravity.tolist())}"""
 
 
@@ -170,17 +170,15 @@ def _base_lines(proposal: Proposal) -> str:
     """The base, and what is assumed of it."""
     if proposal.base is None:
         return """\
-# The link taken as fixed base, and the link where the chain ends, if not the model's own.
+# The link taken as fixed base, and the last link of the chain, if not the model's.
 # base = "base_link\""""
     why = f"CHECK: the link fixed to the world, {proposal.why_base or 'as asked'}. "
-    why += "It has to be at rest in every log."
-    return f"{comment(why)}\nbase = {toml_text(proposal.base)}\n# The link where the chain ends."
+    why += "It must be at rest in every log."
+    return f"{comment(why)}\nbase = {toml_text(proposal.base)}\n# The last link of the chain."
 
 
 def _locked_part(resting: Sequence[Coordinate], proposal: Proposal) -> str:
-    lines = [
-        "# Positions of joints that are not identified [rad; m]; zero, or the limit next to it."
-    ]
+    lines = ["# Positions of joints that are not identified [rad; m]; zero, or the nearest limit."]
     lines.append("[robot.locked]")
     for c in resting:
         lines.append(

@@ -110,7 +110,7 @@ def margin(inertia: Inertia, prior: Inertia) -> float:
 
 def _row(link: Solid) -> Row:
     inertia = link.inertia
-    possible = "" if link.margin > 0.0 else ": no body can be so"
+    possible = "" if link.margin > 0.0 else ": not physically consistent"
     moments = np.linalg.eigvalsh(inertia.inertia_com)
     centre = ", ".join(
         f"{fixed(c)} ± {fixed(Z95 * s)}" for c, s in zip(inertia.com, link.com_std, strict=True)

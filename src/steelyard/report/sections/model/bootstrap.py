@@ -53,7 +53,7 @@ class BootstrapSection(TableSection):
             f"bootstrap: {len(found.draws)} draws of {count(found.windows, 'window')} scatter by "
             f"{significant(float(np.nanmedian(over)))} of the stated standard deviation in the "
             "median",
-            f"most: {most}; {int(np.sum(over > FAR))} of {len(over)} by more than {FAR:g}",
+            f"largest ratios: {most}; {int(np.sum(over > FAR))} of {len(over)} above {FAR:g}",
         ]
         if found.failed:
             lines.append(f"{count(found.failed, 'draw')} gave no estimate")
@@ -90,7 +90,7 @@ def scatter_table(content: ReportContent) -> PlainTable:
         "disagree, so the model is incomplete there, or a body lies at the boundary of physical "
         "consistency, where the stated interval is too narrow. Parameters constrained by the prior "
         "scatter less than their uncertainty.",
-        ("Parameter", "Value", "Std stated", "Std drawn", "Ratio", "2.5 %", "97.5 %", "Unit"),
+        ("Parameter", "Value", "Stated std", "Bootstrap std", "Ratio", "2.5 %", "97.5 %", "Unit"),
         rows,
         (0, 7),
     )

@@ -61,7 +61,7 @@ def headline(comparison: Comparison) -> str:
     advice = comparison.advice
     if advice is None:
         return "No estimator succeeded"
-    return f"Take {advice.name}" if advice.name else "No estimator is recommended"
+    return f"Recommended: {advice.name}" if advice.name else "No estimator is recommended"
 
 
 def reasons(comparison: Comparison) -> str:
@@ -101,8 +101,8 @@ def main_table(comparison: Comparison) -> PlainTable:
         "Errors on left-out data",
         "Mean over joints and runs with its standard error; joints where they move, behind the "
         "parallel filter. Pooled: norms over all joints together. Bodies: not available "
-        "from estimators of base parameters. χ²: squared residuals on all data over the noise that "
-        "WLS estimates, per degree of freedom.",
+        "from estimators of base parameters. χ²: squared residuals on all data over the noise "
+        "variance by WLS, per degree of freedom.",
         ("Estimator", "Bodies", "Error", "Pooled", "Time", "Values", "Condition", "χ²"),
         rows,
         (0, 1),

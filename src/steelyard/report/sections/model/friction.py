@@ -54,8 +54,8 @@ def _mixes(choice: FrictionChoice) -> PlainTable:
         "Friction laws compared",
         f"Error on one {choice.left_out} from a fit to all others, each {choice.left_out} in turn: "
         f"{ERROR}; "
-        "the gain is against the first mix. A simpler mix is preferred to a better one whose gain "
-        "over it lies within the spread of that gain.",
+        "gain relative to the first row, with its standard error. A simpler combination is "
+        "preferred unless the gain of a better one is significant.",
         ("Friction laws", "Error", "Gain", "Spread", ""),
         rows,
         (0, 4),

@@ -49,7 +49,7 @@ class SensitivitySection(TableSection):
         yield text_table(fits_table(found), self.title)
         order = np.argsort(-found.spread)[:SAID]
         most = ", ".join(f"{found.parameters.names[k]} {found.spread[k]:.1f}" for k in order)
-        yield Text(f"parameters that move most, in standard deviations: {most}")
+        yield Text(f"largest parameter shifts, in standard deviations: {most}")
 
 
 def fits_table(found: Sensitivity) -> PlainTable:
@@ -75,7 +75,7 @@ def fits_table(found: Sensitivity) -> PlainTable:
             "Cut-offs",
             "Motion",
             "Regression",
-            "Error fitted",
+            "Fit error",
             "Validation error",
             "Median shift [std]",
         ),
@@ -87,7 +87,7 @@ def _moved(found: Sensitivity) -> PlainTable:
     order = np.argsort(-found.spread)[:NAMED]
     rows = [Row((found.parameters.names[k], significant(float(found.spread[k])))) for k in order]
     return PlainTable(
-        "Parameters that move most",
+        "Largest parameter shifts",
         "Largest distance of any of these fits from the result, in standard deviations.",
         ("Parameter", "Largest shift [std]"),
         rows,

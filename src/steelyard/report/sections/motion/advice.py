@@ -39,7 +39,7 @@ class DesignAdviceSection(Section):
             "Length",
             "Parameters improved",
             "Predicted std",
-            "This motion, extended by as long",
+            "This motion, extended by the same time",
         )
         return {"tables": [PlainTable("", "", headings, rows, (0, 3))], "title": self.title}
 
