@@ -50,7 +50,7 @@ def undecided(held: Verdict, cause: str) -> str:
         return ""
     open_factor = [r.cause for r, _ in held.winners if not r.fixed and r.cause in FACTORS]
     if open_factor and cause in (*FACTORS, "payload"):
-        return f"undecided until {open_factor[-1]} is decided"
+        return f"undecided until '{open_factor[-1]}' is decided"
     score = trial.score(last.interpretation)
     misfit = f"the nominal model has a misfit of {float(score.percent[0]):.1f} %"
     if cause in ("payload", "mounting"):
