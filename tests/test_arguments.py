@@ -81,7 +81,7 @@ WRONG: dict[str, tuple[Callable[[Path], Any], str]] = {
         lambda f: steelyard.simulate(
             f / "arm.toml", f / "new", f / "fit" / "trajectory.json", period=3.0
         ),
-        "beside a motion",
+        "together with a motion",
     ),
     "no run": (lambda f: steelyard.information(steelyard.model_of(f / "arm.toml"), []), "no run"),
     "a file as model": (lambda f: steelyard.base_parameters("arm.toml"), "'model' cannot be"),  # type: ignore[arg-type]

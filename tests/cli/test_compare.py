@@ -31,7 +31,10 @@ def test_runs_are_left_out_in_turn(command, tmp_path: Path) -> None:
     done = command("compare", ROBOT, LOG, OTHER, "--estimators", "wls,OLS", "-o", out)
     assert done.exit_code == 0, done.output
     text = words(done.output)
-    assert "Each estimator is fitted to all but one run and predicts that one, for each of the 2." in text
+    assert (
+        "Each estimator is fitted to all but one run and predicts that one, for each of the 2."
+        in text
+    )
     assert "Recommended: WLS" in text and "compare.html" in text
     assert sorted(p.name for p in out.iterdir()) == ["compare.html", "compare.json"]
     found = json.loads((out / "compare.json").read_text())

@@ -130,7 +130,7 @@ def _once(
     """The motion that is given, or a random one.
 
     Raises:
-        DataError: A period is given beside a motion, or the run takes too long.
+        DataError: A period is given together with a motion, or the run takes too long.
     """
     if motion is None:
         seconds = PERIOD if period is None else period
@@ -138,7 +138,7 @@ def _once(
         return random_fourier(robot, seed=seed, period=seconds)
     if period is not None:
         raise DataError(
-            "a period of the random motion is given beside a motion",
+            "a period of the random motion is given together with a motion",
             where="--period with --motion",
             fix="leave out one of the two",
         )
