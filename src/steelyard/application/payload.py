@@ -41,6 +41,9 @@ GAIN = 0.02
 FREEDOM = 2.0
 """Expected squares of scores below which they tell nothing."""
 
+ROUND_OFF = float(np.finfo(np.float64).eps)
+"""Variance of residuals over the greatest mean square of efforts that sums of squares resolve."""
+
 ROUNDS = 50
 SETTLED = 1e-6
 """Relative change of the rows' variances at which they are settled."""
@@ -237,8 +240,9 @@ class _Fit:
 def _fitted(information: Information, mean: Array, precision: Array) -> _Fit:
     """Weighted least squares with prior knowledge; every row weighs by its own residuals."""
     counts, energy = information.n_samples, information.effort_squares()
-    floor = 1e-24 * max(float(energy.max()), 1e-300)
-    variances = np.maximum(energy / np.maximum(counts, 1.0), floor)
+    powers = energy / np.maximum(counts, 1.0)
+    floor = ROUND_OFF * max(float(powers.max()), 1e-300)
+    variances = np.maximum(powers, floor)
     for _ in range(ROUNDS):
         matrix, vector, _square = information.normal(1.0 / variances)
         matrix += precision
