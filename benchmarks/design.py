@@ -26,7 +26,7 @@ import pinocchio as pin
 from scipy.optimize import minimize
 
 from oracles import pinocchio_model
-from steelyard.excitation.barrier import Walls
+from steelyard.excitation.barrier import InequalityConstraints
 from steelyard.excitation.constraints.workspace import HalfSpaces
 from steelyard.excitation.from_tables import build
 from steelyard.excitation.problem import Problem
@@ -95,15 +95,15 @@ class PinocchioLoop:
         return boxes[0] if boxes else None
 
     @cached_property
-    def walls(self) -> Walls:
+    def inequalities(self) -> InequalityConstraints:
         """Limits of the joints at the samples."""
         basis = self.problem.basis
         t = np.linspace(0.0, basis.duration, SAMPLES, endpoint=False)
-        return Walls(basis, self.problem.limits, (), t)
+        return InequalityConstraints(basis, self.problem.limits, (), t)
 
     def state(self, x: np.ndarray) -> list[np.ndarray]:
         """Position, speed and acceleration at all samples."""
-        pairs = zip(self.walls.shapes[:3], self.walls.offsets[:3], strict=True)
+        pairs = zip(self.inequalities.shapes[:3], self.inequalities.offsets[:3], strict=True)
         return [shape @ x.T + offset for shape, offset in pairs]
 
     def regressor(self, x: np.ndarray) -> np.ndarray:
@@ -141,15 +141,17 @@ class PinocchioLoop:
         for k, posture in enumerate(self.state(x)[0]):
             ways[k] = pin.computeFrameJacobian(self.model, self.data, posture, tool, axes)[:3]
         by_q = self.box.normals @ ways
-        return (by_q[..., None] * self.walls.shapes[0][:, None, None, :]).reshape(-1, x.size)
+        return (by_q[..., None] * self.inequalities.shapes[0][:, None, None, :]).reshape(-1, x.size)
 
     def kept(self, shape: tuple[int, int]) -> list[dict]:
         """Limits and box as SLSQP takes them, with exact slopes by the coefficients."""
         units = np.eye(shape[0] * shape[1])
-        slopes = np.array([self.walls.away(unit.reshape(shape)).ravel() for unit in units]).T
+        slopes = np.array(
+            [self.inequalities.margin_rates(unit.reshape(shape)).ravel() for unit in units]
+        ).T
         limits = {
             "type": "ineq",
-            "fun": lambda z: self.walls.linear(z.reshape(shape)).ravel(),
+            "fun": lambda z: self.inequalities.limit_margins(z.reshape(shape)).ravel(),
             "jac": lambda z: slopes,
         }
         box = {
@@ -173,7 +175,7 @@ class FiniteDifferences:
     def search(self, problem: Problem, random: np.random.Generator, watch: Watch) -> np.ndarray:
         """See `Method`."""
         loop = PinocchioLoop(problem)
-        starts = random_starts(problem.walls, random, self.screened)
+        starts = random_starts(problem.inequalities, random, self.screened)
         watch(starts[0])
         start = min(starts, key=loop.cost)
         found = minimize(

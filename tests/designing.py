@@ -1,4 +1,4 @@
-"""Small problems of excitation: an arm of three joints, with or without walls around its tool."""
+"""Small design problems: an arm of three joints, with or without constraints on its tool."""
 
 from collections.abc import Sequence
 

@@ -56,7 +56,7 @@ class Found:
     Attributes:
         designs: Motions that were judged.
         refused: Words of those that were not made.
-        violations: Walls that a sample passes, in words.
+        violations: Constraints that a sample passes, in words.
         files: Files of controllers that were judged.
         samples: Postures that were judged.
         fooled: Enlarged motions that pass a wall though their certificate holds.
@@ -152,7 +152,7 @@ def motion_seen(
 ) -> np.ndarray:
     """Least distances of all pairs along the motion's own file."""
     told = json.loads(json.dumps(motion.to_dict()))
-    t = fine_times(told, 100 * len(problem.walls.t))
+    t = fine_times(told, 100 * len(problem.inequalities.t))
     return judged(found, f"{name}, motion", cell, derivative(told, t, 0))
 
 
@@ -189,7 +189,7 @@ def check_proofs(
             if pair in least and own > least[pair] + SOLVER:
                 found.above.append(f"{name}: {label}: proven {own:.6g}, seen {least[pair]:.6g}")
     found.nearest.append(min(least.values()))
-    found.kinds += [wall.name.split()[0] for wall in cell.judge.walls]
+    found.kinds += [wall.name.split()[0] for wall in cell.judge.inequalities]
     following = cell.judge.following
     found.kinds += ["following joint"] * (following.mimic is not None)
     found.kinds += ["locked joint"] * bool(following.locked) + ["no shapes"] * bool(cell.bare)
@@ -226,8 +226,10 @@ def spoil(found: Found, cell: Cell, problem: Problem, x: np.ndarray) -> None:
     passed = [p for p, d in zip(pairs, least, strict=True) if d < -1e-4 and not constant(cell, p)]
     if passed:
         found.spoilt += 1
-        walls = [proof for proof in certified(problem, motion).proofs if "all" in proof.scope]
-        found.fooled += all(own >= 0.0 for proof in walls for own in proof.proven)
+        inequalities = [
+            proof for proof in certified(problem, motion).proofs if "all" in proof.scope
+        ]
+        found.fooled += all(own >= 0.0 for proof in inequalities for own in proof.proven)
 
 
 def all_found(seeds: range) -> Found:

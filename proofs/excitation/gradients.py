@@ -84,7 +84,7 @@ def of_panda() -> list[Claim]:
     """The five criteria on the Panda's problem; time of the first."""
     problem = recipe().problem()
     worst = 0.0
-    x = random_starts(problem.walls, seeded(0, 0), 1)[0]
+    x = random_starts(problem.inequalities, seeded(0, 0), 1)[0]
     case = problem.cases[0]
     for criterion in KINDS.values():
         objective = replace(problem.objective, cases=(replace(case, criterion=criterion),))

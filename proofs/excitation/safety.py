@@ -103,7 +103,7 @@ def judged(
     """Whether the certificate holds, and whether every sample keeps every margin."""
     certificate = certify(problem.robot, motion, problem.limits, problem.constraints)
     told = json.loads(json.dumps(motion.to_dict()))
-    seen = case.judge.margins(rules, told, max(20_000, 100 * len(problem.walls.t)))
+    seen = case.judge.margins(rules, told, max(20_000, 100 * len(problem.inequalities.t)))
     every = [(k, m, SOLVER if k == "clearance" else ROUNDING * m.size) for k, m in flat(seen)]
     missed = [f"{name}: {k} {m.value:.3g}" for k, m, loose in every if m.value < -loose]
     check_proofs(tally, name, certificate, seen, problem.notes)

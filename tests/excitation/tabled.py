@@ -77,7 +77,7 @@ def some_motion(folder: Path, tables: str) -> Finished:
     problem = build(loaded, model_of(loaded))
     refuse_impossible(problem, loaded)
     try:
-        starts = random_starts(problem.walls, np.random.default_rng(0), 3)
+        starts = random_starts(problem.inequalities, np.random.default_rng(0), 3)
         found = finished(problem, starts, deadline=time.monotonic() - 1.0)
     except NoMotion as error:
         raise explained(problem, error) from None

@@ -208,12 +208,12 @@ class Slab:
 
 def test_what_samples_step_over_is_optimised_again_at_closer_ones() -> None:
     plain, x = swinging(())
-    places = np.sort(plain.walls.state(x)[0][:, 0])
+    places = np.sort(plain.inequalities.state(x)[0][:, 0])
     widest = int(np.argmax(np.diff(places)[-20:])) + len(places) - 21
     gap = places[widest + 1] - places[widest]
     slab = Slab(0.5 * (places[widest] + places[widest + 1]), 0.2 * gap)
     design = problem(plain.basis, [slab])
-    assert design.walls.worst(x) > 0.0 > slab.proven(design.basis.motion(x))[0]
+    assert design.inequalities.smallest_margin(x) > 0.0 > slab.proven(design.basis.motion(x))[0]
     again, smaller = (
         finished(design, [x], deadline)
         for deadline in (time.monotonic() + 60.0, time.monotonic() - 1.0)
@@ -224,11 +224,11 @@ def test_what_samples_step_over_is_optimised_again_at_closer_ones() -> None:
 
 
 def test_closer_samples_lie_between() -> None:
-    walls = problem(FAMILIES["rest, from"]).walls
-    closer = walls.closer()
-    np.testing.assert_array_equal(closer.t[::2], walls.t)
-    np.testing.assert_allclose(closer.t[1::2] - walls.t, 0.5 * walls.t[1])
-    assert closer.t[-1] < walls.basis.duration
+    inequalities = problem(FAMILIES["rest, from"]).inequalities
+    closer = inequalities.refined()
+    np.testing.assert_array_equal(closer.t[::2], inequalities.t)
+    np.testing.assert_allclose(closer.t[1::2] - inequalities.t, 0.5 * inequalities.t[1])
+    assert closer.t[-1] < inequalities.basis.duration
 
 
 def test_what_needs_no_shrinking_is_not_shrunk() -> None:
@@ -285,16 +285,16 @@ def test_after_the_deadline_one_motion_is_finished_and_no_more(
 
 @pytest.mark.parametrize("name", ["rest", "rest, from to", "quintic, from", "blended", "reaching"])
 def test_real_walls_are_kept_at_all_times(name: str) -> None:
-    walls = [box(0.7), torques()]
-    design = problem(FAMILIES[name], walls)
-    starts = random_starts(design.walls, np.random.default_rng(0), 2)
+    inequalities = [box(0.7), torques()]
+    design = problem(FAMILIES[name], inequalities)
+    starts = random_starts(design.inequalities, np.random.default_rng(0), 2)
     best = finished(design, starts)
     assert exact_excess(design, best.x).max() <= 0.0
     t = np.linspace(0.0, best.trajectory.duration, 20_001)
     states = [best.trajectory.derivative(t, order) for order in range(3)]
-    for wall in walls:
-        assert wall.margins(*states).values.min() >= 0.0
-        assert np.all(wall.proven(best.trajectory) >= 0.0)
+    for constraint in inequalities:
+        assert constraint.margins(*states).values.min() >= 0.0
+        assert np.all(constraint.proven(best.trajectory) >= 0.0)
     begun = min(design.figure(x) for x in starts)
     assert best.figure < begun
     assert best.figure == design.figure(best.x)

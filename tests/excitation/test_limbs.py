@@ -70,7 +70,7 @@ def test_joints_that_carry_branches_make_one_limb_of_them() -> None:
 def test_information_of_limbs_is_block_diagonal() -> None:
     """Exactly zero between them, and a limb's own block is the same whatever the others do."""
     problem = design()
-    first, second = random_starts(problem.walls, np.random.default_rng(0), 2)
+    first, second = random_starts(problem.inequalities, np.random.default_rng(0), 2)
     mixed = first.copy()
     mixed[list(RIGHT)] = second[list(RIGHT)]
     left, right = (list(limb.columns) for limb in problem.limbs)
@@ -82,11 +82,11 @@ def test_information_of_limbs_is_block_diagonal() -> None:
 
 def test_every_limb_takes_its_own_best_start() -> None:
     problem = design()
-    starts = random_starts(problem.walls, np.random.default_rng(2), 12)
-    told = list(composed(problem.objective, problem.walls, problem.limbs, starts))
+    starts = random_starts(problem.inequalities, np.random.default_rng(2), 12)
+    told = list(composed(problem.objective, problem.inequalities, problem.limbs, starts))
     values = [problem.objective.value(x, 4.0) for x in told]
     assert len(told) == len(starts) and values == sorted(values, reverse=True)
-    assert problem.walls.worst(told[-1]) > 0.0
+    assert problem.inequalities.smallest_margin(told[-1]) > 0.0
     assert values[-1] < min(problem.objective.value(x, 4.0) for x in starts)
 
     def value(x: Array, limb: Limb) -> float:
@@ -101,7 +101,7 @@ def test_every_limb_takes_its_own_best_start() -> None:
 def test_limbs_that_each_motion_leaves_at_rest_are_put_together() -> None:
     """No motion shows all parameters, so the criterion of each of them is infinite."""
     problem = design()
-    x = random_starts(problem.walls, np.random.default_rng(3), 1)[0]
+    x = random_starts(problem.inequalities, np.random.default_rng(3), 1)[0]
     still = problem.basis.still(x[:, -1])
     halves = []
     for joints in (LEFT, RIGHT):
@@ -109,7 +109,7 @@ def test_limbs_that_each_motion_leaves_at_rest_are_put_together() -> None:
         half[list(joints)] = x[list(joints)]
         halves.append(half)
     assert all(np.isinf(problem.objective.value(half, 4.0)) for half in halves)
-    first, both = composed(problem.objective, problem.walls, problem.limbs, halves)
+    first, both = composed(problem.objective, problem.inequalities, problem.limbs, halves)
     assert first is halves[0]
     assert np.isfinite(problem.objective.value(both, 4.0))
 
@@ -117,7 +117,7 @@ def test_limbs_that_each_motion_leaves_at_rest_are_put_together() -> None:
 def test_a_start_that_shows_too_little_is_not_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
     """A search that is ended while it draws starts ends with one that shows all parameters."""
     problem, told = design(), list[Array]()
-    good = random_starts(problem.walls, np.random.default_rng(3), 1)[0]
+    good = random_starts(problem.inequalities, np.random.default_rng(3), 1)[0]
     starts = [problem.basis.still(good[:, -1]), good]
     monkeypatch.setattr(methods, "each_start", lambda *_: iter(starts))
     Gradient().search(problem, seeded(0, 0), told.append)
@@ -129,14 +129,14 @@ def test_a_limb_does_not_shrink_with_the_others() -> None:
     problem = design()
     mark = Marker(problem.robot.bodies[LEFT[-1]].name)
     place = mark_at(problem, mark)
-    wall = tool_box(problem.robot, [mark], list(place - 0.02), list(place + 0.02))
-    walls = replace(problem, constraints=(wall,)).walls
+    constraint = tool_box(problem.robot, [mark], list(place - 0.02), list(place + 0.02))
+    inequalities = replace(problem, constraints=(constraint,)).inequalities
     joints = [limb.joints for limb in problem.limbs]
     sizes = []
     for limbs in ([], joints):
-        start = next(each_start(walls, np.random.default_rng(0), 5, limbs))
-        assert walls.worst(start) > 0.0
-        sizes.append(np.abs(walls.shapes[1] @ start[list(RIGHT)].T).max())
+        start = next(each_start(inequalities, np.random.default_rng(0), 5, limbs))
+        assert inequalities.smallest_margin(start) > 0.0
+        sizes.append(np.abs(inequalities.shapes[1] @ start[list(RIGHT)].T).max())
     assert sizes[1] > 2.0 * sizes[0]
 
 
@@ -166,7 +166,7 @@ def test_limbs_are_found_better_with_as_many_steps_than_all_joints_at_once() -> 
     whole.__dict__["limbs"] = (Limb((0, 1, 2, 3), tuple(range(len(limbs.cases[0].shows.base)))),)
     values = []
     for problem in (limbs, whole):
-        whole_of = partial(composed, problem.objective, problem.walls, problem.limbs)
+        whole_of = partial(composed, problem.objective, problem.inequalities, problem.limbs)
         best = [list(whole_of(found(problem, 400, seed)))[-1] for seed in range(3)]
         values.append([problem.objective.value(x, 64.0) for x in best])
     assert np.mean(values[0]) < np.mean(values[1])

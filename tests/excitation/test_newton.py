@@ -1,4 +1,4 @@
-"""Newton's method within walls, against a closed form and CVXPY."""
+"""Newton's method under inequality constraints, against a closed form and CVXPY."""
 
 from dataclasses import dataclass, field, replace
 
@@ -8,7 +8,7 @@ import pytest
 
 from designing import FAMILIES, box, problem, torques
 from steelyard.arrays import Array
-from steelyard.excitation.barrier import Walls, bounds
+from steelyard.excitation.barrier import InequalityConstraints, bounds
 from steelyard.excitation.bases.reaching_basis import ReachingBasis
 from steelyard.excitation.search.newton import STAGES, minimised
 from steelyard.excitation.search.starts import random_starts
@@ -45,34 +45,39 @@ class Bowl:
 
     def __call__(self, x: Array, sharpness: float) -> tuple[float, Array]:
         self.asked.append(x)
-        slope = self.matrix @ (x - self.centre).ravel()
-        return self.value(x), slope.reshape(self.shape)
+        gradient = self.matrix @ (x - self.centre).ravel()
+        return self.value(x), gradient.reshape(self.shape)
 
 
-def bowl(walls: Walls, reach: float, seed: int = 0) -> Bowl:
-    still = walls.basis.still(MIDDLE)
+def bowl(inequalities: InequalityConstraints, reach: float, seed: int = 0) -> Bowl:
+    still = inequalities.basis.still(MIDDLE)
     away = np.random.default_rng(seed).standard_normal(still.shape)
     return Bowl((still.shape[0], still.shape[1]), still + reach * away / np.linalg.norm(away))
 
 
 def test_a_lowest_point_inside_is_reached() -> None:
-    walls = problem(FAMILIES["rest"]).walls
-    objective = bowl(walls, 0.1)
-    assert walls.worst(objective.centre) > 0.1
+    inequalities = problem(FAMILIES["rest"]).inequalities
+    objective = bowl(inequalities, 0.1)
+    assert inequalities.smallest_margin(objective.centre) > 0.1
     x = minimised(
-        objective, walls, walls.basis.still(MIDDLE), stages=SHARP, tolerance=1e-12, between=False
+        objective,
+        inequalities,
+        inequalities.basis.still(MIDDLE),
+        stages=SHARP,
+        tolerance=1e-12,
+        between=False,
     )
     np.testing.assert_allclose(x, objective.centre, atol=1e-5)
 
 
-def oracle(objective: Bowl, walls: Walls) -> Array:
+def oracle(objective: Bowl, inequalities: InequalityConstraints) -> Array:
     """The lowest point within the limits, by Clarabel."""
     x = cp.Variable(objective.shape)
     flat = cp.reshape(x - objective.centre, (objective.centre.size,), order="C")
     cost = 0.5 * cp.quad_form(flat, cp.psd_wrap(objective.matrix))
     kept = []
     for shape, offset, (lower, upper) in zip(
-        walls.shapes, walls.offsets, bounds(walls.limits), strict=True
+        inequalities.shapes, inequalities.offsets, bounds(inequalities.limits), strict=True
     ):
         values = x @ shape.T + offset.T
         kept += [values <= upper[:, None], values >= lower[:, None]]
@@ -84,28 +89,30 @@ def oracle(objective: Bowl, walls: Walls) -> Array:
 @pytest.mark.parametrize("name", ["rest", "rest, from to", "quintic, from", "reaching"])
 @pytest.mark.parametrize("seed", range(2))
 def test_a_lowest_point_outside_is_sought_along_the_walls(name: str, seed: int) -> None:
-    walls = problem(FAMILIES[name], jerk=True).walls
-    start = walls.basis.still(MIDDLE)
-    objective = bowl(walls, 6.0, seed)
-    assert walls.worst(objective.centre) < 0.0
-    x = minimised(objective, walls, start, stages=SHARP, tolerance=1e-10, steps=100, between=False)
-    best = oracle(objective, walls)
+    inequalities = problem(FAMILIES[name], jerk=True).inequalities
+    start = inequalities.basis.still(MIDDLE)
+    objective = bowl(inequalities, 6.0, seed)
+    assert inequalities.smallest_margin(objective.centre) < 0.0
+    x = minimised(
+        objective, inequalities, start, stages=SHARP, tolerance=1e-10, steps=100, between=False
+    )
+    best = oracle(objective, inequalities)
     assert objective.value(x) == pytest.approx(objective.value(best), rel=1e-4)
     np.testing.assert_allclose(x, best, atol=2e-3)
-    assert walls.worst(x) > 0.0
+    assert inequalities.smallest_margin(x) > 0.0
 
 
 def test_two_coefficients_in_a_box_end_in_its_corner() -> None:
     """Reaching moves so slow that only positions bind: the corner is known."""
     basis = ReachingBasis(3, 2, 60.0)
-    walls = problem(basis).walls
-    upper, lower = walls.limits.upper, walls.limits.lower
+    inequalities = problem(basis).inequalities
+    upper, lower = inequalities.limits.upper, inequalities.limits.lower
     beyond = np.stack([upper + 1.0, lower - 1.0], axis=1)
     objective = Bowl((3, 2), beyond, 1.0)
     x = minimised(
-        objective, walls, basis.still(MIDDLE), stages=SHARP, tolerance=1e-10, between=False
+        objective, inequalities, basis.still(MIDDLE), stages=SHARP, tolerance=1e-10, between=False
     )
-    assert walls.worst(x) > 0.0
+    assert inequalities.smallest_margin(x) > 0.0
     np.testing.assert_allclose(x, np.stack([upper, lower], axis=1), atol=1e-4)
 
 
@@ -113,24 +120,24 @@ def test_two_coefficients_in_a_box_end_in_its_corner() -> None:
 @pytest.mark.parametrize("reach", [1.0, 1e3, 1e6])
 def test_the_walls_are_never_left(name: str, reach: float) -> None:
     """Whatever is asked for: the criterion is only ever asked, and watchers told, inside."""
-    walls = problem(FAMILIES[name], [box(0.6), torques()]).walls
-    objective = bowl(walls, reach, 1)
-    start = random_starts(walls, np.random.default_rng(0), 1)[0]
+    inequalities = problem(FAMILIES[name], [box(0.6), torques()]).inequalities
+    objective = bowl(inequalities, reach, 1)
+    start = random_starts(inequalities, np.random.default_rng(0), 1)[0]
     seen: list[Array] = []
-    x = minimised(objective, walls, start, watch=seen.append)
+    x = minimised(objective, inequalities, start, watch=seen.append)
     assert len(seen) > 5 and len(objective.asked) > 5
-    assert all(walls.worst(y) > 0.0 for y in [x, *seen, *objective.asked])
+    assert all(inequalities.smallest_margin(y) > 0.0 for y in [x, *seen, *objective.asked])
     assert objective.value(x) < objective.value(start)
 
 
 @pytest.mark.parametrize("kind", ["condition", "d_optimal"])
-@pytest.mark.parametrize("walled", [False, True])
-def test_the_criterion_falls_from_stage_to_stage(kind: str, walled: bool) -> None:
-    design = problem(FAMILIES["rest"], [box(0.7), torques()] if walled else [], kind=kind)
-    x = random_starts(design.walls, np.random.default_rng(1), 1)[0]
+@pytest.mark.parametrize("constrained", [False, True])
+def test_the_criterion_falls_from_stage_to_stage(kind: str, constrained: bool) -> None:
+    design = problem(FAMILIES["rest"], [box(0.7), torques()] if constrained else [], kind=kind)
+    x = random_starts(design.inequalities, np.random.default_rng(1), 1)[0]
     figures = [design.objective(x, STAGES[-1][0])[0]]
     for stop in range(1, len(STAGES) + 1):
-        ended = minimised(design.objective, design.walls, x, stages=STAGES[:stop])
+        ended = minimised(design.objective, design.inequalities, x, stages=STAGES[:stop])
         figures.append(design.objective(ended, STAGES[-1][0])[0])
     assert figures[0] - figures[1] > 0.3
     assert all(b < a + 0.02 for a, b in zip(figures[1:], figures[2:], strict=False))
@@ -138,13 +145,13 @@ def test_the_criterion_falls_from_stage_to_stage(kind: str, walled: bool) -> Non
 
 
 def test_nothing_near_the_end_is_better() -> None:
-    """No random small step inside the walls lowers criterion and barrier by more than a trace."""
+    """No small random feasible step lowers criterion and barrier by more than a trace."""
     design = problem(FAMILIES["rest"], [box(0.7), torques()])
     sharpness, weight = 16.0, 1e-2
-    x = random_starts(design.walls, np.random.default_rng(2), 1)[0]
+    x = random_starts(design.inequalities, np.random.default_rng(2), 1)[0]
     x = minimised(
         design.objective,
-        design.walls,
+        design.inequalities,
         x,
         stages=((4.0, 1e-1), (sharpness, weight)),
         between=False,
@@ -153,7 +160,7 @@ def test_nothing_near_the_end_is_better() -> None:
     )
 
     def total(y: Array) -> float:
-        barrier = design.walls.barrier(y)
+        barrier = design.inequalities.barrier(y)
         return (
             np.inf
             if barrier is None
@@ -176,9 +183,9 @@ def test_a_watcher_can_stop_it() -> None:
         if len(seen) == 3:
             raise Stopped("enough")
 
-    start = random_starts(design.walls, np.random.default_rng(0), 1)[0]
+    start = random_starts(design.inequalities, np.random.default_rng(0), 1)[0]
     with pytest.raises(Stopped, match="enough"):
-        minimised(design.objective, design.walls, start, watch=third)
+        minimised(design.objective, design.inequalities, start, watch=third)
     assert len(seen) == 3
     np.testing.assert_array_equal(seen[0], start)
 
@@ -186,18 +193,22 @@ def test_a_watcher_can_stop_it() -> None:
 def test_outside_or_without_information_nothing_is_done() -> None:
     design = problem(FAMILIES["rest"])
     still = design.basis.still(MIDDLE)
-    np.testing.assert_array_equal(minimised(design.objective, design.walls, still), still)
+    np.testing.assert_array_equal(minimised(design.objective, design.inequalities, still), still)
     outside = still + 100.0
-    np.testing.assert_array_equal(minimised(design.objective, design.walls, outside), outside)
+    np.testing.assert_array_equal(
+        minimised(design.objective, design.inequalities, outside), outside
+    )
 
 
 def test_room_is_kept_for_what_margins_dip_between_samples() -> None:
     """On a grid much finer than the samples nothing is lacking, which without it there is."""
     design = problem(FAMILIES["rest"], [box(0.7), torques()])
-    start = random_starts(design.walls, np.random.default_rng(4), 1)[0]
-    fine = replace(design.walls, t=np.linspace(0.0, design.basis.duration, 8001))
+    start = random_starts(design.inequalities, np.random.default_rng(4), 1)[0]
+    fine = replace(design.inequalities, t=np.linspace(0.0, design.basis.duration, 8001))
     kept, bare = (
-        fine.worst(minimised(design.objective, design.walls, start, between=between))
+        fine.smallest_margin(
+            minimised(design.objective, design.inequalities, start, between=between)
+        )
         for between in (True, False)
     )
     assert kept > 0.0 > bare
@@ -205,8 +216,8 @@ def test_room_is_kept_for_what_margins_dip_between_samples() -> None:
 
 def test_what_is_to_be_kept_on_top_is_nearly_kept() -> None:
     design = problem(FAMILIES["rest"], [box(0.7)])
-    start = random_starts(design.walls, np.random.default_rng(5), 1)[0]
+    start = random_starts(design.inequalities, np.random.default_rng(5), 1)[0]
     (constraint,) = design.constraints
     extra = np.full(len(constraint.labels), 0.004)
-    x = minimised(design.objective, design.walls, start, extra=[extra])
-    assert constraint.margins(*design.walls.state(x)).values.min() > 0.003
+    x = minimised(design.objective, design.inequalities, start, extra=[extra])
+    assert constraint.margins(*design.inequalities.state(x)).values.min() > 0.003

@@ -1,4 +1,4 @@
-"""Searches by populations stay inside the walls and get better."""
+"""Searches by populations stay in the feasible set and get better."""
 
 import sys
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ METHODS: dict[str, Method] = {
     "cma_es": CmaEsSearch(evaluations=600),
 }
 BOTH = pytest.mark.parametrize("method", METHODS)
-WALLED: Sequence[Constraint] = (box(0.8), torques())
+CONSTRAINED: Sequence[Constraint] = (box(0.8), torques())
 
 
 def silently(x: Array) -> None:
@@ -30,25 +30,25 @@ def silently(x: Array) -> None:
 
 
 def of_starts(design: Problem, count: int) -> Array:
-    starts = random_starts(design.walls, np.random.default_rng(0), count)
+    starts = random_starts(design.inequalities, np.random.default_rng(0), count)
     return np.sort([design.objective(x, 64.0)[0] for x in starts])
 
 
 @BOTH
-@pytest.mark.parametrize("walled", [False, True])
+@pytest.mark.parametrize("constrained", [False, True])
 @pytest.mark.parametrize("name", ["rest", "rest, from to", "quintic, from", "reaching"])
-def test_a_search_improves_and_stays_inside(method: str, walled: bool, name: str) -> None:
-    design = problem(FAMILIES[name], WALLED if walled else ())
+def test_a_search_improves_and_stays_inside(method: str, constrained: bool, name: str) -> None:
+    design = problem(FAMILIES[name], CONSTRAINED if constrained else ())
     told: list[Array] = []
     x = METHODS[method].search(design, seeded(0, 0), told.append)
     assert x.shape == (3, design.basis.count)
-    assert design.walls.worst(x) > 0.0
-    assert told and all(design.walls.worst(y) > 0.0 for y in told)
-    (start,) = random_starts(design.walls, seeded(0, 0), 1)
+    assert design.inequalities.smallest_margin(x) > 0.0
+    assert told and all(design.inequalities.smallest_margin(y) > 0.0 for y in told)
+    (start,) = random_starts(design.inequalities, seeded(0, 0), 1)
     values = [design.objective(y, 64.0)[0] for y in [start, *told]]
     assert all(b <= a for a, b in zip(values, values[1:], strict=False))
     assert values[-1] < values[0] - 0.1
-    assert values[-1] < of_starts(design, 20)[4 if walled else 0]
+    assert values[-1] < of_starts(design, 20)[4 if constrained else 0]
     np.testing.assert_array_equal(told[-1], x)
 
 
@@ -91,10 +91,10 @@ def test_the_watcher_is_told_of_every_generation_and_can_stop(method: str) -> No
     assert len(told) == 5
 
 
-@pytest.mark.parametrize("walled", [False, True])
+@pytest.mark.parametrize("constrained", [False, True])
 @pytest.mark.parametrize("name", FAMILIES)
-def test_any_genes_are_a_motion_inside_or_none(name: str, walled: bool) -> None:
-    design = problem(FAMILIES[name], WALLED if walled else ())
+def test_any_genes_are_a_motion_inside_or_none(name: str, constrained: bool) -> None:
+    design = problem(FAMILIES[name], CONSTRAINED if constrained else ())
     genes = _Genes.of(design)
     assert genes.count == 3 + 3 * design.basis.count and np.all(genes.units > 0.0)
     random = np.random.default_rng(0)
@@ -102,8 +102,8 @@ def test_any_genes_are_a_motion_inside_or_none(name: str, walled: bool) -> None:
     drawn = [*random.uniform(-1.0, 1.0, (30, genes.count)), *corners]
     motions = [genes.motion(one) for one in drawn]
     kept = [x for x in motions if x is not None]
-    assert len(kept) >= (3 if walled else 40)
-    assert all(design.walls.worst(x) > 0.0 for x in kept)
+    assert len(kept) >= (3 if constrained else 40)
+    assert all(design.inequalities.smallest_margin(x) > 0.0 for x in kept)
     costs = genes.costs(silently, kept[0])(np.array(drawn))
     nowhere = np.array([x is None for x in motions])
     assert costs.shape == (40,)
@@ -116,11 +116,11 @@ def test_postures_that_are_not_free_are_worse_the_more_they_lack() -> None:
     """A plateau would end a search before it finds a way in."""
     design = problem(FAMILIES["rest"], [box(0.3)])
     genes = _Genes.of(design)
-    start = random_starts(design.walls, np.random.default_rng(0), 1)[0]
+    start = random_starts(design.inequalities, np.random.default_rng(0), 1)[0]
     away = np.zeros((6, genes.count))
     away[:, 0] = np.linspace(0.5, 1.0, 6)
     costs = genes.costs(silently, start)(away)
-    lacks = [-design.walls.worst(genes.still(one)) for one in away]
+    lacks = [-design.inequalities.smallest_margin(genes.still(one)) for one in away]
     assert lacks == sorted(lacks) and 0.0 < lacks[0] < lacks[-1] < NOTHING
     np.testing.assert_allclose(costs, NOTHING + np.array(lacks))
 

@@ -35,7 +35,7 @@ def regressor_along(design: Problem, x: Array) -> Array:
 @ALL
 def test_figure_is_the_condition_number_of_the_regressor(name: str) -> None:
     design = problem(FAMILIES[name])
-    x = random_starts(design.walls, np.random.default_rng(0), 1)[0]
+    x = random_starts(design.inequalities, np.random.default_rng(0), 1)[0]
     y = regressor_along(design, x)
     assert design.figure(x) == pytest.approx(np.linalg.cond(np.vstack(list(y))), rel=1e-6)
 
@@ -44,7 +44,7 @@ def test_figure_is_the_condition_number_of_the_regressor(name: str) -> None:
 def test_weights_count_samples_of_a_second(kind: str) -> None:
     """The information is that of the whole motion, however it is sampled."""
     plain = problem(FAMILIES["rest"], kind=kind)
-    x = random_starts(plain.walls, np.random.default_rng(0), 1)[0]
+    x = random_starts(plain.inequalities, np.random.default_rng(0), 1)[0]
     weights = np.array([2.0, 0.5, 3.0])
     case = plain.cases[0]
     weighed = replace(plain, cases=[replace(case, shows=replace(case.shows, weights=weights))])
@@ -59,7 +59,10 @@ def test_weights_count_samples_of_a_second(kind: str) -> None:
 def test_samples_are_dense_enough(name: str) -> None:
     design = problem(FAMILIES[name])
     basis = design.basis
-    for t, per_wave in ((design.objective.t, SHOWN_PER_WAVE), (design.walls.t, KEPT_PER_WAVE)):
+    for t, per_wave in (
+        (design.objective.t, SHOWN_PER_WAVE),
+        (design.inequalities.t, KEPT_PER_WAVE),
+    ):
         assert t[0] == 0.0 and t[-1] < basis.duration
         assert len(t) >= max(20, 2 * basis.count, ceil(per_wave * basis.highest * basis.duration))
         np.testing.assert_allclose(np.diff(t), basis.duration / len(t), rtol=1e-9)
@@ -70,10 +73,10 @@ def test_between_the_samples_of_the_walls_little_is_missed(name: str) -> None:
     """As stated: an extreme between two samples is at most 0.3 % of the peak beyond them."""
     design = problem(FAMILIES[name])
     for seed in range(5):
-        x = random_starts(design.walls, np.random.default_rng(seed), 1)[0]
+        x = random_starts(design.inequalities, np.random.default_rng(seed), 1)[0]
         motion = design.basis.motion(x)
         least, most = motion.extremes(0)
-        values = motion.derivative(design.walls.t, 0)
+        values = motion.derivative(design.inequalities.t, 0)
         missed = np.maximum(most - values.max(axis=0), values.min(axis=0) - least)
         assert np.all(missed <= 0.004 * np.maximum(np.abs(most), np.abs(least)))
 
@@ -83,7 +86,7 @@ def test_jumps_are_softened_while_searching_and_not_in_the_figure() -> None:
     (sharp,) = jumping(design.cases)
     assert np.all(sharp.shows.widths == 1e-9) and np.all(design.cases[0].shows.widths > 1e-3)
     assert sharp.criterion is design.cases[0].criterion
-    x = random_starts(design.walls, np.random.default_rng(0), 1)[0]
+    x = random_starts(design.inequalities, np.random.default_rng(0), 1)[0]
     wide = design.cases[0].shows
     soft = replace(design, cases=[Case(replace(wide, widths=3.0 * np.ones(3)), KINDS["condition"])])
     assert soft.figure(x) == design.figure(x)
@@ -94,7 +97,7 @@ def test_the_smooth_criterion_is_near_the_figure() -> None:
     design = problem(FAMILIES["rest"])
     count = len(design.cases[0].shows.base)
     for seed in range(5):
-        x = random_starts(design.walls, np.random.default_rng(seed), 1)[0]
+        x = random_starts(design.inequalities, np.random.default_rng(seed), 1)[0]
         smooth = design.objective(x, 64.0)[0]
         assert abs(smooth - np.log(design.figure(x))) < 0.1 + np.log(count) / 64.0
 
@@ -104,7 +107,7 @@ def test_the_worst_of_several_cases_is_the_figure() -> None:
     shows, count = design.cases[0].shows, len(design.cases[0].shows.base)
     sizes = [np.geomspace(0.1, 10.0, count), np.geomspace(10.0, 0.1, count)]
     cases = [Case(shows, Measure(KINDS["a_optimal"], None, None, s)) for s in sizes]
-    x = random_starts(design.walls, np.random.default_rng(0), 1)[0]
+    x = random_starts(design.inequalities, np.random.default_rng(0), 1)[0]
     figures = [replace(design, cases=[case]).figure(x) for case in cases]
     assert figures[0] != pytest.approx(figures[1], rel=1e-2)
     assert replace(design, cases=cases).figure(x) == max(figures)
@@ -121,7 +124,13 @@ def test_searches_are_repeatable_and_end_inside() -> None:
     told: list[float] = []
     runs = [
         dict(
-            searches(method, design, 3, iter(numbers), lambda x: told.append(design.walls.worst(x)))
+            searches(
+                method,
+                design,
+                3,
+                iter(numbers),
+                lambda x: told.append(design.inequalities.smallest_margin(x)),
+            )
         )
         for numbers in ([0, 1], [1])
     ]
@@ -129,8 +138,8 @@ def test_searches_are_repeatable_and_end_inside() -> None:
     assert not np.array_equal(runs[0][0], runs[0][1])
     assert min(told) > 0.0
     for number, x in runs[0].items():
-        assert design.walls.worst(x) > 0.0
-        first = random_starts(design.walls, seeded(3, number), 5)
+        assert design.inequalities.smallest_margin(x) > 0.0
+        first = random_starts(design.inequalities, seeded(3, number), 5)
         assert design.figure(x) < min(design.figure(y) for y in first)
 
 
@@ -160,5 +169,5 @@ def test_a_model_of_other_laws_has_a_problem_too() -> None:
     )
     design = replace(problem(FAMILIES["rest"]), cases=[Case(shows, KINDS["d_optimal"])])
     assert design.robot is ARM
-    x = random_starts(design.walls, np.random.default_rng(0), 1)[0]
+    x = random_starts(design.inequalities, np.random.default_rng(0), 1)[0]
     assert np.isfinite(design.figure(x))

@@ -20,7 +20,7 @@ from steelyard.excitation.search.starts import (
 from steelyard.excitation.trajectories.exact import ExactTrajectory
 from steelyard.progress import Progress, silent
 
-WALLS: dict[str, list[Constraint]] = {
+CONSTRAINTS: dict[str, list[Constraint]] = {
     "none": [],
     "box": [box(0.6)],
     "box and torque": [box(0.8), torques()],
@@ -48,27 +48,27 @@ class Nowhere:
 
 
 def test_helpers_are_what_they_say() -> None:
-    """The middle posture keeps all walls; so do start and end where a basis is held to them."""
-    for kept in WALLS.values():
+    """The middle posture satisfies all constraints; so do prescribed start and end postures."""
+    for kept in CONSTRAINTS.values():
         assert not standing(kept, MIDDLE).lacks
     for posture in (START, END):
-        assert not standing(WALLS["box and torque"], posture).lacks
+        assert not standing(CONSTRAINTS["box and torque"], posture).lacks
 
 
-PAIRS = [(n, w) for n in FAMILIES for w in WALLS if "from" not in n or w != "tight box"]
+PAIRS = [(n, w) for n in FAMILIES for w in CONSTRAINTS if "from" not in n or w != "tight box"]
 """Start and end postures are outside of the tight box."""
 
 
-@pytest.mark.parametrize(("name", "walled"), PAIRS)
-def test_starts_are_strictly_inside(name: str, walled: str) -> None:
-    walls = problem(FAMILIES[name], WALLS[walled]).walls
+@pytest.mark.parametrize(("name", "constrained"), PAIRS)
+def test_starts_are_strictly_inside(name: str, constrained: str) -> None:
+    inequalities = problem(FAMILIES[name], CONSTRAINTS[constrained]).inequalities
     for seed in range(4):
-        starts = random_starts(walls, np.random.default_rng(seed), 4)
-        assert 1 <= len(starts) <= 4 and (walled == "tight box" or len(starts) == 4)
+        starts = random_starts(inequalities, np.random.default_rng(seed), 4)
+        assert 1 <= len(starts) <= 4 and (constrained == "tight box" or len(starts) == 4)
         for x in starts:
-            assert x.shape == (3, walls.basis.count)
-            assert walls.worst(x) > 0.0 and walls.barrier(x) is not None
-            motion = walls.basis.motion(x)
+            assert x.shape == (3, inequalities.basis.count)
+            assert inequalities.smallest_margin(x) > 0.0 and inequalities.barrier(x) is not None
+            motion = inequalities.basis.motion(x)
             swing = np.subtract(*motion.extremes(1)[::-1])
             assert np.all(swing > 0.0), "every joint moves"
 
@@ -76,22 +76,24 @@ def test_starts_are_strictly_inside(name: str, walled: str) -> None:
 @pytest.mark.parametrize("seed", range(30))
 def test_many_seeds_in_a_tight_box(seed: int) -> None:
     """Hardly a random posture is free there: descents find the ways in."""
-    walls = problem(FAMILIES["rest"], WALLS["tight box"], jerk=True).walls
-    drawn = np.random.default_rng(seed).uniform(walls.limits.lower, walls.limits.upper, (200, 3))
+    inequalities = problem(FAMILIES["rest"], CONSTRAINTS["tight box"], jerk=True).inequalities
+    drawn = np.random.default_rng(seed).uniform(
+        inequalities.limits.lower, inequalities.limits.upper, (200, 3)
+    )
     still = np.zeros_like(drawn)
-    values = WALLS["tight box"][0].margins(drawn, still, still).values
+    values = CONSTRAINTS["tight box"][0].margins(drawn, still, still).values
     assert (values > 0.0).all(axis=1).mean() < 0.1
-    starts = random_starts(walls, np.random.default_rng(seed), 3)
+    starts = random_starts(inequalities, np.random.default_rng(seed), 3)
     assert len(starts) == 3
-    assert all(walls.worst(x) > 0.0 for x in starts)
-    begins = np.array([walls.state(x)[0][0] for x in starts])
+    assert all(inequalities.smallest_margin(x) > 0.0 for x in starts)
+    begins = np.array([inequalities.state(x)[0][0] for x in starts])
     assert np.ptp(begins, axis=0).max() > 1e-3, "not the same place three times"
 
 
-@pytest.mark.parametrize("walled", WALLS)
-def test_the_same_seed_starts_the_same(walled: str) -> None:
-    walls = problem(FAMILIES["rest"], WALLS[walled]).walls
-    one, two, other = (random_starts(walls, np.random.default_rng(s), 2) for s in (7, 7, 8))
+@pytest.mark.parametrize("constrained", CONSTRAINTS)
+def test_the_same_seed_starts_the_same(constrained: str) -> None:
+    inequalities = problem(FAMILIES["rest"], CONSTRAINTS[constrained]).inequalities
+    one, two, other = (random_starts(inequalities, np.random.default_rng(s), 2) for s in (7, 7, 8))
     for mine, theirs in zip(one, two, strict=True):
         np.testing.assert_array_equal(mine, theirs)
     assert not np.array_equal(one[0], other[0])
@@ -99,16 +101,16 @@ def test_the_same_seed_starts_the_same(walled: str) -> None:
 
 @pytest.mark.parametrize("name", ["rest", "rest, from to", "quintic, from", "reaching", "raw"])
 def test_widened_motions_use_the_room_there_is(name: str) -> None:
-    """Without other walls every joint goes four fifths of the way to its nearest limit."""
-    walls = problem(FAMILIES[name]).walls
-    still = walls.basis.still(MIDDLE)
+    """Without other constraints every joint goes four fifths of the way to its nearest limit."""
+    inequalities = problem(FAMILIES[name]).inequalities
+    still = inequalities.basis.still(MIDDLE)
     change = np.random.default_rng(0).standard_normal(still.shape)
-    moved = widened(walls, still, change)
+    moved = widened(inequalities, still, change)
     assert moved is not None
     furthest = still + (moved - still) / 0.8
-    np.testing.assert_allclose(walls.linear(furthest).min(axis=1), 0.0, atol=1e-9)
-    walled = problem(FAMILIES[name], [box(0.7)]).walls
-    smaller = widened(walled, still, change)
+    np.testing.assert_allclose(inequalities.limit_margins(furthest).min(axis=1), 0.0, atol=1e-9)
+    constrained = problem(FAMILIES[name], [box(0.7)]).inequalities
+    smaller = widened(constrained, still, change)
     assert smaller is not None
     ratio = (smaller - still) / (moved - still)
     np.testing.assert_allclose(ratio, ratio[0, 0], rtol=1e-9)
@@ -116,10 +118,10 @@ def test_widened_motions_use_the_room_there_is(name: str) -> None:
 
 
 def test_without_room_there_is_no_motion() -> None:
-    shut = problem(FAMILIES["rest"], [box(0.0)]).walls
+    shut = problem(FAMILIES["rest"], [box(0.0)]).inequalities
     still = shut.basis.still(MIDDLE)
     assert widened(shut, still, np.ones_like(still)) is None
-    none = problem(FAMILIES["rest"], [Nowhere()]).walls
+    none = problem(FAMILIES["rest"], [Nowhere()]).inequalities
     with pytest.raises(DataError) as caught:
         random_starts(none, np.random.default_rng(0), 5)
     assert caught.value.wrong.startswith("no motion about any of 35 random postures keeps all")
@@ -127,16 +129,16 @@ def test_without_room_there_is_no_motion() -> None:
 
 
 def test_standing_names_what_is_lacking_worst_first() -> None:
-    wall = box(0.5)
-    free = standing([wall, torques()], MIDDLE)
+    constraint = box(0.5)
+    free = standing([constraint, torques()], MIDDLE)
     assert free.lacks == ()
     posture = MIDDLE + np.array([1.0, 0.5, 0.0])
-    found = standing([torques(), wall, Nowhere()], posture)
+    found = standing([torques(), constraint, Nowhere()], posture)
     still = np.zeros((1, 3))
-    values = wall.margins(posture[None], still, still).values[0]
-    broken = {wall.labels[k]: float(v) for k, v in enumerate(values) if v <= 0.0}
+    values = constraint.margins(posture[None], still, still).values[0]
+    broken = {constraint.labels[k]: float(v) for k, v in enumerate(values) if v <= 0.0}
     assert broken
-    assert {label: v for c, label, v in found.lacks if c is wall} == broken
+    assert {label: v for c, label, v in found.lacks if c is constraint} == broken
     assert [label for c, label, _ in found.lacks if isinstance(c, Nowhere)] == ["worse", "less bad"]
     sizes = [value for _, _, value in found.lacks]
     assert sizes == sorted(sizes) and found.lacks[0][1] == "worse"
@@ -151,12 +153,12 @@ def test_a_free_posture_is_its_own_nearest() -> None:
 
 @pytest.mark.parametrize("seed", range(20))
 def test_descents_end_free_and_inside_the_limits(seed: int) -> None:
-    wall, bounds = box(0.4), limits()
+    constraint, bounds = box(0.4), limits()
     random = np.random.default_rng(seed)
     posture = MIDDLE + random.uniform(-0.7, 0.7, 3)
-    found = nearest_free(bounds, [wall, torques()], posture)
+    found = nearest_free(bounds, [constraint, torques()], posture)
     assert np.all(found.posture > bounds.lower) and np.all(found.posture < bounds.upper)
-    assert found.lacks == standing([wall, torques()], found.posture).lacks == ()
+    assert found.lacks == standing([constraint, torques()], found.posture).lacks == ()
 
 
 def test_what_can_nowhere_be_kept_is_told() -> None:
@@ -174,9 +176,9 @@ def test_postures_are_drawn_near_the_middle_and_then_everywhere() -> None:
     reach = np.abs((np.array(drawn) - middle) / half)
     assert reach[:200].max() < 0.4 < 0.9 < reach[200:].max() <= 0.95
     assert reach[:200].max() > 0.39
-    walled = list(postures(bounds, [box(0.3)], np.random.default_rng(0)))
-    assert len(walled) == ATTEMPTS
-    free = [p for p in walled if not p.lacks]
+    constrained = list(postures(bounds, [box(0.3)], np.random.default_rng(0)))
+    assert len(constrained) == ATTEMPTS
+    free = [p for p in constrained if not p.lacks]
     assert len(free) > ATTEMPTS // 2
     for place in free:
         assert not standing([box(0.3)], place.posture).lacks

@@ -123,8 +123,8 @@ def test_loads_without_radius_are_noted_where_links_are_looked_at(tmp_path: Path
 def test_a_radius_alone_is_noted(tmp_path: Path) -> None:
     tables, words = f"{ANY}[excitation.workspace]\nradius = 0.1\n", "radius has no effect"
     assert any(words in note for note in problem_of(tmp_path, tables).notes)
-    walled = problem_of(tmp_path, tables + "box = {z = [-2.0, 2.0]}\n")
-    assert not any(words in note for note in walled.notes)
+    constrained = problem_of(tmp_path, tables + "box = {z = [-2.0, 2.0]}\n")
+    assert not any(words in note for note in constrained.notes)
 
 
 def test_too_many_samples_are_refused(tmp_path: Path) -> None:

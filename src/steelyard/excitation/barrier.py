@@ -1,8 +1,8 @@
-r"""The walls that a motion may not touch while it is optimised: a logarithmic barrier.
+r"""Inequality constraints of a motion while it is optimised: a logarithmic barrier.
 
 Limits of joints are linear in the coefficients, $o_{jr} - \sum_i s_{ri} x_{ji} \ge 0$; their
 barrier is $-\sum \log$ of the margins in units of the limit. Other constraints matter only nearer
-than their room: with $s$ the margin over the room their barrier is
+than their activation distance: with $s$ the margin over the activation distance their barrier is
 $-\log s - (1 - s) - \tfrac12 (1 - s)^2$ for $s < 1$ and zero beyond, twice differentiable at 1.
 """
 
@@ -31,18 +31,18 @@ class Barrier:
 
     Attributes:
         value: Mean over the samples.
-        slope: Shape `(n, m)`.
-        curvature: Shape `(n m, n m)`; of constraints that are not linear the part without their
+        gradient: Shape `(n, m)`.
+        hessian: Shape `(n m, n m)`; of constraints that are not linear the part without their
             second derivatives.
     """
 
     value: float
-    slope: Array
-    curvature: Array
+    gradient: Array
+    hessian: Array
 
 
 @dataclass(frozen=True, eq=False)
-class Walls:
+class InequalityConstraints:
     """Margins of a motion at sample times.
 
     Attributes:
@@ -62,16 +62,16 @@ class Walls:
     reserves: Sequence[Array] = ()
     edge: Array | float = 0.0
 
-    def closer(self) -> "Walls":
+    def refined(self) -> "InequalityConstraints":
         """The same with twice the samples and no reserves."""
         ends = np.append(self.t, 2.0 * self.t[-1] - self.t[-2])
         t = np.sort(np.concatenate([self.t, 0.5 * (ends[1:] + ends[:-1])]))
-        return Walls(self.basis, self.limits, self.constraints, t)
+        return InequalityConstraints(self.basis, self.limits, self.constraints, t)
 
     @cached_property
-    def sparser(self) -> "Walls":
+    def coarser(self) -> "InequalityConstraints":
         """The same with every `_SPARSE`th sample and no reserves, for a first look."""
-        return Walls(self.basis, self.limits, self.constraints, self.t[::_SPARSE])
+        return InequalityConstraints(self.basis, self.limits, self.constraints, self.t[::_SPARSE])
 
     @cached_property
     def shapes(self) -> list[Array]:
@@ -104,12 +104,12 @@ class Walls:
         halves = [0.5 * (high - low) for low, high in bounds(self.limits)[: self._orders]]
         return np.repeat(np.column_stack(halves), len(self.t), axis=1)
 
-    def linear(self, x: Array) -> Array:
+    def limit_margins(self, x: Array) -> Array:
         """Margins of the limits in units of half their range, shape `(n, 2 R)`."""
         place = (x @ self._rows.T - self._middle) / self._halves
         return np.hstack([1.0 - place, 1.0 + place]) - self.edge
 
-    def away(self, dx: Array) -> Array:
+    def margin_rates(self, dx: Array) -> Array:
         """How fast those margins change along `dx`."""
         rate = (dx @ self._rows.T) / self._halves
         return np.hstack([-rate, rate])
@@ -122,8 +122,8 @@ class Walls:
         )
         return q, dq, ddq
 
-    def reserving(self, x: Array, extra: Sequence[Array] = ()) -> "Walls":
-        """Walls that keep what margins dip between the samples of a motion inside.
+    def with_reserves(self, x: Array, extra: Sequence[Array] = ()) -> "InequalityConstraints":
+        """Constraints that keep what margins dip between the samples of a motion inside.
 
         Between two samples a margin with second difference $c$ dips by $c/8$ at most, as far as it
         is a parabola; no more than nine tenths of a margin is reserved.
@@ -138,14 +138,14 @@ class Walls:
             values = constraint.margins(*state).values
             wanted = _dips(values) + (extra[number] if extra else 0.0)
             found.append(np.minimum(wanted, _MOST * np.maximum(values, 0.0)))
-        margins = replace(self, edge=0.0).linear(x)
+        margins = replace(self, edge=0.0).limit_margins(x)
         blocks = margins.reshape(-1, len(self.t))
         edge = np.minimum(_dips(blocks.T).T.reshape(margins.shape), _MOST * margins)
         return replace(self, reserves=tuple(found), edge=np.maximum(edge, 0.0))
 
-    def worst(self, x: Array) -> float:
-        """The smallest margin of all, in units of limits and rooms; positive inside."""
-        least = float(self.linear(x).min())
+    def smallest_margin(self, x: Array) -> float:
+        """The smallest margin, in units of limits and activation distances; positive: feasible."""
+        least = float(self.limit_margins(x).min())
         for constraint in self.constraints if least > 0.0 else ():
             values = constraint.margins(*self.state(x)).values
             least = float(np.minimum(least, (values / constraint.room).min()))
@@ -153,14 +153,14 @@ class Walls:
 
     def barrier(self, x: Array) -> Barrier | None:
         """The barrier at `x`, or `None` where a margin is not positive."""
-        value, slope, curvature = 0.0, np.zeros_like(x), np.zeros((x.size, x.size))
+        value, gradient, hessian = 0.0, np.zeros_like(x), np.zeros((x.size, x.size))
         for part in self._parts(x):
             if part is None:
                 return None
             value += part.value
-            slope += part.slope
-            curvature += part.curvature
-        return Barrier(value, slope, curvature)
+            gradient += part.gradient
+            hessian += part.hessian
+        return Barrier(value, gradient, hessian)
 
     def _parts(self, x: Array) -> Iterator[Barrier | None]:
         """Barriers of the limits and of each constraint, until one is not inside."""
@@ -173,19 +173,19 @@ class Walls:
 
     def _limited(self, x: Array) -> Barrier | None:
         """The barrier of the joints' limits."""
-        margins = self.linear(x)
+        margins = self.limit_margins(x)
         if not margins.min() > 0.0:
             return None
         n, m = x.shape
         above, below = np.hsplit(1.0 / margins, 2)
-        slope = ((above - below) / self._halves) @ self._rows
+        gradient = ((above - below) / self._halves) @ self._rows
         bend = (above**2 + below**2) / self._halves**2
-        curvature = np.zeros((n * m, n * m))
+        hessian = np.zeros((n * m, n * m))
         for joint, weights in enumerate(bend):
             own = slice(joint * m, (joint + 1) * m)
-            curvature[own, own] = (self._rows.T * weights) @ self._rows
+            hessian[own, own] = (self._rows.T * weights) @ self._rows
         count = len(self.t)
-        return Barrier(-float(np.log(margins).sum()) / count, slope / count, curvature / count)
+        return Barrier(-float(np.log(margins).sum()) / count, gradient / count, hessian / count)
 
     def _curved(
         self,
@@ -211,10 +211,10 @@ class Walls:
                 change = by[times, which] / unit[:, None]
                 rows += change[:, :, None] * functions[APART * times][:, None, :]
         flat = rows.reshape(len(times), shape[0] * shape[1])
-        slope = ((-1.0 / near + 1.0 + lack) @ flat).reshape(shape)
-        curvature = (flat * (1.0 / near**2 - 1.0)[:, None]).T @ flat
+        gradient = ((-1.0 / near + 1.0 + lack) @ flat).reshape(shape)
+        hessian = (flat * (1.0 / near**2 - 1.0)[:, None]).T @ flat
         count = len(state[0])
-        return Barrier(value / count, slope / count, curvature / count)
+        return Barrier(value / count, gradient / count, hessian / count)
 
 
 def _dips(margins: Array) -> Array:

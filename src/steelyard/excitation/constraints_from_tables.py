@@ -17,7 +17,12 @@ from steelyard.excitation.point_load import COUNTED, load_inertias
 from steelyard.excitation.previous_model import Earlier
 from steelyard.excitation.shapes.shapes import Shape
 from steelyard.excitation.uncovered import Declined, Gap
-from steelyard.excitation.workspace_tables import Walled, workspace_of, world_of, written
+from steelyard.excitation.workspace_tables import (
+    ConstraintsAndNotes,
+    workspace_of,
+    world_of,
+    written,
+)
 from steelyard.kernel.quantities.kinematics import last_frame
 from steelyard.model import Model, ValuedModel
 from steelyard.parameters import Parameters
@@ -64,12 +69,12 @@ def _limited(found: Sequence[Constraint]) -> bool:
 
 
 def _seen(section: ExcitationSection) -> bool:
-    """Whether walls or the cell see loads."""
-    walled = section.workspace is not None and section.workspace.walled
-    return walled or (section.collision is not None and section.collision.world is not None)
+    """Whether workspace limits or the cell apply to loads."""
+    limits_links = section.workspace is not None and section.workspace.limits_links
+    return limits_links or (section.collision is not None and section.collision.world is not None)
 
 
-def efforts_of(loaded: LoadedRobot, model: Model, earlier: Earlier | None) -> Walled:
+def efforts_of(loaded: LoadedRobot, model: Model, earlier: Earlier | None) -> ConstraintsAndNotes:
     """Torque and power of the prior model, without and with every load.
 
     Raises:
@@ -181,7 +186,7 @@ def _cases(loaded: LoadedRobot, model: Model, earlier: Earlier | None) -> dict[s
     return cases
 
 
-def clearance_of(loaded: LoadedRobot, world: tuple[Shape, ...] = ()) -> Walled:
+def clearance_of(loaded: LoadedRobot, world: tuple[Shape, ...] = ()) -> ConstraintsAndNotes:
     """That bodies do not touch each other or the world, where shapes say what they are.
 
     Loads whose radius is given are bodies, too.

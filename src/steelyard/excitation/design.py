@@ -147,7 +147,7 @@ def _searched(
 def _candidates(problem: Problem, harvest: SearchResult) -> list[Array]:
     """The best motions and one of the best of every limb, best first: time may end after one."""
     found = [one.x for one in harvest.best]
-    *_, mixed = composed(problem.objective, problem.walls, problem.limbs, found)
+    *_, mixed = composed(problem.objective, problem.inequalities, problem.limbs, found)
     every = found if any(mixed is x for x in found) else [mixed, *found]
     return sorted(every, key=problem.figure)
 
@@ -236,8 +236,8 @@ def _cell(loaded: LoadedRobot, trajectory: ExactTrajectory) -> tuple[str, ...]:
     """That nobody has said where the floor is, if so, and how low the links go."""
     section, robot = loaded.excitation, loaded.robot
     space, collision = section.workspace, section.collision
-    walled = space is not None and space.walled
-    if walled or robot.passive or (collision is not None and collision.world is not None):
+    limits_links = space is not None and space.limits_links
+    if limits_links or robot.passive or (collision is not None and collision.world is not None):
         return ()
     moving = [frame for frame in robot.frames if frame.body >= 0]
     origins = points_on(robot, [f.body for f in moving], [f.position for f in moving])

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.excitation.barrier import Walls
+from steelyard.excitation.barrier import InequalityConstraints
 from steelyard.excitation.criteria.criteria import DOptimal
 from steelyard.excitation.objective import Objective
 from steelyard.regression.information_gradient import InformationEvaluator
@@ -58,21 +58,24 @@ def limbs_of(shows: InformationEvaluator) -> tuple[Limb, ...]:
 
 
 def composed(
-    objective: Objective, walls: Walls, limbs: Sequence[Limb], motions: Iterable[Array]
+    objective: Objective,
+    inequalities: InequalityConstraints,
+    limbs: Sequence[Limb],
+    motions: Iterable[Array],
 ) -> Iterator[Array]:
-    """The best of motions inside the walls so far, after each of them, mixed limb by limb.
+    """The best of motions in the feasible set so far, after each of them, mixed limb by limb.
 
     What a limb shows does not depend on the others: where another motion shows its parameters
-    better, by D-optimality, the limb takes it over as far as walls and criterion let it.
+    better, by D-optimality, the limb takes it over as far as constraints and criterion permit.
 
     Args:
         objective: What is minimised.
-        walls: What may not be touched.
+        inequalities: Inequality constraints of the motion.
         limbs: The limbs.
         motions: Coefficients, each of shape `(n, m)`.
 
     Yields:
-        Coefficients inside the walls, shape `(n, m)`; as many as there are motions.
+        Coefficients in the feasible set, shape `(n, m)`; as many as there are motions.
     """
     best: _Mixed | None = None
     for x in motions:
@@ -81,7 +84,7 @@ def composed(
             best = one
         else:
             first, second = (best, one) if best.value <= one.value else (one, best)
-            best = first.with_limbs_of(second, objective, walls, limbs)
+            best = first.with_limbs_of(second, objective, inequalities, limbs)
         yield best.x
 
 
@@ -103,7 +106,11 @@ class _Mixed:
         return cls(x, value, tuple(max(_value(g[part]) for g in grams) for part in parts))
 
     def with_limbs_of(
-        self, other: "_Mixed", objective: Objective, walls: Walls, limbs: Sequence[Limb]
+        self,
+        other: "_Mixed",
+        objective: Objective,
+        inequalities: InequalityConstraints,
+        limbs: Sequence[Limb],
     ) -> "_Mixed":
         """The motion with those of the other's limbs that show more, if they fit to it."""
         best = self
@@ -112,7 +119,9 @@ class _Mixed:
                 continue
             x = best.x.copy()
             x[list(limb.joints)] = other.x[list(limb.joints)]
-            value = objective.value(x, SHARPNESS) if walls.worst(x) > 0.0 else np.nan
+            value = (
+                objective.value(x, SHARPNESS) if inequalities.smallest_margin(x) > 0.0 else np.nan
+            )
             if value <= best.value:
                 each = (*best.each[:number], new, *best.each[number + 1 :])
                 best = _Mixed(x, value, each)

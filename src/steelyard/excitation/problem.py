@@ -1,4 +1,4 @@
-"""A motion to be designed: what is to be shown, by which family of motions, within which walls."""
+"""The design problem: a criterion, a family of motions and inequality constraints."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -8,7 +8,7 @@ from math import ceil
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.excitation.barrier import Walls
+from steelyard.excitation.barrier import InequalityConstraints
 from steelyard.excitation.bases.basis import Basis
 from steelyard.excitation.constraints.constraint import Constraint
 from steelyard.excitation.criteria.criteria import worst_value
@@ -21,7 +21,7 @@ SHOWN_PER_WAVE = 20
 """Samples of the criterion per wave of the highest frequency."""
 
 KEPT_PER_WAVE = 40
-"""Samples of the walls; between two of them an extreme is at most 0.3 % higher."""
+"""Samples of the constraints; between two of them an extreme is at most 0.3 % higher."""
 
 JUMP = 1e-9
 """Width of speed [rad/s; m/s] below any that a sample has: the jumping laws themselves."""
@@ -68,9 +68,11 @@ class Problem:
         return limbs_of(self.cases[0].shows)
 
     @cached_property
-    def walls(self) -> Walls:
+    def inequalities(self) -> InequalityConstraints:
         """Margins on more samples."""
-        return Walls(self.basis, self.limits, self.constraints, self._times(KEPT_PER_WAVE))
+        return InequalityConstraints(
+            self.basis, self.limits, self.constraints, self._times(KEPT_PER_WAVE)
+        )
 
     def figure(self, x: Array) -> float:
         """The criterion itself on `samples` samples, with laws that jump at zero speed."""

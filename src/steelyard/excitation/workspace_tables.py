@@ -31,7 +31,7 @@ _LEAST = 1e-12
 LEVEL = "no gravity is declared: the floor is assumed normal to z of the base"
 """What is said of a floor where nothing tells where up is."""
 
-Walled = tuple[list[Constraint], list[str]]
+ConstraintsAndNotes = tuple[list[Constraint], list[str]]
 """Constraints, and what was assumed."""
 
 
@@ -52,11 +52,11 @@ def tool_of(section: WorkspaceSection | None, robot: Robot) -> Marker:
     return Marker(frame.name, section.point, section.radius)
 
 
-def workspace_of(loaded: LoadedRobot, world: tuple[Shape, ...]) -> Walled:
+def workspace_of(loaded: LoadedRobot, world: tuple[Shape, ...]) -> ConstraintsAndNotes:
     """Box of the tool, floor, planes and forbidden boxes; what is carried against the world.
 
     Raises:
-        ModelError: A wall makes no sense, or something that it must hold for is missing.
+        ModelError: A workspace limit is invalid, or something that it must hold for is missing.
     """
     section = loaded.excitation.workspace or WorkspaceSection()
     found, tool = list[Constraint](), tool_of(section, loaded.robot)
@@ -66,7 +66,7 @@ def workspace_of(loaded: LoadedRobot, world: tuple[Shape, ...]) -> Walled:
             found.append(tool_box(loaded.robot, [tool], lower, upper))
     if section.only_tool:
         found += _of_tool(section, loaded.robot, tool)
-    if section.walled or (world and (loaded.excitation.loads or section.radius > 0.0)):
+    if section.limits_links or (world and (loaded.excitation.loads or section.radius > 0.0)):
         return _of_all(loaded, section, tool, world, found)
     idle = section.radius > 0.0 and not found
     notes = ["the tool's radius has no effect: it has no box, plane or keep_out"] if idle else []
@@ -95,7 +95,7 @@ def _of_all(
     tool: Marker,
     world: tuple[Shape, ...],
     found: list[Constraint],
-) -> Walled:
+) -> ConstraintsAndNotes:
     """What holds for all that the robot moves."""
     collision, loads = loaded.excitation.collision, loaded.excitation.loads
     margin = 0.0 if collision is None else collision.margin

@@ -92,13 +92,13 @@ class WorkspaceSection(Section):
     without: Names = ()
 
     @property
-    def walled(self) -> bool:
+    def limits_links(self) -> bool:
         """Whether anything keeps all links away from something."""
         return self.floor is not None or bool(not self.only_tool and (self.planes or self.keep_out))
 
 
 class CollisionSection(Section):
-    """What may not touch: the robot's own bodies, and the world; walls do not ask `without`.
+    """What may not touch: the robot's bodies and the world; workspace limits ignore `without`.
 
     Attributes:
         bodies: Whether the robot's links may not touch each other.

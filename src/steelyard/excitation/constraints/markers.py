@@ -22,7 +22,7 @@ from steelyard.progress import Progress, silent
 from steelyard.robot.robot import Robot
 
 ROOM = 0.05
-"""Distance from a wall at which it begins to matter [m]."""
+"""Activation distance: the barrier acts on margins below it [m]."""
 
 TOLERANCE = 5e-4
 """How far below the least margin at a sample a proof may stay [m]."""

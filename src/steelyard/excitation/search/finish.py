@@ -1,4 +1,4 @@
-"""From a motion that keeps its walls at samples to one that is proven to keep them at all times."""
+"""From a motion that is feasible at samples to one that is proven feasible at all times."""
 
 import math
 import time
@@ -112,6 +112,6 @@ def _tries(problem: Problem, x: Array, deadline: float) -> list[Array]:
     first = scaled(problem, x)
     if first is None or time.monotonic() > deadline:
         return [] if first is None else [first]
-    x = minimised_by(deadline, problem.objective, problem.walls, first, stages=POLISH)
+    x = minimised_by(deadline, problem.objective, problem.inequalities, first, stages=POLISH)
     second = scaled(problem, x)
     return [first] if second is None else [first, second]

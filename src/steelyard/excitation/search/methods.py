@@ -14,14 +14,14 @@ from steelyard.excitation.search.newton import STAGES, minimised
 from steelyard.excitation.search.starts import each_start
 
 Watch = Callable[[Array], None]
-"""Told of coefficients inside the walls; may raise `progress.Stopped`."""
+"""Told of coefficients in the feasible set; may raise `progress.Stopped`."""
 
 
 class Method(Protocol):
     """A way to search."""
 
     def search(self, problem: Problem, random: np.random.Generator, watch: Watch) -> Array:
-        """The coefficients that one search ends with, inside the walls at their samples.
+        """The coefficients that one search ends with, feasible at their samples.
 
         Args:
             problem: What is designed.
@@ -37,7 +37,8 @@ class Gradient:
 
     Attributes:
         screened: Random starts of which the best is improved; of a robot with `l` limbs one for
-            `l**2`: each start takes `l` looks at the walls, and gives each limb one of its own.
+            `l**2`: each start takes `l` looks at the constraints, and gives each limb one of its
+            own.
     """
 
     screened: int = 60
@@ -46,11 +47,11 @@ class Gradient:
         """See `Method`; starts that show too little are not told of."""
         count = ceil(self.screened / len(problem.limbs) ** 2)
         joints = [limb.joints for limb in problem.limbs]
-        starts = each_start(problem.walls, random, count, joints)
-        for start in composed(problem.objective, problem.walls, problem.limbs, starts):
+        starts = each_start(problem.inequalities, random, count, joints)
+        for start in composed(problem.objective, problem.inequalities, problem.limbs, starts):
             if np.isfinite(problem.objective.value(start, STAGES[0][0])):
                 watch(start)
-        return minimised(problem.objective, problem.walls, start, watch=watch)
+        return minimised(problem.objective, problem.inequalities, start, watch=watch)
 
 
 def seeded(seed: int, number: int) -> np.random.Generator:

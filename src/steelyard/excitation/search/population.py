@@ -33,15 +33,15 @@ class _Genes:
 
     @classmethod
     def of(cls, problem: Problem) -> "_Genes":
-        walls = problem.walls
-        middle = 0.5 * (walls.limits.lower + walls.limits.upper)
-        still = walls.basis.still(middle)
-        margins = walls.linear(still)
+        inequalities = problem.inequalities
+        middle = 0.5 * (inequalities.limits.lower + inequalities.limits.upper)
+        still = inequalities.basis.still(middle)
+        margins = inequalities.limit_margins(still)
         units = np.empty_like(still)
         for k in range(still.shape[1]):
             change = np.zeros_like(still)
             change[:, k] = 1.0
-            rates = np.abs(walls.away(change))
+            rates = np.abs(inequalities.margin_rates(change))
             units[:, k] = np.min(margins / np.maximum(rates, 1e-12), axis=1)
         return cls(problem, units)
 
@@ -57,23 +57,27 @@ class _Genes:
         return self.problem.basis.still(middle + _INSIDE * half * genes[: len(half)])
 
     def motion(self, genes: Array) -> Array | None:
-        """Coefficients of a motion inside the walls; `None` if its posture is not free."""
-        walls, n = self.problem.walls, len(self.units)
+        """Coefficients of a motion in the feasible set; `None` if its posture is not free."""
+        inequalities, n = self.problem.inequalities, len(self.units)
         still = self.still(genes)
-        if walls.worst(still) <= 0.0:
+        if inequalities.smallest_margin(still) <= 0.0:
             return None
         change = self.units * genes[n:].reshape(self.units.shape)
-        room = np.min(walls.linear(still) / np.maximum(-walls.away(change), 1e-12), axis=1)
+        room = np.min(
+            inequalities.limit_margins(still)
+            / np.maximum(-inequalities.margin_rates(change), 1e-12),
+            axis=1,
+        )
         change = np.minimum(1.0, _INSIDE * room)[:, None] * change
         factor = 1.0
-        while walls.worst(still + factor * change) <= 0.0:
+        while inequalities.smallest_margin(still + factor * change) <= 0.0:
             factor *= _SHRINK
             if factor < _LEAST:
                 return None
         return np.asarray(still + factor * change)
 
     def costs(self, watch: Watch, start: Array) -> Callable[[Array], Array]:
-        """The criterion of many sets of genes, shape `(B, k)` to `(B,)`; shrunk into the walls.
+        """The criterion of many sets of genes, `(B, k)` to `(B,)`; each is shrunk until feasible.
 
         Where a posture is not free, what it lacks leads out. Whatever is better than `start` and
         all before is told to `watch`.
@@ -83,7 +87,7 @@ class _Genes:
         def cost(genes: Array) -> float:
             x = self.motion(genes)
             if x is None:
-                lack = -self.problem.walls.worst(self.still(genes))
+                lack = -self.problem.inequalities.smallest_margin(self.still(genes))
                 return NOTHING + min(max(lack, 0.0), NOTHING)
             value = min(self.problem.objective.value(x, SHARPNESS), NOTHING)
             if value < best[0]:
@@ -100,7 +104,7 @@ NOTHING = 50.0
 
 @dataclass(frozen=True)
 class GeneticSearch:
-    """A genetic algorithm over postures and amplitudes, shrunk into the walls.
+    """A genetic algorithm over postures and amplitudes, shrunk until feasible.
 
     Attributes:
         population: Individuals of a generation.
@@ -115,7 +119,7 @@ class GeneticSearch:
         from steelyard.excitation.search.genetic import evolved
 
         genes = _Genes.of(problem)
-        last = _Last(random_starts(problem.walls, random, 1)[0], watch)
+        last = _Last(random_starts(problem.inequalities, random, 1)[0], watch)
         evolved(
             genes.costs(last, last.x),
             -np.ones(genes.count),
@@ -130,7 +134,7 @@ class GeneticSearch:
 
 @dataclass(frozen=True)
 class CmaEsSearch:
-    """CMA-ES over postures and amplitudes, shrunk into the walls.
+    """CMA-ES over postures and amplitudes, shrunk until feasible.
 
     Attributes:
         evaluations: Most evaluations of the criterion.
@@ -143,7 +147,7 @@ class CmaEsSearch:
         from steelyard.excitation.search.cma_es import adapted
 
         genes = _Genes.of(problem)
-        last = _Last(random_starts(problem.walls, random, 1)[0], watch)
+        last = _Last(random_starts(problem.inequalities, random, 1)[0], watch)
         adapted(
             genes.costs(last, last.x),
             -np.ones(genes.count),

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.excitation.barrier import Walls, bounds
+from steelyard.excitation.barrier import InequalityConstraints, bounds
 from steelyard.excitation.problem import Problem
 from steelyard.excitation.search.newton import BACK, minimised_by
 from steelyard.progress import Progress
@@ -29,7 +29,7 @@ REPAIRS = 5
 """Rounds of optimising again before a motion is made smaller."""
 
 CLOSER = 4
-"""Most samples of the walls while repairing, over those while searching."""
+"""Most samples of the constraints while repairing, over those while searching."""
 
 MORE = 1.5
 """What is reserved for what a proof lacked."""
@@ -67,12 +67,12 @@ def proven(problem: Problem, x: Array, progress: Progress) -> Kept:
 def repaired(problem: Problem, x: Array, deadline: float, progress: Progress) -> Kept | None:
     """The motion with every constraint proven, as far as that can be had.
 
-    What a proof lacks is reserved, with some more, and the motion optimised again from inside walls
-    at closer samples, some rounds long or until there is no time.
+    What a proof lacks is reserved, with some more, and the motion optimised again from inside the
+    feasible set at closer samples, some rounds long or until there is no time.
 
     Args:
         problem: What is designed.
-        x: A motion inside the walls at their samples; its limits may lack between them.
+        x: A motion that is feasible at the samples; its limits may lack between them.
         deadline: When to stop optimising, of `time.monotonic`.
         progress: Told of the proofs.
 
@@ -83,15 +83,24 @@ def repaired(problem: Problem, x: Array, deadline: float, progress: Progress) ->
     inside = scaled(problem, x)
     if inside is None:
         return None
-    extra, walls = [np.zeros(len(c.labels)) for c in problem.constraints], problem.walls
+    extra, inequalities = (
+        [np.zeros(len(c.labels)) for c in problem.constraints],
+        problem.inequalities,
+    )
     kept = proven(problem, inside, progress)
     for _ in range(REPAIRS):
         if kept.holds or time.monotonic() > deadline:
             break
         extra = [e + MORE * lack for e, lack in zip(extra, kept.lacks, strict=True)]
-        walls = walls.closer() if len(walls.t) < CLOSER * len(problem.walls.t) else walls
-        within = _within(problem, walls, x)
-        x = minimised_by(deadline, problem.objective, walls, within, stages=BACK, extra=extra)
+        inequalities = (
+            inequalities.refined()
+            if len(inequalities.t) < CLOSER * len(problem.inequalities.t)
+            else inequalities
+        )
+        within = _within(problem, inequalities, x)
+        x = minimised_by(
+            deadline, problem.objective, inequalities, within, stages=BACK, extra=extra
+        )
         again = scaled(problem, x)
         if again is None:
             break
@@ -99,16 +108,16 @@ def repaired(problem: Problem, x: Array, deadline: float, progress: Progress) ->
     return kept
 
 
-def _within(problem: Problem, walls: Walls, x: Array) -> Array:
-    """The motion, or as much of it about one of its postures as is inside the walls' samples."""
-    if walls.worst(x) > 0.0:
+def _within(problem: Problem, inequalities: InequalityConstraints, x: Array) -> Array:
+    """The motion, or as much of it about one of its postures as is feasible at the samples."""
+    if inequalities.smallest_margin(x) > 0.0:
         return x
     best, share = x, 0.0
     for still in (_still(problem, x), _freest(problem, x)):
         low, high = 0.0, 1.0
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
-            inside = walls.worst(still + middle * (x - still)) > 0.0
+            inside = inequalities.smallest_margin(still + middle * (x - still)) > 0.0
             low, high = (middle, high) if inside else (low, middle)
         if low > share:
             best, share = still + low * (x - still), low

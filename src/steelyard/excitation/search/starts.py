@@ -7,7 +7,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import DataError
-from steelyard.excitation.barrier import Walls
+from steelyard.excitation.barrier import InequalityConstraints
 from steelyard.excitation.constraints.constraint import Constraint
 from steelyard.excitation.limits import MotionLimits
 
@@ -99,21 +99,23 @@ def postures(
         )
 
 
-def random_starts(walls: Walls, random: np.random.Generator, count: int) -> list[Array]:
+def random_starts(
+    inequalities: InequalityConstraints, random: np.random.Generator, count: int
+) -> list[Array]:
     """All of `each_start`."""
-    return list(each_start(walls, random, count))
+    return list(each_start(inequalities, random, count))
 
 
 def each_start(
-    walls: Walls,
+    inequalities: InequalityConstraints,
     random: np.random.Generator,
     count: int,
     limbs: Sequence[Sequence[int]] = (),
 ) -> Iterator[Array]:
-    """Motions about random postures, as large as the walls allow but for a fifth.
+    """Motions about random postures, as large as the constraints allow but for a fifth.
 
     Args:
-        walls: What may not be touched.
+        inequalities: Inequality constraints of the motion.
         random: Source of all random choices.
         count: How many, if so many postures are free; some of them, but one at least, if not.
         limbs: Joints that are given as much room as there is one limb after the other, in random
@@ -126,10 +128,10 @@ def each_start(
         NoMotion: No posture was found about which the robot may move.
     """
     found = 0
-    for posture in _free(walls, random, count):
-        still = walls.basis.still(posture)
-        if walls.worst(still) > 0.0:
-            moved = _widened_in_turn(walls, still, random, limbs)
+    for posture in _free(inequalities, random, count):
+        still = inequalities.basis.still(posture)
+        if inequalities.smallest_margin(still) > 0.0:
+            moved = _widened_in_turn(inequalities, still, random, limbs)
             if moved is not None:
                 found += 1
                 yield moved
@@ -144,56 +146,61 @@ def each_start(
         )
 
 
-def _free(walls: Walls, random: np.random.Generator, count: int) -> Iterator[Array]:
+def _free(
+    inequalities: InequalityConstraints, random: np.random.Generator, count: int
+) -> Iterator[Array]:
     """Random postures that are free, and where too few are, ends of descents from others."""
-    limits = walls.limits
+    limits = inequalities.limits
     middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
     drawn = middle + _MIDDLE * half * random.uniform(
         -1.0, 1.0, (max(3 * count, _DRAWN), len(middle))
     )
     still, free = np.zeros_like(drawn), np.ones(len(drawn), dtype=bool)
-    for constraint in walls.constraints:
+    for constraint in inequalities.constraints:
         free &= (constraint.margins(drawn, still, still).values > 0.0).all(axis=1)
     yield from drawn[free]
     if free.sum() < count:
-        for place in postures(limits, walls.constraints, random, _POSTURES):
+        for place in postures(limits, inequalities.constraints, random, _POSTURES):
             yield place.posture
 
 
 def _widened_in_turn(
-    walls: Walls, still: Array, random: np.random.Generator, limbs: Sequence[Sequence[int]]
+    inequalities: InequalityConstraints,
+    still: Array,
+    random: np.random.Generator,
+    limbs: Sequence[Sequence[int]],
 ) -> Array | None:
-    """A random change of standing still, as much of it as the walls allow each limb."""
+    """A random change of standing still, as much of it as the constraints allow each limb."""
     change = random.standard_normal(still.shape)
     if len(limbs) < 2:
-        return widened(walls, still, change)
+        return widened(inequalities, still, change)
     moved, any_ = still, False
     for number in random.permutation(len(limbs)):
         part, joints = np.zeros_like(change), list(limbs[number])
         part[joints] = change[joints]
-        wider = widened(walls, moved, part)
+        wider = widened(inequalities, moved, part)
         if wider is not None:
             moved, any_ = wider, True
     return moved if any_ else None
 
 
-def widened(walls: Walls, still: Array, change: Array) -> Array | None:
-    """Standing still, plus as much of a change as the walls allow; `None` if next to nothing."""
-    rates, margins = walls.away(change), walls.linear(still)
+def widened(inequalities: InequalityConstraints, still: Array, change: Array) -> Array | None:
+    """Standing still plus as much of a change as the constraints allow; `None` if hardly any."""
+    rates, margins = inequalities.margin_rates(change), inequalities.limit_margins(still)
     room = np.min(margins / np.maximum(-rates, 1e-12), axis=1)
     sized = _SHARE * room[:, None] * change
-    for power in range(_widest(walls.sparser, still, sized), _POWERS):
+    for power in range(_widest(inequalities.coarser, still, sized), _POWERS):
         moved = still + _SHRINK**power * sized
-        if walls.worst(moved) > 0.0:
+        if inequalities.smallest_margin(moved) > 0.0:
             return np.asarray(moved)
     return None
 
 
-def _widest(walls: Walls, still: Array, change: Array) -> int:
+def _widest(inequalities: InequalityConstraints, still: Array, change: Array) -> int:
     """The power of the shrinking at which a motion comes inside, by halving their range."""
     low, high = 0, _POWERS
     while low < high:
         middle = (low + high) // 2
-        inside = walls.worst(still + _SHRINK**middle * change) > 0.0
+        inside = inequalities.smallest_margin(still + _SHRINK**middle * change) > 0.0
         low, high = (low, middle) if inside else (middle + 1, high)
     return low

@@ -51,14 +51,14 @@ def lacking(problem: Problem, places: Iterable[Array]) -> tuple[Lack, ...]:
         problem: What is designed.
         places: Postures to move about, each `(n,)`; a start that is given takes their place.
     """
-    walls, random = problem.walls, np.random.default_rng(0)
+    inequalities, random = problem.inequalities, np.random.default_rng(0)
     best: tuple[float, tuple[Lack, ...]] | None = None
     for place in places:
         still = problem.basis.still(place)
-        room = walls.linear(still)
+        room = inequalities.limit_margins(still)
         for _ in range(_TRIES):
             change = random.standard_normal(still.shape)
-            rates = walls.away(change)
+            rates = inequalities.margin_rates(change)
             most = np.min(room / np.maximum(-rates, 1e-12), axis=1)
             lacks = _lacks(problem, still + SIZE * most[:, None] * change)
             size = sum(lack.amount / _room(lack) for lack in lacks)
@@ -99,7 +99,7 @@ def rounded_up(value: float) -> str:
 
 
 def _lacks(problem: Problem, x: Array) -> tuple[Lack, ...]:
-    state = problem.walls.state(x)
+    state = problem.inequalities.state(x)
     found = []
     for constraint in problem.constraints:
         least = constraint.margins(*state).values.min(axis=0)

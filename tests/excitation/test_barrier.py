@@ -8,7 +8,7 @@ import pytest
 
 from designing import FAMILIES, box, problem, torques
 from steelyard.arrays import Array
-from steelyard.excitation.barrier import APART, Walls, bounds
+from steelyard.excitation.barrier import APART, InequalityConstraints, bounds
 from steelyard.excitation.constraints.constraint import Constraint, Margins
 from steelyard.excitation.trajectories.exact import ExactTrajectory
 from steelyard.progress import Progress, silent
@@ -46,22 +46,28 @@ class Straight:
         return np.zeros(2)
 
 
-def walls(name: str, constraints: tuple[Constraint, ...] = (), jerk: bool = True) -> Walls:
-    return problem(FAMILIES[name], constraints, jerk=jerk).walls
+def inequalities(
+    name: str, constraints: tuple[Constraint, ...] = (), jerk: bool = True
+) -> InequalityConstraints:
+    return problem(FAMILIES[name], constraints, jerk=jerk).inequalities
 
 
-def inside(walls: Walls, seed: int, share: float = 0.9) -> Array:
-    """A motion that keeps the walls, about a tenth of the way from the nearest."""
-    still = walls.basis.still(MIDDLE)
+def inside(inequalities: InequalityConstraints, seed: int, share: float = 0.9) -> Array:
+    """A motion that keeps the constraints, about a tenth of the way from the nearest."""
+    still = inequalities.basis.still(MIDDLE)
     change = np.random.default_rng(seed).standard_normal(still.shape)
-    assert walls.worst(still) > 0.0
+    assert inequalities.smallest_margin(still) > 0.0
     size = 1.0
-    while walls.worst(still + size * change) > 0.0:
+    while inequalities.smallest_margin(still + size * change) > 0.0:
         size *= 2.0
     low, high = 0.0, size
     for _ in range(30):
         size = 0.5 * (low + high)
-        low, high = (size, high) if walls.worst(still + size * change) > 0.0 else (low, size)
+        low, high = (
+            (size, high)
+            if inequalities.smallest_margin(still + size * change) > 0.0
+            else (low, size)
+        )
     return np.asarray(still + share * low * change)
 
 
@@ -79,22 +85,22 @@ def central(function: Callable[[Array], Array], x: Array, h: float) -> Array:
     return np.array(rows)
 
 
-def value_of(walls: Walls, x: Array) -> Array:
-    barrier = walls.barrier(x)
+def value_of(inequalities: InequalityConstraints, x: Array) -> Array:
+    barrier = inequalities.barrier(x)
     assert barrier is not None
     return np.array(barrier.value)
 
 
-def slope_of(walls: Walls, x: Array) -> Array:
-    barrier = walls.barrier(x)
+def gradient_of(inequalities: InequalityConstraints, x: Array) -> Array:
+    barrier = inequalities.barrier(x)
     assert barrier is not None
-    return barrier.slope.ravel()
+    return barrier.gradient.ravel()
 
 
 @pytest.mark.parametrize("name", SOME)
 @pytest.mark.parametrize("jerk", [False, True])
 def test_barrier_of_the_limits_is_its_formula(name: str, jerk: bool) -> None:
-    w = walls(name, jerk=jerk)
+    w = inequalities(name, jerk=jerk)
     x = inside(w, 0)
     motion = w.basis.motion(x)
     total = 0.0
@@ -111,32 +117,32 @@ def test_barrier_of_the_limits_is_its_formula(name: str, jerk: bool) -> None:
 @pytest.mark.parametrize("name", SOME)
 @pytest.mark.parametrize("jerk", [False, True])
 def test_slope_and_curvature_of_the_limits(name: str, jerk: bool) -> None:
-    w = walls(name, jerk=jerk)
+    w = inequalities(name, jerk=jerk)
     x = inside(w, 1)
     barrier = w.barrier(x)
-    assert barrier is not None and barrier.slope.shape == x.shape
-    slope = central(lambda y: value_of(w, y), x, 1e-4).ravel()
-    size = np.abs(slope).max()
-    np.testing.assert_allclose(barrier.slope.ravel(), slope, rtol=1e-6, atol=1e-7 * size)
-    curvature = central(lambda y: slope_of(w, y), x, 1e-4)
-    size = np.abs(curvature).max()
-    np.testing.assert_allclose(barrier.curvature, curvature, rtol=1e-6, atol=1e-6 * size)
-    np.testing.assert_allclose(barrier.curvature, barrier.curvature.T, atol=1e-12 * size)
-    assert np.linalg.eigvalsh(barrier.curvature).min() > 0.0
+    assert barrier is not None and barrier.gradient.shape == x.shape
+    gradient = central(lambda y: value_of(w, y), x, 1e-4).ravel()
+    size = np.abs(gradient).max()
+    np.testing.assert_allclose(barrier.gradient.ravel(), gradient, rtol=1e-6, atol=1e-7 * size)
+    hessian = central(lambda y: gradient_of(w, y), x, 1e-4)
+    size = np.abs(hessian).max()
+    np.testing.assert_allclose(barrier.hessian, hessian, rtol=1e-6, atol=1e-6 * size)
+    np.testing.assert_allclose(barrier.hessian, barrier.hessian.T, atol=1e-12 * size)
+    assert np.linalg.eigvalsh(barrier.hessian).min() > 0.0
 
 
 @pytest.mark.parametrize("level", [0.35, 0.8])
 def test_curvature_of_constraints_without_second_derivatives_is_exact(level: float) -> None:
-    w = walls("rest", (Straight(level),))
+    w = inequalities("rest", (Straight(level),))
     x = inside(w, 2, 0.95)
     near = Straight(level).margins(*w.state(x)).values / Straight(level).room
     assert 0.0 < near.min() < 0.5 and (near < 1.0).any(axis=0).all()
     barrier = w.barrier(x)
     assert barrier is not None
-    slope = central(lambda y: value_of(w, y), x, 1e-5).ravel()
-    np.testing.assert_allclose(barrier.slope.ravel(), slope, rtol=1e-6, atol=1e-7)
-    curvature = central(lambda y: slope_of(w, y), x, 1e-5)
-    np.testing.assert_allclose(barrier.curvature, curvature, rtol=1e-5, atol=1e-5)
+    gradient = central(lambda y: value_of(w, y), x, 1e-5).ravel()
+    np.testing.assert_allclose(barrier.gradient.ravel(), gradient, rtol=1e-6, atol=1e-7)
+    hessian = central(lambda y: gradient_of(w, y), x, 1e-5)
+    np.testing.assert_allclose(barrier.hessian, hessian, rtol=1e-5, atol=1e-5)
 
 
 @pytest.mark.parametrize("name", ["rest", "quintic, from", "reaching"])
@@ -146,7 +152,7 @@ def test_curvature_of_constraints_without_second_derivatives_is_exact(level: flo
     ids=["box", "torque", "both"],
 )
 def test_barrier_of_constraints(name: str, constraints: tuple[Constraint, ...]) -> None:
-    bare, w = walls(name), walls(name, constraints)
+    bare, w = inequalities(name), inequalities(name, constraints)
     x = inside(w, 3, 0.98)
     barrier, alone = w.barrier(x), bare.barrier(x)
     assert barrier is not None and alone is not None
@@ -160,60 +166,60 @@ def test_barrier_of_constraints(name: str, constraints: tuple[Constraint, ...]) 
         rows = central(lambda y, c=constraint: c.margins(*w.state(y)).values / c.room, x, 1e-5)
         weight = np.where(s < 1.0, 1.0 / s**2 - 1.0, 0.0)
         hidden += np.einsum("atk,tk,btk->ab", rows, weight, rows) / count
-    assert counted >= 3, "walls are near"
+    assert counted >= 3, "constraints are near"
     assert barrier.value - alone.value == pytest.approx(expected / count, rel=1e-9)
-    slope = central(lambda y: value_of(w, y), x, 1e-5).ravel()
-    size = np.abs(slope).max()
-    np.testing.assert_allclose(barrier.slope.ravel(), slope, rtol=1e-5, atol=1e-6 * size)
+    gradient = central(lambda y: value_of(w, y), x, 1e-5).ravel()
+    size = np.abs(gradient).max()
+    np.testing.assert_allclose(barrier.gradient.ravel(), gradient, rtol=1e-5, atol=1e-6 * size)
     size = np.abs(hidden).max()
-    found = barrier.curvature - alone.curvature
+    found = barrier.hessian - alone.hessian
     np.testing.assert_allclose(found, hidden, rtol=1e-5, atol=1e-6 * size)
-    assert np.linalg.eigvalsh(barrier.curvature).min() > 0.0
+    assert np.linalg.eigvalsh(barrier.hessian).min() > 0.0
 
 
 def test_far_constraints_do_not_matter() -> None:
-    bare, w = walls("rest"), walls("rest", (box(50.0),))
+    bare, w = inequalities("rest"), inequalities("rest", (box(50.0),))
     x = inside(w, 0)
     barrier, alone = w.barrier(x), bare.barrier(x)
     assert barrier is not None and alone is not None
     assert barrier.value == alone.value
-    np.testing.assert_array_equal(barrier.slope, alone.slope)
-    np.testing.assert_array_equal(barrier.curvature, alone.curvature)
+    np.testing.assert_array_equal(barrier.gradient, alone.gradient)
+    np.testing.assert_array_equal(barrier.hessian, alone.hessian)
 
 
 def test_a_margin_at_its_room_joins_smoothly() -> None:
     """Value, slope and curvature are continuous where a margin begins to matter."""
-    w = walls("rest", (Straight(0.9),))
+    w = inequalities("rest", (Straight(0.9),))
     still = w.basis.still(MIDDLE)
     margins = Straight(0.9).margins(*w.state(still)).values / Straight(0.9).room
     one, other = np.zeros((2, *still.shape))
-    slope = Straight(0.9).slopes[0, 0] / Straight(0.9).room[0]
-    towards = slope / (slope @ slope) * (margins[0, 0] - 1.0)
-    one[:, -1] = towards - 1e-6 * slope
-    other[:, -1] = towards + 1e-6 * slope
+    gradient = Straight(0.9).slopes[0, 0] / Straight(0.9).room[0]
+    towards = gradient / (gradient @ gradient) * (margins[0, 0] - 1.0)
+    one[:, -1] = towards - 1e-6 * gradient
+    other[:, -1] = towards + 1e-6 * gradient
     far, near = w.barrier(still - one), w.barrier(still - other)
     assert far is not None and near is not None
     assert near.value == pytest.approx(far.value, abs=1e-4)
-    np.testing.assert_allclose(near.slope, far.slope, atol=1e-3)
-    np.testing.assert_allclose(near.curvature, far.curvature, rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(near.gradient, far.gradient, atol=1e-3)
+    np.testing.assert_allclose(near.hessian, far.hessian, rtol=1e-4, atol=1e-4)
 
 
 @pytest.mark.parametrize("name", SOME)
-@pytest.mark.parametrize("constraints", [(), (box(0.7), torques())], ids=["bare", "walled"])
+@pytest.mark.parametrize("constraints", [(), (box(0.7), torques())], ids=["bare", "constrained"])
 def test_inside_and_outside(name: str, constraints: tuple[Constraint, ...]) -> None:
-    w = walls(name, constraints)
+    w = inequalities(name, constraints)
     for seed in range(4):
         x = inside(w, seed, 0.999)
         still = w.basis.still(MIDDLE)
         beyond = still + (x - still) / 0.999 * 1.001
-        assert 0.0 < w.worst(x) < 0.05 and w.barrier(x) is not None
-        assert w.worst(beyond) < 0.0 and w.barrier(beyond) is None
-        assert (w.linear(x) > 0.0).all()
+        assert 0.0 < w.smallest_margin(x) < 0.05 and w.barrier(x) is not None
+        assert w.smallest_margin(beyond) < 0.0 and w.barrier(beyond) is None
+        assert (w.limit_margins(x) > 0.0).all()
 
 
 def test_worst_is_the_smallest_of_all_margins() -> None:
     constraints = (box(0.7), torques())
-    w = walls("rest", constraints)
+    w = inequalities("rest", constraints)
     x = inside(w, 1, 0.95)
     motion = w.basis.motion(x)
     margins = []
@@ -222,15 +228,17 @@ def test_worst_is_the_smallest_of_all_margins() -> None:
         margins.append(min(((upper - values) / half).min(), ((values - lower) / half).min()))
     states = [motion.derivative(w.t, order) for order in range(3)]
     parts = [float((c.margins(*states).values / c.room).min()) for c in constraints]
-    assert w.worst(x) == pytest.approx(min(*margins, *parts), rel=1e-9)
-    assert min(parts) < min(margins), "a wall is nearest here"
+    assert w.smallest_margin(x) == pytest.approx(min(*margins, *parts), rel=1e-9)
+    assert min(parts) < min(margins), "a constraint is nearest here"
 
 
 def test_margins_change_as_they_say() -> None:
-    w = walls("rest, from to")
+    w = inequalities("rest, from to")
     x = inside(w, 0, 0.5)
     dx = np.random.default_rng(9).standard_normal(x.shape)
-    np.testing.assert_allclose(w.linear(x + dx), w.linear(x) + w.away(dx), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        w.limit_margins(x + dx), w.limit_margins(x) + w.margin_rates(dx), rtol=1e-9, atol=1e-9
+    )
 
 
 def test_a_constraint_that_is_not_a_number_is_not_kept() -> None:
@@ -238,7 +246,7 @@ def test_a_constraint_that_is_not_a_number_is_not_kept() -> None:
         def margins(self, q: Array, dq: Array, ddq: Array) -> Margins:
             return Margins(np.full((len(q), 2), np.nan))
 
-    w = walls("rest", (Broken(1.0),))
+    w = inequalities("rest", (Broken(1.0),))
     still = w.basis.still(MIDDLE)
     assert w.barrier(still) is None
-    assert not w.worst(still) > 0.0
+    assert not w.smallest_margin(still) > 0.0
