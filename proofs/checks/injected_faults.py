@@ -1,7 +1,7 @@
 """The detective finds faults that are put into clean logs, and corrects them.
 
 Real logs of three robots, each against a model identified from other clean stretches, and the
-simulated demo arm. Every trial asks all checks. A verdict is right if a check that should
+simulated demo arm. Every draw runs all checks. A verdict is right if a check that should
 says so and no other one says "wrong"; a fix is right if the corrected robot file reads the
 faulty log as the clean file reads the clean one (fitted gains within 10 %, masses within 10 %,
 delays within half a row or 10 %).
@@ -158,7 +158,7 @@ def known(clean: Clean) -> Clean:
     found = ranking(Case(loaded, (evidence,), clean.reference), evidence)
     if found is None:
         raise ValueError(f"{clean.name} holds no motion")
-    late = delay_fit(found.trial, found.trial.declared)
+    late = delay_fit(found.likelihood, found.likelihood.declared)
     delay = 0.0 if late is None else late.value
     return replace(clean, delay=delay, misfits=found.declared.misfits)
 
@@ -168,7 +168,7 @@ QUIRKS = {("panda", "clock")}
 
 
 def trials(kind: Kind, logs: dict[str, list[Clean]], seed: int) -> Tally:
-    """`DRAWS` trials of one kind, robots in turn."""
+    """`DRAWS` draws of one kind, robots in turn."""
     rng, tally = np.random.default_rng(seed), Tally()
     robots, turn = list(logs), 0
     while tally.count < DRAWS:

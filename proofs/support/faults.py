@@ -149,7 +149,7 @@ def with_keys(text: str, **keys: Any) -> str:
 
 @dataclass
 class Tally:
-    """What came of the trials of one kind."""
+    """Results of the draws of one kind."""
 
     verdicts: int = 0
     fixes: int = 0

@@ -59,7 +59,7 @@ def test_a_clean_log_is_not_refused_for_wrong_masses(arm, factor):
         assert "links are" in doubtful.says and "efforts are off" in doubtful.says
     case = arm.case(arm.table, known=False)
     held = ranking(case, case.logs[0])
-    bodies = possible(held.trial, held.declared.interpretation)
+    bodies = possible(held.likelihood, held.declared.interpretation)
     assert bodies.scale * factor == pytest.approx(1.0, rel=0.3)
     assert bodies.percent < 4.0 < held.declared.percent
 
@@ -159,11 +159,11 @@ def test_an_order_that_rests_the_joint_in_motion_is_no_explanation(arm):
         table[:, np.array(arm.at(pattern))[still]] = value
     table[:, arm.at(TAU)] *= -40.0
     case = arm.case(table, known=False)
-    trial = ranking(case, case.logs[0]).trial
+    likelihood = ranking(case, case.logs[0]).likelihood
     for order in ((0, 1, 2, 3, 5, 4), (5, 1, 2, 3, 4, 0)):
-        assert keeps_evidence(trial, trial.declared.changed(position=order))
-    assert not keeps_evidence(trial, trial.declared.changed(position=(1, 0, 2, 3, 4, 5)))
-    assert not keeps_evidence(trial, trial.declared.changed(effort=(0, 5, 2, 3, 4, 1)))
+        assert keeps_evidence(likelihood, likelihood.declared.changed(position=order))
+    assert not keeps_evidence(likelihood, likelihood.declared.changed(position=(1, 0, 2, 3, 4, 5)))
+    assert not keeps_evidence(likelihood, likelihood.declared.changed(effort=(0, 5, 2, 3, 4, 1)))
     found = arm.examined(table, known=False)
     assert "joint order" not in wrong(found)
     assert not {"signals.position", "signals.effort.columns"} & set(edits(found))
@@ -193,10 +193,10 @@ def test_an_order_of_positions_or_of_efforts_is_written_with_a_margin_only(arm, 
     held = verdict(case, case.logs[0])
     ((hypothesis, severity),) = held.winners
     assert hypothesis.fixed and severity == Severity.WRONG
-    trial = held.ranking.trial
-    assert support._unrivalled(trial, [(hypothesis, severity)]) == [(hypothesis, severity)]
+    likelihood = held.ranking.likelihood
+    assert support._unrivalled(likelihood, [(hypothesis, severity)]) == [(hypothesis, severity)]
     monkeypatch.setattr(support, "MARGIN", 1e9)
-    ((hypothesis, severity),) = support._unrivalled(trial, [(hypothesis, severity)])
+    ((hypothesis, severity),) = support._unrivalled(likelihood, [(hypothesis, severity)])
     assert not hypothesis.fixed and severity == Severity.DOUBTFUL
     assert (
         "efforts in the order" in hypothesis.says and "columns of positions are" in hypothesis.says
@@ -257,8 +257,8 @@ def test_a_placeholder_for_speed_makes_no_degrees(arm, declared):
 
 def test_a_constant_pull_is_not_called_a_mounting(arm):
     case = arm.case(arm.table, known=False)
-    trial = ranking(case, case.logs[0]).trial
-    pulls = np.linalg.norm(trial.size) * np.array([0.5, 0.0, 0.3, 0.1, 0.2, 0.0])
+    likelihood = ranking(case, case.logs[0]).likelihood
+    pulls = np.linalg.norm(likelihood.size) * np.array([0.5, 0.0, 0.3, 0.1, 0.2, 0.0])
     table = arm.table.copy()
     q = table[:, arm.at(Q)]
     table[:, arm.at(TAU)] += pulls * np.cos(2.0 * q + 0.7)

@@ -29,11 +29,11 @@ from steelyard.robot.robot import Body, Coordinate, Robot
 from steelyard.robot_file.signals import Signals
 from steelyard.terms.laws.coulomb import Coulomb
 from steelyard.terms.laws.viscous import Viscous
+from steelyard.validation.comparison import Comparison, EstimatorScore, Failure
 from steelyard.validation.effort_scales import EffortScales
 from steelyard.validation.friction.friction import FrictionChoice, MixScore
 from steelyard.validation.score import JointScore, RunScore, Traces
 from steelyard.validation.sensitivity import Sensitivity, Variation
-from steelyard.validation.trial import Comparison, Failure, Trial
 
 EVIL = "<script>document.body.dataset.errors='ran'</script></script><b>\"'&{{7*7}}"
 
@@ -264,8 +264,8 @@ def comparison(name: str = "", most: float = 9.0) -> Comparison:
     joints = (f"shoulder{name}", f"elbow{name}")
     near = np.array([[3.0, 4.0], [5.0, 6.0], [2.0, 5.0]])
 
-    def trial(words: str, errors: np.ndarray, **more) -> Trial:
-        given = Trial(
+    def score(words: str, errors: np.ndarray, **more) -> EstimatorScore:
+        given = EstimatorScore(
             f"{words}{name}",
             f"an estimator {name}",
             "information",
@@ -284,15 +284,15 @@ def comparison(name: str = "", most: float = 9.0) -> Comparison:
     lost[1] = np.inf
     sad = Failure(None, f"too few [data] {name}", f"log longer {name}")
     bodies = (f"link 1 {name}", f"link 2 {name}")
-    trials = (
-        trial("WLS", near),
-        trial("consistent", near + 0.05, impossible=(), seconds=0.12, chi_square=1.004),
-        trial("plain", near * most, impossible=bodies, condition=most, notes=(f"rough {name}",)),
-        trial("once", lost, failures=(Failure(f"run2{name}", f"not convex {name}", "try again"),)),
-        trial("never", near * np.inf, failures=(sad,) * 4, seconds=None, parameters=None),
+    scores = (
+        score("WLS", near),
+        score("consistent", near + 0.05, impossible=(), seconds=0.12, chi_square=1.004),
+        score("plain", near * most, impossible=bodies, condition=most, notes=(f"rough {name}",)),
+        score("once", lost, failures=(Failure(f"run2{name}", f"not convex {name}", "try again"),)),
+        score("never", near * np.inf, failures=(sad,) * 4, seconds=None, parameters=None),
     )
     runs = tuple(f"run{k}{name}" for k in (1, 2, 3))
-    return Comparison(trials, runs, "run", joints, (f"genetic{name}",))
+    return Comparison(scores, runs, "run", joints, (f"genetic{name}",))
 
 
 @pytest.fixture(scope="session")

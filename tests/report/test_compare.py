@@ -13,7 +13,7 @@ from steelyard.report import ReportContent
 from steelyard.report.compare_page import render_comparison
 from steelyard.report.sections.model.compare import CompareSection, time_words
 from steelyard.report.terminal.compare import comparison_lines
-from steelyard.validation.trial import Comparison
+from steelyard.validation.comparison import Comparison
 
 
 def cells(page: str) -> list[list[str]]:
@@ -91,7 +91,7 @@ def test_the_picture_has_every_error_its_mean_and_the_time(usual: ReportContent)
 
 def test_errors_that_are_alike_have_a_linear_axis(usual: ReportContent) -> None:
     assert usual.comparison is not None
-    two = replace(usual.comparison, trials=usual.comparison.trials[:2])
+    two = replace(usual.comparison, scores=usual.comparison.scores[:2])
     numbers = CompareSection().numbers(replace(usual, comparison=two))
     assert numbers is not None
     assert json.loads(numbers["picture"])["layout"]["xaxis"]["type"] == "linear"
@@ -104,7 +104,7 @@ def test_without_a_comparison_there_is_no_section(usual: ReportContent) -> None:
 def test_nothing_came_through(usual: ReportContent) -> None:
     assert usual.comparison is not None
     none = Comparison(
-        usual.comparison.trials[-1:], ("a", "b", "c"), "stretch", ("shoulder", "elbow")
+        usual.comparison.scores[-1:], ("a", "b", "c"), "stretch", ("shoulder", "elbow")
     )
     content = replace(usual, comparison=none)
     page = section(content)
@@ -128,17 +128,17 @@ def test_columns_of_the_terminal_are_explained(usual: ReportContent) -> None:
     text = " ".join(printed(usual).split())
     assert "χ²: squared residuals over the noise variance by WLS" in text
     assert "Condition" not in text
-    apart = tuple(replace(one, condition=10.0**k) for k, one in enumerate(usual.comparison.trials))
-    text = printed(replace(usual, comparison=replace(usual.comparison, trials=apart)))
+    apart = tuple(replace(one, condition=10.0**k) for k, one in enumerate(usual.comparison.scores))
+    text = printed(replace(usual, comparison=replace(usual.comparison, scores=apart)))
     assert "Condition" in text and "number of the whitened regressor" in text
 
 
 def test_a_joint_that_does_not_move_has_a_dash(usual: ReportContent) -> None:
     assert usual.comparison is not None
-    wls = usual.comparison.trials[0]
+    wls = usual.comparison.scores[0]
     errors = wls.errors.copy()
     errors[:, 1], errors[1] = np.nan, np.nan
-    still = replace(usual.comparison, trials=(replace(wls, errors=errors),))
+    still = replace(usual.comparison, scores=(replace(wls, errors=errors),))
     rows = cells(section(replace(usual, comparison=still)))
     assert ["WLS", "2.5 %", "–"] in rows and ["run2", "–"] in rows
     assert not any("failed" in cell for row in rows for cell in row)
@@ -155,8 +155,8 @@ def test_the_robot_files_line_stands_with_the_advice(usual: ReportContent) -> No
 
 def test_nothing_beats_predicting_zero(usual: ReportContent) -> None:
     assert usual.comparison is not None
-    bad = tuple(replace(t, errors=t.errors + 100.0) for t in usual.comparison.trials)
-    content = replace(usual, comparison=replace(usual.comparison, trials=bad))
+    bad = tuple(replace(t, errors=t.errors + 100.0) for t in usual.comparison.scores)
+    content = replace(usual, comparison=replace(usual.comparison, scores=bad))
     assert "No estimator is recommended" in printed(content)
     page = section(content)
     assert "nothing is better than predicting zero" in page and 'class="marked"' not in page

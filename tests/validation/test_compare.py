@@ -28,9 +28,9 @@ from steelyard.regression.gather import gather
 from steelyard.regression.information import Information, Signature, Window
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot_file.signals import Signals
-from steelyard.validation.compare import Parts, compare, impossible_bodies, trials_of
+from steelyard.validation.compare import Parts, compare, impossible_bodies, scores_of
+from steelyard.validation.comparison import Comparison, EstimatorScore, recommended
 from steelyard.validation.cross import longest_window
-from steelyard.validation.trial import Comparison, Trial, recommended
 
 MODEL = Model(tree())
 REGRESSOR = base_regressor(MODEL)
@@ -73,13 +73,13 @@ LEAST = offer("OLS", OrdinaryLeastSquares())
 WEIGHTED = offer("WLS", WeightedLeastSquares())
 
 
-def trial(comparison: Comparison, name: str) -> Trial:
-    (found,) = [one for one in comparison.trials if one.name == name]
+def score(comparison: Comparison, name: str) -> EstimatorScore:
+    (found,) = [one for one in comparison.scores if one.name == name]
     return found
 
 
 def test_errors_are_those_of_dense_fits_to_the_other_runs() -> None:
-    found = trial(compare([LEAST], CONTEXT, parts_of()), "OLS")
+    found = score(compare([LEAST], CONTEXT, parts_of()), "OLS")
     assert found.errors.shape == (4, 4) and not found.failures
     for left in range(4):
         others = [measured(k) for k in range(4) if k != left]
@@ -94,12 +94,12 @@ def test_errors_are_those_of_dense_fits_to_the_other_runs() -> None:
         assert found.pooled[left] == pytest.approx(pooled, rel=1e-7)
     means = found.errors.mean(axis=1)
     assert found.mean == pytest.approx(means.mean())
-    assert found.spread == pytest.approx(means.std(ddof=1) / 2.0)
+    assert found.standard_error == pytest.approx(means.std(ddof=1) / 2.0)
 
 
 def test_figures_of_the_fit_to_all_data() -> None:
     comparison = compare([LEAST, WEIGHTED], CONTEXT, parts_of())
-    plain, weighted = trial(comparison, "OLS"), trial(comparison, "WLS")
+    plain, weighted = score(comparison, "OLS"), score(comparison, "WLS")
     assert weighted.chi_square == pytest.approx(1.0, abs=1e-3)
     assert plain.chi_square is not None and plain.chi_square > weighted.chi_square
     assert weighted.parameters == len(COLUMNS) and weighted.impossible is None
@@ -131,19 +131,19 @@ def test_an_estimator_that_fails_says_why_and_stops_no_other() -> None:
     failing = {"singular": singular, "short": short, "broken": broken, "blown": blown}
     offers = [offer(name, make) for name, make in failing.items()]
     comparison = compare([*offers, LEAST], CONTEXT, parts_of())
-    assert [one.name for one in comparison.trials] == [*failing, "OLS"]
-    reasons = {one.name: {f.reason for f in one.failures} for one in comparison.trials}
+    assert [one.name for one in comparison.scores] == [*failing, "OLS"]
+    reasons = {one.name: {f.reason for f in one.failures} for one in comparison.scores}
     assert reasons["singular"] == {"a matrix cannot be solved with (singular matrix)"}
     assert reasons["short"] == {"the data are too few"}
-    assert trial(comparison, "short").failures[0].fix == "log longer"
+    assert score(comparison, "short").failures[0].fix == "log longer"
     assert reasons["broken"] == {"it failed: ZeroDivisionError: division by zero"}
-    assert [f.left_out for f in trial(comparison, "broken").failures] == ["run2"]
+    assert [f.left_out for f in score(comparison, "broken").failures] == ["run2"]
     assert reasons["blown"] == {"its values are not finite"}
     assert reasons["OLS"] == set()
-    assert trial(comparison, "short").mean is None
-    assert trial(comparison, "short").figure == "no error"
-    known = np.delete(trial(comparison, "OLS").means, 2).mean()
-    assert trial(comparison, "broken").mean == pytest.approx(known)
+    assert score(comparison, "short").mean is None
+    assert score(comparison, "short").mean_text == "no error"
+    known = np.delete(score(comparison, "OLS").means, 2).mean()
+    assert score(comparison, "broken").mean == pytest.approx(known)
     advice = comparison.advice
     assert advice is not None and advice.name == "OLS"
     assert compare([offers[0]], CONTEXT, parts_of()).advice is None
@@ -156,7 +156,7 @@ def test_data_that_cannot_be_had_are_a_reason() -> None:
     ]
     parts = parts_of(lacking={"experiment": ("there is but one run", "give two")})
     comparison = compare(asking, CONTEXT, parts)
-    samples, experiment = comparison.trials
+    samples, experiment = comparison.scores
     assert {f.reason for f in samples.failures} == {"it needs samples, and none is given"}
     assert {(f.reason, f.fix) for f in experiment.failures} == {
         ("there is but one run", "give two")
@@ -174,7 +174,7 @@ def test_other_data_come_from_the_same_runs() -> None:
     looking = offer("of samples", OrdinaryLeastSquares(), needs="samples")
     comparison = compare([looking, LEAST], CONTEXT, parts)
     assert asked == [(0, 1, 2, 3), (1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2)]
-    mine, others = (trial(comparison, name) for name in ("of samples", "OLS"))
+    mine, others = (score(comparison, name) for name in ("of samples", "OLS"))
     np.testing.assert_array_equal(mine.errors, others.errors)
 
 
@@ -188,7 +188,7 @@ def test_the_cheap_come_first_and_a_stop_keeps_what_is_done() -> None:
         return "slow" not in event.phase
 
     comparison = compare([slow, looking, LEAST], CONTEXT, parts_of(), progress=watch)
-    assert [one.name for one in comparison.trials] == ["OLS", "of samples"]
+    assert [one.name for one in comparison.scores] == ["OLS", "of samples"]
     assert comparison.untried == ("slow",)
     assert seen[0] == "fitting with OLS" and seen[-1] == "fitting with slow"
 
@@ -201,7 +201,7 @@ def test_an_estimator_that_is_stopped_has_not_failed() -> None:
     offers = [LEAST, offer("search", searching, slow=True)]
     assert compare(offers, CONTEXT, parts_of()).untried == ("search",)
     with pytest.raises(Stopped):
-        list(trials_of(offers, CONTEXT, parts_of()))
+        list(scores_of(offers, CONTEXT, parts_of()))
 
 
 def with_bodies(masses: float) -> Estimate:
@@ -225,7 +225,7 @@ def test_bodies_that_cannot_exist_are_named() -> None:
 
 
 def test_an_estimate_with_bodies_is_judged_by_them() -> None:
-    found = trial(
+    found = score(
         compare([offer("nominal", lambda _: with_bodies(1.0))], CONTEXT, parts_of()), "nominal"
     )
     assert found.valid and found.parameters == len(MODEL.names)
@@ -236,18 +236,18 @@ def test_an_estimate_with_bodies_is_judged_by_them() -> None:
         np.testing.assert_allclose(found.errors[left], wanted, rtol=1e-6)
 
 
-def told(name: str, means: list[float], **more: Any) -> Trial:
-    """A trial of one joint with given errors."""
+def score_of(name: str, means: list[float], **more: Any) -> EstimatorScore:
+    """A score of one joint with given errors."""
     errors = np.array(means)[:, None]
-    plain = Trial(
+    plain = EstimatorScore(
         name, "invented", "information", False, errors, errors[:, 0], 0.01, 9, 5.0, 1.0, None
     )
     return replace(plain, **more)
 
 
 def test_a_possible_model_is_preferred_to_one_that_is_better_by_chance() -> None:
-    best = told("WLS", [3.0, 4.0, 2.0, 3.0])
-    possible = told("consistent", [3.2, 3.9, 2.3, 2.9], impossible=())
+    best = score_of("WLS", [3.0, 4.0, 2.0, 3.0])
+    possible = score_of("consistent", [3.2, 3.9, 2.3, 2.9], impossible=())
     advice = recommended([best, possible])
     assert advice is not None and advice.name == "consistent"
     assert advice.why == (
@@ -257,51 +257,51 @@ def test_a_possible_model_is_preferred_to_one_that_is_better_by_chance() -> None
 
 
 def test_what_is_worse_on_every_run_is_not_taken_however_the_runs_differ() -> None:
-    best = told("WLS", [3.0, 30.0, 2.0, 9.0])
-    possible = told("plain", [3.3, 33.1, 2.2, 9.8], impossible=())
+    best = score_of("WLS", [3.0, 30.0, 2.0, 9.0])
+    possible = score_of("plain", [3.3, 33.1, 2.2, 9.8], impossible=())
     advice = recommended([best, possible])
     assert advice is not None and advice.name == "WLS"
     assert advice.why == "WLS: 11.0 ± 6.5 %, the least error"
 
 
 def test_what_is_hardly_worse_is_as_good() -> None:
-    best = told("WLS", [3.00, 4.00, 2.00])
-    possible = told("consistent", [3.03, 4.03, 2.03], impossible=())
+    best = score_of("WLS", [3.00, 4.00, 2.00])
+    possible = score_of("consistent", [3.03, 4.03, 2.03], impossible=())
     advice = recommended([best, possible])
     assert advice is not None and advice.name == "consistent"
 
 
 def test_among_alike_ones_the_cheap_is_taken() -> None:
-    best = told("search", [3.0, 4.0, 2.0], slow=True)
-    samples = told("robust", [3.0, 4.1, 2.0], needs="samples")
-    cheap = told("WLS", [3.1, 4.0, 2.0])
+    best = score_of("search", [3.0, 4.0, 2.0], slow=True)
+    samples = score_of("robust", [3.0, 4.1, 2.0], needs="samples")
+    cheap = score_of("WLS", [3.1, 4.0, 2.0])
     advice = recommended([best, samples, cheap])
     assert advice is not None and advice.name == "WLS"
     assert "it is simpler" in advice.why
-    broken_body = told("plain", [2.9, 3.9, 1.9], impossible=("link 2",))
+    broken_body = score_of("plain", [2.9, 3.9, 1.9], impossible=("link 2",))
     assert recommended([broken_body, cheap]) is not None
     assert not broken_body.valid
 
 
 def test_of_equals_the_first_is_taken_however_small_the_gain_of_another() -> None:
-    first, second = told("WLS", [3.0, 4.0, 2.0]), told("RLS", [2.99, 3.99, 1.99])
+    first, second = score_of("WLS", [3.0, 4.0, 2.0]), score_of("RLS", [2.99, 3.99, 1.99])
     advice = recommended([first, second])
     assert advice is not None and advice.name == "WLS" and "it is simpler" in advice.why
-    better = told("bounded", [2.8, 3.8, 1.7])
+    better = score_of("bounded", [2.8, 3.8, 1.7])
     advice = recommended([first, better])
     assert advice is not None and advice.name == "bounded"
 
 
 def test_a_great_loss_counts_however_it_scatters() -> None:
-    best = told("WLS", [3.0, 4.0, 2.0])
-    wild = told("consistent", [9.0, 3.9, 1.9], impossible=())
+    best = score_of("WLS", [3.0, 4.0, 2.0])
+    wild = score_of("consistent", [9.0, 3.9, 1.9], impossible=())
     advice = recommended([best, wild])
     assert advice is not None and advice.name == "WLS"
 
 
 def test_a_joint_that_does_not_move_has_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
     parts = parts_of()
-    whole = trial(compare([LEAST], CONTEXT, parts), "OLS")
+    whole = score(compare([LEAST], CONTEXT, parts), "OLS")
     sizes, kept = Information.effort_squares, parts.information
 
     def still(self: Information) -> np.ndarray:
@@ -309,7 +309,7 @@ def test_a_joint_that_does_not_move_has_no_error(monkeypatch: pytest.MonkeyPatch
         return sizes(self) * moving
 
     monkeypatch.setattr(Information, "effort_squares", still)
-    found = trial(compare([LEAST], CONTEXT, parts), "OLS")
+    found = score(compare([LEAST], CONTEXT, parts), "OLS")
     assert np.argwhere(np.isnan(found.errors)).tolist() == [[1, 1]]
     assert found.means[1] == pytest.approx(np.delete(whole.errors[1], 1).mean())
     assert found.by_joint[1] == pytest.approx(np.delete(whole.errors[:, 1], 1).mean())
@@ -319,11 +319,11 @@ def test_a_joint_that_does_not_move_has_no_error(monkeypatch: pytest.MonkeyPatch
 
 
 def test_a_part_in_which_nothing_moves_counts_nowhere() -> None:
-    quiet = told("WLS", [3.0, np.nan, 5.0])
+    quiet = score_of("WLS", [3.0, np.nan, 5.0])
     assert quiet.mean == 4.0 and quiet.whole and not quiet.failed.any()
-    assert not told("WLS", [np.nan, np.nan]).whole
-    assert told("WLS", [np.nan, np.nan]).figure == "no error"
-    advice = recommended([quiet, told("OLS", [30.0, np.nan, 50.0])])
+    assert not score_of("WLS", [np.nan, np.nan]).whole
+    assert score_of("WLS", [np.nan, np.nan]).mean_text == "no error"
+    advice = recommended([quiet, score_of("OLS", [30.0, np.nan, 50.0])])
     assert advice is not None and advice.name == "WLS" and "two parts are few" in advice.why
 
 
@@ -333,16 +333,18 @@ def test_predictions_that_are_not_finite_are_a_failure() -> None:
         values = found.parameters.values * 1e300
         return replace(found, parameters=replace(found.parameters, values=values))
 
-    found = trial(compare([offer("huge", huge)], CONTEXT, parts_of()), "huge")
+    found = score(compare([offer("huge", huge)], CONTEXT, parts_of()), "huge")
     assert {f.reason for f in found.failures} == {"its predictions are not finite"}
     assert found.failed.all() and not found.whole and found.mean is None
 
 
 def test_what_is_worse_than_predicting_zero_is_not_recommended() -> None:
-    advice = recommended([told("WLS", [130.0, 110.0, 120.0]), told("OLS", [200.0, 150.0, 300.0])])
+    advice = recommended(
+        [score_of("WLS", [130.0, 110.0, 120.0]), score_of("OLS", [200.0, 150.0, 300.0])]
+    )
     assert advice is not None and advice.name is None
     assert "WLS: 120" in advice.why and "nothing is better than predicting zero" in advice.why
-    enough = recommended([told("WLS", [90.0, 110.0, 95.0])])
+    enough = recommended([score_of("WLS", [90.0, 110.0, 95.0])])
     assert enough is not None and enough.name == "WLS" and "parts are few" not in enough.why
 
 
@@ -369,13 +371,13 @@ def test_what_keeps_no_parameters_of_single_runs_says_so() -> None:
             assert caught.value.where == COLUMNS[-1] and "per_run = true" in caught.value.fix
         else:
             one.make(context)
-    (rls,) = compare([o for o in ESTIMATORS if o.name == "RLS"], context, parts_of()).trials
+    (rls,) = compare([o for o in ESTIMATORS if o.name == "RLS"], context, parts_of()).scores
     assert {f.reason for f in rls.failures} == {"it does not estimate parameters per run"}
 
 
 def test_a_trial_with_a_failure_is_never_taken() -> None:
-    partly = told("partly", [1.0, np.inf, 1.0])
-    sound = told("sound", [3.0, 3.0, 3.5])
+    partly = score_of("partly", [1.0, np.inf, 1.0])
+    sound = score_of("sound", [3.0, 3.0, 3.5])
     advice = recommended([partly, sound])
     assert advice is not None and advice.name == "sound"
     assert partly.mean == 1.0
@@ -394,7 +396,7 @@ def test_json_has_no_value_that_json_lacks() -> None:
 
 def test_every_registered_estimator_of_information_can_be_compared() -> None:
     offers = [o for o in ESTIMATORS if o.needs == "information" and not o.slow]
-    for one in compare(offers, CONTEXT, parts_of()).trials:
+    for one in compare(offers, CONTEXT, parts_of()).scores:
         assert one.whole, (one.name, one.failures)
         assert one.mean is not None and one.mean < 100.0
 

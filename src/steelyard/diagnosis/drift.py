@@ -9,7 +9,7 @@ from steelyard.arrays import Array
 from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.decision.verdict import verdict
 from steelyard.diagnosis.finding import Finding, Fix, Picture, Severity, Trace
-from steelyard.diagnosis.likelihood.trial import LEAST, Trial
+from steelyard.diagnosis.likelihood.likelihood import LEAST, Likelihood
 
 MUCH = 0.75
 """Range of friction over its mean from which on logs are not alike: more than from day to day."""
@@ -75,20 +75,22 @@ def _level(case: Case, evidence: Evidence) -> _Level | None:
     held = verdict(case, evidence)
     if held is None or held.winners:
         return None
-    trial = held.ranking.trial
-    score = unbounded(trial).score(trial.declared)
+    likelihood = held.ranking.likelihood
+    score = unbounded(likelihood).score(likelihood.declared)
     c, v, _, _ = score.nuisances[0].T
-    speed = np.quantile(np.abs(trial.driven(trial.motion(trial.declared)[1])), 0.98, axis=1)
+    speed = np.quantile(
+        np.abs(likelihood.driven(likelihood.motion(likelihood.declared)[1])), 0.98, axis=1
+    )
     friction = c + 0.5 * v * speed
     told = (score.counts[0] >= LEAST) & (score.misfits[0] < TOLD)
-    return _Level(friction, told & (friction > SHARE * trial.size))
+    return _Level(friction, told & (friction > SHARE * likelihood.size))
 
 
-def unbounded(trial: Trial) -> Trial:
-    """The trial with friction unbounded."""
-    lower, upper = (x.copy() for x in trial.bounds)
+def unbounded(likelihood: Likelihood) -> Likelihood:
+    """The likelihood with friction unbounded."""
+    lower, upper = (x.copy() for x in likelihood.bounds)
     lower[:, :3], upper[:, :3] = -np.inf, np.inf
-    return replace(trial, bounds=(lower, upper))
+    return replace(likelihood, bounds=(lower, upper))
 
 
 def _picture(case: Case, levels: Array) -> Picture:

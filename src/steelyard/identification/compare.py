@@ -17,8 +17,8 @@ from steelyard.report import ReportContent
 from steelyard.report.compare_page import render_comparison
 from steelyard.report.terminal.compare import comparison_lines
 from steelyard.robot_file.loaded import LoadedRobot
-from steelyard.validation.compare import compared, trials_of
-from steelyard.validation.trial import Comparison, Trial
+from steelyard.validation.compare import compared, scores_of
+from steelyard.validation.comparison import Comparison, EstimatorScore
 
 if TYPE_CHECKING:
     from polars import DataFrame
@@ -104,13 +104,13 @@ def compare(
     offers = offers_of(estimators, everything)
     cores = threads or os.cpu_count() or 1
     inputs = comparison_inputs(robot, paths_of(logs, least=1), check, cores, progress, fixed_base)
-    trials: list[Trial] = []
+    scores: list[EstimatorScore] = []
     try:
-        for trial in trials_of(offers, inputs.context, inputs.parts, progress=progress):
-            trials.append(trial)
+        for score in scores_of(offers, inputs.context, inputs.parts, progress=progress):
+            scores.append(score)
     except interruption:
-        if not trials:
+        if not scores:
             raise
-    found = compared(trials, offers, inputs.context, inputs.parts)
+    found = compared(scores, offers, inputs.context, inputs.parts)
     found = replace(found, lines=inputs.lines)
     return EstimatorComparison(inputs.content(found), found)

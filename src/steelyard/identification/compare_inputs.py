@@ -18,9 +18,9 @@ from steelyard.regression.regressor import base_regressor
 from steelyard.report import ReportContent
 from steelyard.robot_file.file import LoadedRobot, load_robot
 from steelyard.validation.compare import Parts
+from steelyard.validation.comparison import Comparison
 from steelyard.validation.cross import longest_window
 from steelyard.validation.friction.mixes import remembers
-from steelyard.validation.trial import Comparison
 
 ONE_RUN = (
     "it simulates whole runs, and there is only one",

@@ -26,8 +26,8 @@ from steelyard.regression.regressor import base_regressor
 from steelyard.robot_file.file import LoadedRobot
 from steelyard.terms.open_fields import finds_of
 from steelyard.validation.friction.friction import FrictionChoice, choose_friction, refuse_listed
+from steelyard.validation.friction.mix_errors import ConsistentOf
 from steelyard.validation.friction.mixes import remembers
-from steelyard.validation.friction.trials import ConsistentOf
 
 _UNSETTLED = (
     "the reference of load-dependent friction has not converged after three passes: "

@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from steelyard.estimation.zero_offset import ZeroOffsets
     from steelyard.excitation.result import Designed
     from steelyard.robot_file.excitation_sections import WorkspaceSection
+    from steelyard.validation.comparison import Comparison
     from steelyard.validation.effort_scales import EffortScales
     from steelyard.validation.friction.friction import FrictionChoice
     from steelyard.validation.score import RunScore
     from steelyard.validation.sensitivity import Sensitivity
-    from steelyard.validation.trial import Comparison
 
 Rows = Sequence[tuple[str, str]]
 """Labels and values, ready to be read."""

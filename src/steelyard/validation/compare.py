@@ -21,8 +21,8 @@ from steelyard.progress import Progress, Stopped, silent, tell
 from steelyard.regression.base import BaseMap
 from steelyard.regression.information import Information
 from steelyard.robot.inertia import Inertia
+from steelyard.validation.comparison import COST, Comparison, EstimatorScore, Failure
 from steelyard.validation.cross import folds_of, stretches_of
-from steelyard.validation.trial import COST, Comparison, Failure, Trial
 
 LEFT = "leave it out of the comparison"
 """What to do about an estimator that only fails."""
@@ -91,13 +91,13 @@ class Parts:
             DataError: Such data cannot be had.
         """
         if needs == "information":
-            return self.said(parts)
+            return self.information_of(parts)
         if needs not in self.others:
             wrong, fix = self.lacking.get(needs, (f"it needs {needs}, and none is given", LEFT))
             raise DataError(wrong, where=", ".join(self.names), fix=fix)
-        return self.others[needs](self.said(parts))
+        return self.others[needs](self.information_of(parts))
 
-    def said(self, parts: Sequence[int]) -> Information:
+    def information_of(self, parts: Sequence[int]) -> Information:
         """Information of some of the parts."""
         return self.information.of([k for part in parts for k in self.windows[part]])
 
@@ -113,25 +113,25 @@ def compare(
         parts: The data.
         progress: Told about every fit; if it asks to stop, what is done is kept.
     """
-    trials: list[Trial] = []
+    scores: list[EstimatorScore] = []
     try:
-        for trial in trials_of(offers, context, parts, progress=progress):
-            trials.append(trial)
+        for score in scores_of(offers, context, parts, progress=progress):
+            scores.append(score)
     except Stopped:
         pass
-    return compared(trials, offers, context, parts)
+    return compared(scores, offers, context, parts)
 
 
 def compared(
-    trials: Sequence[Trial], offers: Sequence[Offer], context: Context, parts: Parts
+    scores: Sequence[EstimatorScore], offers: Sequence[Offer], context: Context, parts: Parts
 ) -> Comparison:
     """The comparison of the estimators that were tried, however many were asked for."""
     return Comparison(
-        tuple(trials),
+        tuple(scores),
         parts.names,
         parts.left_out,
         context.regressor.layout.rows,
-        tuple(offer.name for offer in ordered(offers)[len(trials) :]),
+        tuple(offer.name for offer in ordered(offers)[len(scores) :]),
     )
 
 
@@ -140,10 +140,10 @@ def ordered(offers: Sequence[Offer]) -> tuple[Offer, ...]:
     return tuple(sorted(offers, key=lambda offer: (offer.slow, COST[offer.needs])))
 
 
-def trials_of(
+def scores_of(
     offers: Sequence[Offer], context: Context, parts: Parts, *, progress: Progress = silent
-) -> Iterator[Trial]:
-    """One trial after another, the cheap estimators first.
+) -> Iterator[EstimatorScore]:
+    """The scores one after another, the cheap estimators first.
 
     Raises:
         Stopped: `progress` asked to stop.
@@ -155,7 +155,7 @@ def trials_of(
 
 def _tried(
     offer: Offer, context: Context, parts: Parts, noise: Array | None, progress: Progress
-) -> Trial:
+) -> EstimatorScore:
     """One estimator, fitted to everything and to all parts but one."""
     count = len(parts.names)
     rows = len(context.regressor.layout.rows)
@@ -175,11 +175,11 @@ def _tried(
         elif left is None:
             whole = found
         else:
-            held = parts.said([left])
+            held = parts.information_of([left])
             errors[left], pooled[left] = _errors(found, context.regressor.base, held)
             if np.isinf(errors[left]).any():
                 failures.append(Failure(parts.names[left], "its predictions are not finite", LEFT))
-    return Trial(
+    return EstimatorScore(
         offer.name,
         offer.about,
         offer.needs,

@@ -66,16 +66,16 @@ def _short_delays(case: Case, name: str, found: Findings) -> Findings:
 
 
 def _fine_gains(held: Verdict) -> str:
-    if any(held.ranking.trial.signals.unknown_gains):
+    if any(held.ranking.likelihood.signals.unknown_gains):
         return "gains are identified, so they are not compared with the model file"
     return agrees(held, "gains and gear ratios are right")
 
 
 def _no_load(held: Verdict) -> str:
-    trial = held.ranking.trial
-    if trial.knowledge.identified:
+    likelihood = held.ranking.likelihood
+    if likelihood.knowledge.identified:
         return agrees(held, "the arm carries no payload")
-    mass = least_mass(trial)
+    mass = least_mass(likelihood)
     return agrees(
         held, f"no payload of {mass:.2g} kg or more, if the model file's masses are right"
     )

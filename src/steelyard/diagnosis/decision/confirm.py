@@ -10,7 +10,7 @@ from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.decision.verdict import Verdict
 from steelyard.diagnosis.finding import Edit
 from steelyard.diagnosis.likelihood.excerpt import excerpt_of
-from steelyard.diagnosis.likelihood.trial import trial_of
+from steelyard.diagnosis.likelihood.likelihood import likelihood_of
 from steelyard.errors import SteelyardError
 from steelyard.robot_file.file import LoadedRobot
 
@@ -48,16 +48,18 @@ def _reads_alike(evidence: Evidence, held: Verdict, corrected: LoadedRobot) -> b
     signals = corrected.signals
     if signals is None:
         return False
-    trial, last = held.ranking.trial, held.written[-1]
+    likelihood, last = held.ranking.likelihood, held.written[-1]
     recording = replace(evidence.recording, signals=signals)
-    excerpt = excerpt_of(recording, evidence.processing, trial.excerpt.cutoff)
+    excerpt = excerpt_of(recording, evidence.processing, likelihood.excerpt.cutoff)
     if excerpt is None:
         return False
     unknown = np.array(signals.unknown_gains or [False] * signals.n)
-    gains = np.where(unknown, trial.gains, signals.gains)
-    again = trial_of(excerpt, signals, trial.knowledge, corrected.robot, gains, trial.scales)
+    gains = np.where(unknown, likelihood.gains, signals.gains)
+    again = likelihood_of(
+        excerpt, signals, likelihood.knowledge, corrected.robot, gains, likelihood.scales
+    )
     score = again.score(again.declared.changed(payload=last.interpretation.payload))
     return (
         float(score.percent[0])
-        <= CLOSE * float(trial.score(last.interpretation).percent[0]) + SLACK
+        <= CLOSE * float(likelihood.score(last.interpretation).percent[0]) + SLACK
     )

@@ -31,8 +31,8 @@ from steelyard.diagnosis.hypotheses.by_effort import poorly_shown
 from steelyard.diagnosis.hypotheses.by_position import Draft, judged
 from steelyard.diagnosis.hypotheses.by_surroundings import NEAR, SHARP, payload_fit
 from steelyard.diagnosis.likelihood.interpretation import Interpretation
+from steelyard.diagnosis.likelihood.likelihood import Likelihood, Score, regressors
 from steelyard.diagnosis.likelihood.possible import Possible, possible
-from steelyard.diagnosis.likelihood.trial import Score, Trial, regressors
 
 SHOWN = 3
 """Alternatives that are named."""
@@ -45,83 +45,85 @@ def undecided(held: Verdict, cause: str) -> str:
         held: What holds of the log; nothing that is of this cause.
         cause: The check that asks.
     """
-    trial, last = held.ranking.trial, last_of(held)
-    if trial.knowledge.identified:
+    likelihood, last = held.ranking.likelihood, last_of(held)
+    if likelihood.knowledge.identified:
         return ""
     open_factor = [r.cause for r, _ in held.winners if not r.fixed and r.cause in FACTORS]
     if open_factor and cause in (*FACTORS, "payload"):
         return f"undecided until '{open_factor[-1]}' is decided"
-    score = trial.score(last.interpretation)
+    score = likelihood.score(last.interpretation)
     misfit = f"the nominal model has a misfit of {float(score.percent[0]):.1f} %"
     if cause in ("payload", "mounting"):
-        return _hidden(trial, last.interpretation, score, cause, misfit)
-    if cause == "gain" and any(trial.signals.unknown_gains):
+        return _hidden(likelihood, last.interpretation, score, cause, misfit)
+    if cause == "gain" and any(likelihood.signals.unknown_gains):
         return ""
     if cause == "gain":
-        return _gains(trial, last.interpretation, misfit)
+        return _gains(likelihood, last.interpretation, misfit)
     if cause == "effort delay":
-        near = _times(trial, last.interpretation)
+        near = _times(likelihood, last.interpretation)
         misfit = "the declared interpretation fits with free link inertias"
     else:
-        near = _near(trial, last.interpretation, score, cause)
+        near = _near(likelihood, last.interpretation, score, cause)
     listed = ", ".join(near[:SHOWN]) + ", ..." * (len(near) > SHOWN)
     return f"undecided: {misfit}, but fits about as well with {listed}" if near else ""
 
 
 def _hidden(
-    trial: Trial, interpretation: Interpretation, score: Score, cause: str, misfit: str
+    likelihood: Likelihood, interpretation: Interpretation, score: Score, cause: str, misfit: str
 ) -> str:
     """The same where the misfit could hide a payload or a tilt."""
     if cause == "payload":
-        mass = detectable_mass(trial, interpretation, score)
-        hidden = mass > least_mass(trial)
+        mass = detectable_mass(likelihood, interpretation, score)
+        hidden = mass > least_mass(likelihood)
         size = f"{mass:.2g} kg at the last link"
     else:
-        tilt = detectable_tilt(trial, interpretation, score)
+        tilt = detectable_tilt(likelihood, interpretation, score)
         hidden = tilt > NEAR
         size = f"a tilt by {np.rad2deg(tilt):.0f}°"
     return f"undecided: {misfit}, which {size} may cause" if hidden else ""
 
 
-def least_mass(trial: Trial) -> float:
+def least_mass(likelihood: Likelihood) -> float:
     """Payload from which on one matters [kg]."""
-    arm = sum(body.inertia.mass for body in trial.knowledge.robot.bodies)
+    arm = sum(body.inertia.mass for body in likelihood.knowledge.robot.bodies)
     return max(LEAST_MASS, LEAST_SHARE * arm)
 
 
-def detectable_mass(trial: Trial, interpretation: Interpretation, score: Score) -> float:
+def detectable_mass(likelihood: Likelihood, interpretation: Interpretation, score: Score) -> float:
     """Most that the arm may carry unseen, or carries by the best fit [kg]."""
-    q, dq, ddq = trial.motion(interpretation)
-    columns = trial.knowledge.payload(q, dq, ddq, interpretation.gravity)[:1]
-    bound = _size(trial, interpretation, score, columns)
-    fitted = payload_fit(trial, interpretation)
+    q, dq, ddq = likelihood.motion(interpretation)
+    columns = likelihood.knowledge.payload(q, dq, ddq, interpretation.gravity)[:1]
+    bound = _size(likelihood, interpretation, score, columns)
+    fitted = payload_fit(likelihood, interpretation)
     return max(bound, 0.0 if fitted is None else float(fitted.values[0]))
 
 
-def detectable_tilt(trial: Trial, interpretation: Interpretation, score: Score) -> float:
+def detectable_tilt(likelihood: Likelihood, interpretation: Interpretation, score: Score) -> float:
     """Largest tilt of gravity that may be there unseen, about the worst axis [rad]."""
     gravity, size = interpretation.gravity, float(np.linalg.norm(interpretation.gravity))
     if size == 0.0:
         return float(np.pi)
-    pulls = trial.knowledge.pulls(trial.motion(interpretation)[0])
+    pulls = likelihood.knowledge.pulls(likelihood.motion(interpretation)[0])
     across = np.linalg.svd(gravity[None])[2][1:]
     columns = size * np.einsum("ai,ijt->ajt", across, pulls)
-    return float(np.arctan(max(_size(trial, interpretation, score, c[None]) for c in columns)))
+    return float(np.arctan(max(_size(likelihood, interpretation, score, c[None]) for c in columns)))
 
 
-def _size(trial: Trial, interpretation: Interpretation, score: Score, columns: Array) -> float:
+def _size(
+    likelihood: Likelihood, interpretation: Interpretation, score: Score, columns: Array
+) -> float:
     """What one number comes to if it makes all that is left, of the joint that shows it best.
 
     Args:
-        trial: The log.
+        likelihood: The log.
         interpretation: How it is read.
         score: Of that interpretation.
         columns: Joint efforts per unit, shape `(1, n, N)`.
     """
-    moving = _moving(trial, interpretation)
-    e = trial.excerpt.later([interpretation.delay])[0, list(interpretation.effort)]
+    moving = _moving(likelihood, interpretation)
+    e = likelihood.excerpt.later([interpretation.delay])[0, list(interpretation.effort)]
     e = e * interpretation.effort_scale[:, None]
-    unit = trial.into_logged(interpretation) @ columns[0]
+    unit = likelihood.into_logged(interpretation) @ columns[0]
     left, shown = np.full(len(e), np.inf), np.ones(len(e))
     for j in np.flatnonzero(score.counts[0] > 0.0):
         left[j] = score.misfits[0, j] * np.sqrt(np.mean(np.square(e[j, moving[j]])))
@@ -129,20 +131,20 @@ def _size(trial: Trial, interpretation: Interpretation, score: Score, columns: A
     return float(np.min(left / shown))
 
 
-def _moving(trial: Trial, interpretation: Interpretation) -> NDArray[np.bool_]:
-    q, dq, ddq = trial.motion(interpretation)
-    u, du = trial.driven(dq), trial.driven(ddq)
+def _moving(likelihood: Likelihood, interpretation: Interpretation) -> NDArray[np.bool_]:
+    q, dq, ddq = likelihood.motion(interpretation)
+    u, du = likelihood.driven(dq), likelihood.driven(ddq)
     arrays = (x[:, None] for x in (q, u, du, np.zeros_like(q)))
     moving: NDArray[np.bool_] = regressors(*arrays)[1][:, 0] > 0.0
     return moving
 
 
-def _gains(trial: Trial, interpretation: Interpretation, misfit: str) -> str:
-    weak = poorly_shown(trial, interpretation)
+def _gains(likelihood: Likelihood, interpretation: Interpretation, misfit: str) -> str:
+    weak = poorly_shown(likelihood, interpretation)
     if not weak:
         return ""
     listed = ", ".join(f"'{name}'" for name in weak)
-    names = trial.knowledge.robot.joint_names
+    names = likelihood.knowledge.robot.joint_names
     rest = [f"'{name}'" for name in names if name not in weak]
     if not rest:
         return f"undecided: {misfit} also with very different gains"
@@ -152,32 +154,34 @@ def _gains(trial: Trial, interpretation: Interpretation, misfit: str) -> str:
     )
 
 
-def _near(trial: Trial, interpretation: Interpretation, score: Score, cause: str) -> list[str]:
+def _near(
+    likelihood: Likelihood, interpretation: Interpretation, score: Score, cause: str
+) -> list[str]:
     """Alternatives that do not agree clearly worse than an interpretation."""
     least = float(score.log_likelihood[0]) - DECISIVE
     seen = score.counts[0] > 0.0
-    drafts = [d for d in _drafts(trial, interpretation, cause) if np.any(seen[list(d.joints)])]
-    return [r.says for r in judged(trial, drafts) if float(r.score.log_likelihood) > least]
+    drafts = [d for d in _drafts(likelihood, interpretation, cause) if np.any(seen[list(d.joints)])]
+    return [r.says for r in judged(likelihood, drafts) if float(r.score.log_likelihood) > least]
 
 
-def _times(trial: Trial, interpretation: Interpretation) -> list[str]:
+def _times(likelihood: Likelihood, interpretation: Interpretation) -> list[str]:
     """Delays that bodies of the log's own do not contradict."""
-    size, now = LEAST_DELAY[False], possible(trial, interpretation)
+    size, now = LEAST_DELAY[False], possible(likelihood, interpretation)
     near = []
     for more, way in ((size, "late"), (-size, "early")):
-        other = possible(trial, interpretation.changed(delay=interpretation.delay + more))
+        other = possible(likelihood, interpretation.changed(delay=interpretation.delay + more))
         if now is None or other is None or _sharp(other) > _sharp(now) - LATE:
             near.append(f"efforts {1e3 * size:.0f} ms {way}")
     return near
 
 
 def _sharp(bodies: Possible) -> float:
-    return float(bodies.score.likelihood(SHARP, np.inf))
+    return float(bodies.score.log_likelihood_with(SHARP, np.inf))
 
 
-def _drafts(trial: Trial, interpretation: Interpretation, cause: str) -> Iterator[Draft]:
+def _drafts(likelihood: Likelihood, interpretation: Interpretation, cause: str) -> Iterator[Draft]:
     """The alternatives of a question."""
-    names, n = trial.knowledge.robot.joint_names, trial.signals.n
+    names, n = likelihood.knowledge.robot.joint_names, likelihood.signals.n
     every = tuple(range(n))
     if cause == "position sign":
         for j, name in enumerate(names):

@@ -9,7 +9,7 @@ from steelyard.diagnosis.finding import Edit
 from steelyard.diagnosis.hypotheses.by_effort import PERCENT
 from steelyard.diagnosis.likelihood.accuracy import spread_of
 from steelyard.diagnosis.likelihood.interpretation import Interpretation
-from steelyard.diagnosis.likelihood.trial import Trial
+from steelyard.diagnosis.likelihood.likelihood import Likelihood
 from steelyard.errors import ModelError
 from steelyard.robot_file.efforts import MOTOR_KINDS
 from steelyard.robot_file.file import LoadedRobot, load_robot_file
@@ -22,10 +22,10 @@ EFFORT = ("signals", "effort")
 
 
 def edits_of(
-    cause: str, trial: Trial, interpretation: Interpretation, loaded: LoadedRobot
+    cause: str, likelihood: Likelihood, interpretation: Interpretation, loaded: LoadedRobot
 ) -> tuple[Edit, ...]:
     """The edits that one cause needs; all causes' edits together make the interpretation."""
-    before, s = trial.declared, trial.signals
+    before, s = likelihood.declared, likelihood.signals
     if cause == "joint order":
         return _orders(before, interpretation, s.position, s.effort)
     if cause == "position sign":
@@ -39,7 +39,7 @@ def edits_of(
         gravity = [round(float(x), 4) + 0.0 for x in interpretation.gravity]
         return (Edit(("robot", "gravity"), gravity), Edit(("robot", "mounting"), None))
     if cause in ("effort sign", "effort unit", "effort kind", "gain"):
-        return _effort(cause, trial, interpretation, loaded)
+        return _effort(cause, likelihood, interpretation, loaded)
     return ()
 
 
@@ -55,20 +55,20 @@ def _orders(
 
 
 def _effort(
-    cause: str, trial: Trial, after: Interpretation, loaded: LoadedRobot
+    cause: str, likelihood: Likelihood, after: Interpretation, loaded: LoadedRobot
 ) -> tuple[Edit, ...]:
     """Kind, unit and gain of the efforts."""
-    before, s = trial.declared, trial.signals
+    before, s = likelihood.declared, likelihood.signals
     if np.any(after.ratios != 1.0):
-        return _ratios(trial, after, loaded)
+        return _ratios(likelihood, after, loaded)
     factors = after.effort_scale / before.effort_scale
     kinds = () if after.kind in (before.kind, PERCENT) else (Edit((*EFFORT, "kind"), after.kind),)
     if after.kind == "gravity_compensated_torque" != before.kind:
         if before.kind in MOTOR_KINDS or "A" in s.effort_units:
             return (Edit(("robot", "gravity"), [0.0, 0.0, 0.0]),)
         return kinds
-    gains = file_gains(trial, loaded) * factors
-    gain = (Edit((*EFFORT, "gain"), rounded(gains), _accuracy(cause, trial, after)),)
+    gains = file_gains(likelihood, loaded) * factors
+    gain = (Edit((*EFFORT, "gain"), rounded(gains), _accuracy(cause, likelihood, after)),)
     if after.kind == PERCENT:
         kind = Edit((*EFFORT, "kind"), "motor_torque")
         return (kind, Edit((*EFFORT, "unit"), "%"), *gain)
@@ -88,7 +88,7 @@ def _effort(
     return gain
 
 
-def _ratios(trial: Trial, after: Interpretation, loaded: LoadedRobot) -> tuple[Edit, ...]:
+def _ratios(likelihood: Likelihood, after: Interpretation, loaded: LoadedRobot) -> tuple[Edit, ...]:
     """Gear ratios: whole numbers where one is near."""
     gears = loaded.robot.transmission
     if gears is None:
@@ -98,28 +98,28 @@ def _ratios(trial: Trial, after: Interpretation, loaded: LoadedRobot) -> tuple[E
         value = float(f"{ratio * factor:.{DIGITS}g}") if factor != 1.0 else float(ratio)
         whole = float(round(value))
         found.append(whole if abs(value - whole) <= WHOLE * abs(value) else value)
-    return (Edit(("robot", "transmission", "ratios"), found, spread_of(trial, after)),)
+    return (Edit(("robot", "transmission", "ratios"), found, spread_of(likelihood, after)),)
 
 
-def _accuracy(cause: str, trial: Trial, after: Interpretation) -> float:
+def _accuracy(cause: str, likelihood: Likelihood, after: Interpretation) -> float:
     """Of a gain that was fitted; signs and units are exact."""
-    return spread_of(trial, after) if cause == "gain" else 0.0
+    return spread_of(likelihood, after) if cause == "gain" else 0.0
 
 
-def file_gains(trial: Trial, loaded: LoadedRobot) -> Array:
+def file_gains(likelihood: Likelihood, loaded: LoadedRobot) -> Array:
     """Gains as the robot file gives them: behind what its gears do, shape `(n,)`."""
-    s, gears = trial.signals, loaded.robot.transmission
+    s, gears = likelihood.signals, loaded.robot.transmission
     if gears is None:
-        return trial.gains
+        return likelihood.gains
     if s.effort_map is not None:
         return np.asarray(np.diag(np.linalg.solve(gears.matrix.T, s.effort_map)))
     try:
         section = load_robot_file(loaded.sources[0].path).signals
     except ModelError:
-        return trial.gains
+        return likelihood.gains
     if section is not None and section.effort.side == "motor":
-        return np.asarray(trial.gains / np.diag(gears.matrix))
-    return trial.gains
+        return np.asarray(likelihood.gains / np.diag(gears.matrix))
+    return likelihood.gains
 
 
 def rounded(values: Array) -> list[float]:

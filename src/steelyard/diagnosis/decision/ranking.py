@@ -16,7 +16,7 @@ from steelyard.diagnosis.hypotheses.hypothesis import AS_DECLARED, Hypothesis, o
 from steelyard.diagnosis.hypotheses.mirrored import efforts_first
 from steelyard.diagnosis.knowledge import Knowledge, knowledge_of
 from steelyard.diagnosis.likelihood.excerpt import excerpt_of
-from steelyard.diagnosis.likelihood.trial import Trial, trial_of
+from steelyard.diagnosis.likelihood.likelihood import Likelihood, likelihood_of
 from steelyard.diagnosis.signal_overview import once
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.progress import tell
@@ -45,13 +45,13 @@ class Ranking:
     """Explanations of one log.
 
     Attributes:
-        trial: The log.
+        likelihood: The log.
         declared: As the robot file reads it.
         rounds: Per round all hypotheses, the likeliest first; a round starts from the winner of the
             one before, and the last one's winner is what it started from, or agrees.
     """
 
-    trial: Trial
+    likelihood: Likelihood
     declared: Hypothesis
     rounds: tuple[tuple[Hypothesis, ...], ...]
 
@@ -75,12 +75,12 @@ def ranking(case: Case, evidence: Evidence) -> Ranking | None:
     if excerpt is None:
         return None
     scales = _scales(case, evidence)
-    trial = trial_of(excerpt, signals, knowledge, case.loaded.robot, gains, scales)
+    likelihood = likelihood_of(excerpt, signals, knowledge, case.loaded.robot, gains, scales)
     if any(signals.unknown_gains) and not knowledge.identified:
-        trial = _with_free_gains(trial)
+        likelihood = _with_free_gains(likelihood)
     number = case.logs.index(evidence)
     tell(case.progress, COMPARING, number, len(case.logs), evidence.name)
-    found = ranked(trial, _others(trial, case.reference))
+    found = ranked(likelihood, _others(likelihood, case.reference))
     tell(case.progress, COMPARING, number + 1, len(case.logs), evidence.name)
     return found if np.any(found.declared.score.counts > 0.0) else None
 
@@ -126,68 +126,70 @@ def _scales(case: Case, evidence: Evidence) -> Array | float:
     return np.where(signals.unknown_gains or False, 1.0, values) if alike else 1.0
 
 
-def _with_free_gains(trial: Trial) -> Trial:
+def _with_free_gains(likelihood: Likelihood) -> Likelihood:
     """The log with the gains at which the nominal bodies agree best.
 
     All of them: where some are to be identified, those that are given may be up to one scale.
     """
-    declared = trial.declared
-    sums = trial.sums([declared])
-    best = best_factors(trial, sums, list(declared.effort), declared.effort_scale)
-    return replace(trial, gains=trial.gains * best)
+    declared = likelihood.declared
+    sums = likelihood.sums([declared])
+    best = best_factors(likelihood, sums, list(declared.effort), declared.effort_scale)
+    return replace(likelihood, gains=likelihood.gains * best)
 
 
-def _others(trial: Trial, reference: IdentifiedModel | None) -> tuple[Other, ...]:
+def _others(likelihood: Likelihood, reference: IdentifiedModel | None) -> tuple[Other, ...]:
     """What the efforts may be instead of what is declared."""
-    units, gains = trial.signals.effort_units, trial.gains
+    units, gains = likelihood.signals.effort_units, likelihood.gains
     found = []
     if "A" in units:
-        scale = np.asarray(trial.declared.effort_scale)
+        scale = np.asarray(likelihood.declared.effort_scale)
         found.append(Other("efforts are joint torques", "joint_torque", 1.0 / (gains * scale)))
     elif reference is not None and "A" in reference.signals.effort_units:
         currents = reference.signals.gains / gains
         found.append(Other("efforts are motor currents in A", "motor_current", currents))
         found.append(Other("efforts are motor currents in mA", "motor_current", 1e-3 * currents))
-    limits = np.array([c.limits.effort for c in trial.knowledge.robot.coordinates])
-    if np.isfinite(limits).all() and np.all(limits > 0.0) and trial.signals.effort_map is None:
+    limits = np.array([c.limits.effort for c in likelihood.knowledge.robot.coordinates])
+    if np.isfinite(limits).all() and np.all(limits > 0.0) and likelihood.signals.effort_map is None:
         says = "efforts are percents of the joints' limits"
         found.append(Other(says, PERCENT, 0.01 * limits / gains))
     return tuple(found)
 
 
-def ranked(trial: Trial, others: tuple[Other, ...]) -> Ranking:
+def ranked(likelihood: Likelihood, others: tuple[Other, ...]) -> Ranking:
     """Rank all explanations, and those of what the best of them leaves."""
-    score = one_of(trial.score(trial.declared), 0)
-    first = Hypothesis("", AS_DECLARED, trial.declared, 0.0, (), score)
+    score = one_of(likelihood.score(likelihood.declared), 0)
+    first = Hypothesis("", AS_DECLARED, likelihood.declared, 0.0, (), score)
     now, rounds = first, []
     for _ in range(ROUNDS):
-        hypotheses = _rivals(trial, now, others)
+        hypotheses = _rivals(likelihood, now, others)
         rounds.append(hypotheses)
         gain = hypotheses[0].log_likelihood - now.log_likelihood
-        if gain < DECISIVE or hypotheses[0].cause in ALIEN or not bad(trial, hypotheses[0]):
+        if gain < DECISIVE or hypotheses[0].cause in ALIEN or not bad(likelihood, hypotheses[0]):
             break
         now = hypotheses[0]
-    return Ranking(trial, first, tuple(rounds))
+    return Ranking(likelihood, first, tuple(rounds))
 
 
-def _rivals(trial: Trial, now: Hypothesis, others: tuple[Other, ...]) -> tuple[Hypothesis, ...]:
+def _rivals(
+    likelihood: Likelihood, now: Hypothesis, others: tuple[Other, ...]
+) -> tuple[Hypothesis, ...]:
     """Everything that one change of an interpretation can explain, the likeliest first."""
-    found, identified = [now], trial.knowledge.identified
-    if bad(trial, now) or identified or now.percent > LOOSE:
+    found, identified = [now], likelihood.knowledge.identified
+    if bad(likelihood, now) or identified or now.percent > LOOSE:
         found += effort_hypotheses(
-            trial, now.interpretation, trial.sums([now.interpretation]), others
+            likelihood, now.interpretation, likelihood.sums([now.interpretation]), others
         )
-    found += world_hypotheses(trial, now.interpretation)
-    if bad(trial, now) and not identified:
-        found += link_hypotheses(trial, now.interpretation)
+    found += world_hypotheses(likelihood, now.interpretation)
+    if bad(likelihood, now) and not identified:
+        found += link_hypotheses(likelihood, now.interpretation)
     found.sort(key=_unlikely)
     gain = found[0].log_likelihood - now.log_likelihood
-    if bad(trial, now) or (identified and gain > SUSPECT):
-        found += position_hypotheses(trial, now.interpretation)
-        found += ratio_hypotheses(trial, now.interpretation)
+    if bad(likelihood, now) or (identified and gain > SUSPECT):
+        found += position_hypotheses(likelihood, now.interpretation)
+        found += ratio_hypotheses(likelihood, now.interpretation)
         found.sort(key=_unlikely)
-    if bad(trial, found[0]):
-        found += deep_hypotheses(trial, now.interpretation)
+    if bad(likelihood, found[0]):
+        found += deep_hypotheses(likelihood, now.interpretation)
         found.sort(key=_unlikely)
     return efforts_first(now.interpretation, found)
 
@@ -196,32 +198,32 @@ def _unlikely(hypothesis: Hypothesis) -> float:
     return -hypothesis.log_likelihood
 
 
-def limits(trial: Trial) -> Array:
+def limits(likelihood: Likelihood) -> Array:
     """Misfit of each joint from which on an interpretation is bad, shape `(n,)`."""
-    least = np.full(trial.signals.n, BAD[trial.knowledge.identified])
-    sigma = trial.knowledge.sigma
+    least = np.full(likelihood.signals.n, BAD[likelihood.knowledge.identified])
+    sigma = likelihood.knowledge.sigma
     if sigma is None:
         return least
-    logged = np.abs(trial.into_logged(trial.declared)) @ sigma
-    size = np.maximum(trial.size, 1e-300)
+    logged = np.abs(likelihood.into_logged(likelihood.declared)) @ sigma
+    size = np.maximum(likelihood.size, 1e-300)
     return np.asarray(np.maximum(least, np.minimum(EXPECTED * logged / size, HOPELESS)))
 
 
-def bad(trial: Trial, hypothesis: Hypothesis) -> bool:
+def bad(likelihood: Likelihood, hypothesis: Hypothesis) -> bool:
     """Whether a joint disagrees more than friction and a rough model explain.
 
     An effort that is smaller than it should be, such as one without gravity, may disagree by as
     many newton metres.
     """
-    if not disagrees(trial, hypothesis):
+    if not disagrees(likelihood, hypothesis):
         return False
     interpretation = hypothesis.interpretation
-    e = trial.excerpt.e[list(interpretation.effort)] * interpretation.effort_scale[:, None]
+    e = likelihood.excerpt.e[list(interpretation.effort)] * interpretation.effort_scale[:, None]
     rms = np.maximum(np.sqrt(np.mean(np.square(e), axis=1)), 1e-300)
-    allowed = limits(trial) * np.maximum(trial.size / rms, 1.0)
+    allowed = limits(likelihood) * np.maximum(likelihood.size / rms, 1.0)
     return bool(np.any((hypothesis.misfits > allowed) & (hypothesis.score.counts > 0.0)))
 
 
-def disagrees(trial: Trial, hypothesis: Hypothesis) -> bool:
+def disagrees(likelihood: Likelihood, hypothesis: Hypothesis) -> bool:
     """Whether a joint disagrees, relative to its effort, however small that is."""
-    return bool(np.any((hypothesis.misfits > limits(trial)) & (hypothesis.score.counts > 0.0)))
+    return bool(np.any((hypothesis.misfits > limits(likelihood)) & (hypothesis.score.counts > 0.0)))

@@ -22,8 +22,8 @@ from steelyard.diagnosis.hypotheses.by_surroundings import SHARP, axis_near
 from steelyard.diagnosis.hypotheses.hypothesis import FREE, Hypothesis, one_of
 from steelyard.diagnosis.hypotheses.mirrored import with_mirror
 from steelyard.diagnosis.likelihood.interpretation import Interpretation
+from steelyard.diagnosis.likelihood.likelihood import FLOOR, Likelihood
 from steelyard.diagnosis.likelihood.possible import Possible, possible
-from steelyard.diagnosis.likelihood.trial import FLOOR, Trial
 
 MARGIN, FALL = 60.0, 2.0
 """Log-likelihood that bodies of the log's own must gain, and the factor by which the misfit of some
@@ -44,13 +44,15 @@ CLOSE = 3.0
 """Log-likelihood within which two explanations agree equally well."""
 
 
-def contradicted(trial: Trial, before: Interpretation, winner: Hypothesis) -> bool:
+def contradicted(likelihood: Likelihood, before: Interpretation, winner: Hypothesis) -> bool:
     """Whether the data, whatever the bodies weigh, speak for an explanation."""
-    then, now = possible(trial, before), possible(trial, winner.interpretation)
+    then, now = possible(likelihood, before), possible(likelihood, winner.interpretation)
     if then is None or now is None:
         return False
     if winner.cause == "effort delay":
-        gain = now.score.likelihood(SHARP, np.inf) - then.score.likelihood(SHARP, np.inf)
+        gain = now.score.log_likelihood_with(SHARP, np.inf) - then.score.log_likelihood_with(
+            SHARP, np.inf
+        )
         return bool(gain > LATE)
     return better(now, then, winner.cost)
 
@@ -63,27 +65,27 @@ def better(now: Possible, then: Possible, cost: float) -> bool:
 
 
 def supported(
-    trial: Trial, winners: Sequence[tuple[Hypothesis, Severity]]
+    likelihood: Likelihood, winners: Sequence[tuple[Hypothesis, Severity]]
 ) -> tuple[tuple[Hypothesis, Severity], ...]:
     """What holds of a log, from what a nominal model asks for and what the data say of it.
 
     Args:
-        trial: The log.
+        likelihood: The log.
         winners: What the nominal model asks for, in the order in which it was found.
     """
     kept: list[tuple[Hypothesis, Severity]] = []
-    interpretation, asked = trial.declared, False
+    interpretation, asked = likelihood.declared, False
     for hypothesis, severity in winners:
-        thousand = _as_thousand(trial, interpretation, hypothesis)
+        thousand = _as_thousand(likelihood, interpretation, hypothesis)
         if thousand is not None:
             kept.append((thousand, severity))
             interpretation = thousand.interpretation
             break
-        if hypothesis.cause == "payload" or contradicted(trial, interpretation, hypothesis):
+        if hypothesis.cause == "payload" or contradicted(likelihood, interpretation, hypothesis):
             fixed = hypothesis.fixed and not _fitted(interpretation, hypothesis)
             kept.append((replace(hypothesis, fixed=fixed), severity))
         elif _only_factor(interpretation, hypothesis):
-            asked = asked or not _of_unit(trial, interpretation, hypothesis)
+            asked = asked or not _of_unit(likelihood, interpretation, hypothesis)
             if asked:
                 break
             kept.append((hypothesis, severity))
@@ -91,31 +93,35 @@ def supported(
             kept.append((replace(hypothesis, fixed=False), Severity.DOUBTFUL))
             break
         interpretation = hypothesis.interpretation
-    whole = _combined(trial, interpretation)
+    whole = _combined(likelihood, interpretation)
     if whole:
         kept = [*(kept if whole[0][0].cause == "mounting" else ()), *whole]
         interpretation = whole[-1][0].interpretation
-    kept = [(with_mirror(trial, trial.declared, r), j) for r, j in _unrivalled(trial, kept)]
-    scale = _scale(trial, interpretation, asked)
+    kept = [
+        (with_mirror(likelihood, likelihood.declared, r), j)
+        for r, j in _unrivalled(likelihood, kept)
+    ]
+    scale = _scale(likelihood, interpretation, asked)
     return (*kept, scale) if scale is not None else tuple(kept)
 
 
 def _unrivalled(
-    trial: Trial, kept: list[tuple[Hypothesis, Severity]]
+    likelihood: Likelihood, kept: list[tuple[Hypothesis, Severity]]
 ) -> list[tuple[Hypothesis, Severity]]:
     """Nothing is written where positions in another order do as well as efforts, or the reverse."""
-    before = trial.declared
+    before = likelihood.declared
     for number, (hypothesis, _) in enumerate(kept):
         after = hypothesis.interpretation
         alone = (after.position == before.position) != (after.effort == before.effort)
         if hypothesis.cause != "joint order" or not hypothesis.fixed or not alone:
             continue
         mirror = _mirror(before, after)
-        mine, other = possible(trial, after), possible(trial, mirror)
+        mine, other = possible(likelihood, after), possible(likelihood, mirror)
         if mine is None or other is None:
             continue
         if float(mine.score.log_likelihood - other.score.log_likelihood) < MARGIN:
-            says = f"{hypothesis.says}, or {_order_of(trial, mirror)}: this log alone cannot decide"
+            order = _order_of(likelihood, mirror)
+            says = f"{hypothesis.says}, or {order}: this log alone cannot decide"
             kept[number] = replace(hypothesis, says=says), Severity.DOUBTFUL
             return [(replace(r, fixed=False), Severity.DOUBTFUL) for r, _ in kept]
     return kept
@@ -131,11 +137,11 @@ def _mirror(before: Interpretation, after: Interpretation) -> Interpretation:
     return after.changed(position=position, effort=before.effort)
 
 
-def _order_of(trial: Trial, interpretation: Interpretation) -> str:
+def _order_of(likelihood: Likelihood, interpretation: Interpretation) -> str:
     """The order of the columns in a few words."""
-    if interpretation.position == trial.declared.position:
+    if interpretation.position == likelihood.declared.position:
         return f"efforts in the order {', '.join(str(k + 1) for k in interpretation.effort)}"
-    names = trial.knowledge.robot.joint_names
+    names = likelihood.knowledge.robot.joint_names
     if interpretation.effort == interpretation.position:
         return f"the columns are in the order {_inverse(names, interpretation.position)}"
     return f"the columns of positions are those of {_inverse(names, interpretation.position)}"
@@ -167,32 +173,37 @@ def _fitted(interpretation: Interpretation, hypothesis: Hypothesis) -> bool:
     return hypothesis.cost >= FREE and (ratios or _only_factor(interpretation, hypothesis))
 
 
-def _of_unit(trial: Trial, interpretation: Interpretation, hypothesis: Hypothesis) -> bool:
+def _of_unit(
+    likelihood: Likelihood, interpretation: Interpretation, hypothesis: Hypothesis
+) -> bool:
     """Whether a known factor, not a fitted one, brings bodies from absurd masses to likely ones."""
-    then, now = possible(trial, interpretation), possible(trial, hypothesis.interpretation)
+    then, now = (
+        possible(likelihood, interpretation),
+        possible(likelihood, hypothesis.interpretation),
+    )
     known = not _fitted(interpretation, hypothesis)
     return known and then is not None and now is not None and _far(then) and not _far(now)
 
 
 def _as_thousand(
-    trial: Trial, interpretation: Interpretation, hypothesis: Hypothesis
+    likelihood: Likelihood, interpretation: Interpretation, hypothesis: Hypothesis
 ) -> Hypothesis | None:
     """The unit that a fitted factor is near, if it leaves likely masses; `None` otherwise."""
     factors = hypothesis.interpretation.effort_scale / interpretation.effort_scale
-    if not _fitted(interpretation, hypothesis) or not _near_thousand(trial, factors):
+    if not _fitted(interpretation, hypothesis) or not _near_thousand(likelihood, factors):
         return None
-    unit = _thousand(trial, interpretation)
-    return unit if _of_unit(trial, interpretation, unit) else None
+    unit = _thousand(likelihood, interpretation)
+    return unit if _of_unit(likelihood, interpretation, unit) else None
 
 
-def _near_thousand(trial: Trial, factors: Array) -> bool:
+def _near_thousand(likelihood: Likelihood, factors: Array) -> bool:
     near = np.all((factors > 1e3 / KILO) & (factors < 1e3 * KILO))
-    return bool(near) and "A" not in trial.signals.effort_units
+    return bool(near) and "A" not in likelihood.signals.effort_units
 
 
-def _thousand(trial: Trial, interpretation: Interpretation) -> Hypothesis:
+def _thousand(likelihood: Likelihood, interpretation: Interpretation) -> Hypothesis:
     """Efforts in a unit that is a thousand times the declared one."""
-    hypotheses = unit_hypotheses(trial, interpretation, trial.sums([interpretation]))
+    hypotheses = unit_hypotheses(likelihood, interpretation, likelihood.sums([interpretation]))
     return max(hypotheses, key=lambda r: float(np.sum(np.abs(r.interpretation.effort_scale))))
 
 
@@ -201,24 +212,24 @@ def _far(found: Possible) -> bool:
 
 
 def _combined(
-    trial: Trial, interpretation: Interpretation
+    likelihood: Likelihood, interpretation: Interpretation
 ) -> tuple[tuple[Hypothesis, Severity], ...]:
     """Order and signs of all columns, or gravity, if the data speak for another than is declared.
 
     So much is changed at once that the misfit must fall in the typical joint, or be small in all.
 
     Args:
-        trial: The log.
+        likelihood: The log.
         interpretation: As it is read so far; orders and signs are searched from the declared
         interpretation.
     """
-    now, own = possible(trial, interpretation), possible(trial, trial.declared)
+    now, own = possible(likelihood, interpretation), possible(likelihood, likelihood.declared)
     if now is None or own is None:
         return ()
     poor = now.percent > POOR or _worst(now) > ROUGH
-    found = combined_hypotheses(trial) if poor else []
+    found = combined_hypotheses(likelihood) if poor else []
     fair = now.percent > FAIR or _worst(now) > POOR
-    found += mounting_hypotheses(trial, interpretation) if fair else []
+    found += mounting_hypotheses(likelihood, interpretation) if fair else []
     if not found:
         return ()
     found.sort(key=lambda pair: -pair[0].log_likelihood)
@@ -232,7 +243,8 @@ def _combined(
     severity = Severity.WRONG if sure else Severity.DOUBTFUL
     compared = "free link inertias", (now if best.cause else own).percent
     return tuple(
-        (replace(part, fixed=sure, compared=compared), severity) for part in _parts(trial, best)
+        (replace(part, fixed=sure, compared=compared), severity)
+        for part in _parts(likelihood, best)
     )
 
 
@@ -247,14 +259,18 @@ def _enough(hypothesis: Hypothesis) -> float:
     return FAIR if axis_near(gravity / np.linalg.norm(gravity)) is None else POOR
 
 
-def _parts(trial: Trial, best: Hypothesis) -> Iterator[Hypothesis]:
+def _parts(likelihood: Likelihood, best: Hypothesis) -> Iterator[Hypothesis]:
     """One explanation per cause, all of the same interpretation."""
-    names, before, after = trial.knowledge.robot.joint_names, trial.declared, best.interpretation
+    names, before, after = (
+        likelihood.knowledge.robot.joint_names,
+        likelihood.declared,
+        best.interpretation,
+    )
     if best.cause:
         yield best
         return
     if (after.position, after.effort) != (before.position, before.effort):
-        says = _order_of(trial, after)
+        says = _order_of(likelihood, after)
         yield replace(best, cause="joint order", says=says)
     for cause, says, then, now in (
         (
@@ -283,22 +299,22 @@ def _inverse(names: Sequence[str], order: Sequence[int]) -> str:
     return ", ".join(f"'{names[list(order).index(k)]}'" for k in range(len(order)))
 
 
-def other_bodies(trial: Trial, interpretation: Interpretation) -> Possible | None:
+def other_bodies(likelihood: Likelihood, interpretation: Interpretation) -> Possible | None:
     """Bodies of the log's own that explain a log; `None` where they do not, or hardly show."""
-    found = possible(trial, interpretation)
+    found = possible(likelihood, interpretation)
     if found is None or found.percent > POOR or _worst(found) > ROUGH:
         return None
-    return None if no_bodies(trial, interpretation, found) else found
+    return None if no_bodies(likelihood, interpretation, found) else found
 
 
-def no_bodies(trial: Trial, interpretation: Interpretation, found: Possible) -> bool:
+def no_bodies(likelihood: Likelihood, interpretation: Interpretation, found: Possible) -> bool:
     """Whether friction alone fits a log about as well as with bodies: their size is open then."""
-    alone = Possible(friction_alone(trial, interpretation), 0.0)
+    alone = Possible(friction_alone(likelihood, interpretation), 0.0)
     return not better(found, alone, 0.0)
 
 
 def _scale(
-    trial: Trial, interpretation: Interpretation, asked: bool
+    likelihood: Likelihood, interpretation: Interpretation, asked: bool
 ) -> tuple[Hypothesis, Severity] | None:
     """A factor on all efforts, or bodies lighter or heavier than the nominal ones.
 
@@ -307,14 +323,14 @@ def _scale(
     friction alone fits as well as bodies.
 
     Args:
-        trial: The log.
+        likelihood: The log.
         interpretation: What the data support.
         asked: Whether the nominal model speaks for other gains.
     """
-    found = possible(trial, interpretation)
+    found = possible(likelihood, interpretation)
     if found is None or not (asked or (_far(found) and found.percent <= ROUGH)):
         return None
-    if no_bodies(trial, interpretation, found):
+    if no_bodies(likelihood, interpretation, found):
         return None
     factor, far = 1.0 / found.scale, _far(found)
     lighter = "lighter" if factor > 1.0 else "heavier"
@@ -328,18 +344,20 @@ def _scale(
             "misfit is "
             f"{found.percent:.0f} %"
         )
-    changed = interpretation.with_factors(np.full(trial.signals.n, factor))
-    cause = "gain" if "A" in trial.signals.effort_units else "effort kind"
-    score = one_of(trial.score(changed), 0)
-    if not asked and float(score.percent) * FALL > float(trial.score(interpretation).percent[0]):
+    changed = interpretation.with_factors(np.full(likelihood.signals.n, factor))
+    cause = "gain" if "A" in likelihood.signals.effort_units else "effort kind"
+    score = one_of(likelihood.score(changed), 0)
+    if not asked and float(score.percent) * FALL > float(
+        likelihood.score(interpretation).percent[0]
+    ):
         return None
-    if far and _near_thousand(trial, np.array([factor])):
-        return _thousand(trial, interpretation), Severity.WRONG
-    joints = tuple(range(trial.signals.n))
+    if far and _near_thousand(likelihood, np.array([factor])):
+        return _thousand(likelihood, interpretation), Severity.WRONG
+    joints = tuple(range(likelihood.signals.n))
     hypothesis = Hypothesis(cause, says, changed, FREE, joints, score, fixed=False)
     if far:
         return hypothesis, Severity.WRONG
-    link = next(link_hypotheses(trial, interpretation), None)
+    link = next(link_hypotheses(likelihood, interpretation), None)
     if link is None or link.log_likelihood < hypothesis.log_likelihood - MARGIN:
         return hypothesis, Severity.DOUBTFUL
     says = f"either efforts are off by a factor of about {factor:.2g}, or {link.says}"

@@ -57,8 +57,8 @@ def edits(case: Case, evidence: Evidence) -> tuple[Edit, ...]:
         return ()
     last = held.written[-1].interpretation
     causes = dict.fromkeys(hypothesis.cause for hypothesis in held.written)
-    found = [e for c in causes for e in edits_of(c, held.ranking.trial, last, case.loaded)]
-    found += velocity_edits(evidence, held.ranking.trial, last)
+    found = [e for c in causes for e in edits_of(c, held.ranking.likelihood, last, case.loaded)]
+    found += velocity_edits(evidence, held.ranking.likelihood, last)
     whole = tuple({edit.path: edit for edit in found}.values())
     return whole if confirmed(case, evidence, whole, held) else ()
 
@@ -93,7 +93,7 @@ def _of_log(
     fine: Callable[[Verdict], str],
     advice: str,
 ) -> Iterator[Finding]:
-    shown, nominal = hypotheses(held, cause), not held.ranking.trial.knowledge.identified
+    shown, nominal = hypotheses(held, cause), not held.ranking.likelihood.knowledge.identified
     mine = [(number, w) for number, w in enumerate(held.winners) if w[0].cause == cause]
     if not mine:
         lost = cause == UNEXPLAINED and hopeless(held)
@@ -135,7 +135,7 @@ def _compared(held: Verdict, hypothesis: Hypothesis, before: Hypothesis) -> tupl
     """What a winner agrees with, the misfit before it [%], both of the same, and the gain."""
     if hypothesis.compared is not None:
         return *hypothesis.compared, ""
-    score = held.ranking.trial.score(before.interpretation)
+    score = held.ranking.likelihood.score(before.interpretation)
     rise = hypothesis.log_likelihood - float(score.log_likelihood[0])
     percent = float(score.percent[0])
     return _known(held), percent, f", log-likelihood rises by {rise:.0f}" * (rise > 0.0)
@@ -156,8 +156,8 @@ def _mend(
         return Fix(f"{hypothesis.says}{OF_NOMINAL}"), severity
     if not hypothesis.fixed:
         return ways(case, hypothesis, sure=severity is Severity.WRONG), severity
-    last, trial = held.written[-1].interpretation, held.ranking.trial
-    wanted = edits_of(hypothesis.cause, trial, last, case.loaded)
+    last, likelihood = held.written[-1].interpretation, held.ranking.likelihood
+    wanted = edits_of(hypothesis.cause, likelihood, last, case.loaded)
     whole = edits(case, evidence)
     if wanted and not whole:
         says = f"{hypothesis.says}; no line of the robot file corrects it: examine the log"
@@ -206,12 +206,12 @@ def figure(held: Verdict, cause: str) -> str:
 
 def picture(held: Verdict, before: Hypothesis, after: Hypothesis) -> Picture:
     """Effort of the joint that gains most: measured, and as it should be."""
-    trial = held.ranking.trial
+    likelihood = held.ranking.likelihood
     joint = int(np.argmax(before.misfits / np.maximum(after.misfits, 1e-3)))
-    t, e, wrong = trial.compared(before.interpretation, joint)
-    _, corrected, right = trial.compared(after.interpretation, joint)
+    t, e, wrong = likelihood.compared(before.interpretation, joint)
+    _, corrected, right = likelihood.compared(after.interpretation, joint)
     step = max(1, len(t) // POINTS)
-    name = trial.knowledge.robot.joint_names[joint]
+    name = likelihood.knowledge.robot.joint_names[joint]
     traces = [Trace("measured", t[::step], e[::step]), Trace(before.says, t[::step], wrong[::step])]
     if not np.allclose(corrected, e):
         traces.append(Trace("measured, corrected", t[::step], corrected[::step]))
@@ -221,17 +221,17 @@ def picture(held: Verdict, before: Hypothesis, after: Hypothesis) -> Picture:
 
 def _unclear(held: Verdict) -> str:
     """Why nothing explains a log."""
-    trial, interpretation = held.ranking.trial, held.ranking.declared.interpretation
-    bodies = other_bodies(trial, interpretation)
+    likelihood, interpretation = held.ranking.likelihood, held.ranking.declared.interpretation
+    bodies = other_bodies(likelihood, interpretation)
     if bodies is not None:
         return (
             "with other link inertias than the model file's the misfit is "
             f"{_percent(bodies.percent)}"
         )
-    bodies = possible(trial, interpretation)
-    if bodies is None or not no_bodies(trial, interpretation, bodies):
+    bodies = possible(likelihood, interpretation)
+    if bodies is None or not no_bodies(likelihood, interpretation, bodies):
         return "no hypothesis is clearly better"
-    alone = float(friction_alone(trial, interpretation).percent)
+    alone = float(friction_alone(likelihood, interpretation).percent)
     return (
         f"the efforts contain hardly any rigid-body torque: the misfit is {_percent(alone)} with "
         f"friction alone, {_percent(bodies.percent)} with free link inertias"
@@ -239,24 +239,26 @@ def _unclear(held: Verdict) -> str:
 
 
 def _known(held: Verdict) -> str:
-    identified = held.ranking.trial.knowledge.identified
+    identified = held.ranking.likelihood.knowledge.identified
     return "the reference" if identified else "the nominal model"
 
 
 def told(held: Verdict) -> bool:
     """Whether anything can be said of a log."""
-    close = held.ranking.trial.knowledge.identified or held.ranking.declared.percent <= ROUGH
+    close = held.ranking.likelihood.knowledge.identified or held.ranking.declared.percent <= ROUGH
     return bool(held.winners) or (held.explained and close)
 
 
 def hopeless(held: Verdict) -> bool:
     """Whether nothing that was tried explains the efforts, not even roughly."""
-    trial, declared = held.ranking.trial, held.ranking.declared
+    likelihood, declared = held.ranking.likelihood, held.ranking.declared
     seen = declared.score.counts > 0.0
     worst = float(np.max(declared.misfits[seen], initial=0.0))
     if told(held) or (worst <= HOPELESS and declared.percent <= 100.0 * HALF):
         return False
-    return trial.knowledge.identified or other_bodies(trial, declared.interpretation) is None
+    return (
+        likelihood.knowledge.identified or other_bodies(likelihood, declared.interpretation) is None
+    )
 
 
 def agrees(held: Verdict, what: str) -> str:
@@ -265,10 +267,10 @@ def agrees(held: Verdict, what: str) -> str:
     if not told(held):
         much = _percent(ranked.declared.percent)
         why = f"undecided: {_known(held)} has a misfit of {much} and "
-        if ranked.trial.knowledge.identified:
+        if ranked.likelihood.knowledge.identified:
             return f"{why}no hypothesis is clearly better"
         return f"{why}{_unclear(held)}; give --model"
-    percent = float(ranked.trial.score(last_of(held).interpretation).percent[0])
+    percent = float(ranked.likelihood.score(last_of(held).interpretation).percent[0])
     once = ""
     if held.winners:
         written = all(hypothesis.fixed for hypothesis, _ in held.winners)

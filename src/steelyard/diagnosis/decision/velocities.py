@@ -6,17 +6,17 @@ from steelyard.arrays import Array
 from steelyard.diagnosis.case import Evidence
 from steelyard.diagnosis.finding import Edit
 from steelyard.diagnosis.likelihood.interpretation import Interpretation
-from steelyard.diagnosis.likelihood.trial import Trial
+from steelyard.diagnosis.likelihood.likelihood import Likelihood
 
 ALIKE = 0.8
 """Correlation from which on a velocity belongs to a position."""
 
 
 def velocity_edits(
-    evidence: Evidence, trial: Trial, interpretation: Interpretation
+    evidence: Evidence, likelihood: Likelihood, interpretation: Interpretation
 ) -> tuple[Edit, ...]:
     """What declared velocities need beside positions of an interpretation; nothing without any."""
-    before, s = trial.declared, evidence.recording.signals
+    before, s = likelihood.declared, evidence.recording.signals
     moved = interpretation.position != before.position
     turned = not np.array_equal(
         np.sign(interpretation.position_scale), np.sign(before.position_scale)
@@ -26,7 +26,7 @@ def velocity_edits(
         return ()
     from scipy.optimize import linear_sum_assignment
 
-    table = _correlations(evidence.samples.t, logged, trial, interpretation)
+    table = _correlations(evidence.samples.t, logged, likelihood, interpretation)
     order = [int(c) for c in linear_sum_assignment(-np.abs(table) - 1e-6 * np.eye(len(table)))[1]]
     told = np.abs(table[np.arange(len(table)), order]) >= ALIKE
     order = [c if told[j] else interpretation.position[j] for j, c in enumerate(order)]
@@ -42,22 +42,24 @@ def velocity_edits(
     return tuple(found)
 
 
-def _correlations(t: Array, dq: Array, trial: Trial, interpretation: Interpretation) -> Array:
+def _correlations(
+    t: Array, dq: Array, likelihood: Likelihood, interpretation: Interpretation
+) -> Array:
     """Of every joint's derivative of position with every velocity as declared, `(n, n)`.
 
     Args:
         t: Time of the log's rows, shape `(N,)` [s].
         dq: Their velocities, shape `(N, n)`.
-        trial: The log.
+        likelihood: The log.
         interpretation: How its positions are read.
     """
-    x = trial.excerpt
+    x = likelihood.excerpt
     good = np.isfinite(t) & np.isfinite(dq).all(axis=1)
     t, dq = t[good], np.clip(dq[good], -1e3, 1e3)
     order = np.argsort(t, kind="stable")
     logged = np.array([np.interp(x.t + x.origin, t[order], column[order]) for column in dq.T])
-    if trial.signals.position_map is not None:
-        logged = np.asarray(np.linalg.solve(trial.signals.position_map, logged))
+    if likelihood.signals.position_map is not None:
+        logged = np.asarray(np.linalg.solve(likelihood.signals.position_map, logged))
     derived = interpretation.position_scale[:, None] * x.dz[list(interpretation.position)]
     size = np.outer(np.linalg.norm(derived, axis=1), np.linalg.norm(logged, axis=1))
     return np.asarray(derived @ logged.T / np.maximum(size, 1e-300))

@@ -87,10 +87,10 @@ def verdict(case: Case, evidence: Evidence) -> Verdict | None:
         late = _delay(found, len(winners), before)
         if late is not None and _late(found, before, late):
             winners.append((late, Severity.WRONG))
-    if found.trial.knowledge.identified or alien(winners):
-        return Verdict(found, tuple(winners), not bad(found.trial, before))
-    held = supported(found.trial, winners)
-    return Verdict(found, held, not bad(found.trial, held[-1][0] if held else before))
+    if found.likelihood.knowledge.identified or alien(winners):
+        return Verdict(found, tuple(winners), not bad(found.likelihood, before))
+    held = supported(found.likelihood, winners)
+    return Verdict(found, held, not bad(found.likelihood, held[-1][0] if held else before))
 
 
 def last_of(held: Verdict) -> Hypothesis:
@@ -115,7 +115,7 @@ def positions_at_fault(case: Case, evidence: Evidence) -> bool:
 
 
 def _moves_positions(found: Ranking, hypothesis: Hypothesis) -> bool:
-    before, after = found.trial.declared, hypothesis.interpretation
+    before, after = found.likelihood.declared, hypothesis.interpretation
     turned = np.sign(before.position_scale) != np.sign(after.position_scale)
     return before.position != after.position or bool(np.any(turned))
 
@@ -124,26 +124,26 @@ def _delay(found: Ranking, judged: int, before: Hypothesis) -> Hypothesis | None
     """The delay beside what was found so far."""
     if judged < len(found.rounds):
         return next((r for r in found.rounds[judged] if r.cause == "effort delay"), None)
-    return next(delay_hypotheses(found.trial, before.interpretation), None)
+    return next(delay_hypotheses(found.likelihood, before.interpretation), None)
 
 
 def _judged(
     found: Ranking, before: Hypothesis, winner: Hypothesis, hypotheses: tuple[Hypothesis, ...]
 ) -> Severity:
     """How sure a winner is."""
-    trial, sure = found.trial, found.trial.knowledge.identified
+    likelihood, sure = found.likelihood, found.likelihood.knowledge.identified
     gain = winner.log_likelihood - before.log_likelihood
     if gain < MARGIN[sure]:
         return Severity.OK
     if winner.cause == "payload":
         heavy = _heavy(found, winner)
-        rough = not sure and not bad(trial, before)
+        rough = not sure and not bad(likelihood, before)
         return Severity.OK if rough or not heavy else _when(sure)
     if winner.cause == "effort delay":
         return Severity.WRONG if _late(found, before, winner) else Severity.OK
     if sure:
         fall = float(np.max(before.misfits / np.maximum(winner.misfits, 1e-3)))
-    elif not bad(trial, before) and not _striking(winner, gain):
+    elif not bad(likelihood, before) and not _striking(winner, gain):
         return Severity.OK
     else:
         fall = before.percent / max(winner.percent, 1e-3)
@@ -209,7 +209,7 @@ def _when(sure: bool) -> Severity:
 def _heavy(found: Ranking, hypothesis: Hypothesis) -> bool:
     """Whether a payload is heavy enough to be one."""
     mass, std = payload_mass(hypothesis)
-    arm = sum(body.inertia.mass for body in found.trial.knowledge.robot.bodies)
+    arm = sum(body.inertia.mass for body in found.likelihood.knowledge.robot.bodies)
     return mass > max(LEAST_MASS, LEAST_SHARE * arm, SURE_MASS * std)
 
 
@@ -224,15 +224,15 @@ def _late(found: Ranking, before: Hypothesis, hypothesis: Hypothesis) -> bool:
 
     Of a nominal model, friction that gives way must not explain as much.
     """
-    sure, x = found.trial.knowledge.identified, found.trial.excerpt
+    sure, x = found.likelihood.knowledge.identified, found.likelihood.excerpt
     delay = abs(hypothesis.interpretation.delay - before.interpretation.delay)
     least = max(LEAST_DELAY[sure], DELAY_ROWS / x.log_rate)
     if not sure and hypothesis.log_likelihood - before.log_likelihood < DELAY_MARGIN:
         return False
-    if delay < least or disagrees(found.trial, hypothesis):
+    if delay < least or disagrees(found.likelihood, hypothesis):
         return False
     others = [before.score]
     if not sure:
-        others.append(giving_way(found.trial, before.interpretation))
-    late = float(hypothesis.score.likelihood(SHARP, np.inf))
-    return all(late - float(x.likelihood(SHARP, np.inf)) > DELAY_MARGIN for x in others)
+        others.append(giving_way(found.likelihood, before.interpretation))
+    late = float(hypothesis.score.log_likelihood_with(SHARP, np.inf))
+    return all(late - float(x.log_likelihood_with(SHARP, np.inf)) > DELAY_MARGIN for x in others)

@@ -15,7 +15,7 @@ from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.decision.verdict import Verdict, verdict
 from steelyard.diagnosis.finding import Finding, Fix, Severity
 from steelyard.diagnosis.fitted.fitted_case import FittedCase
-from steelyard.diagnosis.likelihood.trial import Trial
+from steelyard.diagnosis.likelihood.likelihood import Likelihood
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.measurement.run import Run
 from steelyard.robot_file.file import LoadedRobot
@@ -88,7 +88,7 @@ def _reason(fit: FittedCase, run: Run, score: RunScore, ratio: float) -> Finding
         return None
     times = f"{ratio:.0f}" if ratio >= 10.0 else f"{ratio:.1f}"
     figure = f"RMS error {times} times the residuals of the fit, typical error {typical:.1f} %"
-    left = typical if held is None else _with_other_friction(held.ranking.trial)
+    left = typical if held is None else _with_other_friction(held.ranking.likelihood)
     enough = max(min(max(LEAST, ABOVE * own), FRICTION * typical), LEFT * typical)
     if left <= min(enough, BODIES):
         return Finding(
@@ -151,7 +151,7 @@ def _explained(fit: FittedCase, run: Run, held: Verdict) -> Finding:
     says = ", and ".join(hypothesis.says for hypothesis in causes)
     before, after = held.ranking.declared, causes[-1]
     first = causes[0].cause
-    names = held.ranking.trial.knowledge.robot.joint_names
+    names = held.ranking.likelihood.knowledge.robot.joint_names
     severity = max(severity for _, severity in held.winners)
     reason = f"most likely reason of the error: {says}"
     if fit.doubts:
@@ -171,15 +171,15 @@ def _explained(fit: FittedCase, run: Run, held: Verdict) -> Finding:
     )
 
 
-def _with_other_friction(trial: Trial) -> float:
+def _with_other_friction(likelihood: Likelihood) -> float:
     """Typical misfit [%] with friction and offsets fitted to the log; friction dissipates."""
-    lower, upper = (bound.copy() for bound in trial.bounds)
+    lower, upper = (bound.copy() for bound in likelihood.bounds)
     lower[:, :3], upper[:, :3] = -np.inf, np.inf
-    if trial.signals.effort_map is None:
-        turned = np.diag(trial.into_logged(trial.declared)) < 0.0
+    if likelihood.signals.effort_map is None:
+        turned = np.diag(likelihood.into_logged(likelihood.declared)) < 0.0
         lower[~turned, :2], upper[turned, :2] = 0.0, 0.0
-    anew = replace(trial, bounds=(lower, upper))
-    return float(anew.score(trial.declared).percent[0])
+    anew = replace(likelihood, bounds=(lower, upper))
+    return float(anew.score(likelihood.declared).percent[0])
 
 
 def _typical(score: RunScore) -> float:

@@ -16,8 +16,8 @@ from steelyard.diagnosis.hypotheses.by_position import BATCH, COARSE, DEEPEST
 from steelyard.diagnosis.hypotheses.hypothesis import Hypothesis, choice
 from steelyard.diagnosis.likelihood.evidence_kept import keeps_evidence
 from steelyard.diagnosis.likelihood.interpretation import Interpretation
+from steelyard.diagnosis.likelihood.likelihood import LEAST, Likelihood
 from steelyard.diagnosis.likelihood.possible import Possible, possible
-from steelyard.diagnosis.likelihood.trial import LEAST, Trial
 
 FEW = 8
 """Interpretations that are held against bodies of the log's own."""
@@ -27,28 +27,31 @@ UNLOADED = 0.05
 """Share of an effort that bodies must make for its sign to be judged."""
 
 
-def combined_hypotheses(trial: Trial) -> list[tuple[Hypothesis, Possible]]:
+def combined_hypotheses(likelihood: Likelihood) -> list[tuple[Hypothesis, Possible]]:
     """Interpretations that differ in order and signs at once, the likeliest first.
 
     Every one comes with its bodies, which its misfits are those of.
     """
-    n = trial.signals.n
+    n = likelihood.signals.n
     if not 2 <= n <= DEEPEST:
         return []
-    coarse = replace(trial, excerpt=trial.excerpt.thinned(COARSE))
-    orders = [r for r in _orders(trial.declared) if keeps_evidence(trial, r)]
+    coarse = replace(likelihood, excerpt=likelihood.excerpt.thinned(COARSE))
+    orders = [r for r in _orders(likelihood.declared) if keeps_evidence(likelihood, r)]
     best = _best(coarse, orders)
     best = _best(coarse, [r for one in best for r in _signs(one)])
     found = []
-    for interpretation in (*best, *(turned for one in best for turned in _all_turned(trial, one))):
-        bodies = possible(trial, interpretation)
+    for interpretation in (
+        *best,
+        *(turned for one in best for turned in _all_turned(likelihood, one)),
+    ):
+        bodies = possible(likelihood, interpretation)
         if bodies is not None:
-            found.append((_rival(trial, interpretation, bodies), bodies))
+            found.append((_rival(likelihood, interpretation, bodies), bodies))
     return sorted(found, key=lambda pair: -pair[0].log_likelihood)
 
 
-def _rival(trial: Trial, interpretation: Interpretation, bodies: Possible) -> Hypothesis:
-    declared, n = trial.declared, trial.signals.n
+def _rival(likelihood: Likelihood, interpretation: Interpretation, bodies: Possible) -> Hypothesis:
+    declared, n = likelihood.declared, likelihood.signals.n
     before, after = declared.effort_scale, interpretation.effort_scale
     turned = np.sign(declared.position_scale) != np.sign(interpretation.position_scale)
     efforts = int(np.sum(np.sign(before) != np.sign(after)))
@@ -60,9 +63,9 @@ def _rival(trial: Trial, interpretation: Interpretation, bodies: Possible) -> Hy
     return Hypothesis("", "", interpretation, cost, tuple(moved), bodies.score)
 
 
-def _all_turned(trial: Trial, interpretation: Interpretation) -> Iterator[Interpretation]:
+def _all_turned(likelihood: Likelihood, interpretation: Interpretation) -> Iterator[Interpretation]:
     """All efforts of the other sign where most of them are: that of an unloaded joint is open."""
-    signs = np.sign(interpretation.effort_scale / trial.declared.effort_scale)
+    signs = np.sign(interpretation.effort_scale / likelihood.declared.effort_scale)
     if 0.5 * len(signs) < np.sum(signs < 0.0) < len(signs):
         yield interpretation.with_factors(-signs)
 
@@ -85,14 +88,16 @@ def _signs(interpretation: Interpretation) -> Iterator[Interpretation]:
         yield interpretation.changed(position_scale=np.array(signs) * interpretation.position_scale)
 
 
-def _best(trial: Trial, interpretations: Sequence[Interpretation]) -> list[Interpretation]:
+def _best(
+    likelihood: Likelihood, interpretations: Sequence[Interpretation]
+) -> list[Interpretation]:
     """The likeliest interpretations with gains of their own, efforts turned where that fits."""
-    size = max(1, BATCH // len(trial.excerpt.t))
+    size = max(1, BATCH // len(likelihood.excerpt.t))
     costs: list[float] = []
     turned: list[Interpretation] = []
     for start in range(0, len(interpretations), size):
         part = list(interpretations[start : start + size])
-        misfits, signs, counts = _with_gains(trial, part)
+        misfits, signs, counts = _with_gains(likelihood, part)
         logs = 0.5 * counts * np.log(np.square(misfits) + SMALL**2)
         costs += logs.sum(axis=1).tolist()
         turned += [r.with_factors(s) for r, s in zip(part, signs, strict=True)]
@@ -100,11 +105,11 @@ def _best(trial: Trial, interpretations: Sequence[Interpretation]) -> list[Inter
 
 
 def _with_gains(
-    trial: Trial, interpretations: Sequence[Interpretation]
+    likelihood: Likelihood, interpretations: Sequence[Interpretation]
 ) -> tuple[Array, Array, Array]:
     """Misfits with a gain per joint, its sign where the bodies show it, and counts, `(h, n)`."""
-    sums = trial.sums(interpretations)
-    h, j = np.ogrid[: len(interpretations), : trial.signals.n]
+    sums = likelihood.sums(interpretations)
+    h, j = np.ogrid[: len(interpretations), : likelihood.signals.n]
     effort = np.array([r.effort for r in interpretations])
     ee = np.maximum(sums.ee[h, j, effort], 1e-300)
     ye = sums.ye[h, j, :, effort]

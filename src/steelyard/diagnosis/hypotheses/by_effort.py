@@ -10,7 +10,7 @@ from steelyard.arrays import Array
 from steelyard.diagnosis.hypotheses.hypothesis import FREE, Hypothesis, choice, one_of
 from steelyard.diagnosis.likelihood.evidence_kept import keeps_evidence
 from steelyard.diagnosis.likelihood.interpretation import Interpretation
-from steelyard.diagnosis.likelihood.trial import Sums, Trial
+from steelyard.diagnosis.likelihood.likelihood import Likelihood, Sums
 
 THOUSAND = {"1000 times larger": 1e3, "1000 times smaller": 1e-3}
 OWN = 3.0 * FREE
@@ -41,61 +41,64 @@ class Other:
 
 
 def effort_hypotheses(
-    trial: Trial, interpretation: Interpretation, sums: Sums, others: Sequence[Other]
+    likelihood: Likelihood, interpretation: Interpretation, sums: Sums, others: Sequence[Other]
 ) -> Iterator[Hypothesis]:
     """All of them, for the positions of an interpretation.
 
     Args:
-        trial: The log.
+        likelihood: The log.
         interpretation: What they start from.
         sums: Its products.
         others: What the efforts may be instead, such as currents of a reference's gains.
     """
-    names = trial.knowledge.robot.joint_names
+    names = likelihood.knowledge.robot.joint_names
     n = len(names)
     effort = list(interpretation.effort)
-    yield from _factors(trial, interpretation, sums, _signs(n, names), "effort sign")
-    yield from unit_hypotheses(trial, interpretation, sums)
+    yield from _factors(likelihood, interpretation, sums, _signs(n, names), "effort sign")
+    yield from unit_hypotheses(likelihood, interpretation, sums)
     for other in others:
         changed = interpretation.changed(kind=other.kind)
         found = {other.says: other.factors}
-        yield from _factors(trial, changed, sums, found, "effort kind", choice(4), tuple(range(n)))
-    best = best_factors(trial, sums, effort, interpretation.effort_scale)
+        yield from _factors(
+            likelihood, changed, sums, found, "effort kind", choice(4), tuple(range(n))
+        )
+    best = best_factors(likelihood, sums, effort, interpretation.effort_scale)
     for j, name in enumerate(names):
         factors = np.ones(n)
         factors[j] = best[j]
         says = {f"effort of '{name}' times {best[j]:.3g}": factors}
-        yield from _factors(trial, interpretation, sums, says, "gain", choice(n) + FREE, (j,))
+        yield from _factors(likelihood, interpretation, sums, says, "gain", choice(n) + FREE, (j,))
     seen = sums.count[0] > 0.0
     common = float(np.exp(np.median(np.log(best[seen])))) if seen.any() else 1.0
     units_off = min(abs(np.log(common / unit)) for unit in (*THOUSAND.values(), 1.0))
     if units_off > np.log(OTHER):
         says = {f"all efforts times {common:.3g}": np.full(n, common)}
-        yield from _factors(trial, interpretation, sums, says, "gain", FREE, tuple(range(n)))
-    told = _told(trial, sums, effort, interpretation.effort_scale, best)
+        yield from _factors(likelihood, interpretation, sums, says, "gain", FREE, tuple(range(n)))
+    told = _told(likelihood, sums, effort, interpretation.effort_scale, best)
     blind = ", ".join(f"'{name}'" for name, known in zip(names, told[0], strict=True) if not known)
     own = "every joint has its own gain" + (f", those of {blind} poorly identifiable" * bool(blind))
     every = {own: np.where(told[1], best, 1.0)}
-    kind = "gain" if "A" in trial.signals.effort_units else "effort kind"
+    kind = "gain" if "A" in likelihood.signals.effort_units else "effort kind"
     changed = interpretation if kind == "gain" else interpretation.changed(kind="motor_current")
-    yield from _factors(trial, changed, sums, every, kind, n * OWN, tuple(range(n)))
-    yield from _orders(trial, interpretation, sums)
+    yield from _factors(likelihood, changed, sums, every, kind, n * OWN, tuple(range(n)))
+    yield from _orders(likelihood, interpretation, sums)
 
 
 def unit_hypotheses(
-    trial: Trial, interpretation: Interpretation, sums: Sums
+    likelihood: Likelihood, interpretation: Interpretation, sums: Sums
 ) -> Iterator[Hypothesis]:
     """Efforts in a thousandth or a thousand times the declared unit; nobody logs kiloamperes."""
-    n = trial.signals.n
+    n = likelihood.signals.n
     amperes = (
-        "A" in trial.signals.effort_units and np.max(np.abs(interpretation.effort_scale)) >= 1.0
+        "A" in likelihood.signals.effort_units
+        and np.max(np.abs(interpretation.effort_scale)) >= 1.0
     )
     units = {
         f"efforts are logged in a unit {says}": np.full(n, f)
         for says, f in THOUSAND.items()
         if f < 1.0 or not amperes
     }
-    yield from _factors(trial, interpretation, sums, units, "effort unit")
+    yield from _factors(likelihood, interpretation, sums, units, "effort unit")
 
 
 def _signs(n: int, names: tuple[str, ...]) -> dict[str, Array]:
@@ -109,7 +112,7 @@ def _signs(n: int, names: tuple[str, ...]) -> dict[str, Array]:
 
 
 def _factors(
-    trial: Trial,
+    likelihood: Likelihood,
     interpretation: Interpretation,
     sums: Sums,
     factors: Mapping[str, Array],
@@ -120,19 +123,19 @@ def _factors(
     """Interpretations that differ by factors on the efforts alone."""
     for says, f in factors.items():
         changed = interpretation.with_factors(f)
-        score = trial.scored(sums, np.array([interpretation.effort]), changed.effort_scale)
+        score = likelihood.scored(sums, np.array([interpretation.effort]), changed.effort_scale)
         touched = tuple(int(j) for j in np.flatnonzero(f != 1.0)) if joints is None else joints
         price = choice(len(factors)) if cost is None else cost
         yield Hypothesis(cause, says, changed, price, touched, one_of(score, 0))
 
 
-def best_factors(trial: Trial, sums: Sums, effort: list[int], scale: Array) -> Array:
+def best_factors(likelihood: Likelihood, sums: Sums, effort: list[int], scale: Array) -> Array:
     """The factor on each joint's effort at which it agrees best, shape `(n,)`."""
     factors = np.geomspace(LEAST_GAIN, LARGEST_GAIN, GRID)
     for _ in range(3):
         grid = factors.reshape(GRID, -1) * np.ones(len(scale))
         many = Sums(*(np.broadcast_to(x, (GRID, *x.shape[1:])) for x in vars(sums).values()))
-        score = trial.scored(many, np.tile(effort, (GRID, 1)), grid * scale)
+        score = likelihood.scored(many, np.tile(effort, (GRID, 1)), grid * scale)
         best = grid[np.argmin(score.misfits, axis=0), np.arange(len(scale))]
         step = (grid[1] / grid[0]) ** 1.5
         factors = best * np.geomspace(1.0 / step, step, GRID)
@@ -140,7 +143,7 @@ def best_factors(trial: Trial, sums: Sums, effort: list[int], scale: Array) -> A
 
 
 def _told(
-    trial: Trial, sums: Sums, effort: list[int], scale: Array, factors: Array
+    likelihood: Likelihood, sums: Sums, effort: list[int], scale: Array, factors: Array
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Joints whose effort tells its gain, and those at which 1 at least is a worse one.
 
@@ -148,22 +151,26 @@ def _told(
     """
     around = np.stack((factors / OTHER, factors, factors * OTHER, np.ones_like(factors)))
     many = Sums(*(np.broadcast_to(x, (4, *x.shape[1:])) for x in vars(sums).values()))
-    less, best, more, one = trial.scored(many, np.tile(effort, (4, 1)), around * scale).misfits
+    less, best, more, one = likelihood.scored(many, np.tile(effort, (4, 1)), around * scale).misfits
     bound = WORSE * best + 0.01
     inside = (factors > 2.0 * LEAST_GAIN) & (factors < 0.5 * LARGEST_GAIN)
     return (np.minimum(less, more) > bound) & inside, (one > bound) & inside
 
 
-def poorly_shown(trial: Trial, interpretation: Interpretation) -> tuple[str, ...]:
+def poorly_shown(likelihood: Likelihood, interpretation: Interpretation) -> tuple[str, ...]:
     """Joints whose effort agrees about as well with quite another gain than the declared one."""
-    sums, names = trial.sums([interpretation]), trial.knowledge.robot.joint_names
+    sums, names = likelihood.sums([interpretation]), likelihood.knowledge.robot.joint_names
     ones = np.ones(len(names))
-    shown = _told(trial, sums, list(interpretation.effort), interpretation.effort_scale, ones)[0]
+    shown = _told(likelihood, sums, list(interpretation.effort), interpretation.effort_scale, ones)[
+        0
+    ]
     seen = sums.count[0] > 0.0
     return tuple(n for n, well, moves in zip(names, shown, seen, strict=True) if moves and not well)
 
 
-def _orders(trial: Trial, interpretation: Interpretation, sums: Sums) -> Iterator[Hypothesis]:
+def _orders(
+    likelihood: Likelihood, interpretation: Interpretation, sums: Sums
+) -> Iterator[Hypothesis]:
     """The order of effort columns that agrees best, found as an assignment."""
     from scipy.optimize import linear_sum_assignment
 
@@ -172,16 +179,16 @@ def _orders(trial: Trial, interpretation: Interpretation, sums: Sums) -> Iterato
         return
     columns = np.tile(np.arange(n)[:, None], (1, n))
     many = Sums(*(np.broadcast_to(x, (n, *x.shape[1:])) for x in vars(sums).values()))
-    score = trial.scored(many, columns, np.tile(interpretation.effort_scale, (n, 1)))
+    score = likelihood.scored(many, columns, np.tile(interpretation.effort_scale, (n, 1)))
     costs = score.counts * np.log(np.square(score.misfits) + 1e-3)
     order = tuple(int(c) for c in linear_sum_assignment(costs.T)[1])
     if order == interpretation.effort or not keeps_evidence(
-        trial, interpretation.changed(effort=order)
+        likelihood, interpretation.changed(effort=order)
     ):
         return
     moved = tuple(j for j in range(n) if order[j] != interpretation.effort[j])
     cost = 2.0 * choice(n) if len(moved) == 2 else n * choice(n)
     changed = interpretation.changed(effort=order)
     says = f"efforts in the order {', '.join(str(c + 1) for c in order)}"
-    found = trial.scored(sums, np.array([order]), interpretation.effort_scale)
+    found = likelihood.scored(sums, np.array([order]), interpretation.effort_scale)
     yield Hypothesis("joint order", says, changed, cost, moved, one_of(found, 0))

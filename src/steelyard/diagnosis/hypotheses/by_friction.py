@@ -12,29 +12,29 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.diagnosis.hypotheses.hypothesis import one_of
 from steelyard.diagnosis.likelihood.interpretation import Interpretation
-from steelyard.diagnosis.likelihood.trial import Score, Trial, regressors
+from steelyard.diagnosis.likelihood.likelihood import Likelihood, Score, regressors
 from steelyard.kernel.native.recurrence import recurrence
 
 LENGTHS = (1e-3, 3e-3, 1e-2, 3e-2, 0.1)
 """Lengths over which friction may give way [rad; m]."""
 
 
-def friction_alone(trial: Trial, interpretation: Interpretation) -> Score:
+def friction_alone(likelihood: Likelihood, interpretation: Interpretation) -> Score:
     """How well friction, an offset and rotor inertia explain the efforts, without any body."""
-    q, dq, ddq = trial.motion(interpretation)
-    y, moving = _columns(q, trial.driven(dq), trial.driven(ddq), np.zeros_like(q))
-    return _score(trial, interpretation, y, moving)
+    q, dq, ddq = likelihood.motion(interpretation)
+    y, moving = _columns(q, likelihood.driven(dq), likelihood.driven(ddq), np.zeros_like(q))
+    return _score(likelihood, interpretation, y, moving)
 
 
-def giving_way(trial: Trial, interpretation: Interpretation) -> Score:
+def giving_way(likelihood: Likelihood, interpretation: Interpretation) -> Score:
     """The same with bodies, and friction that gives way by the best length of each joint."""
-    q, dq, ddq = trial.motion(interpretation)
-    u, predicted = trial.driven(dq), trial.predicted(interpretation, q, dq, ddq)
-    y, moving = _columns(q, u, trial.driven(ddq), predicted)
+    q, dq, ddq = likelihood.motion(interpretation)
+    u, predicted = likelihood.driven(dq), likelihood.predicted(interpretation, q, dq, ddq)
+    y, moving = _columns(q, u, likelihood.driven(ddq), predicted)
     scores = []
     for length in LENGTHS:
-        y[:, 0, 0] = _states(trial, trial.driven(q), u, length) * moving[:, 0]
-        scores.append(_score(trial, interpretation, y, moving))
+        y[:, 0, 0] = _states(likelihood, likelihood.driven(q), u, length) * moving[:, 0]
+        scores.append(_score(likelihood, interpretation, y, moving))
     return replace(scores[0], misfits=np.min([score.misfits for score in scores], axis=0))
 
 
@@ -42,17 +42,19 @@ def _columns(q: Array, u: Array, du: Array, predicted: Array) -> tuple[Array, Ar
     return regressors(*(x[:, None] for x in (q, u, du, predicted)))
 
 
-def _score(trial: Trial, interpretation: Interpretation, y: Array, moving: Array) -> Score:
-    sums = trial.products(y, moving, trial.excerpt.later([interpretation.delay]))
+def _score(
+    likelihood: Likelihood, interpretation: Interpretation, y: Array, moving: Array
+) -> Score:
+    sums = likelihood.products(y, moving, likelihood.excerpt.later([interpretation.delay]))
     return one_of(
-        trial.scored(sums, np.array([interpretation.effort]), interpretation.effort_scale), 0
+        likelihood.scored(sums, np.array([interpretation.effort]), interpretation.effort_scale), 0
     )
 
 
-def _states(trial: Trial, q: Array, u: Array, length: float) -> Array:
+def _states(likelihood: Likelihood, q: Array, u: Array, length: float) -> Array:
     """Friction over what it is where it slips, shape `(n, B)`; slipping where a stretch begins."""
     steps = np.diff(q, axis=1, prepend=q[:, :1])
-    stretch = trial.excerpt.stretch
+    stretch = likelihood.excerpt.stretch
     begins = np.concatenate(([True], stretch[1:] != stretch[:-1]))
     decay = np.where(begins, 0.0, np.exp(-np.abs(steps) / length))
     drive = np.where(begins, np.sign(u), np.sign(steps) * (1.0 - decay))

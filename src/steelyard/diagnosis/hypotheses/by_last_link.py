@@ -9,8 +9,8 @@ from collections.abc import Iterator
 
 from steelyard.diagnosis.hypotheses.hypothesis import FREE, Hypothesis, one_of
 from steelyard.diagnosis.likelihood.interpretation import Interpretation
+from steelyard.diagnosis.likelihood.likelihood import Likelihood
 from steelyard.diagnosis.likelihood.possible import other_link
-from steelyard.diagnosis.likelihood.trial import Trial
 from steelyard.estimation.payload.load_case import carrier
 
 OWN_FILE = "payload"
@@ -21,19 +21,19 @@ SAME = 0.01
 """Change of the mass, over the link's, up to which its centre and inertia are what differs."""
 
 
-def link_hypotheses(trial: Trial, interpretation: Interpretation) -> Iterator[Hypothesis]:
+def link_hypotheses(likelihood: Likelihood, interpretation: Interpretation) -> Iterator[Hypothesis]:
     """The last link with mass properties of its own, if these alone explain the efforts.
 
     Args:
-        trial: A log of a robot of which only the model file is known.
+        likelihood: A log of a robot of which only the model file is known.
         interpretation: How it is read so far.
     """
-    ten = other_link(trial, interpretation)
+    ten = other_link(likelihood, interpretation)
     if ten is None:
         return
-    body = trial.knowledge.robot.bodies[carrier(trial.knowledge.robot).body]
+    body = likelihood.knowledge.robot.bodies[carrier(likelihood.knowledge.robot).body]
     changed = interpretation.changed(payload=ten)
-    score = one_of(trial.score(changed), 0)
+    score = one_of(likelihood.score(changed), 0)
     if float(score.percent) <= AGREES:
         says = _words(body.name, float(ten[0]), body.inertia.mass)
         yield Hypothesis(OWN_FILE, says, changed, 10.0 * FREE, (), score, fixed=False)

@@ -14,8 +14,8 @@ from steelyard.arrays import Array
 from steelyard.diagnosis.hypotheses.by_surroundings import NEAR, axis_near, gravity_words
 from steelyard.diagnosis.hypotheses.hypothesis import FREE, Hypothesis
 from steelyard.diagnosis.likelihood.interpretation import Interpretation
+from steelyard.diagnosis.likelihood.likelihood import Likelihood
 from steelyard.diagnosis.likelihood.possible import SAMPLES, Possible, possible, rows_of
-from steelyard.diagnosis.likelihood.trial import Trial
 
 FEW = 3
 """Directions that are compared with bodies that can exist."""
@@ -23,23 +23,25 @@ RIDGE = 1e-4
 """What keeps columns that a motion does not excite at zero, relative to their length."""
 
 
-def mounting_hypotheses(trial: Trial, now: Interpretation) -> list[tuple[Hypothesis, Possible]]:
+def mounting_hypotheses(
+    likelihood: Likelihood, now: Interpretation
+) -> list[tuple[Hypothesis, Possible]]:
     """Interpretations that differ in gravity alone, the likeliest first, with the bodies of each.
 
     Args:
-        trial: The log.
+        likelihood: The log.
         now: The interpretation that they start from.
     """
     size = float(np.linalg.norm(now.gravity))
     if size == 0.0:
         return []
     found = []
-    for direction in _directions(trial, now)[:FEW]:
+    for direction in _directions(likelihood, now)[:FEW]:
         axis = axis_near(direction)
         gravity = size * (direction if axis is None else axis)
         cost = 2.0 * FREE if axis is None else FREE
         interpretation = now.changed(gravity=gravity)
-        bodies = possible(trial, interpretation)
+        bodies = possible(likelihood, interpretation)
         if bodies is not None:
             says = gravity_words(direction)
             found.append(
@@ -48,11 +50,11 @@ def mounting_hypotheses(trial: Trial, now: Interpretation) -> list[tuple[Hypothe
     return sorted(found, key=lambda pair: -pair[0].log_likelihood)
 
 
-def _directions(trial: Trial, now: Interpretation) -> list[Array]:
+def _directions(likelihood: Likelihood, now: Interpretation) -> list[Array]:
     """Unit vectors that fit, the best first, none near another or the interpretation's own."""
     from scipy.optimize import least_squares
 
-    thin = replace(trial, excerpt=trial.excerpt.thinned(SAMPLES))
+    thin = replace(likelihood, excerpt=likelihood.excerpt.thinned(SAMPLES))
     left = _Left(thin, now)
     axes = np.concatenate((np.eye(3), -np.eye(3)))
     fits = [least_squares(left, start + 0.05, max_nfev=30) for start in axes]
@@ -68,10 +70,12 @@ def _directions(trial: Trial, now: Interpretation) -> list[Array]:
 class _Left:
     """What is left of the efforts under a direction of gravity, any bodies taken."""
 
-    def __init__(self, trial: Trial, now: Interpretation) -> None:
+    def __init__(self, likelihood: Likelihood, now: Interpretation) -> None:
         size = float(np.linalg.norm(now.gravity))
-        free, efforts, _ = rows_of(trial, now.changed(gravity=np.zeros(3)))
-        pulls = [rows_of(trial, now.changed(gravity=size * axis))[0] - free for axis in np.eye(3)]
+        free, efforts, _ = rows_of(likelihood, now.changed(gravity=np.zeros(3)))
+        pulls = [
+            rows_of(likelihood, now.changed(gravity=size * axis))[0] - free for axis in np.eye(3)
+        ]
         whole = np.sqrt(np.maximum(np.mean(np.square(efforts), axis=1), 1e-30))
         blocks = np.concatenate((free, *pulls, efforts[..., None]), axis=-1) / whole[:, None, None]
         triangle = np.asarray(np.linalg.qr(blocks.reshape(-1, blocks.shape[-1]), mode="r"))

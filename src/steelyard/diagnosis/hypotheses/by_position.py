@@ -10,7 +10,7 @@ import numpy as np
 from steelyard.diagnosis.hypotheses.hypothesis import Hypothesis, choice, one_of
 from steelyard.diagnosis.likelihood.evidence_kept import keeps_evidence
 from steelyard.diagnosis.likelihood.interpretation import Interpretation
-from steelyard.diagnosis.likelihood.trial import Trial
+from steelyard.diagnosis.likelihood.likelihood import Likelihood
 
 BATCH = 12_000
 """Samples evaluated at once."""
@@ -35,48 +35,52 @@ class Draft:
     joints: tuple[int, ...]
 
 
-def position_hypotheses(trial: Trial, interpretation: Interpretation) -> Iterator[Hypothesis]:
+def position_hypotheses(
+    likelihood: Likelihood, interpretation: Interpretation
+) -> Iterator[Hypothesis]:
     """One change each: a sign, two joints exchanged, a unit."""
     drafts = [
-        *_signs(trial, interpretation),
-        *_swaps(trial, interpretation),
-        *_units(trial, interpretation),
+        *_signs(likelihood, interpretation),
+        *_swaps(likelihood, interpretation),
+        *_units(likelihood, interpretation),
     ]
-    yield from judged(trial, drafts)
+    yield from judged(likelihood, drafts)
 
 
-def deep_hypotheses(trial: Trial, interpretation: Interpretation) -> Iterator[Hypothesis]:
+def deep_hypotheses(likelihood: Likelihood, interpretation: Interpretation) -> Iterator[Hypothesis]:
     """The best of all signs and of all orders."""
     n = len(interpretation.position)
     if not 2 < n <= DEEPEST:
         return
-    coarse = replace(trial, excerpt=trial.excerpt.thinned(COARSE), sweeps=QUICK)
-    for family in (_all_signs(trial, interpretation), _all_orders(interpretation)):
+    coarse = replace(likelihood, excerpt=likelihood.excerpt.thinned(COARSE), sweeps=QUICK)
+    for family in (_all_signs(likelihood, interpretation), _all_orders(interpretation)):
         drafts = list(family)
         quick = sorted(judged(coarse, drafts), key=lambda r: -r.log_likelihood)[:FINE]
         yield from judged(
-            trial, [Draft(r.cause, r.says, r.interpretation, r.cost, r.joints) for r in quick]
+            likelihood, [Draft(r.cause, r.says, r.interpretation, r.cost, r.joints) for r in quick]
         )
 
 
-def judged(trial: Trial, drafts: Sequence[Draft]) -> Iterator[Hypothesis]:
+def judged(likelihood: Likelihood, drafts: Sequence[Draft]) -> Iterator[Hypothesis]:
     """Drafts with their scores, many at a time; orders that leave efforts out have none."""
     whole = [
-        d for d in drafts if d.cause != "joint order" or keeps_evidence(trial, d.interpretation)
+        d
+        for d in drafts
+        if d.cause != "joint order" or keeps_evidence(likelihood, d.interpretation)
     ]
-    size = max(1, BATCH // len(trial.excerpt.t))
+    size = max(1, BATCH // len(likelihood.excerpt.t))
     for start in range(0, len(whole), size):
         part = whole[start : start + size]
         interpretations = [d.interpretation for d in part]
         efforts = np.array([r.effort for r in interpretations])
         scales = np.array([r.effort_scale for r in interpretations])
-        score = trial.scored(trial.sums(interpretations), efforts, scales)
+        score = likelihood.scored(likelihood.sums(interpretations), efforts, scales)
         for k, d in enumerate(part):
             yield Hypothesis(d.cause, d.says, d.interpretation, d.cost, d.joints, one_of(score, k))
 
 
-def _signs(trial: Trial, interpretation: Interpretation) -> Iterator[Draft]:
-    names = trial.knowledge.robot.joint_names
+def _signs(likelihood: Likelihood, interpretation: Interpretation) -> Iterator[Draft]:
+    names = likelihood.knowledge.robot.joint_names
     n = len(names)
     for j, name in enumerate(names):
         yield _flipped(interpretation, (j,), f"'{name}' has the opposite sign", choice(n))
@@ -95,9 +99,9 @@ def _flipped(
     return Draft("position sign", says, changed, cost, joints)
 
 
-def _swaps(trial: Trial, interpretation: Interpretation) -> Iterator[Draft]:
+def _swaps(likelihood: Likelihood, interpretation: Interpretation) -> Iterator[Draft]:
     """Two joints exchanged: positions alone, or with their efforts."""
-    names = trial.knowledge.robot.joint_names
+    names = likelihood.knowledge.robot.joint_names
     n = len(names)
     for a, b in combinations(range(n), 2):
         order = list(range(n))
@@ -120,9 +124,9 @@ def _ordered(
     )
 
 
-def _units(trial: Trial, interpretation: Interpretation) -> Iterator[Draft]:
+def _units(likelihood: Likelihood, interpretation: Interpretation) -> Iterator[Draft]:
     """Positions in other units, all or those of one joint; time in another unit."""
-    coordinates = trial.knowledge.robot.coordinates
+    coordinates = likelihood.knowledge.robot.coordinates
     n = len(coordinates)
     for kind, units in UNITS.items():
         mine = [j for j, c in enumerate(coordinates) if c.kind == kind]
@@ -144,7 +148,7 @@ def _units(trial: Trial, interpretation: Interpretation) -> Iterator[Draft]:
             yield Draft("clock", f"time {says} {unit}", changed, choice(6), ())
 
 
-def _all_signs(trial: Trial, interpretation: Interpretation) -> Iterator[Draft]:
+def _all_signs(likelihood: Likelihood, interpretation: Interpretation) -> Iterator[Draft]:
     n = len(interpretation.position)
     sets = chain.from_iterable(combinations(range(n), k) for k in range(2, n))
     for joints in sets:

@@ -6,7 +6,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.diagnosis.likelihood.interpretation import Interpretation
-from steelyard.diagnosis.likelihood.trial import Score
+from steelyard.diagnosis.likelihood.likelihood import Score
 
 FREE = 5.0
 """What a fitted number costs [natural units of likelihood]."""

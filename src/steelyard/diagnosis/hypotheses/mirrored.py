@@ -13,8 +13,8 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.diagnosis.hypotheses.hypothesis import Hypothesis
 from steelyard.diagnosis.likelihood.interpretation import Interpretation
+from steelyard.diagnosis.likelihood.likelihood import Likelihood
 from steelyard.diagnosis.likelihood.possible import possible
-from steelyard.diagnosis.likelihood.trial import Trial
 
 CLOSE = 3.0
 """Log-likelihood within which the two fit equally well."""
@@ -56,11 +56,13 @@ def mirrors(now: Interpretation, one: Hypothesis, other: Hypothesis) -> bool:
     return of_efforts(now, one) and _turned(now.position_scale, other.interpretation.position_scale)
 
 
-def with_mirror(trial: Trial, before: Interpretation, hypothesis: Hypothesis) -> Hypothesis:
+def with_mirror(
+    likelihood: Likelihood, before: Interpretation, hypothesis: Hypothesis
+) -> Hypothesis:
     """A hypothesis that turns all efforts, or all positions, and names the other one if that fits.
 
     Args:
-        trial: The log.
+        likelihood: The log.
         before: The interpretation that it starts from.
         hypothesis: The explanation.
     """
@@ -71,7 +73,7 @@ def with_mirror(trial: Trial, before: Interpretation, hypothesis: Hypothesis) ->
     if hypothesis.cause != ("position sign" if positions else "effort sign"):
         return hypothesis
     mirror = after.changed(position_scale=-after.position_scale, effort_scale=-after.effort_scale)
-    mine, other = possible(trial, after), possible(trial, mirror)
+    mine, other = possible(likelihood, after), possible(likelihood, mirror)
     if mine is None or other is None:
         return hypothesis
     if float(mine.score.log_likelihood - other.score.log_likelihood) > CLOSE:

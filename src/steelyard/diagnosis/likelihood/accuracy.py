@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.diagnosis.likelihood.interpretation import Interpretation
-from steelyard.diagnosis.likelihood.trial import Trial
+from steelyard.diagnosis.likelihood.likelihood import Likelihood
 
 STEP = 0.03
 """By how much the factor is changed either way, relative."""
@@ -17,20 +17,20 @@ LEAST = 1e-3
 """Least standard deviation that is stated, relative."""
 
 
-def spread_of(trial: Trial, interpretation: Interpretation) -> float:
+def spread_of(likelihood: Likelihood, interpretation: Interpretation) -> float:
     """Largest relative standard deviation of an interpretation's fitted gains and gear ratios.
 
     Args:
-        trial: The log.
+        likelihood: The log.
         interpretation: How it is read, with the fitted factors.
 
     Returns:
         Zero where nothing differs from what is declared, infinity where the log does not show it.
     """
-    gains = interpretation.effort_scale / trial.declared.effort_scale
+    gains = interpretation.effort_scale / likelihood.declared.effort_scale
     kinds = (("ratios", interpretation.ratios != 1.0), ("gains", np.abs(gains) != 1.0))
     found = [
-        _spread(trial, interpretation, kind, np.arange(len(gains)) == joint)
+        _spread(likelihood, interpretation, kind, np.arange(len(gains)) == joint)
         for kind, changed in kinds
         for joint in np.flatnonzero(changed)
     ]
@@ -38,7 +38,7 @@ def spread_of(trial: Trial, interpretation: Interpretation) -> float:
 
 
 def _spread(
-    trial: Trial, interpretation: Interpretation, kind: str, joint: NDArray[np.bool_]
+    likelihood: Likelihood, interpretation: Interpretation, kind: str, joint: NDArray[np.bool_]
 ) -> float:
     likelihoods = []
     for step in (-STEP, 0.0, STEP):
@@ -48,6 +48,6 @@ def _spread(
             if kind == "ratios"
             else interpretation.with_factors(factors)
         )
-        likelihoods.append(float(trial.score(changed).log_likelihood[0]))
+        likelihoods.append(float(likelihood.score(changed).log_likelihood[0]))
     bend = (2.0 * likelihoods[1] - likelihoods[0] - likelihoods[2]) / STEP**2
     return max(LEAST, float(bend**-0.5)) if bend > 0.0 else float("inf")

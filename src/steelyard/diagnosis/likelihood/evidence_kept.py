@@ -1,21 +1,21 @@
 """Whether another order of columns still has to explain the efforts of all joints that move."""
 
 from steelyard.diagnosis.likelihood.interpretation import Interpretation
-from steelyard.diagnosis.likelihood.trial import LEAST_SPAN, Trial
+from steelyard.diagnosis.likelihood.likelihood import LEAST_SPAN, Likelihood
 
 
-def keeps_evidence(trial: Trial, interpretation: Interpretation) -> bool:
+def keeps_evidence(likelihood: Likelihood, interpretation: Interpretation) -> bool:
     """Whether efforts that belong to motion as declared do so under an interpretation too.
 
     An order that gives the effort of a joint in motion to a resting position is not to be
     compared with others: what contradicts it no longer counts.
     """
-    return _in_motion(trial, trial.declared) <= _in_motion(trial, interpretation)
+    return _in_motion(likelihood, likelihood.declared) <= _in_motion(likelihood, interpretation)
 
 
-def _in_motion(trial: Trial, interpretation: Interpretation) -> set[int]:
+def _in_motion(likelihood: Likelihood, interpretation: Interpretation) -> set[int]:
     """Effort columns of the positions that move."""
-    span = trial.excerpt.span.tolist()
+    span = likelihood.excerpt.span.tolist()
     pairs = zip(
         interpretation.position,
         interpretation.effort,

@@ -1,4 +1,4 @@
-"""A bounded part of a log for trials: positions and efforts as logged, behind one low-pass.
+"""Part of a log for hypothesis tests: positions and efforts as logged, behind one low-pass filter.
 
 Velocities and accelerations come from the positions alone, so that a logged velocity that lags or
 is none cannot mislead; positions and efforts go through the same filter.

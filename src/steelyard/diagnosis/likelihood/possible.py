@@ -21,8 +21,8 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.diagnosis.knowledge import AXES, Knowledge
 from steelyard.diagnosis.likelihood.interpretation import Interpretation
+from steelyard.diagnosis.likelihood.likelihood import FLOOR, Likelihood, Score, regressors, score_of
 from steelyard.diagnosis.likelihood.nuisance import NUISANCES
-from steelyard.diagnosis.likelihood.trial import FLOOR, Score, Trial, regressors, score_of
 from steelyard.errors import DataError
 from steelyard.estimation.consistent.conic import solved
 from steelyard.estimation.consistent.consistency_penalties import Entropic
@@ -67,36 +67,36 @@ class Possible:
 _KNOWN: "WeakKeyDictionary[Interpretation, Possible | None]" = WeakKeyDictionary()
 
 
-def possible(trial: Trial, interpretation: Interpretation) -> Possible | None:
+def possible(likelihood: Likelihood, interpretation: Interpretation) -> Possible | None:
     """Bodies that can exist and agree best; `None` where they cannot be found."""
     if interpretation not in _KNOWN:
-        _KNOWN[interpretation] = _possible(trial, interpretation)
+        _KNOWN[interpretation] = _possible(likelihood, interpretation)
     return _KNOWN[interpretation]
 
 
-def _possible(trial: Trial, interpretation: Interpretation) -> Possible | None:
-    thin = replace(trial, excerpt=trial.excerpt.thinned(SAMPLES))
+def _possible(likelihood: Likelihood, interpretation: Interpretation) -> Possible | None:
+    thin = replace(likelihood, excerpt=likelihood.excerpt.thinned(SAMPLES))
     bare = interpretation.changed(payload=None)
     columns, efforts, moving = rows_of(thin, bare)
     if not (np.isfinite(columns).all() and moving.any() and efforts.any()):
         return None
     bodies = range(len(thin.knowledge.robot.bodies))
-    problem = _Problem(thin.knowledge, columns, trial.bounds, thin.excerpt.worth, bodies)
+    problem = _Problem(thin.knowledge, columns, likelihood.bounds, thin.excerpt.worth, bodies)
     counts = moving.sum(axis=1) * thin.excerpt.worth
     found = problem.agreeing(efforts, efforts, counts)
     return None if found is None else Possible(found[1], problem.typical(found[0]))
 
 
-def other_link(trial: Trial, interpretation: Interpretation) -> Array | None:
+def other_link(likelihood: Likelihood, interpretation: Interpretation) -> Array | None:
     """Ten numbers by which the last link differs from the model file, all other links as there.
 
     The link that they make can exist. `None` where none can be found.
 
     Args:
-        trial: The log.
+        likelihood: The log.
         interpretation: How it is read; what it says of a payload does not count.
     """
-    thin = replace(trial, excerpt=trial.excerpt.thinned(SAMPLES))
+    thin = replace(likelihood, excerpt=likelihood.excerpt.thinned(SAMPLES))
     knowledge, bare = thin.knowledge, interpretation.changed(payload=None)
     columns, efforts, moving = rows_of(thin, bare)
     predicted = thin.predicted(bare, *thin.motion(bare))
@@ -108,17 +108,17 @@ def other_link(trial: Trial, interpretation: Interpretation) -> Array | None:
     nuisances = columns[..., 10 * len(knowledge.robot.bodies) :]
     columns = np.concatenate((columns[..., mine], nuisances), axis=-1)
     rest = efforts - predicted * moving + columns[..., :10] @ nominal
-    problem = _Problem(knowledge, columns, trial.bounds, thin.excerpt.worth, (last,))
+    problem = _Problem(knowledge, columns, likelihood.bounds, thin.excerpt.worth, (last,))
     found = problem.agreeing(rest, efforts, moving.sum(axis=1) * thin.excerpt.worth)
     return None if found is None else np.asarray((problem.scale @ found[0])[:10] - nominal)
 
 
-def rows_of(trial: Trial, interpretation: Interpretation) -> tuple[Array, Array, Array]:
+def rows_of(likelihood: Likelihood, interpretation: Interpretation) -> tuple[Array, Array, Array]:
     """Columns of bodies and nuisances `(n, N, k)`, efforts and where joints move `(n, N)`."""
-    q, dq, ddq = trial.motion(interpretation)
-    bodies = columns_of(trial.knowledge, q, dq, ddq, interpretation.gravity)
-    bodies = np.einsum("ij,kjb->kib", trial.into_logged(interpretation), bodies)
-    u, du = trial.driven(dq), trial.driven(ddq)
+    q, dq, ddq = likelihood.motion(interpretation)
+    bodies = columns_of(likelihood.knowledge, q, dq, ddq, interpretation.gravity)
+    bodies = np.einsum("ij,kjb->kib", likelihood.into_logged(interpretation), bodies)
+    u, du = likelihood.driven(dq), likelihood.driven(ddq)
     y, moving = regressors(q[:, None], u[:, None], du[:, None], np.zeros_like(q)[:, None])
     y, moving = y[:, 0, :NUISANCES], moving[:, 0]
     n, count = moving.shape
@@ -127,7 +127,7 @@ def rows_of(trial: Trial, interpretation: Interpretation) -> tuple[Array, Array,
     for j in range(n):
         start = len(bodies) + NUISANCES * j
         columns[j, :, start : start + NUISANCES] = y[j].T
-    e = trial.excerpt.later([interpretation.delay])[0, list(interpretation.effort)]
+    e = likelihood.excerpt.later([interpretation.delay])[0, list(interpretation.effort)]
     return columns, e * interpretation.effort_scale[:, None] * moving, moving
 
 

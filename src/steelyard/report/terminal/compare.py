@@ -64,16 +64,16 @@ def comparison_lines(content: ReportContent, console: Console) -> None:
         if shown.headings[number] in ABOUT:
             heading = shown.headings[number]
             console.print(Text(f"{heading}: {ABOUT[heading]}"))
-    for trial in in_order(comparison):
-        for when, reason, fix in failure_words(trial.failures, len(comparison.parts)):
-            console.print(Text(f"{trial.name} failed ({when}): {reason}; {fix}", style="yellow"))
+    for score in in_order(comparison):
+        for when, reason, fix in failure_words(score.failures, len(comparison.parts)):
+            console.print(Text(f"{score.name} failed ({when}): {reason}; {fix}", style="yellow"))
     console.print()
     advice = comparison.advice
     console.print(Text(headline(comparison), style="bold"))
     if advice is not None:
-        for trial in comparison.trials:
-            if trial.name == advice.name:
-                console.print(Text(f"{trial.name}: {trial.about}"))
+        for score in comparison.scores:
+            if score.name == advice.name:
+                console.print(Text(f"{score.name}: {score.about}"))
         console.print(Text(advice.why))
     if comparison.setting:
         console.print(Text(f"in the robot file: {comparison.setting}"))

@@ -27,8 +27,8 @@ from steelyard.regression.information import Information
 from steelyard.terms.term import Term
 from steelyard.validation.cross import LEAST, folding, per_fold, standard_error
 from steelyard.validation.friction.candidates import Candidates
+from steelyard.validation.friction.mix_errors import ConsistentOf, FrictionMixErrors
 from steelyard.validation.friction.mixes import DIRECTION, LOAD, SPEED, mix_name, stages_of
-from steelyard.validation.friction.trials import ConsistentOf, Trials
 
 SURE, SURE_OF_ANY = 0.9, 0.95
 """Probability with which a loss over the parts must be one, by Student's distribution; and that to
@@ -152,10 +152,10 @@ def choose_friction(
     folds = divided.parts(moving)
     moving, whole = per_fold(moving, folds), per_fold(whole, folds)
     count = sum(len(stage) for stage in stages)
-    trials = Trials(
+    mix_errors = FrictionMixErrors(
         model, wide, moving, whole, estimator, consistent, progress=progress, count=count
     )
-    return _staged(stages, trials.errors, divided.left_out, trials.per_joint)
+    return _staged(stages, mix_errors.errors, divided.left_out, mix_errors.per_joint)
 
 
 def refuse_listed(model: Model) -> None:

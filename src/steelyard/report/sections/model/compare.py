@@ -14,7 +14,7 @@ from steelyard.report.sections.tables import PlainTable, Row
 from steelyard.report.text.words import NONE, percent, significant
 
 if TYPE_CHECKING:
-    from steelyard.validation.trial import Comparison, Failure, Trial
+    from steelyard.validation.comparison import Comparison, EstimatorScore, Failure
 
 WIDE = 8.0
 """Ratio of the largest error to the least from which on the axis is logarithmic."""
@@ -35,9 +35,9 @@ class CompareSection(Section):
         if comparison is None:
             return None
         tables = [main_table(comparison), _by_joint(comparison), _by_part(comparison)]
-        if any(trial.failures for trial in comparison.trials):
+        if any(score.failures for score in comparison.scores):
             tables.append(_failures(comparison))
-        drawn = [trial for trial in in_order(comparison) if trial.mean is not None]
+        drawn = [score for score in in_order(comparison) if score.mean is not None]
         return {
             "headline": headline(comparison),
             "taken": comparison.advice is not None and bool(comparison.advice.name),
@@ -48,7 +48,7 @@ class CompareSection(Section):
             "height": 110 + 34 * len(drawn),
             "tables": tables,
             "title": self.title,
-            "notes": [(trial.name, trial.notes) for trial in comparison.trials if trial.notes],
+            "notes": [(score.name, score.notes) for score in comparison.scores if score.notes],
         }
 
     def show(self, numbers: Numbers) -> str:
@@ -75,17 +75,17 @@ def stopped(comparison: Comparison) -> str:
     """What was asked for and not tried; empty if nothing."""
     if not comparison.untried:
         return ""
-    total = len(comparison.trials) + len(comparison.untried)
+    total = len(comparison.scores) + len(comparison.untried)
     return (
-        f"stopped: {len(comparison.trials)} of {total} estimators compared; not tried: "
+        f"stopped: {len(comparison.scores)} of {total} estimators compared; not tried: "
         f"{', '.join(comparison.untried)}"
     )
 
 
-def in_order(comparison: Comparison) -> list[Trial]:
+def in_order(comparison: Comparison) -> list[EstimatorScore]:
     """The least error first, those that failed last."""
     return sorted(
-        comparison.trials,
+        comparison.scores,
         key=lambda t: (not t.whole, float("inf") if t.mean is None else t.mean),
     )
 
@@ -94,8 +94,8 @@ def main_table(comparison: Comparison) -> PlainTable:
     """One row per estimator."""
     advice = comparison.advice
     rows = [
-        Row(_cells(trial), advice is not None and trial.name == advice.name)
-        for trial in in_order(comparison)
+        Row(_cells(score), advice is not None and score.name == advice.name)
+        for score in in_order(comparison)
     ]
     return PlainTable(
         "Errors on left-out data",
@@ -109,31 +109,31 @@ def main_table(comparison: Comparison) -> PlainTable:
     )
 
 
-def _cells(trial: Trial) -> tuple[str, ...]:
-    count, missing = len(trial.failed), int(trial.failed.sum())
-    figure = trial.figure if missing < count else "failed"
+def _cells(score: EstimatorScore) -> tuple[str, ...]:
+    count, missing = len(score.failed), int(score.failed.sum())
+    figure = score.mean_text if missing < count else "failed"
     if 0 < missing < count:
         figure += f" (failed {missing} of {count})"
     return (
-        trial.name,
-        bodies_words(trial),
+        score.name,
+        bodies_words(score),
         figure,
-        percent(trial.mean_pooled),
-        time_words(trial.seconds),
-        NONE if trial.parameters is None else str(trial.parameters),
-        significant(trial.condition, 2),
-        NONE if trial.chi_square is None else f"{trial.chi_square:.3f}",
+        percent(score.mean_pooled),
+        time_words(score.seconds),
+        NONE if score.parameters is None else str(score.parameters),
+        significant(score.condition, 2),
+        NONE if score.chi_square is None else f"{score.chi_square:.3f}",
     )
 
 
-def bodies_words(trial: Trial) -> str:
+def bodies_words(score: EstimatorScore) -> str:
     """Whether the bodies can exist."""
-    if trial.impossible is None:
-        return "not estimated" if trial.parameters is not None else NONE
-    if not trial.impossible:
+    if score.impossible is None:
+        return "not estimated" if score.parameters is not None else NONE
+    if not score.impossible:
         return "all valid"
-    first = trial.impossible[0]
-    more = len(trial.impossible) - 1
+    first = score.impossible[0]
+    more = len(score.impossible) - 1
     return f"{first}{f' and {more} more' if more else ''} invalid"
 
 
@@ -161,9 +161,9 @@ def failure_words(failures: Sequence[Failure], parts: int) -> list[tuple[str, st
 
 def _failures(comparison: Comparison) -> PlainTable:
     rows = [
-        Row((trial.name, *words))
-        for trial in in_order(comparison)
-        for words in failure_words(trial.failures, len(comparison.parts))
+        Row((score.name, *words))
+        for score in in_order(comparison)
+        for words in failure_words(score.failures, len(comparison.parts))
     ]
     headings = ("Estimator", "When", "Reason", "What to do")
     return PlainTable("Fits that failed", "", headings, rows, (0, 1, 2, 3))
@@ -171,55 +171,55 @@ def _failures(comparison: Comparison) -> PlainTable:
 
 def _by_joint(comparison: Comparison) -> PlainTable:
     rows = [
-        Row((trial.name, *(percent(float(x)) for x in trial.by_joint)))
-        for trial in in_order(comparison)
-        if trial.mean is not None
+        Row((score.name, *(percent(float(x)) for x in score.by_joint)))
+        for score in in_order(comparison)
+        if score.mean is not None
     ]
     return PlainTable("Error by joint", "", ("Estimator", *comparison.joints), rows)
 
 
 def _by_part(comparison: Comparison) -> PlainTable:
-    shown = [trial for trial in in_order(comparison) if trial.mean is not None]
+    shown = [score for score in in_order(comparison) if score.mean is not None]
     rows = [
         Row(
             (
                 part,
-                *(percent(None if trial.failed[k] else float(trial.means[k])) for trial in shown),
+                *(percent(None if score.failed[k] else float(score.means[k])) for score in shown),
             )
         )
         for k, part in enumerate(comparison.parts)
     ]
     caption = f"Error by {comparison.left_out} left out"
-    headings = (f"{comparison.left_out.capitalize()} left out", *(trial.name for trial in shown))
+    headings = (f"{comparison.left_out.capitalize()} left out", *(score.name for score in shown))
     return PlainTable(caption, "", headings, rows)
 
 
-def _figure(drawn: Sequence[Trial], comparison: Comparison) -> dict[str, Any]:
+def _figure(drawn: Sequence[EstimatorScore], comparison: Comparison) -> dict[str, Any]:
     """Errors of all parts with their means on the left, times on the right."""
     errors = np.concatenate([t.means[np.isfinite(t.means)] for t in drawn])
     wide = errors.min() > 0.0 and errors.max() > WIDE * errors.min()
-    names = [trial.name for trial in drawn]
+    names = [score.name for score in drawn]
     return {
         "x": "error [%]",
         "y": "",
         "traces": [
             _dots(
                 f"one {comparison.left_out} left out",
-                [rounded(float(x)) for trial in drawn for x in trial.means],
-                [trial.name for trial in drawn for _ in trial.means],
+                [rounded(float(x)) for score in drawn for x in score.means],
+                [score.name for score in drawn for _ in score.means],
                 {"size": 6, "opacity": 0.45, "color": "#7488a0"},
                 text=[part for _ in drawn for part in comparison.parts],
                 hovertemplate="%{y}, %{text}: %{x:.3g} %<extra></extra>",
             ),
             _dots(
                 "mean and its standard error",
-                [rounded(trial.mean or 0.0) for trial in drawn],
+                [rounded(score.mean or 0.0) for score in drawn],
                 names,
                 {"size": 10, "symbol": "diamond", "color": "#0068a8"},
                 hovertemplate="%{y}: %{x:.3g} %<extra></extra>",
                 error_x={
                     "type": "data",
-                    "array": [rounded(trial.spread or 0.0) for trial in drawn],
+                    "array": [rounded(score.standard_error or 0.0) for score in drawn],
                     "color": "#0068a8",
                     "thickness": 2,
                     "width": 5,

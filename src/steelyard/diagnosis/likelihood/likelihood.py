@@ -1,4 +1,4 @@
-r"""Trials: how well an interpretation of a log agrees with what is known of the robot.
+r"""Likelihood: how well an interpretation of a log agrees with what is known of the robot.
 
 In the units in which efforts are logged, behind the gears' map $A$, a joint's effort is
 
@@ -80,9 +80,9 @@ class Score:
     @property
     def log_likelihood(self) -> Array:
         """Up to a constant of the log, shape `(...)`."""
-        return self.likelihood(FLOOR, MOST)
+        return self.log_likelihood_with(FLOOR, MOST)
 
-    def likelihood(self, floor: float, most: float) -> Array:
+    def log_likelihood_with(self, floor: float, most: float) -> Array:
         """With a given floor and most samples per joint, shape `(...)`."""
         logs = np.log(np.square(self.misfits) + floor**2)
         return np.asarray(-0.5 * np.sum(np.minimum(self.counts, most) * logs, axis=-1))
@@ -97,8 +97,8 @@ class Score:
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
-    """One log to be read in different ways.
+class Likelihood:
+    """The likelihood of interpretations of one log.
 
     Attributes:
         excerpt: Its samples.
@@ -268,14 +268,14 @@ def _around(friction: Array, size: Array, u: Array) -> tuple[Array, Array]:
     return lower, upper
 
 
-def trial_of(
+def likelihood_of(
     excerpt: Excerpt,
     signals: Signals,
     knowledge: Knowledge,
     robot: Robot,
     gains: Array,
     scales: Array | float = 1.0,
-) -> Trial:
+) -> Likelihood:
     """A log to be tried, with what is known of its friction.
 
     Args:
@@ -289,7 +289,9 @@ def trial_of(
     declared, gears = declared_reading(signals, robot.gravity), robot.transmission
     ones = np.ones(signals.n)
     free = unknown_friction(signals.n, declared.kind)
-    bare = Trial(excerpt, signals, knowledge, declared, gains, gears, free, ones, scales=scales)
+    bare = Likelihood(
+        excerpt, signals, knowledge, declared, gains, gears, free, ones, scales=scales
+    )
     motion, into = bare.motion(declared), bare.into_logged(declared)
     torque = np.nan_to_num(knowledge.torque(*motion, knowledge.robot.gravity))
     friction = into @ np.nan_to_num(knowledge.friction(*motion))

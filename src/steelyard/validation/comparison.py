@@ -24,7 +24,7 @@ BEATEN = "is better than predicting zero, which has 100 %: check the log against
 
 FEW = 2
 LITTLE = "; two parts are few, use more runs"
-"""What is said where no more than so many parts were predicted."""
+"""Appended where at most this many parts were predicted."""
 
 COST = {"information": 0, "samples": 1, "experiment": 2}
 """What an estimator looks at, the least first."""
@@ -46,7 +46,7 @@ class Failure:
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class EstimatorScore:
     """How one estimator did.
 
     Attributes:
@@ -109,7 +109,7 @@ class Trial:
         return float(known.mean()) if len(known) else None
 
     @property
-    def spread(self) -> float | None:
+    def standard_error(self) -> float | None:
         """Standard error of the mean over the parts [%]."""
         known = self.means[np.isfinite(self.means)]
         return standard_error(known) if len(known) > 1 else None
@@ -125,15 +125,19 @@ class Trial:
         return self.impossible == ()
 
     @property
-    def figure(self) -> str:
+    def mean_text(self) -> str:
         """The mean error with its standard error, like `3.0 ± 0.4 %`."""
         if self.mean is None or not isfinite(self.mean):
             return "no error"
-        if not self.spread:
+        if not self.standard_error:
             return f"{self.mean:.2f} %"
-        digits = max(0, 1 - int(np.floor(np.log10(self.spread)))) if self.spread < 10.0 else 0
+        digits = (
+            max(0, 1 - int(np.floor(np.log10(self.standard_error))))
+            if self.standard_error < 10.0
+            else 0
+        )
         digits = min(digits, 3)
-        return f"{self.mean:.{digits}f} ± {self.spread:.{digits}f} %"
+        return f"{self.mean:.{digits}f} ± {self.standard_error:.{digits}f} %"
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values; an error that is not finite is `None`."""
@@ -142,7 +146,7 @@ class Trial:
             "about": self.about,
             "needs": self.needs,
             "mean_percent": _json(self.mean),
-            "standard_error_percent": _json(self.spread),
+            "standard_error_percent": _json(self.standard_error),
             "pooled_percent": _json(self.mean_pooled),
             "errors_percent": [[_json(x) for x in row] for row in self.errors.tolist()],
             "seconds_per_fit": self.seconds,
@@ -172,16 +176,16 @@ class Comparison:
     """Estimators beside each other.
 
     Attributes:
-        trials: One per estimator, in the order they were tried.
+        scores: One score per estimator, in the order they were fitted.
         parts: What was left out in turn.
         left_out: Whether those are runs or stretches of one.
         joints: Names of the effort rows.
-        untried: Estimators that were asked for, but the comparison was stopped before.
+        untried: Estimators that were requested, but the comparison was stopped before.
         lines: What to write into the robot file for an estimator that it can choose and does
             not, by the estimator's name.
     """
 
-    trials: tuple[Trial, ...]
+    scores: tuple[EstimatorScore, ...]
     parts: tuple[str, ...]
     left_out: Literal["run", "stretch"]
     joints: tuple[str, ...]
@@ -196,7 +200,7 @@ class Comparison:
     @property
     def advice(self) -> Advice | None:
         """The estimator to take; `None` if none came through."""
-        return recommended(self.trials)
+        return recommended(self.scores)
 
     @property
     def words(self) -> str:
@@ -214,71 +218,71 @@ class Comparison:
             "left_out": self.left_out,
             "parts": list(self.parts),
             "joints": list(self.joints),
-            "estimators": [trial.to_dict() for trial in self.trials],
+            "estimators": [score.to_dict() for score in self.scores],
             "recommended": None if advice is None else {"name": advice.name, "why": advice.why},
             "robot_file": self.setting or None,
             "stopped_before": list(self.untried),
         }
 
 
-def recommended(trials: Sequence[Trial]) -> Advice | None:
+def recommended(scores: Sequence[EstimatorScore]) -> Advice | None:
     """The estimator to take, by the one-standard-error rule [Hastie2009].
 
-    Of all whose errors cannot be told from the least one, those are preferred whose bodies can
-    exist, then those that look at less, then the simplest: the one tried first of those within
-    2 % of the least error that is left. Errors of two estimators are compared part by part: that
-    one part is harder than another tells nothing about either. None is taken if all are worse than
+    Among the estimators whose errors do not differ significantly from the least, those with valid
+    bodies are preferred, then those that need less data, then the simplest: the first fitted of
+    those within 2 % of the least remaining error. Errors of two estimators are compared part by
+    part, because parts differ in difficulty. None is recommended if all are worse than
     a model that predicts zero, whose error is 100 %.
     """
-    fit = [trial for trial in trials if trial.whole]
+    fit = [score for score in scores if score.whole]
     if not fit:
         return None
     best = min(fit, key=_error)
     if _error(best) > ZERO:
-        return Advice(None, f"{best.name}: {best.figure}, the least error; nothing {BEATEN}")
-    close = [trial for trial in fit if trial is best or alike(trial, best)]
+        return Advice(None, f"{best.name}: {best.mean_text}, the least error; nothing {BEATEN}")
+    close = [score for score in fit if score is best or alike(score, best)]
     rank = min(map(_rank, close))
-    equal = [trial for trial in close if _rank(trial) == rank]
+    equal = [score for score in close if _rank(score) == rank]
     most = (1.0 + ALIKE) * min(map(_error, equal))
-    chosen = next(trial for trial in equal if _error(trial) <= most)
+    chosen = next(score for score in equal if _error(score) <= most)
     few = int(np.isfinite(best.means).sum()) <= FEW
     return Advice(chosen.name, _why(chosen, best, close) + (LITTLE if few else ""))
 
 
-def _error(trial: Trial) -> float:
-    return np.inf if trial.mean is None else trial.mean
+def _error(score: EstimatorScore) -> float:
+    return np.inf if score.mean is None else score.mean
 
 
-def _rank(trial: Trial) -> tuple[bool, bool, int]:
-    """What speaks against a trial beside its error."""
-    return not trial.valid, trial.slow, COST[trial.needs]
+def _rank(score: EstimatorScore) -> tuple[bool, bool, int]:
+    """What speaks against an estimator beside its error."""
+    return not score.valid, score.slow, COST[score.needs]
 
 
-def alike(trial: Trial, best: Trial) -> bool:
+def alike(score: EstimatorScore, best: EstimatorScore) -> bool:
     """Whether an estimator loses to the best no more than one standard error of that loss.
 
     The loss is the logarithm of the ratio of their errors, part by part.
     """
     tiny = 1e-12
-    known = np.isfinite(trial.means) & np.isfinite(best.means)
-    loss = np.log(np.maximum(trial.means[known], tiny) / np.maximum(best.means[known], tiny))
+    known = np.isfinite(score.means) & np.isfinite(best.means)
+    loss = np.log(np.maximum(score.means[known], tiny) / np.maximum(best.means[known], tiny))
     return float(loss.mean()) <= min(max(standard_error(loss), ALIKE), MOST)
 
 
-def _why(chosen: Trial, best: Trial, close: Sequence[Trial]) -> str:
+def _why(chosen: EstimatorScore, best: EstimatorScore, close: Sequence[EstimatorScore]) -> str:
     if chosen is best:
-        told = f"{chosen.name}: {chosen.figure}, the least error"
+        text = f"{chosen.name}: {chosen.mean_text}, the least error"
         others = [t.name for t in close if t is not best]
-        told += f"; {', '.join(others)} not significantly different" if others else ""
-        return told + ("; its inertias are valid" if chosen.valid else "")
+        text += f"; {', '.join(others)} not significantly different" if others else ""
+        return text + ("; its inertias are valid" if chosen.valid else "")
     reasons = []
     if chosen.valid and not best.valid:
         reasons.append("its inertias are valid")
     if _rank(chosen)[1:] < _rank(best)[1:] or not reasons:
         reasons.append("it is simpler")
     return (
-        f"{best.name}: {best.figure}; {chosen.name}: {chosen.figure}, within one standard error "
-        f"of the difference, and {' and '.join(reasons)}: {chosen.name} is recommended"
+        f"{best.name}: {best.mean_text}; {chosen.name}: {chosen.mean_text}, within one standard "
+        f"error of the difference, and {' and '.join(reasons)}: {chosen.name} is recommended"
     )
 
 

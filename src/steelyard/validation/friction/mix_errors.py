@@ -25,7 +25,7 @@ ConsistentOf = Callable[[Model, BaseMap], Consistent]
 
 
 @dataclass(frozen=True, eq=False)
-class Trials:
+class FrictionMixErrors:
     """Errors of mixes on what was left out.
 
     Attributes:
