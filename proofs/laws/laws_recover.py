@@ -1,8 +1,9 @@
 """Every law recovers itself from the virtual robot: do the stated 95 % intervals hold the truth?
 
 Each law of the register is the true physics of a two-joint arm, with other laws beside it; a log
-with 2 % torque noise goes through the whole river: file, recording, preparation, pass, weighted
-least squares. Fields are known. 20 draws a law, each with a truth, motion and noise of its own.
+with 2 % torque noise goes through the whole identification: file, recording, preparation, pass,
+weighted least squares. Fields are known. 20 draws a law, each with a truth, motion and noise of
+its own.
 """
 
 import sys

@@ -11,12 +11,10 @@ import typer
 
 from steelyard.cli.guard import guarded
 from steelyard.cli.options import FixedBase, Json, Output, RobotArgument, Seed
+from steelyard.identification.defaults import DESIGN_BUDGET_S
 
 if TYPE_CHECKING:
     from steelyard.progress import Event, Progress
-
-BUDGET = 10.0
-"""Seconds of a design, if none are given."""
 
 UNPROVEN = 1
 """Exit code where a limit or a constraint is not proven."""
@@ -70,7 +68,9 @@ def excite(
     method: Annotated[
         str | None, typer.Option(help="Search method: gradient, genetic or cma_es.", metavar="NAME")
     ] = None,
-    budget: Annotated[float, typer.Option(min=1.0, help="Time limit in seconds.")] = BUDGET,
+    budget: Annotated[
+        float, typer.Option(min=1.0, help="Time limit in seconds.")
+    ] = DESIGN_BUDGET_S,
     searches: Annotated[
         int | None,
         typer.Option(

@@ -21,6 +21,7 @@ from steelyard.excitation.result import Designed
 from steelyard.excitation.search.parallel_search import SearchBudget
 from steelyard.excitation.trajectories.exact import ExactTrajectory
 from steelyard.excitation.trajectories.files import write_motion
+from steelyard.identification.defaults import DESIGN_BUDGET_S
 from steelyard.identification.excitation_inputs import (
     asked,
     earlier_of,
@@ -35,9 +36,6 @@ from steelyard.report import ReportContent, render
 from steelyard.report.terminal.design import design_summary
 from steelyard.report.text.design_words import headline
 from steelyard.robot_file.file import LoadedRobot, load_robot
-
-BUDGET = 10.0
-"""Seconds of a design, if none are given."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -201,7 +199,7 @@ def design_task(
 def design_excitation(
     robot: str | Path | LoadedRobot,
     *,
-    budget: float = BUDGET,
+    budget: float = DESIGN_BUDGET_S,
     motion: str | None = None,
     period: float | None = None,
     harmonics: int | None = None,

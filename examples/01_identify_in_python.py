@@ -1,6 +1,6 @@
-"""The whole river in Python: logs in, base parameters and a score on an unseen run out.
+"""Identification step by step in Python: from logs to base parameters and a score on an unseen run.
 
-Run it with a folder for the simulated logs: python examples/01_river.py /tmp/river
+Run it with a folder for the simulated logs: python examples/01_identify_in_python.py /tmp/identify
 """
 
 import sys
