@@ -252,7 +252,7 @@ def test_a_possible_model_is_preferred_to_one_that_is_better_by_chance() -> None
     assert advice is not None and advice.name == "consistent"
     assert advice.why == (
         "WLS: 3.00 ± 0.41 %; consistent: 3.07 ± 0.33 %, within one standard error of the "
-        "difference, and its inertias are valid: take consistent"
+        "difference, and its inertias are valid: consistent is recommended"
     )
 
 
