@@ -7,7 +7,9 @@ from diagnosis.conftest import Arm
 from steelyard.arrays import Array
 from steelyard.diagnosis.decision.checks import EFFORT_DELAY
 from steelyard.diagnosis.finding import Severity
-from steelyard.diagnosis.residual_delay import residual_delay
+from steelyard.diagnosis.identifiability import clean_runs, customary_model
+from steelyard.diagnosis.residual_delay import by_presliding, delays_of, residual_delay
+from steelyard.regression.regressor import base_regressor
 
 
 def late(arm: Arm, seconds: Array) -> Array:
@@ -35,6 +37,25 @@ def test_efforts_in_time_and_lags_that_differ_are_no_delay(arm: Arm) -> None:
     assert residual_delay(arm.case(arm.table, known=False), "effort delay") is None
     lags = np.array([0.002, 0.011, 0.01, 0.02, 0.03, 0.018])
     assert residual_delay(arm.case(late(arm, lags), known=False), "effort delay") is None
+
+
+def test_presliding_friction_explains_its_own_lag_and_no_delay(arm: Arm) -> None:
+    presliding = arm.table.copy()
+    for q, tau in zip(arm.at("q{}_rad"), arm.at("tau{}_Nm"), strict=True):
+        steps = np.diff(presliding[:, q], prepend=presliding[0, q])
+        kept = np.exp(-2.0 * np.abs(steps) / np.std(steps))
+        state = np.zeros(len(steps))
+        for k in range(1, len(steps)):
+            state[k] = kept[k] * state[k - 1] + (1.0 - kept[k]) * np.sign(steps[k])
+        presliding[:, tau] += 0.6 * np.std(presliding[:, tau]) * (state - np.sign(steps))
+    shares = []
+    for table in (presliding, late(arm, np.full(6, 0.012))):
+        case = arm.case(table, known=False)
+        model, (run,) = customary_model(case), clean_runs(case)
+        regressor = base_regressor(model)
+        shares.append((by_presliding(model, regressor, run), delays_of(regressor, run).gone))
+    assert shares[0][0] > max(shares[0][1], 0.9)
+    assert shares[1][0] < shares[1][1]
 
 
 def test_a_declared_delay_is_counted_in(arm: Arm) -> None:

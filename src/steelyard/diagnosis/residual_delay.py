@@ -3,7 +3,8 @@ r"""A delay of efforts that the residuals of a fit show, without a model of the 
 Each effort row is fitted by least squares of its own at three delays; the sum of squares that is
 left is a parabola of the delay, $S_j(d) = S_j + b_j d + \kappa_j d^2$. Logs that are late have the
 same minimum in all joints, and most of the residual is gone there. Friction that gives way before
-it slips looks late as well, but by another time in every joint.
+it slips looks late as well, mostly by another time in every joint; where the times agree, the delay
+has to explain more than presliding friction of any length does.
 """
 
 from dataclasses import dataclass, replace
@@ -13,12 +14,15 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.finding import Edit, Finding, Fix, Severity
+from steelyard.diagnosis.hypotheses.by_friction import LENGTHS
 from steelyard.diagnosis.identifiability import clean_runs, customary_model
 from steelyard.errors import SteelyardError
 from steelyard.measurement.run import Run
+from steelyard.model import Model
 from steelyard.regression.gather import gather
 from steelyard.regression.information import Information
 from steelyard.regression.regressor import Regressor, base_regressor
+from steelyard.terms.laws.presliding import MaxwellSlip
 
 SHIFT = 0.008
 """Delay that is tried to both sides [s]."""
@@ -88,15 +92,36 @@ def residual_delay(case: Case, name: str) -> Finding | None:
         (run,) = clean_runs(replace(case, logs=(evidence,)))
         if len(run.segments) > 1:
             return None
-        regressor = base_regressor(customary_model(case))
+        model = customary_model(case)
+        regressor = base_regressor(model)
         found = delays_of(regressor, run)
         for _ in range(RENEWED if found.alike(ROUGH) else 0):
             more = float(np.clip(found.delay, -FARTHEST, FARTHEST))
             rest = delays_of(regressor, _later(run, more))
             found = replace(rest, delay=more + rest.delay, gone=found.gone)
+        if not found.alike(ALIKE) or by_presliding(model, regressor, run) >= found.gone:
+            return None
     except (SteelyardError, TypeError):
         return None
-    return _late(evidence, name, found) if found.alike(ALIKE) else None
+    return _late(evidence, name, found)
+
+
+def by_presliding(model: Model, regressor: Regressor, run: Run) -> float:
+    """Share of the typical squared residual that presliding friction explains.
+
+    Raises:
+        SteelyardError: The run cannot be fitted.
+    """
+    presliding = MaxwellSlip(lengths=LENGTHS, relaxing=True)
+    with_it = base_regressor(Model(model.robot, (*model.terms, presliding)))
+    before, after = (
+        left / np.maximum(freedom, 1.0)
+        for left, freedom in (_squares(gather(r, run)) for r in (regressor, with_it))
+    )
+    known = (before > 0.0) & (after > 0.0)
+    return (
+        1.0 - float(np.exp(np.mean(np.log(after[known] / before[known])))) if known.any() else 0.0
+    )
 
 
 def _late(evidence: Evidence, name: str, found: Delays) -> Finding:
