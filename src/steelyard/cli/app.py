@@ -8,6 +8,7 @@ import typer
 from steelyard.cli.check import check
 from steelyard.cli.compare import compare
 from steelyard.cli.demo import demo
+from steelyard.cli.doctor import doctor
 from steelyard.cli.excite import excite
 from steelyard.cli.export import export
 from steelyard.cli.identify import identify
@@ -39,6 +40,7 @@ for command in (
     simulate,
     replay,
     demo,
+    doctor,
 ):
     app.command()(command)
 

@@ -39,11 +39,11 @@ def _sources() -> str:
 
 def load(key: str) -> tuple[dict[str, Any], bytes] | None:
     """Description and code of an entry, or `None` if there is no sound one."""
-    folder = _folder()
-    if folder is None:
+    place = folder()
+    if place is None:
         return None
     try:
-        head, _, code = (folder / f"{key}.kernel").read_bytes().partition(b"\n")
+        head, _, code = (place / f"{key}.kernel").read_bytes().partition(b"\n")
         entry = json.loads(head)
         sound = entry["key"] == key and entry["sha256"] == _seal(entry["about"], code)
     except (OSError, ValueError, KeyError, TypeError):
@@ -53,15 +53,15 @@ def load(key: str) -> tuple[dict[str, Any], bytes] | None:
 
 def store(key: str, about: dict[str, Any], code: bytes) -> None:
     """Keep an entry; a cache that cannot be written is no error."""
-    folder = _folder()
-    if folder is None:
+    place = folder()
+    if place is None:
         return
     head = json.dumps({"key": key, "sha256": _seal(about, code), "about": about}).encode()
     try:
-        handle, temporary = tempfile.mkstemp(dir=folder)
+        handle, temporary = tempfile.mkstemp(dir=place)
         with os.fdopen(handle, "wb") as file:
             file.write(head + b"\n" + code)
-        os.replace(temporary, folder / f"{key}.kernel")
+        os.replace(temporary, place / f"{key}.kernel")
     except OSError:
         return
 
@@ -70,19 +70,19 @@ def _seal(about: dict[str, Any], code: bytes) -> str:
     return hashlib.sha256(json.dumps(about, sort_keys=True).encode() + b"\n" + code).hexdigest()
 
 
-def _folder() -> Path | None:
+def folder() -> Path | None:
     """The private folder, made if need be; `None` where there is none to trust."""
     named = os.environ.get("STEELYARD_CACHE")
     if named == "":
         return None
-    folder = Path(named or user_cache_dir("steelyard", appauthor=False)) / "kernels"
+    place = Path(named or user_cache_dir("steelyard", appauthor=False)) / "kernels"
     try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        facts = folder.stat()
+        place.mkdir(mode=0o700, parents=True, exist_ok=True)
+        facts = place.stat()
     except OSError:
         return None
     if hasattr(os, "getuid") and (
         facts.st_uid != os.getuid() or facts.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
     ):
         return None
-    return folder
+    return place
