@@ -99,7 +99,7 @@ def test_scales_are_of_motors_behind_coupled_gears(given: Path, tmp_path: Path) 
     model = model_of(loaded)
     estimator = Consistent(base_parameters(model), default_knowledge(model))
     assert loaded.signals is not None
-    for gears, words in ((None, ""), (np.eye(6), "behind coupled gears")):
+    for gears, words in ((None, ""), (np.eye(6), "with coupled gears")):
         run = SimpleNamespace(
             recording=SimpleNamespace(signals=replace(loaded.signals, effort_map=gears))
         )

@@ -39,8 +39,8 @@ def test_init_takes_a_rate_and_the_estimate_is_that_of_the_timed_log(
     assert "time is the number of the row at the 250 Hz that were given" in shown.stdout
     signals = tomllib.loads(robot.read_text())["signals"]
     assert signals["rate"] == RATE and "time" not in signals
-    checked = " ".join(command("check", robot, timeless, "--quick").stdout.split())
-    assert "250 Hz, steps of 4 ms, even, as declared: the log has no column of time" in checked
+    checked = " ".join(command("check", robot, timeless, "--quick", "-v").stdout.split())
+    assert "250 Hz, steps of 4 ms, uniform, as declared: the log has no column of time" in checked
     done = command("identify", robot, timeless, "-o", tmp_path / "a")
     assert done.exit_code == 0, done.output
     assert command("identify", urdf, timed, "-o", tmp_path / "b").exit_code == 0
@@ -87,7 +87,9 @@ def test_a_simulated_log_without_a_clock_comes_at_the_declared_rate(
     assert not {"time_s", ROW} & set(pl.read_parquet(tmp_path / "s" / "log.parquet").columns)
     checked = command("check", robot, tmp_path / "s" / "log.parquet", "--json")
     clock = next(f for f in json.loads(checked.stdout)["findings"] if f["check"] == "clock")
-    assert clock["severity"] == "ok" and "200 Hz, steps of 5 ms, even, as declared" in clock["says"]
+    assert (
+        clock["severity"] == "ok" and "200 Hz, steps of 5 ms, uniform, as declared" in clock["says"]
+    )
     odd = edited(given, tmp_path, ('time = "time_s"', "rate = 93.0"))
     refused = command("simulate", odd, "--period", "1", "-o", tmp_path / "o")
     assert refused.exit_code == 2 and "cannot have 93 rows a second" in refused.output

@@ -55,7 +55,7 @@ def test_a_load_is_named_with_its_mass(arm, mass):
 
 def test_another_robot_is_not_called_a_gain(arm):
     (found,) = found_in(arm, of(arm, random_truth(arm.robot, 80)))
-    assert "no cause of the error was found; tested: a load" in found.says
+    assert "no cause of the error was found; tested: payload" in found.says
     assert "may come from another robot" in found.says and found.severity
     assert "times the residuals of the fit" in found.figure
 

@@ -254,11 +254,11 @@ def test_where_least_squares_cannot_move_the_model_file_begins() -> None:
     data = exact()
     broken = data.information.scaled(np.full(3, -1.0), ("Nm",) * 3)
     begun = replace(data, information=broken).begun
-    assert begun.notes and "bodies of the model file" in begun.notes[0]
+    assert begun.notes and "inertial parameters of the model file" in begun.notes[0]
     assert not exact().begun.notes
     estimate = Didim()(replace(data, information=broken))
     assert torque_error(estimate) < 1e-6
-    assert "bodies of the model file" in " ".join(estimate.notes)
+    assert "inertial parameters of the model file" in " ".join(estimate.notes)
 
 
 def test_the_matched_filter_is_that_of_the_pass() -> None:

@@ -76,7 +76,7 @@ def test_meshes_that_are_none_are_refused(
         robot_shapes(robot, path)
     assert words in error.value.wrong and name in error.value.wrong
     assert "'hand'" in error.value.where and "line 4" in error.value.where
-    assert "skip" in error.value.fix
+    assert "`without`" in error.value.fix
     found = robot_shapes(robot, path, skip=["hand"])
     assert [shape.name for shape in found.shapes] == ["base"]
     assert found.notes[0] == "no clearance is kept for the links hand, as specified"
@@ -88,7 +88,7 @@ def test_a_missing_mesh_is_named(tmp_path: Path) -> None:
     with pytest.raises(ModelError) as error:
         robot_shapes(load_robot(path).robot, path)
     assert "'package://my_robot/meshes/hand.stl' of link 'hand' does not exist" in str(error.value)
-    assert "skip" in error.value.fix
+    assert "`without`" in error.value.fix
     with pytest.raises(ModelError, match="did you mean 'hand'"):
         robot_shapes(load_robot(path).robot, path, skip=["hnad"])
 

@@ -70,9 +70,9 @@ def test_jerk_counts_as_acceleration_does(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("at", "words"),
     [
-        ("2.7", "'boom_joint' at 2.7 rad: that is 0.3 rad above its upper limit of 2.4 rad"),
-        ("-2.45", "'boom_joint' at -2.45 rad: that is 0.05 rad below its lower limit of -2.4 rad"),
-        ("2.4", "'boom_joint' at 2.4 rad: that is on its limit of 2.4 rad"),
+        ("2.7", "'boom_joint' at 2.7 rad: this is 0.3 rad above its upper limit of 2.4 rad"),
+        ("-2.45", "'boom_joint' at -2.45 rad: this is 0.05 rad below its lower limit of -2.4 rad"),
+        ("2.4", "'boom_joint' at 2.4 rad: this is on its limit of 2.4 rad"),
     ],
 )
 def test_postures_outside_limits(tmp_path: Path, key: str, at: str, words: str) -> None:

@@ -191,7 +191,7 @@ def test_settings_are_kept() -> None:
         ({"method": "savitzky_golay", "window": 20}, "a window of 20 samples", "odd number"),
         ({"method": "savitzky_golay", "degree": 1}, "degree 1", "from 2"),
         ({"method": "moving_average", "span": 4}, "has no middle", "odd number"),
-        ({"method": "moving_average", "span": -1}, "is none", "odd number"),
+        ({"method": "moving_average", "span": -1}, "is not valid", "odd number"),
         ({"method": "fir", "suppression": 500.0}, "500 dB", "20 to 120 dB"),
         ({"method": "fir", "transition": 0.0}, "a transition of 0", "up to 2"),
     ],
