@@ -294,7 +294,7 @@ linux = pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks at processe
 def test_ctrl_c_keeps_the_best_so_far(tmp_path: Path, group: bool) -> None:
     process = started(tmp_path, "--json")
     names = wait_for(process)
-    while worked(names) < 6.0:
+    while worked(names) < 4.0:
         time.sleep(0.05)
     (os.killpg if group else os.kill)(process.pid, signal.SIGINT)
     out, errors = process.communicate(timeout=60)
@@ -328,7 +328,7 @@ def test_ctrl_c_in_a_terminal(tmp_path: Path) -> None:
 def test_ctrl_c_twice_leaves_nothing(tmp_path: Path, pause: float) -> None:
     process = started(tmp_path)
     names = wait_for(process)
-    while worked(names) < 5.0:
+    while worked(names) < 2.5:
         time.sleep(0.05)
     process.send_signal(signal.SIGINT)
     time.sleep(pause)
