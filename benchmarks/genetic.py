@@ -71,7 +71,7 @@ class Log:
     effort: np.ndarray
     speeds: np.ndarray
 
-    def said(self, regressor: Regressor) -> Information:
+    def information_of(self, regressor: Regressor) -> Information:
         """What the log says about a regressor."""
         channels = regressor.model.scan()(self.q, self.dq, self.ddq)
         stretch = Stretch(self.q, self.dq, self.ddq, self.effort, None, channels)
@@ -161,8 +161,8 @@ def genetic(log: Log, seed: int) -> tuple[np.ndarray, float]:
 def ours(log: Log, seed: int) -> tuple[FoundFields, Estimate]:
     """Fields from one start, and all other parameters."""
     wanted = model_with(Find(SLOWEST, FASTEST, shared=False))
-    found = find_fields(wanted, log.said, starts=1, seed=seed)
-    return found, WeightedLeastSquares()(log.said(base_regressor(found.model)))
+    found = find_fields(wanted, log.information_of, starts=1, seed=seed)
+    return found, WeightedLeastSquares()(log.information_of(base_regressor(found.model)))
 
 
 def error_of(log: Log, found: FoundFields, estimate: Estimate) -> float:

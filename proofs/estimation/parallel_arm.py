@@ -127,7 +127,7 @@ class Log:
         effort = standard_regressor(model).dense(*motion) @ truth
         return cls(*motion, effort + NOISE[:, None] * rng.standard_normal(effort.shape))
 
-    def said(self, regressor: Regressor) -> Information:
+    def information_of(self, regressor: Regressor) -> Information:
         """One pass: what the log says of the paper's columns; all centres lie on their bars."""
         channels = regressor.model.scan()(self.q, self.dq, self.ddq)
         sums = Accumulator(regressor)(
@@ -143,10 +143,12 @@ class Log:
 
     def errors(self, regressor: Regressor, estimate: Estimate) -> Array:
         """Root mean square error of each joint [Nm]."""
-        said = self.said(regressor)
+        information = self.information_of(regressor)
         known = estimate.parameters.as_dict()
-        squares = said.residual_squares(np.array([known[n] for n in said.layout.columns]))
-        return np.asarray(np.sqrt(squares / said.n_samples))
+        squares = information.residual_squares(
+            np.array([known[n] for n in information.layout.columns])
+        )
+        return np.asarray(np.sqrt(squares / information.n_samples))
 
 
 def on_samples(log: Log, seeds: range) -> tuple[float, Array, float]:
@@ -189,7 +191,7 @@ def timed(work: Callable[[], Result], repeats: int) -> tuple[Result, float]:
 def compared(log: Log, fresh: Log, size: int) -> tuple[list[Claim], dict[str, Array]]:
     """Lines of the table for one number of parameters, and errors of training and prediction."""
     regressor = base_regressor(arm(MODELS[size]))
-    information = log.said(regressor)
+    information = log.information_of(regressor)
     known = base_bounds(regressor.base, default_knowledge(regressor.model))
     bounds = {name: known[name] for name in information.layout.columns}
     ways: dict[str, Estimator[Information]] = {

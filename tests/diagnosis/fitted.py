@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 
 from steelyard.diagnosis.fitted.fitted_case import FittedCase
-from steelyard.estimation.fields.fields import said_by
+from steelyard.estimation.fields.fields import information_from
 from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
 from steelyard.identification.logs import log_files, model_of, runs_of
@@ -69,7 +69,7 @@ def case(loaded: LoadedRobot, paths: Sequence[Path]) -> FittedCase:
     runs: Sequence[Run] = runs_of(
         loaded, signals, log_files([str(p) for p in paths]), (), lambda _: True
     )[0]
-    information = said_by(runs)(base_regressor(model))
+    information = information_from(runs)(base_regressor(model))
     estimate = WeightedLeastSquares()(information)
     cutoffs = Cutoffs(runs[0].motion_cutoff, runs[0].matched_cutoff, runs[0].matched_cutoff)
     origin = Provenance("0", {}, (), ())

@@ -12,7 +12,7 @@ from steelyard.diagnosis.finding import Finding, Severity
 from steelyard.diagnosis.fitted.change_in_run import ChangeInRun
 from steelyard.diagnosis.fitted.fitted_case import FittedCase
 from steelyard.diagnosis.fitted.gain_drift import scale_drifts
-from steelyard.estimation.fields.fields import said_by
+from steelyard.estimation.fields.fields import information_from
 from steelyard.measurement import Processing, Recording, prepare
 from steelyard.measurement.recording import HeldLog
 from steelyard.regression.regressor import base_regressor
@@ -27,7 +27,7 @@ def found(arm: Arm, table: Array, *, fitted: bool = True) -> tuple[Finding, ...]
     run = prepare(Recording(HeldLog(Path("log"), arm.columns, table), signals), Processing())
     if not fitted:
         return ChangeInRun()(FittedCase(arm.reference, unseen=(run,)))
-    information = said_by([run])(base_regressor(arm.reference.model))
+    information = information_from([run])(base_regressor(arm.reference.model))
     return ChangeInRun()(FittedCase(arm.reference, fitted=(run,), information=information))
 
 
@@ -82,7 +82,7 @@ def test_a_sound_log_is_no_change_and_slow_drift_is_of_friction(arm: Arm) -> Non
 def test_all_laws_of_friction_count_as_friction(arm: Arm, law: str) -> None:
     signals = arm.reference.signals
     run = prepare(Recording(HeldLog(Path("log"), arm.columns, arm.table), signals), Processing())
-    known = said_by([run])(base_regressor(arm.reference.model))
+    known = information_from([run])(base_regressor(arm.reference.model))
     names = tuple(name.replace("coulomb.", f"{law}.") for name in known.layout.columns)
     named = replace(known, layout=replace(known.layout, columns=names))
     assert names != known.layout.columns

@@ -253,9 +253,9 @@ def test_simulated_lanes_are_what_single_ones_are() -> None:
 def test_where_least_squares_cannot_move_the_model_file_begins() -> None:
     data = exact()
     broken = data.information.scaled(np.full(3, -1.0), ("Nm",) * 3)
-    begun = replace(data, information=broken).begun
-    assert begun.notes and "inertial parameters of the model file" in begun.notes[0]
-    assert not exact().begun.notes
+    start_values = replace(data, information=broken).start_values
+    assert start_values.notes and "inertial parameters of the model file" in start_values.notes[0]
+    assert not exact().start_values.notes
     estimate = Didim()(replace(data, information=broken))
     assert torque_error(estimate) < 1e-6
     assert "inertial parameters of the model file" in " ".join(estimate.notes)

@@ -34,7 +34,7 @@ from steelyard.terms.term import Term
 ROBOT = dh_arm()
 JOINTS = ROBOT.joint_names
 BARE = tuple(term for term in DEFAULT_TERMS if term.law != "coulomb")
-Said = Callable[[Regressor], Information]
+InformationOf = Callable[[Regressor], Information]
 
 
 def motion(seed: int, count: int = 3000) -> np.ndarray:
@@ -50,10 +50,12 @@ def motion(seed: int, count: int = 3000) -> np.ndarray:
     return total
 
 
-def said_about(samples: np.ndarray, effort: np.ndarray, passes: list[Regressor]) -> Said:
+def information_about(
+    samples: np.ndarray, effort: np.ndarray, passes: list[Regressor]
+) -> InformationOf:
     """What samples in memory say; every regressor asked about is noted."""
 
-    def said(regressor: Regressor) -> Information:
+    def information_of(regressor: Regressor) -> Information:
         passes.append(regressor)
         sums = Accumulator(regressor)(
             Stretch(*samples, effort, None, regressor.model.scan()(*samples))
@@ -69,12 +71,12 @@ def said_about(samples: np.ndarray, effort: np.ndarray, passes: list[Regressor])
             sums.counts[None],
         )
 
-    return said
+    return information_of
 
 
 def data(
     terms: tuple[Term, ...], truth: Term, noise: float, seed: int = 0, size: float = 1.0
-) -> tuple[Said, list[Regressor]]:
+) -> tuple[InformationOf, list[Regressor]]:
     """Data of random parameters, those of the term under test equal to `size`."""
     regressor = base_regressor(Model(ROBOT, (*terms, truth)))
     samples, rng = motion(seed), np.random.default_rng(seed + 100)
@@ -83,14 +85,16 @@ def data(
     values[[n.startswith(truth.law) for n in regressor.layout.columns]] = size
     effort = dense @ values
     passes: list[Regressor] = []
-    return said_about(samples, effort + noise * rng.normal(size=effort.shape), passes), passes
+    return information_about(
+        samples, effort + noise * rng.normal(size=effort.shape), passes
+    ), passes
 
 
 def found(
     terms: tuple[Term, ...], truth: Term, wanted: Term, noise: float = 0.0, **more: Any
 ) -> FoundFields:
-    said, _ = data(terms, truth, noise, **more)
-    return find_fields(Model(ROBOT, (*terms, wanted)), said)
+    information_of, _ = data(terms, truth, noise, **more)
+    return find_fields(Model(ROBOT, (*terms, wanted)), information_of)
 
 
 SPEEDS, LENGTHS = Find(1e-3, 1.0, shared=False), Find(1e-5, 3e-2, shared=False)
@@ -152,12 +156,14 @@ def test_intervals_hold_the_truth() -> None:
 def test_wide_intervals_come_from_the_profile() -> None:
     """Against the costs of fits at chosen speeds, with the effort's true noise."""
     noise, wanted = 1.5, Stribeck(speed=Find(1e-3, 1.0))
-    said, _ = data(DEFAULT_TERMS, Stribeck(speed=0.07), noise)
-    (finding,) = find_fields(Model(ROBOT, (*DEFAULT_TERMS, wanted)), said).findings
+    information_of, _ = data(DEFAULT_TERMS, Stribeck(speed=0.07), noise)
+    (finding,) = find_fields(Model(ROBOT, (*DEFAULT_TERMS, wanted)), information_of).findings
 
     def squares(speed: float) -> float:
         model = Model(ROBOT, (*DEFAULT_TERMS, Stribeck(speed=speed)))
-        matrix, vector, square = said(base_regressor(model)).normal(np.full(ROBOT.n, noise**-2))
+        matrix, vector, square = information_of(base_regressor(model)).normal(
+            np.full(ROBOT.n, noise**-2)
+        )
         return square - float(vector @ np.linalg.pinv(matrix, hermitian=True) @ vector)
 
     assert finding.told and finding.interval[1] / finding.interval[0] > 1.5
@@ -200,8 +206,8 @@ def test_bounds_are_respected() -> None:
 
 
 def test_further_passes_need_no_new_program() -> None:
-    said, passes = data(DEFAULT_TERMS, Stribeck(speed=0.07), 0.05)
-    find_fields(Model(ROBOT, (*DEFAULT_TERMS, Stribeck(speed=SPEEDS))), said)
+    information_of, passes = data(DEFAULT_TERMS, Stribeck(speed=0.07), 0.05)
+    find_fields(Model(ROBOT, (*DEFAULT_TERMS, Stribeck(speed=SPEEDS))), information_of)
     assert len(passes) >= 3
     assert len({id(r.code) for r in passes}) == 1
     keys = [r.model.program_key for r in passes]
@@ -210,8 +216,8 @@ def test_further_passes_need_no_new_program() -> None:
 
 
 def test_candidates_keep_the_other_terms_base_parameters() -> None:
-    said, passes = data(DEFAULT_TERMS, Stribeck(speed=0.07), 0.05)
-    find_fields(Model(ROBOT, (*DEFAULT_TERMS, Stribeck(speed=SPEEDS))), said)
+    information_of, passes = data(DEFAULT_TERMS, Stribeck(speed=0.07), 0.05)
+    find_fields(Model(ROBOT, (*DEFAULT_TERMS, Stribeck(speed=SPEEDS))), information_of)
     base = base_parameters(Model(ROBOT))
     columns = passes[0].layout.columns
     assert columns[: len(base)] == base.base_names
@@ -246,8 +252,8 @@ def test_too_many_columns_are_searched_one_after_another(monkeypatch: pytest.Mon
     monkeypatch.setattr("steelyard.estimation.fields.fields.WIDEST", 40)
     monkeypatch.setattr("steelyard.estimation.fields.passes.WIDEST", 40)
     terms, wanted = (*BARE, Dahl(length=1e-3)), (*BARE, Dahl(length=LENGTHS))
-    said, passes = data(terms, Stribeck(speed=0.07), 0.02)
-    result = find_fields(Model(ROBOT, (*wanted, Stribeck(speed=Find(1e-3, 1.0)))), said)
+    information_of, passes = data(terms, Stribeck(speed=0.07), 0.02)
+    result = find_fields(Model(ROBOT, (*wanted, Stribeck(speed=Find(1e-3, 1.0)))), information_of)
     assert max(sum("@" in name for name in r.layout.columns) for r in passes) <= 40
     assert [f.value for f in result.findings] == pytest.approx([1e-3] * 3 + [0.07], rel=0.05)
     assert [f.term for f in result.findings] == ["dahl"] * 3 + ["stribeck"]
@@ -255,8 +261,8 @@ def test_too_many_columns_are_searched_one_after_another(monkeypatch: pytest.Mon
 
 def test_two_terms_are_searched_together() -> None:
     wanted = (*BARE, Dahl(length=LENGTHS))
-    said, passes = data((*BARE, Dahl(length=1e-3)), Stribeck(speed=0.07), 0.02)
-    result = find_fields(Model(ROBOT, (*wanted, Stribeck(speed=Find(1e-3, 1.0)))), said)
+    information_of, passes = data((*BARE, Dahl(length=1e-3)), Stribeck(speed=0.07), 0.02)
+    result = find_fields(Model(ROBOT, (*wanted, Stribeck(speed=Find(1e-3, 1.0)))), information_of)
     assert [f.value for f in result.findings] == pytest.approx([1e-3] * 3 + [0.07], rel=0.05)
     assert {sum("@" in name for name in r.layout.columns) for r in passes} == {2 * 12 * ROBOT.n}
 
@@ -267,13 +273,13 @@ def test_a_model_of_searched_terms_alone() -> None:
 
 
 def test_nothing_to_find_is_no_pass() -> None:
-    said, passes = data(DEFAULT_TERMS, Stribeck(), 0.0)
-    result = find_fields(Model(ROBOT), said)
+    information_of, passes = data(DEFAULT_TERMS, Stribeck(), 0.0)
+    result = find_fields(Model(ROBOT), information_of)
     assert result.findings == () and passes == []
 
 
 def test_a_search_can_be_watched_and_stopped() -> None:
-    said, passes = data(DEFAULT_TERMS, Stribeck(speed=0.07), 0.05)
+    information_of, passes = data(DEFAULT_TERMS, Stribeck(speed=0.07), 0.05)
     events: list[Event] = []
 
     def watch(event: Event) -> bool:
@@ -282,7 +288,7 @@ def test_a_search_can_be_watched_and_stopped() -> None:
 
     model = Model(ROBOT, (*DEFAULT_TERMS, Stribeck(speed=SPEEDS)))
     with pytest.raises(Stopped, match="estimating fields"):
-        find_fields(model, said, progress=watch)
+        find_fields(model, information_of, progress=watch)
     assert len(passes) == 2 and [e.done for e in events] == [0, 1, 2]
 
 

@@ -7,7 +7,11 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares, lsq_linear
 
-from steelyard.estimation.consistent.gauss_newton import Settled, bounded_gauss_newton, bounded_step
+from steelyard.estimation.consistent.gauss_newton import (
+    GaussNewtonResult,
+    bounded_gauss_newton,
+    bounded_step,
+)
 
 Pair = tuple[np.ndarray, np.ndarray]
 FREE = np.full(2, np.inf)
@@ -36,7 +40,7 @@ def least(
     lower: np.ndarray,
     upper: np.ndarray,
     steps: int,
-) -> Settled:
+) -> GaussNewtonResult:
     return bounded_gauss_newton(Squares(function), start, lower, upper, steps, 1e-10)
 
 
@@ -48,7 +52,7 @@ def valley(x: np.ndarray) -> Pair:
 
 def test_a_curved_valley() -> None:
     found = least(valley, np.array([-1.2, 1.0]), -FREE, FREE, 100)
-    assert found.settled
+    assert found.converged
     assert np.allclose(found.x, 1.0, atol=1e-4)
     assert found.promise < 1e-9
 
@@ -59,7 +63,7 @@ def test_bounds_that_hold() -> None:
     wanted = least_squares(
         lambda x: valley(x)[0], [0.4, 0.1], bounds=(lower, upper), xtol=1e-15, ftol=1e-15
     )
-    assert found.settled
+    assert found.converged
     assert found.x[0] == pytest.approx(0.5, abs=1e-9)
     assert found.x[1] == pytest.approx(0.25, abs=1e-5)
     assert found.cost <= wanted.cost * (1.0 + 1e-8)
@@ -71,7 +75,7 @@ def test_a_linear_problem_is_bounded_least_squares() -> None:
     lower, upper = np.full(8, -0.05), np.full(8, 0.05)
     found = least(lambda x: (matrix @ x - right, matrix), np.zeros(8), lower, upper, 50)
     wanted = lsq_linear(matrix, right, (lower, upper), method="bvls", tol=1e-14)
-    assert found.settled
+    assert found.converged
     assert 0 < np.sum(np.abs(wanted.x) == 0.05) < 8
     assert np.allclose(found.x, wanted.x, atol=1e-6)
 
@@ -81,13 +85,13 @@ def test_steps_that_overflow_are_shortened() -> None:
         return np.exp(x) - 5.0, np.diag(np.exp(x))
 
     found = least(grown, np.array([-10.0]), -FREE[:1], FREE[:1], 200)
-    assert found.settled
+    assert found.converged
     assert found.x[0] == pytest.approx(np.log(5.0), abs=1e-4)
 
 
 def test_too_few_steps_are_not_an_optimum() -> None:
     found = least(valley, np.array([-1.2, 1.0]), -FREE, FREE, 3)
-    assert not found.settled
+    assert not found.converged
     assert found.promise > 1e-6
     assert found.steps == 3
 
@@ -107,9 +111,9 @@ def test_a_step_within_bounds_is_the_best_one() -> None:
     assert np.linalg.norm(slopes @ step + residuals) <= np.sqrt(2.0 * wanted.cost) * (1.0 + 1e-12)
 
 
-@pytest.mark.parametrize(("digits", "settled"), [(9, True), (2, False)])
+@pytest.mark.parametrize(("digits", "converged"), [(9, True), (2, False)])
 def test_where_rounding_hides_all_gain_it_is_settled_and_elsewhere_not(
-    digits: int, settled: bool
+    digits: int, converged: bool
 ) -> None:
     class Rough(Squares):
         """Coarse digits: near its optimum no step gains anything."""
@@ -121,5 +125,5 @@ def test_where_rounding_hides_all_gain_it_is_settled_and_elsewhere_not(
         return np.array([1.0 - x[0], x[0] ** 2]), np.array([[-1.0], [2.0 * x[0]]])
 
     found = bounded_gauss_newton(Rough(bent), np.array([2.0]), -FREE[:1], FREE[:1], 100, 0.0)
-    assert found.settled == settled
+    assert found.converged == converged
     assert found.steps < 100

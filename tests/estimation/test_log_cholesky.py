@@ -34,12 +34,12 @@ from steelyard.terms.laws.viscous import Viscous
 ROBOT = tree()
 FRICTION = ("coulomb", "viscous")
 PLAIN = Model(ROBOT, (RigidBody(), Coulomb(), Viscous()))
-Said = Callable[[Regressor], Information]
+InformationOf = Callable[[Regressor], Information]
 
 
 def logged(
     model: Model, noise: float, count: int = 300, friction: float = 1.0
-) -> tuple[Said, np.ndarray]:
+) -> tuple[InformationOf, np.ndarray]:
     """What a log of the model says, and the true standard parameters: a prior off by a quarter."""
     rng, known = np.random.default_rng(1), default_knowledge(model)
     truth = np.zeros(len(model.names))
@@ -56,7 +56,7 @@ def logged(
     effort = standard_regressor(model).dense(q, dq, ddq) @ truth
     effort = effort + noise * effort.std(axis=1, keepdims=True) * rng.normal(size=effort.shape)
 
-    def said(regressor: Regressor) -> Information:
+    def information_of(regressor: Regressor) -> Information:
         channels = regressor.model.scan()(q, dq, ddq)
         sums = Accumulator(regressor)(Stretch(q, dq, ddq, effort, None, channels))
         columns = regressor.layout.columns
@@ -69,7 +69,7 @@ def logged(
             sums.counts[None],
         )
 
-    return said, truth
+    return information_of, truth
 
 
 def standard_of(estimate: Estimate) -> StandardEstimate:
@@ -105,9 +105,9 @@ def test_coordinates_and_their_derivatives(size: float) -> None:
 
 @pytest.mark.parametrize("gamma", [1.0, 30.0, None])
 def test_it_finds_the_optimum_of_the_convex_program(gamma: float | None) -> None:
-    said, _ = logged(PLAIN, 0.3)
+    information_of, _ = logged(PLAIN, 0.3)
     regressor, known = base_regressor(PLAIN), default_knowledge(PLAIN)
-    information = said(regressor)
+    information = information_of(regressor)
     wanted = Consistent(regressor.base, known, gamma=gamma)(information)
     found = LogCholesky(regressor.base, known, gamma=gamma)(information)
     assert found.estimator == "log-Cholesky Gauss-Newton"
@@ -119,9 +119,9 @@ def test_it_finds_the_optimum_of_the_convex_program(gamma: float | None) -> None
 
 
 def test_bodies_exist_and_friction_brakes_where_least_squares_says_neither() -> None:
-    said, _ = logged(PLAIN, 1.0, count=60, friction=0.02)
+    information_of, _ = logged(PLAIN, 1.0, count=60, friction=0.02)
     regressor, known = base_regressor(PLAIN), default_knowledge(PLAIN)
-    information = said(regressor)
+    information = information_of(regressor)
     found = LogCholesky(regressor.base, known, gamma=1.0)(information)
     assert smallest_eigenvalue(found, known) > 0.0
     friction = [found.values[n] for n in PLAIN.names if n.split(".")[0] in FRICTION]
@@ -133,41 +133,43 @@ def test_bodies_exist_and_friction_brakes_where_least_squares_says_neither() -> 
 
 
 def test_a_given_parameter_keeps_its_value() -> None:
-    said, _ = logged(PLAIN, 0.1)
+    information_of, _ = logged(PLAIN, 0.1)
     regressor, known = base_regressor(PLAIN), default_knowledge(PLAIN)
     place = known.names.index("viscous.slider_joint")
     lower, upper = known.lower.copy(), known.upper.copy()
     lower[place] = upper[place] = 0.25
     given = replace(known, lower=lower, upper=upper)
-    found = LogCholesky(regressor.base, given, gamma=10.0)(said(regressor))
+    found = LogCholesky(regressor.base, given, gamma=10.0)(information_of(regressor))
     assert found.values["viscous.slider_joint"] == pytest.approx(0.25, rel=1e-9)
 
 
 def test_wishes_that_it_breaks_are_named() -> None:
-    said, _ = logged(PLAIN, 0.1)
+    information_of, _ = logged(PLAIN, 0.1)
     regressor, known = base_regressor(PLAIN), default_knowledge(PLAIN)
     rows = (
         Row("left is heavier than 50 kg", {"m.left": 1.0}, lower=50.0),
         Row("trunk and left weigh less than 100 kg", {"m.trunk": 1.0, "m.left": 1.0}, upper=100.0),
     )
-    found = LogCholesky(regressor.base, replace(known, rows=rows), gamma=10.0)(said(regressor))
+    found = LogCholesky(regressor.base, replace(known, rows=rows), gamma=10.0)(
+        information_of(regressor)
+    )
     assert found.notes[-2:] == (
         "2 entries of [[knowledge]] about links or ties are ignored by this estimator",
         "constraints that this estimate violates: left is heavier than 50 kg",
     )
-    plain = LogCholesky(regressor.base, known, gamma=10.0)(said(regressor))
+    plain = LogCholesky(regressor.base, known, gamma=10.0)(information_of(regressor))
     assert np.array_equal(found.values.values, plain.values.values)
     assert np.array_equal(found.covariance, plain.covariance)
 
 
 def test_a_tie_that_it_does_not_keep_makes_nothing_certain() -> None:
-    said, _ = logged(PLAIN, 0.1)
+    information_of, _ = logged(PLAIN, 0.1)
     regressor, known = base_regressor(PLAIN), default_knowledge(PLAIN)
     pair = ("viscous.slider_joint", "coulomb.slider_joint")
     tie = Row("they are alike", {pair[0]: 1.0, pair[1]: -1.0}, 0.0, 0.0)
     wished = replace(known, rows=(tie,))
-    found = LogCholesky(regressor.base, wished, gamma=10.0)(said(regressor))
-    plain = LogCholesky(regressor.base, known, gamma=10.0)(said(regressor))
+    found = LogCholesky(regressor.base, wished, gamma=10.0)(information_of(regressor))
+    plain = LogCholesky(regressor.base, known, gamma=10.0)(information_of(regressor))
     assert np.array_equal(standard_of(found).std, standard_of(plain).std)
     assert np.array_equal(standard_of(found).learned, standard_of(plain).learned)
     assert any(note.startswith("1 entry of [[knowledge]]") for note in found.notes)
@@ -175,12 +177,12 @@ def test_a_tie_that_it_does_not_keep_makes_nothing_certain() -> None:
 
 @pytest.mark.parametrize("coefficient", [1.0, -2.0])
 def test_a_wish_about_a_single_friction_is_kept(coefficient: float) -> None:
-    said, _ = logged(PLAIN, 0.1)
+    information_of, _ = logged(PLAIN, 0.1)
     regressor, known = base_regressor(PLAIN), default_knowledge(PLAIN)
     name, end = "viscous.slider_joint", 3.0 * coefficient
     wished = replace(known, rows=(Row("it is 3", {name: coefficient}, end, end),))
-    found = LogCholesky(regressor.base, wished, gamma=10.0)(said(regressor))
-    wanted = Consistent(regressor.base, wished, gamma=10.0)(said(regressor))
+    found = LogCholesky(regressor.base, wished, gamma=10.0)(information_of(regressor))
+    wanted = Consistent(regressor.base, wished, gamma=10.0)(information_of(regressor))
     place = found.values.names.index(name)
     assert found.values[name] == pytest.approx(3.0, rel=1e-9)
     assert standard_of(found).std[place] == pytest.approx(0.0, abs=1e-9)
@@ -190,10 +192,10 @@ def test_a_wish_about_a_single_friction_is_kept(coefficient: float) -> None:
 
 
 def test_it_never_says_solved_when_it_is_not() -> None:
-    said, _ = logged(PLAIN, 0.1)
+    information_of, _ = logged(PLAIN, 0.1)
     regressor, known = base_regressor(PLAIN), default_knowledge(PLAIN)
     with pytest.raises(DataError, match="did not reach the optimum in 3 steps") as caught:
-        LogCholesky(regressor.base, known, gamma=10.0, steps=3)(said(regressor))
+        LogCholesky(regressor.base, known, gamma=10.0, steps=3)(information_of(regressor))
     assert "consistent estimate" in caught.value.fix
 
 
@@ -208,10 +210,10 @@ def criteria(estimator: LogCholesky, information: Information, gamma: float) -> 
 
 @pytest.mark.parametrize("prior", [True, False])
 def test_slope_and_curvature_along_a_move(prior: bool) -> None:
-    said, _ = logged(PLAIN, 1.0, count=60)
+    information_of, _ = logged(PLAIN, 1.0, count=60)
     regressor, known = base_regressor(PLAIN), default_knowledge(PLAIN)
     known = known if prior else replace(known, priors=(None,) * len(known.priors))
-    program = LogCholesky(regressor.base, known).program(whitened(said(regressor)))
+    program = LogCholesky(regressor.base, known).program(whitened(information_of(regressor)))
     criterion = replace(Criterion.of(program, 40.0), barrier=20.0)
     rng = np.random.default_rng(4)
     x = np.clip(0.3 * rng.normal(size=len(criterion.lower)), criterion.lower, criterion.upper)
@@ -235,21 +237,21 @@ def test_slope_and_curvature_along_a_move(prior: bool) -> None:
 @pytest.mark.parametrize("gamma", [1e-3, 1.0, 1e4])
 @pytest.mark.parametrize("noise", [1e-4, 1.0])
 def test_every_weight_is_solved_sharp_data_and_dull_ones(gamma: float, noise: float) -> None:
-    said, _ = logged(PLAIN, noise, count=60, friction=0.02)
+    information_of, _ = logged(PLAIN, noise, count=60, friction=0.02)
     regressor = base_regressor(PLAIN)
     solver = LogCholesky(regressor.base, default_knowledge(PLAIN))
-    wanted, found = criteria(solver, said(regressor), gamma)
+    wanted, found = criteria(solver, information_of(regressor), gamma)
     assert found == pytest.approx(wanted, rel=1e-6)
 
 
 def test_bodies_without_prior_stop_at_the_margin() -> None:
-    said, _ = logged(PLAIN, 1.0, count=60)
+    information_of, _ = logged(PLAIN, 1.0, count=60)
     regressor, known = base_regressor(PLAIN), default_knowledge(PLAIN)
     bare = replace(known, priors=(None,) * len(known.priors))
     solver = LogCholesky(regressor.base, bare)
-    wanted, found = criteria(solver, said(regressor), 0.0)
+    wanted, found = criteria(solver, information_of(regressor), 0.0)
     assert found == pytest.approx(wanted, rel=1e-6)
-    u = solver.solve(solver.program(whitened(said(regressor))), 0.0)
+    u = solver.solve(solver.program(whitened(information_of(regressor))), 0.0)
     sizes = np.linalg.eigvalsh(np.tensordot(u[: 10 * len(known.bodies)].reshape(-1, 10), BASIS, 1))
     assert sizes.min() == pytest.approx(solver.form.margin, rel=1e-2)
 

@@ -33,7 +33,7 @@ class Recorder:
         self.bodies = bodies
         self.asked: list[Model] = []
 
-    def said(self, regressor: Regressor) -> Information:
+    def information_of(self, regressor: Regressor) -> Information:
         self.asked.append(regressor.model)
         return regressor  # type: ignore[return-value]
 
@@ -61,13 +61,13 @@ def test_numbers_of_bodies_alone_are_the_reference() -> None:
 
 def test_the_first_reference_is_fitted_without_load_dependent_friction() -> None:
     recorder = Recorder(lambda _: 2.0)
-    assert reference_of(MODEL, recorder.said, recorder) == {"mx.rod": 2.0, "mz.rod": 1.0}
+    assert reference_of(MODEL, recorder.information_of, recorder) == {"mx.rod": 2.0, "mz.rod": 1.0}
     assert [type(t) for t in recorder.asked[0].terms] == [RigidBody, Coulomb]
 
 
 def test_it_settles_once_the_bodies_stand_still() -> None:
     recorder = Recorder(lambda call: 2.0 + 10.0 ** (-3.0 * call))
-    model, settled = settled_reference(MODEL, recorder.said, recorder)
+    model, settled = settled_reference(MODEL, recorder.information_of, recorder)
     assert settled and len(recorder.asked) == 3
     assert references(*recorder.asked[1:]) == [
         {"mx.rod": pytest.approx(3.0), "mz.rod": 1.0},
@@ -78,6 +78,6 @@ def test_it_settles_once_the_bodies_stand_still() -> None:
 
 def test_it_says_that_it_does_not_settle() -> None:
     recorder = Recorder(lambda call: 2.0 + (-1.0) ** call)
-    model, settled = settled_reference(MODEL, recorder.said, recorder)
+    model, settled = settled_reference(MODEL, recorder.information_of, recorder)
     assert not settled and len(recorder.asked) == 1 + PASSES
     assert references(model)[0]["mx.rod"] in (1.0, 3.0)

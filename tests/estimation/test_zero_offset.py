@@ -5,7 +5,7 @@ import pytest
 
 from invented import ball, turned
 from steelyard.errors import DataError
-from steelyard.estimation.fields.passes import Said
+from steelyard.estimation.fields.passes import InformationOf
 from steelyard.estimation.zero_offset import find_offsets
 from steelyard.model import Model
 from steelyard.parameters import Parameters
@@ -59,10 +59,10 @@ class Logged:
         self.effort = effort + NOISE * rng.normal(size=effort.shape)
         self.logged = self.motion[0] - true[:, None]
 
-    def __call__(self, offsets: np.ndarray) -> Said:
+    def __call__(self, offsets: np.ndarray) -> InformationOf:
         samples = np.array([self.logged + offsets[:, None], *self.motion[1:]])
 
-        def said(regressor: Regressor) -> Information:
+        def information_of(regressor: Regressor) -> Information:
             channels = regressor.model.scan()(*samples)
             sums = Accumulator(regressor)(Stretch(*samples, self.effort, None, channels))
             signature = Signature(
@@ -77,7 +77,7 @@ class Logged:
                 sums.counts[None],
             )
 
-        return said
+        return information_of
 
 
 @pytest.mark.parametrize("size", [0.05, 0.5])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from steelyard.excitation.trajectories.holds import holds, holds_said
+from steelyard.excitation.trajectories.holds import holds, holds_note
 from steelyard.excitation.trajectories.minimum_jerk import through_postures
 from steelyard.excitation.trajectories.slowed import SlowedMotion
 
@@ -13,7 +13,7 @@ POSTURES = [[0.0, 1.0], [1.0, -1.0], [0.5, 0.0]]
 def test_holds_are_found_with_their_lengths() -> None:
     motion = through_postures(POSTURES, [1.0, 2.0], 0.5)
     np.testing.assert_allclose(holds(motion), [0.5, 0.5])
-    assert holds_said(motion) == (
+    assert holds_note(motion) == (
         "all joints are at standstill 2 times: 0.5 s each time, 1 s in all",
     )
 
@@ -26,11 +26,11 @@ def test_a_slowed_motion_holds_longer() -> None:
 def test_holds_that_follow_each_other_are_one() -> None:
     motion = through_postures([[0.0], [1.0], [1.0], [3.0]], [1.0, 2.0, 1.0], 0.25)
     np.testing.assert_allclose(holds(motion), [0.25 + 2.0 + 0.25, 0.25])
-    assert "0.25 to 2.5 s each time" in holds_said(motion)[0]
+    assert "0.25 to 2.5 s each time" in holds_note(motion)[0]
 
 
 def test_nothing_is_said_of_a_motion_that_never_stands() -> None:
-    assert holds_said(through_postures(POSTURES, 1.0)) == ()
+    assert holds_note(through_postures(POSTURES, 1.0)) == ()
 
 
 @pytest.mark.parametrize("joint", [0, 1])

@@ -126,7 +126,7 @@ def test_init_writes_the_base_with_most_joints(tmp_path: Path) -> None:
     path = written(tmp_path, ARM + trunk(leg("other"), "dog") + trunk(leg("a") + leg("b")))
     proposal = proposed(path)
     assert proposal.base == "trunk"
-    (said,) = proposal.said
+    (said,) = proposal.notes
     assert said == 'base = "trunk": 4 joints move beyond it, and 1 beyond world, 2 beyond dog'
     target = tmp_path / "new.toml"
     target.write_text(drafted(proposal, None, None, target).text)
@@ -135,7 +135,7 @@ def test_init_writes_the_base_with_most_joints(tmp_path: Path) -> None:
     assert loaded.robot.joint_names == proposal.loaded.robot.joint_names
     assert np.allclose(loaded.robot.gravity, proposal.loaded.robot.gravity)
     one = proposed(written(tmp_path, trunk(leg("a")) + CUBE.format("cube")))
-    assert one.said == ('base = "trunk": the one link that floats and has joints beyond it',)
+    assert one.notes == ('base = "trunk": the one link that floats and has joints beyond it',)
 
 
 WRIST = f"""

@@ -83,7 +83,7 @@ def test_a_loop_that_nothing_says_how_to_close_is_locked(tmp_path: Path) -> None
     )
     proposal = proposed(arm(tmp_path, HAND, PIN, motors))
     assert proposal.loaded.robot.joint_names == ("shoulder", "elbow")
-    assert "whose passive joints are ambiguous" in proposal.said[0]
+    assert "whose passive joints are ambiguous" in proposal.notes[0]
 
 
 def test_a_hand_alone_is_identified_by_what_its_tendon_pulls(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from invented import single
 from steelyard.errors import DataError
-from steelyard.estimation.fields.fields import said_by
+from steelyard.estimation.fields.fields import information_from
 from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
 from steelyard.measurement import Processing, Recording, Run, prepare
 from steelyard.measurement.recording import HeldLog
@@ -199,7 +199,7 @@ def choose(valued: ValuedModel, count: int) -> FrictionChoice:
 def fresh_error(laws: tuple[Term, ...], runs: list[Run], fresh: Run) -> float:
     """Residual of a run that was not fitted, relative to its effort."""
     regressor = base_regressor(Model(single(), (RigidBody(), *laws)))
-    fitted, tested = said_by(runs)(regressor), said_by([fresh])(regressor)
+    fitted, tested = information_from(runs)(regressor), information_from([fresh])(regressor)
     known = WeightedLeastSquares()(fitted).parameters.as_dict()
     values = np.array([known.get(name, 0.0) for name in regressor.layout.columns])
     return float(np.sqrt(tested.residual_squares(values)[0] / tested.effort_squares()[0]))

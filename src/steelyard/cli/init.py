@@ -74,7 +74,7 @@ def init(
     with whole_file(target) as part:
         part.write_text(draft.text, encoding="utf-8")
         interrupt.too_late()
-    notes = (*proposal.said, *_hands(draft), *notes_beside(proposal.loaded, load_robot(target)))
+    notes = (*proposal.notes, *_hands(draft), *notes_beside(proposal.loaded, load_robot(target)))
     if as_json:
         typer.echo(json.dumps(results(draft, target, notes)))
     else:

@@ -15,7 +15,7 @@ from steelyard.diagnosis.fitted.model_error import (
 from steelyard.diagnosis.identifiability import clean_runs, customary_model
 from steelyard.diagnosis.zero_offset import correction, estimated_offsets, far_offsets, numbers
 from steelyard.errors import SteelyardError
-from steelyard.estimation.fields.fields import said_by
+from steelyard.estimation.fields.fields import information_from
 from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
 from steelyard.estimation.per_run import own_columns
 from steelyard.estimation.zero_offset import ZeroOffsets
@@ -48,8 +48,10 @@ class JointZeros:
 
 
 def _found(model: Model, runs: tuple[Run, ...]) -> Finding:
-    said = said_by(runs, rests=remembers(model.terms))
-    estimate = WeightedLeastSquares(per_run=own_columns(model))(said(base_regressor(model)))
+    information_of = information_from(runs, rests=remembers(model.terms))
+    estimate = WeightedLeastSquares(per_run=own_columns(model))(
+        information_of(base_regressor(model))
+    )
     ranked = ranked_causes(model, estimate, runs)
     offsets = estimated_offsets(model, runs)
     if offsets is None:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from steelyard.diagnosis.finding import Edit, Fix
 from steelyard.errors import DataError
-from steelyard.estimation.fields.fields import said_by
+from steelyard.estimation.fields.fields import information_from
 from steelyard.estimation.zero_offset import ZeroOffsets, find_offsets, with_offsets
 from steelyard.measurement.run import Run
 from steelyard.model import Model
@@ -27,7 +27,7 @@ def estimated_offsets(model: Model, runs: Sequence[Run]) -> ZeroOffsets | None:
     try:
         return find_offsets(
             model,
-            lambda offsets: said_by(with_offsets(runs, offsets), rests=rests),
+            lambda offsets: information_from(with_offsets(runs, offsets), rests=rests),
             start,
             [True] * model.robot.n,
         )

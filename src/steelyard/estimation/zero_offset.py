@@ -21,7 +21,7 @@ from steelyard.arrays import Array, frozen
 from steelyard.errors import DataError
 from steelyard.estimation.estimate import Z95, Estimate
 from steelyard.estimation.fields.load_friction_reference import bodies_of
-from steelyard.estimation.fields.passes import Said
+from steelyard.estimation.fields.passes import InformationOf
 from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
 from steelyard.estimation.per_run import own_columns
 from steelyard.measurement.run import Run
@@ -113,7 +113,7 @@ def with_offsets(runs: Sequence[Run], offsets: Array) -> tuple[Run, ...]:
 
 def find_offsets(
     model: Model,
-    said_at: Callable[[Array], Said],
+    information_at: Callable[[Array], InformationOf],
     start: Array,
     wanted: Sequence[bool],
 ) -> ZeroOffsets:
@@ -121,7 +121,7 @@ def find_offsets(
 
     Args:
         model: The model, an open chain.
-        said_at: Offsets `(n,)` to what the runs say about a regressor with these.
+        information_at: Offsets `(n,)` to what the runs say about a regressor with these.
         start: Offsets to start from, shape `(n,)`; those that are not wanted stay.
         wanted: Which joints' are estimated.
 
@@ -136,11 +136,11 @@ def find_offsets(
         )
     fit = WeightedLeastSquares(per_run=own_columns(model))
     values, spread = start.copy(), np.full(len(start), np.nan)
-    bodies = bodies_of(fit(said_at(values.copy())(base_regressor(model))))
+    bodies = bodies_of(fit(information_at(values.copy())(base_regressor(model))))
     for _ in range(ROUNDS):
         wide = replace(model, terms=(*model.terms, Displaced(reference=tuple(bodies.items()))))
-        said = said_at(values.copy())(base_regressor(wide))
-        estimate, step, spread = offset_step(said, fit, model, wanted)
+        information = information_at(values.copy())(base_regressor(wide))
+        estimate, step, spread = offset_step(information, fit, model, wanted)
         bodies = bodies_of(estimate)
         moved = np.nan_to_num(step)
         values += moved * min(1.0, LONGEST / max(float(np.abs(moved).max()), 1e-300))

@@ -29,7 +29,7 @@ from steelyard.excitation.search.starts import NoMotion
 from steelyard.excitation.search.time_after import Pace, time_after
 from steelyard.excitation.search.widening import explained
 from steelyard.excitation.trajectories.exact import ExactTrajectory
-from steelyard.excitation.trajectories.holds import holds_said
+from steelyard.excitation.trajectories.holds import holds_note
 from steelyard.excitation.uncovered import Gap
 from steelyard.excitation.workspace_tables import tool_of
 from steelyard.kernel.quantities.kinematics import points_on
@@ -187,13 +187,13 @@ def _described(
     loaded: LoadedRobot, motion: _Motion, earlier: Earlier | None, begun: float
 ) -> Designed:
     robot, section = loaded.robot, loaded.excitation
-    said = (*motion.notes, *holds_said(motion.trajectory), *_cell(loaded, motion.trajectory))
+    notes = (*motion.notes, *holds_note(motion.trajectory), *_cell(loaded, motion.trajectory))
     certificate = certify(
         robot,
         motion.trajectory,
         motion.limits,
         motion.constraints,
-        notes=said,
+        notes=notes,
         proven=motion.proven,
     )
     noise, rate, source = noise_of(loaded, earlier)
@@ -225,7 +225,7 @@ def _described(
         values={} if earlier is None else dict(zip(earlier.names, earlier.values, strict=True)),
         advice=_advice(seen, motion, weights, prior),
         tool=tool_of(section.workspace, robot),
-        notes=(*loaded.notes, *said, *motion.hints),
+        notes=(*loaded.notes, *notes, *motion.hints),
         constraints=tuple(motion.constraints),
         chosen=motion.cases[0].chosen,
         faint=len(base_parameters(shows.model)) - len(base),

@@ -92,7 +92,7 @@ def subject_of(robot: str, log: LogArgument, base: str | None = None) -> Subject
     text = drafted(proposal, columns, sample, target).text
     loaded = load_robot(target, text)
     reasons = guess_columns(loaded.robot.coordinates, columns, sample).reasons
-    notes = (*proposal.said, *notes_beside(proposal.loaded, loaded), *reasons)
+    notes = (*proposal.notes, *notes_beside(proposal.loaded, loaded), *reasons)
     return Subject(target, text, loaded, notes)
 
 

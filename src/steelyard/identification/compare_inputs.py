@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from steelyard.errors import ModelError
-from steelyard.estimation.fields.fields import said_by
+from steelyard.estimation.fields.fields import information_from
 from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
 from steelyard.estimation.register import ESTIMATORS, Context, Offer, offer_of
 from steelyard.identification.descriptions import dropped, notes_of
@@ -131,14 +131,14 @@ def _given(
     """One more pass, in windows that parts can be made of."""
     model, runs = ground.model, ground.runs
     regressor, rests = base_regressor(model), remembers(model.terms)
-    said = said_by(
+    information_of = information_from(
         runs,
         rests=rests,
         longest=longest_window(runs),
         threads=threads,
         progress=progress,
     )
-    information = said(regressor)
+    information = information_of(regressor)
     context = context_of(file, regressor, runs, progress)
     sources = Sources(regressor, runs, information, threads, progress)
     several = len(runs) > 1

@@ -118,12 +118,12 @@ def fit(
     )
     model, runs = ground.model, ground.runs
     regressor = base_regressor(model)
-    information = ground.said(regressor)
+    information = ground.information_of(regressor)
     method, why = _method(loaded_robot, plain, ground.gains)
     context = context_of(loaded_robot, regressor, runs, progress)
 
-    def from_runs(of: Sequence[Run], said: Information) -> Estimator[Information]:
-        return on_information(method, context, Sources(regressor, of, said, threads, progress))
+    def from_runs(of: Sequence[Run], pooled: Information) -> Estimator[Information]:
+        return on_information(method, context, Sources(regressor, of, pooled, threads, progress))
 
     estimating: EstimatorOf = from_runs
     scales, estimator = None, method.make(context)

@@ -192,7 +192,7 @@ def prepared(
         runs.append(prepare(recording, wanted))
     if not runs:
         return ()
-    common = settled(wanted, runs)
+    common = processing_used(wanted, runs)
     return distinct(
         [
             run
@@ -215,7 +215,7 @@ def runs_of(
     wanted = wanted_by(loaded)
     clean = prepared([recording_of(log, signals) for log in fitted], wanted, progress)
     fresh = [recording_of(log, signals) for log in unseen]
-    once = replace(settled(wanted, clean), repetitions=None)
+    once = replace(processing_used(wanted, clean), repetitions=None)
     runs = distinct([*clean, *prepared(fresh, once, progress)])
     return runs[: len(clean)], runs[len(clean) :]
 
@@ -243,7 +243,7 @@ def distinct_names(logs: Sequence[tuple[str, Path]]) -> list[str]:
     return names
 
 
-def settled(wanted: Processing, runs: Sequence[Run]) -> Processing:
+def processing_used(wanted: Processing, runs: Sequence[Run]) -> Processing:
     """The processing with the cut-offs that the runs came to."""
     return replace(
         wanted,

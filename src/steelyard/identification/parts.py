@@ -7,7 +7,7 @@ from pathlib import Path
 from steelyard.application.export.export import exported, refuse_changed
 from steelyard.arguments import checked
 from steelyard.errors import DataError, OutputError
-from steelyard.estimation.fields.fields import said_by
+from steelyard.estimation.fields.fields import information_from
 from steelyard.estimation.identified import IdentifiedModel, load_model
 from steelyard.excitation.trajectories.exact import ExactTrajectory
 from steelyard.excitation.trajectories.files import read_motion
@@ -99,8 +99,10 @@ def information(
             "there is no run", where="list of runs", fix="give those that load_runs returns"
         )
     cores = threads or os.cpu_count() or 1
-    said = said_by(runs, rests=remembers(model.terms), threads=cores, progress=progress)
-    return said(base_regressor(model))
+    information_of = information_from(
+        runs, rests=remembers(model.terms), threads=cores, progress=progress
+    )
+    return information_of(base_regressor(model))
 
 
 @checked()

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from steelyard.errors import DataError, ModelError
 from steelyard.estimation.consistent.consistent import Consistent
 from steelyard.estimation.estimate import Estimator
-from steelyard.estimation.fields.fields import Finding, find_fields, said_by
+from steelyard.estimation.fields.fields import Finding, find_fields, information_from
 from steelyard.estimation.fields.load_friction_reference import needs_reference, settled_reference
-from steelyard.estimation.fields.passes import Said
+from steelyard.estimation.fields.passes import InformationOf
 from steelyard.estimation.payload.gains import GainEstimate, identified_gains
 from steelyard.estimation.per_run import own_columns
 from steelyard.estimation.prior.register import knowledge_of
@@ -55,7 +55,7 @@ class Ground:
     Attributes:
         model: The model.
         runs: The runs to be fitted, with the gains that were found.
-        said: What they say about a regressor; every call is a pass.
+        information_of: What they say about a regressor; every call is a pass.
         choice: How the friction laws were chosen, if they were.
         findings: Fields that were found.
         gains: Drive gains that were found, if any.
@@ -65,7 +65,7 @@ class Ground:
 
     model: Model
     runs: tuple[Run, ...]
-    said: Said
+    information_of: InformationOf
     choice: FrictionChoice | None
     findings: tuple[Finding, ...]
     gains: GainEstimate | None
@@ -109,12 +109,14 @@ def grounded(
         judge = _judge(loaded_robot, model, runs, gains)
         choice = choose_friction(model, runs, estimator, judge, threads=threads, progress=progress)
         model = replace(model, terms=(*model.terms, *choice.terms))
-    said = said_by(runs, rests=remembers(model.terms), threads=threads, progress=progress)
-    found = find_fields(model, said, progress=progress)
+    information_of = information_from(
+        runs, rests=remembers(model.terms), threads=threads, progress=progress
+    )
+    found = find_fields(model, information_of, progress=progress)
     model, settled = found.model, True
     refuse_twins(model, base_parameters(model))
     if needs_reference(model):
-        model, settled = settled_reference(model, said, estimator)
+        model, settled = settled_reference(model, information_of, estimator)
     notes = (
         *([_gain_note(gains)] if gains is not None else []),
         *([offsets.note] if offsets is not None else []),
@@ -122,7 +124,7 @@ def grounded(
         *found.notes,
         *([] if settled else [_UNSETTLED]),
     )
-    return Ground(model, tuple(runs), said, choice, found.findings, gains, offsets, notes)
+    return Ground(model, tuple(runs), information_of, choice, found.findings, gains, offsets, notes)
 
 
 def consistent_of(loaded: LoadedRobot, runs: Sequence[Run]) -> ConsistentOf:
@@ -233,7 +235,7 @@ def _offsets(
     rests = remembers(model.terms)
     return find_offsets(
         model,
-        lambda offsets: said_by(
+        lambda offsets: information_from(
             with_offsets(runs, offsets), rests=rests, threads=threads, progress=progress
         ),
         signals.position_offset,

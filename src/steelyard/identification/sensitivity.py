@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from steelyard.errors import LogError
-from steelyard.estimation.fields.fields import said_by
+from steelyard.estimation.fields.fields import information_from
 from steelyard.identification.fitting import Fit
 from steelyard.identification.logs import LogArgument, processing_of, recording_of, scored
 from steelyard.measurement import Processing, Run, prepare
@@ -91,8 +91,10 @@ def _refitted(
     runs: list[Run] = []
     for log, before in zip(logs, fit.runs, strict=True):
         runs.append(replace(prepare(recording_of(log, signals), processing), name=before.name))
-    said = said_by(runs, rests=remembers(model.terms), threads=threads, progress=progress)
-    information = said(base_regressor(model))
+    information_of = information_from(
+        runs, rests=remembers(model.terms), threads=threads, progress=progress
+    )
+    information = information_of(base_regressor(model))
     estimate = fit.estimating(runs, information)(information)
     again = replace(identified, estimate=estimate)
     return replace(fit, identified=again, runs=tuple(runs), information=information)

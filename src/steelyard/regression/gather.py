@@ -69,13 +69,18 @@ def gather(
         Stopped: `progress` asked to stop.
         LogError: No stretch of the run is as long as the filter, or an effort never changes.
     """
-    river = begun(regressor, run, matched, rests, longest)
+    gram_pass = start_pass(regressor, run, matched, rests, longest)
     found = accumulate(
-        river.accumulator, river.pieces, river.signature, threads, run.duration, progress
+        gram_pass.accumulator,
+        gram_pass.pieces,
+        gram_pass.signature,
+        threads,
+        run.duration,
+        progress,
     )
     if not found.windows:
-        raise river.too_short()
-    chosen = river.accumulator.matched
+        raise gram_pass.too_short()
+    chosen = gram_pass.accumulator.matched
     return found if chosen is None else found.with_effective_samples(chosen.inflation)
 
 
@@ -106,10 +111,10 @@ class GramPass:
         )
 
 
-def begun(
+def start_pass(
     regressor: Regressor, run: Run, matched: bool, rests: bool, longest: float = np.inf
 ) -> GramPass:
-    """A pass over a run, about to begin; see `gather`.
+    """A pass over a run that has not read anything yet; see `gather`.
 
     Raises:
         LogError: An effort never changes.

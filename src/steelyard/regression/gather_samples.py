@@ -10,7 +10,7 @@ from steelyard.measurement.noise_propagation import motion_error
 from steelyard.measurement.run import Run
 from steelyard.progress import Progress, silent, tell
 from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.gather import Piece, begun, in_order
+from steelyard.regression.gather import Piece, in_order, start_pass
 from steelyard.regression.information import Signature
 from steelyard.regression.regressor import Layout, Regressor
 from steelyard.regression.samples import Samples, Source
@@ -44,19 +44,21 @@ def gather_samples(
         Stopped: `progress` asked to stop.
         LogError: No stretch of the run is as long as the filter, or an effort never changes.
     """
-    river = begun(regressor, run, matched, rests)
-    accumulator, kept = river.accumulator, _Kept(max(1, most))
-    for piece, found in in_order(accumulator.rows, river.pieces, threads):
+    gram_pass = start_pass(regressor, run, matched, rests)
+    accumulator, kept = gram_pass.accumulator, _Kept(max(1, most))
+    for piece, found in in_order(accumulator.rows, gram_pass.pieces, threads):
         kept.add(_instants(accumulator, piece, run.rate, *found))
         tell(progress, f"gathering {piece.window.run}", piece.window.stop, run.duration)
     if not kept.parts:
-        raise river.too_short()
+        raise gram_pass.too_short()
     chosen = accumulator.matched
     share = 1.0
     if chosen is not None:
         share /= replace(chosen, decimation=chosen.decimation * kept.step).inflation
     error = motion_error(run, None if chosen is None else chosen.taps)
-    return _samples(regressor.layout, river.signature, Source(run.name, share, error), kept.parts)
+    return _samples(
+        regressor.layout, gram_pass.signature, Source(run.name, share, error), kept.parts
+    )
 
 
 def _samples(layout: Layout, signature: Signature, source: Source, parts: "list[_Part]") -> Samples:

@@ -13,7 +13,7 @@ from steelyard.robot.model_notes import Listed
 
 
 @dataclass(frozen=True, eq=False)
-class Settled:
+class FixedJoints:
     """A mechanism in which no joint beyond the base is free.
 
     Attributes:
@@ -51,12 +51,12 @@ def floating_base(mechanism: Mechanism, base: str | None) -> Joint | None:
     return floating[-1] if floating else None
 
 
-def settled(
+def without_free_joints(
     mechanism: Mechanism,
     base: str | None,
     joints: Sequence[str] | None,
     locked: Mapping[str, float],
-) -> Settled:
+) -> FixedJoints:
     """The mechanism without free joints beyond the base.
 
     Loose bodies are left out, and so is what floats beside a base that is given. A ball joint
@@ -92,7 +92,9 @@ def settled(
         ball_joints = f"ball joint {', '.join(assumed)}"
         notes.append(Listed("locked at its position in the model file", ball_joints))
     names_of_balls = {ball.name for ball in balls}
-    return Settled(kept, {n: x for n, x in locked.items() if n not in names_of_balls}, tuple(notes))
+    return FixedJoints(
+        kept, {n: x for n, x in locked.items() if n not in names_of_balls}, tuple(notes)
+    )
 
 
 def _moving(joints: Collection[Joint]) -> int:

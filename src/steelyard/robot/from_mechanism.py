@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from steelyard.errors import ModelError
 from steelyard.robot.couplings import refuse_coupled
-from steelyard.robot.free_joints import settled
+from steelyard.robot.free_joints import without_free_joints
 from steelyard.robot.from_mechanism_notes import reduction_notes
 from steelyard.robot.geometry import Placement
 from steelyard.robot.inertia import LEAST, Inertia
@@ -68,7 +68,7 @@ def reduced(
     """
     mechanism = mechanism.snapped() if snap else mechanism
     _check_links(mechanism, mechanism.root if base is None else base, tip)
-    free_less = settled(mechanism, base, joints, locked or {})
+    free_less = without_free_joints(mechanism, base, joints, locked or {})
     mechanism, locked = free_less.mechanism, dict(free_less.locked)
     limits, closing = dict(limits or {}), closing or Closing()
     base = mechanism.root if base is None else base

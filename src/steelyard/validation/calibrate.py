@@ -15,7 +15,7 @@ from steelyard.arrays import Array
 from steelyard.errors import DataError, LogError
 from steelyard.estimation.calibration import BINS, EDGES, Calibration, Kind, bins
 from steelyard.estimation.estimate import Z95, Estimate, Estimator
-from steelyard.estimation.fields.fields import said_by
+from steelyard.estimation.fields.fields import information_from
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.measurement.run import Run
 from steelyard.progress import Progress, silent, tell
@@ -86,14 +86,14 @@ def _shorter(
 ) -> Information:
     """What the runs say, in windows shorter than a stretch."""
     model, longest = identified.model, max(run.duration for run in runs)
-    said = said_by(
+    information_of = information_from(
         runs,
         rests=remembers(model.terms),
         longest=longest / (PER_STRETCH * FOLDS),
         threads=threads,
         progress=progress,
     )
-    return said(base_regressor(model))
+    return information_of(base_regressor(model))
 
 
 @dataclass(frozen=True, eq=False)

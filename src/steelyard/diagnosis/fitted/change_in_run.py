@@ -9,7 +9,7 @@ from steelyard.diagnosis.fitted.gain_drift import Drift, scale_drifts, together
 from steelyard.diagnosis.fitted.mid_log import Change, load_change, offset_steps
 from steelyard.errors import SteelyardError
 from steelyard.estimation.estimate import Z95
-from steelyard.estimation.fields.fields import said_by
+from steelyard.estimation.fields.fields import information_from
 from steelyard.regression.information import Information
 from steelyard.regression.regressor import base_regressor
 from steelyard.validation.friction.mixes import remembers
@@ -62,7 +62,7 @@ def _runs(case: FittedCase) -> Iterator[Information]:
             yield whole.of([k for k, window in enumerate(whole.windows) if window.run == name])
     for run in case.unseen:
         try:
-            yield said_by([run], rests=remembers(model.terms))(base_regressor(model))
+            yield information_from([run], rests=remembers(model.terms))(base_regressor(model))
         except SteelyardError:
             continue
 

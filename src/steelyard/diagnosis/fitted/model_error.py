@@ -11,7 +11,7 @@ from steelyard.diagnosis.finding import Finding, Fix, Severity
 from steelyard.diagnosis.fitted.fitted_case import FittedCase
 from steelyard.diagnosis.zero_offset import correction, estimated_offsets, far_offsets, numbers
 from steelyard.estimation.estimate import Estimate
-from steelyard.estimation.fields.fields import said_by
+from steelyard.estimation.fields.fields import information_from
 from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
 from steelyard.estimation.least_squares.sandwich import inflations
 from steelyard.estimation.per_run import own_columns
@@ -122,7 +122,7 @@ def ranked_causes(model: Model, estimate: Estimate, runs: Sequence[Run]) -> Rank
     gains = runs[0].recording.signals.gains
     beside = residual_noise(model.at(estimate.values), runs, estimate.sigma, gains)
     wide = base_regressor(wide_model(model, estimate))
-    information = said_by(runs, rests=remembers(model.terms))(wide)
+    information = information_from(runs, rests=remembers(model.terms))(wide)
     found = causes(model, information, estimate.sigma, beside.ratios)
     own = information.select(base_parameters(model).base_names)
     fit = WeightedLeastSquares(per_run=own_columns(model)).fit(own)

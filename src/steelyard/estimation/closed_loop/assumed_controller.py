@@ -35,11 +35,13 @@ def stand_in(experiment: Experiment) -> Experiment:
     """The experiment with loops of our own.
 
     Raises:
-        DataError: There are no values to begin with, see `Experiment.begun`.
+        DataError: There are no values to begin with, see `Experiment.start_values`.
     """
-    q, begun = experiment.postures, experiment.begun
+    q, start_values = experiment.postures, experiment.start_values
     still = np.zeros_like(q)
-    masses = experiment.dynamics.mass_and_bias(q, still, begun.values, begun.widths)[0]
+    masses = experiment.dynamics.mass_and_bias(q, still, start_values.values, start_values.widths)[
+        0
+    ]
     loops = []
     for run in experiment.runs:
         controller = tuned_pd(masses, BANDWIDTH, run.rate * run.ticks)

@@ -24,7 +24,7 @@ def floored(sigma: Array, torque: Rows) -> Array:
     return np.maximum(sigma, 1e-10 * max(float(size.max()), 1e-300))
 
 
-def settled(change: Array, matrix: Array, torque: Rows, sigma: Array) -> bool:
+def converged(change: Array, matrix: Array, torque: Rows, sigma: Array) -> bool:
     """Whether a change of the values says nothing.
 
     Args:
@@ -62,11 +62,11 @@ def result(
         covariance=frozen((covariance + covariance.T) / 2.0),
         sigma=frozen(sigma),
         n_samples=frozen(counts),
-        notes=(*experiment.notes, *experiment.begun.notes, *notes),
+        notes=(*experiment.notes, *experiment.start_values.notes, *notes),
     )
 
 
-def unsettled(name: str, experiment: Experiment, rounds: int) -> DataError:
+def not_converged_error(name: str, experiment: Experiment, rounds: int) -> DataError:
     """What to say of a search that does not come to an end."""
     return DataError(
         f"{name} did not converge within {rounds} rounds",

@@ -12,7 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.estimation.closed_loop.convergence import floored, result, settled, unsettled
+from steelyard.estimation.closed_loop.convergence import (
+    converged,
+    floored,
+    not_converged_error,
+    result,
+)
 from steelyard.estimation.closed_loop.experiment import Experiment
 from steelyard.estimation.closed_loop.filtered_regressor import (
     Rows,
@@ -49,7 +54,7 @@ class Didim:
             DataError: The model cannot be simulated, or the values do not settle.
         """
         torque = rows_of(experiment, torques(experiment))
-        values = experiment.begun.values
+        values = experiment.start_values.values
         for number in range(self.rounds):
             simulated = simulate(experiment, values, self.progress)
             require_sound(experiment, simulated)
@@ -61,11 +66,11 @@ class Didim:
             side = normal(columns, as_column(residual), sigma)[:, 0]
             change = np.asarray(np.linalg.solve(matrix, side))
             values = values + change
-            if settled(change, matrix, torque, sigma):
+            if converged(change, matrix, torque, sigma):
                 notes = (f"{number + 1} simulations",)
                 covariance = np.asarray(np.linalg.inv(matrix))
                 return result(NAME, experiment, values, covariance, found, torque.counts, notes)
-        raise unsettled(NAME, experiment, self.rounds)
+        raise not_converged_error(NAME, experiment, self.rounds)
 
 
 def missed(experiment: Experiment, simulated: tuple[Simulated, ...], lane: int = 0) -> list[Array]:

@@ -89,8 +89,8 @@ class Measured:
 
 
 @dataclass(frozen=True, eq=False)
-class Begun:
-    """Where simulations begin.
+class StartValues:
+    """Values with which simulations start.
 
     Attributes:
         values: Values of the columns that the data see, shape `(p,)`.
@@ -185,20 +185,20 @@ class Experiment:
         )
 
     @cached_property
-    def begun(self) -> "Begun":
+    def start_values(self) -> "StartValues":
         """Values that can be simulated: the start's, or where it has none, the model file's.
 
         Raises:
             DataError: Neither has a positive definite mass matrix along the motion.
         """
-        from steelyard.estimation.closed_loop.start_values import begin
+        from steelyard.estimation.closed_loop.start_values import start_estimate
 
-        return begin(self)
+        return start_estimate(self)
 
     @property
     def widths(self) -> Array:
         """Speeds within which friction turns in simulations, shape `(n,)`."""
-        return self.begun.widths
+        return self.start_values.widths
 
     @cached_property
     def postures(self) -> Array:

@@ -11,7 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.estimation.closed_loop.convergence import floored, result, settled, unsettled
+from steelyard.estimation.closed_loop.convergence import (
+    converged,
+    floored,
+    not_converged_error,
+    result,
+)
 from steelyard.estimation.closed_loop.experiment import Experiment
 from steelyard.estimation.closed_loop.filtered_regressor import (
     Rows,
@@ -50,7 +55,7 @@ class InstrumentalVariables:
         motions = [(r.motion.q, r.motion.dq, r.motion.ddq) for r in experiment.runs]
         seen = rows_of(experiment, regressors(experiment, motions))
         torque = rows_of(experiment, torques(experiment))
-        values = experiment.begun.values
+        values = experiment.start_values.values
         for number in range(self.rounds):
             instruments = _instruments(experiment, values, self.progress)
             sigma = floored(_sigma(torque, seen, values), torque)
@@ -60,11 +65,11 @@ class InstrumentalVariables:
             inverse = np.linalg.inv(cross)
             covariance = inverse @ normal(instruments, instruments, sigma) @ inverse.T
             change, values = np.asarray(found - values), np.asarray(found)
-            if settled(change, np.linalg.inv(covariance), torque, sigma):
+            if converged(change, np.linalg.inv(covariance), torque, sigma):
                 sigma = _sigma(torque, seen, values)
                 notes = (f"{number + 1} simulations",)
                 return result(NAME, experiment, values, covariance, sigma, torque.counts, notes)
-        raise unsettled(NAME, experiment, self.rounds)
+        raise not_converged_error(NAME, experiment, self.rounds)
 
 
 def _instruments(experiment: Experiment, values: Array, progress: Progress) -> Rows:

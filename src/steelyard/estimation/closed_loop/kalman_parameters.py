@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.estimation.closed_loop.convergence import result, unsettled
+from steelyard.estimation.closed_loop.convergence import not_converged_error, result
 from steelyard.estimation.closed_loop.experiment import Experiment, Measured
 from steelyard.estimation.closed_loop.kalman_pass import Belief, Noise, Steps, filtered
 from steelyard.estimation.closed_loop.simulation import require_sound, simulate
@@ -45,12 +45,12 @@ _WONDER = 1.3
 class KalmanParameters:
     """Parameters as states that do not change.
 
-    The filter begins with `Experiment.begun`, every parameter uncertain by that value at which it
-    alone makes `uncertainty` of the torque, and goes through the runs again and again, each time
-    from the last pass's values, until these settle. White noise of positions and torques is found
-    from the signals, where it is not given. Where positions surprise the filter more than that
-    noise allows, as those of a robot do that the model does not wholly describe, the noise of the
-    joint's torque is raised and the pass repeated. Where a joint rests its friction is unknown,
+    The filter begins with `Experiment.start_values`, every parameter uncertain by that value at
+    which it alone makes `uncertainty` of the torque, and goes through the runs again and again,
+    each time from the last pass's values, until these settle. White noise of positions and torques
+    is found from the signals, where it is not given. Where positions surprise the filter more than
+    that noise allows, as those of a robot do that the model does not wholly describe, the noise of
+    the joint's torque is raised and the pass repeated. Where a joint rests its friction is unknown,
     and its torque says nothing.
 
     Attributes:
@@ -74,7 +74,7 @@ class KalmanParameters:
             DataError: The filter diverges, or the values do not settle.
         """
         noises = [self._noise(run) for run in experiment.runs]
-        values, scale = experiment.begun.values, self.uncertainty * _sizes(experiment)
+        values, scale = experiment.start_values.values, self.uncertainty * _sizes(experiment)
         raised = np.ones(len(noises[0].torque))
         for number in range(self.passes):
             belief, wonder = self._passed(experiment, noises, values, scale)
@@ -90,7 +90,7 @@ class KalmanParameters:
                 counts = np.sum([run.counts.sum(axis=0) for run in experiment.runs], axis=0)
                 notes = (f"{number + 1} passes", *_said(raised))
                 return result(NAME, experiment, values, belief.covariance, sigma, counts, notes)
-        raise unsettled(NAME, experiment, self.passes)
+        raise not_converged_error(NAME, experiment, self.passes)
 
     def _passed(
         self, experiment: Experiment, noises: Sequence[Noise], values: Array, scale: Array

@@ -95,7 +95,7 @@ class Steps:
         lanes[3 * n :, self._first + 1 :] = np.diag(self._changes[3 * n :])
         self._q, self._dq, self._effort, values = np.split(lanes, (n, 2 * n, 3 * n))
         self._quiet = np.arange(lanes.shape[1]) >= self._first
-        widths = experiment.begun.widths
+        widths = experiment.start_values.widths
         self._moving = Integration(experiment.dynamics, values + about[:, None], widths)
         self.about = about
 

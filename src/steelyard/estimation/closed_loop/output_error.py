@@ -10,7 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.estimation.closed_loop.convergence import floored, result, settled, unsettled
+from steelyard.estimation.closed_loop.convergence import (
+    converged,
+    floored,
+    not_converged_error,
+    result,
+)
 from steelyard.estimation.closed_loop.didim import missed
 from steelyard.estimation.closed_loop.experiment import Experiment
 from steelyard.estimation.closed_loop.filtered_regressor import (
@@ -52,7 +57,7 @@ class ClosedLoopOutputError:
             DataError: The model cannot be simulated, or the values do not settle.
         """
         torque = rows_of(experiment, torques(experiment))
-        values, damping = experiment.begun.values, 1e-3
+        values, damping = experiment.start_values.values, 1e-3
         for number in range(self.rounds):
             residual, columns = _linearised(experiment, values, self.progress)
             found = deviations(residual, len(values))
@@ -60,7 +65,7 @@ class ClosedLoopOutputError:
             matrix = normal(columns, columns, sigma)
             side = normal(columns, as_column(residual), sigma)[:, 0]
             whole = np.asarray(np.linalg.solve(matrix, side))
-            if settled(whole, matrix, torque, sigma):
+            if converged(whole, matrix, torque, sigma):
                 covariance, notes = np.asarray(np.linalg.inv(matrix)), (f"{number + 1} rounds",)
                 return result(NAME, experiment, values, covariance, found, torque.counts, notes)
             cost = _cost(residual, sigma)
@@ -73,7 +78,7 @@ class ClosedLoopOutputError:
             else:
                 break
             values, damping = moved, max(damping / 10.0, _LEAST_DAMPING)
-        raise unsettled(NAME, experiment, self.rounds)
+        raise not_converged_error(NAME, experiment, self.rounds)
 
 
 def _linearised(experiment: Experiment, values: Array, progress: Progress) -> tuple[Rows, Rows]:

@@ -55,7 +55,7 @@ def simulate(
     Raises:
         Stopped: `progress` asked to stop.
     """
-    widths = experiment.begun.widths
+    widths = experiment.start_values.widths
     return tuple(
         along(run, loop, experiment.dynamics, values, widths, progress)
         for run, loop in zip(experiment.runs, experiment.loops, strict=True)

@@ -1,4 +1,4 @@
-"""Values to begin a simulation with: what cannot move cannot be simulated."""
+"""Values with which a simulation starts: what cannot move cannot be simulated."""
 
 from collections.abc import Mapping
 from typing import cast
@@ -7,7 +7,7 @@ import numpy as np
 
 from steelyard.arrays import Array, frozen
 from steelyard.errors import DataError
-from steelyard.estimation.closed_loop.experiment import Begun, Experiment
+from steelyard.estimation.closed_loop.experiment import Experiment, StartValues
 from steelyard.estimation.closed_loop.simulation import along, require_sound
 from steelyard.terms.acting import ActsOnAxes
 from steelyard.terms.laws.rigid_body import RigidBody
@@ -18,7 +18,7 @@ NOTE = (
 )
 
 
-def begin(experiment: Experiment) -> Begun:
+def start_estimate(experiment: Experiment) -> StartValues:
     """Weighted least squares, or the nominal bodies with its friction where that cannot move.
 
     Raises:
@@ -33,7 +33,7 @@ def begin(experiment: Experiment) -> Begun:
     return _tried(experiment, nominal, (NOTE,))
 
 
-def _tried(experiment: Experiment, values: Array, notes: tuple[str, ...]) -> Begun:
+def _tried(experiment: Experiment, values: Array, notes: tuple[str, ...]) -> StartValues:
     """The values, if the runs can be simulated with them."""
     dynamics = experiment.dynamics
     widths = dynamics.widths(experiment.postures, values)
@@ -44,7 +44,7 @@ def _tried(experiment: Experiment, values: Array, notes: tuple[str, ...]) -> Beg
             for run, loop in zip(experiment.runs, experiment.loops, strict=False)
         ],
     )
-    return Begun(values, widths, notes)
+    return StartValues(values, widths, notes)
 
 
 def _nominal(experiment: Experiment) -> Array | None:

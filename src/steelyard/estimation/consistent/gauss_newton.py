@@ -45,21 +45,21 @@ class Problem(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Settled:
+class GaussNewtonResult:
     """Where it ended.
 
     Attributes:
         x: The unknowns.
         cost: The criterion.
         promise: What a further step would gain, as far as the linear problem knows.
-        settled: Whether that is next to nothing.
+        converged: Whether that is small enough.
         steps: Steps that it took.
     """
 
     x: Array
     cost: float
     promise: float
-    settled: bool
+    converged: bool
     steps: int
 
 
@@ -70,7 +70,7 @@ def bounded_gauss_newton(
     upper: Array,
     steps: int,
     tolerance: float,
-) -> Settled:
+) -> GaussNewtonResult:
     """Minimise a criterion.
 
     Args:
@@ -88,12 +88,14 @@ def bounded_gauss_newton(
         change = slopes @ step
         promise = -float((residuals + 0.5 * change) @ change)
         if promise <= tolerance:
-            return Settled(x, cost, promise, True, number)
+            return GaussNewtonResult(x, cost, promise, True, number)
         found = _taken(problem, x, cost, step, promise)
         if found is None:
-            return Settled(x, cost, promise, promise <= STUCK * max(1.0, abs(cost)), number)
+            return GaussNewtonResult(
+                x, cost, promise, promise <= STUCK * max(1.0, abs(cost)), number
+            )
         x, cost = np.clip(found[0], lower, upper), found[1]
-    return Settled(x, cost, promise, False, steps)
+    return GaussNewtonResult(x, cost, promise, False, steps)
 
 
 def _taken(

@@ -15,7 +15,7 @@ from steelyard.arrays import Array
 from steelyard.errors import DataError
 from steelyard.estimation.consistent.consistency_penalties import Entropic
 from steelyard.estimation.consistent.consistent import Consistent
-from steelyard.estimation.consistent.gauss_newton import Settled, bounded_gauss_newton
+from steelyard.estimation.consistent.gauss_newton import GaussNewtonResult, bounded_gauss_newton
 from steelyard.estimation.consistent.infeasibility import refuse_contradictions
 from steelyard.estimation.consistent.log_cholesky_criterion import Criterion, bounds_of
 from steelyard.estimation.consistent.program import Program
@@ -87,11 +87,11 @@ class LogCholesky(Consistent):
                 CENTRED * barrier,
             )
             x, left = found.x, left - found.steps
-            if not found.settled:
-                raise self._unsettled(found)
+            if not found.converged:
+                raise self._not_converged(found)
         return criterion.unknowns_at(x)[0]
 
-    def _unsettled(self, found: Settled) -> DataError:
+    def _not_converged(self, found: GaussNewtonResult) -> DataError:
         return DataError(
             f"log-Cholesky Gauss-Newton did not reach the optimum in {self.steps} steps: "
             f"a further one predicts a decrease of {found.promise:.2g} of {found.cost:.4g}",

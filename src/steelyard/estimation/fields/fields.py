@@ -18,14 +18,14 @@ import numpy as np
 
 from steelyard.estimation.fields.passes import (
     WIDEST,
-    Said,
+    InformationOf,
     Search,
     Unknown,
     bounds_of,
     points_of,
-    settled,
     unknowns_of,
     value_of,
+    with_fields,
 )
 from steelyard.estimation.fields.shape import Shape
 from steelyard.measurement.run import Run
@@ -117,14 +117,14 @@ class FoundFields:
         return tuple(f.warning for f in self.findings if f.warning is not None)
 
 
-def said_by(
+def information_from(
     runs: Sequence[Run],
     *,
     rests: bool = False,
     longest: float = np.inf,
     threads: int = 1,
     progress: Progress = silent,
-) -> Said:
+) -> InformationOf:
     """What runs say, with their efforts in the joints' units; every call is a pass over the runs.
 
     Args:
@@ -135,7 +135,7 @@ def said_by(
         progress: Told about every window; may stop the search.
     """
 
-    def said(regressor: Regressor) -> Information:
+    def information_of(regressor: Regressor) -> Information:
         units = regressor.model.robot.effort_units
         parts = [
             gather(
@@ -145,11 +145,16 @@ def said_by(
         ]
         return reduce(add, parts)
 
-    return said
+    return information_of
 
 
 def find_fields(
-    model: Model, said: Said, *, starts: int = 8, seed: int = 0, progress: Progress = silent
+    model: Model,
+    information_of: InformationOf,
+    *,
+    starts: int = 8,
+    seed: int = 0,
+    progress: Progress = silent,
 ) -> FoundFields:
     """Find all fields that stand as `Find` in a model.
 
@@ -158,7 +163,7 @@ def find_fields(
 
     Args:
         model: A model; without a `Find` it comes back as it is.
-        said: What the data say about a regressor, see `said_by`.
+        information_of: What the data say about a regressor, see `information_from`.
         starts: Random choices of candidates from which the search starts.
         seed: Of the starts.
         progress: Told about every pass.
@@ -175,15 +180,17 @@ def find_fields(
     for _ in range(ROUNDS if len(groups) > 1 else len(groups)):
         before = dict(logs)
         for group in groups:
-            held = {t: settled(model, t, logs) for t in {u.term for u in unknowns} - set(group)}
+            held = {t: with_fields(model, t, logs) for t in {u.term for u in unknowns} - set(group)}
             mine = tuple(u for u in unknowns if u.term in group)
-            shape = Search(_with(model, held), group, mine)(said, starts, random, progress)
+            shape = Search(_with(model, held), group, mine)(
+                information_of, starts, random, progress
+            )
             for k, u in enumerate(mine):
                 logs[u] = float(shape.place[k])
                 findings[u] = _finding(model, u, shape, k)
         if all(abs(logs[u] - before[u]) < SETTLED for u in unknowns):
             break
-    done = _with(model, {u.term: settled(model, u.term, logs) for u in unknowns})
+    done = _with(model, {u.term: with_fields(model, u.term, logs) for u in unknowns})
     return FoundFields(done, tuple(findings[u] for u in unknowns))
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from steelyard.estimation.estimate import Estimate, Estimator
-from steelyard.estimation.fields.passes import Said
+from steelyard.estimation.fields.passes import InformationOf
 from steelyard.model import Model
 from steelyard.regression.information import Information
 from steelyard.regression.regressor import base_regressor
@@ -25,10 +25,12 @@ def bodies_of(estimate: Estimate) -> dict[str, float]:
     return {name: x for name, x in found.items() if name.split(".")[0] in INERTIAL_NAMES}
 
 
-def reference_of(model: Model, said: Said, estimator: Estimator[Information]) -> dict[str, float]:
+def reference_of(
+    model: Model, information_of: InformationOf, estimator: Estimator[Information]
+) -> dict[str, float]:
     """Bodies fitted without load-dependent friction."""
     terms = tuple(t for t in model.terms if not t.needs_reference)
-    return bodies_of(estimator(said(base_regressor(replace(model, terms=terms)))))
+    return bodies_of(estimator(information_of(base_regressor(replace(model, terms=terms)))))
 
 
 def with_references(model: Model, reference: Mapping[str, float]) -> Model:
@@ -42,22 +44,22 @@ def needs_reference(model: Model) -> bool:
 
 
 def settled_reference(
-    model: Model, said: Said, estimator: Estimator[Information]
+    model: Model, information_of: InformationOf, estimator: Estimator[Information]
 ) -> tuple[Model, bool]:
     """Fit, take the bodies as reference, and fit again until they stand still.
 
     Args:
         model: A model with load-dependent friction.
-        said: What the data say about a regressor, see `fields.said_by`.
+        information_of: What the data say about a regressor, see `fields.information_from`.
         estimator: The estimator.
 
     Returns:
         The model with its reference, and whether the reference stands still.
     """
-    reference = reference_of(model, said, estimator)
+    reference = reference_of(model, information_of, estimator)
     for _ in range(PASSES):
         model = with_references(model, reference)
-        found = bodies_of(estimator(said(base_regressor(model))))
+        found = bodies_of(estimator(information_of(base_regressor(model))))
         change = _change(reference, found)
         reference = found
         if change < SETTLED:

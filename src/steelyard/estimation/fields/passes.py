@@ -45,7 +45,7 @@ SETTLING = 30
 MOST = 8
 """Most passes over the data per search."""
 
-Said = Callable[[Regressor], Information]
+InformationOf = Callable[[Regressor], Information]
 """What all runs say about the columns of a regressor."""
 
 _EMPTY = BaseMap((), (), (), (), (), np.zeros((0, 0)))
@@ -82,7 +82,7 @@ def unknowns_of(model: Model) -> tuple[Unknown, ...]:
     )
 
 
-def settled(model: Model, term: int, logs: Mapping[Unknown, float]) -> Term:
+def with_fields(model: Model, term: int, logs: Mapping[Unknown, float]) -> Term:
     """A term of a model with values for its fields, from their logarithms."""
     given = model.terms[term]
     values: dict[str, Any] = {}
@@ -108,7 +108,11 @@ class Search:
     unknowns: tuple[Unknown, ...]
 
     def __call__(
-        self, said: Said, starts: int, random: np.random.Generator, progress: Progress
+        self,
+        information_of: InformationOf,
+        starts: int,
+        random: np.random.Generator,
+        progress: Progress,
     ) -> Shape:
         """The costs around the best choice, on a fine grid."""
         grids = [np.linspace(*bounds_of(u), points_of(self.model, u.term)) for u in self.unknowns]
@@ -118,7 +122,7 @@ class Search:
         for number in range(MOST):
             tell(progress, "estimating fields", number, MOST)
             regressor = self._regressor(grids, regressor)
-            information = said(regressor)
+            information = information_of(regressor)
             choice, costs, _ = self._problem(information).solved(choices)
             shape = Shape.of(costs, choice, grids)
             steps = [shape.step(k) for k in range(len(grids))]
@@ -153,10 +157,12 @@ class Search:
         points = points_of(self.model, term)
         mine = [(u, g) for u, g in zip(self.unknowns, grids, strict=True) if u.term == term]
         candidates = [
-            settled(self.model, term, {u: float(g[index[fields.index(u.field)]]) for u, g in mine})
+            with_fields(
+                self.model, term, {u: float(g[index[fields.index(u.field)]]) for u, g in mine}
+            )
             for index in np.ndindex(*(points for _ in fields))
         ]
-        longest = settled(self.model, term, {u: bounds_of(u)[1] for u, _ in mine})
+        longest = with_fields(self.model, term, {u: bounds_of(u)[1] for u, _ in mine})
         return CandidateTerms.of(self.model.robot, candidates, longest)
 
     def _problem(self, information: Information) -> Problem:

@@ -25,7 +25,7 @@ def holds(motion: ExactTrajectory) -> Array:
     return lengths[lengths >= SHORTEST]
 
 
-def holds_said(motion: ExactTrajectory) -> tuple[str, ...]:
+def holds_note(motion: ExactTrajectory) -> tuple[str, ...]:
     """One note on how often and how long a motion stands still; none if it never does."""
     found = holds(motion)
     if not len(found):

@@ -33,7 +33,7 @@ class Proposal:
     reasons: dict[str, str] = field(default_factory=dict)
 
     @property
-    def said(self) -> tuple[str, ...]:
+    def notes(self) -> tuple[str, ...]:
         """What was decided, one sentence each."""
         base = [f'base = "{self.base}": {self.why_base}'] if self.why_base else []
         return (*base, *(f"locked {words}" for words in _by_reason(self.reasons)))

@@ -18,7 +18,7 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.errors import ModelError
 from steelyard.estimation.estimate import Estimator
-from steelyard.estimation.fields.fields import said_by
+from steelyard.estimation.fields.fields import information_from
 from steelyard.estimation.fields.load_friction_reference import reference_of
 from steelyard.measurement.run import Run
 from steelyard.model import Model
@@ -132,10 +132,10 @@ def choose_friction(
     refuse_listed(model)
     divided = folding(runs)
     considered = stages_of(model, runs[0].recording.signals.effort_kind, divided.left_out)
-    said = said_by(runs, threads=threads, progress=progress)
+    information_of = information_from(runs, threads=threads, progress=progress)
     plain = replace(model, terms=(*model.terms, *DIRECTION[0], *SPEED[0]))
     loaded = any(t.needs_reference for stage in considered for mix in stage for t in mix)
-    reference = reference_of(plain, said, estimator) if loaded else {}
+    reference = reference_of(plain, information_of, estimator) if loaded else {}
     stages = tuple(
         tuple(tuple(term.with_reference(reference) for term in mix) for mix in stage)
         for stage in considered
@@ -143,7 +143,7 @@ def choose_friction(
     wide = Candidates.of(model, stages)
 
     def gathered(rests: bool) -> Information:
-        parts = said_by(
+        parts = information_from(
             runs, rests=rests, longest=divided.longest, threads=threads, progress=progress
         )
         return parts(wide.regressor)
