@@ -15,7 +15,7 @@ from invented import ROBOTS, mimic, tree
 from law_cases import CASES, LawCase, name_of
 from moving import geared
 from steelyard.application.export.content import FIT, Format, content_of
-from steelyard.application.export.export import exported, refuse_changed, unheld
+from steelyard.application.export.export import exported, refuse_changed, unsupported
 from steelyard.errors import ModelError
 from steelyard.estimation.calibration import EDGES, Calibration
 from steelyard.estimation.estimate import Unidentifiable
@@ -176,7 +176,7 @@ def test_a_law_is_held_whole(case: LawCase, tmp_path: Path) -> None:
     robot = geared()
     term = case.on(robot)
     identified = identified_of(robot, [RigidBody(), term])
-    assert all("gears" in sentence for sentence in unheld(identified, "mjcf"))
+    assert all("gears" in sentence for sentence in unsupported(identified, "mjcf"))
     path, motion = written(identified, "mjcf", tmp_path), sliding(motion_of(robot), term)
     close(mujoco_torque(path, robot, motion), identified.torque(motion))
 
@@ -188,14 +188,14 @@ def test_what_is_left_out_is_said(case: LawCase, form: Format) -> None:
     said = exported(identified_of(robot, [RigidBody(), case.on(robot)], case.values), form)
     # a URDF holds nothing along motors, and says so law by law
     words = (case.left_out, f"({case.law})") if "motors" in case.fields else (case.left_out,)
-    assert any(x in sentence for sentence in said.unheld for x in words)
+    assert any(x in sentence for sentence in said.unsupported for x in words)
     head = said.text.partition("-->")[0]
-    assert all(f"- {sentence}" in head for sentence in said.unheld)
+    assert all(f"- {sentence}" in head for sentence in said.unsupported)
 
 
 @pytest.mark.parametrize("case", HELD, ids=name_of)
 def test_urdf_holds_a_law_or_lists_it(case: LawCase) -> None:
-    said = unheld(identified_of(geared(), [RigidBody(), case.on(geared())]), "urdf")
+    said = unsupported(identified_of(geared(), [RigidBody(), case.on(geared())]), "urdf")
     more = any("gears" not in sentence and "gravity" not in sentence for sentence in said)
     assert more != case.in_urdf
 
@@ -225,14 +225,14 @@ def test_the_curve_of_both_directions_is_held_by_its_mean() -> None:
     assert all(joint["dry"] > 0.1 for joint in both.joints)
     for mine, other in zip(both.joints, mean.joints, strict=True):
         assert mine == pytest.approx(other, rel=1e-9)
-    assert any("± trunk_joint 1 Nm" in x and "left_joint 1 Nm" in x for x in both.unheld)
+    assert any("± trunk_joint 1 Nm" in x and "left_joint 1 Nm" in x for x in both.unsupported)
 
 
 def test_gravity_that_points_elsewhere_is_told_of_a_urdf() -> None:
-    said = unheld(identified_of(tree(), [RigidBody()]), "urdf")
+    said = unsupported(identified_of(tree(), [RigidBody()]), "urdf")
     assert said == ("gravity: set it to (1, -3, -9) m/s² in the base frame",)
     level = tree().changed(gravity=(0.0, 0.0, -9.81))
-    assert unheld(identified_of(level, [RigidBody()]), "urdf") == ()
+    assert unsupported(identified_of(level, [RigidBody()]), "urdf") == ()
 
 
 @pytest.mark.parametrize("name", [name for name in CHAINS if name != "slider-crank"])
@@ -249,7 +249,7 @@ def test_loops_are_closed_again(name: str, tmp_path: Path) -> None:
     valued = Model(again, (RigidBody(),)).prior
     assert valued is not None
     close(valued.torque(motion), identified.torque(motion))
-    said = unheld(identified, "urdf")
+    said = unsupported(identified, "urdf")
     assert any("open kinematic tree without" in sentence for sentence in said)
 
 
@@ -377,7 +377,7 @@ def test_friction_below_zero_is_zero(tmp_path: Path) -> None:
 
 def said_off(identified: IdentifiedModel, form: Format) -> dict[str, tuple[float, float]]:
     """Per joint with fitted friction: how far it is off at most, up to which speed."""
-    said = [s for s in unheld(identified, form) if s.startswith(FIT)]
+    said = [s for s in unsupported(identified, form) if s.startswith(FIT)]
     found = re.findall(r"(\w+) (\S+) Nm? \(rms \S+\) up to (\S+) ", "".join(said))
     return {name: (float(off), float(top)) for name, off, top in found}
 

@@ -73,7 +73,7 @@ def export(
         told = {
             "file": str(path),
             "format": form,
-            "unheld": list(made.unheld),
+            "unheld": list(made.unsupported),
             "mass_from_data": made.mass_shares,
             "not_seen": list(made.unseen),
             "impossible_in_original": list(made.impossible),
@@ -141,7 +141,7 @@ def _tell(path: Path, made: "Exported") -> None:
     console.print(Text(f"{path}: {links}, {mass:.4g} kg"), soft_wrap=True)
     few = [f"{name} {x:.0%}" for name, x in made.mass_shares.items() if x < FEW]
     for heading, sentences in (
-        (f"{made.form.upper()} cannot represent:", made.unheld),
+        (f"{made.form.upper()} cannot represent:", made.unsupported),
         (
             "mostly from the prior (share of the mass that comes from the data):",
             (", ".join(few),) if few else (),

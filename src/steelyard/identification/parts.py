@@ -158,4 +158,4 @@ def export(
     with whole_file(target) as part:
         part.write_text(made.text, encoding="utf-8", newline="")
         refuse_changed(part, made)
-    return tuple(made.unheld)
+    return tuple(made.unsupported)

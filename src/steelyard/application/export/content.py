@@ -11,7 +11,7 @@ from steelyard.application.export.friction import (
     FRICTION,
     ROUNDING,
     greatest_speed,
-    held_friction,
+    supported_friction,
 )
 from steelyard.errors import ModelError
 from steelyard.estimation.identified import IdentifiedModel
@@ -54,7 +54,7 @@ class Content:
         joints: What acts along each of `robot.joints`.
         sums: What acts along sums of joints.
         pulls: Springs between links.
-        unheld: What the format has no place for, one sentence each.
+        unsupported: What the format does not support, one sentence each.
     """
 
     robot: Robot
@@ -62,7 +62,7 @@ class Content:
     joints: tuple[Effects, ...]
     sums: tuple[Sum, ...]
     pulls: tuple[Pull, ...]
-    unheld: tuple[str, ...]
+    unsupported: tuple[str, ...]
 
 
 def content_of(identified: IdentifiedModel, form: Format) -> Content:
@@ -172,7 +172,7 @@ def _gathered(
             own = {kind: values.pop(kind) for kind in FRICTION if kind in values}
             top = greatest_speed(identified, axis)
             forces = [along(axis, curve) for curve in curves.get(row, [])]
-            held = held_friction(own, forces, HELD[form], top)
+            held = supported_friction(own, forces, HELD[form], top)
             kept[row] = held.effects
             if held.fit:
                 off = f"{axis.name} {held.largest:.3g} {axis.effort_unit} (rms {held.rms:.2g})"

@@ -37,7 +37,7 @@ class Exported:
     Attributes:
         text: The file's content.
         form: Its format.
-        unheld: What of the model the format has no place for, one sentence each.
+        unsupported: What of the model the format does not support, one sentence each.
         content: What the file holds.
         mass_shares: Per link the share of its mass that comes from the data, 0 to 1.
         unseen: Parameters that the data did not see.
@@ -46,20 +46,20 @@ class Exported:
 
     text: str
     form: Format
-    unheld: tuple[str, ...]
+    unsupported: tuple[str, ...]
     content: Content
     mass_shares: dict[str, float]
     unseen: tuple[str, ...]
     impossible: tuple[str, ...] = ()
 
 
-def unheld(identified: IdentifiedModel, form: Format) -> tuple[str, ...]:
+def unsupported(identified: IdentifiedModel, form: Format) -> tuple[str, ...]:
     """What of a model a format has no place for, one sentence each.
 
     Raises:
         ModelError: The model cannot be exported at all.
     """
-    return content_of(identified, form).unheld
+    return content_of(identified, form).unsupported
 
 
 def exported(
@@ -96,7 +96,7 @@ def exported(
         )
     estimate = identified.estimate
     shares, blind = mass_shares(estimate, content), unseen(estimate, content)
-    return Exported(text, form, content.unheld, content, shares, blind, impossible)
+    return Exported(text, form, content.unsupported, content, shares, blind, impossible)
 
 
 def listed_under(heading: str, sentences: Iterable[str]) -> list[str]:

@@ -39,8 +39,8 @@ Force = Callable[[Array], Array]
 """Friction at speeds above zero."""
 
 
-class Held(NamedTuple):
-    """What a format holds of the friction along a coordinate.
+class Supported(NamedTuple):
+    """What a format supports of the friction along a coordinate.
 
     Attributes:
         effects: Coefficients by kind, above zero.
@@ -55,15 +55,15 @@ class Held(NamedTuple):
     rms: float = 0.0
 
 
-def held_friction(
+def supported_friction(
     own: Mapping[Kind, float], others: Sequence[Force], kinds: Iterable[Kind], top: float
-) -> Held:
-    """Friction along a coordinate in what a format holds.
+) -> Supported:
+    """Friction along a coordinate in what a format supports.
 
     Args:
         own: Coefficients of the powers of speed.
         others: What else there is of friction.
-        kinds: What the format holds.
+        kinds: What the format supports.
         top: The greatest speed [rad/s; m/s].
     """
 
@@ -77,13 +77,13 @@ def held_friction(
     kept = {kind: own[kind] for kind, size in sizes.items() if abs(size) > least}
     beside = any(np.abs(force(top * FITTED)).max() > least for force in others)
     if not beside and all(x > 0.0 and kind in places for kind, x in kept.items()):
-        return Held(kept)
+        return Supported(kept)
     effects = _fitted(whole, places, least, top)
     left = curve(top * COMPARED)
     for kind, x in effects.items():
         left -= x * (top * COMPARED) ** FRICTION.index(kind)
     rms = np.sqrt(np.trapezoid(np.square(left), COMPARED))
-    return Held(effects, True, float(np.abs(left).max()), float(rms))
+    return Supported(effects, True, float(np.abs(left).max()), float(rms))
 
 
 def _fitted(whole: Array, places: Sequence[Kind], least: float, top: float) -> dict[Kind, float]:

@@ -66,7 +66,7 @@ def head_of(
         "Inertias of moving links include all links that are fixed to them.",
         *more,
         f"{NAMES[form]} cannot represent these parts of the identified model:",
-        *(f"  - {sentence}" for sentence in content.unheld or ("nothing",)),
+        *(f"  - {sentence}" for sentence in content.unsupported or ("nothing",)),
     ]
     return comment("\n".join(lines))
 

@@ -10,7 +10,7 @@ from steelyard.arrays import Array
 from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.finding import Edit, Finding, Fix, Picture, Severity, Trace
 from steelyard.diagnosis.signal_overview import SignalOverview, look
-from steelyard.diagnosis.signals.held import Hold, hold, mean_age, old_rows
+from steelyard.diagnosis.signals.hold import Hold, hold, mean_age, old_rows
 from steelyard.measurement.rows.stale import LONGEST_STALE
 
 SPAN = 10

@@ -23,8 +23,8 @@ NAMED = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
-    """Unknowns with those that a bound holds put onto it, and those that nothing tells to zero.
+class ActiveBounds:
+    """Unknowns with those that a bound holds put onto it, and those not identifiable to zero.
 
     Attributes:
         u: The unknowns.
@@ -35,7 +35,7 @@ class Held:
     names: tuple[str, ...]
 
 
-def held(program: Program, u: Array, covariance: Array) -> Held:
+def active_bounds(program: Program, u: Array, covariance: Array) -> ActiveBounds:
     """Find the parameters that a bound of their own holds.
 
     Args:
@@ -58,16 +58,16 @@ def held(program: Program, u: Array, covariance: Array) -> Held:
             if slack <= NEAR * std and outward * sign * slope[k] * std >= BEYOND:
                 at[k] = sign * bound
                 names.append(known.names[known.terms[k - first]])
-    for k in _untold(program):
+    for k in _unidentifiable(program):
         alone = wishes.matrix[:, k] != 0.0
         both = np.array([wishes.lower[alone], wishes.upper[alone]])
         edges = np.sort(both / wishes.matrix[alone, k], axis=0)
         at[k] = np.clip(0.0, edges[0].max(initial=-np.inf), edges[1].min(initial=np.inf))
-    return Held(at, tuple(dict.fromkeys(names)))
+    return ActiveBounds(at, tuple(dict.fromkeys(names)))
 
 
-def _untold(program: Program) -> list[int]:
-    """Unknowns of terms that neither data nor wishes about several parameters tell."""
+def _unidentifiable(program: Program) -> list[int]:
+    """Unknowns of terms that neither data nor wishes about several parameters identify."""
     several = program.wishes.matrix[np.count_nonzero(program.wishes.matrix, axis=1) > 1]
     told = np.any(program.unknowns.matrix != 0.0, axis=0) | np.any(several != 0.0, axis=0)
     first = 10 * len(program.unknowns.priors)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from steelyard.arrays import Array, frozen
-from steelyard.estimation.consistent.active_bounds import far_wishes, held
+from steelyard.estimation.consistent.active_bounds import active_bounds, far_wishes
 from steelyard.estimation.consistent.conic import MOST_ITERATIONS, Infeasible, Unsolved, solved
 from steelyard.estimation.consistent.consistency_penalties import Entropic, Form
 from steelyard.estimation.consistent.costs import cost_notes
@@ -186,7 +186,7 @@ class Consistent:
         """The estimate: base parameters as the data see them, and all standard ones."""
         known = program.unknowns
         covariance, before = _covariances(data, program, found.tried)
-        at = held(program, found.tried.u, covariance)
+        at = active_bounds(program, found.tried.u, covariance)
         standard = known.standard(at.u)
         spread = known.scale @ covariance @ known.scale.T
         lift = self.base.lift

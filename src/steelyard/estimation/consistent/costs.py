@@ -7,7 +7,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import DataError
-from steelyard.estimation.consistent.active_bounds import contradicted, held
+from steelyard.estimation.consistent.active_bounds import active_bounds, contradicted
 from steelyard.estimation.consistent.prior_weight import LEAST, Tried, Weighed
 from steelyard.estimation.consistent.program import Program, wishes
 from steelyard.estimation.knowledge import Knowledge
@@ -79,7 +79,7 @@ def _physical(
         curves=(),
     )
     alone = attempt(replace(program, wishes=wishes(program.unknowns, unbounded)), LEAST)
-    at = held(program, whole.u, spread(program, whole)).names
+    at = active_bounds(program, whole.u, spread(program, whole)).names
     thin = np.linalg.eigvalsh(program.unknowns.pseudo(whole.u))[:, 0] <= EDGE
     edges = [name for name, near in zip(knowledge.bodies, thin, strict=True) if near]
     parts = (

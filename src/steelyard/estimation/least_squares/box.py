@@ -115,11 +115,11 @@ class Box:
         solution = replace(old, values=full, inverse=inverse, locals=locals_)
         found = Fit(data, solution, variances)
         made = described(name, found, spread_of(found, scatter(fit) / variances))
-        held = self.held(values)
-        at = (f"at a bound: {', '.join(held)}",) if held else ()
+        at_bounds = self.at_bounds(values)
+        at = (f"at a bound: {', '.join(at_bounds)}",) if at_bounds else ()
         return replace(made, notes=(*notes, *at))
 
-    def held(self, values: Array) -> list[str]:
+    def at_bounds(self, values: Array) -> list[str]:
         """Names of the parameters that lie at a bound."""
         slack = AT_BOUND / np.linalg.norm(self.root, axis=0)
         at = (values <= self.lower + slack) | (values >= self.upper - slack)

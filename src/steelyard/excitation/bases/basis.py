@@ -49,7 +49,7 @@ class Basis(Protocol):
     def still(self, posture: Array) -> Array:
         """Coefficients, shape `(n, m)`, of standing still at `posture` `(n,)`.
 
-        Where the basis is held to a start posture of its own, it stands there.
+        Where the basis prescribes a start posture, it stands there.
         """
         ...
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from steelyard.arrays import Array, frozen
-from steelyard.excitation.bases.linear_basis import LinearBasis, check_times, held_postures
+from steelyard.excitation.bases.linear_basis import LinearBasis, check_times, checked_postures
 from steelyard.excitation.trajectories.chained import ChainedMotion
 from steelyard.excitation.trajectories.exact import ExactTrajectory
 from steelyard.excitation.trajectories.fourier import FourierMotion, rest_basis
@@ -40,7 +40,7 @@ class RestFourier(LinearBasis):
     def __post_init__(self) -> None:
         check_times(period=self.period)
         rest_basis(self.harmonics)
-        held_postures(self.joints, self.start, self.end)
+        checked_postures(self.joints, self.start, self.end)
         if self.end is not None and self.start is None:
             raise ValueError("an end posture of its own needs a start posture")
 
@@ -55,9 +55,9 @@ class RestFourier(LinearBasis):
         return self.harmonics / self.period
 
     @property
-    def held(self) -> tuple[Array, ...]:
+    def prescribed_postures(self) -> tuple[Array, ...]:
         """Start and end, as far as they are given."""
-        return held_postures(self.joints, self.start, self.end)
+        return checked_postures(self.joints, self.start, self.end)
 
     def still(self, posture: Array) -> Array:
         """No series, at the posture or the given start; a given end is still gone to."""
@@ -108,13 +108,13 @@ class RawFourier(LinearBasis):
         return self.harmonics / self.period
 
     @property
-    def held(self) -> tuple[Array, ...]:
+    def prescribed_postures(self) -> tuple[Array, ...]:
         """No posture."""
         return ()
 
     def still(self, posture: Array) -> Array:
         """No sines and no cosines, at the posture."""
-        return _mean_only(self.count, self.held, frozen(posture, (self.joints,)))
+        return _mean_only(self.count, self.prescribed_postures, frozen(posture, (self.joints,)))
 
     def made_of(self, rows: Array) -> FourierMotion:
         """The series of the coefficients in the columns."""
@@ -147,7 +147,7 @@ class BlendedFourier(LinearBasis):
     def __post_init__(self) -> None:
         check_times(period=self.period, blend=self.blend)
         _check_harmonics(self.joints, self.harmonics)
-        held_postures(self.joints, self.start)
+        checked_postures(self.joints, self.start)
         if self.periods < 1:
             raise ValueError(f"{self.periods} periods are not a valid motion")
 
@@ -162,13 +162,13 @@ class BlendedFourier(LinearBasis):
         return max(self.harmonics / self.period, 1.0 / self.blend)
 
     @property
-    def held(self) -> tuple[Array, ...]:
+    def prescribed_postures(self) -> tuple[Array, ...]:
         """The start, if it is given."""
-        return held_postures(self.joints, self.start)
+        return checked_postures(self.joints, self.start)
 
     def still(self, posture: Array) -> Array:
         """No sines and no cosines, at the posture or the given start."""
-        return _mean_only(self.count, self.held, frozen(posture, (self.joints,)))
+        return _mean_only(self.count, self.prescribed_postures, frozen(posture, (self.joints,)))
 
     def made_of(self, rows: Array) -> ChainedMotion:
         """The motion of the coefficients, and perhaps the start, in the columns."""
@@ -210,7 +210,7 @@ class RampedFourier(LinearBasis):
     def __post_init__(self) -> None:
         check_times(period=self.period, ramp=self.ramp)
         _check_harmonics(self.joints, self.harmonics)
-        held_postures(self.joints, self.start)
+        checked_postures(self.joints, self.start)
         self.made_of(np.zeros((1, self.count)))
 
     @property
@@ -224,13 +224,13 @@ class RampedFourier(LinearBasis):
         return self.harmonics / self.period + 0.5 / self.ramp
 
     @property
-    def held(self) -> tuple[Array, ...]:
+    def prescribed_postures(self) -> tuple[Array, ...]:
         """The start, if it is given."""
-        return held_postures(self.joints, self.start)
+        return checked_postures(self.joints, self.start)
 
     def still(self, posture: Array) -> Array:
         """No sines and no cosines, at the posture or the given start."""
-        return _mean_only(self.count, self.held, frozen(posture, (self.joints,)))
+        return _mean_only(self.count, self.prescribed_postures, frozen(posture, (self.joints,)))
 
     def made_of(self, rows: Array) -> WindowedMotion:
         """The motion of the coefficients, and perhaps the start, in the columns."""
@@ -238,9 +238,9 @@ class RampedFourier(LinearBasis):
         return WindowedMotion(place, replace(series, start=series.start - place), self.ramp)
 
 
-def _mean_only(count: int, held: tuple[Array, ...], posture: Array) -> Array:
-    """Coefficients that are zero but for the last, the posture or a held one."""
-    (place,) = held or (posture,)
+def _mean_only(count: int, prescribed_postures: tuple[Array, ...], posture: Array) -> Array:
+    """Coefficients that are zero but for the last, the posture or a prescribed one."""
+    (place,) = prescribed_postures or (posture,)
     x = np.zeros((len(posture), count))
     x[:, -1] = place
     return x
@@ -255,6 +255,6 @@ def _series(rows: Array, period: float, periods: int) -> FourierMotion:
 
 
 def _check_harmonics(joints: int, harmonics: int) -> None:
-    held_postures(joints)
+    checked_postures(joints)
     if harmonics < 1:
         raise ValueError(f"a series needs 1 harmonic or more, not {harmonics}")

@@ -13,7 +13,7 @@ from steelyard.excitation.trajectories.exact import ExactTrajectory
 class LinearBasis(ABC):
     r"""A family of motions $q_j(t) = \sum_i x_{ji} \phi_i(t) + \sum_h p_{jh} \psi_h(t)$.
 
-    The `x` are its coefficients, and the `p` postures that it is held to. A member only says how a
+    The `x` are its coefficients, and the `p` prescribed postures. A member only says how a
     motion is made of both; all functions are then that motion for a row of ones and zeros.
 
     Attributes:
@@ -34,16 +34,16 @@ class LinearBasis(ABC):
 
     @property
     @abstractmethod
-    def held(self) -> tuple[Array, ...]:
-        """Postures `p` that it is held to, each of shape `(n,)`; may be none."""
+    def prescribed_postures(self) -> tuple[Array, ...]:
+        """Prescribed postures `p`, each of shape `(n,)`; may be none."""
 
     @abstractmethod
     def still(self, posture: Array) -> Array:
-        """Coefficients, shape `(n, m)`, of standing still at `posture` or at the held start."""
+        """Coefficients, shape `(n, m)`, of standing still at `posture` or the prescribed start."""
 
     @abstractmethod
     def made_of(self, rows: Array) -> ExactTrajectory:
-        """The motion of the coefficients and the held postures, shape `(k, m + held)`."""
+        """The motion of the coefficients and the prescribed postures, shape `(k, m + p)`."""
 
     @property
     def duration(self) -> float:
@@ -56,21 +56,21 @@ class LinearBasis(ABC):
 
     def offset(self, t: ArrayLike, order: int) -> Array:
         """What is there without coefficients, shape `(N, n)`."""
-        postures = np.reshape(self.held, (-1, self.joints))
+        postures = np.reshape(self.prescribed_postures, (-1, self.joints))
         return self._units.derivative(t, order)[:, self.count :] @ postures
 
     def motion(self, x: Array) -> ExactTrajectory:
         """The motion of coefficients `x`, shape `(n, m)`."""
         x = frozen(x, (self.joints, self.count))
-        return self.made_of(np.column_stack([x, *self.held]))
+        return self.made_of(np.column_stack([x, *self.prescribed_postures]))
 
     @cached_property
     def _units(self) -> ExactTrajectory:
-        return self.made_of(np.eye(self.count + len(self.held)))
+        return self.made_of(np.eye(self.count + len(self.prescribed_postures)))
 
 
-def held_postures(joints: int, *postures: ArrayLike | None) -> tuple[Array, ...]:
-    """Those that are given, as arrays of shape `(n,)`.
+def checked_postures(joints: int, *postures: ArrayLike | None) -> tuple[Array, ...]:
+    """Those postures that are given, as arrays of shape `(n,)`.
 
     Raises:
         ValueError: There are no joints, or a posture is one of another number of them.

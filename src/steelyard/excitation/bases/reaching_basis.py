@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from steelyard.arrays import Array, frozen
-from steelyard.excitation.bases.linear_basis import LinearBasis, check_times, held_postures
+from steelyard.excitation.bases.linear_basis import LinearBasis, check_times, checked_postures
 from steelyard.excitation.trajectories.minimum_jerk import through_postures
 from steelyard.excitation.trajectories.piecewise import PiecewiseMotion
 
@@ -32,10 +32,10 @@ class ReachingBasis(LinearBasis):
 
     def __post_init__(self) -> None:
         check_times(move_s=self.move_s)
-        held_postures(self.joints, self.start)
-        if self.targets < (fewest := 2 - len(self.held)):
+        checked_postures(self.joints, self.start)
+        if self.targets < (fewest := 2 - len(self.prescribed_postures)):
             raise ValueError(f"{self.targets} targets are no motion, {fewest} or more are")
-        self.made_of(np.zeros((1, self.count + len(self.held))))
+        self.made_of(np.zeros((1, self.count + len(self.prescribed_postures))))
 
     @property
     def count(self) -> int:
@@ -48,18 +48,18 @@ class ReachingBasis(LinearBasis):
         return 1.0 / self.move_s
 
     @property
-    def held(self) -> tuple[Array, ...]:
+    def prescribed_postures(self) -> tuple[Array, ...]:
         """The start, if it is given."""
-        return held_postures(self.joints, self.start)
+        return checked_postures(self.joints, self.start)
 
     def still(self, posture: Array) -> Array:
         """All targets at the posture, or at the start if it is given, shape `(n, m)`."""
-        (place,) = self.held or (posture,)
+        (place,) = self.prescribed_postures or (posture,)
         return np.repeat(frozen(place, (self.joints,))[:, None], self.targets, axis=1)
 
     def made_of(self, rows: Array) -> PiecewiseMotion:
-        """The motion through the postures in the columns, shape `(k, m + held)`."""
-        postures = np.roll(rows.T, len(self.held), axis=0)
+        """The motion through the postures in the columns, shape `(k, m + p)`."""
+        postures = np.roll(rows.T, len(self.prescribed_postures), axis=0)
         if self.closed:
             postures = np.vstack([postures, postures[:1]])
         return through_postures(postures, self.move_s, self.dwell_s)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from steelyard.arrays import Array, frozen
-from steelyard.excitation.bases.linear_basis import LinearBasis, check_times, held_postures
+from steelyard.excitation.bases.linear_basis import LinearBasis, check_times, checked_postures
 from steelyard.excitation.trajectories.minimum_jerk import SMOOTH
 from steelyard.excitation.trajectories.piecewise import PiecewiseMotion, from_scipy
 
@@ -39,7 +39,7 @@ class SplineBasis(LinearBasis):
 
     def __post_init__(self) -> None:
         check_times(seconds=self.seconds)
-        held_postures(self.joints, self.start, self.end)
+        checked_postures(self.joints, self.start, self.end)
         if self.degree not in (3, 5):
             raise ValueError(f"the splines' degree is 3 or 5, not {self.degree}")
         if self.inner < 1:
@@ -63,9 +63,9 @@ class SplineBasis(LinearBasis):
         return 0.5 * (self.control_points - self.degree) / self.seconds
 
     @property
-    def held(self) -> tuple[Array, ...]:
+    def prescribed_postures(self) -> tuple[Array, ...]:
         """Start and end, as far as they are given."""
-        return held_postures(self.joints, self.start, self.end)
+        return checked_postures(self.joints, self.start, self.end)
 
     def still(self, posture: Array) -> Array:
         """All free control points at the posture, or at the given start.

@@ -12,7 +12,7 @@ from diagnosis.conftest import Arm
 from diagnosis.test_signals import DQ, ROBOT, TAU, Q, case_of, coarse, diagnosis, sound
 from steelyard.arrays import Array
 from steelyard.diagnosis.finding import Edit, Finding, Severity
-from steelyard.diagnosis.signals.held import hold
+from steelyard.diagnosis.signals.hold import hold
 from steelyard.diagnosis.signals.repeats import Repeats
 from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
 from steelyard.measurement import Processing, Recording, prepare

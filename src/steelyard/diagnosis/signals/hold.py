@@ -1,4 +1,4 @@
-"""Samples that are held: channels that are new only every n-th row of a log."""
+"""Zero-order hold: channels that are new only every n-th row of a log."""
 
 from dataclasses import dataclass
 
