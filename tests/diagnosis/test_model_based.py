@@ -11,8 +11,8 @@ from scipy.optimize import lsq_linear
 
 from steelyard.diagnosis import Diagnosis, Edit, Severity, examine
 from steelyard.diagnosis.decision.checks import MOUNTING, PAYLOAD
+from steelyard.diagnosis.decision.findings import UNKNOWN
 from steelyard.diagnosis.decision.ranking import COMPARING
-from steelyard.diagnosis.decision.telling import UNKNOWN
 from steelyard.diagnosis.decision.verdict import verdict
 from steelyard.diagnosis.drift import Drift
 from steelyard.diagnosis.finding import Finding, Fix

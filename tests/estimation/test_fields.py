@@ -107,7 +107,7 @@ def test_exact_data_give_each_joint_its_value(case: LawCase, field: str) -> None
     truth, wanted = case.on(ROBOT, **{field: values}), case.on(ROBOT)
     result = found(case.other_terms(), truth, replace(wanted, **{field: find}))
     assert [f.joint for f in result.findings] == list(JOINTS)
-    assert all(f.field == field and f.told for f in result.findings)
+    assert all(f.field == field and f.identifiable for f in result.findings)
     assert [f.value for f in result.findings] == pytest.approx(values, rel=2e-3)
     assert getattr(result.model.terms[-1], field) == tuple(f.value for f in result.findings)
     assert result.notes == ()
@@ -166,7 +166,7 @@ def test_wide_intervals_come_from_the_profile() -> None:
         )
         return square - float(vector @ np.linalg.pinv(matrix, hermitian=True) @ vector)
 
-    assert finding.told and finding.interval[1] / finding.interval[0] > 1.5
+    assert finding.identifiable and finding.interval[1] / finding.interval[0] > 1.5
     least = squares(finding.value)
     for end in finding.interval:
         assert squares(end) - least == pytest.approx(3.84, rel=0.15)
@@ -174,7 +174,7 @@ def test_wide_intervals_come_from_the_profile() -> None:
 
 def test_data_without_the_effect_cannot_tell() -> None:
     result = found(DEFAULT_TERMS, Stribeck(), Stribeck(speed=SPEEDS), 0.5, size=0.0)
-    assert not any(f.told for f in result.findings)
+    assert not any(f.identifiable for f in result.findings)
     assert len(result.notes) == 3
     assert "bound the speed of term 'stribeck' at 'joint_1' on one side only" in result.notes[0]
     assert "log slower motion with reversals, or fix it: speed = " in result.notes[0]
@@ -183,7 +183,7 @@ def test_data_without_the_effect_cannot_tell() -> None:
 def test_a_value_beyond_the_bounds_is_said() -> None:
     result = found(DEFAULT_TERMS, Stribeck(speed=0.5), Stribeck(speed=Find(1e-3, 0.1)), 0.05)
     (finding,) = result.findings
-    assert finding.value == 0.1 and finding.interval[1] == 0.1 and not finding.told
+    assert finding.value == 0.1 and finding.interval[1] == 0.1 and not finding.identifiable
     (note,) = result.notes
     assert note == (
         "the speed of term 'stribeck' is estimated at its bound 0.1; widen the search, "

@@ -11,7 +11,7 @@ from steelyard.measurement import Processing, Recording, prepare
 from steelyard.measurement.methods.butterworth import Butterworth
 from steelyard.measurement.methods.moving_average import MovingAverage
 from steelyard.measurement.methods.register import METHODS, method_of
-from steelyard.measurement.processing import asked
+from steelyard.measurement.processing import requested_processing
 from steelyard.measurement.rows.interpolation import CUBIC, INTERPOLATIONS, Worst
 from steelyard.measurement.rows.resample import Lane, Thinning, sample_count, uniform
 from steelyard.robot_file.sections import ProcessingSection
@@ -199,11 +199,11 @@ def test_the_robot_files_table_becomes_the_chain() -> None:
             "matched_cutoff": 3.0,
         }
     )
-    found = asked(section, lambda *key: ".".join(map(str, key)))
+    found = requested_processing(section, lambda *key: ".".join(map(str, key)))
     assert found.outliers is None and not found.bridge_repeats and not found.leave_out_saturated
     assert (found.rate, found.resampling, found.effort_cutoff) == (100.0, "pchip", 20.0)
     assert found.motion == METHODS["savitzky_golay"](21) and found.effort == Butterworth()
-    usual = asked(ProcessingSection(), lambda *key: "")
+    usual = requested_processing(ProcessingSection(), lambda *key: "")
     assert usual.to_dict() == Processing().to_dict()
 
 
@@ -218,7 +218,7 @@ def test_the_robot_files_table_becomes_the_chain() -> None:
 def test_mistakes_name_their_place(table: dict[str, object], wrong: str) -> None:
     section = ProcessingSection.model_validate(table)
     with pytest.raises(ModelError, match=wrong) as caught:
-        asked(section, lambda *key: f"robot.toml, line 3, {key[-1]}")
+        requested_processing(section, lambda *key: f"robot.toml, line 3, {key[-1]}")
     assert caught.value.where == f"robot.toml, line 3, {next(iter(table))}"
 
 

@@ -143,11 +143,11 @@ def test_the_choice_is_kept_in_files() -> None:
 def test_robot_files_ask_for_it(text: str) -> None:
     import tomllib
 
-    from steelyard.measurement.processing import asked
+    from steelyard.measurement.processing import requested_processing
     from steelyard.robot_file.sections import ProcessingSection
 
     section = ProcessingSection(**tomllib.loads(f"repetitions = {text}"))
-    found = asked(section, lambda *place: ".".join(place)).repetitions
+    found = requested_processing(section, lambda *place: ".".join(place)).repetitions
     wanted = Repetitions() if "find" in text else Repetitions(13.333, 0, 0)
     assert found == wanted
 

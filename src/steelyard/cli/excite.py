@@ -172,7 +172,7 @@ def _ending(progress: "Progress") -> "Progress":
     from steelyard.cli import interrupt
 
     def watch(event: "Event") -> bool:
-        if interrupt.asked():
+        if interrupt.stop_requested():
             interrupt.answered()
             return False
         return progress(event)

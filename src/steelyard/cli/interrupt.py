@@ -24,7 +24,7 @@ class Interrupted(BaseException):
 @dataclass
 class _State:
     installed: bool = False
-    asked: int = 0
+    requests: int = 0
     quiet: bool = False
 
 
@@ -38,9 +38,9 @@ def install() -> None:
     sys.unraisablehook = _quiet(sys.unraisablehook)
 
 
-def asked() -> bool:
+def stop_requested() -> bool:
     """Whether Ctrl-C has been pressed."""
-    return _state.asked > 0
+    return _state.requests > 0
 
 
 def check() -> None:
@@ -49,13 +49,13 @@ def check() -> None:
     Raises:
         Interrupted: It has.
     """
-    if asked():
+    if stop_requested():
         raise Interrupted
 
 
 @contextmanager
 def quietly() -> Iterator[None]:
-    """Inside, Ctrl-C is only noted, for work that looks at `asked` and keeps what it has.
+    """Inside, Ctrl-C is only noted, for work that looks at `stop_requested` and keeps what it has.
 
     Pressed again, or after it was `answered`, it stops the program as elsewhere.
     """
@@ -68,7 +68,7 @@ def quietly() -> Iterator[None]:
 
 def answered() -> None:
     """What is done is kept: one request has its answer, and only another one stops what follows."""
-    _state.asked, _state.quiet = max(_state.asked - 1, 0), False
+    _state.requests, _state.quiet = max(_state.requests - 1, 0), False
 
 
 def too_late() -> None:
@@ -104,8 +104,8 @@ def leave() -> None:
 
 
 def _note(number: int, frame: FrameType | None) -> None:
-    _state.asked += 1
-    if _state.asked > 1 or not _state.quiet:
+    _state.requests += 1
+    if _state.requests > 1 or not _state.quiet:
         raise Interrupted
 
 

@@ -79,7 +79,7 @@ def convert(
     from steelyard.cli.show import progress_bar
     from steelyard.files import whole_file
     from steelyard.formats import open_log, parse_log_argument
-    from steelyard.formats.contents import told
+    from steelyard.formats.contents import with_progress
     from steelyard.formats.log import require_columns
     from steelyard.formats.window import windowed
     from steelyard.formats.writers import writer_for
@@ -92,7 +92,7 @@ def convert(
     rows = 0
     with progress_bar() as progress, whole_file(output) as part:
         with writer(part, wanted) as write:
-            for table in told(windowed(opened, wanted, cut), opened, progress, "writing"):
+            for table in with_progress(windowed(opened, wanted, cut), opened, progress, "writing"):
                 write(table)
                 rows += len(table)
         interrupt.too_late()

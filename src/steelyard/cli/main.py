@@ -17,7 +17,7 @@ def main() -> None:
 
         app(args=expanded(sys.argv[1:]))
     except BaseException:
-        if interrupt.asked():
+        if interrupt.stop_requested():
             interrupt.leave()
         interrupt.ignore()
         raise

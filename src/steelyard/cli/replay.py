@@ -52,7 +52,7 @@ def replay(
         shown = replayed(stage, host, port, speed)
         typer.echo(f"replay      {shown.address}  (Ctrl-C ends it)")
         try:
-            shown.run(interrupt.asked)
+            shown.run(interrupt.stop_requested)
         finally:
             shown.stop()
     interrupt.answered()

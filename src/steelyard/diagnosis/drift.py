@@ -15,8 +15,8 @@ MUCH = 0.75
 """Range of friction over its mean from which on logs are not alike: more than from day to day."""
 SHARE = 0.1
 """Least share of a joint's effort that friction must have to matter."""
-TOLD = 0.2
-"""Misfit of a joint above which its friction cannot be told."""
+RELIABLE = 0.2
+"""Misfit of a joint above which its friction is not reliable."""
 
 
 class Drift:
@@ -32,10 +32,12 @@ class Drift:
         if len(found) < 2:
             return ()
         levels = np.array([level.friction for _, level in found])
-        told = np.all([level.told for _, level in found], axis=0)
-        if not told.any():
+        reliable = np.all([level.reliable for _, level in found], axis=0)
+        if not reliable.any():
             return ()
-        spread = np.where(told, np.ptp(levels, axis=0) / np.maximum(levels.mean(axis=0), 1e-12), 0)
+        spread = np.where(
+            reliable, np.ptp(levels, axis=0) / np.maximum(levels.mean(axis=0), 1e-12), 0
+        )
         worst = int(np.argmax(spread))
         much = tuple(case.joints[j] for j in np.flatnonzero(spread > MUCH))
         names = [e.name for e, _ in found]
@@ -64,10 +66,10 @@ class Drift:
 
 @dataclass(frozen=True, eq=False)
 class _Level:
-    """Friction of every joint at half of its speed, and where it can be told, each `(n,)`."""
+    """Friction of every joint at half of its speed, and where it is reliable, each `(n,)`."""
 
     friction: Array
-    told: Array
+    reliable: Array
 
 
 def _level(case: Case, evidence: Evidence) -> _Level | None:
@@ -82,8 +84,8 @@ def _level(case: Case, evidence: Evidence) -> _Level | None:
         np.abs(likelihood.driven(likelihood.motion(likelihood.declared)[1])), 0.98, axis=1
     )
     friction = c + 0.5 * v * speed
-    told = (score.counts[0] >= LEAST) & (score.misfits[0] < TOLD)
-    return _Level(friction, told & (friction > SHARE * likelihood.size))
+    reliable = (score.counts[0] >= LEAST) & (score.misfits[0] < RELIABLE)
+    return _Level(friction, reliable & (friction > SHARE * likelihood.size))
 
 
 def unbounded(likelihood: Likelihood) -> Likelihood:

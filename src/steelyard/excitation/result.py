@@ -66,7 +66,7 @@ class Designed:
     faint: int = 0
 
     @property
-    def asked(self) -> tuple[int, ...]:
+    def chosen_parameters(self) -> tuple[int, ...]:
         """The base parameters that were to be shown: those chosen, or all."""
         return tuple(range(len(self.shown.names))) if self.chosen is None else self.chosen
 

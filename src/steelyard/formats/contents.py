@@ -133,7 +133,7 @@ def content_of(log: Log, cut: Cut = Cut(), progress: Progress = silent) -> LogCo
     names = tuple(name for name, count in counts.items() if count == 1)
     time = time_column(log, names)
     tally = Tally(len(names))
-    for part in told(windowed(log, names, cut), log, progress, "reading the log"):
+    for part in with_progress(windowed(log, names, cut), log, progress, "reading the log"):
         tally.add(part)
     columns = tuple(tally.column(name, place) for place, name in enumerate(names))
     duration, rate = _clock(columns, time, tally.rows)
@@ -153,7 +153,9 @@ def content_of(log: Log, cut: Cut = Cut(), progress: Progress = silent) -> LogCo
     )
 
 
-def told(parts: Iterator[Array], log: Log, progress: Progress, phase: str) -> Iterator[Array]:
+def with_progress(
+    parts: Iterator[Array], log: Log, progress: Progress, phase: str
+) -> Iterator[Array]:
     """Parts of a log as they come, with events of progress."""
     known = getattr(log, "n_rows", None)
     done = 0

@@ -23,10 +23,10 @@ from steelyard.excitation.trajectories.exact import ExactTrajectory
 from steelyard.excitation.trajectories.files import write_motion
 from steelyard.identification.defaults import DESIGN_BUDGET_S
 from steelyard.identification.excitation_inputs import (
-    asked,
     earlier_of,
     identified_before,
     refuse_formats,
+    with_options,
 )
 from steelyard.identification.logs import model_of, with_friction
 from steelyard.identification.result import Result
@@ -184,7 +184,7 @@ def design_task(
     Raises:
         SteelyardError: The problem has no solution, or a file cannot be used.
     """
-    loaded = asked(load_robot(robot, base=fixed_base), **tables)
+    loaded = with_options(load_robot(robot, base=fixed_base), **tables)
     known = None if earlier is None else identified_before(earlier, loaded)
     model = with_friction(model_of(loaded), loaded)
     if known is not None:

@@ -19,7 +19,7 @@ from steelyard.robot_file.excitation_sections import changed_excitation
 from steelyard.robot_file.file import LoadedRobot
 
 
-def asked(loaded: LoadedRobot, **options: Any) -> LoadedRobot:
+def with_options(loaded: LoadedRobot, **options: Any) -> LoadedRobot:
     """The robot with what options say in the place of its `[excitation]` tables.
 
     Raises:

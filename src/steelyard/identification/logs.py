@@ -13,7 +13,7 @@ from steelyard.estimation.identified import IdentifiedModel
 from steelyard.formats import Cut, open_log, parse_log_argument
 from steelyard.formats.numbered import Numbered
 from steelyard.measurement import Processing, Recording, Run, prepare
-from steelyard.measurement.processing import asked
+from steelyard.measurement.processing import requested_processing
 from steelyard.model import Model
 from steelyard.progress import Progress, tell
 from steelyard.robot.robot import Robot
@@ -169,7 +169,7 @@ def _is_of_motors(term: Term, robot: Robot) -> bool:
 
 def wanted_by(loaded: LoadedRobot) -> Processing:
     """How logs are made runs, as the robot file says it."""
-    return asked(loaded.processing, loaded.where)
+    return requested_processing(loaded.processing, loaded.where)
 
 
 def processing_of(identified: IdentifiedModel) -> Processing:

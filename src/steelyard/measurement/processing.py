@@ -102,7 +102,7 @@ class Processing:
         return cls(**values)
 
 
-def asked(section: ProcessingSection, where: Callable[..., str]) -> Processing:
+def requested_processing(section: ProcessingSection, where: Callable[..., str]) -> Processing:
     """The processing that a robot file asks for.
 
     Args:
@@ -134,10 +134,10 @@ def asked(section: ProcessingSection, where: Callable[..., str]) -> Processing:
     return wanted
 
 
-def _repetitions(asked: RepetitionsTable | Literal["find"] | None) -> Repetitions | None:
-    if asked is None or isinstance(asked, str):
-        return None if asked is None else Repetitions()
-    return Repetitions(asked.period, asked.drop_first, asked.drop_last)
+def _repetitions(table: RepetitionsTable | Literal["find"] | None) -> Repetitions | None:
+    if table is None or isinstance(table, str):
+        return None if table is None else Repetitions()
+    return Repetitions(table.period, table.drop_first, table.drop_last)
 
 
 def _positive(cutoff: Any, where: str) -> float | None:

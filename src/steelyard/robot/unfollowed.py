@@ -1,4 +1,4 @@
-"""What a model file states and the robot is without: told, unless the robot file answers it."""
+"""Statements of a model file that the robot ignores, unless the robot file replaces them."""
 
 from collections.abc import Collection, Iterator
 
@@ -7,10 +7,10 @@ from steelyard.robot.model_notes import Answer, JointSpring, ModelNote
 from steelyard.robot.robot import Robot
 
 
-def told(
+def ignored_statements(
     mechanism: Mechanism, robot: Robot, answered: Collection[Answer], limited: Collection[str]
 ) -> dict[str, str]:
-    """Statements of the model file that are not followed, and a line of each with all it is about.
+    """Statements of the model file that are ignored, and a line of each with all it is about.
 
     Args:
         mechanism: What the model file says.

@@ -16,7 +16,7 @@ from steelyard.robot.mechanism import Mechanism
 from steelyard.robot.mimic import unlimited_if_empty
 from steelyard.robot.model_notes import Answer
 from steelyard.robot.robot import Limits, Robot
-from steelyard.robot.unfollowed import springs_along, told
+from steelyard.robot.unfollowed import ignored_statements, springs_along
 from steelyard.robot.xacro.read import joined_reference, split_reference
 from steelyard.robot.xml_reader import read_bytes
 from steelyard.robot_file.closures import closing_of
@@ -129,7 +129,7 @@ def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
     signals = None
     if file.signals is not None:
         signals = build_signals(file.signals, robot.coordinates, places.where, robot.transmission)
-    unfollowed = told(mechanism, robot, _answers(file), _limited(file.robot))
+    unfollowed = ignored_statements(mechanism, robot, _answers(file), _limited(file.robot))
     notes += tuple(unfollowed.values())
     if signals is not None and signals.effort_kind == "gravity_compensated_torque":
         robot = robot.changed(gravity=np.zeros(3))

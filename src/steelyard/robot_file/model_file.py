@@ -11,7 +11,7 @@ from steelyard.robot.free_joints import floating_base
 from steelyard.robot.from_mechanism import reduced
 from steelyard.robot.mechanism import Mechanism
 from steelyard.robot.robot import Robot
-from steelyard.robot.unfollowed import springs_along, told
+from steelyard.robot.unfollowed import ignored_statements, springs_along
 from steelyard.robot.xacro.read import expand
 from steelyard.robot.xml_reader import read_bytes
 from steelyard.robot_file.loaded import LoadedRobot, Source
@@ -58,7 +58,7 @@ def robot_of_model(
     """
     mechanism, path = model.mechanism, model.sources[0].path
     robot, notes = _whole(mechanism, base, locked)
-    unfollowed = told(mechanism, robot, (), ())
+    unfollowed = ignored_statements(mechanism, robot, (), ())
     return LoadedRobot(
         robot,
         (*model.notes, *notes, *unfollowed.values()),

@@ -38,16 +38,16 @@ class Find:
         return {ASKED: [self.lower, self.upper], "per_joint": not self.shared}
 
 
-def is_asked(given: Any) -> bool:
+def is_search(given: Any) -> bool:
     """Whether a value of a file, or a part of it, asks for a search."""
     if isinstance(given, list | tuple):
-        return any(is_asked(x) for x in given)
+        return any(is_search(x) for x in given)
     if isinstance(given, Mapping):
         return ASKED in given and not isinstance(given[ASKED], Mapping)
     return bool(given == ASKED)
 
 
-def asked(law: type[Any], field: str, given: Any, where: str) -> Find:
+def search_of(law: type[Any], field: str, given: Any, where: str) -> Find:
     """The search that a value of a file asks for.
 
     Args:

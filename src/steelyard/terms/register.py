@@ -27,7 +27,7 @@ from steelyard.terms.laws.spring import Spring
 from steelyard.terms.laws.stribeck import Stribeck
 from steelyard.terms.laws.viscous import Viscous
 from steelyard.terms.memory import Presliding
-from steelyard.terms.open_fields import Find, asked, finds_of, is_asked
+from steelyard.terms.open_fields import Find, finds_of, is_search, search_of
 from steelyard.terms.term import StatefulTerm, Term, channels_of
 
 ASKED_OF_ALL = ("dissipation", "cause", "shown_by", "in_model_files")
@@ -148,8 +148,8 @@ def _names(law: type[Any]) -> tuple[str, ...]:
 
 def _field(law: type[Any], name: str, given: Any, where: str) -> Any:
     """What a file says of one field: its value, or that it is to be found."""
-    if is_asked(given):
-        return asked(law, name, given, where)
+    if is_search(given):
+        return search_of(law, name, given, where)
     value = _value(given)
     _refuse_mistaken_switch(law, name, value, where)
     return value

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 from steelyard.diagnosis.case import Case
 from steelyard.diagnosis.decision.decidable import least_mass
+from steelyard.diagnosis.decision.findings import agrees, findings
 from steelyard.diagnosis.decision.friction_sign import friction_signs
 from steelyard.diagnosis.decision.gains_left import gains_left
 from steelyard.diagnosis.decision.ranking import known_of
-from steelyard.diagnosis.decision.telling import agrees, findings
 from steelyard.diagnosis.decision.verdict import Verdict, verdict
 from steelyard.diagnosis.finding import Finding, Severity
 from steelyard.diagnosis.residual_delay import residual_delay

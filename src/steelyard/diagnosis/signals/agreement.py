@@ -65,7 +65,7 @@ class Agreement:
         )
 
     @property
-    def told(self) -> NDArray[np.bool_]:
+    def reliable_joints(self) -> NDArray[np.bool_]:
         """Joints whose scale and lag can be believed."""
         with np.errstate(invalid="ignore"):
             sure: NDArray[np.bool_] = self.moving & (np.abs(self.correlation) >= ALIKE)

@@ -148,7 +148,7 @@ def _reasons(case: Case, evidence: Evidence, units: Reading, joint: int, off: Ar
     if speed > 0.0:
         known = f" (limit {limit:.2g})" if np.isfinite(limit) else ""
         found.append(f"move at {speed:.2g}{known}")
-    if units.agreement is not None and units.agreement.told[joint]:
+    if units.agreement is not None and units.agreement.reliable_joints[joint]:
         scale = abs(float(units.agreement.scale[joint]))
         if abs(np.log(scale)) > np.log(SAME):
             found.append(f"have logged velocities of {scale:.3g} times the derivative")

@@ -138,9 +138,11 @@ def _off(log: str, name: str, x: float, std: float, gone: float) -> Finding:
 def by_velocities(case: Case, evidence: Evidence, name: str) -> Finding | None:
     """The scale of the clock that logged velocities ask for, if all joints agree on one but 1."""
     units = reading(case, evidence)
-    if units.agreement is None or np.count_nonzero(units.agreement.told) < FEWEST:
+    if units.agreement is None or np.count_nonzero(units.agreement.reliable_joints) < FEWEST:
         return None
-    ratio = np.array([units.relative(int(j)) for j in np.flatnonzero(units.agreement.told)])
+    ratio = np.array(
+        [units.relative(int(j)) for j in np.flatnonzero(units.agreement.reliable_joints)]
+    )
     scale, spread = float(np.mean(ratio)), float(np.ptp(ratio))
     if spread > UNEVEN or not OFF < abs(scale - 1.0) < MOST_OFF:
         return None

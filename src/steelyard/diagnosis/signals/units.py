@@ -185,7 +185,7 @@ def _facts(
     low, high = (
         np.quantile(overview.q, [0.005, 0.995], axis=0) if len(overview.q) else np.zeros((2, n))
     )
-    told = np.zeros(n, dtype=np.bool_) if agreed is None else agreed.told
+    reliable = np.zeros(n, dtype=np.bool_) if agreed is None else agreed.reliable_joints
     positions = declared_units(evidence, case)
     logged = velocities(case, evidence)
     rated = ("",) * n if logged is None else logged[0]
@@ -202,7 +202,9 @@ def _facts(
                 float(high[joint]),
                 float(fast[joint]),
                 bool(move[joint]),
-                float(agreed.scale[joint]) if agreed is not None and told[joint] else float("nan"),
+                float(agreed.scale[joint])
+                if agreed is not None and reliable[joint]
+                else float("nan"),
                 _relative(positions[joint], POSITION_UNITS[c.kind]),
                 {} if agreed is None else rates,
                 CHANGED if signals.velocity is not None else 0.5 * CHANGED,

@@ -122,25 +122,25 @@ def _found(
 def _faults(case: Case, evidence: Evidence, units: Reading, agreed: Agreement) -> _Faults:
     n = len(agreed.order)
     # what is only dragged along moves too little to tell a scale or a lag by
-    told = agreed.told & driven(case, evidence)
+    reliable = agreed.reliable_joints & driven(case, evidence)
     relative = np.array([abs(units.relative(j)) for j in range(n)])
     step = look(case, evidence).step * units.second
     declared = [joint.velocity_unit for joint in units.as_declared]
     with np.errstate(invalid="ignore"):
-        off = told & (np.abs(np.log(np.where(relative > 0.0, relative, np.nan))) > log(SAME))
+        off = reliable & (np.abs(np.log(np.where(relative > 0.0, relative, np.nan))) > log(SAME))
         signals = evidence.recording.signals
         taken_out = 0.0 if signals.velocity is None else signals.velocity_delay
         lag = np.abs(agreed.lag - taken_out)
         late = lag > np.maximum(LATE_STEPS * step, LATE_ERRORS * agreed.lag_std)
-        turned = told & (agreed.scale < 0.0)
+        turned = reliable & (agreed.scale < 0.0)
     changed = np.array([u.velocity_unit for u in units.joints]) != np.array(declared)
     return _Faults(
         agreed.order != np.arange(n),
-        told & changed,
+        reliable & changed,
         turned,
         off,
-        driven(case, evidence) & ~told,
-        told & late,
+        driven(case, evidence) & ~reliable,
+        reliable & late,
         _differenced(case, evidence, units),
     )
 
@@ -251,23 +251,23 @@ def _names(case: Case, mask: NDArray[np.bool_]) -> str:
 
 def _facts(agreed: Agreement) -> str:
     """The lags in words."""
-    told = agreed.told
-    if not told.any():
+    reliable = agreed.reliable_joints
+    if not reliable.any():
         return "no lag can be estimated"
-    lag = 1e3 * agreed.lag[told]
-    error = 1e3 * float(np.max(agreed.lag_std[told]))
+    lag = 1e3 * agreed.lag[reliable]
+    error = 1e3 * float(np.max(agreed.lag_std[reliable]))
     spread = f"{lag.min():.3g} to {lag.max():.3g}" if len(lag) > 1 else f"{lag[0]:.3g}"
     return f"velocities lag {spread} ms (± {error:.1g}) behind d(q)/dt"
 
 
 def _figure(case: Case, evidence: Evidence, units: Reading, agreed: Agreement) -> str:
-    told = _at(agreed.told)
-    if not told:
+    reliable = _at(agreed.reliable_joints)
+    if not reliable:
         best = float(np.nanmax(np.abs(agreed.correlation)))
         return f"correlation of {best:.2g} with d(q)/dt, bound 0.9"
     ratio = np.array([units.relative(j) for j in range(len(agreed.order))])
-    far = max(told, key=lambda j: abs(ratio[j] - 1.0))
-    late = max(told, key=lambda j: abs(float(agreed.lag[j])))
+    far = max(reliable, key=lambda j: abs(ratio[j] - 1.0))
+    late = max(reliable, key=lambda j: abs(float(agreed.lag[j])))
     step = 1e3 * look(case, evidence).step * units.second
     declared = float(agreed.scale[far])
     return (
@@ -280,7 +280,7 @@ def _figure(case: Case, evidence: Evidence, units: Reading, agreed: Agreement) -
 def _worst(agreed: Agreement, bad: NDArray[np.bool_]) -> int:
     if bad.any():
         return _at(bad)[0]
-    lag = np.where(agreed.told, np.abs(agreed.lag), -1.0)
+    lag = np.where(agreed.reliable_joints, np.abs(agreed.lag), -1.0)
     return int(np.argmax(lag))
 
 

@@ -70,8 +70,8 @@ class Finding:
         return self.interval[0] <= self.bounds[0], self.interval[1] >= self.bounds[1]
 
     @property
-    def told(self) -> bool:
-        """Whether the data tell the value: both ends of the interval lie within the bounds."""
+    def identifiable(self) -> bool:
+        """Whether the value is identifiable: both ends of the interval lie within the bounds."""
         return not any(self.open_ends)
 
     def to_dict(self) -> dict[str, Any]:
@@ -81,7 +81,7 @@ class Finding:
     @property
     def warning(self) -> str | None:
         """What the user should know if the data cannot tell."""
-        if self.told:
+        if self.identifiable:
             return None
         low, high = self.interval
         of = f"the {self.field} of term '{self.term}'"

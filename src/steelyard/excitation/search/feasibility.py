@@ -141,7 +141,9 @@ def _refuse_lacking(
     fix = "choose another posture"
     if near is not None:
         fix = f"nearby, {_listed(near)} satisfies all constraints"
-    raise DataError(f"the {key} posture violates: {told(here)}", where=f"{_WHERE} {key}", fix=fix)
+    raise DataError(
+        f"the {key} posture violates: {lacks_text(here)}", where=f"{_WHERE} {key}", fix=fix
+    )
 
 
 def _refuse_nowhere(problem: Problem) -> None:
@@ -158,14 +160,15 @@ def _refuse_nowhere(problem: Problem) -> None:
     assert best is not None
     lacks = lacking(problem, [best.posture])
     raise DataError(
-        f"no posture was found that satisfies all constraints; the nearest violates: {told(best)}",
+        "no posture was found that satisfies all constraints; "
+        f"the nearest violates: {lacks_text(best)}",
         where=f"[excitation] {names(lacks)}",
         fix=f"{widen(lacks)}: this allows a motion of {SIZE:.0%} of the joints' ranges about it",
     )
 
 
-def told(place: Standing) -> str:
-    """What a posture lacks, in words."""
+def lacks_text(place: Standing) -> str:
+    """The constraints that a posture violates, as text."""
     return "; ".join(
         f"{label} (violated by {-value:.3g} {constraint.unit})"
         for constraint, label, value in place.lacks[:4]

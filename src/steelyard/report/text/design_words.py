@@ -190,7 +190,7 @@ def level(designed: Designed) -> Level:
     """Good if all is proven, looked at and shown well; fair if something is not."""
     if not designed.certificate.holds:
         return "poor"
-    blurred = designed.kind in FAMILIES and hidden(designed)[list(designed.asked)].any()
+    blurred = designed.kind in FAMILIES and hidden(designed)[list(designed.chosen_parameters)].any()
     return "fair" if designed.certificate.gaps or unended(designed) or blurred else "good"
 
 

@@ -72,7 +72,7 @@ def _fields(findings: tuple[Finding, ...]) -> PlainTable:
                 finding.joint or "all",
                 significant(finding.value),
                 f"{significant(finding.interval[0])} to {significant(finding.interval[1])}",
-                "" if finding.told else "not identifiable",
+                "" if finding.identifiable else "not identifiable",
             )
         )
         for finding in findings

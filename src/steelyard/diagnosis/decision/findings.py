@@ -97,7 +97,7 @@ def _of_log(
     mine = [(number, w) for number, w in enumerate(held.winners) if w[0].cause == cause]
     if not mine:
         lost = cause == UNEXPLAINED and hopeless(held)
-        unclear = undecided(held, cause) if told(held) else ""
+        unclear = undecided(held, cause) if has_finding(held) else ""
         yield Finding(
             cause,
             evidence.name,
@@ -107,7 +107,7 @@ def _of_log(
             fix=Fix(LOST) if lost else None,
             hypotheses=shown,
             nominal=nominal,
-            answered=told(held) and not unclear,
+            answered=has_finding(held) and not unclear,
         )
         return
     number, (hypothesis, severity) = mine[-1]
@@ -243,8 +243,8 @@ def _known(held: Verdict) -> str:
     return "the reference" if identified else "the nominal model"
 
 
-def told(held: Verdict) -> bool:
-    """Whether anything can be said of a log."""
+def has_finding(held: Verdict) -> bool:
+    """Whether there is a finding about a log."""
     close = held.ranking.likelihood.knowledge.identified or held.ranking.declared.percent <= ROUGH
     return bool(held.winners) or (held.explained and close)
 
@@ -254,7 +254,7 @@ def hopeless(held: Verdict) -> bool:
     likelihood, declared = held.ranking.likelihood, held.ranking.declared
     seen = declared.score.counts > 0.0
     worst = float(np.max(declared.misfits[seen], initial=0.0))
-    if told(held) or (worst <= HOPELESS and declared.percent <= 100.0 * HALF):
+    if has_finding(held) or (worst <= HOPELESS and declared.percent <= 100.0 * HALF):
         return False
     return (
         likelihood.knowledge.identified or other_bodies(likelihood, declared.interpretation) is None
@@ -264,7 +264,7 @@ def hopeless(held: Verdict) -> bool:
 def agrees(held: Verdict, what: str) -> str:
     """What to say where nothing is wrong, or where nothing can be said."""
     ranked = held.ranking
-    if not told(held):
+    if not has_finding(held):
         much = _percent(ranked.declared.percent)
         why = f"undecided: {_known(held)} has a misfit of {much} and "
         if ranked.likelihood.knowledge.identified:
