@@ -215,14 +215,14 @@ def visited(
 def counted(problem: Problem, x: np.ndarray, best: float) -> float:
     """The figure of a motion once it is scaled and proven; infinite if it is not below `best`."""
     inside = scaled(problem, x)
-    if inside is None or problem.figure(inside) >= best:
+    if inside is None or problem.criterion_value(inside) >= best:
         return np.inf
     still = problem.basis.still(problem.basis.motion(inside).derivative([0.0], 0)[0])
     for share in SHARES:
         moved = still + share * (inside - still)
         motion = problem.basis.motion(moved)
         if all(np.all(constraint.proven(motion) >= 0.0) for constraint in problem.constraints):
-            return problem.figure(moved)
+            return problem.criterion_value(moved)
     return np.inf
 
 

@@ -128,7 +128,7 @@ def designed(tables: str, folder: Path) -> tuple[float, bool]:
     path.write_text(HEAD + tables, encoding="utf-8")
     loaded = load_robot(path)
     found = design(loaded, model_of(loaded), SearchBudget(60.0, searches=1))
-    return found.shown.figure, found.certificate.holds
+    return found.shown.criterion_value, found.certificate.holds
 
 
 def of(case: Case, folder: Path) -> list[Claim]:

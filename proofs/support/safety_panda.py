@@ -122,7 +122,7 @@ def panda_claims() -> list[Claim]:
     seen, without = (judge.least(motion, pairs) for motion in reversed(told))
     ratio = float(seconds[1] / seconds[0])
     kept = certificate.holds and seen >= MARGIN
-    lost = best[1].figure / best[0].figure - 1.0
+    lost = best[1].criterion_value / best[0].criterion_value - 1.0
     return [
         Claim(
             "Panda, time of a search with clearance against without",
@@ -139,7 +139,7 @@ def panda_claims() -> list[Claim]:
         ),
         Claim(
             f"Panda, condition with clearance, best of {SEARCHES}",
-            f"{best[1].figure:.2f} against {best[0].figure:.2f} ({lost:+.1%})",
+            f"{best[1].criterion_value:.2f} against {best[0].criterion_value:.2f} ({lost:+.1%})",
             "told",
             True,
         ),

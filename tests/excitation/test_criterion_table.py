@@ -86,7 +86,7 @@ def test_kinds(tmp_path: Path, kind: str) -> None:
     problem = problem_of(tmp_path, f'{ANY}{QUICK}[excitation.criterion]\nkind = "{kind}"\n')
     x = drawn(problem)
     gram = gram_of(problem, x, np.ones(3))
-    assert problem.figure(x) == pytest.approx(FIGURES[kind](gram), rel=1e-6)
+    assert problem.criterion_value(x) == pytest.approx(FIGURES[kind](gram), rel=1e-6)
 
 
 def test_weights_of_the_joints(tmp_path: Path) -> None:
@@ -94,11 +94,11 @@ def test_weights_of_the_joints(tmp_path: Path) -> None:
     problem = problem_of(tmp_path, f"{tables}[1.0, 4.0, 0.5]\n")
     x = drawn(problem)
     gram = gram_of(problem, x, np.array([1.0, 4.0, 0.5]))
-    assert problem.figure(x) == pytest.approx(np.sqrt(np.linalg.cond(gram)), rel=1e-6)
+    assert problem.criterion_value(x) == pytest.approx(np.sqrt(np.linalg.cond(gram)), rel=1e-6)
     known = earlier(tmp_path)
     problem = problem_of(tmp_path, f'{tables}"noise"\n', known)
     gram = gram_of(problem, x, known.independent_rate / known.noise**2)
-    assert problem.figure(x) == pytest.approx(np.sqrt(np.linalg.cond(gram)), rel=1e-6)
+    assert problem.criterion_value(x) == pytest.approx(np.sqrt(np.linalg.cond(gram)), rel=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -111,7 +111,7 @@ def test_chosen_parameters(tmp_path: Path, chosen: str, count: int) -> None:
     wanted = [k for k, name in enumerate(names) if any(c in name for c in eval(chosen))]
     covariance = np.linalg.inv(gram_of(problem, x, np.ones(3)))
     assert len(wanted) == count
-    assert problem.figure(x) == pytest.approx(np.trace(covariance[np.ix_(wanted, wanted)]))
+    assert problem.criterion_value(x) == pytest.approx(np.trace(covariance[np.ix_(wanted, wanted)]))
 
 
 def test_after_earlier(tmp_path: Path) -> None:
@@ -122,7 +122,9 @@ def test_after_earlier(tmp_path: Path) -> None:
     prior = np.zeros((len(problem.cases[0].shows.base),) * 2)
     prior[:-2, :-2] = np.linalg.inv(known.covariance)
     gram = gram_of(problem, x, known.independent_rate / known.noise**2)
-    assert problem.figure(x) == pytest.approx(np.trace(np.linalg.inv(gram + prior)), rel=1e-6)
+    assert problem.criterion_value(x) == pytest.approx(
+        np.trace(np.linalg.inv(gram + prior)), rel=1e-6
+    )
 
 
 def test_given_weights_do_not_go_with_earlier_information(tmp_path: Path) -> None:
@@ -142,10 +144,10 @@ def test_relative_to_values_over_loads(tmp_path: Path) -> None:
     gram, std = gram_of(alone, x, np.ones(3)), np.sqrt(np.diag(known.covariance))
     sizes = np.maximum(np.abs(known.values), 2.0 * std)
     expected = np.trace(np.linalg.inv(gram * sizes[:, None] * sizes))
-    assert alone.figure(x) == pytest.approx(expected, rel=1e-6)
+    assert alone.criterion_value(x) == pytest.approx(expected, rel=1e-6)
     # a heavier arm is known relatively better, so the worse case is the one without the load
     loaded = both.cases[1].criterion.value(gram)
-    assert both.figure(x) == pytest.approx(max(expected, loaded), rel=1e-6)
+    assert both.criterion_value(x) == pytest.approx(max(expected, loaded), rel=1e-6)
     assert loaded != pytest.approx(expected, rel=1e-3)
 
 

@@ -75,8 +75,10 @@ def test_what_comes_before_the_search_is_taken_from_its_time(
 def test_the_best_motion_is_finished_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     problem = problem_of(tmp_path, OPEN + QUICK)
     starts = random_starts(problem.inequalities, np.random.default_rng(0), 3)
-    best, middle, worst = sorted(starts, key=problem.figure)
-    found = tuple(Found(k, x, problem.figure(x), 1.0, True) for k, x in enumerate((best, middle)))
+    best, middle, worst = sorted(starts, key=problem.criterion_value)
+    found = tuple(
+        Found(k, x, problem.criterion_value(x), 1.0, True) for k, x in enumerate((best, middle))
+    )
     monkeypatch.setattr(designs, "composed", lambda *arguments: iter([worst]))
     first, *rest = designs._candidates(problem, SearchResult(found, 2, (), False))
     assert first is best and len(rest) == 2

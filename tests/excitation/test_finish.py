@@ -179,7 +179,7 @@ def test_what_is_not_proven_is_shrunk_until_it_is(share: float) -> None:
     assert swing >= reach.most - 2.5e-3 * whole
     np.testing.assert_allclose(best.trajectory.derivative([0.0], 0)[0], START, atol=1e-12)
     assert len(reach.asked) < 20
-    assert best.figure == design.figure(best.x)
+    assert best.criterion_value == design.criterion_value(best.x)
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,7 +220,7 @@ def test_what_samples_step_over_is_optimised_again_at_closer_ones() -> None:
     )
     for one in (again, smaller):
         assert slab.proven(one.trajectory)[0] >= 0.0
-    assert again.figure < 0.05 * smaller.figure
+    assert again.criterion_value < 0.05 * smaller.criterion_value
 
 
 def test_closer_samples_lie_between() -> None:
@@ -280,7 +280,7 @@ def test_after_the_deadline_one_motion_is_finished_and_no_more(
     tried.clear()
     best = finished(design, candidates)
     assert len(tried) == 8
-    assert best.figure < one.figure
+    assert best.criterion_value < one.criterion_value
 
 
 @pytest.mark.parametrize("name", ["rest", "rest, from to", "quintic, from", "blended", "reaching"])
@@ -295,6 +295,6 @@ def test_real_walls_are_kept_at_all_times(name: str) -> None:
     for constraint in inequalities:
         assert constraint.margins(*states).values.min() >= 0.0
         assert np.all(constraint.proven(best.trajectory) >= 0.0)
-    begun = min(design.figure(x) for x in starts)
-    assert best.figure < begun
-    assert best.figure == design.figure(best.x)
+    begun = min(design.criterion_value(x) for x in starts)
+    assert best.criterion_value < begun
+    assert best.criterion_value == design.criterion_value(best.x)

@@ -37,7 +37,7 @@ def test_figure_is_the_condition_number_of_the_regressor(name: str) -> None:
     design = problem(FAMILIES[name])
     x = random_starts(design.inequalities, np.random.default_rng(0), 1)[0]
     y = regressor_along(design, x)
-    assert design.figure(x) == pytest.approx(np.linalg.cond(np.vstack(list(y))), rel=1e-6)
+    assert design.criterion_value(x) == pytest.approx(np.linalg.cond(np.vstack(list(y))), rel=1e-6)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -50,9 +50,9 @@ def test_weights_count_samples_of_a_second(kind: str) -> None:
     weighed = replace(plain, cases=[replace(case, shows=replace(case.shows, weights=weights))])
     y = regressor_along(plain, x) * np.sqrt(weights * plain.basis.duration / 1000)[:, None, None]
     rows = np.vstack(list(y))
-    assert weighed.figure(x) == pytest.approx(KINDS[kind].value(rows.T @ rows), rel=1e-9)
+    assert weighed.criterion_value(x) == pytest.approx(KINDS[kind].value(rows.T @ rows), rel=1e-9)
     finer = replace(weighed, samples=4000)
-    assert finer.figure(x) == pytest.approx(weighed.figure(x), rel=2e-3)
+    assert finer.criterion_value(x) == pytest.approx(weighed.criterion_value(x), rel=2e-3)
 
 
 @ALL
@@ -81,7 +81,7 @@ def test_between_the_samples_of_the_walls_little_is_missed(name: str) -> None:
         assert np.all(missed <= 0.004 * np.maximum(np.abs(most), np.abs(least)))
 
 
-def test_jumps_are_softened_while_searching_and_not_in_the_figure() -> None:
+def test_jumps_are_softened_while_searching_and_not_in_the_criterion_value() -> None:
     design = problem(FAMILIES["rest"])
     (sharp,) = jumping(design.cases)
     assert np.all(sharp.shows.widths == 1e-9) and np.all(design.cases[0].shows.widths > 1e-3)
@@ -89,33 +89,33 @@ def test_jumps_are_softened_while_searching_and_not_in_the_figure() -> None:
     x = random_starts(design.inequalities, np.random.default_rng(0), 1)[0]
     wide = design.cases[0].shows
     soft = replace(design, cases=[Case(replace(wide, widths=3.0 * np.ones(3)), KINDS["condition"])])
-    assert soft.figure(x) == design.figure(x)
+    assert soft.criterion_value(x) == design.criterion_value(x)
     assert soft.objective(x, 16.0)[0] != pytest.approx(design.objective(x, 16.0)[0], rel=1e-3)
 
 
-def test_the_smooth_criterion_is_near_the_figure() -> None:
+def test_the_smooth_criterion_is_near_the_exact_one() -> None:
     design = problem(FAMILIES["rest"])
     count = len(design.cases[0].shows.base)
     for seed in range(5):
         x = random_starts(design.inequalities, np.random.default_rng(seed), 1)[0]
         smooth = design.objective(x, 64.0)[0]
-        assert abs(smooth - np.log(design.figure(x))) < 0.1 + np.log(count) / 64.0
+        assert abs(smooth - np.log(design.criterion_value(x))) < 0.1 + np.log(count) / 64.0
 
 
-def test_the_worst_of_several_cases_is_the_figure() -> None:
+def test_the_worst_of_several_cases_is_the_criterion_value() -> None:
     design = problem(FAMILIES["rest"])
     shows, count = design.cases[0].shows, len(design.cases[0].shows.base)
     sizes = [np.geomspace(0.1, 10.0, count), np.geomspace(10.0, 0.1, count)]
     cases = [Case(shows, Measure(KINDS["a_optimal"], None, None, s)) for s in sizes]
     x = random_starts(design.inequalities, np.random.default_rng(0), 1)[0]
-    figures = [replace(design, cases=[case]).figure(x) for case in cases]
+    figures = [replace(design, cases=[case]).criterion_value(x) for case in cases]
     assert figures[0] != pytest.approx(figures[1], rel=1e-2)
-    assert replace(design, cases=cases).figure(x) == max(figures)
+    assert replace(design, cases=cases).criterion_value(x) == max(figures)
 
 
 def test_a_robot_that_stands_shows_nothing() -> None:
     design = problem(FAMILIES["rest"])
-    assert design.figure(design.basis.still(MIDDLE)) == np.inf
+    assert design.criterion_value(design.basis.still(MIDDLE)) == np.inf
 
 
 def test_searches_are_repeatable_and_end_inside() -> None:
@@ -140,7 +140,7 @@ def test_searches_are_repeatable_and_end_inside() -> None:
     for number, x in runs[0].items():
         assert design.inequalities.smallest_margin(x) > 0.0
         first = random_starts(design.inequalities, seeded(3, number), 5)
-        assert design.figure(x) < min(design.figure(y) for y in first)
+        assert design.criterion_value(x) < min(design.criterion_value(y) for y in first)
 
 
 def test_a_search_can_be_stopped() -> None:
@@ -170,4 +170,4 @@ def test_a_model_of_other_laws_has_a_problem_too() -> None:
     design = replace(problem(FAMILIES["rest"]), cases=[Case(shows, KINDS["d_optimal"])])
     assert design.robot is ARM
     x = random_starts(design.inequalities, np.random.default_rng(0), 1)[0]
-    assert np.isfinite(design.figure(x))
+    assert np.isfinite(design.criterion_value(x))

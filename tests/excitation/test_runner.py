@@ -63,11 +63,11 @@ def test_the_seed_alone_decides(tmp_path: Path) -> None:
     )
     assert one.searches == two.searches == 3 and not one.stopped
     for mine, theirs in zip(one.best, two.best, strict=True):
-        assert (mine.number, mine.figure) == (theirs.number, theirs.figure)
+        assert (mine.number, mine.criterion_value) == (theirs.number, theirs.criterion_value)
         np.testing.assert_array_equal(mine.x, theirs.x)
-    assert other.best[0].figure != one.best[0].figure
+    assert other.best[0].criterion_value != one.best[0].criterion_value
     figures = [figure for _, figure in two.course]
-    assert figures == sorted(figures, reverse=True) and figures[-1] == two.best[0].figure
+    assert figures == sorted(figures, reverse=True) and figures[-1] == two.best[0].criterion_value
 
 
 def test_no_more_processes_than_searches(tmp_path: Path) -> None:
@@ -86,7 +86,7 @@ def test_time_ends_it_and_keeps_what_there_is(tmp_path: Path) -> None:
     found = harvest(tmp_path, SearchBudget(3.0, processes=2))
     assert 2.5 < time.monotonic() - begun < 6.0
     assert found.best and len(found.best) <= 4 and not found.stopped
-    assert [f.figure for f in found.best] == sorted(f.figure for f in found.best)
+    assert [f.criterion_value for f in found.best] == sorted(f.criterion_value for f in found.best)
 
 
 def stopping(ready: Callable[[Event], bool]) -> Progress:

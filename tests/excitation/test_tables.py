@@ -262,7 +262,7 @@ def test_samples_of_the_figure(tmp_path: Path) -> None:
     many = problem_of(tmp_path, tables)
     assert (few.samples, many.samples) == (20, 1000)
     x = np.random.default_rng(0).standard_normal((3, few.basis.count))
-    assert few.figure(x) != many.figure(x)
+    assert few.criterion_value(x) != many.criterion_value(x)
 
 
 def test_what_is_assumed_is_noted(tmp_path: Path) -> None:
@@ -290,5 +290,5 @@ def test_every_method_is_by_name(tmp_path: Path) -> None:
         motion = "[excitation.motion]\nperiod = 4.0\nharmonics = 2\n"
         found = designed(tmp_path, OPEN + tables + motion, seconds=seconds[name])
         assert found.certificate.holds
-        seen[name] = found.shown.figure
+        seen[name] = found.shown.criterion_value
     assert np.isfinite(list(seen.values())).all() and len(set(seen.values())) == 3

@@ -63,7 +63,7 @@ def designed_for(arm: Robot, *, height: float = 1.0, known: bool = True) -> Desi
         certificate=certify(arm, motion, limits, (box,)),
         criterion=cases[0].criterion.name,
         shown=seen,
-        course=((0.5, 2.0 * seen.figure), (1.25, 1.1 * seen.figure)),
+        course=((0.5, 2.0 * seen.criterion_value), (1.25, 1.1 * seen.criterion_value)),
         searches=7,
         seconds=2.5,
         stopped=False,

@@ -63,13 +63,13 @@ def _found(model: Model, runs: tuple[Run, ...]) -> Finding:
         return Finding(JointZeros.name, "", Severity.OK, says, "", answered=False)
     if not far.any():
         says = f"no significant zero offset{_of(offsets)}{_hidden(offsets)}"
-        return Finding(JointZeros.name, "", Severity.OK, says, _figure(offsets))
+        return Finding(JointZeros.name, "", Severity.OK, says, _value_text(offsets))
     if not ranked.blamed or ranked.blamed[0].kind != "zero_offset":
         says = (
             f"{numbers(offsets, far)} is undecided: other model errors explain as much; compare "
             f"the zeros with the robot{_hidden(offsets)}"
         )
-        return Finding(JointZeros.name, "", Severity.OK, says, _figure(offsets), answered=False)
+        return Finding(JointZeros.name, "", Severity.OK, says, _value_text(offsets), answered=False)
     return Finding(
         JointZeros.name,
         "",
@@ -81,7 +81,7 @@ def _found(model: Model, runs: tuple[Run, ...]) -> Finding:
     )
 
 
-def _figure(offsets: ZeroOffsets) -> str:
+def _value_text(offsets: ZeroOffsets) -> str:
     """All offsets with their intervals, and those that these data do not identify."""
     return f"{numbers(offsets, np.isfinite(offsets.std))}{_hidden(offsets)}"
 

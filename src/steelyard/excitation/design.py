@@ -149,7 +149,7 @@ def _candidates(problem: Problem, harvest: SearchResult) -> list[Array]:
     found = [one.x for one in harvest.best]
     *_, mixed = composed(problem.objective, problem.inequalities, problem.limbs, found)
     every = found if any(mixed is x for x in found) else [mixed, *found]
-    return sorted(every, key=problem.figure)
+    return sorted(every, key=problem.criterion_value)
 
 
 def _limbs(problem: Problem) -> tuple[str, ...]:

@@ -45,7 +45,7 @@ class Problem:
         limits: Of the joints.
         constraints: All else that must hold at all times.
         cases: What the motion shows and how that is judged, one per load of the robot.
-        samples: Samples of the figure that people read.
+        samples: Samples of the criterion that people read.
         notes: What was assumed, one sentence each, for the user.
     """
 
@@ -74,14 +74,14 @@ class Problem:
             self.basis, self.limits, self.constraints, self._times(KEPT_PER_WAVE)
         )
 
-    def figure(self, x: Array) -> float:
+    def criterion_value(self, x: Array) -> float:
         """The criterion itself on `samples` samples, with laws that jump at zero speed."""
-        seen = self._figured.seen(x)
+        seen = self._unsmoothed.seen(x)
         pairs = [(c.criterion, s.gram) for c, s in zip(self.cases, seen, strict=True)]
         return worst_value(pairs)
 
     @cached_property
-    def _figured(self) -> Objective:
+    def _unsmoothed(self) -> Objective:
         return Objective(self.basis, jumping(self.cases), self._spread(self.samples))
 
     def _times(self, per_wave: int) -> Array:

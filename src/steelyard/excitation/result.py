@@ -25,9 +25,9 @@ class Designed:
         kind: Which motion it is, in a few words.
         limits: What the joints had to keep.
         certificate: What is proven of it.
-        criterion: Name of the figure that was minimised.
+        criterion: Name of the criterion that was minimised.
         shown: What the motion shows.
-        course: Time [s] and figure of every improvement of the search; empty if it was planned.
+        course: Time [s] and criterion of every improvement of the search; empty if it was planned.
         searches: Searches that came to their end.
         seconds: What the design took [s].
         stopped: Whether the user ended it early.

@@ -110,7 +110,7 @@ class DesignedMotion(Result):
             "motion": designed.kind,
             "duration_s": designed.trajectory.duration,
             "criterion": designed.criterion,
-            "figure": shown.figure if isfinite(shown.figure) else None,
+            "figure": shown.criterion_value if isfinite(shown.criterion_value) else None,
             "condition": shown.raw if isfinite(shown.raw) else None,
             "condition_normalised": shown.normalised if isfinite(shown.normalised) else None,
             "certified": designed.certificate.holds,

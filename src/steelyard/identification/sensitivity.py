@@ -12,7 +12,7 @@ from steelyard.measurement.defaults import MATCHED_HIGHEST, NYQUIST_SHARE, round
 from steelyard.progress import Progress
 from steelyard.regression.regressor import base_regressor
 from steelyard.report import ReportContent
-from steelyard.report.text.score_words import figures
+from steelyard.report.text.score_words import relative_errors
 from steelyard.validation.friction.mixes import remembers
 from steelyard.validation.score import RunScore
 from steelyard.validation.sensitivity import FACTORS, Sensitivity, Variation
@@ -102,4 +102,4 @@ def _refitted(
 
 def _error(scores: Sequence[RunScore]) -> float | None:
     """The error that the verdict's headline gives, of these runs [%]."""
-    return figures(scores)[0].value if scores else None
+    return relative_errors(scores)[0].value if scores else None

@@ -75,8 +75,8 @@ def findings(
         advice: What to do about a winner.
     """
     if known_of(case) is None:
-        figure_of = "no masses, no reference"
-        return (Finding(cause, "", Severity.OK, UNKNOWN, figure_of, answered=False),)
+        text = "no masses, no reference"
+        return (Finding(cause, "", Severity.OK, UNKNOWN, text, answered=False),)
     found: list[Finding] = []
     for evidence in case.logs:
         held = verdict(case, evidence)
@@ -103,7 +103,7 @@ def _of_log(
             evidence.name,
             Severity.DOUBTFUL if lost else Severity.OK,
             unclear or fine(held),
-            _worst(case, held) if lost else figure(held, cause),
+            _worst(case, held) if lost else value_text(held, cause),
             fix=Fix(LOST) if lost else None,
             hypotheses=shown,
             nominal=nominal,
@@ -196,7 +196,7 @@ def _percent(value: float) -> str:
     return f"{value:.1f} %" if value < WHOLE else f"{value:.0f} %"
 
 
-def figure(held: Verdict, cause: str) -> str:
+def value_text(held: Verdict, cause: str) -> str:
     """The misfit, and that of the next best explanation of this kind."""
     ranked = held.ranking
     mine = [r for r in ranked.rounds[0] if r.cause == cause]

@@ -80,7 +80,7 @@ class Excitation:
             evidence.name,
             severity,
             _says(done, names),
-            _figure(case, done),
+            _value_text(case, done),
             joints=tuple(names) if severity != Severity.OK else (),
             fix=fix,
             picture=_picture(case, done),
@@ -135,7 +135,7 @@ def _says(done: _Motion, still: Sequence[str]) -> str:
     return f"every joint moves; {facts}"
 
 
-def _figure(case: Case, done: _Motion) -> str:
+def _value_text(case: Case, done: _Motion) -> str:
     coordinates = case.loaded.robot.coordinates
     share = [r / LITTLE[c.kind] for r, c in zip(done.range, coordinates, strict=True)]
     least = int(np.argmin(share))

@@ -32,7 +32,7 @@ class Hold:
     share: float
 
     @property
-    def figure(self) -> str:
+    def value_text(self) -> str:
         """The evidence in words."""
         return (
             f"{100.0 * self.share:.3g} % of {len(self.lengths)} clear changes come {self.every} "

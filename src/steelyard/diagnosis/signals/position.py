@@ -53,7 +53,7 @@ class Position:
             evidence.name,
             Severity.DOUBTFUL if names else Severity.OK,
             said + _facts(case, evidence),
-            _figure(case, off),
+            _value_text(case, off),
             joints=names,
             fix=Fix(
                 "check position_offset under [signals], the zero of the joints, and their limits"
@@ -98,7 +98,7 @@ def _motors(case: Case, evidence: Evidence, low: Array, high: Array, picture: Pi
         Severity.WRONG,
         "positions appear to be those of motors, not joints: they are "
         + (far if outside else "named so, and faster than joints"),
-        _figure(case, off),
+        _value_text(case, off),
         joints=tuple(case.joints[j] for j in np.flatnonzero(off > OUTSIDE)),
         fix=Fix(
             'declare coordinates = "motor" under [signals], and the gears as ratios = [...] under '
@@ -131,7 +131,7 @@ def _other_unit(
         Severity.WRONG if sure else Severity.DOUBTFUL,
         f"positions of {', '.join(names)} {'are' if sure else 'may be'} in {unit}: as declared, "
         f"{case.joints[clear]} would {_reasons(case, evidence, units, clear, off)}",
-        _figure(case, off),
+        _value_text(case, off),
         joints=names,
         fix=Fix(says, (edit,)) if sure else Fix(f"examine the log, and {says} if they are"),
         picture=picture,
@@ -167,7 +167,7 @@ def _facts(case: Case, evidence: Evidence) -> str:
     return f"motor-side signals, ratios {ratios}{coupled}; positions in {units}, within limits"
 
 
-def _figure(case: Case, off: Array) -> str:
+def _value_text(case: Case, off: Array) -> str:
     far = int(np.argmax(off))
     return (
         f"{case.joints[far]} reaches {off[far]:.3g} times its limits, from the middle of its "

@@ -73,7 +73,7 @@ class Repeats:
             evidence.name,
             Severity.DOUBTFUL if doubtful else Severity.OK,
             f"positions are updated {_every(overview, held)}: {does}",
-            f"{held.figure}; {1e3 * age:.3g} ms old on average, bound {1e3 * LATE:g} ms and "
+            f"{held.value_text}; {1e3 * age:.3g} ms old on average, bound {1e3 * LATE:g} ms and "
             f"{LONGEST_STALE} repeated rows",
             fix=Fix(
                 "log at the update rate of positions, "
@@ -101,7 +101,7 @@ class Repeats:
             evidence.name,
             Severity.DOUBTFUL if doubtful else Severity.OK,
             f"efforts are updated {_every(overview, held)}: {does}{known}",
-            f"{held.figure}; {1e3 * late:.3g} ms later than positions, bound {1e3 * LATE:g} ms",
+            f"{held.value_text}; {1e3 * late:.3g} ms later than positions, bound {1e3 * LATE:g} ms",
             fix=Fix(
                 f"log efforts as they are measured, or state the mean delay, {1e3 * late:.3g} ms",
                 (Edit(("signals", "effort", "delay"), late),),

@@ -111,7 +111,7 @@ def _found(
         evidence.name,
         severity,
         left_out + "; ".join([*said, facts]),
-        _figure(case, evidence, units, agreed),
+        _value_text(case, evidence, units, agreed),
         joints=tuple(case.joints[j] for j in np.flatnonzero(bad)),
         fix=fix,
         picture=_picture(case, agreed, _worst(agreed, bad)),
@@ -260,7 +260,7 @@ def _facts(agreed: Agreement) -> str:
     return f"velocities lag {spread} ms (± {error:.1g}) behind d(q)/dt"
 
 
-def _figure(case: Case, evidence: Evidence, units: Reading, agreed: Agreement) -> str:
+def _value_text(case: Case, evidence: Evidence, units: Reading, agreed: Agreement) -> str:
     reliable = _at(agreed.reliable_joints)
     if not reliable:
         best = float(np.nanmax(np.abs(agreed.correlation)))

@@ -27,11 +27,11 @@ from steelyard.excitation.criteria.algebra import (
 
 
 class Criterion(Protocol):
-    r"""A figure of an information matrix; less is better.
+    r"""A scalar of an information matrix; less is better.
 
     With growing sharpness, `smooth` falls to the logarithm of `value`: its distance is at most
     $\log(c)/p$ for $c$ columns and sharpness $p$. A matrix that is not positive definite beyond
-    rounding, such as one with a column that nothing excites, has the figure infinity.
+    rounding, such as one with a column that nothing excites, has the value infinity.
 
     Attributes:
         name: For messages and reports, such as `condition number (raw)`.
@@ -43,7 +43,7 @@ class Criterion(Protocol):
         ...
 
     def smooth(self, gram: Array, sharpness: float) -> tuple[float, Array]:
-        r"""A smooth stand-in for the logarithm of the figure, to be minimised.
+        r"""A smooth approximation of the logarithm of the value, to be minimised.
 
         Args:
             gram: Information $G$, symmetric, shape `(c, c)`.
@@ -56,7 +56,7 @@ class Criterion(Protocol):
         ...
 
     def value(self, gram: Array) -> float:
-        """The figure itself."""
+        """The value itself."""
         ...
 
 
@@ -212,7 +212,7 @@ def worst(
 
 
 def worst_value(cases: Sequence[tuple[Criterion, Array]]) -> float:
-    """The largest figure over cases, as people read it."""
+    """The largest value over cases, as people read it."""
     return max(kind.value(gram) for kind, gram in cases)
 
 

@@ -25,13 +25,13 @@ class Finished:
     Attributes:
         x: Its coefficients, shape `(n, m)`.
         trajectory: The motion.
-        figure: The criterion.
+        criterion_value: The criterion.
         proven: Margins of each constraint that hold at all times, `(k,)` each.
     """
 
     x: Array
     trajectory: ExactTrajectory
-    figure: float
+    criterion_value: float
     proven: tuple[Array, ...]
 
 
@@ -60,8 +60,8 @@ def finished(
     for x in candidates:
         if best is not None and time.monotonic() + slowest > deadline:
             break
-        for tried in sorted(_tries(problem, x, deadline - slowest), key=problem.figure):
-            if best is not None and problem.figure(tried) >= best[0]:
+        for tried in sorted(_tries(problem, x, deadline - slowest), key=problem.criterion_value):
+            if best is not None and problem.criterion_value(tried) >= best[0]:
                 break
             start = time.monotonic()
             kept = repaired(problem, tried, deadline, progress)
@@ -70,8 +70,8 @@ def finished(
                 continue
             if not kept.holds:
                 lacking.append(kept.x)
-            elif best is None or problem.figure(kept.x) < best[0]:
-                best = problem.figure(kept.x), kept
+            elif best is None or problem.criterion_value(kept.x) < best[0]:
+                best = problem.criterion_value(kept.x), kept
                 break
     if best is None:
         best = _smaller(problem, lacking, deadline, progress)
@@ -89,21 +89,21 @@ def finished(
             where="excitation",
             fix="widen the boxes or the margins, or give a start posture farther from the limits",
         )
-    figure, kept = best
-    return Finished(kept.x, problem.basis.motion(kept.x), figure, kept.proven)
+    criterion_value, kept = best
+    return Finished(kept.x, problem.basis.motion(kept.x), criterion_value, kept.proven)
 
 
 def _smaller(
     problem: Problem, lacking: list[Array], deadline: float, progress: Progress
 ) -> tuple[float, Kept] | None:
-    """Of motions that lack something, the best made smaller until it is proven; its figure."""
+    """Of motions that lack something, the best made smaller until it is proven; its criterion."""
     best: tuple[float, Kept] | None = None
-    for x in sorted(lacking, key=problem.figure):
+    for x in sorted(lacking, key=problem.criterion_value):
         if best is not None and time.monotonic() > deadline:
             break
         less = shrunk(problem, x, progress)
-        if less is not None and (best is None or problem.figure(less) < best[0]):
-            best = problem.figure(less), proven(problem, less, progress)
+        if less is not None and (best is None or problem.criterion_value(less) < best[0]):
+            best = problem.criterion_value(less), proven(problem, less, progress)
     return best
 
 

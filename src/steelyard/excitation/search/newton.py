@@ -77,7 +77,7 @@ def minimised(
     """The nearest minimum from a motion in the feasible set.
 
     Args:
-        objective: What is minimised, like the logarithm of a figure.
+        objective: What is minimised, like the logarithm of a criterion.
         inequalities: Inequality constraints of the motion.
         x: Where to begin, strictly inside; shape `(n, m)`.
         stages: Sharpness and weight of the barrier, one after the other.

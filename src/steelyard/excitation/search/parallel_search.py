@@ -35,14 +35,14 @@ class Found:
     Attributes:
         number: Of the search.
         x: Coefficients, shape `(n, m)`.
-        figure: The criterion.
+        criterion_value: The criterion.
         seconds: When, since the searches began [s].
         whole: Whether the search came to its end, not only to the end of the time.
     """
 
     number: int
     x: Array
-    figure: float
+    criterion_value: float
     seconds: float
     whole: bool
 
@@ -54,7 +54,7 @@ class SearchResult:
     Attributes:
         best: The best of them, best first.
         searches: Searches that came to their end.
-        course: Time [s] and figure of every improvement.
+        course: Time [s] and criterion of every improvement.
         stopped: Whether the user stopped them before the time.
         lost: Processes that something else ended.
     """
@@ -111,7 +111,7 @@ def harvested(
         problem: The same, built.
         method: Name of the search method.
         effort: How much is searched.
-        progress: Told how much time is spent, and of the best figure.
+        progress: Told how much time is spent, and of the best value of the criterion.
 
     Raises:
         NoMotion: No motion keeps everything.
@@ -126,12 +126,16 @@ def harvested(
             for line in _lines(said, effort, begun, found, over, progress):
                 x = np.array(line["x"])
                 one = Found(
-                    line["number"], x, problem.figure(x), time.monotonic() - begun, line["whole"]
+                    line["number"],
+                    x,
+                    problem.criterion_value(x),
+                    time.monotonic() - begun,
+                    line["whole"],
                 )
-                if not found or one.figure < found[0].figure:
-                    course.append((one.seconds, one.figure))
+                if not found or one.criterion_value < found[0].criterion_value:
+                    course.append((one.seconds, one.criterion_value))
                 found.append(one)
-                found.sort(key=lambda f: (f.figure, f.number))
+                found.sort(key=lambda f: (f.criterion_value, f.number))
         except Stopped:
             if not found:
                 raise
@@ -170,7 +174,7 @@ def _lines(
     """What the processes say, until all of them have ended; how they did goes into `over`."""
     while len(over.ends) < effort.useful:
         spent = time.monotonic() - begun
-        note = f"best {found[0].figure:.4g} of {len(found)}" if found else ""
+        note = f"best {found[0].criterion_value:.4g} of {len(found)}" if found else ""
         tell(progress, "designing", min(spent, effort.seconds), effort.seconds, note)
         if spent > effort.seconds + _GRACE and found:
             return

@@ -12,7 +12,7 @@ from steelyard.excitation.search.starts import random_starts
 from steelyard.progress import Event
 
 SHARPNESS = 64.0
-"""Of the criterion: within some percent of the figure itself."""
+"""Of the criterion: within some percent of its value."""
 
 _INSIDE = 0.98
 _SHRINK = 0.7

@@ -55,7 +55,7 @@ def _look(problem: Problem) -> float:
     """Processor time that it takes to find out what a motion shows [s], with its code there."""
     still = problem.basis.still(np.zeros(problem.robot.n))
     problem.objective(still, 1.0)
-    problem.figure(still)
+    problem.criterion_value(still)
     start = time.process_time()
-    problem.figure(still)
+    problem.criterion_value(still)
     return time.process_time() - start

@@ -233,8 +233,8 @@ def uncovered(designed: Designed) -> tuple[str, ...]:
 
 
 def figure_of(designed: Designed) -> str:
-    """The figure that was asked for."""
-    value = designed.shown.figure
+    """The criterion that was asked for."""
+    value = designed.shown.criterion_value
     return significant(value) if isfinite(value) else "infinite"
 
 

@@ -24,7 +24,7 @@ NAMED = 3
 
 
 @dataclass(frozen=True)
-class Figure:
+class RelativeError:
     """One relative error of one or more runs.
 
     Attributes:
@@ -50,7 +50,7 @@ class Figure:
         return f"{percent(self.value)} {self.norm}, {self.samples}"
 
 
-def figures(scores: Sequence[RunScore]) -> list[Figure]:
+def relative_errors(scores: Sequence[RunScore]) -> list[RelativeError]:
     """Relative errors of runs, the one to be judged by first.
 
     Pooled before mean, since a joint that carries hardly any load has a large relative error and
@@ -70,7 +70,7 @@ def figures(scores: Sequence[RunScore]) -> list[Figure]:
     for of, *kind in kinds:
         known = [value for value in map(of, scores) if value is not None]
         if known and len(known) == len(scores):
-            found.append(Figure(fmean(known), *kind))
+            found.append(RelativeError(fmean(known), *kind))
     return found
 
 

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Literal
 
 from steelyard.report.content import ReportContent
 from steelyard.report.text.score_words import (
-    Figure,
+    RelativeError,
     band,
     band_origin,
-    figures,
     poorly_predicted,
     relative,
+    relative_errors,
 )
 from steelyard.report.text.words import count, percent
 
@@ -102,7 +102,7 @@ def _of_scores(content: ReportContent) -> Verdict:
         return _untested(content)
     scores = [run for run in content.scores if not run.repeats] or list(content.scores)
     motion = "repeated motion" if scores[0].repeats else "unseen motion"
-    first, *others = figures(scores)
+    first, *others = relative_errors(scores)
     detail = _detail(content, scores, others)
     if not isfinite(first.value):
         strange = [j.joint for run in scores for j in run.joints if not isfinite(relative(j))]
@@ -128,7 +128,7 @@ def _of_scores(content: ReportContent) -> Verdict:
 def _untested(content: ReportContent) -> Verdict:
     """Without a run that was kept aside nothing is known about other motions."""
     fitted = content.fitted
-    fit = figures(fitted)[0] if fitted else None
+    fit = relative_errors(fitted)[0] if fitted else None
     described = (
         ""
         if fit is None or not isfinite(fit.value)
@@ -153,13 +153,15 @@ def _repeated(scores: Sequence[RunScore]) -> str:
     )
 
 
-def _detail(content: ReportContent, scores: Sequence[RunScore], others: Sequence[Figure]) -> str:
-    """The other figures, the joints that are predicted poorly, the runs, where the band is from."""
+def _detail(
+    content: ReportContent, scores: Sequence[RunScore], others: Sequence[RelativeError]
+) -> str:
+    """The other errors, the joints that are predicted poorly, the runs, where the band is from."""
     one = len(scores) == 1
     runs = f"Run {scores[0].run}, not fitted" if one else f"{len(scores)} runs, none of them fitted"
     poor = poorly_predicted(scores, FAIR)
     sentences = (
-        "; ".join(figure.words for figure in others),
+        "; ".join(error.words for error in others),
         f"Poorly predicted joints: {poor}" if poor else "",
         runs,
         _repeated(scores),

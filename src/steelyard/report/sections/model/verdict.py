@@ -10,7 +10,13 @@ from steelyard.report.html import fill
 from steelyard.report.sections.model.effort import band_text
 from steelyard.report.sections.section import Numbers, Section
 from steelyard.report.text.findings import finding_dict
-from steelyard.report.text.score_words import Figure, band, coverage_words, figures, relative
+from steelyard.report.text.score_words import (
+    RelativeError,
+    band,
+    coverage_words,
+    relative,
+    relative_errors,
+)
 from steelyard.report.text.table import rows
 from steelyard.report.text.verdict import COLOURS, FAIR, GOOD, level_of, verdict
 from steelyard.report.text.words import percent, significant
@@ -83,9 +89,11 @@ class VerdictSection(Section):
 
 def _facts(content: ReportContent) -> list[tuple[str, str]]:
     """Values and labels of the key figures."""
-    facts = [_fact(figure, content.scores, "") for figure in figures(content.scores)[1:]]
+    facts = [_fact(error, content.scores, "") for error in relative_errors(content.scores)[1:]]
     if content.fitted:
-        facts.append(_fact(figures(content.fitted)[0], content.fitted, "on the fitted runs: "))
+        facts.append(
+            _fact(relative_errors(content.fitted)[0], content.fitted, "on the fitted runs: ")
+        )
     if content.identified is not None:
         table = rows(content.identified)
         sure = sum(row.grade == "sure" for row in table)
@@ -95,9 +103,9 @@ def _facts(content: ReportContent) -> list[tuple[str, str]]:
     return facts
 
 
-def _fact(figure: Figure, scores: Sequence[RunScore], where: str) -> tuple[str, str]:
+def _fact(error: RelativeError, scores: Sequence[RunScore], where: str) -> tuple[str, str]:
     """Value and label of an error."""
-    return percent(figure.value), f"error {where}{figure.kind}, {band(scores)}"
+    return percent(error.value), f"error {where}{error.kind}, {band(scores)}"
 
 
 def _run(score: RunScore) -> dict[str, Any]:
@@ -105,7 +113,7 @@ def _run(score: RunScore) -> dict[str, Any]:
         "run": score.run,
         "repeats": score.repeats,
         "cutoff": score.cutoff,
-        "figures": [figure.words for figure in figures([score])],
+        "figures": [error.words for error in relative_errors([score])],
         "joints": [_joint(joint) for joint in score.joints],
     }
 

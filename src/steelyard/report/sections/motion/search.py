@@ -66,7 +66,7 @@ def _figure(designed: Designed) -> dict[str, Any]:
                 "name": "refined, scaled exactly and proven",
                 "kind": "points",
                 "x": [rounded(end)],
-                "y": [rounded(designed.shown.figure)],
+                "y": [rounded(designed.shown.criterion_value)],
                 "more": {
                     "marker": {"color": "#00694b", "size": 11, "symbol": "diamond"},
                     "hovertemplate": "%{x:.3g} s: %{y:.4g}<extra></extra>",
