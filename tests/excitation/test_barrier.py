@@ -27,7 +27,7 @@ class Straight:
     unit: str = "rad"
 
     @property
-    def room(self) -> Array:
+    def activation_distance(self) -> Array:
         return np.array([0.7, 0.4])
 
     @property
@@ -135,7 +135,7 @@ def test_slope_and_curvature_of_the_limits(name: str, jerk: bool) -> None:
 def test_curvature_of_constraints_without_second_derivatives_is_exact(level: float) -> None:
     w = inequalities("rest", (Straight(level),))
     x = inside(w, 2, 0.95)
-    near = Straight(level).margins(*w.state(x)).values / Straight(level).room
+    near = Straight(level).margins(*w.state(x)).values / Straight(level).activation_distance
     assert 0.0 < near.min() < 0.5 and (near < 1.0).any(axis=0).all()
     barrier = w.barrier(x)
     assert barrier is not None
@@ -159,11 +159,13 @@ def test_barrier_of_constraints(name: str, constraints: tuple[Constraint, ...]) 
     expected, counted, count = 0.0, 0, len(w.t[::APART])
     hidden = np.zeros((x.size, x.size))
     for constraint in constraints:
-        s = constraint.margins(*w.state(x)).values / constraint.room
+        s = constraint.margins(*w.state(x)).values / constraint.activation_distance
         near = s[s < 1.0]
         counted += near.size
         expected += (-np.log(near) - (1.0 - near) - 0.5 * (1.0 - near) ** 2).sum()
-        rows = central(lambda y, c=constraint: c.margins(*w.state(y)).values / c.room, x, 1e-5)
+        rows = central(
+            lambda y, c=constraint: c.margins(*w.state(y)).values / c.activation_distance, x, 1e-5
+        )
         weight = np.where(s < 1.0, 1.0 / s**2 - 1.0, 0.0)
         hidden += np.einsum("atk,tk,btk->ab", rows, weight, rows) / count
     assert counted >= 3, "constraints are near"
@@ -191,9 +193,9 @@ def test_a_margin_at_its_room_joins_smoothly() -> None:
     """Value, slope and curvature are continuous where a margin begins to matter."""
     w = inequalities("rest", (Straight(0.9),))
     still = w.basis.still(MIDDLE)
-    margins = Straight(0.9).margins(*w.state(still)).values / Straight(0.9).room
+    margins = Straight(0.9).margins(*w.state(still)).values / Straight(0.9).activation_distance
     one, other = np.zeros((2, *still.shape))
-    gradient = Straight(0.9).slopes[0, 0] / Straight(0.9).room[0]
+    gradient = Straight(0.9).slopes[0, 0] / Straight(0.9).activation_distance[0]
     towards = gradient / (gradient @ gradient) * (margins[0, 0] - 1.0)
     one[:, -1] = towards - 1e-6 * gradient
     other[:, -1] = towards + 1e-6 * gradient
@@ -227,7 +229,7 @@ def test_worst_is_the_smallest_of_all_margins() -> None:
         values, half = motion.derivative(w.t, order), 0.5 * (upper - lower)
         margins.append(min(((upper - values) / half).min(), ((values - lower) / half).min()))
     states = [motion.derivative(w.t, order) for order in range(3)]
-    parts = [float((c.margins(*states).values / c.room).min()) for c in constraints]
+    parts = [float((c.margins(*states).values / c.activation_distance).min()) for c in constraints]
     assert w.smallest_margin(x) == pytest.approx(min(*margins, *parts), rel=1e-9)
     assert min(parts) < min(margins), "a constraint is nearest here"
 

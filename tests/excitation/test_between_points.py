@@ -61,6 +61,6 @@ def test_margins_change_no_faster_than_they_may(tmp_path: Path, only_tool: str) 
     for constraint in found:
         reaches = constraint.reaches(every.min(axis=0), every.max(axis=0))
         a, b = (constraint.margins(q, still, still).values for q in (first, second))
-        seen = np.minimum(a, b) < constraint.room
+        seen = np.minimum(a, b) < constraint.activation_distance
         assert (np.abs(b - a) <= np.abs(away) @ reaches.T + 1e-6)[seen].all()
         assert seen.any() or constraint.name != "clearance"

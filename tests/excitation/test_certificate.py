@@ -100,7 +100,7 @@ def test_a_wall_that_is_passed_is_named() -> None:
 class Touching:
     """A wall that every sample keeps exactly, and of which nothing can be proven."""
 
-    name, labels, unit, room = "touch", ("first", "second"), "m", np.ones(2)
+    name, labels, unit, activation_distance = "touch", ("first", "second"), "m", np.ones(2)
 
     def margins(self, q: Array, dq: Array, ddq: Array) -> Margins:
         return Margins(np.ones((len(q), 2)))

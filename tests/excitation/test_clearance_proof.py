@@ -46,11 +46,11 @@ def test_proven_is_below_the_least_sample_and_near(tmp_path: Path, name: str, se
     spent = time.perf_counter() - start
     sampled = least(found, motion) - found.wanted
     assert np.all(proven <= sampled)
-    near = sampled < found.room
+    near = sampled < found.activation_distance
     assert near.any()
     # depths of overlaps have sharp ends, which a millisecond's grid cuts off
     loose = np.where(sampled > -0.01, 3e-4, 2e-3)
-    assert np.all(proven >= np.minimum(sampled, found.room) - loose)
+    assert np.all(proven >= np.minimum(sampled, found.activation_distance) - loose)
     assert spent < 2.0
 
 
@@ -81,7 +81,7 @@ def test_the_bound_is_exact_where_it_is_known(tmp_path: Path) -> None:
     )
     floor, ball = wall("floor", (0.0, 0.0, 2.0), -0.7), obstacle("ball", Ball(0.1), (0.8, 0, 0))
     loaded = load_robot(written(tmp_path, text))
-    found = self_clearance(loaded, others=(floor, ball), room=1.0)
+    found = self_clearance(loaded, others=(floor, ball), activation_distance=1.0)
     swing = FourierMotion(np.array([0.2]), np.array([[0.4, -0.2]]), np.zeros((1, 2)), 4.0)
     low, high = (float(end[0]) for end in swing.extremes(0))
     closest = 0.0 if low <= 0.0 <= high else min(abs(low), abs(high))

@@ -75,10 +75,12 @@ def test_margins_are_exact_near_and_bounds_far(cell: Clearance) -> None:
     q = postures(cell.robot, 100, seed=1)
     found = cell.margins(q, np.zeros_like(q), np.zeros_like(q))
     exact = cell.distances(q) - cell.wanted
-    near = exact < cell.room
+    near = exact < cell.activation_distance
     assert near.sum() > 100
     np.testing.assert_allclose(found.values[near], exact[near], atol=1e-9)
-    assert np.all(found.values[~near] >= np.broadcast_to(cell.room, near.shape)[~near])
+    assert np.all(
+        found.values[~near] >= np.broadcast_to(cell.activation_distance, near.shape)[~near]
+    )
     assert np.all(found.values[~near] <= exact[~near] + 1e-7)
     assert found.by_dq is None and found.by_ddq is None
 
@@ -95,7 +97,8 @@ def test_gradients_are_central_differences(cell: Clearance) -> None:
     slope = np.moveaxis((plus - minus) / (2.0 * step), 0, 2)
     bend = np.moveaxis(np.abs(plus - 2.0 * middle + minus) / step, 0, 2)
     # where the nearest points jump, there is no derivative
-    smooth = (found.values < cell.room)[:, :, None] & (bend.max(axis=2) < 1e-3)[:, :, None]
+    active = found.values < cell.activation_distance
+    smooth = active[:, :, None] & (bend.max(axis=2) < 1e-3)[:, :, None]
     error = np.where(smooth, np.abs(ours - slope), 0.0)
     assert smooth.sum() > 60
     assert error.max() < 2e-3
@@ -239,11 +242,13 @@ def test_what_cannot_move_may_touch_the_cell(tmp_path: Path) -> None:
 
 def test_the_cell_alone(tmp_path: Path) -> None:
     others = (obstacle("ball", Ball(0.1), (1.0, 0.0, 0.5)),)
-    found = self_clearance(snake(tmp_path), others=others, bodies=False, margin=0.02, room=0.1)
+    found = self_clearance(
+        snake(tmp_path), others=others, bodies=False, margin=0.02, activation_distance=0.1
+    )
     assert {pair.second for pair in found.pairs} == {"ball"}
     assert "base" not in {pair.first for pair in found.pairs}
     assert found.labels[0] == "distance of 'one' and 'ball' above 0.02 m"
-    assert np.all(found.room == 0.1)
+    assert np.all(found.activation_distance == 0.1)
 
 
 @pytest.mark.parametrize("written_as", ["urdf", "xml"])

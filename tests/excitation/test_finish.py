@@ -142,7 +142,7 @@ class Reach:
     asked: list[float] = field(default_factory=list)
 
     @property
-    def room(self) -> Array:
+    def activation_distance(self) -> Array:
         return np.array([0.1])
 
     def margins(self, q: Array, dq: Array, ddq: Array) -> Margins:
@@ -193,7 +193,7 @@ class Slab:
     unit: str = "rad"
 
     @property
-    def room(self) -> Array:
+    def activation_distance(self) -> Array:
         return np.array([0.3])
 
     def margins(self, q: Array, dq: Array, ddq: Array) -> Margins:

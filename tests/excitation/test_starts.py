@@ -37,7 +37,7 @@ class Nowhere:
     unit: str = "m"
 
     @property
-    def room(self) -> Array:
+    def activation_distance(self) -> Array:
         return np.ones(2)
 
     def margins(self, q: Array, dq: Array, ddq: Array) -> Margins:

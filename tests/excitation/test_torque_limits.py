@@ -153,7 +153,7 @@ def test_a_payload_adds_to_the_body_that_carries_it() -> None:
     heavy = torque_limit({"arm": heavier}, np.ones(4)).margins(*states).values
     both = torque_limit({"arm": arm, "load": loaded(arm, "tip", payload)}, np.ones(4))
     values = both.margins(*states).values
-    assert values.shape == (20, 16) and len(both.labels) == len(both.room) == 16
+    assert values.shape == (20, 16) and len(both.labels) == len(both.activation_distance) == 16
     np.testing.assert_allclose(values[:, 8:] - values[:, :8], heavy - light, atol=1e-9)
     assert both.unit == "Nm or N"
     assert both.labels[0] == "torque of 'trunk_joint' below 1 Nm, arm"

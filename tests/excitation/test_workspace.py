@@ -75,7 +75,7 @@ def test_labels_say_what_every_margin_is() -> None:
     assert boxes.labels[3] == "'slider' out of box 2"
     for constraint in (box, walls, boxes):
         assert constraint.scope == "tool point only"
-        assert len(constraint.labels) == len(constraint.room)
+        assert len(constraint.labels) == len(constraint.activation_distance)
 
 
 @pytest.mark.parametrize("kind", range(3))

@@ -131,7 +131,7 @@ def test_only_what_is_near_its_limit_is_tight(designed: Designed) -> None:
         else one
         for one in certificate.extremes
     )
-    near = replace(box, room=(10.0,) * len(box.labels))
+    near = replace(box, activation_distance=(10.0,) * len(box.labels))
     close = replace(certificate, extremes=extremes, proofs=(near,))
     lines = tightest(replace(designed, certificate=close))
     one = r". of 'tip' (above|below) -?1 m, [\d.]+ m left"

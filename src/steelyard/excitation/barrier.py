@@ -148,7 +148,7 @@ class InequalityConstraints:
         least = float(self.limit_margins(x).min())
         for constraint in self.constraints if least > 0.0 else ():
             values = constraint.margins(*self.state(x)).values
-            least = float(np.minimum(least, (values / constraint.room).min()))
+            least = float(np.minimum(least, (values / constraint.activation_distance).min()))
         return -np.inf if np.isnan(least) else least
 
     def barrier(self, x: Array) -> Barrier | None:
@@ -196,11 +196,11 @@ class InequalityConstraints:
     ) -> Barrier | None:
         """The barrier of one constraint."""
         margins = constraint.margins(*state)
-        s = (margins.values - reserve) / constraint.room
+        s = (margins.values - reserve) / constraint.activation_distance
         if not s.min() > 0.0:
             return None
         times, which = np.nonzero(s < 1.0)
-        near, unit = s[times, which], constraint.room[which]
+        near, unit = s[times, which], constraint.activation_distance[which]
         lack = 1.0 - near
         value = float((-np.log(near) - lack - 0.5 * lack**2).sum())
         rows = np.zeros((len(times), *shape))

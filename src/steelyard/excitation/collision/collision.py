@@ -58,15 +58,15 @@ class Clearance:
 
     A margin is the signed distance $s$ less the distance to keep. With the nearest points
     $p_a, p_b$ and the unit vector $n$ from $a$ to $b$, its gradient is
-    $n^T (J_b(p_b) - J_a(p_a))$. Where a margin is told to be `room` or more it may be only a
-    lower bound of it, and its gradient zero.
+    $n^T (J_b(p_b) - J_a(p_a))$. Where a margin is told to be `activation_distance` or more it may
+    be only a lower bound of it, and its gradient zero.
 
     Attributes:
         robot: The robot.
         scene: Its shapes.
         pairs: Which must keep apart.
         wanted: Distance to keep of each pair, shape `(k,)` [m].
-        room: Shape `(k,)` [m].
+        activation_distance: Shape `(k,)` [m].
         notes: What the user should know, one sentence each.
         name: For certificates and messages.
         unit: Of the margins.
@@ -77,7 +77,7 @@ class Clearance:
     scene: Scene
     pairs: tuple[Pair, ...]
     wanted: Array
-    room: Array
+    activation_distance: Array
     notes: tuple[str, ...] = ()
     name: str = "clearance"
     unit: str = "m"
@@ -90,7 +90,9 @@ class Clearance:
         bodies = [[self.scene.shapes[s].body for s in way] for way in self.scene.ways]
         signs = np.array([sides(self.robot, a, b) for a, b in bodies], dtype=np.float64)
         object.__setattr__(self, "wanted", frozen(self.wanted, (len(self.pairs),)))
-        object.__setattr__(self, "room", frozen(self.room, (len(self.pairs),)))
+        object.__setattr__(
+            self, "activation_distance", frozen(self.activation_distance, (len(self.pairs),))
+        )
         object.__setattr__(self, "_owner", np.array(owner, dtype=np.intp))
         object.__setattr__(self, "_sides", signs)
 
@@ -106,7 +108,7 @@ class Clearance:
         """Margins at positions `q`, shape `(N, n)`; velocities and accelerations do not matter."""
         poses = self.scene.kinematics(np.asarray(q, dtype=np.float64))
         by_way = self.scene.balls(poses)
-        limit = (self.wanted + self.room)[self._owner]
+        limit = (self.wanted + self.activation_distance)[self._owner]
         samples, ways = np.nonzero(by_way < limit)
         lines = self.scene.centre_lines(poses, ways, samples)
         bounds = self.scene.along(poses, ways, samples, lines)
@@ -161,13 +163,13 @@ class Clearance:
     def proven(self, trajectory: ExactTrajectory, progress: Progress = silent) -> Array:
         """Lower bounds of all margins that hold at all times, shape `(k,)` [m].
 
-        They are at most a tenth of a millimetre below the least margin, or that much below `room`
-        or higher.
+        They are at most a tenth of a millimetre below the least margin, or that much below
+        `activation_distance` or higher.
 
         Raises:
             Stopped: `progress` asked to stop.
         """
-        enough = self.wanted + self.room
+        enough = self.wanted + self.activation_distance
         found = proven_distances(
             self.robot, self.scene, trajectory, self._owner, enough, self.wanted, progress=progress
         )
@@ -186,7 +188,7 @@ def clearance(
     geometry: Geometry,
     *,
     margin: float = MARGIN,
-    room: float | None = None,
+    activation_distance: float | None = None,
     others: Sequence[Shape] = (),
     ignore: Sequence[tuple[str, str]] = (),
     bodies: bool = True,
@@ -201,8 +203,8 @@ def clearance(
         robot: The robot.
         geometry: Its shapes.
         margin: Distance to keep [m].
-        room: Distance beyond the margin from which on a pair does not matter [m]; `ROOM`, or
-            `SHARE` of how far the robot reaches, whichever is less, if `None`.
+        activation_distance: Distance beyond the margin from which on a pair does not matter [m];
+            `ROOM`, or `SHARE` of how far the robot reaches, whichever is less, if `None`.
         others: Tools, payloads and what stands in the cell.
         ignore: Pairs of names that may touch.
         bodies: Whether the robot and its tools keep clear of themselves, too, not only of the cell.
@@ -215,12 +217,16 @@ def clearance(
     pairs, notes, left = candidate_pairs(robot, geometry, shapes, ignore, bodies)
     _check_pairs(robot, pairs)
     count = len(pairs)
-    room = min(ROOM, SHARE * reach(robot)) if room is None else room
-    whole = _built(robot, shapes, pairs, np.full(count, margin), np.full(count, room))
+    activation_distance = (
+        min(ROOM, SHARE * reach(robot)) if activation_distance is None else activation_distance
+    )
+    whole = _built(
+        robot, shapes, pairs, np.full(count, margin), np.full(count, activation_distance)
+    )
     farthest = whole.distances(random_postures(robot)).max(axis=0)
     kept, wanted, more = separable(shapes, pairs, farthest, margin)
     _check_pairs(robot, kept)
-    built = _built(robot, shapes, kept, wanted, np.full(len(kept), room))
+    built = _built(robot, shapes, kept, wanted, np.full(len(kept), activation_distance))
     left += count - len(kept)
     scope = f"{len(kept)} pair{'s' * (len(kept) != 1)}" + (f", {left} left out" if left else "")
     return replace(built, notes=(*geometry.notes, *notes, *more), scope=scope)
@@ -231,7 +237,7 @@ def self_clearance(
     *,
     skip: Collection[str] = (),
     margin: float = MARGIN,
-    room: float | None = None,
+    activation_distance: float | None = None,
     others: Sequence[Shape] = (),
     ignore: Sequence[tuple[str, str]] = (),
     bodies: bool = True,
@@ -242,8 +248,8 @@ def self_clearance(
         loaded: The robot and the files it came from.
         skip: Links to go without.
         margin: Distance to keep [m].
-        room: Distance beyond the margin from which on a pair does not matter [m]; `ROOM`, or
-            `SHARE` of how far the robot reaches, whichever is less, if `None`.
+        activation_distance: Distance beyond the margin from which on a pair does not matter [m];
+            `ROOM`, or `SHARE` of how far the robot reaches, whichever is less, if `None`.
         others: Tools, payloads and what stands in the cell.
         ignore: Pairs of names that may touch.
         bodies: Whether the robot and its tools keep clear of themselves, too, not only of the cell.
@@ -268,7 +274,7 @@ def self_clearance(
         loaded.robot,
         geometry,
         margin=margin,
-        room=room,
+        activation_distance=activation_distance,
         others=others,
         ignore=ignore,
         bodies=bodies,
@@ -280,10 +286,10 @@ def _built(
     shapes: tuple[Shape, ...],
     pairs: tuple[Pair, ...],
     wanted: Array,
-    room: Array,
+    activation_distance: Array,
 ) -> Clearance:
     ways = [way for pair in pairs for way in pair.shapes]
-    return Clearance(robot, Scene(robot, shapes, ways), pairs, wanted, room)
+    return Clearance(robot, Scene(robot, shapes, ways), pairs, wanted, activation_distance)
 
 
 def _check_pairs(robot: Robot, pairs: tuple[Pair, ...]) -> None:

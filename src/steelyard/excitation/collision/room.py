@@ -117,9 +117,11 @@ def _built(
     scope: str = "",
 ) -> Room:
     ways = [way for pair in pairs for way in pair.shapes]
-    room = np.full(len(pairs), ROOM)
+    activation_distance = np.full(len(pairs), ROOM)
     scene = Scene(robot, shapes, ways)
-    return Room(robot, scene, pairs, wanted, room, name=NAME, scope=scope, walls=walls)
+    return Room(
+        robot, scene, pairs, wanted, activation_distance, name=NAME, scope=scope, walls=walls
+    )
 
 
 def _that_change(

@@ -32,7 +32,7 @@ class Constraint(Protocol):
         name: For certificates and messages, such as `tool box`.
         labels: What each of the `k` margins is, such as `x of 'flange' above -0.75 m`.
         unit: Of the margins.
-        room: Shape `(k,)`: how far from zero a margin begins to matter while optimising.
+        activation_distance: Shape `(k,)`: the barrier acts on margins below it.
     """
 
     @property
@@ -51,7 +51,7 @@ class Constraint(Protocol):
         ...
 
     @property
-    def room(self) -> Array:
+    def activation_distance(self) -> Array:
         """How far from zero a margin begins to matter, shape `(k,)`."""
         ...
 

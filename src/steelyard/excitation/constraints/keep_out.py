@@ -85,7 +85,7 @@ def keep_out(
     return KeepOut(
         name,
         labels=tuple(f"{m.title} out of box {b + 1}" for _, m, b in every),
-        room=np.full(len(every), ROOM),
+        activation_distance=np.full(len(every), ROOM),
         points=points_of(robot, markers, name),
         which=tuple(k for k, _, _ in every),
         radii=np.array([m.radius for _, m, _ in every]),

@@ -81,14 +81,14 @@ class SphereDistances(ABC):
     Attributes:
         name: For certificates and messages.
         labels: What each of the `k` margins is.
-        room: Shape `(k,)` [m].
+        activation_distance: Shape `(k,)` [m].
         points: Centres of the spheres.
         which: Per margin the index of its point.
     """
 
     name: str
     labels: tuple[str, ...]
-    room: Array
+    activation_distance: Array
     points: Points
     which: tuple[int, ...]
 

@@ -45,9 +45,9 @@ class Proof:
         how: How they were proven, in one sentence.
         labels: What each margin is.
         proven: A lower bound of each that holds at all times.
-        sampled: The least of each at samples; from the constraint's `room` on it may be less, as
-            the constraint tells no more there, but it is never less than `proven`.
-        room: How far from zero each begins to matter.
+        sampled: The least of each at samples; from the constraint's `activation_distance` on it may
+            be less, as the constraint tells no more there, but it is never less than `proven`.
+        activation_distance: Activation distance of each.
         scope: What of the robot the constraint is about, if it says so.
     """
 
@@ -57,7 +57,7 @@ class Proof:
     labels: tuple[str, ...]
     proven: tuple[float, ...]
     sampled: tuple[float, ...]
-    room: tuple[float, ...]
+    activation_distance: tuple[float, ...]
     scope: str = ""
 
     def to_dict(self) -> dict[str, Any]:
@@ -66,8 +66,8 @@ class Proof:
             {"label": label, "proven": least if np.isfinite(least) else None, "sampled": seen}
             for label, least, seen in zip(self.labels, self.proven, self.sampled, strict=True)
         ]
-        for values, room in zip(margins, self.room, strict=True):
-            values["room"] = room
+        for values, distance in zip(margins, self.activation_distance, strict=True):
+            values["room"] = distance
         head = {"name": self.name, "unit": self.unit, "how": self.how, "scope": self.scope}
         return {**head, "margins": margins}
 
@@ -82,7 +82,9 @@ def proof_of(
     proven = constraint.proven(trajectory, progress) if known is None else known
     motion = trajectory.sample(np.linspace(0.0, trajectory.duration, SAMPLES))
     sampled = constraint.margins(motion.q, motion.dq, motion.ddq).values.min(axis=0)
-    sampled = np.where(sampled >= constraint.room, np.maximum(sampled, proven), sampled)
+    sampled = np.where(
+        sampled >= constraint.activation_distance, np.maximum(sampled, proven), sampled
+    )
     return Proof(
         constraint.name,
         constraint.unit,
@@ -90,6 +92,6 @@ def proof_of(
         tuple(constraint.labels),
         tuple(float(x) for x in proven),
         tuple(float(x) for x in sampled),
-        tuple(float(x) for x in constraint.room),
+        tuple(float(x) for x in constraint.activation_distance),
         constraint.scope if isinstance(constraint, Scoped) else "",
     )

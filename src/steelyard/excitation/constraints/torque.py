@@ -65,7 +65,7 @@ class EffortLimit:
         )
 
     @property
-    def room(self) -> Array:
+    def activation_distance(self) -> Array:
         """A tenth of each limit."""
         return ROOM * self._sizes
 

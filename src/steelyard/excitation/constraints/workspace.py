@@ -138,7 +138,7 @@ def _half_spaces(
     return HalfSpaces(
         name,
         labels=tuple(label.format(marker.title) for _, marker, _, _, label in every),
-        room=np.full(len(every), ROOM),
+        activation_distance=np.full(len(every), ROOM),
         points=points_of(robot, markers, name),
         which=tuple(k for k, *_ in every),
         normals=np.array([normal for _, _, normal, _, _ in every]),

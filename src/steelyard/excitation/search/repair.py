@@ -232,7 +232,7 @@ def _freest(problem: Problem, x: Array) -> Array:
     still, least = np.zeros_like(places), np.full(len(places), np.inf)
     for constraint in problem.constraints:
         margins = constraint.margins(places, still, still).values
-        least = np.minimum(least, (margins / constraint.room).min(axis=1))
+        least = np.minimum(least, (margins / constraint.activation_distance).min(axis=1))
     return problem.basis.still(places[int(np.argmax(least))])
 
 

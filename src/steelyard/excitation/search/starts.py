@@ -74,10 +74,10 @@ def nearest_free(
         value, slope = 0.0, np.zeros(len(q))
         for constraint in constraints:
             margins = constraint.margins(q[None], still, still)
-            short = np.minimum(margins.values[0] / constraint.room - _WANTED, 0.0)
+            short = np.minimum(margins.values[0] / constraint.activation_distance - _WANTED, 0.0)
             value += float(short @ short)
             if margins.by_q is not None:
-                slope += 2.0 * (short / constraint.room) @ margins.by_q[0]
+                slope += 2.0 * (short / constraint.activation_distance) @ margins.by_q[0]
         return value, slope
 
     found = minimize(lack, posture, jac=True, method="L-BFGS-B", bounds=bounds)

@@ -109,4 +109,4 @@ def _lacks(problem: Problem, x: Array) -> tuple[Lack, ...]:
 
 
 def _room(lack: Lack) -> float:
-    return float(lack.constraint.room[lack.constraint.labels.index(lack.label)])
+    return float(lack.constraint.activation_distance[lack.constraint.labels.index(lack.label)])

@@ -166,9 +166,11 @@ def _nearly(
 
 def closest(proof: Proof) -> list[tuple[str, float]]:
     """The tight margins, the least in units of where it begins to matter first."""
-    rooms = proof.room or (inf,) * len(proof.labels)
-    margins = zip(proof.labels, proof.proven, rooms, strict=True)
-    tight = [(label, own, own / room) for label, own, room in margins if own < CLOSE * room]
+    distances = proof.activation_distance or (inf,) * len(proof.labels)
+    margins = zip(proof.labels, proof.proven, distances, strict=True)
+    tight = [
+        (label, own, own / distance) for label, own, distance in margins if own < CLOSE * distance
+    ]
     return [(label, own) for label, own, _ in sorted(tight, key=lambda one: one[2])]
 
 
