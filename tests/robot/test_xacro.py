@@ -367,10 +367,10 @@ HOSTILE = {
 
 @pytest.mark.parametrize("name", HOSTILE)
 def test_expressions_that_are_refused(write: Write, name: str) -> None:
-    start = time.perf_counter()
+    start = time.process_time()
     with pytest.raises(ModelError, match="expression"):
         value(write, "${" + HOSTILE[name] + "}")
-    assert time.perf_counter() - start < 20.0
+    assert time.process_time() - start < 20.0
     assert not Path("hacked").exists()
 
 

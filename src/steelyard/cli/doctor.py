@@ -123,11 +123,10 @@ def _extra(name: str, use: str) -> Line:
 
 
 def _compiler() -> Line:
-    """LLVM, and the processor that programs are compiled for."""
-    from llvmlite import binding
+    """Code generator, and the processor that programs are compiled for."""
+    from steelyard.kernel.native import machine
 
-    major, minor, patch = binding.llvm_version_info
-    return Line("compiler", f"LLVM {major}.{minor}.{patch} for {binding.get_host_cpu_name()}")
+    return Line("compiler", f"{machine.version()} for {machine.host()[0]}, {machine.lanes()} lanes")
 
 
 def _cache() -> Line:
