@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
-.PHONY: demo test check bench prove docs clean
+.PHONY: demo test check bench prove docs plotly clean
 
 demo: $(VENV)/.base
 	$(BIN)/steelyard demo -o $$(mktemp -d)/demo
@@ -26,6 +26,9 @@ prove: $(VENV)/.test
 docs: $(VENV)/.docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build -q -d site
 	@echo "site/index.html"
+
+plotly:
+	$(PYTHON) tools/update_plotly.py $(VERSION)
 
 clean:
 	rm -rf $(VENV)

@@ -38,7 +38,6 @@ ONE_FILE = {
     "pymoo": {"excitation/search/genetic.py"},
     "cma": {"excitation/search/cma_es.py"},
     "llvmlite": {"kernel/native/machine.py"},
-    "plotly": {"report/html.py"},
     "jinja2": {"report/html.py"},
     "viser": {"report/replay/replay.py"},
     "pydantic": {
@@ -163,7 +162,7 @@ def test_foreign_packages_stay_in_their_files(package: str) -> None:
 
 @pytest.mark.parametrize("module", ["steelyard", "steelyard.cli.app"])
 def test_a_start_loads_nothing_heavy(module: str) -> None:
-    heavy = ("llvmlite", "polars", "mujoco", "plotly", "scipy", "pydantic")
+    heavy = ("llvmlite", "polars", "mujoco", "scipy", "pydantic")
     code = f"import sys, {module}; print([m for m in {heavy} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

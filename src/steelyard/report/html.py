@@ -1,4 +1,4 @@
-"""Jinja2 and Plotly, and nothing of them elsewhere; both are imported when a page is made."""
+"""Jinja2, imported when a page is made, and the copy of plotly.js, which pages contain."""
 
 import base64
 import json
@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from jinja2 import Environment
 
 TEMPLATES = Path(__file__).parent / "templates"
+PLOTLY = Path(__file__).parent / "plotly" / "plotly.min.js"
+"""The version is in `source.json` beside it; `tools/update_plotly.py` replaces it."""
 
 
 @cache
@@ -67,9 +69,8 @@ def verbatim(name: str) -> str:
 def plotly_script() -> str:
     """The whole of plotly.js, harmless inside a script element."""
     from markupsafe import Markup
-    from plotly.offline import get_plotlyjs
 
-    return Markup(get_plotlyjs().replace("</script", "<\\/script"))
+    return Markup(PLOTLY.read_text(encoding="utf-8").replace("</script", "<\\/script"))
 
 
 def script_json(value: object) -> str:
