@@ -156,6 +156,24 @@ def test_values_can_be_pickled_and_copied(folder: Path) -> None:
     assert str(again) == str(caught.value) and type(again) is type(caught.value)
 
 
+def test_a_designed_motion_can_be_pickled(folder: Path, tmp_path: Path) -> None:
+    robot = tmp_path / "arm.toml"
+    robot.write_text(
+        f'[robot]\nurdf = "{folder / "arm.urdf"}"\n'
+        "[excitation.limits]\npower = 200.0\n"
+        "[excitation.workspace]\nfloor = -3.0\nonly_tool = true\n"
+        "box = {x = [-2.0, 2.0]}\nkeep_out = [{x = [2.0, 3.0], y = [0.0, 1.0], z = [1.5, 2.0]}]\n"
+    )
+    made = steelyard.design_excitation(robot, budget=1.0, searches=1, processes=1)
+    again = pickle.loads(pickle.dumps(made))
+    assert again.to_dict() == made.to_dict()
+    motion = made.trajectory.sample(np.linspace(0.0, made.trajectory.duration, 7))
+    assert len(made.designed.constraints) >= 4
+    for before, after in zip(made.designed.constraints, again.designed.constraints, strict=True):
+        state = (motion.q, motion.dq, motion.ddq)
+        np.testing.assert_array_equal(after.margins(*state).values, before.margins(*state).values)
+
+
 def test_robots_and_models_are_accepted_as_read(folder: Path) -> None:
     robot = steelyard.load_robot(folder / "arm.toml")
     found = steelyard.identify(robot, folder / "fit.parquet")

@@ -78,11 +78,11 @@ def numbers(name: str, values: ArrayLike, shapes: Sequence[tuple[int | None, ...
         for shape in shapes
     ):
         letters = [["N" if size is None else str(size) for size in shape] for shape in shapes]
+        accepted = " or ".join(" x ".join(shape) or "1" for shape in letters)
         raise DataError(
             f"'{name}' has shape {array.shape}",
             where="samples of a motion",
-            fix=f"give {' or '.join(' x '.join(s) for s in letters)} numbers: rows are samples, "
-            "columns are joints",
+            fix=f"give {accepted} numbers: rows are samples, columns are joints",
         )
     if not np.isfinite(array).all():
         raise DataError(
@@ -91,6 +91,15 @@ def numbers(name: str, values: ArrayLike, shapes: Sequence[tuple[int | None, ...
             fix="leave out samples without a number",
         )
     return array
+
+
+def sample_times(t: ArrayLike) -> Array:
+    """Times of samples, shape `(N,)` [s], read-only; a single time is one sample.
+
+    Raises:
+        DataError: They are no list of finite numbers.
+    """
+    return np.atleast_1d(numbers("t", t, [(), (None,)]))
 
 
 class Trajectory(Protocol):
@@ -102,7 +111,11 @@ class Trajectory(Protocol):
         ...
 
     def sample(self, t: ArrayLike) -> Motion:
-        """Position, velocity and acceleration at times `t`, shape `(N,)` [s]."""
+        """Position, velocity and acceleration at times `t`, shape `(N,)` or one number [s].
+
+        Raises:
+            DataError: The times are no list of finite numbers.
+        """
         ...
 
 

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from exact_motions import MAKERS
+from steelyard.errors import DataError
 from steelyard.excitation.trajectories.chained import ChainedMotion, repeated
 from steelyard.excitation.trajectories.exact import ExactTrajectory
 from steelyard.excitation.trajectories.files import KINDS, trajectory_from_dict
 from steelyard.excitation.trajectories.fourier import FourierMotion
 from steelyard.excitation.trajectories.minimum_jerk import quintic, through_postures
 from steelyard.excitation.trajectories.piecewise import PiecewiseMotion, from_scipy
+from steelyard.excitation.trajectories.slowed import SlowedMotion
 from steelyard.excitation.trajectories.trended import TrendedMotion
 from steelyard.excitation.trajectories.windowed import WindowedMotion
 
@@ -82,6 +84,21 @@ def test_samples_are_the_derivatives_and_rest_outside(make, seed: int) -> None:
     outside = motion.sample([-1.0, motion.duration + 1.0])
     assert not outside.dq.any() and not outside.ddq.any()
     np.testing.assert_allclose(outside.q, got.q[[0, -1]], atol=1e-12)
+
+
+@KIND
+def test_a_single_time_is_one_sample(make) -> None:
+    motion = make(np.random.default_rng(0))
+    for trajectory in (motion, SlowedMotion(motion, 0.5)):
+        many = trajectory.sample([0.3, 0.7])
+        for time in (0.7, np.float64(0.7), np.array(0.7)):
+            one = trajectory.sample(time)
+            np.testing.assert_array_equal(one.t, [0.7])
+            for name in ("q", "dq", "ddq"):
+                np.testing.assert_allclose(getattr(one, name), getattr(many, name)[1:], rtol=1e-13)
+        for wrong in ([[0.1], [0.2]], "soon", [np.nan], [[0.1], [0.2, 0.3]]):
+            with pytest.raises(DataError, match="'t' "):
+                trajectory.sample(wrong)
 
 
 @KIND

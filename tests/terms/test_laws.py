@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from law_cases import CASES, LawCase, name_of
 from moving import channels, cycles, geared, torque
+from steelyard.errors import ModelError
 from steelyard.kernel.equations.dynamics import JointState
 from steelyard.kernel.program import numpy_backend
 from steelyard.kernel.program.program import Array
@@ -187,7 +188,23 @@ def test_a_warm_start_is_forgotten(term: Term) -> None:
     assert np.all(np.abs(known - other)[:, sample] <= 2.0 * 2.0 * np.exp(-3.0) * size + 1e-12)
 
 
-@pytest.mark.parametrize("law", [law for law in TERMS if issubclass(TERMS[law], ActsOnAxes)])
+AXIAL = pytest.mark.parametrize("law", [n for n in TERMS if issubclass(TERMS[n], ActsOnAxes)])
+
+
+@AXIAL
+@pytest.mark.parametrize(
+    ("key", "name"), [("joints", ROBOT.joint_names[1]), ("motors", ROBOT.transmission.motors[0])]
+)
+def test_one_name_is_a_list_of_one(law: str, key: str, name: str) -> None:
+    one, listed = TERMS[law](**{key: name}), TERMS[law](**{key: (name,)})
+    assert one.parameters(ROBOT) == listed.parameters(ROBOT)
+    assert one.axes(ROBOT) == listed.axes(ROBOT)
+    assert [axis.name for axis in one.axes(ROBOT)] == [name]
+    with pytest.raises(ModelError, match="'gripper'"):
+        TERMS[law](**{key: "gripper"}).axes(ROBOT)
+
+
+@AXIAL
 def test_units_follow_the_joint(law: str) -> None:
     (units,) = (case.units for case in CASES if case.law == law and case.units is not None)
     assert tuple(p.unit for p in term_of(law, "here").parameters(ROBOT)[:2]) == units

@@ -12,15 +12,16 @@ class ActsOnAxes(Term):
     """Where a term acts; every law that acts along coordinates has these fields.
 
     Attributes:
-        joints: Names of the joints it acts on; all independent ones if nothing is named.
-        motors: Names of motors of the robot's transmission.
+        joints: Names of the joints it acts on, or one name; all independent ones if nothing is
+            named.
+        motors: Names of motors of the robot's transmission, or one name.
         along: Coordinates of its own, by name: `{wrist = {joint_5 = 1.0, joint_6 = 1.0}}`; sizes of
             coefficients from 1e-6 to 1e6.
         per_run: Whether every run has parameters of its own.
     """
 
-    joints: tuple[str, ...] | None = None
-    motors: tuple[str, ...] | None = None
+    joints: tuple[str, ...] | str | None = None
+    motors: tuple[str, ...] | str | None = None
     along: Along | None = None
     per_run: bool = False
 

@@ -6,7 +6,9 @@ says how.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -40,7 +42,8 @@ class EffortLimit:
         name: For certificates and messages.
         labels: What each margin is; case by case, all upper sides before all lower ones.
         unit: Of the margins.
-        bounds: Programs of the greatest and least values, `K` of each.
+        model: The model whose efforts or powers are limited.
+        power: Whether the power of every joint and of all together is limited, not the effort.
         which: Numbers of those that have a limit.
         limits: Shape `(len(which),)`, positive.
         cases: Parameters of the model per case, each `(p,)`.
@@ -50,11 +53,21 @@ class EffortLimit:
     name: str
     labels: tuple[str, ...]
     unit: str
-    bounds: EffortBounds
+    model: Model
+    power: bool
     which: tuple[int, ...]
     limits: Array
     cases: tuple[Array, ...]
     scope: str = ""
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What pickle keeps: compiled code is of one process."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    @cached_property
+    def bounds(self) -> EffortBounds:
+        """Programs of the greatest and least values, `K` of each."""
+        return _programs(self.model, self.power)
 
     @property
     def how(self) -> str:
@@ -207,10 +220,10 @@ def _limit(
         for side in ("below ", "above -")
         for k, size in zip(which, chosen, strict=True)
     ]
-    bounds = _programs(next(iter(cases.values())).model, power)
+    model = next(iter(cases.values())).model
     values = tuple(case.values.values for case in cases.values())
     unit = " or ".join(dict.fromkeys(units[k] for k in which))
-    return EffortLimit(name, tuple(labels), unit, bounds, which, frozen(chosen), values)
+    return EffortLimit(name, tuple(labels), unit, model, power, which, frozen(chosen), values)
 
 
 def _programs(model: Model, power: bool) -> EffortBounds:

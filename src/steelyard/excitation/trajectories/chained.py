@@ -74,7 +74,7 @@ class ChainedMotion:
         return np.min(least, axis=0), np.max(greatest, axis=0)
 
     def sample(self, t: ArrayLike) -> Motion:
-        """The motion at times `t`, shape `(N,)` [s]; at rest before its start and after its end."""
+        """The motion at times `t`, shape `(N,)` or one number [s]; at rest outside its time."""
         return sampled(self, t)
 
     def to_dict(self) -> dict[str, Any]:

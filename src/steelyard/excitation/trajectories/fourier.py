@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from steelyard.arrays import Array, frozen
 from steelyard.excitation.trajectories.bernstein import polynomial_extremes
 from steelyard.excitation.trajectories.exact import ExactTrajectory
-from steelyard.motion import Motion
+from steelyard.motion import Motion, sample_times
 
 TAYLOR = 13
 """Degree of the Taylor polynomials."""
@@ -172,8 +172,8 @@ class FourierMotion:
         return np.asarray(size @ (rate**order * (left_out + rounding)))
 
     def sample(self, t: ArrayLike) -> Motion:
-        """The motion at times `t`, shape `(N,)` [s]; at rest before its start and after its end."""
-        t = frozen(t, (None,))
+        """The motion at times `t`, shape `(N,)` or one number [s]; at rest outside its time."""
+        t = sample_times(t)
         coefficients = np.hstack([self.sine, self.cosine]).T
         inside = ((t >= 0.0) & (t <= self.duration))[:, None]
         values = fourier_basis(np.clip(t, 0.0, self.duration), self.period, self.harmonics)

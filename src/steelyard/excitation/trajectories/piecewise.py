@@ -67,7 +67,7 @@ class PiecewiseMotion:
         return polynomial_extremes(differentiated(self.coefficients, np.diff(self.breaks), order))
 
     def sample(self, t: ArrayLike) -> Motion:
-        """The motion at times `t`, shape `(N,)` [s]; at rest before its start and after its end."""
+        """The motion at times `t`, shape `(N,)` or one number [s]; at rest outside its time."""
         return sampled(self, t)
 
     def to_dict(self) -> dict[str, Any]:

@@ -59,7 +59,7 @@ class SampledMotion:
         return self._pieces.extremes(order)
 
     def sample(self, t: ArrayLike) -> Motion:
-        """The motion at times `t`, shape `(N,)` [s]; at rest before its start and after its end."""
+        """The motion at times `t`, shape `(N,)` or one number [s]; at rest outside its time."""
         return self._pieces.sample(t)
 
     def to_dict(self) -> dict[str, Any]:

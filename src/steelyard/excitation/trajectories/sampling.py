@@ -3,14 +3,13 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from steelyard.arrays import frozen
 from steelyard.excitation.trajectories.exact import ExactTrajectory
-from steelyard.motion import Motion
+from steelyard.motion import Motion, sample_times
 
 
 def sampled(trajectory: ExactTrajectory, t: ArrayLike) -> Motion:
-    """The motion at times `t`, shape `(N,)` [s]; at rest before its start and after its end."""
-    t = frozen(t, (None,))
+    """The motion at times `t`, shape `(N,)` or one number [s]; at rest outside its time."""
+    t = sample_times(t)
     clipped = np.clip(t, 0.0, trajectory.duration)
     inside = ((t >= 0.0) & (t <= trajectory.duration))[:, None]
     q, dq, ddq = (trajectory.derivative(clipped, order) for order in range(3))

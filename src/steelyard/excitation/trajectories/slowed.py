@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from steelyard.arrays import Array, frozen
 from steelyard.excitation.trajectories.exact import ExactTrajectory
-from steelyard.motion import Motion
+from steelyard.motion import Motion, sample_times
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,8 +38,8 @@ class SlowedMotion:
         return frozen(self.motion.breaks / self.factor)
 
     def sample(self, t: ArrayLike) -> Motion:
-        """The motion at times `t`, shape `(N,)` [s]."""
-        t = frozen(t, (None,))
+        """The motion at times `t`, shape `(N,)` or one number [s]."""
+        t = sample_times(t)
         inner = self.motion.sample(t * self.factor)
         return Motion(t, inner.q, inner.dq * self.factor, inner.ddq * self.factor**2)
 

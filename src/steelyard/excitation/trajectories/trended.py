@@ -61,7 +61,7 @@ class TrendedMotion:
         return smooth_extremes(self, cells, order, self.series.slack(order, even[1]))
 
     def sample(self, t: ArrayLike) -> Motion:
-        """The motion at times `t`, shape `(N,)` [s]; at rest before its start and after its end."""
+        """The motion at times `t`, shape `(N,)` or one number [s]; at rest outside its time."""
         return sampled(self, t)
 
     def to_dict(self) -> dict[str, Any]:

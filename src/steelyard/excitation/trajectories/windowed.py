@@ -96,7 +96,7 @@ class WindowedMotion:
         return np.asarray(left_out + rounding * bound(order))
 
     def sample(self, t: ArrayLike) -> Motion:
-        """The motion at times `t`, shape `(N,)` [s]; at rest before its start and after its end."""
+        """The motion at times `t`, shape `(N,)` or one number [s]; at rest outside its time."""
         return sampled(self, t)
 
     def to_dict(self) -> dict[str, Any]:

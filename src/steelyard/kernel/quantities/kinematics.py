@@ -52,6 +52,10 @@ class Points:
     flow: Program
     bend: Program
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """What pickle keeps: compiled code is of one process."""
+        return points_on, (self.robot, self.carriers, self.places)
+
     def __call__(self, q: Array) -> tuple[Array, Array]:
         """Positions `(N, m, 3)` [m] and their derivatives `(N, m, 3, n)` at `q`, `(N, n)`."""
         m, n = len(self.carriers), self.robot.n
