@@ -310,6 +310,7 @@ def test_demo(command: Command, tmp_path: Path) -> None:
     names = sorted(path.name for path in (tmp_path / "demo").iterdir())
     assert names == ["motion", "results", "robot"]
     assert result["motion"]["certified"] and not result["motion"]["stopped"]
+    assert result["motion"]["searches"] == 2
     motion = sorted(path.name for path in (tmp_path / "demo" / "motion").iterdir())
     assert motion == ["certificate.json", "report.html", "trajectory.csv", "trajectory.json"]
     again = tmp_path / "demo" / "robot" / "demo_arm.toml"

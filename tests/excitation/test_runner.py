@@ -81,6 +81,13 @@ def test_no_more_processes_than_searches(tmp_path: Path) -> None:
     assert found.searches == 1 and max(seen) == 1
 
 
+def test_progress_counts_searches_as_well_as_seconds(tmp_path: Path) -> None:
+    seen = list[Event]()
+    harvest(tmp_path, SearchBudget(600.0, searches=2), lambda event: seen.append(event) or True)
+    assert all(event.done >= 300.0 for event in seen if event.note.endswith("of 1"))
+    assert seen[-1].done >= 300.0 and {event.total for event in seen} == {600.0}
+
+
 def test_time_ends_it_and_keeps_what_there_is(tmp_path: Path) -> None:
     begun = time.monotonic()
     found = harvest(tmp_path, SearchBudget(3.0, processes=2))

@@ -168,7 +168,7 @@ def test_the_browser_draws_the_page_without_an_error(which, request, browse) -> 
     page = render_comparison(request.getfixturevalue(which))
     seen = browse(page)
     assert seen.console == () and seen.errors == []
-    assert 'id="compare"' in seen.dom and 'id="notes"' in seen.dom
+    assert 'id="compare"' in seen.dom and 'id="settings"' in seen.dom
     drawn = seen.dom.split('class="picture js-plotly-plot"')
     assert len(drawn) == 2 and "scatterlayer" in drawn[1]
     if which == "usual":

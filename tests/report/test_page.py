@@ -58,7 +58,7 @@ def test_the_menu_shows_another_run(browse, usual):
 def test_the_network_is_neither_asked_nor_allowed(usual):
     page = own_html(render(usual))
     links = re.findall(r"""(?:src|href|action)\s*=\s*["']?([^"'\s>]*)""", page)
-    assert len(links) == len(SECTIONS) + 1 and all(
+    assert len(links) == len(SECTIONS) + 2 and all(
         link.startswith(("#", "data:")) for link in links
     )
     assert "http:" not in page and "https:" not in page

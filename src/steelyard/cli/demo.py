@@ -13,8 +13,11 @@ if TYPE_CHECKING:
     from steelyard.excitation.trajectories.exact import ExactTrajectory
     from steelyard.robot_file.file import LoadedRobot
 
-DESIGN = 8.0
-"""Seconds that the design of the motion may take."""
+SEARCHES = 2
+"""Searches after which the design of the motion ends, on a busy machine as well."""
+
+DESIGN = 120.0
+"""Seconds after which it ends in any case."""
 
 
 @guarded
@@ -39,7 +42,7 @@ def demo(output: Output = None, seed: Seed = 0, as_json: Json = False) -> None:
     with progress_bar() as progress, whole_folder(folder) as part:
 
         def designed(loaded: "LoadedRobot") -> "ExactTrajectory":
-            effort = SearchBudget(DESIGN, processes=os.cpu_count() or 1, seed=seed)
+            effort = SearchBudget(DESIGN, SEARCHES, os.cpu_count() or 1, seed)
             task = DesignTask(loaded, model_of(loaded), None, ("csv",), None)
             found.append(task.done(effort, progress=progress))
             (part / "motion").mkdir()

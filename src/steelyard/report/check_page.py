@@ -49,6 +49,9 @@ def render_check(content: CheckContent) -> str:
         Shown("verdict", "Verdict", fill("check_verdict.html", numbers)),
         Shown("evidence", "Evidence", fill("findings.html", numbers)),
     ]
+    if content.notes:
+        notes = fill("notes.html", {"notes": content.notes})
+        sections.append(Shown("notes", "Notes", notes, folded=True))
     if found["mends"]:
         sections.insert(1, Shown("mends", "What to do", fill("check_mends.html", numbers)))
     return page_of(

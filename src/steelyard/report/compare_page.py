@@ -3,7 +3,6 @@
 from importlib.metadata import version
 
 from steelyard.report.content import ReportContent
-from steelyard.report.html import fill
 from steelyard.report.page import Shown, page_of
 from steelyard.report.sections.model.compare import CompareSection
 from steelyard.report.sections.model.drives import DrivesSection
@@ -28,7 +27,5 @@ def render_comparison(content: ReportContent) -> str:
     for section in SECTIONS:
         numbers = section.numbers(content)
         if numbers is not None:
-            shown.append(Shown(section.name, section.title, section.show(numbers)))
-    if content.notes:
-        shown.append(Shown("notes", "Notes", fill("notes.html", {"notes": content.notes})))
+            shown.append(Shown.of(section, numbers))
     return page_of(content.title, content.robot, "compared", version("steelyard"), shown)

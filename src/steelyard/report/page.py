@@ -8,6 +8,7 @@ from steelyard.report.content import ReportContent
 from steelyard.report.html import fill, plotly_script, verbatim
 from steelyard.report.sections.model.check import PICTURE
 from steelyard.report.sections.register import sections_of
+from steelyard.report.sections.section import Numbers, Section
 
 
 def render(content: ReportContent) -> str:
@@ -16,7 +17,7 @@ def render(content: ReportContent) -> str:
     for section in sections_of(content):
         numbers = section.numbers(content)
         if numbers is not None:
-            shown.append(Shown(section.name, section.title, section.show(numbers)))
+            shown.append(Shown.of(section, numbers))
     made, version = "identified", None
     if content.identified is not None:
         version = content.identified.provenance.version
@@ -27,11 +28,24 @@ def render(content: ReportContent) -> str:
 
 @dataclass(frozen=True)
 class Shown:
-    """A section of a page: its identifier, its heading, and safe HTML."""
+    """A section of a page.
+
+    Attributes:
+        name: Its identifier.
+        title: Its heading.
+        body: Safe HTML.
+        folded: Whether it is closed until a click opens it.
+    """
 
     name: str
     title: str
     body: str
+    folded: bool = False
+
+    @classmethod
+    def of(cls, section: Section, numbers: Numbers) -> "Shown":
+        """A section with its numbers."""
+        return cls(section.name, section.title, section.show(numbers), section.folded)
 
 
 def page_of(

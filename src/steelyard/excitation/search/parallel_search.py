@@ -175,7 +175,13 @@ def _lines(
     while len(over.ends) < effort.useful:
         spent = time.monotonic() - begun
         note = f"best {found[0].criterion_value:.4g} of {len(found)}" if found else ""
-        tell(progress, "designing", min(spent, effort.seconds), effort.seconds, note)
+        tell(
+            progress,
+            "designing",
+            effort.seconds * _share(spent, found, effort),
+            effort.seconds,
+            note,
+        )
         if spent > effort.seconds + _GRACE and found:
             return
         try:
@@ -194,6 +200,12 @@ def _lines(
             raise RuntimeError(f"a search process failed:\n{line['broken']}")
         else:
             yield line
+
+
+def _share(spent: float, found: Sequence[Found], effort: SearchBudget) -> float:
+    """How much of the budget is used, by seconds or by searches."""
+    searched = 0.0 if effort.searches is None else len(found) / effort.searches
+    return min(max(spent / effort.seconds, searched), 1.0)
 
 
 @contextmanager

@@ -26,6 +26,9 @@ class Section(ABC):
     title: ClassVar[str]
     """Its heading."""
 
+    folded: ClassVar[bool] = False
+    """Whether the page shows its heading alone, until a click opens it."""
+
     @abstractmethod
     def numbers(self, content: ReportContent) -> Numbers | None:
         """What there is to show; `None` leaves the section out."""

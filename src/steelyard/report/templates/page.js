@@ -7,6 +7,104 @@ window.addEventListener("beforeprint", () => {
   document.querySelectorAll("details").forEach((one) => { one.open = true; });
 });
 
+// Light or dark as the system has it, until the button changes it; paper is always light.
+function chooseTheme() {
+  const root = document.documentElement, button = document.getElementById("theme");
+  const dark = window.matchMedia("(prefers-color-scheme: dark)");
+  function set(theme) {
+    root.dataset.theme = theme;
+    button.textContent = theme === "dark" ? "Light colours" : "Dark colours";
+    window.dispatchEvent(new Event("theme"));
+  }
+  let screen = root.dataset.theme;
+  button.addEventListener("click", () => set(root.dataset.theme === "dark" ? "light" : "dark"));
+  dark.addEventListener("change", () => set(dark.matches ? "dark" : "light"));
+  window.addEventListener("beforeprint", () => { screen = root.dataset.theme; set("light"); });
+  window.addEventListener("afterprint", () => set(screen));
+  set(screen);
+  button.hidden = false;
+}
+
+// A section that is folded opens when a link leads to it.
+function openTarget() {
+  const target = location.hash && document.getElementById(decodeURIComponent(location.hash.slice(1)));
+  const fold = target && target.querySelector(":scope > details.fold");
+  if (fold) fold.open = true;
+}
+
+const PREFIX = { "µ": 1e-6, m: 1e-3, k: 1e3, M: 1e6 };
+
+// The number that a cell begins with, in the unit without prefix; null if it begins with none.
+function numberIn(cell) {
+  const text = cell.textContent.replace(/[\s\u2060]/g, "").replace(/\u2212/g, "-");
+  const found = text.match(/^[<>≤≥±≈]?([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)(.*)$/);
+  if (!found) return null;
+  const unit = found[2].match(/^(µ|m|k|M)?(?:m|s|A|V|Nm|N|g|Hz|W|B|rad)(?![a-z])/);
+  return Number(found[1]) * ((unit && PREFIX[unit[1]]) || 1);
+}
+
+// Less, equal or more, for one column; cells without a number or words come last either way.
+function compare(a, b, numbers, sign) {
+  const [x, y] = [a, b].map((cell) => (numbers ? numberIn(cell) : cell.textContent.trim() || null));
+  if (x === null || y === null) return (x === null) - (y === null);
+  return sign * (numbers ? x - y : x.localeCompare(y, "en", { numeric: true }));
+}
+
+// Headings of columns sort the rows: up, down, as they were. A row of class "follows" stays
+// below the row before it; rows of a table's foot stay where they are.
+function makeSortable(table) {
+  const body = table.tBodies[0], headings = [...table.tHead.rows[0].cells], groups = [];
+  [...body.rows].forEach((row) => {
+    if (row.classList.contains("follows") && groups.length) groups[groups.length - 1].push(row);
+    else groups.push([row]);
+  });
+  if (groups.length < 2 || groups.some(([row]) => row.cells.length !== headings.length)) return;
+  function sort(heading, column) {
+    const order = { ascending: "descending", descending: "none" }[heading.ariaSort] || "ascending";
+    headings.forEach((one) => one.removeAttribute("aria-sort"));
+    if (order !== "none") heading.setAttribute("aria-sort", order);
+    const cells = groups.map(([row]) => row.cells[column]).filter((one) => /[^\s–]/.test(one.textContent));
+    const numbers = cells.every((one) => one.tagName === "TD" && numberIn(one) !== null);
+    const sign = order === "descending" ? -1 : 1;
+    const sorted = groups.slice().sort(([a], [b]) => compare(a.cells[column], b.cells[column], numbers, sign));
+    body.append(...(order === "none" ? groups : sorted).flat());
+  }
+  headings.forEach((heading, column) => {
+    if (!heading.textContent.trim()) return;
+    const button = document.createElement("button");
+    button.type = "button";
+    button.className = "sort";
+    button.append(...heading.childNodes);
+    heading.append(button);
+    button.addEventListener("click", () => sort(heading, column));
+  });
+}
+
+// Colours of figures: "--name" in a figure is the colour of that name in the style sheet.
+function themed(value) {
+  if (typeof value === "string") {
+    return value.startsWith("--")
+      ? getComputedStyle(document.documentElement).getPropertyValue(value).trim() : value;
+  }
+  if (Array.isArray(value)) return value.map(themed);
+  if (value === null || typeof value !== "object") return value;
+  return Object.fromEntries(Object.entries(value).map(([name, one]) => [name, themed(one)]));
+}
+
+const GRID = { gridcolor: "--grid", zerolinecolor: "--zero", automargin: true };
+const CONFIG = { responsive: true, displayModeBar: false };
+
+// What all figures share.
+function basis() {
+  const touch = window.matchMedia("(pointer: coarse)").matches;
+  return {
+    dragmode: touch ? false : "zoom", margin: { l: 58, r: 8, t: 8, b: 40 }, autosize: true,
+    paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
+    font: { family: getComputedStyle(document.body).fontFamily, size: 12, color: "--soft" },
+    hoverlabel: { bgcolor: "--card", bordercolor: "--line", font: { color: "--ink" } },
+  };
+}
+
 function drawPlots() {
   const data = new Map();
   document.querySelectorAll("script.effort-data").forEach((one) => {
@@ -15,51 +113,41 @@ function drawPlots() {
   const plots = [...document.querySelectorAll(".plot")];
   const menu = document.getElementById("effort-run");
   if (!menu) return;
-  const touch = window.matchMedia("(pointer: coarse)").matches;
-  const style = getComputedStyle(document.documentElement);
-  const colour = (name) => style.getPropertyValue("--" + name).trim();
-  const names = ["measured", "predicted", "residual"];
-  const font = getComputedStyle(document.body).fontFamily;
-  const grid = { gridcolor: "#eceff2", zerolinecolor: "#cfd5dc", automargin: true };
-
   const bands = document.getElementById("effort-bands");
-  const shades = ["band", "surely", "band"];
+  const shades = ["--band", "--surely", "--band"];
+  const styles = [
+    { name: "measured", line: { color: "--measured", width: 2.6 } },
+    { name: "predicted", line: { color: "--predicted", width: 1.5, dash: "5px,2px" } },
+    { name: "residual", line: { color: "--residual", width: 1.2 } },
+  ];
 
   function areas(figure) {
     if (bands && !bands.checked) return [];
     return figure.bands.map((area, k) => ({
       type: "scatter", mode: "none", x: area.x, y: area.y, yaxis: k === 2 ? "y2" : "y", fill: "toself",
-      fillcolor: colour(shades[k]), hoverinfo: "skip", connectgaps: false,
+      fillcolor: shades[k], hoverinfo: "skip", connectgaps: false,
     }));
   }
 
   function lines(figure) {
     return figure.lines.map((line, k) => ({
-      type: "scatter", mode: "lines", name: names[k], x: line.x, y: line.y,
+      type: "scatter", mode: "lines", ...styles[k], x: line.x, y: line.y,
       yaxis: k === 2 ? "y2" : "y", connectgaps: false,
-      line: { color: colour(names[k]), width: k === 0 ? 3.2 : 1.2 },
     }));
   }
 
   function layout(figure) {
     return {
-      showlegend: false, hovermode: "x unified", dragmode: touch ? false : "zoom",
-      margin: { l: 58, r: 8, t: 8, b: 40 }, autosize: true,
-      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
-      font: { family: font, size: 12, color: colour("soft") },
-      xaxis: { ...grid, anchor: "y2", zeroline: false, title: { text: figure.time, standoff: 6 } },
-      yaxis: { ...grid, domain: [0.38, 1], title: { text: figure.unit, standoff: 4 } },
-      yaxis2: { ...grid, domain: [0, 0.28], nticks: 4 },
+      ...basis(), showlegend: false, hovermode: "x unified",
+      xaxis: { ...GRID, anchor: "y2", zeroline: false, title: { text: figure.time, standoff: 6 } },
+      yaxis: { ...GRID, domain: [0.38, 1], title: { text: figure.unit, standoff: 4 } },
+      yaxis2: { ...GRID, domain: [0, 0.28], nticks: 4 },
       shapes: figure.rests.map(([from, to]) => ({
         type: "rect", xref: "x", yref: "paper", x0: from, x1: to, y0: 0, y1: 1,
-        fillcolor: colour("rest"), line: { width: 0 }, layer: "below",
+        fillcolor: "--rest", line: { width: 0 }, layer: "below",
       })),
     };
   }
-
-  const config = {
-    responsive: true, displayModeBar: false,
-  };
 
   function draw(plot) {
     const source = data.get(menu.value + "/" + plot.dataset.joint);
@@ -72,7 +160,7 @@ function drawPlots() {
     held.className = figure.few ? "few" : "";
     held.textContent = figure.held;
     caption.append(held);
-    Plotly.react(plot, [...areas(figure), ...lines(figure)], layout(figure), config);
+    Plotly.react(plot, themed([...areas(figure), ...lines(figure)]), themed(layout(figure)), CONFIG);
   }
 
   // Those in sight first, the others one by one while the page stays responsive.
@@ -92,13 +180,14 @@ function drawPlots() {
     next();
   }
 
-  menu.addEventListener("change", drawAll);
-  if (bands) {
-    bands.addEventListener("change", () => {
-      plots.forEach((plot) => { delete plot.dataset.run; });
-      drawAll();
-    });
+  function drawAgain() {
+    plots.forEach((plot) => { delete plot.dataset.run; });
+    drawAll();
   }
+
+  menu.addEventListener("change", drawAll);
+  if (bands) bands.addEventListener("change", drawAgain);
+  window.addEventListener("theme", drawAgain);
   window.addEventListener("beforeprint", () => {
     plots.forEach((plot) => { draw(plot); Plotly.relayout(plot, { width: 660, height: 250 }); });
   });
@@ -108,13 +197,9 @@ function drawPlots() {
   drawAll();
 }
 
-// Pictures of findings; one in a closed part of the page is drawn when that is opened.
+// Pictures of sections; one in a closed part of the page is drawn when that is opened.
 function drawPictures() {
-  const style = getComputedStyle(document.documentElement);
-  const colour = (name) => style.getPropertyValue("--" + name).trim();
-  const touch = window.matchMedia("(pointer: coarse)").matches;
-  const colours = ["predicted", "residual", "good", "measured", "poor", "fair"].map(colour);
-  const grid = { gridcolor: "#eceff2", zerolinecolor: "#cfd5dc", automargin: true };
+  const colours = ["--blue", "--vermillion", "--green", "--purple", "--amber", "--arm"];
 
   function trace(one, k) {
     const tint = colours[k % colours.length];
@@ -130,18 +215,14 @@ function drawPictures() {
   function layout(figure) {
     const own = figure.layout || {};
     const more = Object.fromEntries(Object.entries(own).map(([name, value]) => [
-      name, /^[xy]axis\d/.test(name) ? { ...grid, zeroline: false, ...value } : value,
+      name, /^[xy]axis\d/.test(name) ? { ...GRID, zeroline: false, ...value } : value,
     ]));
     return {
+      ...basis(), bargap: 0.06,
       showlegend: figure.traces.length > 1, legend: { orientation: "h", y: 1.02, yanchor: "bottom" },
-      dragmode: touch ? false : "zoom", margin: { l: 58, r: 8, t: 8, b: 40 }, autosize: true,
-      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", bargap: 0.06,
-      font: {
-        family: getComputedStyle(document.body).fontFamily, size: 12, color: colour("soft"),
-      },
       ...more,
-      xaxis: { ...grid, zeroline: false, title: { text: figure.x, standoff: 6 }, ...own.xaxis },
-      yaxis: { ...grid, title: { text: figure.y, standoff: 4 }, ...own.yaxis },
+      xaxis: { ...GRID, zeroline: false, title: { text: figure.x, standoff: 6 }, ...own.xaxis },
+      yaxis: { ...GRID, title: { text: figure.y, standoff: 4 }, ...own.yaxis },
     };
   }
 
@@ -149,12 +230,20 @@ function drawPictures() {
     if (picture.dataset.drawn || picture.closest("details:not([open])")) return;
     picture.dataset.drawn = "yes";
     const figure = JSON.parse(picture.nextElementSibling.textContent);
-    const config = { responsive: true, displayModeBar: false };
-    Plotly.react(picture, figure.traces.map(trace), layout(figure), config);
+    Plotly.react(picture, themed(figure.traces.map(trace)), themed(layout(figure)), CONFIG);
   }
 
   const drawAll = () => document.querySelectorAll(".picture").forEach(draw);
   document.querySelectorAll("details").forEach((one) => one.addEventListener("toggle", drawAll));
+  window.addEventListener("theme", () => {
+    document.querySelectorAll(".picture").forEach((one) => { delete one.dataset.drawn; });
+    drawAll();
+  });
   window.addEventListener("beforeprint", drawAll);
   drawAll();
 }
+
+chooseTheme();
+document.querySelectorAll("main table").forEach(makeSortable);
+window.addEventListener("hashchange", openTarget);
+openTarget();

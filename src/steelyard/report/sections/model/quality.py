@@ -15,6 +15,7 @@ class QualitySection(Section):
 
     name: ClassVar[str] = "quality"
     title: ClassVar[str] = "Data quality"
+    folded: ClassVar[bool] = True
 
     def numbers(self, content: ReportContent) -> Numbers | None:
         """One column per label, one row per run; what is long stands below its run.

@@ -47,7 +47,6 @@ class VerdictSection(Section):
             "runs": [_run(score) for score in content.scores if not score.repeats],
             "repeated": [_run(score) for score in content.scores if score.repeats],
             "fitted": [_run(score) for score in content.fitted],
-            "notes": content.notes,
             "good": GOOD,
             "fair": FAIR,
         }

@@ -27,7 +27,7 @@ RATE = 100.0
 """Samples a second of which the points are chosen."""
 
 ORDERS = ("position", "velocity", "acceleration")
-COLOURS = ("#0068a8", "#d55e00", "#00694b")
+COLOURS = ("--blue", "--vermillion", "--green")
 DOMAINS = ((0.56, 1.0), (0.29, 0.48), (0.0, 0.19))
 """Of the three parts of a picture, from its foot."""
 
@@ -130,8 +130,8 @@ def _figure(
 def _limits(axis: str, low: float, high: float) -> list[dict[str, Any]]:
     """The allowed band, with its edges."""
     across = {"xref": "paper", "x0": 0, "x1": 1, "yref": axis, "layer": "below"}
-    edge = {"type": "line", **across, "line": {"color": "#a8261d", "width": 1, "dash": "dot"}}
-    band = {"type": "rect", **across, "fillcolor": "#eef4f8", "line": {"width": 0}}
+    edge = {"type": "line", **across, "line": {"color": "--poor", "width": 1, "dash": "dot"}}
+    band = {"type": "rect", **across, "fillcolor": "--allowed", "line": {"width": 0}}
     low_, high_ = rounded(low), rounded(high)
     return [
         {**band, "y0": low_, "y1": high_},

@@ -57,8 +57,8 @@ def _figure(designed: Designed) -> dict[str, Any]:
                 "y": [rounded(y) for y in (*figures, figures[-1])],
                 "more": {
                     "mode": "lines+markers",
-                    "line": {"shape": "hv", "color": "#0068a8", "width": 2},
-                    "marker": {"color": "#0068a8", "size": [7] * len(times) + [0]},
+                    "line": {"shape": "hv", "color": "--blue", "width": 2},
+                    "marker": {"color": "--blue", "size": [7] * len(times) + [0]},
                     "hovertemplate": "%{x:.3g} s: %{y:.4g}<extra></extra>",
                 },
             },
@@ -68,7 +68,7 @@ def _figure(designed: Designed) -> dict[str, Any]:
                 "x": [rounded(end)],
                 "y": [rounded(designed.shown.criterion_value)],
                 "more": {
-                    "marker": {"color": "#00694b", "size": 11, "symbol": "diamond"},
+                    "marker": {"color": "--green", "size": 11, "symbol": "diamond"},
                     "hovertemplate": "%{x:.3g} s: %{y:.4g}<extra></extra>",
                     "cliponaxis": False,
                 },

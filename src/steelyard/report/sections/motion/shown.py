@@ -92,8 +92,8 @@ def _figure(designed: Designed) -> dict[str, Any]:
                 "y": [rounded(float(x)) for x in share],
                 "more": {
                     "mode": "lines+markers",
-                    "line": {"color": "#b9c6d3", "width": 1.2},
-                    "marker": {"color": "#0068a8", "size": 6},
+                    "line": {"color": "--pale", "width": 1.2},
+                    "marker": {"color": "--blue", "size": 6},
                     "hovertemplate": "%{x}: %{y:.3g}<extra></extra>",
                 },
             }

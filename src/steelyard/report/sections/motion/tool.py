@@ -22,8 +22,8 @@ POINTS = 1500
 """Points of the path."""
 
 VIEWS = (("from above", 0, 1), ("from the side", 0, 2), ("from the front", 1, 2))
-PATH, ARM, PALE, START = "#0068a8", "#7488a0", "#c3ccd6", "#00694b"
-WALL, FORBIDDEN = "#a8261d", "#f3c9c5"
+PATH, ARM, PALE, START = "--blue", "--arm", "--pale", "--green"
+WALL, FORBIDDEN = "--poor", "--forbidden"
 
 
 class DesignToolSection(Section):
@@ -108,7 +108,7 @@ def _space(t: Array, path: Array, arm: Array, faces: Sequence[Face]) -> dict[str
         for bad in dict.fromkeys(face.forbidden for face in faces)
     ]
     axes = {
-        f"{axis}axis": {"title": {"text": f"{axis} [m]"}, "backgroundcolor": "#f7f8fa"}
+        f"{axis}axis": {"title": {"text": f"{axis} [m]"}, "backgroundcolor": "--ground"}
         for axis in AXES
     }
     camera = {"eye": {"x": 1.3, "y": -1.4, "z": 0.7}, "center": {"x": 0.0, "y": 0.0, "z": -0.12}}

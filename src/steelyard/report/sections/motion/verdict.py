@@ -43,11 +43,6 @@ class DesignVerdictSection(Section):
             "tight": tightest(designed),
             "covers": COVERS,
             "uncovered": uncovered(designed),
-            "notes": [
-                note
-                for note in (*designed.notes, *content.notes)
-                if note not in uncovered(designed)
-            ],
         }
 
     def show(self, numbers: Numbers) -> str:

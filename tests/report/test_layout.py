@@ -1,0 +1,205 @@
+"""All pages on a screen and on a phone, in light and in dark: overflow, contrast, keyboard."""
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from browser import Tab, chromium, running
+from report.conftest import robot
+from report.designed import designed_for
+from report.test_design import content as motion_content
+from report.test_findings import content as check_content
+from report.test_page import own_html
+from steelyard.report import ReportContent, render
+from steelyard.report.check_page import render_check
+from steelyard.report.compare_page import render_comparison
+from steelyard.report.html import TEMPLATES
+
+PAGES = ("identification", "strange names", "comparison", "check", "motion")
+WIDTHS = (1400, 420)
+
+
+@pytest.fixture(scope="module")
+def pages(usual: ReportContent, nasty: ReportContent) -> dict[str, str]:
+    return {
+        "identification": render(usual),
+        "strange names": render(nasty),
+        "comparison": render_comparison(usual),
+        "check": render_check(check_content("arm")),
+        "motion": render(motion_content(designed_for(robot()))),
+    }
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tab]:
+    program = chromium()
+    if program is None:
+        pytest.skip("no Chromium (chromium, chromium-browser or google-chrome) on the path")
+    with running(program, tmp_path_factory.mktemp("browser")) as tab:
+        yield tab
+
+
+def opened(browser: Tab, page: str, folder: Path, width: int = 1400) -> Tab:
+    file = folder / "page.html"
+    file.write_text(page, encoding="utf-8")
+    browser.show(width)
+    browser.open(file)
+    return browser
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_every_page_fits_is_readable_and_reached_by_the_keyboard(
+    browser: Tab, pages: dict[str, str], name: str, tmp_path: Path
+) -> None:
+    tab = opened(browser, pages[name], tmp_path)
+    for width in WIDTHS:
+        for dark in (False, True):
+            tab.show(width, dark)
+            tab.run("drawn()")
+            assert tab.run("overflow()") == [], (width, dark)
+            assert tab.run("contrast()") == [], (width, dark)
+    tab.show(1400)
+    tab.run("drawn()")
+    assert unreached(tab) == []
+    assert tab.console == []
+
+
+def unreached(tab: Tab) -> list[str]:
+    """What can be operated but Tab does not reach, or does not show the focus."""
+    names, seen = tab.run("operable()"), dict[int, bool]()
+    for _ in range(len(names) + 1):
+        tab.press("Tab")
+        here = tab.run("focused()")
+        if here is None or here["number"] in seen:
+            break
+        seen[here["number"]] = here["visible"]
+    return [name for number, name in enumerate(names) if not seen.get(number, False)]
+
+
+@pytest.mark.parametrize(
+    ("change", "check", "said"),
+    [
+        ("<p style='width:1500px'>wide</p>", "overflow()", "wide"),
+        ("<p style='color:#8a8a8a;background:#fff'>pale</p>", "contrast()", "pale"),
+        ("<p style='opacity:.4'>faint</p>", "contrast()", "faint"),
+    ],
+)
+def test_the_checks_see_what_is_wrong(
+    browser: Tab, tmp_path: Path, change: str, check: str, said: str
+) -> None:
+    page = render(ReportContent("nothing", "arm"))
+    tab = opened(browser, page, tmp_path)
+    assert tab.run(check) == []
+    tab = opened(browser, page.replace("</main>", change + "</main>"), tmp_path)
+    assert said in str(tab.run(check))
+
+
+def test_the_checks_see_what_the_keyboard_does_not_reach(browser: Tab, tmp_path: Path) -> None:
+    more = "<a href='#x' style='outline:0'>no outline</a><select style='outline:0'></select>"
+    trap = "<a href='#y' onfocus='this.blur()'>never</a></main>"
+    page = render(ReportContent("nothing", "arm")).replace("</main>", more + trap)
+    assert len(unreached(opened(browser, page, tmp_path))) == 3
+
+
+def test_errors_of_a_page_are_seen(browser: Tab, tmp_path: Path) -> None:
+    page = render(ReportContent("nothing", "arm"))
+    wrong = page.replace("</body>", "<script>missing.name</script></body>")
+    assert "missing is not defined" in str(opened(browser, wrong, tmp_path).console)
+
+
+TABLE = """<div class="box"><table><thead>
+<tr><th scope="col">Name</th><th scope="col">Size</th></tr></thead><tbody>
+<tr><th scope="row">b</th><td>20.0\u00a0mm</td></tr>
+<tr><th scope="row">c 10</th><td>–</td></tr><tr class="follows"><td colspan="2">of c</td></tr>
+<tr><th scope="row">a</th><td>1\u00a0200\u00a0mm</td></tr>
+<tr><th scope="row">c 9</th><td>-1.5e-3 m</td></tr>
+<tr><th scope="row">d</th><td>0.5 m</td></tr></tbody>
+<tfoot><tr><th scope="row">all</th><td>9 m</td></tr></tfoot></table></div></main>"""
+
+
+def test_headings_sort_numbers_as_numbers_with_their_units(browser: Tab, tmp_path: Path) -> None:
+    page = render(ReportContent("nothing", "arm")).replace("</main>", TABLE)
+    tab = opened(browser, page, tmp_path)
+    rows = "[...document.querySelectorAll('tr')].map(row => row.cells[0].textContent)"
+    sort = "document.querySelector('[aria-sort]')?.ariaSort ?? null"
+    as_written = ["Name", "b", "c 10", "of c", "a", "c 9", "d", "all"]
+    assert tab.run(rows) == as_written and tab.run(sort) is None
+    tab.run("document.querySelectorAll('.sort')[1].focus()")
+    tab.press("Enter")
+    assert tab.run(rows) == ["Name", "c 9", "b", "d", "a", "c 10", "of c", "all"]
+    assert tab.run(sort) == "ascending"
+    tab.press("Enter")
+    assert tab.run(rows) == ["Name", "a", "d", "b", "c 9", "c 10", "of c", "all"]
+    assert tab.run(sort) == "descending"
+    tab.press("Enter")
+    assert tab.run(rows) == as_written and tab.run(sort) is None
+    tab.run("document.querySelectorAll('.sort')[0].click()")
+    assert tab.run(rows) == ["Name", "a", "b", "c 9", "c 10", "of c", "d", "all"]
+
+
+def test_figures_and_page_follow_the_system_and_the_button(
+    browser: Tab, pages: dict[str, str], tmp_path: Path
+) -> None:
+    tab = opened(browser, pages["comparison"], tmp_path)
+    tick = "getComputedStyle(document.querySelector('.xtick text')).fill"
+    ground = "getComputedStyle(document.body).backgroundColor"
+    light = tab.run(tick), tab.run(ground)
+    tab.show(1400, dark=True)
+    tab.run("drawn()")
+    dark = tab.run(tick), tab.run(ground)
+    assert light[0] != dark[0] and light[1] != dark[1]
+    for seen in (light, dark):
+        tab.run("document.getElementById('theme').click()")
+        tab.run("drawn()")
+        assert (tab.run(tick), tab.run(ground)) == seen
+
+
+def test_a_link_opens_the_folded_section_that_it_leads_to(
+    browser: Tab, pages: dict[str, str], tmp_path: Path
+) -> None:
+    tab = opened(browser, pages["check"], tmp_path)
+    fold = "document.querySelector('#notes > details').open"
+    assert tab.run(fold) is False
+    tab.run("document.querySelector('nav a[href=\"#notes\"]').click()")
+    tab.run("new Promise(done => setTimeout(done, 0))")
+    assert tab.run(fold) is True
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_notes_and_settings_are_last_and_folded(pages: dict[str, str], name: str) -> None:
+    last = own_html(pages[name]).rpartition("<section")[2]
+    assert '<details class="fold">' in last and "Notes" in last
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_a_page_has_landmarks_one_heading_and_scopes(pages: dict[str, str], name: str) -> None:
+    page = own_html(pages[name])
+    for landmark in ("<header", '<nav aria-label="Contents">', '<main id="content"', "<footer"):
+        assert page.count(landmark) == 1
+    assert page.count("<h1>") == 1 and '<a class="skip" href="#content">' in page
+    headings = re.findall(r"<th\b[^>]*>", page)
+    assert headings and all('scope="' in heading for heading in headings)
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_colours_of_figures_are_those_of_the_style_sheet(pages: dict[str, str], name: str) -> None:
+    style = (TEMPLATES / "style.css").read_text(encoding="utf-8")
+    figures = re.findall(r'<script type="application/json"[^>]*>(.*?)</script>', pages[name])
+    assert figures
+    words = {word for figure in figures for word in strings(json.loads(figure))}
+    assert not [word for word in words if re.fullmatch(r"#[0-9a-f]{3,8}|rgba?\(.*", word)]
+    named = {word for word in words if word.startswith("--")}
+    assert all(f"{word}: " in style for word in named)
+
+
+def strings(value: object) -> Iterator[str]:
+    """All texts of a JSON value."""
+    if isinstance(value, str):
+        yield value
+    for part in (
+        value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    ):
+        yield from strings(part)
