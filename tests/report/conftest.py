@@ -34,6 +34,7 @@ from steelyard.validation.effort_scales import EffortScales
 from steelyard.validation.friction.friction import FrictionChoice, MixScore
 from steelyard.validation.score import JointScore, RunScore, Traces
 from steelyard.validation.sensitivity import Sensitivity, Variation
+from steelyard.validation.torque_parts import TorqueParts
 
 EVIL = "<script>document.body.dataset.errors='ran'</script></script><b>\"'&{{7*7}}"
 
@@ -181,6 +182,24 @@ def run_score(
             0.2 * np.ones(len(joints)),
             1.96 * np.hypot(0.1 + 0.1 * np.abs(measured) / 5.0, 0.2),
         ),
+        parts=torque_parts(t, measured, predicted, moving),
+    )
+
+
+def torque_parts(
+    t: np.ndarray, measured: np.ndarray, predicted: np.ndarray, moving: np.ndarray
+) -> TorqueParts:
+    """Shares of a predicted effort in amperes, at 10 Nm/A; nothing that is a spring."""
+    speed = np.sin(0.7 * t)[:, None] * np.arange(1.0, measured.shape[1] + 1.0)
+    shares = np.array([0.5, 0.1, 0.2, 0.2, 0.0])[:, None, None]
+    position = np.cos(0.7 * t)[:, None] + 0.0 * speed
+    return TorqueParts(
+        t[:2000],
+        position[:2000],
+        speed[:2000],
+        moving[:2000],
+        10.0 * measured[:2000],
+        10.0 * shares * predicted[:2000],
     )
 
 
@@ -343,6 +362,11 @@ def nasty(usual: ReportContent) -> ReportContent:
     broken = score.traces.predicted.copy()
     broken[500:900, 0] = np.nan
     broken[1000, 1] = np.inf
+    two = run_score(EVIL, joints[:2], 100_000).parts
+    broken_parts = two.parts.copy()
+    broken_parts[:, 500:900, 0] = np.nan
+    broken_parts[2, 1000, 1] = np.inf
+    broken_parts = replace(two, parts=broken_parts, t=two.t + 1.7e9)
     bad = replace(
         score.joints[0],
         relative_percent=float("nan"),
@@ -354,6 +378,7 @@ def nasty(usual: ReportContent) -> ReportContent:
         score,
         joints=(bad, *score.joints[1:]),
         traces=replace(score.traces, predicted=broken, t=score.traces.t + 1.7e9),
+        parts=broken_parts,
     )
     evil = identified(robot((f"a{EVIL}", f"b{EVIL}")))
     covariance = evil.estimate.covariance.copy()

@@ -201,7 +201,7 @@ def test_bands_change_no_score_and_cost_no_samples(monkeypatch: pytest.MonkeyPat
     assert np.array_equal(plain.traces.predicted, banded.traces.predicted)
     band = banded.traces.band
     assert band is not None and band.shape == banded.traces.measured.shape
-    monkeypatch.setattr("steelyard.validation.traces.MOST_DRAWN", 500)
+    monkeypatch.setattr("steelyard.validation.score.MOST_DRAWN", 500)
     thinned = scored(model, run).traces
     step = -(-len(band) // len(thinned.t))
     assert thinned.band is not None and len(thinned.band) == len(thinned.t) <= 500

@@ -27,6 +27,7 @@ from steelyard.terms.register import DEFAULT_TERMS, refuse_unfit, term_of
 from steelyard.terms.term import Term
 from steelyard.validation.bands import Bands
 from steelyard.validation.score import RunScore, score
+from steelyard.validation.torque_parts import TorqueSplit
 
 SAMPLE_ROWS = 20_000
 """Rows read to guess units, and whether velocities are good."""
@@ -257,11 +258,12 @@ def scored(
 ) -> tuple[RunScore, ...]:
     """Scores of a model on runs, with the nominal model beside it."""
     gains, cutoff, bands = identified.signals.gains, identified.cutoffs.score, Bands.of(identified)
+    split = TorqueSplit(identified.valued)
     scores = []
     for number, run in enumerate(runs):
         tell(progress, "validating", number, len(runs))
         prior = identified.model.prior
-        scores.append(score(identified.valued, run, gains, cutoff, prior, bands))
+        scores.append(score(identified.valued, run, gains, cutoff, prior, bands, split))
     return tuple(scores)
 
 

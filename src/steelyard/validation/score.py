@@ -5,7 +5,7 @@ one zero-phase fourth-order Butterworth low-pass; once over all samples, once ov
 joint moves.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby, tee
 from math import isfinite, sqrt
@@ -21,7 +21,8 @@ from steelyard.measurement.run import Block, Run
 from steelyard.model import ValuedModel
 from steelyard.regression.gather import Mask, along
 from steelyard.validation.bands import Bands
-from steelyard.validation.traces import Sure, Thinned
+from steelyard.validation.torque_parts import MOST_KEPT, PARTS, TorqueParts, TorqueSplit
+from steelyard.validation.traces import MOST_DRAWN, Signals, Sure, Thinned, traces_of
 from steelyard.validation.traces import Traces as Traces
 
 
@@ -60,6 +61,7 @@ class RunScore:
         pooled_percent_moving: The same where each joint moves.
         traces: The compared signals.
         repeats: The fitted run whose motion it repeats; empty if its motion is another one.
+        parts: Efforts by their causes, if they were wanted.
     """
 
     run: str
@@ -69,6 +71,7 @@ class RunScore:
     pooled_percent_moving: float | None
     traces: Traces
     repeats: str = ""
+    parts: TorqueParts | None = None
 
     @property
     def mean_percent(self) -> float:
@@ -112,6 +115,7 @@ def score(
     cutoff: float,
     prior: ValuedModel | None = None,
     bands: Bands | None = None,
+    split: TorqueSplit | None = None,
 ) -> RunScore:
     """Compare a model with a run, block by block, in constant memory.
 
@@ -122,6 +126,7 @@ def score(
         cutoff: Cut-off of the low-pass on both sides [Hz].
         prior: The same model with nominal values, to be scored beside it.
         bands: How sure the model is, for the traces.
+        split: What splits the predicted efforts by cause, if they are wanted.
 
     Raises:
         LogError: The cut-off is too high for the run's rate.
@@ -129,16 +134,21 @@ def score(
     """
     require_fitting(cutoff, run.rate)
     models = (valued,) if prior is None else (valued, prior)
-    squares, thinned = _Squares(), Thinned()
+    squares, thinned, kept = _Squares(), Thinned(MOST_DRAWN), Thinned(MOST_KEPT)
     blocks = along(run.blocks(), valued.model)
     for _, of_segment in groupby(blocks, key=lambda block: block.segment):
         sure, known = None, np.empty((0, len(gains), 0))
         if bands is not None:
             of_segment, beside = tee(of_segment)
             sure = Sure(beside, bands, gains, cutoff, run.rate)
-        for t, moving, efforts in _filtered(of_segment, models, gains, cutoff, run.rate):
-            squares.add(efforts, moving)
-            thinned.add(t, moving, efforts, known if sure is None else sure.next(len(t)))
+        predictions = _predictions(models, split, gains)
+        for (t, moving, q, dq), efforts in _filtered(of_segment, predictions, cutoff, run.rate):
+            compared = efforts[: 1 + len(models)]
+            squares.add(compared, moving)
+            beside_them = known if sure is None else sure.next(len(t))
+            thinned.add(t, moving, *compared[:2], beside_them)
+            if split is not None:
+                kept.add(t, moving, q, dq, efforts[0], efforts[-len(PARTS) :])
     if not squares.samples:
         raise DataError(
             f"the loops of '{valued.model.robot.name}' close at no sample of the run",
@@ -162,32 +172,60 @@ def score(
             if comparable and squares.samples_moving.any()
             else None
         ),
-        traces=thinned.traces(None if bands is None else bands.sigma / np.abs(gains)),
+        traces=traces_of(thinned, None if bands is None else bands.sigma / np.abs(gains)),
+        parts=None if split is None else _parts(kept, gains),
     )
 
 
+def _parts(kept: Thinned, gains: Array) -> TorqueParts:
+    """What was kept of a run's samples; efforts in logged units become those at the joints."""
+    t, moving, q, dq, measured, parts = kept.joined()
+    return TorqueParts(
+        t,
+        q.T,
+        dq.T,
+        moving.T.astype(bool),
+        measured.T * gains,
+        parts.swapaxes(1, 2) * gains,
+    )
+
+
+def _predictions(
+    models: Sequence[ValuedModel], split: TorqueSplit | None, gains: Array
+) -> Callable[[Block], Array]:
+    """Efforts of a block in the logged units, `(k, n, B)`: of each model, and parts, if any."""
+
+    def predicted(block: Block) -> Array:
+        efforts = [m.block(block.q, block.dq, block.ddq, block.channels)[None] for m in models]
+        parts = [] if split is None else [split.block(block)]
+        return np.concatenate([*efforts, *parts]) / gains[:, None]
+
+    return predicted
+
+
 def _filtered(
-    blocks: Iterable[Block], models: Sequence[ValuedModel], gains: Array, cutoff: float, rate: float
-) -> Iterator[tuple[Array, Mask, Array]]:
-    """Time, where each joint moves, and low-passed efforts of one segment, in parts.
+    blocks: Iterable[Block], predicted: Callable[[Block], Array], cutoff: float, rate: float
+) -> Iterator[tuple[tuple[Array, Mask, Array, Array], Array]]:
+    """Samples of one segment in parts, with low-passed efforts.
 
     Yields:
-        `(B,)`, `(n, B)`, and `(1 + models, n, B)`: measured, then predicted by each model.
+        Time `(B,)`, where each joint moves, its position and velocity, `(n, B)` each; and efforts
+        `(1 + k, n, B)`: measured, then those predicted.
     """
-    known: list[tuple[Array, Mask]] = []
+    known: list[Signals] = []
 
     def efforts() -> Iterator[Array]:
         for block in blocks:
-            known.append((block.t, block.moving))
-            predicted = (m.block(block.q, block.dq, block.ddq, block.channels) for m in models)
-            yield np.concatenate((block.effort, *(tau / gains[:, None] for tau in predicted)))
+            known.append((block.t, block.moving, block.q, block.dq))
+            both = np.concatenate((block.effort[None], predicted(block)))
+            yield both.reshape(-1, len(block.t))
 
     for part in apply(low_pass(cutoff, rate), efforts()):
-        t = np.concatenate([t for t, _ in known])
-        moving = np.concatenate([moving for _, moving in known], axis=1)
-        count = part.shape[-1]
-        known[:] = [(t[count:], moving[:, count:])]
-        yield t[:count], moving[:, :count], part.reshape(1 + len(models), len(gains), -1)
+        signals = [np.concatenate(some, axis=-1) for some in zip(*known, strict=True)]
+        count, n = part.shape[-1], len(signals[1])
+        known[:] = [tuple(x[..., count:] for x in signals)]
+        t, moving, q, dq = (x[..., :count] for x in signals)
+        yield (t, moving, q, dq), part.reshape(-1, n, count)
 
 
 class _Squares:

@@ -2,8 +2,10 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.measurement.chunks import apply
@@ -13,6 +15,10 @@ from steelyard.validation.bands import Bands
 
 MOST_DRAWN = 100_000
 """Samples of a run that its traces keep at most."""
+
+Signal = NDArray[np.float64 | np.bool_]
+Signals = tuple[Any, ...]
+"""Several of them, equally long."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,31 +100,38 @@ class Sure:
 
 
 class Thinned:
-    """Traces of a run of any length: every sample of a short one, every 2nd, 4th, ... of others."""
+    """Signals of a run of any length: every sample of a short one, every 2nd, 4th, ... of others.
 
-    def __init__(self) -> None:
-        self._parts: list[tuple[Array, ...]] = []
-        self._step, self._seen = 1, 0
+    Args:
+        most: Samples that are kept at most.
+    """
 
-    def add(self, t: Array, moving: Mask, efforts: Array, known: Array) -> None:
-        """Take in the next samples; kept are those whose number is a multiple of the step."""
+    def __init__(self, most: int) -> None:
+        self._parts: list[Signals] = []
+        self._most, self._step, self._seen = most, 1, 0
+
+    def add(self, *signals: Signal) -> None:
+        """Take in the next samples, along the last axis; kept are the multiples of the step."""
         at = slice(-self._seen % self._step, None, self._step)
-        self._seen += len(t)
-        self._parts.append(tuple(x[..., at].copy() for x in (t, moving, *efforts[:2], known)))
-        while self._seen > self._step * MOST_DRAWN:
-            self._parts = [tuple(x[..., ::2].copy() for x in self._joined())]
+        self._seen += signals[0].shape[-1]
+        self._parts.append(tuple(x[..., at].copy() for x in signals))
+        while self._seen > self._step * self._most:
+            self._parts = [tuple(x[..., ::2].copy() for x in self.joined())]
             self._step *= 2
 
-    def _joined(self) -> tuple[Array, ...]:
+    def joined(self) -> Signals:
+        """What was kept of each signal."""
         return tuple(np.concatenate(parts, axis=-1) for parts in zip(*self._parts, strict=True))
 
-    def traces(self, sigma: Array | None) -> Traces:
-        """What was kept.
 
-        Args:
-            sigma: See `Traces`; `None` without bands.
-        """
-        t, moving, measured, predicted, known = self._joined()
-        std, speed, band = (None, None, None) if sigma is None else (x.T for x in known)
-        seen = moving.T.astype(bool)
-        return Traces(t, measured.T, predicted.T, seen, std, speed, sigma, band)
+def traces_of(thinned: Thinned, sigma: Array | None) -> Traces:
+    """Traces from time, where joints move, measured and predicted efforts, and `Sure`.
+
+    Args:
+        thinned: What was kept of these five.
+        sigma: See `Traces`; `None` without bands.
+    """
+    t, moving, measured, predicted, known = thinned.joined()
+    std, speed, band = (None, None, None) if sigma is None else (x.T for x in known)
+    seen = moving.T.astype(bool)
+    return Traces(t, measured.T, predicted.T, seen, std, speed, sigma, band)

@@ -10,11 +10,14 @@ from steelyard.report.sections.model.drives import DrivesSection
 from steelyard.report.sections.model.effort import EffortSection
 from steelyard.report.sections.model.effort_scales import EffortScalesSection
 from steelyard.report.sections.model.friction import FrictionSection
+from steelyard.report.sections.model.friction_curves import FrictionCurvesSection
 from steelyard.report.sections.model.parameters import ParametersSection
 from steelyard.report.sections.model.per_run import PerRunSection
 from steelyard.report.sections.model.quality import QualitySection
+from steelyard.report.sections.model.residuals import ResidualsSection
 from steelyard.report.sections.model.sensitivity import SensitivitySection
 from steelyard.report.sections.model.settings import SettingsSection
+from steelyard.report.sections.model.torque_split import TorqueSplitSection
 from steelyard.report.sections.model.unseen import UnseenSection
 from steelyard.report.sections.model.verdict import VerdictSection
 from steelyard.report.sections.model.zero_offsets import ZeroOffsetsSection
@@ -31,7 +34,10 @@ from steelyard.report.sections.section import Section
 SECTIONS: tuple[Section, ...] = (
     VerdictSection(),
     EffortSection(),
+    TorqueSplitSection(),
+    FrictionCurvesSection(),
     FrictionSection(),
+    ResidualsSection(),
     DrivesSection(),
     EffortScalesSection(),
     ZeroOffsetsSection(),

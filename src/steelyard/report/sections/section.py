@@ -69,3 +69,12 @@ class TableSection(Section):
         """The tables, if the terminal shows them."""
         if self.in_terminal:
             yield from (text_table(table, self.title) for table in self.tables(content))
+
+
+class FigureSection(Section):
+    """A section that is figures, with words and tables."""
+
+    def show(self, numbers: Numbers) -> str:
+        """The figures as safe HTML; numbers that the section does not have are empty."""
+        empty = {"words": "", "tables": (), "legend": (), "note": ""}
+        return fill("figures.html", {"title": self.title, **empty, **numbers})

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from steelyard.diagnosis import Diagnosis, Finding
     from steelyard.diagnosis.finding import Picture, Trace
 
-PICTURE = 'class="picture"'
+PICTURE = 'class="picture'
 """What marks a picture in the page."""
 
 POINTS = 2000

@@ -1,0 +1,180 @@
+"""What the predicted effort of every joint consists of, over time."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.report.content import ReportContent
+from steelyard.report.figures import Figure, Group, line
+from steelyard.report.html import rounded
+from steelyard.report.sections.section import FigureSection, Numbers
+from steelyard.report.sections.tables import PlainTable, Row
+from steelyard.report.text.words import significant
+from steelyard.report.thin import gaps
+from steelyard.validation.torque_parts import PARTS, TorqueParts
+
+if TYPE_CHECKING:
+    from steelyard.robot.robot import Coordinate
+    from steelyard.validation.score import RunScore
+
+POINTS = 1000
+"""Most points of one line."""
+
+NOTHING = 1e-9
+"""Share of the measured effort below which a part is round-off."""
+
+WORDS = {
+    "gravity": "gravity",
+    "coriolis": "Coriolis, centrifugal",
+    "inertia": "inertia",
+    "friction": "friction",
+    "other": "springs, offsets",
+}
+STYLES = {
+    "gravity": ("--purple", "solid"),
+    "coriolis": ("--arm", "dot"),
+    "inertia": ("--amber", "solid"),
+    "friction": ("--green", "dash"),
+    "other": ("--soft", "dashdot"),
+}
+"""Colour and dash of each part."""
+
+
+class TorqueSplitSection(FigureSection):
+    """A table of sizes, and one folded figure per joint."""
+
+    name: ClassVar[str] = "torque-split"
+    title: ClassVar[str] = "Effort by cause"
+
+    def numbers(self, content: ReportContent) -> Numbers | None:
+        """Parts of one run, one that was not fitted if there is one."""
+        found = _run(content)
+        if content.identified is None or found is None:
+            return None
+        score, kind = found
+        parts, joints = score.parts, content.identified.model.robot.coordinates
+        if parts is None:
+            return None
+        sizes = _sizes(parts)
+        groups = [
+            Group([_figure(parts, j, joint, sizes)], joint.name, _caption(sizes, j, joint), "one")
+            for j, joint in enumerate(joints)
+        ]
+        return {
+            "words": f"Run {score.run} ({kind}). Efforts at the joints below {score.cutoff:g} Hz; "
+            "the parts add up to the predicted effort.",
+            "tables": [_table(sizes, joints)],
+            "groups": groups,
+            "note": "Inertia: mass matrix times acceleration, with rotors. A part that is small "
+            "throughout is hardly identifiable from this motion. Each line has at most "
+            f"{POINTS} evenly spaced points. Click an entry of a legend to hide it.",
+        }
+
+    def to_dict(self, content: ReportContent) -> dict[str, Any]:
+        """RMS of the parts per joint."""
+        found = _run(content)
+        if content.identified is None or found is None or found[0].parts is None:
+            return {"torque_split": None}
+        sizes = _sizes(found[0].parts)
+        joints = content.identified.joints
+        return {
+            "torque_split": {
+                "run": found[0].run,
+                "joints": [
+                    {"joint": joint, **{name: rounded(size[j]) for name, size in sizes.items()}}
+                    for j, joint in enumerate(joints)
+                ],
+            }
+        }
+
+
+def _run(content: ReportContent) -> tuple[RunScore, str] | None:
+    """The first run with parts, and its kind; those that were not fitted come first."""
+    scores = [(score, "not fitted") for score in content.scores]
+    scores += [(score, "fitted") for score in content.fitted]
+    return next(((score, kind) for score, kind in scores if score.parts is not None), None)
+
+
+def _sizes(parts: TorqueParts) -> dict[str, Array]:
+    """RMS per joint of each part, of the measured effort and of the residual, `(n,)` [Nm; N]."""
+    signals = dict(zip(PARTS, parts.parts, strict=True))
+    signals |= {"measured": parts.measured, "residual": parts.residual}
+    sizes = {name: np.sqrt(np.mean(np.square(x), axis=0)) for name, x in signals.items()}
+    least = NOTHING * sizes["measured"]
+    return {name: np.where(size <= least, 0.0, size) for name, size in sizes.items()}
+
+
+def _caption(sizes: dict[str, Array], j: int, joint: Coordinate) -> str:
+    """The two largest parts."""
+    largest = sorted(PARTS, key=lambda name: -sizes[name][j])[:2]
+    unit = joint.effort_unit
+    return "mostly " + ", ".join(
+        f"{WORDS[name]} {significant(float(sizes[name][j]), 2)} {unit}" for name in largest
+    )
+
+
+def _table(sizes: dict[str, Array], joints: tuple[Coordinate, ...]) -> PlainTable:
+    rows = [
+        Row(
+            (
+                joint.name,
+                *(significant(float(size[j]), 3) for size in sizes.values()),
+                joint.effort_unit,
+            )
+        )
+        for j, joint in enumerate(joints)
+    ]
+    headings = ("Joint", *(_capital(WORDS.get(name, name)) for name in sizes), "Unit")
+    return PlainTable("Root mean squares", "", headings, rows, (0, len(headings) - 1))
+
+
+def _capital(words: str) -> str:
+    return words[0].upper() + words[1:]
+
+
+def _figure(parts: TorqueParts, j: int, joint: Coordinate, sizes: dict[str, Array]) -> Figure:
+    """Measured and predicted effort above, the parts below; those that are zero are left out."""
+    at, t = _drawn(parts.t)
+    hover = f"%{{y:.3g}} {joint.effort_unit}"
+
+    def trace(name: str, signal: Array, **more: Any) -> dict[str, Any]:
+        values = np.where(at < 0, np.nan, signal[at])
+        return line(name, t, values, hovertemplate=hover, **more)
+
+    traces = [
+        trace("measured", parts.measured[:, j], colour="--measured", width=2.6),
+        trace("predicted", parts.predicted[:, j], colour="--predicted", width=1.5, dash="5px,2px"),
+    ]
+    traces += [
+        trace(
+            WORDS[name],
+            part[:, j],
+            colour=STYLES[name][0],
+            width=1.8,
+            dash=STYLES[name][1],
+            yaxis="y2",
+        )
+        for name, part in zip(PARTS, parts.parts, strict=True)
+        if sizes[name][j]
+    ]
+    title = {"text": joint.effort_unit, "standoff": 4}
+    layout = {
+        "hovermode": "x unified",
+        "xaxis": {"anchor": "y2"},
+        "yaxis": {"domain": [0.6, 1.0]},
+        "yaxis2": {"domain": [0.0, 0.52], "title": title, "zeroline": True},
+    }
+    label = f"Effort of {joint.name} by cause over time"
+    return Figure("", label, "time [s]", joint.effort_unit, traces, layout, height=460)
+
+
+def _drawn(t: Array) -> tuple[Array, Array]:
+    """Indices of the samples to draw, -1 at a gap of time, and their times, `(k,)` each."""
+    breaks = gaps(t)[: POINTS // 4]
+    step = max(1, -(-len(t) // (POINTS - len(breaks))))
+    at = np.arange(0, len(t), step)
+    places = np.searchsorted(at, breaks, side="right")
+    return np.insert(at, places, -1), np.insert(t[at], places, np.nan)
