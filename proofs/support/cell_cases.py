@@ -125,7 +125,7 @@ def _carried(
         point = random.uniform(-0.1, 0.1, 3)
         tool["point"] = [float(x) for x in point]
     tables["tool"] = tool
-    name = f"ball of {1e3 * radius:.3g} mm at tool" if radius else "tool point at tool"
+    name = f"ball of radius {1e3 * radius:.3g} mm at tool" if radius else "tool point at tool"
     balls = [(name, "tool", point, radius or 1e-6)]
     if random.random() < 0.4:
         tables["loads"] = []
@@ -136,7 +136,7 @@ def _carried(
             if random.random() < 0.5:
                 own = load["radius"] = float(random.uniform(0.02, 0.12))
             tables["loads"].append(load)
-            balls.append((f"load {number} (ball of {1e3 * own:.3g} mm)", "tool", place, own))
+            balls.append((f"load {number} (ball of radius {1e3 * own:.3g} mm)", "tool", place, own))
     return tuple(balls)
 
 

@@ -206,9 +206,11 @@ def test_loads_are_balls_of_water_or_of_their_radius(tmp_path: Path) -> None:
     loads = "[[excitation.loads]]\nmass = 5.0\ncom = [0.0, 0.0, 0.1]\n"
     found = room(tmp_path, f"floor = 0.0\n{loads}{loads}radius = 0.2\n")
     balls = {s.name: s.solid.radius for s in found.scene.shapes if isinstance(s.solid, Ball)}
-    assert balls["load 1 (ball of 106 mm)"] == pytest.approx((15e-3 / (4 * np.pi)) ** (1 / 3))
-    assert balls["load 2 (ball of 200 mm)"] == 0.2
-    assert "'load 1 (ball of 106 mm)' clear of 'floor'" in found.labels
+    assert balls["load 1 (ball of radius 106 mm)"] == pytest.approx(
+        (15e-3 / (4 * np.pi)) ** (1 / 3)
+    )
+    assert balls["load 2 (ball of radius 200 mm)"] == 0.2
+    assert "'load 1 (ball of radius 106 mm)' clear of 'floor'" in found.labels
 
 
 def test_loads_with_a_radius_keep_clear_of_the_links(tmp_path: Path) -> None:
@@ -216,7 +218,7 @@ def test_loads_with_a_radius_keep_clear_of_the_links(tmp_path: Path) -> None:
     load = "[[excitation.loads]]\nmass = 5.0\ncom = [0.0, 0.0, 0.2]\n"
     given = problem_of(tmp_path, f"{any_effort}{load}radius = 0.05\n")
     (clearance,) = given.constraints
-    assert any("'load 1 (ball of 50 mm)' above" in label for label in clearance.labels)
+    assert any("'load 1 (ball of radius 50 mm)' above" in label for label in clearance.labels)
     assert not any("without a radius" in note for note in given.notes)
     bare = problem_of(tmp_path, any_effort + load)
     assert not any("load" in label for c in bare.constraints for label in c.labels)
@@ -233,8 +235,8 @@ def test_the_tool_and_loads_keep_clear_of_the_cell(tmp_path: Path) -> None:
     problem = problem_of(tmp_path, tables)
     (found,) = [c for c in problem.constraints if isinstance(c, Room)]
     assert set(found.labels) == {
-        "distance of 'ball of 50 mm at tool' and 'post' above 0.02 m",
-        "distance of 'load 1 (ball of 106 mm)' and 'post' above 0.02 m",
+        "distance of 'ball of radius 50 mm at tool' and 'post' above 0.02 m",
+        "distance of 'load 1 (ball of radius 106 mm)' and 'post' above 0.02 m",
     }
 
 

@@ -63,7 +63,7 @@ def test_margins_are_distances_from_the_walls() -> None:
 
 def test_labels_say_what_every_margin_is() -> None:
     box, walls, boxes = constraints(tree())
-    ball = "'tip' + (0.02, -0.03, 0.1) (ball of 70 mm)"
+    ball = "'tip' + (0.02, -0.03, 0.1) (ball of radius 70 mm)"
     assert box.labels[:4] == (
         f"x of {ball} above -0.3 m",
         f"x of {ball} below 0.4 m",

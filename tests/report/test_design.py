@@ -15,8 +15,14 @@ from report.conftest import EVIL, identified, robot
 from report.designed import REACH, designed_for, renamed
 from report.test_page import own_html
 from steelyard.excitation.advice import Advice
+from steelyard.excitation.constraints.markers import Marker
+from steelyard.excitation.constraints.proof import proof_of
+from steelyard.excitation.constraints.torque import torque_limit
 from steelyard.excitation.result import Designed
+from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.excitation.uncovered import Declined, Gap
+from steelyard.model import Model
+from steelyard.progress import silent
 from steelyard.report import ReportContent, render
 from steelyard.report.sections.register import DESIGN_SECTIONS, SECTIONS
 from steelyard.report.skeleton import all_joints, skeleton, way_of
@@ -30,10 +36,12 @@ from steelyard.report.text.design_words import (
     instead,
     level,
     margin,
+    nearest,
     tightest,
     used,
 )
-from steelyard.robot_file.excitation_sections import BoxSpans, WorkspaceSection
+from steelyard.robot_file.excitation_sections import BoxSpans, PlaneSection, WorkspaceSection
+from steelyard.terms.laws.rigid_body import RigidBody
 
 ROOM = WorkspaceSection(
     box=BoxSpans(x=(-1.0, 1.0), z=(-1.0, 1.0)),
@@ -131,7 +139,7 @@ def test_only_what_is_near_its_limit_is_tight(designed: Designed) -> None:
         else one
         for one in certificate.extremes
     )
-    near = replace(box, activation_distance=(10.0,) * len(box.labels))
+    near = replace(box, scale=(100.0,) * len(box.labels))
     close = replace(certificate, extremes=extremes, proofs=(near,))
     lines = tightest(replace(designed, certificate=close))
     one = r". of 'tip' (above|below) -?1 m, [\d.]+ m left"
@@ -144,10 +152,66 @@ def test_only_what_is_near_its_limit_is_tight(designed: Designed) -> None:
     both = r"velocity of 2 joints: 9\d\.\d( to 9\d\.\d)? % of their limits used: shoulder, elbow"
     assert re.fullmatch(both, lines[0])
     limits = replace(designed.limits, share=0.95, assumed=frozenset({("velocity", "elbow")}))
-    first, second, *_ = tightest(replace(designed, certificate=tight, limits=limits))
+    first, second = sorted(tightest(replace(designed, certificate=tight, limits=limits)))[::-1]
     used = r"9\d\.\d % of its limit used, which is 95 % of"
     assert re.fullmatch(rf"velocity of shoulder: {used} the given one", first)
     assert re.fullmatch(rf"velocity of elbow: {used} an assumed one", second)
+
+
+def test_margins_are_compared_as_shares_of_their_limits(designed: Designed) -> None:
+    certificate = designed.certificate
+    (box,) = certificate.proofs
+    torque = replace(
+        box,
+        name="torque",
+        unit="Nm",
+        labels=("torque of 'a' below 7.6 Nm", "torque of 'b' below 200 Nm"),
+        proven=(7.5, 9.0),
+        sampled=(7.5, 9.0),
+        activation_distance=(0.76, 20.0),
+        scale=(7.6, 200.0),
+    )
+    assert torque.used == pytest.approx((0.1 / 7.6, 0.955))
+    told = replace(designed, certificate=replace(certificate, proofs=(box, torque)))
+    first, *others = nearest(told)
+    assert (first.kind, first.name, first.left) == ("torque", torque.labels[1], 9.0)
+    shares = [one.used for one in (first, *others)]
+    assert shares == sorted(shares, reverse=True)
+    assert {one.kind for one in others} == {"position", "velocity", "acceleration", "tool box"}
+    words = text(render(content(told)))
+    assert "torquetorque of 'b' below 200 Nm9.00 Nm95.5 %" in words
+    assert "nearest to its limit by 9.00 Nm (torque of 'b' below 200 Nm)" in words
+
+
+def test_efforts_are_shares_of_their_limits_and_distances_of_the_activation_distance() -> None:
+    arm = robot()
+    motion = random_fourier(arm, seed=1, period=4.0, harmonics=4)
+    model = Model(arm, (RigidBody(),)).prior
+    assert model is not None
+    limits = np.array([500.0, 40.0])
+    efforts = proof_of(motion, torque_limit({"arm": model}, limits), silent)
+    assert efforts.scale == (500.0, 40.0, 500.0, 40.0)
+    share = [1.0 - left / size for left, size in zip(efforts.proven, efforts.scale, strict=True)]
+    assert efforts.used == pytest.approx(share)
+    (box,) = designed_for(arm).certificate.proofs
+    assert box.scale == box.activation_distance
+
+
+def test_the_ball_of_the_tool_and_what_limits_it_are_named(designed: Designed) -> None:
+    room = replace_tables(
+        ROOM, floor=-1.0, planes=(PlaneSection(normal=(1.0, 0.0, 1.0), above=-3.0),)
+    )
+    ball = replace(designed, tool=Marker("tip", radius=0.05))
+    words = text(render(replace(content(ball), workspace=room)))
+    assert "'tip' (ball of radius 50 mm): x from" in words
+    assert "which stays its radius, 50 mm, away from every limit" in words
+    assert "box of the tool, plane 1, floorforbidden box" in words
+    bare = text(render(replace(content(designed), workspace=None)))
+    assert "radius" not in bare and "forbidden box" not in bare and "floor" not in bare
+
+
+def replace_tables(room: WorkspaceSection, **changes: object) -> WorkspaceSection:
+    return WorkspaceSection.model_validate({**room.model_dump(), **changes})
 
 
 def test_a_search_that_did_not_end_is_no_best_of_none(designed: Designed) -> None:

@@ -34,12 +34,14 @@ class Face:
         edges: From the corner along its two sides, shape `(2, 3)` [m].
         ends: Per side whether the wall ends at its beginning and at its end, shape `(2, 2)`.
         forbidden: Whether it belongs to a box that is kept out of.
+        name: Such as `floor`, `plane 1` or `forbidden box 1`.
     """
 
     corner: Array
     edges: Array
     ends: tuple[tuple[bool, bool], tuple[bool, bool]]
     forbidden: bool
+    name: str
 
     @property
     def normal(self) -> Array:
@@ -69,16 +71,17 @@ def faces_of(workspace: WorkspaceSection | None, robot: Robot, seen: Array) -> t
     """
     if workspace is None:
         return ()
-    found = [*_of_box(workspace.box, seen, forbidden=False)]
-    for box in workspace.keep_out:
-        found += _of_box(box, seen, forbidden=True)
-    planes = [(np.array(p.normal), p.above) for p in workspace.planes]
+    found = [*_of_box(workspace.box, seen, "box of the tool", forbidden=False)]
+    for number, box in enumerate(workspace.keep_out, start=1):
+        found += _of_box(box, seen, f"forbidden box {number}", forbidden=True)
+    for number, plane in enumerate(workspace.planes, start=1):
+        found.append(_of_plane(np.array(plane.normal), plane.above, seen, f"plane {number}"))
     if workspace.floor is not None:
-        planes.append((up_of(robot), workspace.floor))
-    return (*found, *(_of_plane(normal, above, seen) for normal, above in planes))
+        found.append(_of_plane(up_of(robot), workspace.floor, seen, "floor"))
+    return tuple(found)
 
 
-def _of_box(box: BoxSpans, seen: Array, *, forbidden: bool) -> Iterator[Face]:
+def _of_box(box: BoxSpans, seen: Array, name: str, *, forbidden: bool) -> Iterator[Face]:
     """The faces that a box has."""
     low, high = corners(box, seen)
     spans = [getattr(box, axis) for axis in AXES]
@@ -91,10 +94,10 @@ def _of_box(box: BoxSpans, seen: Array, *, forbidden: bool) -> Iterator[Face]:
             corner = low.copy()
             corner[axis] = level
             ends = ((closed[0], closed[0]), (closed[1], closed[1]))
-            yield Face(corner, size, ends, forbidden)
+            yield Face(corner, size, ends, forbidden, name)
 
 
-def _of_plane(normal: Array, above: float, seen: Array) -> Face:
+def _of_plane(normal: Array, above: float, seen: Array, name: str) -> Face:
     """A piece of a plane beside what is seen."""
     length = float(np.linalg.norm(normal))
     axes = along(normal / length)
@@ -102,7 +105,7 @@ def _of_plane(normal: Array, above: float, seen: Array) -> Face:
     low, high = np.nanmin(inside, axis=0) - BEYOND, np.nanmax(inside, axis=0) + BEYOND
     corner = axes @ np.array([*low, above / length])
     edges = (axes[:, :2] * (high - low)).T
-    return Face(corner, edges, ((False, False), (False, False)), False)
+    return Face(corner, edges, ((False, False), (False, False)), False, name)
 
 
 def corners(box: BoxSpans, seen: Array) -> tuple[Array, Array]:

@@ -143,7 +143,7 @@ def load_balls(loaded: LoadedRobot) -> tuple[Shape, ...]:
     return tuple(
         placed(
             frame_of(robot, load.frame or last_frame(robot)),
-            f"load {number} (ball of {1e3 * load.ball:.3g} mm)",
+            f"load {number} (ball of radius {1e3 * load.ball:.3g} mm)",
             Ball(load.ball),
             load.com,
             origin="tool",

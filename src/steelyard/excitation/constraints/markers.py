@@ -62,12 +62,12 @@ class Marker:
 
     @property
     def ball(self) -> str:
-        """Such as `ball of 50 mm`, the radius."""
-        return f"ball of {1e3 * self.radius:.3g} mm"
+        """Such as `ball of radius 50 mm`."""
+        return f"ball of radius {1e3 * self.radius:.3g} mm"
 
     @property
     def title(self) -> str:
-        """Name for labels, such as `'hand' + (0, 0, 0.1) (ball of 50 mm)`."""
+        """Name for labels, such as `'hand' + (0, 0, 0.1) (ball of radius 50 mm)`."""
         name = f"'{self.frame}'"
         if self.offset.any():
             name += f" + ({', '.join(f'{x:g}' for x in self.offset)})"

@@ -35,6 +35,15 @@ class Scoped(Protocol):
         """Such as `tool point only`."""
 
 
+@runtime_checkable
+class Scaled(Protocol):
+    """A constraint of quantities that have a limit other than zero."""
+
+    @property
+    def scale(self) -> Array:
+        """The limit behind every margin, shape `(k,)`."""
+
+
 @dataclass(frozen=True)
 class Proof:
     """Margins of one constraint.
@@ -49,6 +58,8 @@ class Proof:
             be less, as the constraint tells no more there, but it is never less than `proven`.
         activation_distance: Activation distance of each.
         scope: What of the robot the constraint is about, if it says so.
+        scale: What each margin is a share of: the limit of an effort or power; of a distance, whose
+            least value is no measure of it, the activation distance.
     """
 
     name: str
@@ -59,6 +70,13 @@ class Proof:
     sampled: tuple[float, ...]
     activation_distance: tuple[float, ...]
     scope: str = ""
+    scale: tuple[float, ...] = ()
+
+    @property
+    def used(self) -> tuple[float, ...]:
+        """Share of each limit that is used: 1 where nothing is left, more where it is violated."""
+        scale = self.scale or self.activation_distance
+        return tuple(1.0 - own / size for own, size in zip(self.proven, scale, strict=True))
 
     def to_dict(self) -> dict[str, Any]:
         """As values for JSON; a margin without a bound is `None`."""
@@ -85,6 +103,7 @@ def proof_of(
     sampled = np.where(
         sampled >= constraint.activation_distance, np.maximum(sampled, proven), sampled
     )
+    distances = tuple(float(x) for x in constraint.activation_distance)
     return Proof(
         constraint.name,
         constraint.unit,
@@ -92,6 +111,7 @@ def proof_of(
         tuple(constraint.labels),
         tuple(float(x) for x in proven),
         tuple(float(x) for x in sampled),
-        tuple(float(x) for x in constraint.activation_distance),
+        distances,
         constraint.scope if isinstance(constraint, Scoped) else "",
+        tuple(map(float, constraint.scale)) if isinstance(constraint, Scaled) else distances,
     )

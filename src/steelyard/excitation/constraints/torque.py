@@ -80,7 +80,7 @@ class EffortLimit:
     @property
     def activation_distance(self) -> Array:
         """A tenth of each limit."""
-        return ROOM * self._sizes
+        return ROOM * self.scale
 
     def margins(self, q: Array, dq: Array, ddq: Array) -> Margins:
         """Margins at states of shape `(N, n)`."""
@@ -91,11 +91,11 @@ class EffortLimit:
 
     def proven(self, trajectory: ExactTrajectory, progress: Progress = silent) -> Array:
         """Lower bounds of the margins at all times."""
-        tolerance = TOLERANCE * self._sizes
+        tolerance = TOLERANCE * self.scale
         return proven_minimum(trajectory, self._bound, tolerance, progress, self.name)
 
     @property
-    def _sizes(self) -> Array:
+    def scale(self) -> Array:
         """The limit behind every margin."""
         return np.tile(self.limits, 2 * len(self.cases))
 

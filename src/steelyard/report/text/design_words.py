@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from steelyard.excitation.advice import HELPS
 from steelyard.excitation.bases.families import FAMILIES
 from steelyard.report.text.verdict import Level
-from steelyard.report.text.words import NONE, count, significant
+from steelyard.report.text.words import NONE, count, percent, significant
 
 if TYPE_CHECKING:
     from steelyard.excitation.advice import Advice
@@ -44,13 +44,13 @@ NAMED = 3
 """Most parameters that a line of advice names."""
 
 TIGHT = 0.9
-"""Share of a joint's limit from which on it is tight."""
-
-CLOSE = 0.2
-"""Margins below this share of where they begin to matter are tight."""
+"""Share of a limit from which on it is tight."""
 
 HARDLY = 50.0
 """Std over what it were with all other parameters known: above it others hide a parameter."""
+
+USED = "Share of the limit used"
+"""Heading of a column."""
 
 ALIKE = 0.02
 """Shares of deviations that differ by less are told as one."""
@@ -122,27 +122,67 @@ def hardest(designed: Designed) -> tuple[Extreme, float] | None:
     return max(known, key=lambda pair: pair[1], default=None)
 
 
-def least(proof: Proof) -> tuple[str, float] | None:
-    """The least proven margin of a constraint, and which it is."""
-    margins = zip(proof.labels, proof.proven, strict=True)
-    return min(margins, key=lambda pair: pair[1], default=None)
+@dataclass(frozen=True)
+class Near:
+    """A limit and how near the motion comes to it.
+
+    Attributes:
+        kind: What is limited: a quantity of the joints, or a constraint.
+        name: Which limit of that kind: a joint, or a margin of the constraint.
+        left: What is left, negative beyond the limit.
+        unit: Of `left`.
+        used: Share of the limit that is used; see `used` and `Proof.used`.
+    """
+
+    kind: str
+    name: str
+    left: float
+    unit: str
+    used: float
+
+
+def margins_of(proof: Proof) -> list[Near]:
+    """The margins of a constraint."""
+    margins = zip(proof.labels, proof.proven, proof.used, strict=True)
+    return [Near(proof.name, label, left, proof.unit, share) for label, left, share in margins]
+
+
+def rank(near: Near) -> float:
+    """Sorts the most used limit to the front."""
+    return -near.used
+
+
+def nearest(designed: Designed) -> list[Near]:
+    """Of every kind of limit the one that is used most, the most used first."""
+    found: dict[str, Near] = {}
+    for one in designed.certificate.extremes:
+        share = used(one)
+        if share is None or one.margin is None:
+            continue
+        if one.quantity not in found or share > found[one.quantity].used:
+            found[one.quantity] = Near(one.quantity, one.joint, one.margin, one.unit, share)
+    proofs = [margins_of(proof) for proof in designed.certificate.proofs if proof.labels]
+    return sorted((*found.values(), *(min(own, key=rank) for own in proofs)), key=rank)
 
 
 def tightest(designed: Designed) -> list[str]:
-    """All limits of joints that are nearly used up, and the least margins of every constraint."""
+    """All limits of joints and of constraints that are nearly used up, the most used first."""
     groups: dict[tuple[str, bool], list[tuple[str, float]]] = {}
     for one in designed.certificate.extremes:
         share = used(one)
         if share is not None and share >= TIGHT:
             own = (one.quantity, (one.quantity, one.joint) in designed.limits.assumed)
             groups.setdefault(own, []).append((one.joint, share))
-    lines = [_nearly(designed, *group, joints) for group, joints in groups.items()]
+    lines = [
+        (max(share for _, share in joints), _nearly(designed, *group, joints))
+        for group, joints in groups.items()
+    ]
     for proof in designed.certificate.proofs:
-        near = closest(proof)
-        said = [f"{label}, {margin(value, proof.unit)} left" for label, value in near[:NAMED]]
+        near = sorted((one for one in margins_of(proof) if one.used >= TIGHT), key=rank)
+        said = [f"{one.name}, {margin(one.left, one.unit)} left" for one in near[:NAMED]]
         said += [f"{len(near) - NAMED} more"] if len(near) > NAMED else []
-        lines += [f"{proof.name}: {'; '.join(said)}"] if said else []
-    return lines
+        lines += [(near[0].used, f"{proof.name}: {'; '.join(said)}")] if said else []
+    return [line for _, line in sorted(lines, key=lambda pair: -pair[0])]
 
 
 def _nearly(
@@ -164,14 +204,9 @@ def _nearly(
     return f"{quantity} of {len(joints)} joints: {spread} of their limits used{which}: {names}"
 
 
-def closest(proof: Proof) -> list[tuple[str, float]]:
-    """The tight margins, the least in units of where it begins to matter first."""
-    distances = proof.activation_distance or (inf,) * len(proof.labels)
-    margins = zip(proof.labels, proof.proven, distances, strict=True)
-    tight = [
-        (label, own, own / distance) for label, own, distance in margins if own < CLOSE * distance
-    ]
-    return [(label, own) for label, own, _ in sorted(tight, key=lambda one: one[2])]
+def used_words(near: Near) -> str:
+    """Share of a limit that is used, like `93 %`; of a distance beyond its scale, none."""
+    return NONE if not isfinite(near.used) else percent(100.0 * max(near.used, 0.0))
 
 
 def margin(value: float, unit: str) -> str:

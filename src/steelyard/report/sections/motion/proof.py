@@ -9,7 +9,15 @@ from steelyard.report.content import ReportContent
 from steelyard.report.html import fill
 from steelyard.report.sections.section import Numbers, Section
 from steelyard.report.sections.tables import PlainTable, Row
-from steelyard.report.text.design_words import least, margin, uncovered, used
+from steelyard.report.text.design_words import (
+    USED,
+    margin,
+    margins_of,
+    rank,
+    uncovered,
+    used,
+    used_words,
+)
 from steelyard.report.text.words import count, significant
 
 if TYPE_CHECKING:
@@ -77,24 +85,22 @@ def _cell(one: Extreme) -> dict[str, Any]:
 
 
 def _constraint(proof: Proof) -> dict[str, Any]:
-    """A constraint: its least margin, and a table of all of them, the least first."""
-    margins = sorted(zip(proof.labels, proof.proven, proof.sampled, strict=True), key=_proven)
+    """A constraint: its margin nearest to its limit, and a table of all, the nearest first."""
+    margins = zip(margins_of(proof), proof.sampled, strict=True)
+    ordered = sorted(margins, key=lambda pair: rank(pair[0]))
     rows = [
-        Row((label, margin(proven, proof.unit), margin(seen, proof.unit)))
-        for label, proven, seen in margins
+        Row((one.name, margin(one.left, one.unit), margin(seen, one.unit), used_words(one)))
+        for one, seen in ordered
     ]
-    tightest = least(proof)
+    near = [one for one, _ in ordered]
+    holds = all(one.left >= 0.0 for one in near)
     return {
         "name": proof.name,
         "how": proof.how,
         "scope": proof.scope,
-        "least": None if tightest is None else margin(tightest[1], proof.unit),
-        "label": "" if tightest is None else tightest[0],
-        "level": "good" if tightest is None or tightest[1] >= 0.0 else "poor",
+        "least": margin(near[0].left, proof.unit) if near else None,
+        "label": near[0].name if near else "",
+        "level": "good" if holds else "poor",
         "count": count(len(rows), "margin"),
-        "tables": [PlainTable("", "", ("Margin", "Proven at all times", "At samples"), rows)],
+        "tables": [PlainTable("", "", ("Margin", "Proven at all times", "At samples", USED), rows)],
     }
-
-
-def _proven(margins: tuple[str, float, float]) -> float:
-    return margins[1]

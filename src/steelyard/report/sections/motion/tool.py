@@ -46,10 +46,12 @@ class DesignToolSection(Section):
         faces = faces_of(content.workspace, robot, drawn)
         boxes = _forbidden(content.workspace, drawn)
         return {
-            "tool": designed.tool.title,
+            "tool": tool.title,
+            "radius": f"{1e3 * tool.radius:.3g} mm" if tool.radius > 0.0 else "",
             "spans": _spans(path),
             "length": significant(float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())),
-            "walls": bool(faces),
+            "walls": list(dict.fromkeys(face.name for face in faces if not face.forbidden)),
+            "forbidden": bool(boxes),
             "space": script_json(_space(t, path, arm, faces)),
             "views": [
                 (words, script_json(_view(path, arm, faces, boxes, (a, b))))
@@ -104,8 +106,8 @@ def _space(t: Array, path: Array, arm: Array, faces: Sequence[Face]) -> dict[str
         },
     }
     walls = [
-        _walls([face for face in faces if face.forbidden == bad], forbidden=bad)
-        for bad in dict.fromkeys(face.forbidden for face in faces)
+        _walls([face for face in faces if face.name == name])
+        for name in dict.fromkeys(face.name for face in faces)
     ]
     axes = {
         f"{axis}axis": {"title": {"text": f"{axis} [m]"}, "backgroundcolor": "--ground"}
@@ -122,12 +124,13 @@ def _forbidden(workspace: WorkspaceSection | None, seen: Array) -> list[tuple[Ar
     return [] if workspace is None else [corners(box, seen) for box in workspace.keep_out]
 
 
-def _walls(faces: Sequence[Face], *, forbidden: bool) -> dict[str, Any]:
-    """Faces as one broken line."""
+def _walls(faces: Sequence[Face]) -> dict[str, Any]:
+    """Faces of one name as one broken line."""
+    first = faces[0]
     lines = all_lines(faces)
     points = np.concatenate([lines, np.full((len(lines), 1, 3), np.nan)], axis=1).reshape(-1, 3)
     return {
-        "name": "forbidden box" if forbidden else "wall",
+        "name": first.name,
         "kind": "line",
         "x": packed(points[:, 0]),
         "y": packed(points[:, 1]),
@@ -135,8 +138,8 @@ def _walls(faces: Sequence[Face], *, forbidden: bool) -> dict[str, Any]:
             "type": "scatter3d",
             "mode": "lines",
             "z": packed(points[:, 2]),
-            "line": {"color": WALL if forbidden else PALE, "width": 2},
-            "hoverinfo": "skip",
+            "line": {"color": WALL if first.forbidden else PALE, "width": 2},
+            "hovertemplate": f"{first.name}<extra></extra>",
         },
     }
 

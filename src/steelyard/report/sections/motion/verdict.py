@@ -8,14 +8,18 @@ from steelyard.excitation.constraints.certificate import COVERS
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill
 from steelyard.report.sections.section import Numbers, Section
+from steelyard.report.sections.tables import PlainTable, Row
 from steelyard.report.text.design_words import (
+    USED,
     detail,
     hardest,
     headline,
     level,
-    tightest,
+    margin,
+    nearest,
     uncovered,
     unseen,
+    used_words,
 )
 from steelyard.report.text.words import NONE, significant
 
@@ -40,7 +44,8 @@ class DesignVerdictSection(Section):
             "detail": detail(designed),
             "facts": _facts(designed),
             "failures": designed.certificate.failures,
-            "tight": tightest(designed),
+            "tables": [_margins(designed)],
+            "title": self.title,
             "covers": COVERS,
             "uncovered": uncovered(designed),
         }
@@ -48,6 +53,16 @@ class DesignVerdictSection(Section):
     def show(self, numbers: Numbers) -> str:
         """The numbers as safe HTML."""
         return fill("design_verdict.html", numbers)
+
+
+def _margins(designed: Designed) -> PlainTable:
+    """Of every kind of limit the nearest one."""
+    rows = [
+        Row((one.kind, one.name, margin(one.left, one.unit), used_words(one)))
+        for one in nearest(designed)
+    ]
+    headings = ("Limit", "Where it is nearest", "Left", USED)
+    return PlainTable("Smallest margins", "", headings, rows, (0, 1))
 
 
 def _facts(designed: Designed) -> list[tuple[str, str]]:
