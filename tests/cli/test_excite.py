@@ -182,8 +182,8 @@ def test_the_headline_says_what_the_box_is_about(made: Path) -> None:
     arm(made, ANY + box)
     found = json.loads(ran("excite", made / "arm.toml", "--json", "-o", made / "boxed").stdout)
     arm(made, ANY + QUICK)
-    assert "tool box: tool point only" in found["headline"]
-    assert "floor, planes and boxes: all links but tool, tool and loads" in found["headline"]
+    assert "tool box (tool point only)" in found["limits"]
+    assert "floor, planes and boxes (all links but tool, tool and loads" in found["limits"]
 
 
 SIGNALS = """

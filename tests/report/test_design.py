@@ -243,13 +243,15 @@ def test_a_safe_motion_says_what_it_shows_and_that_it_is_proven(designed: Design
     every = len(designed.shown.names)
     assert headline(designed).startswith(f"Identifies all {every} base parameters")
     limits = "every limit is proven to hold at all times"
-    assert headline(designed).endswith(f"; {limits} (tool box: tool point only)")
+    assert headline(designed).endswith(f"; {limits}")
     fainter = replace(designed, faint=3)
     assert headline(fainter).startswith(f"Identifies {every} of {every + 3} base parameters; ")
     assert level(designed) == "good"
     words = text(render(content(designed)))
     figure = f"condition number (raw) {designed.shown.raw:.3g} (smaller is better)"
     assert f"4 s, Fourier series from rest to rest; {figure}, best of 7 searches in 2.5 s" in words
+    assert "Limits: tool box (tool point only)." in words
+    assert "limits: tool box (tool point only)" in printed(designed)
     assert "the acceleration is a guess" in words and "Assumed: something" in words
     assert "7 searches finished in 2.5 s" in words and "improved 2 times" in words
     assert (

@@ -34,7 +34,7 @@ from steelyard.model import Model
 from steelyard.progress import Progress, silent
 from steelyard.report import ReportContent, render
 from steelyard.report.terminal.design import design_summary
-from steelyard.report.text.design_words import headline
+from steelyard.report.text.design_words import headline, scopes
 from steelyard.robot_file.file import LoadedRobot, load_robot
 
 
@@ -115,6 +115,7 @@ class DesignedMotion(Result):
             "condition_normalised": shown.normalised if isfinite(shown.normalised) else None,
             "certified": designed.certificate.holds,
             "headline": headline(designed),
+            "limits": scopes(designed),
             "covers": COVERS,
             "not_covered": list(designed.certificate.gaps),
             "not_covered_as_asked": list(designed.certificate.declined),

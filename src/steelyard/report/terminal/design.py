@@ -14,6 +14,7 @@ from steelyard.report.text.design_words import (
     headline,
     helpful,
     level,
+    scopes,
     spread_words,
     tightest,
     uncovered,
@@ -49,6 +50,8 @@ def design_summary(designed: Designed, console: Console) -> None:
 
     shown = designed.shown
     console.print(Text(headline(designed), style=f"bold {COLOURS[level(designed)]}"))
+    if scope := scopes(designed):
+        console.print(Text(f"limits: {scope}"))
     console.print(Text(detail(designed)))
     figures = f"condition {significant(shown.raw)}, normalised {significant(shown.normalised)}"
     console.print(Text(f"{figures}, {count(len(shown.names), 'base parameter')}"))

@@ -49,6 +49,9 @@ TIGHT = 0.9
 HARDLY = 50.0
 """Std over what it were with all other parameters known: above it others hide a parameter."""
 
+NOTHING = 1e-6
+"""Margins below this are none: motions are scaled until they reach a limit."""
+
 USED = "Share of the limit used"
 """Heading of a column."""
 
@@ -209,6 +212,11 @@ def used_words(near: Near) -> str:
     return NONE if not isfinite(near.used) else percent(100.0 * max(near.used, 0.0))
 
 
+def left_words(near: Near) -> str:
+    """What is left to a limit, with its unit."""
+    return "at the limit" if abs(near.left) < NOTHING else margin(near.left, near.unit)
+
+
 def margin(value: float, unit: str) -> str:
     """A margin with its unit, small lengths in millimetres."""
     if value == -inf:
@@ -245,7 +253,7 @@ def unended(designed: Designed) -> bool:
 
 
 def headline(designed: Designed) -> str:
-    """What the motion shows, whether it is safe, and of what that is proven, in a line."""
+    """What the motion shows, and whether it is safe, in a line."""
     missing = unseen(designed)
     every = len(designed.shown.names) + designed.faint
     shows = f"Identifies all {every} base parameters"
@@ -259,9 +267,13 @@ def headline(designed: Designed) -> str:
     if certificate.failures:
         return f"{shows}; not safe: {count(len(certificate.failures), 'limit')} not proven"
     limits = "every checked limit" if uncovered(designed) else "every limit"
-    words = f"{shows}; {limits} is proven to hold at all times"
-    scopes = [f"{proof.name}: {proof.scope}" for proof in certificate.proofs if proof.scope]
-    return words + (f" ({'; '.join(scopes)})" if scopes else "")
+    return f"{shows}; {limits} is proven to hold at all times"
+
+
+def scopes(designed: Designed) -> str:
+    """What of the robot each constraint is about, such as `tool box (tool point only)`."""
+    proofs = designed.certificate.proofs
+    return "; ".join(f"{proof.name} ({proof.scope})" for proof in proofs if proof.scope)
 
 
 def uncovered(designed: Designed) -> tuple[str, ...]:

@@ -110,7 +110,10 @@ def _space(t: Array, path: Array, arm: Array, faces: Sequence[Face]) -> dict[str
         for name in dict.fromkeys(face.name for face in faces)
     ]
     axes = {
-        f"{axis}axis": {"title": {"text": f"{axis} [m]"}, "backgroundcolor": "--ground"}
+        f"{axis}axis": {
+            "title": {"text": f"{axis} [m]"},
+            **{"gridcolor": "--line", "zerolinecolor": "--zero"},
+        }
         for axis in AXES
     }
     camera = {"eye": {"x": 1.3, "y": -1.4, "z": 0.7}, "center": {"x": 0.0, "y": 0.0, "z": -0.12}}
@@ -138,7 +141,8 @@ def _walls(faces: Sequence[Face]) -> dict[str, Any]:
             "type": "scatter3d",
             "mode": "lines",
             "z": packed(points[:, 2]),
-            "line": {"color": WALL if first.forbidden else PALE, "width": 2},
+            "opacity": 1.0 if first.forbidden else 0.4,
+            "line": {"color": WALL, "width": 2},
             "hovertemplate": f"{first.name}<extra></extra>",
         },
     }

@@ -14,9 +14,10 @@ from steelyard.report.text.design_words import (
     detail,
     hardest,
     headline,
+    left_words,
     level,
-    margin,
     nearest,
+    scopes,
     uncovered,
     unseen,
     used_words,
@@ -42,6 +43,7 @@ class DesignVerdictSection(Section):
             "level": level(designed),
             "headline": headline(designed),
             "detail": detail(designed),
+            "scopes": scopes(designed),
             "facts": _facts(designed),
             "failures": designed.certificate.failures,
             "tables": [_margins(designed)],
@@ -58,8 +60,7 @@ class DesignVerdictSection(Section):
 def _margins(designed: Designed) -> PlainTable:
     """Of every kind of limit the nearest one."""
     rows = [
-        Row((one.kind, one.name, margin(one.left, one.unit), used_words(one)))
-        for one in nearest(designed)
+        Row((one.kind, one.name, left_words(one), used_words(one))) for one in nearest(designed)
     ]
     headings = ("Limit", "Where it is nearest", "Left", USED)
     return PlainTable("Smallest margins", "", headings, rows, (0, 1))

@@ -1,0 +1,75 @@
+"""Pictures of all pages, 1400 and 420 px wide, light and dark; and what is wrong with them.
+
+The pages are those of the demonstration (its motion, its model, a check and a comparison of its
+log) and, with the data, of a UR10e. The pictures are for people: they go to the folder that is
+given, `python -m proofs.product.screenshots FOLDER`, or away.
+"""
+
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from proofs.robots.scores import EXAMPLES, ur10e_logs, ur10e_validation
+from proofs.support.claims import Claim, main_of
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
+from browser import Tab, chromium, running  # noqa: E402
+
+WIDTHS = (1400, 420)
+
+
+def pages(folder: Path) -> Iterator[tuple[str, Path]]:
+    """Make all pages in a folder; their names and files."""
+    robot, log = "demo/robot/demo_arm.toml", "demo/robot/identification.parquet"
+    _steelyard(folder, "demo", "-o", "demo")
+    yield "demo_motion", folder / "demo/motion/report.html"
+    yield "demo_model", folder / "demo/results/report.html"
+    _steelyard(folder, "check", robot, log, "-o", "check")
+    yield "demo_check", folder / "check/check.html"
+    _steelyard(folder, "compare", robot, log, "-o", "compare")
+    yield "demo_compare", folder / "compare/compare.html"
+    ur10e = ["identify", str(EXAMPLES / "ur10e.toml"), *ur10e_logs()]
+    _steelyard(folder, *ur10e, "--validate", ur10e_validation(), "-o", "ur10e")
+    yield "ur10e_model", folder / "ur10e/report.html"
+
+
+def _steelyard(folder: Path, *arguments: str) -> None:
+    command = [sys.executable, "-m", "steelyard", *arguments]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+    assert done.returncode in (0, 1, 3), done.stderr
+
+
+def faults(tab: Tab, name: str, page: Path, pictures: Path) -> list[str]:
+    """Take the four pictures of a page; what sticks out, is too faint, or went wrong."""
+    found = list[str]()
+    tab.show(WIDTHS[0])
+    tab.open(page)
+    for width in WIDTHS:
+        for theme in ("light", "dark"):
+            tab.show(width, theme == "dark")
+            tab.run("drawn()")
+            tab.picture(pictures / f"{name}_{width}_{theme}.png")
+            for check in ("overflow()", "contrast()"):
+                found += [f"{name}, {width} px, {theme}: {fault}" for fault in tab.run(check)]
+    return found + [f"{name}: {line}" for line in tab.console]
+
+
+def main(kept: Path | None = None) -> list[Claim]:
+    """Make the pages, and look at each; the pictures go to the folder `kept`, if any."""
+    program = chromium()
+    if program is None:
+        return [Claim("a browser to look with", "none found", "Chromium", False)]
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        pictures = kept or folder / "pictures"
+        pictures.mkdir(parents=True, exist_ok=True)
+        with running(program, folder) as tab:
+            found = [fault for what in pages(folder) for fault in faults(tab, *what, pictures)]
+    print("\n".join(found), file=sys.stderr)
+    return [Claim("faults of five pages, four pictures each", f"{len(found)}", "0", not found)]
+
+
+if __name__ == "__main__":
+    main_of(lambda: main(Path(sys.argv[1]) if len(sys.argv) > 1 else None))
