@@ -17,13 +17,15 @@ from steelyard.virtual.truth import Truth
 
 
 def found_in(
-    arm, table: Array, fitted: tuple[str, ...] = (), doubts: tuple[Finding, ...] = ()
+    arm, table: Array, fitted: tuple[str, ...] = (), unresolved: tuple[Finding, ...] = ()
 ) -> tuple[Finding, ...]:
     evidence = arm.case(table).logs[0]
     origin = replace(arm.reference.provenance, runs=fitted)
     run, model = evidence.run, replace(arm.reference, provenance=origin)
     scored = score(model.valued, run, model.signals.gains, model.cutoffs.score)
-    return examine_fit(FittedCase(model, unseen=(run,), unseen_scores=(scored,), doubts=doubts))
+    return examine_fit(
+        FittedCase(model, unseen=(run,), unseen_scores=(scored,), unresolved=unresolved)
+    )
 
 
 def of(arm, truth: Truth) -> Array:
@@ -74,8 +76,8 @@ def test_logs_of_one_name_in_two_folders_are_two_files(one: str, other: str, sam
 
 
 def test_a_doubt_about_the_fitted_log_comes_before_another_robot(arm):
-    doubt = Finding("effort sign", "first", Severity.DOUBTFUL, "all joints turned", "")
-    (found,) = found_in(arm, of(arm, random_truth(arm.robot, 80)), doubts=(doubt,))
+    finding = Finding("effort sign", "first", Severity.DOUBTFUL, "all joints turned", "")
+    (found,) = found_in(arm, of(arm, random_truth(arm.robot, 80)), unresolved=(finding,))
     assert "was doubtful about first: all joints turned" in found.says
     assert "another robot" not in found.says and found.severity == Severity.DOUBTFUL
 
@@ -116,8 +118,8 @@ def test_a_doubt_about_a_fitted_log_comes_before_a_reason(arm):
     names = [p.name for p in RigidBody().parameters(arm.robot)][-10:]
     load = Inertia.about_com(3.0, [0.02, -0.01, 0.08], np.eye(3) * 0.0075).ten
     values = dict(zip(names, (arm.truth.inertial[-1] + load).tolist(), strict=True))
-    doubt = Finding("effort kind", "fit1", Severity.DOUBTFUL, "no reading explains it", "")
-    (found,) = found_in(arm, of(arm, arm.truth.changed(**values)), doubts=(doubt,))
+    finding = Finding("effort kind", "fit1", Severity.DOUBTFUL, "no reading explains it", "")
+    (found,) = found_in(arm, of(arm, arm.truth.changed(**values)), unresolved=(finding,))
     assert found.says.startswith("the check before the fit was doubtful about fit1: no reading")
     assert (
         "the most likely reason of the error: the arm carries a payload of about 3 kg"

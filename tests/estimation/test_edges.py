@@ -6,7 +6,7 @@ import pytest
 from in_amperes import GAINS, ROBOT, run_of
 from steelyard.estimation.consistent.consistency_penalties import Entropic, Pullback
 from steelyard.estimation.consistent.consistent import Consistent
-from steelyard.estimation.consistent.program import Program, wishes
+from steelyard.estimation.consistent.program import Program, conic_constraints
 from steelyard.estimation.consistent.unknowns import unknowns
 from steelyard.estimation.estimate import Z95
 from steelyard.estimation.least_squares.whitened import whitened
@@ -43,7 +43,7 @@ def thin_truth(seed: int) -> Truth:
     return Truth(truth.model, known, truth.smoothing)
 
 
-def said(seed: int) -> Information:
+def information_of(seed: int) -> Information:
     truth, units = thin_truth(seed), ROBOT.effort_units
     runs = [run_of(truth, 10 * seed + k, wanted=CUTOFFS) for k in range(2)]
     first, second = (gather(REGRESSOR, run).scaled(GAINS, units) for run in runs)
@@ -53,7 +53,7 @@ def said(seed: int) -> Information:
 def test_intervals_hold_where_bodies_are_at_the_edge(monkeypatch: pytest.MonkeyPatch) -> None:
     estimator, edge = Consistent(REGRESSOR.base, KNOWN), list[bool]()
     for seed in range(4):
-        information, values = said(seed), thin_truth(seed).values.values
+        information, values = information_of(seed), thin_truth(seed).values.values
         true = dict(zip(REGRESSOR.base.base_names, REGRESSOR.base.base_values(values), strict=True))
         estimate = estimator(information)
         with monkeypatch.context() as patch:
@@ -71,8 +71,8 @@ def test_intervals_hold_where_bodies_are_at_the_edge(monkeypatch: pytest.MonkeyP
 
 @pytest.mark.parametrize("form", [Entropic(), Pullback()], ids=lambda form: form.name)
 def test_the_edge_adds_nothing_to_what_is_known(form: Entropic | Pullback) -> None:
-    known = unknowns(whitened(said(0)), REGRESSOR.base, KNOWN)
-    program = Program(known, wishes(known, KNOWN), form)
+    known = unknowns(whitened(information_of(0)), REGRESSOR.base, KNOWN)
+    program = Program(known, conic_constraints(known, KNOWN), form)
     at_prior = program.stated_precision(known.start, 2.0)
     assert np.allclose(at_prior, program.precision(known.start, 2.0), rtol=1e-12)
     u = known.start

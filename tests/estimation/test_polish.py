@@ -30,7 +30,7 @@ def at(program: Program, gamma: float, aim: float) -> np.ndarray:
     return solved(program.conic(gamma), "here", aim=aim)[: len(program.unknowns.weak)]
 
 
-@pytest.mark.parametrize("rows", [(), CONSTRAINTS], ids=["plain", "wishes"])
+@pytest.mark.parametrize("rows", [(), CONSTRAINTS], ids=["plain", "constraints"])
 @pytest.mark.parametrize(
     ("form", "gamma"),
     [(Entropic(), 0.1), (Entropic(), 5.0), (Entropic(), 1e3), (Pullback(), 5.0), (Pullback(), 1e3)],
@@ -43,8 +43,10 @@ def test_it_ends_where_the_solver_ends(form: Form, gamma: float, rows: tuple[Row
     squares = here.unknowns.chi_squared
     assert squares(end) == pytest.approx(squares(fine), rel=1e-9, abs=2e-6)
     assert here.cost(end, gamma) <= here.cost(fine, gamma) + 1e-10 * here.cost(fine, gamma)
-    inside = here.wishes.matrix @ end
-    assert np.all((inside >= here.wishes.lower - 1e-9) & (inside <= here.wishes.upper + 1e-9))
+    inside = here.constraints.matrix @ end
+    assert np.all(
+        (inside >= here.constraints.lower - 1e-9) & (inside <= here.constraints.upper + 1e-9)
+    )
 
 
 def test_a_body_at_the_margin_is_left_to_the_solver() -> None:

@@ -11,7 +11,7 @@ from invented import ball, single, tree
 from steelyard.errors import ModelError
 from steelyard.estimation.knowledge import Knowledge
 from steelyard.estimation.prior import prior_shapes
-from steelyard.estimation.prior.prior import THINNEST, default_knowledge, mended_body
+from steelyard.estimation.prior.prior import THINNEST, corrected_body, default_knowledge
 from steelyard.estimation.prior.prior_given import given_knowledge
 from steelyard.model import Model
 from steelyard.robot.inertia import Inertia
@@ -97,7 +97,7 @@ def test_good_bodies_stay_as_they_are() -> None:
 
 def test_an_impossible_body_keeps_mass_centre_and_axes() -> None:
     broken = Inertia.about_com(2.0, (0.1, 0.0, 0.2), np.diag([0.01, 0.01, 0.05]))
-    corrected = mended_body(broken)
+    corrected = corrected_body(broken)
     assert corrected.inertia.mass == 2.0
     np.testing.assert_allclose(corrected.inertia.com, (0.1, 0.0, 0.2))
     np.testing.assert_allclose(moments(corrected.inertia), [0.025 * THINNEST, 0.025, 0.025])
@@ -111,7 +111,7 @@ def test_an_impossible_body_keeps_mass_centre_and_axes() -> None:
 
 def test_a_thin_body_is_widened_and_its_moments_hardly_change() -> None:
     plate = prior_shapes.box(1.0, (0.0, 0.0, 0.1), (0.4, 0.3, 1e-3))
-    corrected = mended_body(plate)
+    corrected = corrected_body(plate)
     assert corrected.thin
     change = np.linalg.eigvalsh(corrected.inertia.inertia_com) - np.linalg.eigvalsh(
         plate.inertia_com
@@ -155,7 +155,7 @@ def test_a_point_mass_becomes_a_ball_about_its_centre() -> None:
     assert moments(known.priors[0])[0] > 0.0
     assert "its moments of inertia are zero; a solid sphere of 0.2 kg" in known.notes[0]
     dense = Inertia.about_com(5.0, np.zeros(3), 1e-6 * np.eye(3))
-    assert "denser than steel" in str(mended_body(dense).why)
+    assert "denser than steel" in str(corrected_body(dense).why)
 
 
 def test_a_robot_without_any_mass_is_a_kilogram_a_link() -> None:

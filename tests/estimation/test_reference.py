@@ -10,9 +10,9 @@ from steelyard.estimation.estimate import Estimate
 from steelyard.estimation.fields.load_friction_reference import (
     PASSES,
     bodies_of,
+    converged_reference,
     needs_reference,
     reference_of,
-    settled_reference,
     with_references,
 )
 from steelyard.model import Model
@@ -31,14 +31,14 @@ class Recorder:
 
     def __init__(self, bodies: Callable[[int], float]) -> None:
         self.bodies = bodies
-        self.asked: list[Model] = []
+        self.models: list[Model] = []
 
     def information_of(self, regressor: Regressor) -> Information:
-        self.asked.append(regressor.model)
+        self.models.append(regressor.model)
         return regressor  # type: ignore[return-value]
 
     def __call__(self, information: Information) -> Estimate:
-        size = self.bodies(len(self.asked) - 1)
+        size = self.bodies(len(self.models) - 1)
         named = Parameters(("mx.rod", "mz.rod", "coulomb.hinge"), ("kg m",) * 3, [size, 1.0, 5.0])
         return Estimate("", named, np.zeros((3, 3)), (), np.ones(1), np.ones(1), 1.0, 1.0)
 
@@ -62,14 +62,14 @@ def test_numbers_of_bodies_alone_are_the_reference() -> None:
 def test_the_first_reference_is_fitted_without_load_dependent_friction() -> None:
     recorder = Recorder(lambda _: 2.0)
     assert reference_of(MODEL, recorder.information_of, recorder) == {"mx.rod": 2.0, "mz.rod": 1.0}
-    assert [type(t) for t in recorder.asked[0].terms] == [RigidBody, Coulomb]
+    assert [type(t) for t in recorder.models[0].terms] == [RigidBody, Coulomb]
 
 
 def test_it_settles_once_the_bodies_stand_still() -> None:
     recorder = Recorder(lambda call: 2.0 + 10.0 ** (-3.0 * call))
-    model, settled = settled_reference(MODEL, recorder.information_of, recorder)
-    assert settled and len(recorder.asked) == 3
-    assert references(*recorder.asked[1:]) == [
+    model, converged = converged_reference(MODEL, recorder.information_of, recorder)
+    assert converged and len(recorder.models) == 3
+    assert references(*recorder.models[1:]) == [
         {"mx.rod": pytest.approx(3.0), "mz.rod": 1.0},
         {"mx.rod": pytest.approx(2.001), "mz.rod": 1.0},
     ]
@@ -78,6 +78,6 @@ def test_it_settles_once_the_bodies_stand_still() -> None:
 
 def test_it_says_that_it_does_not_settle() -> None:
     recorder = Recorder(lambda call: 2.0 + (-1.0) ** call)
-    model, settled = settled_reference(MODEL, recorder.information_of, recorder)
-    assert not settled and len(recorder.asked) == 1 + PASSES
+    model, converged = converged_reference(MODEL, recorder.information_of, recorder)
+    assert not converged and len(recorder.models) == 1 + PASSES
     assert references(model)[0]["mx.rod"] in (1.0, 3.0)

@@ -19,7 +19,7 @@ from steelyard.estimation.consistent.infeasibility import (
 from steelyard.estimation.knowledge import Knowledge, Row
 from steelyard.estimation.prior.prior import default_knowledge
 from steelyard.estimation.prior.prior_constraint import ConstraintContext
-from steelyard.estimation.prior.register import CONSTRAINTS, knowledge_of, wish_of
+from steelyard.estimation.prior.register import CONSTRAINTS, constraint_of, knowledge_of
 from steelyard.model import Model
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.robot import Frame
@@ -51,14 +51,16 @@ def parameters(bodies: Mapping[str, Inertia], **others: float) -> dict[str, floa
 
 
 def rows(table: Mapping[str, Any]) -> list[Row]:
-    return wish_of(table, "arm.toml, line 3").rows(ConstraintContext(MODEL, "arm.toml, line 3"))
+    return constraint_of(table, "arm.toml, line 3").rows(
+        ConstraintContext(MODEL, "arm.toml, line 3")
+    )
 
 
-def holds(wishes: Sequence[Row], values: Mapping[str, float]) -> bool:
+def holds(constraints: Sequence[Row], values: Mapping[str, float]) -> bool:
     def of(row: Row) -> float:
         return sum(a * values[name] for name, a in row.coefficients.items())
 
-    return all(row.lower - 1e-12 <= of(row) <= row.upper + 1e-12 for row in wishes)
+    return all(row.lower - 1e-12 <= of(row) <= row.upper + 1e-12 for row in constraints)
 
 
 def at(com: Sequence[float], mass: float = 2.0) -> Inertia:
@@ -185,11 +187,11 @@ CASES: list[tuple[dict[str, Any], dict[str, float], dict[str, float]]] = [
 def test_rows_hold_where_the_wish_does(
     table: dict[str, Any], so: dict[str, float], not_so: dict[str, float]
 ) -> None:
-    wishes = rows(table)
-    assert wishes and holds(wishes, so)
-    assert not holds(wishes, not_so)
-    assert all("(arm.toml, line 3)" in row.label for row in wishes)
-    assert all(set(row.coefficients) <= set(MODEL.names) for row in wishes)
+    constraints = rows(table)
+    assert constraints and holds(constraints, so)
+    assert not holds(constraints, not_so)
+    assert all("(arm.toml, line 3)" in row.label for row in constraints)
+    assert all(set(row.coefficients) <= set(MODEL.names) for row in constraints)
 
 
 def test_every_kind_has_a_case() -> None:
@@ -303,9 +305,9 @@ def test_mistakes_are_explained(table: dict[str, Any], wrong: str, fix: str) -> 
 def test_bodies_without_a_rigid_body_term_are_not_there() -> None:
     scope = ConstraintContext(Model(tree(), (Viscous(),)), "arm.toml, line 3")
     with pytest.raises(ModelError, match="no mass properties of link 'tip'"):
-        wish_of({"kind": "mass", "link": "tip", "lower": 1}, "").rows(scope)
+        constraint_of({"kind": "mass", "link": "tip", "lower": 1}, "").rows(scope)
     with pytest.raises(ModelError, match="but no link"):
-        wish_of({"kind": "total_mass", "lower": 1}, "").rows(scope)
+        constraint_of({"kind": "total_mass", "lower": 1}, "").rows(scope)
 
 
 URDF = """<robot name="two"><link name="a"/>
@@ -367,8 +369,8 @@ def test_a_lower_bound_takes_the_place_of_the_laws(read: Any) -> None:
 
 
 def test_knowledge_of_friction_that_was_not_chosen_is_passed_over(read: Any) -> None:
-    wish = 'kind = "parameter"\nparameter = "maxwell_slip1.elbow"\nupper = 2.0'
-    loaded = read(wish, before='[model]\nfriction = "auto"\n')
+    table = 'kind = "parameter"\nparameter = "maxwell_slip1.elbow"\nupper = 2.0'
+    loaded = read(table, before='[model]\nfriction = "auto"\n')
     model = Model(loaded.robot, terms_of(["rigid_body", "offset", "viscous"], "terms"))
     found = knowledge_of(model, loaded)
     assert found.rows == ()
@@ -376,7 +378,7 @@ def test_knowledge_of_friction_that_was_not_chosen_is_passed_over(read: Any) -> 
         "the model has no 'maxwell_slip1.elbow': prior constraints on it are ignored",
     )
     with pytest.raises(ModelError, match=r"no parameter 'maxwell_slip1\.elbow'"):
-        knowledge_of(model, read(wish))
+        knowledge_of(model, read(table))
 
 
 @pytest.mark.parametrize(
@@ -511,14 +513,14 @@ def test_what_is_true_of_other_bodies_is_never_refused(seed: int) -> None:
             {"kind": "parameter", "parameter": f"Ixx.{name}", "upper": 1.01 * body.ten[4]},
             {"kind": "parameter", "parameter": f"Izz.{name}", "lower": 0.99 * body.ten[9]},
         ]
-    wishes = tuple(row for table in tables for row in rows(table))
-    assert holds(wishes, parameters(truth))
-    assert contradictions(replace(default_knowledge(MODEL), rows=wishes)) == ()
+    constraints = tuple(row for table in tables for row in rows(table))
+    assert holds(constraints, parameters(truth))
+    assert contradictions(replace(default_knowledge(MODEL), rows=constraints)) == ()
     # half of what the centre alone makes
     name, body = "left", truth["left"]
     least = body.mass * (body.com[0] ** 2 + body.com[1] ** 2)
     tight = {"kind": "parameter", "parameter": f"Izz.{name}", "upper": 0.5 * least}
-    labels = contradictions(replace(default_knowledge(MODEL), rows=(*wishes, *rows(tight))))
+    labels = contradictions(replace(default_knowledge(MODEL), rows=(*constraints, *rows(tight))))
     assert any(f"'Izz.{name}' is at most" in label for label in labels) and len(labels) <= 3
 
 
@@ -532,30 +534,30 @@ def room(rows: Sequence[Row]) -> bool:
 
 
 def test_an_irreducible_set_keeps_the_rows_of_a_wish_together() -> None:
-    wishes = [
+    constraints = [
         Row("small", {"x": 1.0}, upper=1.0),
         Row("both large", {"x": 1.0}, lower=2.0),
         Row("both large", {"y": 1.0}, lower=2.0),
         Row("harmless", {"y": 1.0}, lower=0.0),
     ]
-    assert irreducible(wishes, room) == tuple(wishes[:3])
-    assert irreducible(wishes, lambda rows: False) == ()
+    assert irreducible(constraints, room) == tuple(constraints[:3])
+    assert irreducible(constraints, lambda rows: False) == ()
 
 
 def test_an_irreducible_set_is_found_in_few_questions() -> None:
-    wishes = [Row(str(k), {"x": 1.0}, lower=float(k % 5 == 3)) for k in range(64)]
-    wishes[40] = Row("40", {"x": 1.0}, upper=-1.0)
-    asked = 0
+    constraints = [Row(str(k), {"x": 1.0}, lower=float(k % 5 == 3)) for k in range(64)]
+    constraints[40] = Row("40", {"x": 1.0}, upper=-1.0)
+    calls = 0
 
     def feasible(some: tuple[Row, ...]) -> bool:
-        nonlocal asked
-        asked += 1
+        nonlocal calls
+        calls += 1
         return room(some)
 
-    found = irreducible(wishes, feasible)
-    assert len(found) == 2 and wishes[40] in found
+    found = irreducible(constraints, feasible)
+    assert len(found) == 2 and constraints[40] in found
     assert not room(found) and all(room([row]) for row in found)
-    assert asked < 30
+    assert calls < 30
 
 
 def test_contradictions_of_many_wishes_are_found_quickly() -> None:

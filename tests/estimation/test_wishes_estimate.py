@@ -13,7 +13,7 @@ from steelyard.estimation.estimate import StandardEstimate
 from steelyard.estimation.knowledge import Knowledge
 from steelyard.estimation.prior.prior import default_knowledge
 from steelyard.estimation.prior.prior_constraint import ConstraintContext
-from steelyard.estimation.prior.register import wish_of
+from steelyard.estimation.prior.register import constraint_of
 from steelyard.model import Model
 from steelyard.regression.accumulate import Accumulator, Stretch
 from steelyard.regression.base import base_parameters
@@ -53,7 +53,7 @@ def knowing(*tables: Mapping[str, Any]) -> Knowledge:
     rows = [
         row
         for k, table in enumerate(tables, start=1)
-        for row in wish_of(table, "").rows(ConstraintContext(MODEL, f"arm.toml, line {k}"))
+        for row in constraint_of(table, "").rows(ConstraintContext(MODEL, f"arm.toml, line {k}"))
     ]
     return replace(default_knowledge(MODEL), rows=tuple(rows), uncertainty=0.3)
 
@@ -80,9 +80,9 @@ CONSTRAINTS: list[dict[str, Any]] = [
 ]
 
 
-@pytest.mark.parametrize("wish", CONSTRAINTS, ids=[wish["kind"] for wish in CONSTRAINTS])
-def test_the_estimate_obeys_where_the_data_alone_would_not(wish: dict[str, Any]) -> None:
-    knowledge = knowing(wish)
+@pytest.mark.parametrize("wish", CONSTRAINTS, ids=[table["kind"] for table in CONSTRAINTS])
+def test_the_estimate_obeys_where_the_data_alone_would_not(table: dict[str, Any]) -> None:
+    knowledge = knowing(table)
     standard = estimated(knowledge)
     values, missed = standard.parameters.as_dict(), []
     for row in knowledge.rows:

@@ -126,7 +126,7 @@ def killing(most: int, every: bool) -> Progress:
 
 def test_the_others_go_on_when_one_is_killed(tmp_path: Path) -> None:
     found = harvest(tmp_path, SearchBudget(4.0, processes=2), killing(1, every=False))
-    assert found.lost == 1 and found.best
+    assert found.killed == 1 and found.best
 
 
 def test_all_of_them_killed_is_said(tmp_path: Path) -> None:

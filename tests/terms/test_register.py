@@ -12,7 +12,7 @@ from moving import geared
 from steelyard.terms.acting import ActsOnAxes
 from steelyard.terms.laws.viscous import Viscous
 from steelyard.terms.memory import Presliding
-from steelyard.terms.register import ASKED_OF_ALL, TERMS, complete, law_of
+from steelyard.terms.register import REQUIRED, TERMS, complete, law_of
 from steelyard.terms.term import StatefulTerm, Term
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -37,11 +37,11 @@ def test_the_table_of_the_docs_names_every_law_and_its_fields() -> None:
         for field in (f for f in fields(TERMS[law]) if f.name not in general):
             assert f"`{field.name}" in row, f"the docs' row of {law} lacks {field.name}"
             if isinstance(field.default, int | float) and not isinstance(field.default, bool):
-                said = re.search(rf"`{field.name} = ([^`]+)`", row)
-                assert said and float(said[1]) == field.default, (law, field.name)
+                default = re.search(rf"`{field.name} = ([^`]+)`", row)
+                assert default and float(default[1]) == field.default, (law, field.name)
 
 
-@pytest.mark.parametrize("name", ["law", *ASKED_OF_ALL])
+@pytest.mark.parametrize("name", ["law", *REQUIRED])
 def test_a_law_that_lacks_something_is_refused(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     assert complete(Viscous) is Viscous
     monkeypatch.delattr(Viscous, name)

@@ -45,7 +45,7 @@ ROUND_OFF = float(np.finfo(np.float64).eps)
 """Variance of residuals over the greatest mean square of efforts that sums of squares resolve."""
 
 ROUNDS = 50
-SETTLED = 1e-6
+TOLERANCE = 1e-6
 """Relative change of the rows' variances at which they are settled."""
 
 
@@ -251,10 +251,10 @@ def _fitted(information: Information, mean: Array, precision: Array) -> _Fit:
         values += covariance @ (vector + precision @ mean - matrix @ values)
         used = [_used(information, row, covariance) for row in range(len(counts))] / variances
         squares = information.residual_squares(values)
-        settled = np.maximum(squares / np.maximum(counts - used, 1.0), floor)
-        change = np.abs(settled / variances - 1.0).max()
-        variances = settled
-        if change < SETTLED:
+        updated = np.maximum(squares / np.maximum(counts - used, 1.0), floor)
+        change = np.abs(updated / variances - 1.0).max()
+        variances = updated
+        if change < TOLERANCE:
             break
     return _Fit(values, matrix, variances)
 

@@ -52,9 +52,9 @@ def examine(case: Case, *, quick: bool = False, checks: Sequence[Check] | None =
     Raises:
         Stopped: The case's `progress` asked to stop.
     """
-    asked = [s for s in (CHECKS if checks is None else checks) if s.quick or not quick]
+    selected = [s for s in (CHECKS if checks is None else checks) if s.quick or not quick]
     findings: list[Finding] = []
-    for number, check in enumerate(asked):
-        tell(case.progress, f"checking: {check.name}", number, len(asked))
+    for number, check in enumerate(selected):
+        tell(case.progress, f"checking: {check.name}", number, len(selected))
         findings += check(case)
     return Diagnosis(together(findings))

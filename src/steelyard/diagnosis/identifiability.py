@@ -50,10 +50,10 @@ class Identifiability:
             says = f"undecided: {error.wrong}"
             fix = Fix(error.fix)
             return (Finding(self.name, "", Severity.DOUBTFUL, says, "none", fix=fix),)
-        return (_told(self.name, estimate),)
+        return (_finding(self.name, estimate),)
 
 
-def _told(name: str, estimate: Estimate) -> Finding:
+def _finding(name: str, estimate: Estimate) -> Finding:
     seen, blind = len(estimate.parameters.names), estimate.blind
     whole = seen + len(blind)
     says = f"the logs identify {seen} of {whole} base parameters"

@@ -89,8 +89,8 @@ def _value_text(offsets: ZeroOffsets) -> str:
 def _of(offsets: ZeroOffsets) -> str:
     """Of which joints this holds, if not of all."""
     known = np.isfinite(offsets.std)
-    asked = [joint for joint, sure in zip(offsets.joints, known, strict=True) if sure]
-    return "" if known.all() else f" of {', '.join(asked)}"
+    identified = [joint for joint, sure in zip(offsets.joints, known, strict=True) if sure]
+    return "" if known.all() else f" of {', '.join(identified)}"
 
 
 def _hidden(offsets: ZeroOffsets) -> str:

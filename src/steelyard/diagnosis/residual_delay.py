@@ -153,10 +153,10 @@ def delays_of(regressor: Regressor, run: Run) -> Delays:
     early, now, late = (_squares(gather(regressor, _later(run, d))) for d in (-SHIFT, 0.0, SHIFT))
     slope, bend = (late - early)[0] / (2.0 * SHIFT), (late - 2.0 * now + early)[0] / (2 * SHIFT**2)
     left, freedom = now
-    told = (bend > 0.0) & (freedom >= 10.0) & (left > 0.0)
-    if not told.any():
+    usable = (bend > 0.0) & (freedom >= 10.0) & (left > 0.0)
+    if not usable.any():
         return Delays(0.0, np.inf, np.inf, 0.0, 0)
-    slope, bend, left, freedom = (x[told] for x in (slope, bend, left, freedom))
+    slope, bend, left, freedom = (x[usable] for x in (slope, bend, left, freedom))
     own = -slope / (2.0 * bend)
     weights = bend * freedom / left
     delay = float(weights @ own / weights.sum())
@@ -164,7 +164,7 @@ def delays_of(regressor: Regressor, run: Run) -> Delays:
     after = np.clip((left + slope * delay + bend * delay**2) / left, 1e-3, None)
     std = 1.0 / np.sqrt(np.sum(weights / np.minimum(after, 1.0)))
     gone = 1.0 - float(np.exp(np.mean(np.log(after))))
-    return Delays(delay, float(std), float(spread), gone, int(told.sum()))
+    return Delays(delay, float(std), float(spread), gone, int(usable.sum()))
 
 
 def _later(run: Run, delay: float) -> Run:

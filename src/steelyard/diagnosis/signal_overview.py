@@ -48,13 +48,13 @@ def once(question: Callable[[Case, Evidence], T]) -> Callable[[Case, Evidence], 
     known: WeakKeyDictionary[Case, WeakKeyDictionary[Evidence, T]] = WeakKeyDictionary()
 
     @wraps(question)
-    def asked(case: Case, evidence: Evidence) -> T:
+    def cached(case: Case, evidence: Evidence) -> T:
         of_case = known.setdefault(case, WeakKeyDictionary())
         if evidence not in of_case:
             of_case[evidence] = question(case, evidence)
         return of_case[evidence]
 
-    return asked
+    return cached
 
 
 @dataclass(frozen=True, eq=False)

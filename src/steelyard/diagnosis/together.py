@@ -28,13 +28,13 @@ def together(findings: Sequence[Finding]) -> tuple[Finding, ...]:
     unlike = {name: _unlike(found) for name, found in of.items()}
     against = {name: _against(found, findings) for name, found in of.items()}
     shared = [_shared(f, of[f.check], against[f.check], unlike[f.check]) for f in findings]
-    lost: dict[str, str] = {}
+    reasons: dict[str, str] = {}
     for f in shared:
         if f.fix is not None and f.fix.jointly and not f.fix.edits:
-            lost.setdefault(f.log, unlike[f.check] or against[f.check])
+            reasons.setdefault(f.log, unlike[f.check] or against[f.check])
     return tuple(
-        replace(f, fix=_without(f.fix, lost[f.log]))
-        if f.fix is not None and f.fix.jointly and f.fix.edits and f.log in lost
+        replace(f, fix=_without(f.fix, reasons[f.log]))
+        if f.fix is not None and f.fix.jointly and f.fix.edits and f.log in reasons
         else f
         for f in shared
     )
@@ -48,10 +48,10 @@ def _against(found: Sequence[Finding], findings: Sequence[Finding]) -> str:
         findings: Of all suspicions: a log with which nothing else is wrong agrees as it is.
     """
     fine = [f.log for f in found if f.severity == Severity.OK and f.answered and f.log]
-    doubts = {log: [f.check for f in findings if f.severity and f.log == log] for log in fine}
-    if not fine or not all(doubts.values()):
+    others = {log: [f.check for f in findings if f.severity and f.log == log] for log in fine}
+    if not fine or not all(others.values()):
         return APART if fine else ""
-    listed = "; ".join(f"{log}: {', '.join(dict.fromkeys(x))}" for log, x in doubts.items())
+    listed = "; ".join(f"{log}: {', '.join(dict.fromkeys(x))}" for log, x in others.items())
     return (
         f"the other logs do not show this, but something else was found on them ({listed}): "
         "resolve that first, or give this log a robot file of its own"

@@ -32,7 +32,7 @@ ROUNDS = 12
 LONGEST = 0.5
 """Longest step of a logarithm."""
 
-SETTLED = 1e-3
+TOLERANCE = 1e-3
 """Step of a logarithm at which the search has converged."""
 
 LAW = "effort_scale"
@@ -135,11 +135,11 @@ class Scaled:
         weighing = False
         for _ in range(ROUNDS):
             found = self.step(information, at, weigh=weighing)
-            settled = np.abs(np.log(found.values / at.values)).max() < SETTLED
+            steady = np.abs(np.log(found.values / at.values)).max() < TOLERANCE
             at = found
-            if settled and (weighing or not weigh):
+            if steady and (weighing or not weigh):
                 break
-            weighing = weigh and settled
+            weighing = weigh and steady
         return at
 
     def estimate(self, information: Information, scales: Scales) -> Estimate:

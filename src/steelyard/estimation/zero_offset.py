@@ -76,12 +76,12 @@ class ZeroOffsets:
     def note(self) -> str:
         """Values with their intervals, and what is not identifiable, for people to read."""
         found, left = [], []
-        for joint, unit, value, half, asked in zip(
+        for joint, unit, value, half, wanted in zip(
             self.joints, self.units, self.values, self.half_width, self.wanted, strict=True
         ):
             if np.isfinite(half):
                 found.append(f"{joint} {value:.4f} ± {half:.4f} {unit}")
-            elif asked:
+            elif wanted:
                 left.append(joint)
         text = f"zero offsets identified: {', '.join(found) or 'none'}"
         if left:

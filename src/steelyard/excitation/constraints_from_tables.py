@@ -49,13 +49,13 @@ def constraints_of(
     section = loaded.excitation
     found, notes = list[Constraint](), list[str]()
     world = world_of(loaded)
-    for part, said in (
+    for part, part_notes in (
         workspace_of(loaded, world),
         efforts_of(loaded, model, earlier),
         clearance_of(loaded, world),
     ):
         found += part
-        notes += said
+        notes += part_notes
     idle = not (section.criterion.relative or _seen(section) or _limited(found))
     if section.loads and idle:
         notes.append(
@@ -87,15 +87,15 @@ def efforts_of(loaded: LoadedRobot, model: Model, earlier: Earlier | None) -> Co
     efforts = per_joint(None if given is not None else wanted.effort, robot, "effort", own)
     efforts = wanted.share * efforts
     powers = per_joint(wanted.power, robot, "power", np.full(robot.n, np.inf))
-    asked = given is None or wanted.power is not None or wanted.total_power is not None
+    requested = given is None or wanted.power is not None or wanted.total_power is not None
     limited = wanted.effort != "any" and bool(np.isfinite(efforts).any())
     free: list[str] = [Declined("torque is not limited, as specified")]
     notes = free if wanted.effort == "any" else _unlimited(robot, efforts)
-    if not (limited or asked):
+    if not (limited or requested):
         return [], notes
     why = _unknown_efforts(loaded, model, earlier)
     if why is not None:
-        if asked:
+        if requested:
             raise ModelError(
                 f"torque cannot be limited: {why}",
                 where="[excitation.limits]",
@@ -124,8 +124,8 @@ def _unlimited(robot: Robot, efforts: Array) -> list[str]:
     """A note that names the joints without a limit of effort, if there are any."""
     joints = zip(robot.joint_names, efforts, strict=True)
     free = ", ".join(f"'{name}'" for name, most in joints if not np.isfinite(most))
-    said = f"torque is not limited for joints without a known effort limit: {free}"
-    return [Gap(said)] if free else []
+    text = f"torque is not limited for joints without a known effort limit: {free}"
+    return [Gap(text)] if free else []
 
 
 def _memoryless(model: Model) -> Model:
@@ -210,8 +210,8 @@ def clearance_of(loaded: LoadedRobot, world: tuple[Shape, ...] = ()) -> Constrai
             return [], [Gap(f"self-collisions are not checked: {why}")]
         return [found], [*found.notes, *notes]
     if not section.bodies:
-        asked = "self-collisions are not checked, as specified"
-        notes.append(Declined(asked))
+        text = "self-collisions are not checked, as specified"
+        notes.append(Declined(text))
     if not section.bodies and not world:
         return [], notes
     found = self_clearance(

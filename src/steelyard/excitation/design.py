@@ -130,8 +130,8 @@ def _searched(
     except NoMotion as error:
         raise explained(problem, error) from None
     notes = (*problem.notes, *_limbs(problem))
-    if harvest.lost:
-        notes += (f"{harvest.lost} of {effort.useful} search processes were killed externally",)
+    if harvest.killed:
+        notes += (f"{harvest.killed} of {effort.useful} search processes were killed externally",)
     return _Motion(
         best.trajectory,
         problem.cases,
@@ -176,10 +176,10 @@ def _planned(
     limits = limits_of(loaded.robot, section.limits)
     plain, notes = memoryless(model)
     constraints, more = constraints_of(loaded, model, earlier)
-    trajectory, said = planned(loaded, limits, effort.seed)
+    trajectory, plan_notes = planned(loaded, limits, effort.seed)
     cases = cases_of(section, plain, limits, earlier)
     return _Motion(
-        trajectory, cases, limits, constraints, None, (*said, *limits.notes, *notes, *more)
+        trajectory, cases, limits, constraints, None, (*plan_notes, *limits.notes, *notes, *more)
     )
 
 

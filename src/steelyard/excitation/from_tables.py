@@ -200,8 +200,8 @@ def _faster(robot: Robot, velocity: Array) -> tuple[str, ...]:
         for joint, most in zip(robot.coordinates, velocity, strict=True)
         if most > joint.limits.velocity > 0.0
     ]
-    said = "the model file's speed limits are exceeded, as velocity sets higher ones: "
-    return (Declined(said + ", ".join(beyond)),) if beyond else ()
+    text = "the model file's speed limits are exceeded, as velocity sets higher ones: "
+    return (Declined(text + ", ".join(beyond)),) if beyond else ()
 
 
 def cases_of(

@@ -44,16 +44,16 @@ def limbs_of(shows: InformationEvaluator) -> tuple[Limb, ...]:
         return (Limb(tuple(range(len(sees))), tuple(sorted(set().union(*sees)))),)
     found: list[tuple[set[int], set[int]]] = []
     for joint, columns in enumerate(sees):
-        joints, told = {joint}, set(columns)
+        joints, reached = {joint}, set(columns)
         apart = []
         for others, known in found:
-            if known & told:
+            if known & reached:
                 joints |= others
-                told |= known
+                reached |= known
             else:
                 apart.append((others, known))
-        found = [*apart, (joints, told)]
-    limbs = [Limb(tuple(sorted(joints)), tuple(sorted(told))) for joints, told in found]
+        found = [*apart, (joints, reached)]
+    limbs = [Limb(tuple(sorted(joints)), tuple(sorted(reached))) for joints, reached in found]
     return tuple(sorted(limbs, key=lambda limb: limb.joints))
 
 

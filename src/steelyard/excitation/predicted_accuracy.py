@@ -57,9 +57,9 @@ def deviations(gram: Array) -> Array:
         return result
     size = size[seen]
     values, axes = np.linalg.eigh(gram[np.ix_(seen, seen)] / size[:, None] / size)
-    told = values > _ROUNDING * values[-1]
-    single = np.sum(axes[:, ~told] ** 2, axis=1) < _BLIND
-    variance = np.sum(axes[:, told] ** 2 / values[told], axis=1)
+    resolved = values > _ROUNDING * values[-1]
+    single = np.sum(axes[:, ~resolved] ** 2, axis=1) < _BLIND
+    variance = np.sum(axes[:, resolved] ** 2 / values[resolved], axis=1)
     result[seen] = np.where(single, np.sqrt(variance) / size, np.inf)
     return result
 

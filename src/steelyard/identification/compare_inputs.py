@@ -112,13 +112,13 @@ def comparison_inputs(
         else None
     )
     runs = runs_of(file, signals, files, (), progress)[0]
-    doubts = () if found_out is None else passed(found_out, file.reference)
+    unresolved = () if found_out is None else passed(found_out, file.reference)
     ground = grounded(model, file, runs, (), Payload(), WeightedLeastSquares(), threads, progress)
     notes = (
         *file.notes,
         *reasons,
         *notes_of(runs),
-        *doubts,
+        *unresolved,
         *ground.notes,
         *dropped(model, runs),
     )

@@ -54,8 +54,8 @@ def notes_of(runs: Sequence[Run]) -> tuple[str, ...]:
     first = runs[0]
     cut = f"cut-offs: motion {first.motion_cutoff:g} Hz, regression {first.matched_cutoff:g} Hz"
     chains = {f"processing: {run.chain.words}": run.name for run in runs}
-    told = (words if len(chains) == 1 else f"{name}: {words}" for words, name in chains.items())
-    return (cut, *told, *(f"{run.name}: {loss}" for run in runs for loss in run.quality.losses))
+    steps = (words if len(chains) == 1 else f"{name}: {words}" for words, name in chains.items())
+    return (cut, *steps, *(f"{run.name}: {loss}" for run in runs for loss in run.quality.losses))
 
 
 def dropped(model: Model, runs: Sequence[Run]) -> tuple[str, ...]:

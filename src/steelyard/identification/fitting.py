@@ -128,8 +128,8 @@ def fit(
     estimating: EstimatorOf = from_runs
     scales, estimator = None, method.make(context)
     unscaled = _unscaled_because(loaded_robot, ground, estimator)
-    asked = loaded_robot.estimation.effort_scales == "auto"
-    if asked and not unscaled and isinstance(estimator, Consistent):
+    requested = loaded_robot.estimation.effort_scales == "auto"
+    if requested and not unscaled and isinstance(estimator, Consistent):
         scales = effort_scales(estimator, information, progress=progress)
     if scales is not None:
         runs = [_scaled(run, scales.found.values) for run in runs]
@@ -220,11 +220,11 @@ def least_squares_of(loaded: LoadedRobot) -> tuple[str, str]:
 
 def _method(loaded: LoadedRobot, plain: str, gains: GainEstimate | None) -> tuple[Offer, str]:
     """The estimator, and why it is not the default one; nothing if it is."""
-    asked = method_of(loaded)
-    if asked.uses and gains is not None and gains.relative:
+    requested = method_of(loaded)
+    if requested.uses and gains is not None and gains.relative:
         return offer_of(plain, ""), "because a prior of the links needs efforts in a known scale"
     usual = EstimationSection().method
-    return asked, "" if asked.name == usual else "as requested"
+    return requested, "" if requested.name == usual else "as requested"
 
 
 def _unscaled_because(loaded: LoadedRobot, ground: Ground, estimator: Estimator[Any]) -> str:

@@ -136,23 +136,24 @@ def fixed(
     new, first = subject, diagnosis
     for _ in range(ROUNDS):
         text = new.text if changes else _moved(subject, target)
-        asked = [c for c in _asked(diagnosis, changes) if edited(text, [c.edit]) != text]
-        if not asked:
+        proposed = [c for c in _proposed(diagnosis, changes) if edited(text, [c.edit]) != text]
+        if not proposed:
             break
-        anew = {change.edit.path for change in asked}
-        changes = [c for c in changes if c.edit.path not in anew] + asked
-        new = _loaded(new, edited(text, [change.edit for change in asked]), target)
+        anew = {change.edit.path for change in proposed}
+        changes = [c for c in changes if c.edit.path not in anew] + proposed
+        new = _loaded(new, edited(text, [change.edit for change in proposed]), target)
         diagnosis = diagnosed(new, files, reference, progress, quick=quick)
     worse = sorted(_wrong(diagnosis) & {f.check for f in first.findings if _fine(f)})
     if changes and (worse or _wrong(diagnosis) == _wrong(first) != set()):
         names = ", ".join(worse or sorted(_wrong(first)))
         why = f"with {'; '.join(c.line for c in changes)} the check finds {names} wrong"
         return Fixed(subject, (), first, (why,))
-    lost = sorted(_settled(first) - _settled(diagnosis))
-    doubted = any(c.finding.severity < Severity.WRONG for c in changes)
-    if doubted and len(_settled(diagnosis)) < len(_settled(first)):
+    unconfirmed = sorted(_confirmed(first) - _confirmed(diagnosis))
+    doubtful = any(c.finding.severity < Severity.WRONG for c in changes)
+    if doubtful and len(_confirmed(diagnosis)) < len(_confirmed(first)):
         lines = "; ".join(c.line for c in changes)
-        why = f"with {lines} the check can no longer confirm what was ok before: {', '.join(lost)}"
+        names = ", ".join(unconfirmed)
+        why = f"with {lines} the check can no longer confirm what was ok before: {names}"
         return Fixed(subject, (), first, (why,))
     return Fixed(new, tuple(changes), diagnosis, () if changes else _unwritten(first))
 
@@ -161,7 +162,7 @@ def _wrong(diagnosis: Diagnosis) -> set[str]:
     return {f.check for f in diagnosis.findings if f.severity == Severity.WRONG}
 
 
-def _settled(diagnosis: Diagnosis) -> set[str]:
+def _confirmed(diagnosis: Diagnosis) -> set[str]:
     """Checks that are answered, in all logs, and not doubtful."""
     every = {f.check for f in diagnosis.findings}
     return every - {f.check for f in diagnosis.findings if not _fine(f)}
@@ -198,7 +199,7 @@ def _loaded(subject: Subject, text: str, target: Path) -> Subject:
         ) from None
 
 
-def _asked(diagnosis: Diagnosis, changes: Sequence[Change]) -> list[Change]:
+def _proposed(diagnosis: Diagnosis, changes: Sequence[Change]) -> list[Change]:
     """The edits that are asked for and of keys not changed before, or refined."""
     before = {change.edit.path for change in changes} - {REFINED}
     return [

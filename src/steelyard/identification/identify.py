@@ -151,8 +151,8 @@ def identify(
     """
     cores = threads or os.cpu_count() or 1
     file = load_robot(robot, base=fixed_base)
-    asked = {} if method is None else {"method": method_of(file, method).name}
-    file = replace(file, estimation=file.estimation.model_copy(update=asked))
+    requested = {} if method is None else {"method": method_of(file, method).name}
+    file = replace(file, estimation=file.estimation.model_copy(update=requested))
     method_of(file)
     known, carrying, unknown = (
         log_files(paths_of(some, least)) for some, least in ((logs, 1), (loaded, 0), (validate, 0))
@@ -165,8 +165,8 @@ def identify(
         given = replace(file, signals=signals)
         found_out = prechecked(file.reference, given, (*known, *unknown), progress)
     clean, unseen = runs_of(file, signals, [*known, *carrying], unknown, progress)
-    doubts = () if found_out is None else passed(found_out, file.reference)
-    notes = (*file.notes, *reasons, *notes_of((*clean, *unseen)), *doubts)
+    unresolved = () if found_out is None else passed(found_out, file.reference)
+    notes = (*file.notes, *reasons, *notes_of((*clean, *unseen)), *unresolved)
     refuse_same_rows(clean, unseen)
     fitted, loaded_runs = clean[: len(known)], clean[len(known) :]
     origin = provenance(file, known, carrying, unknown, fitted, notes)
@@ -229,13 +229,13 @@ def _limitations(
         content.fitted,
         content.scores,
         fit.information,
-        _doubts(content.diagnosis, fit.runs),
+        _unresolved(content.diagnosis, fit.runs),
         fit.scales,
     )
     return examine_fit(case, progress)
 
 
-def _doubts(diagnosis: Diagnosis | None, fitted: Sequence[Run]) -> tuple[Finding, ...]:
+def _unresolved(diagnosis: Diagnosis | None, fitted: Sequence[Run]) -> tuple[Finding, ...]:
     """Other interpretations of the fitted runs that the check before found as good, or better."""
     names = {run.name for run in fitted}
     found = () if diagnosis is None else diagnosis.findings

@@ -52,11 +52,11 @@ class PayloadTask:
         regressor, threads = base_regressor(identified.model), os.cpu_count() or 1
         runs = prepared(recordings, processing_of(identified), progress)
         rests = remembers(identified.model.terms)
-        said = [
+        of_runs = [
             gather(regressor, run, rests=rests, threads=threads, progress=progress) for run in runs
         ]
         found = payload_of(
-            identified, said[:count], self.frame, unloaded=said[count:], gain=gain_uncertainty
+            identified, of_runs[:count], self.frame, unloaded=of_runs[count:], gain=gain_uncertainty
         )
         notes = (*found.notes, *dropped(identified.model, runs), *self._fitted_before())
         return replace(found, notes=notes)

@@ -7,7 +7,7 @@ from steelyard.errors import DataError, ModelError
 from steelyard.estimation.consistent.consistent import Consistent
 from steelyard.estimation.estimate import Estimator
 from steelyard.estimation.fields.fields import Finding, find_fields, information_from
-from steelyard.estimation.fields.load_friction_reference import needs_reference, settled_reference
+from steelyard.estimation.fields.load_friction_reference import converged_reference, needs_reference
 from steelyard.estimation.fields.passes import InformationOf
 from steelyard.estimation.payload.gains import GainEstimate, identified_gains
 from steelyard.estimation.per_run import own_columns
@@ -29,7 +29,7 @@ from steelyard.validation.friction.friction import FrictionChoice, choose_fricti
 from steelyard.validation.friction.mix_errors import ConsistentOf
 from steelyard.validation.friction.mixes import remembers
 
-_UNSETTLED = (
+_NOT_CONVERGED = (
     "the reference of load-dependent friction has not converged after three passes: "
     "its coefficients are inaccurate"
 )
@@ -113,16 +113,16 @@ def grounded(
         runs, rests=remembers(model.terms), threads=threads, progress=progress
     )
     found = find_fields(model, information_of, progress=progress)
-    model, settled = found.model, True
+    model, converged = found.model, True
     refuse_twins(model, base_parameters(model))
     if needs_reference(model):
-        model, settled = settled_reference(model, information_of, estimator)
+        model, converged = converged_reference(model, information_of, estimator)
     notes = (
         *([_gain_note(gains)] if gains is not None else []),
         *([offsets.note] if offsets is not None else []),
         *([choice.note] if choice is not None else []),
         *found.notes,
-        *([] if settled else [_UNSETTLED]),
+        *([] if converged else [_NOT_CONVERGED]),
     )
     return Ground(model, tuple(runs), information_of, choice, found.findings, gains, offsets, notes)
 

@@ -106,10 +106,10 @@ def survey(recording: Recording, processing: Processing | None = None) -> Survey
     limits = tally.limits(resolution[recording.channels.effort])
     if not wanted.leave_out_saturated:
         limits = np.full_like(limits, np.nan)
-    doubt = row_checks(
+    checks = row_checks(
         recording.channels, excerpt.rows, limits, wanted.outliers, wanted.bridge_repeats
     )
-    even = excerpt.even(logged, doubt)
+    even = excerpt.even(logged, checks)
     band, velocity_noise = _spectra(even, logged, recording.channels)
     return Survey(
         clock=clock,
@@ -124,7 +124,7 @@ def survey(recording: Recording, processing: Processing | None = None) -> Survey
         resolution=frozen(resolution),
         band=band,
         velocity_noise=velocity_noise,
-        row_checks=doubt,
+        row_checks=checks,
         even=even,
     )
 
@@ -242,14 +242,14 @@ class _Excerpt:
         pieces = [piece.x for piece in self._longest or self._still]
         return np.concatenate(pieces).T if pieces else np.zeros((self._channels.count, 0))
 
-    def even(self, rate: float, doubt: RowChecks) -> Array:
+    def even(self, rate: float, checks: RowChecks) -> Array:
         """Positions, and velocities if logged, on the uniform clock, shape `(n or 2n, N)`."""
         pieces, moved = self._longest or self._still, self._channels.effort.start
         if _length(pieces) < SHORTEST_CHAIN:
             return np.zeros((moved, 0))
         rows: Iterable[tuple[Array, Array]] = ((p.t, p.x) for p in pieces)
-        if not doubt.idle:
-            rows = Marking(doubt).rows(rows)
+        if not checks.idle:
+            rows = Marking(checks).rows(rows)
         return np.concatenate(list(uniform(((t, x[:, :moved]) for t, x in rows), rate)), axis=1)
 
 

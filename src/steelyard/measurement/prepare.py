@@ -47,7 +47,7 @@ def prepare(recording: Recording, processing: Processing | None = None) -> Run:
     Raises:
         LogError: The log holds no motion that can be used; the message says why.
     """
-    asked = processing = Processing() if processing is None else processing
+    requested = processing = Processing() if processing is None else processing
     if processing.repetitions is not None:
         mean = mean_of_periods(recording, processing.repetitions)
         return prepare_mean(mean, recording.name, processing)
@@ -74,7 +74,7 @@ def prepare(recording: Recording, processing: Processing | None = None) -> Run:
         segments=segments,
         rest_speed=frozen(given),
         span=_span(recording, cut, speeds, given),
-        quality=_quality(recording, found, chain, asked, given, speeds.highest, marking.found),
+        quality=_quality(recording, found, chain, requested, given, speeds.highest, marking.found),
     )
 
 
@@ -224,7 +224,7 @@ def _quality(
     recording: Recording,
     found: Survey,
     chain: Chain,
-    asked: Processing,
+    requested: Processing,
     rest_speed: Array,
     highest: Array,
     marked: Marked,
@@ -252,7 +252,7 @@ def _quality(
         effort_resolution=frozen(found.resolution[c.effort]),
         max_speed=frozen(highest),
         losses=(*_unwrapped(recording), *_losses(found, segments, marked)),
-        notes=_choices(found, chain, asked, rest_speed, marked),
+        notes=_choices(found, chain, requested, rest_speed, marked),
         marked=marked,
     )
 
@@ -267,11 +267,11 @@ def _unwrapped(recording: Recording) -> tuple[str, ...]:
 def _losses(found: Survey, segments: tuple[Segment, ...], marked: Marked) -> tuple[str, ...]:
     """What of the log could not be used."""
     losses = []
-    lost = [(v, found.counts[v]) for v in Verdict if v != Verdict.KEPT and found.counts[v]]
-    if lost:
+    dropped = [(v, found.counts[v]) for v in Verdict if v != Verdict.KEPT and found.counts[v]]
+    if dropped:
         losses.append(
-            f"dropped {sum(n for _, n in lost)} of {sum(found.counts)} rows: "
-            + ", ".join(f"{n} with {v.reason}" for v, n in lost)
+            f"dropped {sum(n for _, n in dropped)} of {sum(found.counts)} rows: "
+            + ", ".join(f"{n} with {v.reason}" for v, n in dropped)
         )
     if len(found.segments) > 1:
         at = ", ".join(f"{s.stop:.2f} s" for s in found.segments[:5][: len(found.segments) - 1])
@@ -284,7 +284,7 @@ def _losses(found: Survey, segments: tuple[Segment, ...], marked: Marked) -> tup
 
 
 def _choices(
-    found: Survey, chain: Chain, asked: Processing, rest_speed: Array, marked: Marked
+    found: Survey, chain: Chain, requested: Processing, rest_speed: Array, marked: Marked
 ) -> tuple[str, ...]:
     """What was decided from the data."""
     mean, _, least, most = found.steps
@@ -293,8 +293,8 @@ def _choices(
         f"{1e3 * most:.4g} ms)",
         f"motion band {found.band.frequency:.2g} Hz, floor {found.band.floor:.2g} Hz: motion "
         f"cut-off {chain.motion_cutoff:g} Hz"
-        f"{_given(asked.motion_cutoff)}, regression cut-off {chain.matched_cutoff:g} Hz"
-        f"{_given(asked.matched_cutoff)}",
+        f"{_given(requested.motion_cutoff)}, regression cut-off {chain.matched_cutoff:g} Hz"
+        f"{_given(requested.matched_cutoff)}",
         f"processing: {chain.words}; {marked.words or 'nothing corrected'}",
         "rest speed " + " ".join(f"{s:.2g}" for s in rest_speed) + " rad/s or m/s",
     )

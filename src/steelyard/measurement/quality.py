@@ -72,10 +72,10 @@ class Quality:
     @property
     def rows_of_text(self) -> tuple[tuple[str, str], ...]:
         """Label and value, for tables."""
-        lost = ", ".join(f"{count} with {reason}" for reason, count in self.dropped.items())
+        dropped = ", ".join(f"{count} with {reason}" for reason, count in self.dropped.items())
         return (
             ("rows", f"{self.kept} of {self.rows} used"),
-            ("dropped", lost or "none"),
+            ("dropped", dropped or "none"),
             ("corrected", self.marked.words or "none"),
             ("duration", f"{self.duration:.2f} s"),
             ("clock", self.clock_text),

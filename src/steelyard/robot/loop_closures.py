@@ -173,9 +173,9 @@ def _check_assembly(robot: Robot, closing: Closing) -> None:
 
 def _note(robot: Robot, assembly: Array, closing: Closing) -> tuple[str, ...]:
     """Where the loops were closed, if that was not said already."""
-    told = closing.assembly
+    given = closing.assembly
     at = dict(zip([c.name for c in robot.joints], assembly.tolist(), strict=True))
-    if all(abs(told.get(c.name, np.inf) - at[c.name]) < 1e-3 for c in robot.passive):
+    if all(abs(given.get(c.name, np.inf) - at[c.name]) < 1e-3 for c in robot.passive):
         return ()
     places = ", ".join(f"{c.name} at {at[c.name]:.4g} {c.unit}" for c in robot.joints)
     return (f"the loops are closed in the reference configuration, with {places}",)

@@ -212,10 +212,10 @@ def changed_excitation(
     Raises:
         ValueError: The kind of motion has no such number, or cannot have it; says which.
     """
-    told = section.model_dump()
+    tables = section.model_dump()
     if motion is not None and motion != section.motion.kind:
-        told["motion"] = {"kind": motion}
-    kind = told["motion"]["kind"]
+        tables["motion"] = {"kind": motion}
+    kind = tables["motion"]["kind"]
     if kind not in KINDS:
         raise ValueError(f"there is no motion '{kind}', but " + ", ".join(KINDS))
     known = MOTIONS[KINDS.index(kind)].model_fields
@@ -224,15 +224,15 @@ def changed_excitation(
         if value is not None and key not in known:
             raise ValueError(f"a motion of kind '{kind}' has no {name}")
         if value is not None:
-            told["motion"][key] = value
+            tables["motion"][key] = value
     if criterion is not None:
-        told["criterion"]["kind"] = criterion
+        tables["criterion"]["kind"] = criterion
     if method is not None:
-        told["search"]["method"] = method
+        tables["search"]["method"] = method
     if still_unknown:
-        told["criterion"]["after_earlier"] = True
+        tables["criterion"]["after_earlier"] = True
     try:
-        return ExcitationSection.model_validate(told)
+        return ExcitationSection.model_validate(tables)
     except ValidationError as error:
         flaw = error.errors()[0]
         what = ".".join(str(part) for part in flaw["loc"] if part != kind)

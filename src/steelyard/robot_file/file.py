@@ -12,11 +12,11 @@ from steelyard.errors import ModelError
 from steelyard.robot.free_joints import floating_base
 from steelyard.robot.from_mechanism import reduced
 from steelyard.robot.geometry import clean_rotation, rpy_rotation
+from steelyard.robot.ignored_statements import ignored_statements, springs_along
 from steelyard.robot.mechanism import Mechanism
 from steelyard.robot.mimic import unlimited_if_empty
 from steelyard.robot.model_notes import Answer
 from steelyard.robot.robot import Limits, Robot
-from steelyard.robot.unfollowed import ignored_statements, springs_along
 from steelyard.robot.xacro.read import joined_reference, split_reference
 from steelyard.robot.xml_reader import read_bytes
 from steelyard.robot_file.closures import closing_of
@@ -129,8 +129,8 @@ def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
     signals = None
     if file.signals is not None:
         signals = build_signals(file.signals, robot.coordinates, places.where, robot.transmission)
-    unfollowed = ignored_statements(mechanism, robot, _answers(file), _limited(file.robot))
-    notes += tuple(unfollowed.values())
+    ignored = ignored_statements(mechanism, robot, _answers(file), _limited(file.robot))
+    notes += tuple(ignored.values())
     if signals is not None and signals.effort_kind == "gravity_compensated_torque":
         robot = robot.changed(gravity=np.zeros(3))
         notes += ("efforts are gravity compensated: the model has none either",)
@@ -160,7 +160,7 @@ def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
         file.knowledge,
         file.excitation,
         springs_along(mechanism, robot),
-        unfollowed,
+        ignored,
         base=file.robot.base,
         floats=floating_base(mechanism, file.robot.base) is not None,
     )

@@ -65,7 +65,7 @@ class LoadedRobot:
         arguments: Of a xacro file that was given itself; those of a robot file stand there.
         springs: Springs of the model file along its coordinates, by name; no term has them unless
             it is listed.
-        unfollowed: What the model file says of forces that the model does not follow, a sentence
+        ignored: What the model file says of forces that the model does not follow, a sentence
             for each kind.
         base: The link that is fixed to the world; `None` if it is the model's root.
         floats: Whether that link floats in the model: its being at rest is an assumption.
@@ -89,7 +89,7 @@ class LoadedRobot:
     knowledge: tuple[Mapping[str, Any], ...] = ()
     excitation: ExcitationSection = ExcitationSection()
     springs: Mapping[str, JointSpring] = field(default_factory=dict)
-    unfollowed: Mapping[str, str] = field(default_factory=dict)
+    ignored: Mapping[str, str] = field(default_factory=dict)
     arguments: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     base: str | None = None
     floats: bool = False

@@ -9,9 +9,9 @@ from types import MappingProxyType
 from steelyard.errors import ModelError, OpenModelError
 from steelyard.robot.free_joints import floating_base
 from steelyard.robot.from_mechanism import reduced
+from steelyard.robot.ignored_statements import ignored_statements, springs_along
 from steelyard.robot.mechanism import Mechanism
 from steelyard.robot.robot import Robot
-from steelyard.robot.unfollowed import ignored_statements, springs_along
 from steelyard.robot.xacro.read import expand
 from steelyard.robot.xml_reader import read_bytes
 from steelyard.robot_file.loaded import LoadedRobot, Source
@@ -58,10 +58,10 @@ def robot_of_model(
     """
     mechanism, path = model.mechanism, model.sources[0].path
     robot, notes = _whole(mechanism, base, locked)
-    unfollowed = ignored_statements(mechanism, robot, (), ())
+    ignored = ignored_statements(mechanism, robot, (), ())
     return LoadedRobot(
         robot,
-        (*model.notes, *notes, *unfollowed.values()),
+        (*model.notes, *notes, *ignored.values()),
         None,
         None,
         False,
@@ -72,7 +72,7 @@ def robot_of_model(
         lambda *key: str(path),
         arguments=model.arguments,
         springs=springs_along(mechanism, robot),
-        unfollowed=unfollowed,
+        ignored=ignored,
         base=base,
         floats=floating_base(mechanism, base) is not None,
     )

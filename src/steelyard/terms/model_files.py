@@ -63,13 +63,13 @@ class Placed:
         parts: What acts along coordinates.
         curves: Friction along coordinates that is no power of speed.
         pulls: Springs between points.
-        lost: What no model file has a place for, one sentence each.
+        unsupported: What no model file has a place for, one sentence each.
     """
 
     parts: tuple[Part, ...] = ()
     curves: tuple[Curve, ...] = ()
     pulls: tuple[Pull, ...] = ()
-    lost: tuple[str, ...] = ()
+    unsupported: tuple[str, ...] = ()
 
 
 Place = Callable[[Any, Robot, Values], Placed]
@@ -81,7 +81,7 @@ def placed(term: Any, robot: Robot, values: Values) -> Placed:
     if not term.per_run:
         return found
     own = f"values of single runs, their mean is used ({term.law})"
-    return replace(found, lost=(*found.lost, own))
+    return replace(found, unsupported=(*found.unsupported, own))
 
 
 def listed(numbers: Iterable[tuple[str, float, str]]) -> str:
@@ -108,7 +108,7 @@ def left_out(words: str) -> Place:
     def place(term: Any, robot: Robot, values: Values) -> Placed:
         parameters = term.parameters(robot)
         named = listed((p.name.partition(".")[2], values[p.name], p.unit) for p in parameters)
-        return Placed(lost=(f"{words} ({term.law}): {named}",) if named else ())
+        return Placed(unsupported=(f"{words} ({term.law}): {named}",) if named else ())
 
     return place
 
@@ -132,7 +132,7 @@ def mean_of_directions(kind: Kind) -> Place:
     def place(term: Any, robot: Robot, values: Values) -> Placed:
         ends = [f"{term.law}_{end}" for end in ("forward", "backward")]
         parts = tuple(p for end in ends for p in under(term, robot, values, end, kind, 0.5))
-        return Placed(parts, lost=_difference(term, robot, values))
+        return Placed(parts, unsupported=_difference(term, robot, values))
 
     return place
 
@@ -148,19 +148,19 @@ def mean_curve_of_directions(words: str) -> Place:
             force = partial(_friction, term, robot, axis, both)
             mean, unit = 0.5 * sum(both.values()), parameters[k].unit
             curves.append(Curve(axis, f"{words} ({term.law})", mean, unit, force))
-        return Placed(curves=tuple(curves), lost=_difference(term, robot, values))
+        return Placed(curves=tuple(curves), unsupported=_difference(term, robot, values))
 
     return place
 
 
-def full_sliding(*prefixes: str, lost: str) -> Place:
+def full_sliding(*prefixes: str, unsupported: str) -> Place:
     """Parameters whose names begin so, as dry friction: what a law with memory is in sliding."""
 
     def place(term: Any, robot: Robot, values: Values) -> Placed:
         names = prefixes or tuple(f"{term.law}{k + 1}" for k in range(len(term.lengths)))
         parts = tuple(p for name in names for p in under(term, robot, values, name, "dry"))
-        words = f"{lost}, friction in full sliding is used ({term.law})"
-        return Placed(parts, lost=(words,) if any(p.value for p in parts) else ())
+        words = f"{unsupported}, friction in full sliding is used ({term.law})"
+        return Placed(parts, unsupported=(words,) if any(p.value for p in parts) else ())
 
     return place
 

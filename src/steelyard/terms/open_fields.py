@@ -6,7 +6,7 @@ from typing import Any
 
 from steelyard.errors import ModelError
 
-ASKED = "find"
+FIND = "find"
 """The word in robot files: `speed = "find"` or `speed = {find = [0.001, 1.0]}`."""
 
 
@@ -35,7 +35,7 @@ class Find:
     @property
     def description(self) -> dict[str, Any]:
         """The table of a robot file."""
-        return {ASKED: [self.lower, self.upper], "per_joint": not self.shared}
+        return {FIND: [self.lower, self.upper], "per_joint": not self.shared}
 
 
 def is_search(given: Any) -> bool:
@@ -43,8 +43,8 @@ def is_search(given: Any) -> bool:
     if isinstance(given, list | tuple):
         return any(is_search(x) for x in given)
     if isinstance(given, Mapping):
-        return ASKED in given and not isinstance(given[ASKED], Mapping)
-    return bool(given == ASKED)
+        return FIND in given and not isinstance(given[FIND], Mapping)
+    return bool(given == FIND)
 
 
 def search_of(law: type[Any], field: str, given: Any, where: str) -> Find:
@@ -61,9 +61,9 @@ def search_of(law: type[Any], field: str, given: Any, where: str) -> Find:
         ModelError: The field cannot be found, or the request has another form.
     """
     default = searchable(law, field, where)
-    table = {ASKED: True} if given == ASKED else given
-    strange = not isinstance(table, Mapping) or not set(table) <= {ASKED, "per_joint"}
-    bounds = None if strange else table[ASKED]
+    table = {FIND: True} if given == FIND else given
+    strange = not isinstance(table, Mapping) or not set(table) <= {FIND, "per_joint"}
+    bounds = None if strange else table[FIND]
     bounds = default if bounds is True else bounds
     per_joint = False if strange else table.get("per_joint", False)
     if (

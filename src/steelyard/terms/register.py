@@ -30,7 +30,7 @@ from steelyard.terms.memory import Presliding
 from steelyard.terms.open_fields import Find, finds_of, is_search, search_of
 from steelyard.terms.term import StatefulTerm, Term, channels_of
 
-ASKED_OF_ALL = ("dissipation", "cause", "shown_by", "in_model_files")
+REQUIRED = ("dissipation", "cause", "shown_by", "in_model_files")
 """What has no default, as any default would be wrong for some law."""
 
 
@@ -42,7 +42,7 @@ def complete(law: type[Term]) -> type[Term]:
     """
     names = {field.name for field in dataclasses.fields(cast(Any, law))}
     flaws = [] if "law" in vars(law) else ["lacks 'law'"]
-    flaws += [f"lacks '{name}'" for name in ASKED_OF_ALL if not hasattr(law, name)]
+    flaws += [f"lacks '{name}'" for name in REQUIRED if not hasattr(law, name)]
     flaws += [f"lacks '{name}'" for name in sorted(law.__abstractmethods__)]
     flaws += [f"'{name}' of `bounds` is no field" for name in law.bounds if name not in names]
     if issubclass(law, StatefulTerm):

@@ -139,12 +139,12 @@ def _errors(
 
 def _blind(whole: Estimate, part: Estimate, information: Information) -> list[int]:
     """Rows with a parameter that all runs show and the fitted part does not."""
-    lost = set(whole.parameters.names) - set(part.parameters.names)
+    absent = set(whole.parameters.names) - set(part.parameters.names)
     layout = information.layout
     return [
         row
         for row, seen in enumerate(layout.sees)
-        if not lost.isdisjoint(layout.columns[k] for k in seen)
+        if not absent.isdisjoint(layout.columns[k] for k in seen)
     ]
 
 

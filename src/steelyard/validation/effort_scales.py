@@ -95,12 +95,12 @@ def effort_scales(
     try:
         start = scaled.unscaled(information)
         first = scaled.step(information, start)
-        if not _asked(first):
+        if not _significant(first):
             return None
         found = scaled.converged(information, first, weigh=True)
     except DataError:
         return None
-    if not _asked(found):
+    if not _significant(found):
         return None
     several = len({window.run for window in information.windows}) > 1
     folds = information.merged(1 if several else FOLDS)
@@ -108,14 +108,14 @@ def effort_scales(
     for fold in range(len(folds.windows)):
         tell(progress, "judging effort scales", fold, len(folds.windows))
         rest = folds.of([k for k in range(len(folds.windows)) if k != fold])
-        held = folds.of([fold])
+        left_out = folds.of([fold])
         try:
             plain = scaled.unscaled(rest, start.gamma)
             with_scales = scaled.converged(rest, found)
         except DataError:
             continue
-        sizes = held.effort_squares()
-        errors.append([_errors(held, scales, sizes) for scales in (plain, with_scales)])
+        sizes = left_out.effort_squares()
+        errors.append([_errors(left_out, scales, sizes) for scales in (plain, with_scales)])
     if len(errors) < FEWEST:
         return None
     plain_errors, scaled_errors = np.array(errors).T
@@ -125,16 +125,16 @@ def effort_scales(
     return EffortScales(information.layout.rows, found, float(mean[0]), float(mean[1]), scaled)
 
 
-def _asked(scales: Scales) -> bool:
+def _significant(scales: Scales) -> bool:
     """Whether scales of 1 are further away than chance explains."""
     from scipy.stats import chi2
 
     return bool(chi2.sf(scales.distance, len(scales.values)) < CHANCE)
 
 
-def _errors(held: Information, scales: Scales, sizes: Array) -> float:
+def _errors(left_out: Information, scales: Scales, sizes: Array) -> float:
     """Logarithm of the error on what was left out, efforts as logged."""
-    logged = held.scaled(1.0 / scales.values, held.signature.effort)
+    logged = left_out.scaled(1.0 / scales.values, left_out.signature.effort)
     squares = logged.residual_squares(scales.parameters) * np.square(scales.values)
     shares = 100.0 * np.sqrt(squares / np.where(sizes > 0.0, sizes, np.inf))
     return float(logarithms(shares[None], sizes[None])[0])

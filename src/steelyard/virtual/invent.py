@@ -49,7 +49,7 @@ def random_truth(
     scales = scales_of(robot, inertial)
     names = [p.name for p in RigidBody().parameters(robot)]
     bodies = dict(zip(names, inertial.ravel().tolist(), strict=True))
-    chosen = tuple(_settled(term, bodies, rng) for term in terms)
+    chosen = tuple(_with_drawn_fields(term, bodies, rng) for term in terms)
     model = Model(robot, chosen)
     values = dict(bodies)
     for term in chosen:
@@ -59,16 +59,16 @@ def random_truth(
     return Truth(model, known, _smoothing(robot, model, known, scales))
 
 
-def _settled(term: Term, bodies: dict[str, float], rng: np.random.Generator) -> Term:
+def _with_drawn_fields(term: Term, bodies: dict[str, float], rng: np.random.Generator) -> Term:
     """The term with its open fields drawn; loads are those of the true bodies."""
     drawn: dict[str, Any] = {}
     for field in fields(cast(Any, term)):
-        asked = getattr(term, field.name)
-        if isinstance(asked, Find):
-            low, high = np.log([asked.lower, asked.upper])
+        given = getattr(term, field.name)
+        if isinstance(given, Find):
+            low, high = np.log([given.lower, given.upper])
             drawn[field.name] = float(np.exp(low + rng.uniform(0.4, 0.6) * (high - low)))
-    settled = cast(Term, replace(cast(Any, term), **drawn)) if drawn else term
-    return settled.with_reference(bodies)
+    found = cast(Term, replace(cast(Any, term), **drawn)) if drawn else term
+    return found.with_reference(bodies)
 
 
 def _drawn(term: Term, robot: Robot, scales: Scales, rng: np.random.Generator) -> dict[str, float]:

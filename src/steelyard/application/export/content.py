@@ -29,7 +29,7 @@ FLAT = 1e-13
 GRAVITY = (0.0, 0.0, -9.81)
 """What readers of a URDF take for granted, in the base frame [m/s²]."""
 
-HELD: dict[Format, tuple[Kind, ...]] = {"urdf": ("dry", "viscous"), "mjcf": tuple(POWERS)}
+SUPPORTED: dict[Format, tuple[Kind, ...]] = {"urdf": ("dry", "viscous"), "mjcf": tuple(POWERS)}
 
 FIT = "nonlinear friction curve; fitted by the format's friction laws, largest error"
 """Heads the joints where not every law has a place."""
@@ -74,7 +74,7 @@ def content_of(identified: IdentifiedModel, form: Format) -> Content:
     model, robot = identified.model, identified.model.robot
     values = _standard(identified)
     terms = [placed(term, robot, values) for term in model.terms]
-    joints, sums, lost = _gathered(identified, terms, form)
+    joints, sums, unsupported = _gathered(identified, terms, form)
     pulls, slack = _pulls(terms, form)
     return Content(
         robot,
@@ -82,7 +82,12 @@ def content_of(identified: IdentifiedModel, form: Format) -> Content:
         joints,
         sums,
         pulls,
-        (*_of_robot(robot, form), *lost, *slack, *(x for term in terms for x in term.lost)),
+        (
+            *_of_robot(robot, form),
+            *unsupported,
+            *slack,
+            *(x for term in terms for x in term.unsupported),
+        ),
     )
 
 
@@ -165,32 +170,36 @@ def _gathered(
     robot = identified.model.robot
     axes, totals, curves = merged(robot, terms)
     kept: dict[Row, dict[Kind, float]] = {row: {} for row in axes}
-    lost: dict[str, list[str]] = {}
+    unsupported: dict[str, list[str]] = {}
     for row, axis in axes.items():
         values = totals.get(row, {})
         if form == "mjcf" or sum(map(bool, row)) == 1:
             own = {kind: values.pop(kind) for kind in FRICTION if kind in values}
             top = greatest_speed(identified, axis)
             forces = [along(axis, curve) for curve in curves.get(row, [])]
-            held = supported_friction(own, forces, HELD[form], top)
-            kept[row] = held.effects
-            if held.fit:
-                off = f"{axis.name} {held.largest:.3g} {axis.effort_unit} (rms {held.rms:.2g})"
-                lost.setdefault(FIT, []).append(f"{off} up to {top:.3g} {axis.speed_unit}")
+            supported = supported_friction(own, forces, SUPPORTED[form], top)
+            kept[row] = supported.effects
+            if supported.fit:
+                errors = f"{supported.largest:.3g} {axis.effort_unit} (rms {supported.rms:.2g})"
+                unsupported.setdefault(FIT, []).append(
+                    f"{axis.name} {errors} up to {top:.3g} {axis.speed_unit}"
+                )
         else:
             for curve in curves.get(row, []):
                 named = listed([(curve.axis.name, curve.value, curve.unit)])
-                lost.setdefault(curve.words, []).append(named)
+                unsupported.setdefault(curve.words, []).append(named)
         for kind, value in values.items():
             if value != 0.0 and _fits(robot, axis, kind, value, values, form):
                 kept[row][kind] = value
             elif value > 0.0 or value < -ROUNDING or kind == "preload":
                 named = listed([(axis.name, value, _unit(axis, kind))])
-                lost.setdefault(POWERS[kind][0], []).append(named)
+                unsupported.setdefault(POWERS[kind][0], []).append(named)
     joints = [kept.get(joint_axis(robot, k).row, {}) for k in range(robot.n_joints)]
     sums = [Sum(axes[row], e) for row, e in kept.items() if sum(map(bool, row)) > 1 and e]
     words = [
-        f"{what}: {named}" for what, x in lost.items() if (named := ", ".join(filter(None, x)))
+        f"{what}: {named}"
+        for what, x in unsupported.items()
+        if (named := ", ".join(filter(None, x)))
     ]
     return tuple(joints), tuple(sums), tuple(words)
 
@@ -199,7 +208,7 @@ def _fits(
     robot: Robot, axis: Axis, kind: Kind, value: float, beside: Effects, form: Format
 ) -> bool:
     """Whether a format has a place for something along a coordinate."""
-    if kind not in HELD[form] or (value < 0.0 and kind != "preload"):
+    if kind not in SUPPORTED[form] or (value < 0.0 and kind != "preload"):
         return False
     moving = [j for j, c in enumerate(axis.row) if c]
     if len(moving) > 1 and (form == "urdf" or (kind == "rotor" and not _chain(robot, moving))):
@@ -232,30 +241,30 @@ def _unit(axis: Axis, kind: Kind) -> str:
 
 def _pulls(terms: Sequence[Placed], form: Format) -> tuple[tuple[Pull, ...], tuple[str, ...]]:
     """Springs between links that a format can hold, and those that it cannot."""
-    held, lost = [], []
+    supported, unsupported = [], []
     for pull in (pull for term in terms for pull in term.pulls):
         if form == "mjcf" and pull.stiffness > 0.0 and pull.preload >= 0.0:
-            held.append(pull)
+            supported.append(pull)
         elif pull.stiffness or pull.preload:
-            lost.append(
+            unsupported.append(
                 f"spring between '{pull.links[0]}' and '{pull.links[1]}' ({pull.name}): "
                 f"{pull.stiffness:.4g} N/m, preload {pull.preload:.4g} N"
             )
-    return tuple(held), tuple(lost)
+    return tuple(supported), tuple(unsupported)
 
 
 def _of_robot(robot: Robot, form: Format) -> tuple[str, ...]:
     """What of the robot itself a format has no place for."""
-    said = []
+    unsupported = []
     if form == "urdf" and not np.allclose(robot.gravity, GRAVITY, rtol=0.0, atol=1e-6):
         x, y, z = robot.gravity
-        said.append(f"gravity: set it to ({x:.6g}, {y:.6g}, {z:.6g}) m/s² in the base frame")
+        unsupported.append(f"gravity: set it to ({x:.6g}, {y:.6g}, {z:.6g}) m/s² in the base frame")
     if form == "urdf" and robot.loops:
         names = ", ".join(loop.name for loop in robot.loops)
-        said.append(f"closed loops: the file has the open kinematic tree without {names}")
+        unsupported.append(f"closed loops: the file has the open kinematic tree without {names}")
     if form == "mjcf" and any(np.isfinite(c.limits.velocity) for c in robot.joints):
-        said.append("speed limits of the joints")
+        unsupported.append("speed limits of the joints")
     if robot.transmission is not None:
         words = "coupled gears" if robot.transmission.coupled else "gears"
-        said.append(f"{words}: efforts are those of the joints, not of the motors")
-    return tuple(said)
+        unsupported.append(f"{words}: efforts are those of the joints, not of the motors")
+    return tuple(unsupported)

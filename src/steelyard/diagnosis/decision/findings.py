@@ -38,7 +38,7 @@ MUCH = 1000.0
 """Misfit beyond which the number says no more [%]."""
 UNEXPLAINED = "effort kind"
 """The check that says so where nothing explains the efforts."""
-LOST = (
+NO_HYPOTHESIS = (
     "no single hypothesis explains these efforts: check columns, kind, unit, gains, and locked "
     "joints with their positions; a model from clean runs (--model) allows more conclusions"
 )
@@ -96,15 +96,15 @@ def _of_log(
     shown, nominal = hypotheses(held, cause), not held.ranking.likelihood.knowledge.identified
     mine = [(number, w) for number, w in enumerate(held.winners) if w[0].cause == cause]
     if not mine:
-        lost = cause == UNEXPLAINED and hopeless(held)
+        unexplained = cause == UNEXPLAINED and hopeless(held)
         unclear = undecided(held, cause) if has_finding(held) else ""
         yield Finding(
             cause,
             evidence.name,
-            Severity.DOUBTFUL if lost else Severity.OK,
+            Severity.DOUBTFUL if unexplained else Severity.OK,
             unclear or fine(held),
-            _worst(case, held) if lost else value_text(held, cause),
-            fix=Fix(LOST) if lost else None,
+            _worst(case, held) if unexplained else value_text(held, cause),
+            fix=Fix(NO_HYPOTHESIS) if unexplained else None,
             hypotheses=shown,
             nominal=nominal,
             answered=has_finding(held) and not unclear,
@@ -113,7 +113,7 @@ def _of_log(
     number, (hypothesis, severity) = mine[-1]
     before = held.winners[number - 1][0] if number else held.ranking.declared
     known, then, rise = _compared(held, hypothesis, before)
-    fix, severity = _mend(case, evidence, held, hypothesis, severity, advice)
+    fix, severity = _fix(case, evidence, held, hypothesis, severity, advice)
     yield Finding(
         cause,
         evidence.name,
@@ -141,7 +141,7 @@ def _compared(held: Verdict, hypothesis: Hypothesis, before: Hypothesis) -> tupl
     return _known(held), percent, f", log-likelihood rises by {rise:.0f}" * (rise > 0.0)
 
 
-def _mend(
+def _fix(
     case: Case,
     evidence: Evidence,
     held: Verdict,

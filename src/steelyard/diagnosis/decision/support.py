@@ -74,7 +74,7 @@ def supported(
         winners: What the nominal model asks for, in the order in which it was found.
     """
     kept: list[tuple[Hypothesis, Severity]] = []
-    interpretation, asked = likelihood.declared, False
+    interpretation, rescaled = likelihood.declared, False
     for hypothesis, severity in winners:
         thousand = _as_thousand(likelihood, interpretation, hypothesis)
         if thousand is not None:
@@ -85,8 +85,8 @@ def supported(
             fixed = hypothesis.fixed and not _fitted(interpretation, hypothesis)
             kept.append((replace(hypothesis, fixed=fixed), severity))
         elif _only_factor(interpretation, hypothesis):
-            asked = asked or not _of_unit(likelihood, interpretation, hypothesis)
-            if asked:
+            rescaled = rescaled or not _of_unit(likelihood, interpretation, hypothesis)
+            if rescaled:
                 break
             kept.append((hypothesis, severity))
         else:
@@ -101,7 +101,7 @@ def supported(
         (with_mirror(likelihood, likelihood.declared, r), j)
         for r, j in _unrivalled(likelihood, kept)
     ]
-    scale = _scale(likelihood, interpretation, asked)
+    scale = _scale(likelihood, interpretation, rescaled)
     return (*kept, scale) if scale is not None else tuple(kept)
 
 
@@ -314,7 +314,7 @@ def no_bodies(likelihood: Likelihood, interpretation: Interpretation, found: Pos
 
 
 def _scale(
-    likelihood: Likelihood, interpretation: Interpretation, asked: bool
+    likelihood: Likelihood, interpretation: Interpretation, rescaled: bool
 ) -> tuple[Hypothesis, Severity] | None:
     """A factor on all efforts, or bodies lighter or heavier than the nominal ones.
 
@@ -325,10 +325,10 @@ def _scale(
     Args:
         likelihood: The log.
         interpretation: What the data support.
-        asked: Whether the nominal model speaks for other gains.
+        rescaled: Whether the nominal model speaks for other gains.
     """
     found = possible(likelihood, interpretation)
-    if found is None or not (asked or (_far(found) and found.percent <= ROUGH)):
+    if found is None or not (rescaled or (_far(found) and found.percent <= ROUGH)):
         return None
     if no_bodies(likelihood, interpretation, found):
         return None
@@ -347,7 +347,7 @@ def _scale(
     changed = interpretation.with_factors(np.full(likelihood.signals.n, factor))
     cause = "gain" if "A" in likelihood.signals.effort_units else "effort kind"
     score = one_of(likelihood.score(changed), 0)
-    if not asked and float(score.percent) * FALL > float(
+    if not rescaled and float(score.percent) * FALL > float(
         likelihood.score(interpretation).percent[0]
     ):
         return None

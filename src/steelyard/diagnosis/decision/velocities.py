@@ -28,15 +28,15 @@ def velocity_edits(
 
     table = _correlations(evidence.samples.t, logged, likelihood, interpretation)
     order = [int(c) for c in linear_sum_assignment(-np.abs(table) - 1e-6 * np.eye(len(table)))[1]]
-    told = np.abs(table[np.arange(len(table)), order]) >= ALIKE
-    order = [c if told[j] else interpretation.position[j] for j, c in enumerate(order)]
+    correlated = np.abs(table[np.arange(len(table)), order]) >= ALIKE
+    order = [c if correlated[j] else interpretation.position[j] for j, c in enumerate(order)]
     if sorted(order) != list(range(len(order))):
         return ()
     found = []
     if order != list(range(len(order))):
         found.append(Edit(("signals", "velocity"), [s.velocity[c] for c in order]))
     own = np.sign(s.velocity_scale)
-    signs = np.where(told, np.sign(table[np.arange(len(table)), order]), 1.0) * own[order]
+    signs = np.where(correlated, np.sign(table[np.arange(len(table)), order]), 1.0) * own[order]
     if not np.array_equal(signs, own):
         found.append(Edit(("signals", "velocity_sign"), [int(x) for x in signs]))
     return tuple(found)

@@ -23,7 +23,7 @@ class FittedCase:
         unseen_scores: One score per unseen run.
         information: Information of the fitted runs on the base columns, by windows and runs;
             `None` in `validate`.
-        doubts: What the check before the fit is doubtful about in the fitted runs.
+        unresolved: What the check before the fit is doubtful about in the fitted runs.
         scales: Scales of the efforts that were estimated, if any.
     """
 
@@ -33,7 +33,7 @@ class FittedCase:
     fitted_scores: tuple[RunScore, ...] = ()
     unseen_scores: tuple[RunScore, ...] = ()
     information: Information | None = None
-    doubts: tuple[Finding, ...] = ()
+    unresolved: tuple[Finding, ...] = ()
     scales: EffortScales | None = None
 
 

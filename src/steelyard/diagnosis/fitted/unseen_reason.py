@@ -114,14 +114,14 @@ def _unexplained(fit: FittedCase, run: Run, left: float, figure: str) -> Finding
     says = f"no cause of the error was found; tested: {TRIED} ({left:.1f} % remain with the last)"
     fix = Fix("`steelyard check ROBOT LOG --model MODEL` shows what was compared")
     same = any(_one_file(run.name, name) for name in _fitted_names(fit))
-    if fit.doubts:
-        doubt = fit.doubts[0]
-        says += f". The check before the fit was doubtful about {doubt.log}: {doubt.says}"
+    if fit.unresolved:
+        finding = fit.unresolved[0]
+        says += f". The check before the fit was doubtful about {finding.log}: {finding.says}"
         fix = Fix("resolve that first")
     elif not same:
         says += ". The log may come from another robot, or one that was modified"
         fix = Fix("make sure that all logs are of one robot, or identify this one separately")
-    wrong = not same and not fit.doubts and left > BODIES
+    wrong = not same and not fit.unresolved and left > BODIES
     severity = Severity.WRONG if wrong else Severity.DOUBTFUL
     return Finding(UnseenReason.name, run.name, severity, says, figure, fix=fix)
 
@@ -154,10 +154,10 @@ def _explained(fit: FittedCase, run: Run, held: Verdict) -> Finding:
     names = held.ranking.likelihood.knowledge.robot.joint_names
     severity = max(severity for _, severity in held.winners)
     reason = f"most likely reason of the error: {says}"
-    if fit.doubts:
-        severity, doubt = Severity.DOUBTFUL, fit.doubts[0]
+    if fit.unresolved:
+        severity, finding = Severity.DOUBTFUL, fit.unresolved[0]
         reason = (
-            f"the check before the fit was doubtful about {doubt.log}: {doubt.says}. If the "
+            f"the check before the fit was doubtful about {finding.log}: {finding.says}. If the "
             f"robot file describes that log correctly, the {reason}"
         )
     return Finding(

@@ -74,10 +74,12 @@ def effort_hypotheses(
     if units_off > np.log(OTHER):
         says = {f"all efforts times {common:.3g}": np.full(n, common)}
         yield from _factors(likelihood, interpretation, sums, says, "gain", FREE, tuple(range(n)))
-    told = _told(likelihood, sums, effort, interpretation.effort_scale, best)
-    blind = ", ".join(f"'{name}'" for name, known in zip(names, told[0], strict=True) if not known)
+    identifiable = _identifiable(likelihood, sums, effort, interpretation.effort_scale, best)
+    blind = ", ".join(
+        f"'{name}'" for name, known in zip(names, identifiable[0], strict=True) if not known
+    )
     own = "every joint has its own gain" + (f", those of {blind} poorly identifiable" * bool(blind))
-    every = {own: np.where(told[1], best, 1.0)}
+    every = {own: np.where(identifiable[1], best, 1.0)}
     kind = "gain" if "A" in likelihood.signals.effort_units else "effort kind"
     changed = interpretation if kind == "gain" else interpretation.changed(kind="motor_current")
     yield from _factors(likelihood, changed, sums, every, kind, n * OWN, tuple(range(n)))
@@ -142,7 +144,7 @@ def best_factors(likelihood: Likelihood, sums: Sums, effort: list[int], scale: A
     return np.where(sums.count[0] > 0.0, best, 1.0)
 
 
-def _told(
+def _identifiable(
     likelihood: Likelihood, sums: Sums, effort: list[int], scale: Array, factors: Array
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Joints whose effort tells its gain, and those at which 1 at least is a worse one.
@@ -161,9 +163,9 @@ def poorly_shown(likelihood: Likelihood, interpretation: Interpretation) -> tupl
     """Joints whose effort agrees about as well with quite another gain than the declared one."""
     sums, names = likelihood.sums([interpretation]), likelihood.knowledge.robot.joint_names
     ones = np.ones(len(names))
-    shown = _told(likelihood, sums, list(interpretation.effort), interpretation.effort_scale, ones)[
-        0
-    ]
+    shown = _identifiable(
+        likelihood, sums, list(interpretation.effort), interpretation.effort_scale, ones
+    )[0]
     seen = sums.count[0] > 0.0
     return tuple(n for n, well, moves in zip(names, shown, seen, strict=True) if moves and not well)
 

@@ -31,7 +31,7 @@ STRETCHES = 8
 """Stretches that they are spread over, where a log has more."""
 OVERSAMPLING = 8.0
 """Kept samples per period of the cut-off."""
-SETTLED = 1.0
+START_UP = 1.0
 """Periods of the cut-off at the ends of a stretch that the filter's start-up takes."""
 
 
@@ -186,7 +186,7 @@ def _filtered(
     """Times and `z, dz, ddz, e` as logged, shape `(4 n, N)`, of segments that are long enough."""
     c, s = recording.channels, recording.signals
     motion, smooth = smooth_derivatives(cutoff, rate, 2), low_pass(cutoff, rate)
-    edge = int(np.ceil(SETTLED * rate / cutoff))
+    edge = int(np.ceil(START_UP * rate / cutoff))
     for start, even in segments:
         if even.shape[1] < 4 * edge + 2 * SHORTEST_CHAIN:
             continue

@@ -241,8 +241,8 @@ class _Problem:
             triangle[:, k],
         )
         eye = np.eye(k)[self._places]
-        wishes = ConicConstraints((), eye, self._lower / sizes, self._upper / sizes)
-        program = Program(unknowns, wishes, Entropic())
+        constraints = ConicConstraints((), eye, self._lower / sizes, self._upper / sizes)
+        program = Program(unknowns, constraints, Entropic())
         return solved(program.conic(WEIGHT), "bodies of the log's own", aim=AIM, enough=ENOUGH)[:k]
 
     def typical(self, u: Array) -> float:

@@ -10,7 +10,7 @@ from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.finding import Edit, Finding, Fix, Picture, Severity
 from steelyard.diagnosis.pictures import histogram, trace
 from steelyard.diagnosis.signal_overview import JITTER, LATE, look, once
-from steelyard.diagnosis.signals.lost_rows import Leaps, leaps
+from steelyard.diagnosis.signals.missing_rows import Leaps, leaps
 from steelyard.diagnosis.signals.time_scale import by_velocities, time_scale
 from steelyard.diagnosis.signals.unit_costs import LONGEST_STEP, SHORTEST_STEP
 from steelyard.diagnosis.signals.units import reading
@@ -19,7 +19,7 @@ from steelyard.robot_file.signals import ROW
 
 GAPS, GAPS_PER_ROW = 5, 2.5e-4
 """Short gaps of a doubtful clock: so many, or three that are so frequent."""
-LEAPS, LOST, MUCH_LOST = 5, 0.005, 0.05
+LEAPS, MISSING, MUCH_MISSING = 5, 0.005, 0.05
 """Leaps of all joints, and share of rows missing at them, from which on a clock that is even is
 doubtful, and wrong. Sound logs of seven real robots have at most 4 leaps and 0.1 %."""
 REPEATS, BACKWARD = 0.01, 0.05
@@ -89,7 +89,7 @@ class Clock:
         severity, says, figure, fix = _judged(steps)
         if evidence.recording.signals.time == ROW:
             says += ", as declared: the log has no column of time"
-        gone = lost(case, evidence)
+        gone = missing_rows(case, evidence)
         if severity is Severity.OK and gone is not None:
             return _leaps(evidence, gone, steps.step)
         return Finding(
@@ -104,13 +104,13 @@ class Clock:
 
 
 @once
-def lost(case: Case, evidence: Evidence) -> Leaps | None:
+def missing_rows(case: Case, evidence: Evidence) -> Leaps | None:
     """Where rows are missing though stamps go on evenly; `None` if there are hardly any."""
     overview = look(case, evidence)
     if not overview.moves:
         return None
     found = leaps(overview.t, overview.q)
-    often = len(found.rows) >= LEAPS and found.missing.sum() >= LOST * found.moving
+    often = len(found.rows) >= LEAPS and found.missing.sum() >= MISSING * found.moving
     return found if often else None
 
 
@@ -120,12 +120,12 @@ def _leaps(evidence: Evidence, found: Leaps, step: float) -> Finding:
     return Finding(
         Clock.name,
         evidence.name,
-        Severity.WRONG if share >= MUCH_LOST else Severity.DOUBTFUL,
+        Severity.WRONG if share >= MUCH_MISSING else Severity.DOUBTFUL,
         f"rows are missing though time stamps are uniform: at {len(found.rows)} places all "
         f"joints jump ahead simultaneously, by {typical:.2g} rows typically; "
         f"{_time(step * found.missing.sum())} "
         "in all. Time stamps were made uniform after rows were lost",
-        f"{100.0 * share:.2g} % of the rows in motion are missing (bound {100.0 * LOST:g} %)",
+        f"{100.0 * share:.2g} % of the rows in motion are missing (bound {100.0 * MISSING:g} %)",
         fix=Fix("log the controller's own time stamps, and do not change them"),
     )
 
@@ -171,11 +171,11 @@ def _judged(steps: _Steps) -> tuple[Severity, str, str, str | None]:
             "log the controller's own clock, not the arrival of messages, or sort the rows",
         )
     if steps.missing:
-        lost = float((steps.long - steps.step).sum())
+        missing = float((steps.long - steps.step).sum())
         return (
             Severity.DOUBTFUL,
             f"rows are missing: {len(steps.long)} gaps, the longest of "
-            f"{_time(float(steps.long.max()))}, {_time(lost)} in all; {facts}",
+            f"{_time(float(steps.long.max()))}, {_time(missing)} in all; {facts}",
             f"{len(steps.long)} steps longer than {GAP_STEPS:g} median ones, "
             f"{len(steps.gaps)} of them not bridged",
             "find out why rows are lost; the parts between gaps are used separately",

@@ -27,7 +27,7 @@ LEAST_PULL = 0.03
 """The same of a measured acceleration, over its mean length, which is gravity's."""
 SMOOTH = 0.7
 """Root mean square of steps over that of values; of noise it is 1.4."""
-MEND = Fix(
+FIX = Fix(
     "log with the base fixed (on a stand, or hung up rigidly): the model assumes a base at rest"
 )
 
@@ -72,7 +72,7 @@ def _found(loaded: LoadedRobot, evidence: Evidence) -> Finding:
     if moves:
         says = f"base '{loaded.base}' is assumed to be at rest, but its sensor measures motion"
         name, severity = MovingBase.name, Severity.DOUBTFUL
-        return Finding(name, evidence.name, severity, says, ", ".join(moves), fix=MEND)
+        return Finding(name, evidence.name, severity, says, ", ".join(moves), fix=FIX)
     if turns or pulls:
         says = f"base '{loaded.base}' is at rest according to its sensor"
         figure = ", ".join((*turns, *pulls))
@@ -104,13 +104,13 @@ def _values(evidence: Evidence, columns: Sequence[str]) -> Array:
 
 def _turning(evidence: Evidence, columns: tuple[str, ...]) -> list[str]:
     """Rates of turn that are motion, in words."""
-    said = []
+    clauses = []
     for column in columns:
         degrees = bool({"deg", "dps"} & {*words_of(column)})
         rates = _values(evidence, [column])[:, 0] * (np.pi / 180.0 if degrees else 1.0)
         if len(rates) > 2 and rates.std() > LEAST_TURN and _smooth(rates):
-            said.append(f"'{column}' varies by {rates.std():.2g} rad/s")
-    return said
+            clauses.append(f"'{column}' varies by {rates.std():.2g} rad/s")
+    return clauses
 
 
 def _pulled(evidence: Evidence, columns: tuple[str, ...]) -> list[str]:

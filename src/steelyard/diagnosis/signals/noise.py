@@ -87,17 +87,17 @@ def _blamed(
     loud: NDArray[np.bool_],
     levels: NDArray[np.intp],
 ) -> list[str]:
-    said = []
+    clauses = []
     steps = overview.resolution[overview.channels.effort]
     for joint in np.flatnonzero(coarse):
-        said.append(
+        clauses.append(
             f"the effort of {case.joints[joint]} has only {levels[joint]} levels, "
             f"{steps[joint]:.2g} apart"
         )
     if loud.any():
         names = ", ".join(case.joints[j] for j in np.flatnonzero(loud))
-        said.append(f"the effort of {names} is mostly noise")
-    return said
+        clauses.append(f"the effort of {names} is mostly noise")
+    return clauses
 
 
 def _facts(case: Case, overview: SignalOverview, noise: Array, units: tuple[str, ...]) -> str:

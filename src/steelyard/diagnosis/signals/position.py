@@ -47,12 +47,12 @@ class Position:
             return _other_unit(case, evidence, units, other, off, picture)
         outside = np.flatnonzero(off > OUTSIDE)
         names = tuple(case.joints[j] for j in outside)
-        said = f"{', '.join(names)} is outside its limits; " if names else ""
+        clause = f"{', '.join(names)} is outside its limits; " if names else ""
         return Finding(
             self.name,
             evidence.name,
             Severity.DOUBTFUL if names else Severity.OK,
-            said + _facts(case, evidence),
+            clause + _facts(case, evidence),
             _value_text(case, off),
             joints=names,
             fix=Fix(

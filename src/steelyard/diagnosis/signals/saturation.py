@@ -62,7 +62,7 @@ class Saturation:
         worst = max(range(len(stays)), key=lambda j: stays[j].share)
         names = tuple(case.joints[j] for j in cut)
         unit = evidence.recording.signals.effort_units
-        said = [
+        clauses = [
             f"the effort of {case.joints[j]} stays at {stays[j].value:.4g} {unit[j]} "
             f"for {stays[j].rows} rows"
             for j in cut
@@ -71,7 +71,7 @@ class Saturation:
             self.name,
             evidence.name,
             Severity.DOUBTFUL if cut else Severity.OK,
-            "; ".join(said) or "no effort stays at its extreme",
+            "; ".join(clauses) or "no effort stays at its extreme",
             f"{stays[worst].rows} rows at an extreme ({case.joints[worst]})"
             + (f", bound {stays[worst].bound:.0f}" if np.isfinite(stays[worst].bound) else ""),
             joints=names,

@@ -13,7 +13,7 @@ from steelyard.diagnosis.finding import Edit, Finding, Fix, Picture, Severity
 from steelyard.diagnosis.pictures import trace
 from steelyard.diagnosis.signal_overview import look
 from steelyard.diagnosis.signals.agreement import Agreement
-from steelyard.diagnosis.signals.clock import lost
+from steelyard.diagnosis.signals.clock import missing_rows
 from steelyard.diagnosis.signals.differences import one_sided
 from steelyard.diagnosis.signals.unit_costs import SAME
 from steelyard.diagnosis.signals.units import Reading, driven, reading, unit_value, velocities
@@ -90,17 +90,17 @@ def _found(
 ) -> Finding:
     declared = evidence.recording.signals.velocity is not None
     faults = _faults(case, evidence, units, agreed)
-    said = _said(case, columns, units, agreed, faults, declared)
+    clauses = _clauses(case, columns, units, agreed, faults, declared)
     severity, fix, answered = Severity.OK, None, True
-    if lost(case, evidence) is not None:
-        said, answered = ["rows are missing, which breaks d(q)/dt: see clock"], False
+    if missing_rows(case, evidence) is not None:
+        clauses, answered = ["rows are missing, which breaks d(q)/dt: see clock"], False
     elif declared and faults.misplaced and positions_at_fault(case, evidence):
-        said.append("the positions are wrong")
+        clauses.append("the positions are wrong")
     elif declared and faults.grave.any() and _with_positions(units, faults):
         severity = Severity.DOUBTFUL
         fix = Fix("check the unit of the positions; the velocities agree with it as declared")
     elif declared and faults.grave.any():
-        severity, fix = Severity.WRONG, _mended(case, evidence, columns, units, faults)
+        severity, fix = Severity.WRONG, _fix(case, evidence, columns, units, faults)
     elif declared and (faults.late | faults.differenced).any():
         severity, fix = Severity.DOUBTFUL, Fix(WITHOUT, REMOVED)
     bad = faults.grave | faults.late | faults.differenced
@@ -110,7 +110,7 @@ def _found(
         Velocity.name,
         evidence.name,
         severity,
-        left_out + "; ".join([*said, facts]),
+        left_out + "; ".join([*clauses, facts]),
         _value_text(case, evidence, units, agreed),
         joints=tuple(case.joints[j] for j in np.flatnonzero(bad)),
         fix=fix,
@@ -166,7 +166,7 @@ def _with_positions(units: Reading, faults: _Faults) -> bool:
     return not units.sure and not other.any() and bool(changed[faults.unit].all())
 
 
-def _said(
+def _clauses(
     case: Case,
     columns: tuple[str, ...],
     units: Reading,
@@ -175,44 +175,45 @@ def _said(
     declared: bool,
 ) -> list[str]:
     """What is wrong, one clause each."""
-    said = []
+    clauses = []
     if faults.swapped.any():
         pairs = [
             f"{columns[agreed.order[j]]} is of {case.joints[j]}"
             for j in np.flatnonzero(faults.swapped)
         ]
-        said.append(f"velocity columns are swapped: {', '.join(pairs)}")
+        clauses.append(f"velocity columns are swapped: {', '.join(pairs)}")
     if faults.unit.any():
         unit = " and ".join(sorted({units.joints[j].velocity_unit for j in _at(faults.unit)}))
-        doubted = _with_positions(units, faults)
-        said.append(
-            f"velocities of {_names(case, faults.unit)} {'may be' if doubted else 'are'} in {unit}"
+        uncertain = _with_positions(units, faults)
+        clauses.append(
+            f"velocities of {_names(case, faults.unit)} "
+            f"{'may be' if uncertain else 'are'} in {unit}"
         )
     if faults.turned.any():
-        said.append(
+        clauses.append(
             f"position and velocity of {_names(case, faults.turned)} have opposite signs, either "
             "may be at fault"
         )
     if faults.scaled.any():
         factors = ", ".join(f"{abs(units.relative(j)):.3g}" for j in _at(faults.scaled))
-        said.append(f"velocities of {_names(case, faults.scaled)} are {factors} times d(q)/dt")
+        clauses.append(f"velocities of {_names(case, faults.scaled)} are {factors} times d(q)/dt")
     if faults.strange.any():
-        said.append(
+        clauses.append(
             f"velocities of {_names(case, faults.strange)} are not the derivatives of the positions"
         )
     if faults.late.any():
         used = "" if declared else ", but are not used"
-        said.append(f"velocities of {_names(case, faults.late)} are late{used}")
+        clauses.append(f"velocities of {_names(case, faults.late)} are late{used}")
     if faults.differenced.any():
         used = "" if declared else ", but are not used"
-        said.append(
+        clauses.append(
             f"velocities of {_names(case, faults.differenced)} are differences of successive "
             f"positions: half a row late, with twice the noise{used}"
         )
-    return said
+    return clauses
 
 
-def _mended(
+def _fix(
     case: Case, evidence: Evidence, columns: tuple[str, ...], units: Reading, faults: _Faults
 ) -> Fix:
     """Order, unit and sign put right; or no velocities, if they cannot be."""

@@ -81,7 +81,7 @@ class Measured:
         return ParallelFilter.design(self.cutoff, self.rate)
 
     @cached_property
-    def settled(self) -> Array:
+    def counts_after_transient(self) -> Array:
         """`counts` without the time in which a simulation settles."""
         counts = np.array(self.counts, dtype=np.float64)
         counts[: int(np.ceil(SETTLING * self.rate))] = 0.0
@@ -154,9 +154,9 @@ class Experiment:
             )
         if information is None:
             units = regressor.model.robot.effort_units
-            said = [gather(regressor, run).scaled(_gains(run), units) for run in runs]
-            information = said[0]
-            for more in said[1:]:
+            per_run = [gather(regressor, run).scaled(_gains(run), units) for run in runs]
+            information = per_run[0]
+            for more in per_run[1:]:
                 information = information + more
         if loops is None:
             from steelyard.estimation.closed_loop.assumed_controller import stand_in

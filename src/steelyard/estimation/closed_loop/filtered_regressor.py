@@ -92,7 +92,7 @@ def deviations(residuals: Rows, used: int) -> Array:
 
 def _rows(run: Measured, values: Array) -> Rows:
     matched = run.matched
-    kept = (filtered(run.settled, matched) > MOVING).astype(np.float64)
+    kept = (filtered(run.counts_after_transient, matched) > MOVING).astype(np.float64)
     found = np.stack([filtered(row, matched) for row in values])
     mask = kept.T.reshape(found.shape[:2] + (1,) * (found.ndim - 2))
     share = np.full(len(kept), 1.0 / matched.inflation)

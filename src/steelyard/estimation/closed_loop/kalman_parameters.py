@@ -88,7 +88,7 @@ class KalmanParameters:
             if change @ np.linalg.solve(unit, change) <= _STEADY**2 * len(change):
                 sigma = np.sqrt(np.mean([noise.torque**2 for noise in noises], axis=0))
                 counts = np.sum([run.counts.sum(axis=0) for run in experiment.runs], axis=0)
-                notes = (f"{number + 1} passes", *_said(raised))
+                notes = (f"{number + 1} passes", *_noise_notes(raised))
                 return result(NAME, experiment, values, belief.covariance, sigma, counts, notes)
         raise not_converged_error(NAME, experiment, self.passes)
 
@@ -119,7 +119,7 @@ class KalmanParameters:
         )
 
 
-def _said(raised: Array) -> tuple[str, ...]:
+def _noise_notes(raised: Array) -> tuple[str, ...]:
     """Whether the torque's noise had to be raised."""
     if raised.max() == 1.0:
         return ()

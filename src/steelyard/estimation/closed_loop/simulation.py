@@ -120,20 +120,20 @@ class _Tape:
         wanted_q, wanted_dq = loop.wanted(t)
         ahead = np.zeros_like(wanted_q) if loop.ahead is None else loop.ahead(t)
         moving.q[:], moving.dq[:] = run.motion.q[0][:, None], run.motion.dq[0][:, None]
-        held, before = None, moving.dq[:, 0].copy()
+        previous, before = None, moving.dq[:, 0].copy()
         for k in range(len(t)):
             if k % _TICKS_PER_EVENT == 0:
                 tell(progress, f"simulating {run.name}", k * step, len(t) * step)
             rate = wanted_dq[k] - moving.dq.T
-            asked = loop.controller.torque(wanted_q[k] - moving.q.T, rate).T + ahead[k][:, None]
+            commanded = loop.controller.torque(wanted_q[k] - moving.q.T, rate).T + ahead[k][:, None]
             sample, inside = divmod(k, ticks)
             now = moving.dq[:, 0].copy()
             if inside == 0:
-                self.tau[sample] = asked if held is None else 0.5 * (held + asked)
+                self.tau[sample] = commanded if previous is None else 0.5 * (previous + commanded)
                 self.motion[:2, sample] = moving.q[:, 0], now
                 distance = np.abs(moving.q - run.motion.q[sample][:, None]).max(axis=0)
                 np.maximum(self.farthest, distance, out=self.farthest)
-            moving.effort[:] = held = asked
+            moving.effort[:] = previous = commanded
             moving.advance(step)
             near = self.farthest < _BEYOND
             np.fmin(self.least, moving.least, out=self.least, where=near)

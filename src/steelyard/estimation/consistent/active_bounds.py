@@ -43,35 +43,35 @@ def active_bounds(program: Program, u: Array, covariance: Array) -> ActiveBounds
         u: Its optimum, shape `(m,)`.
         covariance: Of the unknowns, shape `(m, m)`.
     """
-    known, wishes = program.unknowns, program.wishes
+    known, constraints = program.unknowns, program.constraints
     slope = known.matrix.T @ (known.matrix @ u - known.vector) + known.weak * u
-    own = (np.count_nonzero(wishes.matrix, axis=1) == 1) & ~wishes.equal
+    own = (np.count_nonzero(constraints.matrix, axis=1) == 1) & ~constraints.equal
     first = 10 * len(known.priors)
     at, names = u.copy(), []
     for number in np.flatnonzero(own):
-        k = int(np.argmax(np.abs(wishes.matrix[number])))
+        k = int(np.argmax(np.abs(constraints.matrix[number])))
         if k < first:
             continue
-        sign, std = wishes.matrix[number, k], float(np.sqrt(max(covariance[k, k], 0.0)))
-        for bound, outward in ((wishes.lower[number], 1.0), (wishes.upper[number], -1.0)):
+        sign, std = constraints.matrix[number, k], float(np.sqrt(max(covariance[k, k], 0.0)))
+        for bound, outward in ((constraints.lower[number], 1.0), (constraints.upper[number], -1.0)):
             slack = outward * (sign * u[k] - bound)
             if slack <= NEAR * std and outward * sign * slope[k] * std >= BEYOND:
                 at[k] = sign * bound
                 names.append(known.names[known.terms[k - first]])
     for k in _unidentifiable(program):
-        alone = wishes.matrix[:, k] != 0.0
-        both = np.array([wishes.lower[alone], wishes.upper[alone]])
-        edges = np.sort(both / wishes.matrix[alone, k], axis=0)
+        alone = constraints.matrix[:, k] != 0.0
+        both = np.array([constraints.lower[alone], constraints.upper[alone]])
+        edges = np.sort(both / constraints.matrix[alone, k], axis=0)
         at[k] = np.clip(0.0, edges[0].max(initial=-np.inf), edges[1].min(initial=np.inf))
     return ActiveBounds(at, tuple(dict.fromkeys(names)))
 
 
 def _unidentifiable(program: Program) -> list[int]:
     """Unknowns of terms that neither data nor wishes about several parameters identify."""
-    several = program.wishes.matrix[np.count_nonzero(program.wishes.matrix, axis=1) > 1]
-    told = np.any(program.unknowns.matrix != 0.0, axis=0) | np.any(several != 0.0, axis=0)
+    several = program.constraints.matrix[np.count_nonzero(program.constraints.matrix, axis=1) > 1]
+    identified = np.any(program.unknowns.matrix != 0.0, axis=0) | np.any(several != 0.0, axis=0)
     first = 10 * len(program.unknowns.priors)
-    return [k for k in range(first, len(told)) if not told[k]]
+    return [k for k in range(first, len(identified)) if not identified[k]]
 
 
 def contradicted(program: Program, free: Array, covariance: Array) -> tuple[str, ...]:
@@ -82,14 +82,14 @@ def contradicted(program: Program, free: Array, covariance: Array) -> tuple[str,
         free: The unknowns at the optimum without them, shape `(m,)`.
         covariance: Of these, shape `(m, m)`.
     """
-    wishes, known = program.wishes, program.unknowns
+    constraints, known = program.constraints, program.unknowns
     found: dict[str, tuple[float, float]] = {}
-    values = wishes.matrix @ free
-    squares = np.einsum("rm,mn,rn->r", wishes.matrix, covariance, wishes.matrix)
+    values = constraints.matrix @ free
+    squares = np.einsum("rm,mn,rn->r", constraints.matrix, covariance, constraints.matrix)
     stds = np.sqrt(np.maximum(squares, 0.0))
     standard = dict(zip(known.names, known.standard(free).tolist(), strict=True))
     for row, value, std, low, high in zip(
-        wishes.rows, values, stds, wishes.lower, wishes.upper, strict=True
+        constraints.rows, values, stds, constraints.lower, constraints.upper, strict=True
     ):
         missed = max(low - value, value - high)
         if missed <= CONTRADICTED * std or missed <= 0.0:
@@ -102,19 +102,21 @@ def contradicted(program: Program, free: Array, covariance: Array) -> tuple[str,
     return _named(order, [found[label][1] for label in order])
 
 
-def far_wishes(wishes: ConicConstraints) -> tuple[str, ...]:
+def far_constraints(constraints: ConicConstraints) -> tuple[str, ...]:
     """Wishes of sizes that hardly any parameter has, for messages."""
-    sizes = np.where(np.isfinite(wishes.lower), np.abs(wishes.lower), 0.0)
-    sizes = np.maximum(sizes, np.where(np.isfinite(wishes.upper), np.abs(wishes.upper), 0.0))
-    found = [row.label for row, size in zip(wishes.rows, sizes, strict=True) if size > FAR]
+    sizes = np.where(np.isfinite(constraints.lower), np.abs(constraints.lower), 0.0)
+    sizes = np.maximum(
+        sizes, np.where(np.isfinite(constraints.upper), np.abs(constraints.upper), 0.0)
+    )
+    found = [row.label for row, size in zip(constraints.rows, sizes, strict=True) if size > FAR]
     return tuple(dict.fromkeys(found))[:NAMED]
 
 
 def _named(labels: Sequence[str], values: Sequence[float]) -> tuple[str, ...]:
     """The first few with what the data would have."""
-    told = [
+    lines = [
         f"{label}: {value:.4g} without it"
         for label, value in list(zip(labels, values, strict=True))[:NAMED]
     ]
     rest = len(labels) - NAMED
-    return (*told, *([f"and {rest} more"] if rest > 0 else []))
+    return (*lines, *([f"and {rest} more"] if rest > 0 else []))

@@ -14,14 +14,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from steelyard.arrays import Array, frozen
-from steelyard.estimation.consistent.active_bounds import active_bounds, far_wishes
+from steelyard.estimation.consistent.active_bounds import active_bounds, far_constraints
 from steelyard.estimation.consistent.conic import MOST_ITERATIONS, Infeasible, Unsolved, solved
 from steelyard.estimation.consistent.consistency_penalties import Entropic, Form
 from steelyard.estimation.consistent.costs import cost_notes
 from steelyard.estimation.consistent.infeasibility import refuse_contradictions
 from steelyard.estimation.consistent.newton_refinement import polished
 from steelyard.estimation.consistent.prior_weight import Tried, Weighed, weighed
-from steelyard.estimation.consistent.program import Program, wishes
+from steelyard.estimation.consistent.program import Program, conic_constraints
 from steelyard.estimation.consistent.unknowns import Unknowns, unknowns
 from steelyard.estimation.estimate import Estimate, StandardEstimate
 from steelyard.estimation.knowledge import Knowledge
@@ -45,7 +45,7 @@ ENOUGH = 5e-5
 """Gap of the objective that moves no value by more than 0.01 standard deviations: within a gap `g`
 the data and the prior together leave a distance of the root of `2 g`."""
 
-TOLD = 6
+LISTED = 6
 """Wishes that the notes repeat."""
 
 
@@ -109,7 +109,7 @@ class Consistent:
     def program(self, data: Whitened) -> Program:
         """The convex program of whitened data."""
         known = unknowns(data, self.base, self.knowledge)
-        return Program(known, wishes(known, self.knowledge), self.form)
+        return Program(known, conic_constraints(known, self.knowledge), self.form)
 
     def solve(self, program: Program, gamma: float) -> Array:
         """The unknowns at the optimum with a weight of the prior.
@@ -121,7 +121,7 @@ class Consistent:
             return self._optimum(program, gamma)
         except (Infeasible, Unsolved) as error:
             refuse_contradictions(self.knowledge)
-            if far := far_wishes(program.wishes):
+            if far := far_constraints(program.constraints):
                 raise type(error)(
                     error.wrong,
                     where=self._where,
@@ -197,7 +197,7 @@ class Consistent:
         estimate = described(name, fit, Spread(solution.inverse, tuple(own)))
         place = {n: k for k, n in enumerate(self.base.base_names)}
         rows = [place[n] for n in estimate.parameters.names]
-        learned = _share(lift @ known.scale, program.wishes.free, covariance, before)[rows]
+        learned = _share(lift @ known.scale, program.constraints.free, covariance, before)[rows]
         learned[[n in self.per_run for n in estimate.parameters.names]] = 1.0
         alone = {n for n, row in zip(self.base.base_names, lift, strict=True) if _alone(row)}
         return replace(
@@ -206,7 +206,7 @@ class Consistent:
                 estimate,
                 standard,
                 spread,
-                _share(known.scale, program.wishes.free, covariance, before),
+                _share(known.scale, program.constraints.free, covariance, before),
             ),
             learned=frozen(learned),
             at_bound=tuple(n for n in estimate.parameters.names if n in at.names and n in alone),
@@ -216,7 +216,7 @@ class Consistent:
     def _notes(self, data: Whitened, program: Program, found: Weighed) -> tuple[str, ...]:
         """What was known, how its weight came about, and what it costs."""
         return (
-            *_told(self.knowledge),
+            *_constraint_notes(self.knowledge),
             *_weight_note(found, self, len(program.unknowns.vector), any(program.unknowns.priors)),
             *cost_notes(
                 program,
@@ -259,7 +259,7 @@ def _covariances(data: Whitened, program: Program, tried: Tried) -> tuple[Array,
 
     Where rows do not weigh by their noise, that of the data is between the inverses.
     """
-    known, free = program.unknowns, program.wishes.free
+    known, free = program.unknowns, program.constraints.free
     prior = program.stated_precision(tried.u, tried.gamma)
     after, before = (
         free @ inverse_of(free.T @ precision @ free) @ free.T
@@ -318,11 +318,11 @@ def _solution(data: Whitened, values: Array, covariance: Array, base: BaseMap) -
     )
 
 
-def _told(knowledge: Knowledge) -> tuple[str, ...]:
+def _constraint_notes(knowledge: Knowledge) -> tuple[str, ...]:
     """The wishes that were followed, for people to read."""
     labels = tuple(dict.fromkeys(row.label for row in knowledge.rows))
-    more = f"; and {len(labels) - TOLD} more" if len(labels) > TOLD else ""
-    return (f"prior constraints: {'; '.join(labels[:TOLD])}{more}",) if labels else ()
+    more = f"; and {len(labels) - LISTED} more" if len(labels) > LISTED else ""
+    return (f"prior constraints: {'; '.join(labels[:LISTED])}{more}",) if labels else ()
 
 
 def _weight_note(found: Weighed, estimator: Consistent, rank: int, priors: bool) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ from steelyard.arrays import Array
 from steelyard.errors import DataError
 from steelyard.estimation.consistent.active_bounds import active_bounds, contradicted
 from steelyard.estimation.consistent.prior_weight import LEAST, Tried, Weighed
-from steelyard.estimation.consistent.program import Program, wishes
+from steelyard.estimation.consistent.program import Program, conic_constraints
 from steelyard.estimation.knowledge import Knowledge
 
 EDGE = 0.02
@@ -41,7 +41,7 @@ def cost_notes(
     try:
         if knowledge.rows:
             knowledge = replace(knowledge, rows=())
-            bare = replace(program, wishes=wishes(program.unknowns, knowledge))
+            bare = replace(program, constraints=conic_constraints(program.unknowns, knowledge))
             free = attempt(bare, gamma)
             if against := contradicted(program, free.u, spread(bare, free)):
                 notes.append(
@@ -78,7 +78,9 @@ def _physical(
         upper=np.where(laws, np.inf, knowledge.upper),
         curves=(),
     )
-    alone = attempt(replace(program, wishes=wishes(program.unknowns, unbounded)), LEAST)
+    alone = attempt(
+        replace(program, constraints=conic_constraints(program.unknowns, unbounded)), LEAST
+    )
     at = active_bounds(program, whole.u, spread(program, whole)).names
     thin = np.linalg.eigvalsh(program.unknowns.pseudo(whole.u))[:, 0] <= EDGE
     edges = [name for name, near in zip(knowledge.bodies, thin, strict=True) if near]

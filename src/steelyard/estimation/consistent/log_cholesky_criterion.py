@@ -146,9 +146,11 @@ def bounds_of(program: Program) -> Array:
 
     They are those of wishes about a single one of them; others are not looked at.
     """
-    told, first = program.wishes, 10 * len(program.unknowns.priors)
+    constraints, first = program.constraints, 10 * len(program.unknowns.priors)
     ends = np.tile([[-np.inf], [np.inf]], len(program.unknowns.terms))
-    for row, low, high in zip(told.matrix, told.lower, told.upper, strict=True):
+    for row, low, high in zip(
+        constraints.matrix, constraints.lower, constraints.upper, strict=True
+    ):
         seen = np.flatnonzero(row)
         if len(seen) == 1 and seen[0] >= first:
             k, size = seen[0] - first, row[seen[0]]

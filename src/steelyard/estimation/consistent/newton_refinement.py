@@ -61,11 +61,15 @@ def polished(program: Program, u: Array, gamma: float) -> Array | None:
 
 def _planes(program: Program) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Bounds and wishes as rows, each at most an end; and which are equations."""
-    wishes = program.wishes
-    equal = wishes.equal
-    low, high = np.isfinite(wishes.lower) & ~equal, np.isfinite(wishes.upper) & ~equal
-    rows = np.vstack([wishes.matrix[equal], -wishes.matrix[low], wishes.matrix[high]])
-    ends = np.concatenate([wishes.upper[equal], -wishes.lower[low], wishes.upper[high]])
+    constraints = program.constraints
+    equal = constraints.equal
+    low, high = np.isfinite(constraints.lower) & ~equal, np.isfinite(constraints.upper) & ~equal
+    rows = np.vstack(
+        [constraints.matrix[equal], -constraints.matrix[low], constraints.matrix[high]]
+    )
+    ends = np.concatenate(
+        [constraints.upper[equal], -constraints.lower[low], constraints.upper[high]]
+    )
     return rows, ends, np.arange(len(rows)) < int(equal.sum())
 
 

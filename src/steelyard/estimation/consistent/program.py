@@ -49,7 +49,7 @@ class ConicConstraints:
         return np.asarray(self.lower == self.upper)
 
 
-def wishes(unknowns: Unknowns, knowledge: Knowledge) -> ConicConstraints:
+def conic_constraints(unknowns: Unknowns, knowledge: Knowledge) -> ConicConstraints:
     """Bounds of the parameters and the user's rows; those that hold for any body are left out."""
     rows = (*_bounds(unknowns, knowledge), *knowledge.curves, *knowledge.rows)
     place = {name: k for k, name in enumerate(unknowns.names)}
@@ -86,12 +86,12 @@ class Program:
 
     Attributes:
         unknowns: The unknowns.
-        wishes: Bounds and rows.
+        constraints: Bounds and rows.
         form: The penalty of bodies that have a prior.
     """
 
     unknowns: Unknowns
-    wishes: ConicConstraints
+    constraints: ConicConstraints
     form: Form
 
     def conic(self, gamma: float, *, data: bool = True, unit: float = 1.0) -> Conic:
@@ -105,7 +105,7 @@ class Program:
         known = self.unknowns
         m, rank = len(known.weak), len(known.vector) if data else 0
         square, linear = [known.weak, np.ones(rank)], [np.zeros(m), np.zeros(rank)]
-        blocks = [*_wished(self.wishes)]
+        blocks = [*_constraint_blocks(self.constraints)]
         if data:
             columns = np.arange(m + rank)
             matrix = np.hstack([known.matrix, -np.eye(rank)])
@@ -150,7 +150,7 @@ class Program:
         $-f(u) + \tfrac12 \log\det P - \tfrac12 \log\det(P + A^T A)$ with the prior's precision $P$,
         within the wishes' equations.
         """
-        free = self.wishes.free
+        free = self.constraints.free
         prior = self.precision(u, gamma)
         before = free.T @ prior @ free
         data = self.unknowns.matrix @ free
@@ -197,14 +197,14 @@ def _added(values: Array, place: Array, more: Array) -> Array:
     return values
 
 
-def _wished(wishes: ConicConstraints) -> Sequence[Block]:
+def _constraint_blocks(constraints: ConicConstraints) -> Sequence[Block]:
     """Equations, then lower and upper bounds that are finite."""
-    equal, columns = wishes.equal, np.arange(wishes.matrix.shape[1])
-    low, high = (np.isfinite(side) & ~equal for side in (wishes.lower, wishes.upper))
-    matrix = np.vstack([-wishes.matrix[low], wishes.matrix[high]])
-    offset = np.concatenate([-wishes.lower[low], wishes.upper[high]])
+    equal, columns = constraints.equal, np.arange(constraints.matrix.shape[1])
+    low, high = (np.isfinite(side) & ~equal for side in (constraints.lower, constraints.upper))
+    matrix = np.vstack([-constraints.matrix[low], constraints.matrix[high]])
+    offset = np.concatenate([-constraints.lower[low], constraints.upper[high]])
     blocks = [
-        Block("zero", columns, wishes.matrix[equal], wishes.lower[equal]),
+        Block("zero", columns, constraints.matrix[equal], constraints.lower[equal]),
         Block("nonnegative", columns, matrix, offset),
     ]
     return [block for block in blocks if len(block.offset)]

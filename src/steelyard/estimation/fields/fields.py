@@ -40,7 +40,7 @@ from steelyard.terms.term import Term
 ROUNDS = 12
 """Most searches per term where terms are searched one after another."""
 
-SETTLED = 3e-3
+TOLERANCE = 3e-3
 """Relative change of all fields at which such searches are settled."""
 
 
@@ -188,7 +188,7 @@ def find_fields(
             for k, u in enumerate(mine):
                 logs[u] = float(shape.place[k])
                 findings[u] = _finding(model, u, shape, k)
-        if all(abs(logs[u] - before[u]) < SETTLED for u in unknowns):
+        if all(abs(logs[u] - before[u]) < TOLERANCE for u in unknowns):
             break
     done = _with(model, {u.term: with_fields(model, u.term, logs) for u in unknowns})
     return FoundFields(done, tuple(findings[u] for u in unknowns))

@@ -15,7 +15,7 @@ from steelyard.robot.inertia import INERTIAL_NAMES
 PASSES = 3
 """Most refits of the reference."""
 
-SETTLED = 1e-3
+TOLERANCE = 1e-3
 """Relative change of the reference's parameters at which it stands still."""
 
 
@@ -43,7 +43,7 @@ def needs_reference(model: Model) -> bool:
     return any(term.needs_reference for term in model.terms)
 
 
-def settled_reference(
+def converged_reference(
     model: Model, information_of: InformationOf, estimator: Estimator[Information]
 ) -> tuple[Model, bool]:
     """Fit, take the bodies as reference, and fit again until they stand still.
@@ -62,7 +62,7 @@ def settled_reference(
         found = bodies_of(estimator(information_of(base_regressor(model))))
         change = _change(reference, found)
         reference = found
-        if change < SETTLED:
+        if change < TOLERANCE:
             return model, True
     return model, False
 

@@ -28,7 +28,7 @@ EXACT = 1e-13
 ROUNDS = 20
 """Most changes of the weights from one start."""
 
-SETTLED = 1e-4
+TOLERANCE = 1e-4
 """Relative change of the weights at which they are settled."""
 
 
@@ -178,10 +178,10 @@ class Problem:
         costs = self._costs(variances)
         for _ in range(ROUNDS):
             choice, _ = costs.descended(choice)
-            settled = self._variances(costs, choice)
-            change = float(np.abs(settled / variances - 1.0).max())
-            variances, costs = settled, self._costs(settled)
-            if change < SETTLED:
+            updated = self._variances(costs, choice)
+            change = float(np.abs(updated / variances - 1.0).max())
+            variances, costs = updated, self._costs(updated)
+            if change < TOLERANCE:
                 break
         criterion = float(self.information.n_samples @ np.log(variances))
         return choice, costs, criterion

@@ -40,13 +40,13 @@ def moved(fit: Fit, weights: Array, root: Array, columns: Sequence[int], noise: 
     _, whole, _, _ = fit.data.normal(weights)
     matrix, vector, _, _ = fit.data.without_beside().normal(weights)
     values, vectors = np.linalg.eigh(root @ matrix[np.ix_(columns, columns)] @ root.T)
-    told = values > LEAST
-    values = np.where(told, np.minimum(values, 1.0), 1.0)
+    resolved = values > LEAST
+    values = np.where(resolved, np.minimum(values, 1.0), 1.0)
     shift = (vectors.T @ (root @ vector[columns])) / values - vectors.T @ (root @ whole[columns])
     variances = np.einsum("ki,kl,li->i", vectors, noise, vectors)
     chance = np.maximum(variances, 0.0) * (1.0 / values - 1.0)
     beyond = np.maximum(1.0 - chance / np.maximum(np.square(shift), 1e-300), 0.0)
-    return np.asarray(vectors @ np.where(told, np.sqrt(beyond) * shift, 0.0))
+    return np.asarray(vectors @ np.where(resolved, np.sqrt(beyond) * shift, 0.0))
 
 
 def moved_scores(fit: Fit, weights: Array, scores: Array) -> Array:

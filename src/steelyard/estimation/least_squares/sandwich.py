@@ -47,7 +47,7 @@ FEWEST = 2
 FREEDOM = 2.0
 """Expected squares of scores below which they tell nothing."""
 
-TOLD = 1.5
+NOTED = 1.5
 """Factor on the width of intervals from which on people are told."""
 
 
@@ -104,11 +104,11 @@ def _scatter(fit: Fit, most: int) -> Array:
             square = np.sum(taken * taken.transpose(0, 2, 1))
             expected[row] -= square
             squares[row] += square
-    told = expected >= (FREEDOM if len(fit.data.whole.windows) > 1 else np.inf)
-    expected = np.where(told, expected, 1.0)
+    enough = expected >= (FREEDOM if len(fit.data.whole.windows) > 1 else np.inf)
+    expected = np.where(enough, expected, 1.0)
     factors, chance = found / expected, np.sqrt(2.0 * squares) / expected
     low = np.minimum(factors * (1.0 + chance), 1.0)
-    return np.where(told, np.where(factors < 1.0, low, factors), 1.0)
+    return np.where(enough, np.where(factors < 1.0, low, factors), 1.0)
 
 
 def honest_covariance(
@@ -167,7 +167,7 @@ def note_of(rows: Sequence[str], factors: Array) -> tuple[str, ...]:
     wide = [
         f"{row} x {np.sqrt(factor):.1f}"
         for row, factor in zip(rows, factors, strict=True)
-        if factor > TOLD**2
+        if factor > NOTED**2
     ]
     if not wide:
         return ()

@@ -39,7 +39,7 @@ alike, and count for less than their number."""
 LONGEST = 0.5
 """Most that a step may change `rho`, relative to it: signs are those of the start."""
 
-SETTLED = 1e-10
+TOLERANCE = 1e-10
 """Relative change of the cost at which steps end; of the weights, its square root."""
 
 
@@ -175,8 +175,8 @@ class Bilinear:
             left = float(gram[-1, -1] - values @ gram[:-1, -1])
             variance = max(left, ROUNDING * float(gram[-1, -1])) / max(self.counts[row], 1.0)
             std = np.sqrt(np.maximum(variance * np.diag(covariance), 1e-300))
-            told = {np.sign(values[k]) for k in mine if abs(values[k]) > SURE * std[k]}
-            found[row] = told.pop() if len(told) == 1 else 0.0
+            seen_signs = {np.sign(values[k]) for k in mine if abs(values[k]) > SURE * std[k]}
+            found[row] = seen_signs.pop() if len(seen_signs) == 1 else 0.0
         return found
 
     def first(self) -> Array:
@@ -209,13 +209,13 @@ def solved(problem: Bilinear) -> Solution:
     Not so where friction tells it.
     """
     start, signs = problem.first(), problem.signs
-    best = _settled(problem, start)
+    best = _reweighted(problem, start)
     for place, row in enumerate(problem.wanted):
         if signs[row] != 0.0 or problem.deviation(best)[place] <= DOUBTFUL:
             continue
         turned = start.copy()
         turned[row] *= -1.0
-        other = _settled(problem, turned)
+        other = _reweighted(problem, turned)
         if _misfit(problem, other) < _misfit(problem, best):
             start, best = turned, other
     return best
@@ -226,7 +226,7 @@ def _misfit(problem: Bilinear, solution: Solution) -> float:
     return float(problem.counts @ np.log(np.maximum(problem.squares(solution), 1e-300)))
 
 
-def _settled(problem: Bilinear, rho: Array) -> Solution:
+def _reweighted(problem: Bilinear, rho: Array) -> Solution:
     """Descend from a start until the weights are those of the residuals."""
     energy = np.maximum([gram[-1, -1] for gram in problem.grams], 1e-300)
     floor, counts = ROUNDING * energy, np.maximum(problem.counts, 1.0)
@@ -235,10 +235,10 @@ def _settled(problem: Bilinear, rho: Array) -> Solution:
     for _ in range(ROUNDS):
         solution = _descended(problem, solution)
         freedom = np.maximum(counts - _used(problem, solution), 1.0)
-        settled = freedom / np.maximum(problem.squares(solution), floor)
-        change = np.abs(settled / solution.weights - 1.0).max()
-        solution = replace(solution, weights=settled)
-        if change < np.sqrt(SETTLED):
+        updated = freedom / np.maximum(problem.squares(solution), floor)
+        change = np.abs(updated / solution.weights - 1.0).max()
+        solution = replace(solution, weights=updated)
+        if change < np.sqrt(TOLERANCE):
             break
     return solution
 
@@ -256,7 +256,7 @@ def _descended(problem: Bilinear, solution: Solution) -> Solution:
         if not after <= cost:
             return solution
         fall, solution, cost = cost - after, best, after
-        if fall <= SETTLED * cost:
+        if fall <= TOLERANCE * cost:
             break
     return solution
 

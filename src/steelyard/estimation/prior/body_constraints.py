@@ -25,8 +25,8 @@ class Mass(Bounded):
     def rows(self, scope: ConstraintContext) -> list[Row]:
         r"""$l \le m \le u$."""
         link, interval = scope.body(self.link), self.interval(scope)
-        said = f"the mass of link '{link}' is {in_words(interval, 'kg')}"
-        return [scope.row(said, {f"m.{link}": 1.0}, interval)]
+        label = f"the mass of link '{link}' is {in_words(interval, 'kg')}"
+        return [scope.row(label, {f"m.{link}": 1.0}, interval)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,8 +49,8 @@ class TotalMass(Bounded):
             scope.refuse(f"link '{twice[0]}' is named twice", "name it once")
         interval = self.interval(scope)
         of = "of all links" if self.links is None else "of " + ", ".join(f"'{x}'" for x in links)
-        said = f"the total mass {of} is {in_words(interval, 'kg')}"
-        return [scope.row(said, {f"m.{scope.body(x)}": 1.0 for x in links}, interval)]
+        label = f"the total mass {of} is {in_words(interval, 'kg')}"
+        return [scope.row(label, {f"m.{scope.body(x)}": 1.0 for x in links}, interval)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +71,7 @@ class CentreInBox:
     def rows(self, scope: ConstraintContext) -> list[Row]:
         r"""$m\,l \le m c \le m\,u$ along every axis."""
         link = scope.body(self.link)
-        said = f"the centre of mass of link '{link}' lies in a box"
+        label = f"the centre of mass of link '{link}' lies in a box"
         rows = []
         for axis, low, high in zip("xyz", self.lower, self.upper, strict=True):
             if low > high:
@@ -80,8 +80,8 @@ class CentreInBox:
                 )
             moment = f"m{axis}.{link}"
             rows += [
-                scope.row(said, {moment: 1.0, f"m.{link}": -low}, (0.0, np.inf)),
-                scope.row(said, {moment: 1.0, f"m.{link}": -high}, (-np.inf, 0.0)),
+                scope.row(label, {moment: 1.0, f"m.{link}": -low}, (0.0, np.inf)),
+                scope.row(label, {moment: 1.0, f"m.{link}": -high}, (-np.inf, 0.0)),
             ]
         return rows
 
@@ -102,10 +102,10 @@ class CentreInHull:
     def rows(self, scope: ConstraintContext) -> list[Row]:
         r"""$n \cdot m c \le d\,m$ for every facet of the convex hull with normal $n$."""
         link = scope.body(self.link)
-        said = f"the centre of mass of link '{link}' lies between the {len(self.points)} points"
+        label = f"the centre of mass of link '{link}' lies between the {len(self.points)} points"
         return [
             scope.row(
-                said,
+                label,
                 {f"m{axis}.{link}": float(n) for axis, n in zip("xyz", normal, strict=True)}
                 | {f"m.{link}": float(offset)},
                 (-np.inf, 0.0),
@@ -142,8 +142,8 @@ class Equal:
     def rows(self, scope: ConstraintContext) -> list[Row]:
         """Ten equations per further link."""
         first, *others = _several(self.links, scope)
-        said = "links " + ", ".join(f"'{x}'" for x in self.links) + " are equal"
-        return [row for x in others for row in _alike(scope, said, first, x, np.ones(10))]
+        label = "links " + ", ".join(f"'{x}'" for x in self.links) + " are equal"
+        return [row for x in others for row in _alike(scope, label, first, x, np.ones(10))]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,8 +162,8 @@ class Mirrored:
     def rows(self, scope: ConstraintContext) -> list[Row]:
         """Ten equations: what is odd across the plane changes its sign."""
         one, other = _several(self.links, scope)
-        said = f"links '{one}' and '{other}' mirror each other"
-        return _alike(scope, said, one, other, reflected(self.plane))
+        label = f"links '{one}' and '{other}' mirror each other"
+        return _alike(scope, label, one, other, reflected(self.plane))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -192,20 +192,20 @@ class Symmetric:
                 'give plane = "xz", or axis = "z"',
             )
         if self.axis is None:
-            said = f"link '{link}' is symmetric about its {self.plane} plane"
+            label = f"link '{link}' is symmetric about its {self.plane} plane"
             planes = [plane for plane in _SIGNS if plane == self.plane]
         else:
-            said = f"link '{link}' is symmetric about its {self.axis} axis"
+            label = f"link '{link}' is symmetric about its {self.axis} axis"
             planes = [plane for plane in _SIGNS if self.axis in plane]
         odd = np.min([reflected(plane) for plane in planes], axis=0) < 0.0
         rows = [
-            scope.row(said, {f"{name}.{link}": 1.0}, 0.0)
+            scope.row(label, {f"{name}.{link}": 1.0}, 0.0)
             for name, is_odd in zip(INERTIAL_NAMES, odd, strict=True)
             if is_odd
         ]
         if self.axis is not None:
             one, other = (f"I{x}{x}.{link}" for x in "xyz" if x != self.axis)
-            rows.append(scope.row(said, {one: 1.0, other: -1.0}, 0.0))
+            rows.append(scope.row(label, {one: 1.0, other: -1.0}, 0.0))
         return rows
 
 
@@ -230,8 +230,8 @@ def _several(links: tuple[str, ...], scope: ConstraintContext) -> tuple[str, ...
     return tuple(scope.body(link) for link in links)
 
 
-def _alike(scope: ConstraintContext, said: str, one: str, other: str, signs: Array) -> list[Row]:
+def _alike(scope: ConstraintContext, label: str, one: str, other: str, signs: Array) -> list[Row]:
     return [
-        scope.row(said, {f"{name}.{other}": 1.0, f"{name}.{one}": -float(sign)}, 0.0)
+        scope.row(label, {f"{name}.{other}": 1.0, f"{name}.{one}": -float(sign)}, 0.0)
         for name, sign in zip(INERTIAL_NAMES, signs, strict=True)
     ]

@@ -48,5 +48,5 @@ class Tied:
         one, other = scope.parameter(self.parameter), scope.parameter(self.to)
         if one == other:
             scope.refuse(f"'{one}' is tied to itself", "name another parameter under `to`")
-        said = f"'{one}' is {self.factor:g} times '{other}'"
-        return [scope.row(said, {one: 1.0, other: -self.factor}, 0.0)]
+        label = f"'{one}' is {self.factor:g} times '{other}'"
+        return [scope.row(label, {one: 1.0, other: -self.factor}, 0.0)]

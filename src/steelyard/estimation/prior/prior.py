@@ -24,7 +24,7 @@ UNKNOWN_MASS = 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class Mended:
+class PriorBody:
     """A body that can be a prior.
 
     Attributes:
@@ -50,7 +50,7 @@ def default_knowledge(model: Model) -> Knowledge:
     )
 
 
-def knowledge_with(model: Model, priors: Mapping[str, Mended]) -> Knowledge:
+def knowledge_with(model: Model, priors: Mapping[str, PriorBody]) -> Knowledge:
     """Priors of the bodies named, and the bounds of the terms' parameters."""
     bodies = tuple(body.name for body in rigid_bodies(model).values())
     return Knowledge(
@@ -69,15 +69,15 @@ def rigid_bodies(model: Model) -> dict[int, Body]:
     return {k: body for k, body in every if not body.massless}
 
 
-def model_prior(robot: Robot, index: int) -> Mended:
+def model_prior(robot: Robot, index: int) -> PriorBody:
     """The nominal mass properties of a body, or what stands in for them."""
     body = robot.bodies[index]
     if body.known and body.inertia.mass > 0.0 and np.isfinite(body.inertia.ten).all():
-        return mended_body(body.inertia, told=True)
+        return corrected_body(body.inertia, noted=True)
     return _stand_in(robot, index)
 
 
-def notes_on(corrected: Mapping[str, Mended]) -> tuple[str, ...]:
+def notes_on(corrected: Mapping[str, PriorBody]) -> tuple[str, ...]:
     """What was corrected, by the names of the links."""
     notes = [f"the prior of link '{name}': {one.why}" for name, one in corrected.items() if one.why]
     if thin := [f"'{name}'" for name, one in corrected.items() if one.thin]:
@@ -88,7 +88,7 @@ def notes_on(corrected: Mapping[str, Mended]) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def mended_body(given: Inertia, *, told: bool = False) -> Mended:
+def corrected_body(given: Inertia, *, noted: bool = False) -> PriorBody:
     r"""The body nearest to a given one that can exist, of the same mass and centre.
 
     The second moments about the centre of mass, $\Sigma_c$, keep their principal axes; those below
@@ -97,26 +97,26 @@ def mended_body(given: Inertia, *, told: bool = False) -> Mended:
 
     Args:
         given: Its mass is above zero.
-        told: Whether it is told elsewhere why no body can have it, as the model file's notes do.
+        noted: Whether it is told elsewhere why no body can have it, as the model file's notes do.
     """
     flaw = given.flaw()
     moments, axes = np.linalg.eigh(spread_of(given))
     if moments[-1] < densest(given.mass):
         was = "its moments of inertia are zero" if not np.any(moments) else flaw
         was = was or "it is denser than steel"
-        return Mended(
+        return PriorBody(
             ball(given.mass, given.com),
             f"{was}; a solid sphere of {given.mass:.3g} kg about its centre of mass is assumed",
         )
     least = THINNEST * moments[-1]
     if moments[0] >= least:
-        return Mended(given)
+        return PriorBody(given)
     lifted = of_spread(given.mass, given.com, _with_moments(axes, np.maximum(moments, least)))
     if flaw is None:
-        return Mended(lifted, thin=True)
+        return PriorBody(lifted, thin=True)
     lifted_to = _listed(np.linalg.eigvalsh(lifted.inertia_com), "kg m²")
-    why = "its moments of inertia are" if told else f"it is not physically consistent: {flaw};"
-    return Mended(lifted, f"{why} raised to {lifted_to}")
+    why = "its moments of inertia are" if noted else f"it is not physically consistent: {flaw};"
+    return PriorBody(lifted, f"{why} raised to {lifted_to}")
 
 
 def stand_in_mass(robot: Robot) -> float:
@@ -140,7 +140,7 @@ def stand_in_body(robot: Robot, index: int, mass: float) -> Inertia:
     return sum(parts, Inertia.zero())
 
 
-def _stand_in(robot: Robot, index: int) -> Mended:
+def _stand_in(robot: Robot, index: int) -> PriorBody:
     body, mass = robot.bodies[index], stand_in_mass(robot)
     if not body.known:
         wrong = "the model file gives no mass properties"
@@ -152,8 +152,8 @@ def _stand_in(robot: Robot, index: int) -> Mended:
         )
     else:
         wrong = "its mass is zero"
-    solid = mended_body(stand_in_body(robot, index, mass)).inertia
-    return Mended(solid, f"{wrong}; a solid body of {mass:.3g} kg between its joints is assumed")
+    solid = corrected_body(stand_in_body(robot, index, mass)).inertia
+    return PriorBody(solid, f"{wrong}; a solid body of {mass:.3g} kg between its joints is assumed")
 
 
 def _ends(robot: Robot, index: int) -> Sequence[Array]:

@@ -78,11 +78,11 @@ class ConstraintContext:
         raise ModelError(wrong, where=self.where, fix=fix)
 
     def row(
-        self, said: str, coefficients: Mapping[str, float], interval: "Interval | float"
+        self, label: str, coefficients: Mapping[str, float], interval: "Interval | float"
     ) -> Row:
         """A row with the wish in words, and the place it was written at."""
         low, high = (interval, interval) if isinstance(interval, float) else interval
-        return Row(f"{said} ({self.where})", coefficients, low, high)
+        return Row(f"{label} ({self.where})", coefficients, low, high)
 
 
 Interval = tuple[float, float]

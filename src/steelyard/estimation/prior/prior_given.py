@@ -5,9 +5,9 @@ from dataclasses import replace
 from steelyard.errors import ModelError
 from steelyard.estimation.knowledge import Knowledge
 from steelyard.estimation.prior.prior import (
-    Mended,
+    PriorBody,
+    corrected_body,
     knowledge_with,
-    mended_body,
     model_prior,
     rigid_bodies,
     stand_in_body,
@@ -67,7 +67,7 @@ def body_index(robot: Robot, name: str, where: str) -> int:
     raise ModelError(wrong, where=where, fix=fix)
 
 
-def _prior(robot: Robot, index: int, section: PriorSection, where: Locate) -> Mended | None:
+def _prior(robot: Robot, index: int, section: PriorSection, where: Locate) -> PriorBody | None:
     name = robot.bodies[index].name
     given = section.links.get(name, LinkPriorSection(source=section.source))
     _refuse_unclear(name, given, where("prior", "links", name))
@@ -76,11 +76,11 @@ def _prior(robot: Robot, index: int, section: PriorSection, where: Locate) -> Me
     if given.model_fields_set <= {"source"}:
         return model_prior(robot, index)
     mass, guessed = _mass(robot, index, given)
-    corrected = mended_body(_solid(robot, index, given, mass))
+    corrected = corrected_body(_solid(robot, index, given, mass))
     if not guessed:
         return corrected
-    said = f"its mass is not known; {mass:.3g} kg are assumed"
-    return replace(corrected, why=f"{said}; {corrected.why}" if corrected.why else said)
+    reason = f"its mass is not known; {mass:.3g} kg are assumed"
+    return replace(corrected, why=f"{reason}; {corrected.why}" if corrected.why else reason)
 
 
 def _refuse_unclear(name: str, given: LinkPriorSection, where: str) -> None:

@@ -31,8 +31,8 @@ from steelyard.robot_file.file import LoadedRobot
 from steelyard.terms.register import TERMS
 
 CONSTRAINTS: dict[str, type[Any]] = {
-    wish.kind: wish
-    for wish in (
+    constraint.kind: constraint
+    for constraint in (
         Mass,
         TotalMass,
         CentreInBox,
@@ -69,11 +69,11 @@ def knowledge_of(model: Model, loaded: LoadedRobot, fastest: Array | None = None
     notes = list(known.notes)
     for number, table in enumerate(loaded.knowledge):
         where = loaded.where("knowledge", number)
-        wish = wish_of(table, where)
-        if loaded.friction and (absent := _of_absent_law(wish, model)):
+        constraint = constraint_of(table, where)
+        if loaded.friction and (absent := _of_absent_law(constraint, model)):
             notes.append(f"the model has no '{absent}': prior constraints on it are ignored")
             continue
-        mine = wish.rows(ConstraintContext(model, where))
+        mine = constraint.rows(ConstraintContext(model, where))
         _refuse_own(mine, own_columns(model), where)
         rows += mine
     lower, loosened = _loosened(known, rows)
@@ -104,7 +104,7 @@ def _refuse_own(rows: Sequence[Row], own: Sequence[str], where: str) -> None:
             )
 
 
-def wish_of(table: Mapping[str, Any], where: str) -> PriorConstraint:
+def constraint_of(table: Mapping[str, Any], where: str) -> PriorConstraint:
     """A wish from a table with its `kind` and its fields.
 
     Args:
@@ -117,11 +117,15 @@ def wish_of(table: Mapping[str, Any], where: str) -> PriorConstraint:
     return cast(PriorConstraint, KINDS.built(table, where))
 
 
-def _of_absent_law(wish: PriorConstraint, model: Model) -> str | None:
+def _of_absent_law(constraint: PriorConstraint, model: Model) -> str | None:
     """The parameter of a friction law that the model lacks, if a wish names one."""
-    if not isinstance(wish, Known | Tied):
+    if not isinstance(constraint, Known | Tied):
         return None
-    names = (wish.parameter, wish.to) if isinstance(wish, Tied) else (wish.parameter,)
+    names = (
+        (constraint.parameter, constraint.to)
+        if isinstance(constraint, Tied)
+        else (constraint.parameter,)
+    )
     absent = tuple(set(TERMS) - {term.law for term in model.terms})
     return next((name for name in names if name.startswith(absent)), None)
 

@@ -127,7 +127,7 @@ class Reweighted:
         estimate = self.inner(samples.information())
         refuse_few(samples.information(), len(estimate.parameters), FREEDOM)
         for loss in (self.weigh,) if self.weigh.convex else (Huber(), self.weigh):
-            estimate, scales, settled = self._settled(samples, estimate, loss)
+            estimate, scales, convergence = self._converged(samples, estimate, loss)
         u = _standardised(samples, estimate, scales)
         taken = 1.0 - np.mean(self.weigh.weight(np.concatenate(u)))
         found = replace(
@@ -137,7 +137,7 @@ class Reweighted:
             n_samples=frozen(samples.information().n_samples),
             notes=(
                 *estimate.notes,
-                settled,
+                convergence,
                 f"{100.0 * taken:.3g} % of the samples' weight removed",
             ),
         )
@@ -145,7 +145,7 @@ class Reweighted:
             return found
         return replace(found, covariance=self._covariance(samples, estimate, scales, u))
 
-    def _settled(
+    def _converged(
         self, samples: Samples, estimate: Estimate, loss: Weigh
     ) -> tuple[Estimate, Array, str]:
         """Fit until nothing moves; the estimate, the rows' scales, and whether they settled."""

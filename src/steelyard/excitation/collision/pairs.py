@@ -62,7 +62,7 @@ def candidate_pairs(
     _check(groups, shapes, ignore)
     ignored = {frozenset(pair) for pair in ignore}
     names, pairs = list(groups), list[Pair]()
-    modelled, near, asked = list[str](), list[str](), list[str]()
+    modelled, near, specified = list[str](), list[str](), list[str]()
     for k, first in enumerate(names):
         for second in names[k + 1 :]:
             both = frozenset((first, second))
@@ -72,19 +72,19 @@ def candidate_pairs(
             links = origins == {"link"}
             if not ways or not (bodies or "world" in origins):
                 continue
-            said = f"{first} and {second}"
+            pair = f"{first} and {second}"
             if both in ignored:
-                asked.append(said)
+                specified.append(pair)
             elif links and both in geometry.never:
-                modelled.append(said)
+                modelled.append(pair)
             elif links and _neighbours(robot, geometry, shapes[mine[0]], shapes[theirs[0]]):
-                near.append(said)
+                near.append(pair)
             else:
                 pairs.append(Pair(first, second, ways))
     reasons = {
         "links connected by a joint": near,
         "which may touch according to the model or its SRDF": modelled,
-        "which may touch as specified": asked,
+        "which may touch as specified": specified,
     }
     notes = tuple(
         f"clearance is not checked for {len(left)} pair{'s' * (len(left) > 1)}, {why}: "
@@ -92,7 +92,7 @@ def candidate_pairs(
         for why, left in reasons.items()
         if left
     )
-    return tuple(pairs), notes, len(near) + len(modelled) + len(asked)
+    return tuple(pairs), notes, len(near) + len(modelled) + len(specified)
 
 
 def _groups(shapes: Sequence[Shape]) -> dict[str, list[int]]:

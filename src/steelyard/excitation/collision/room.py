@@ -136,9 +136,9 @@ def _that_change(
     touching = [p for p, d, c in zip(pairs, least, close, strict=True) if c and d >= -_INSIDE]
     notes = list[str]()
     if inside:
-        told = ", ".join(f"{p.first} in {p.second} by {-1e3 * d:.3g} mm" for p, d in inside)
-        notes.append(Gap(f"outside the workspace limits in every posture, so left out: {told}"))
+        names = ", ".join(f"{p.first} in {p.second} by {-1e3 * d:.3g} mm" for p, d in inside)
+        notes.append(Gap(f"outside the workspace limits in every posture, so left out: {names}"))
     if touching:
-        told = ", ".join(f"{p.first} and {p.second}" for p in touching)
-        notes.append(f"in contact in every posture, so left out: {told}")
+        names = ", ".join(f"{p.first} and {p.second}" for p in touching)
+        notes.append(f"in contact in every posture, so left out: {names}")
     return tuple(p for p, c in zip(pairs, close, strict=True) if not c), tuple(notes)

@@ -66,8 +66,8 @@ class Measure:
         seen = self._seen(gram)
         if seen is None:
             return math.inf, np.zeros_like(gram)
-        asked, pull = seen
-        value, slope = self.kind.smooth(asked, sharpness)
+        of_interest, pull = seen
+        value, slope = self.kind.smooth(of_interest, sharpness)
         return value, slope if pull is None else pull @ slope @ pull.T
 
     def value(self, gram: Array) -> float:

@@ -104,10 +104,10 @@ def gaps_of_files(designed: Designed, forms: Sequence[str], rate: float | None) 
     if not designed.certificate.holds:
         return []
     return [
-        Gap(said)
+        Gap(text)
         for export in (EXPORTS[form] for form in forms)
         if export.between is not None
-        for said in _lacks(designed, export, export.between, rate or export.rate)
+        for text in _lacks(designed, export, export.between, rate or export.rate)
     ]
 
 

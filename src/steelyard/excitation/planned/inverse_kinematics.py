@@ -178,9 +178,9 @@ class InverseKinematics:
         if self.spare <= 0:
             return q
         jacobian = self.rates(q[None])[0]
-        wish = share * (towards - q)
-        wish *= min(1.0, _DRAW / max(float(np.abs(wish).max()), _DRAW))
-        free = wish - np.linalg.lstsq(jacobian, jacobian @ wish, rcond=1e-9)[0]
+        drawn = share * (towards - q)
+        drawn *= min(1.0, _DRAW / max(float(np.abs(drawn).max()), _DRAW))
+        free = drawn - np.linalg.lstsq(jacobian, jacobian @ drawn, rcond=1e-9)[0]
         found = self.solve(target[None], (q + free)[None], near=True)
         return found.q[0] if found.reached[0] else q
 

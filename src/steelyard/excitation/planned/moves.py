@@ -143,8 +143,8 @@ def pace(
         times.append((float(needed[j]), f"{ORDERS[order]} of '{names[j]}'"))
     duration = max(times)[0]
     speed, bend = way.seen(move.curve, _samples(move.curve))
-    asked = (speed / (share * tool.speed), np.sqrt(bend / (share * tool.acceleration)))
-    if max(asked) * (1.0 + _CLOSE) > duration:
+    tool_times = (speed / (share * tool.speed), np.sqrt(bend / (share * tool.acceleration)))
+    if max(tool_times) * (1.0 + _CLOSE) > duration:
         extent = way.proven(move.curve, (_CLOSE * speed, 2.0 * _CLOSE * bend, np.inf))
         times.append((extent.speed / (share * tool.speed), "speed of the tool"))
         root = float(np.sqrt(extent.acceleration / (share * tool.acceleration)))

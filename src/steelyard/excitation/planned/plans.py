@@ -135,14 +135,14 @@ def planned(loaded: LoadedRobot, limits: MotionLimits, seed: int) -> Planned:
     """
     section = loaded.excitation.motion
     try:
-        motion, said = PLANS[section.kind](section, loaded, limits, seed)
+        motion, notes = PLANS[section.kind](section, loaded, limits, seed)
     except ValueError as error:
         raise DataError(str(error), where=WHERE, fix="change that number") from error
     if limits.jerk is None or section.kind == "replay":
-        return motion, said
+        return motion, notes
     least, most = motion.extremes(3)
     excess = float(np.max(np.maximum(-least, most) / limits.jerk))
     if excess <= 1.0:
-        return motion, said
+        return motion, notes
     ratio = excess ** (-1.0 / 3.0) * (1.0 - 1e-9)
-    return SlowedMotion(motion, ratio), (*said, f"slowed to {ratio:.2g} of its speed by its jerk")
+    return SlowedMotion(motion, ratio), (*notes, f"slowed to {ratio:.2g} of its speed by its jerk")

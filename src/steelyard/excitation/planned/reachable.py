@@ -113,9 +113,9 @@ def _shifted(
     first = np.concatenate([shift, inside.ravel()])
     found = least_squares(rest, first, slopes, bounds=(lower, upper), max_nfev=_PATIENCE)
     for pad in _PADS:
-        told: Array = np.round(pad * found.x[:3], 3)
-        if postures_at(solver, places + told, found.x[3:].reshape(count, n), seed) is not None:
-            return told
+        advised: Array = np.round(pad * found.x[:3], 3)
+        if postures_at(solver, places + advised, found.x[3:].reshape(count, n), seed) is not None:
+            return advised
     return None
 
 

@@ -63,7 +63,7 @@ class SearchResult:
     searches: int
     course: tuple[tuple[float, float], ...]
     stopped: bool
-    lost: int = 0
+    killed: int = 0
 
 
 @dataclass(frozen=True)
@@ -121,9 +121,9 @@ def harvested(
     begun = time.monotonic()
     found, course, stopped = list[Found](), list[tuple[float, float]](), False
     over = _Over()
-    with _workers(recipe, method, effort) as said:
+    with _workers(recipe, method, effort) as messages:
         try:
-            for line in _lines(said, effort, begun, found, over, progress):
+            for line in _lines(messages, effort, begun, found, over, progress):
                 x = np.array(line["x"])
                 one = Found(
                     line["number"],
@@ -140,19 +140,19 @@ def harvested(
             if not found:
                 raise
             stopped = True
-    lost = [code for code in over.ends if code]
+    exit_codes = [code for code in over.ends if code]
     if not found:
-        raise over.refused[0] if over.refused else _nothing(lost)
+        raise over.refused[0] if over.refused else _nothing(exit_codes)
     whole = sum(f.whole for f in found)
-    return SearchResult(tuple(found[:KEPT]), whole, tuple(course), stopped, len(lost))
+    return SearchResult(tuple(found[:KEPT]), whole, tuple(course), stopped, len(exit_codes))
 
 
-def _nothing(lost: Sequence[int]) -> DataError:
+def _nothing(exit_codes: Sequence[int]) -> DataError:
     """No motion: the time was too short, or processes were ended from outside."""
-    if lost:
-        how = f"signal {-lost[0]}" if lost[0] < 0 else f"exit code {lost[0]}"
+    if exit_codes:
+        how = f"signal {-exit_codes[0]}" if exit_codes[0] < 0 else f"exit code {exit_codes[0]}"
         return DataError(
-            f"{len(lost)} search processes ended early ({how}), and none found a motion",
+            f"{len(exit_codes)} search processes ended early ({how}), and none found a motion",
             where="search processes",
             fix="signal 9 often means too little memory: try fewer with --processes",
         )
@@ -164,7 +164,7 @@ def _nothing(lost: Sequence[int]) -> DataError:
 
 
 def _lines(
-    said: "queue.Queue[Any]",
+    messages: "queue.Queue[Any]",
     effort: SearchBudget,
     begun: float,
     found: Sequence[Found],
@@ -185,7 +185,7 @@ def _lines(
         if spent > effort.seconds + _GRACE and found:
             return
         try:
-            line = said.get(timeout=_TICK)
+            line = messages.get(timeout=_TICK)
         except queue.Empty:
             continue
         if "ended" in line:
@@ -211,16 +211,16 @@ def _share(spent: float, found: Sequence[Found], effort: SearchBudget) -> float:
 @contextmanager
 def _workers(recipe: Recipe, method: str, effort: SearchBudget) -> Iterator["queue.Queue[Any]"]:
     """Processes that search, and the queue of what they say and how they ended."""
-    said: queue.Queue[Any] = queue.Queue()
+    messages: queue.Queue[Any] = queue.Queue()
     with ExitStack() as stack:
         for number in range(effort.useful):
-            stack.enter_context(_worker(recipe, method, effort, number, said))
-        yield said
+            stack.enter_context(_worker(recipe, method, effort, number, messages))
+        yield messages
 
 
 @contextmanager
 def _worker(
-    recipe: Recipe, method: str, effort: SearchBudget, number: int, said: "queue.Queue[Any]"
+    recipe: Recipe, method: str, effort: SearchBudget, number: int, messages: "queue.Queue[Any]"
 ) -> Iterator[None]:
     """A process that searches; a session of its own keeps Ctrl-C from it."""
     task = {
@@ -240,7 +240,7 @@ def _worker(
         env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
         start_new_session=True,
     )
-    listener = threading.Thread(target=_hear, args=(process, said), daemon=True)
+    listener = threading.Thread(target=_hear, args=(process, messages), daemon=True)
     listener.start()
     assert process.stdin is not None and process.stdout is not None
     try:
@@ -256,10 +256,10 @@ def _worker(
         process.stdout.close()
 
 
-def _hear(process: "subprocess.Popen[str]", said: "queue.Queue[Any]") -> None:
+def _hear(process: "subprocess.Popen[str]", messages: "queue.Queue[Any]") -> None:
     """Put what a process says into the queue, and its exit code; half a line is none."""
     assert process.stdout is not None
     for line in process.stdout:
         if line.endswith("\n"):
-            said.put(json.loads(line))
-    said.put({"ended": process.wait()})
+            messages.put(json.loads(line))
+    messages.put({"ended": process.wait()})

@@ -39,8 +39,8 @@ def _explained(lines: Iterator[dict[str, Any]]) -> Iterator[dict[str, Any]]:
     except SteelyardError as error:
         from steelyard.excitation.search.starts import NoMotion
 
-        said = {"error": error.wrong, "where": error.where, "fix": error.fix}
-        yield {**said, "none": isinstance(error, NoMotion)}
+        message = {"error": error.wrong, "where": error.where, "fix": error.fix}
+        yield {**message, "none": isinstance(error, NoMotion)}
     except Exception:
         yield {"broken": traceback.format_exc()}
 

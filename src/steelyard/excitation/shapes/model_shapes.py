@@ -147,8 +147,8 @@ def _notes(
     heavy = [k.name for k in mechanism.links if k.inertia is not None and k.inertia.mass > 0.0]
     bare = [name for name in heavy if name in frames and name not in shaped and name not in skip]
     if bare:
-        said = f"no collision shape in the model, so no clearance is kept for: {', '.join(bare)}"
-        notes.append(Gap(said))
+        text = f"no collision shape in the model, so no clearance is kept for: {', '.join(bare)}"
+        notes.append(Gap(text))
     if outside:
         left = ", ".join(k.name for k in mechanism.links if k.name in outside)
         notes.append(Gap(f"not attached to the base, so left out: {left}"))

@@ -35,7 +35,7 @@ def open_hdf5(path: Path, *, matlab: bool = False) -> ArraysLog:
 @lru_cache(maxsize=64)
 def _members(path: Path, matlab: bool, changed: int, size: int) -> tuple[Member, ...]:
     """What is in a file as it was at a time."""
-    with _asked(path, {"path": str(path), "matlab": matlab}) as answer:
+    with _answered(path, {"path": str(path), "matlab": matlab}) as answer:
         text = answer.read()
     return tuple(
         Member(found["name"], tuple(found["shape"]), tuple(found["labels"]), found["left_out"])
@@ -56,7 +56,7 @@ class _Reader:
         names = [self.members[p.member].name.replace(separator, "/") for p in places]
         columns = [[n, p.axis, p.component] for n, p in zip(names, places, strict=True)]
         request = {"path": str(self.path), "rows": rows, "size": size, "columns": columns}
-        with _asked(self.path, request) as answer:
+        with _answered(self.path, request) as answer:
             for start in range(*rows, size):
                 n = min(size, rows[1] - start)
                 data = answer.read(8 * n * len(places))
@@ -66,7 +66,7 @@ class _Reader:
 
 
 @contextmanager
-def _asked(path: Path, request: dict[str, Any]) -> Iterator[IO[bytes]]:
+def _answered(path: Path, request: dict[str, Any]) -> Iterator[IO[bytes]]:
     """The child's answer to a request.
 
     Raises:
@@ -92,8 +92,8 @@ def _asked(path: Path, request: dict[str, Any]) -> Iterator[IO[bytes]]:
         child.wait()
 
 
-def _broken(path: Path, said: bytes, code: int) -> LogError:
-    lines = said.decode("utf-8", "replace").strip().splitlines()
+def _broken(path: Path, stderr: bytes, code: int) -> LogError:
+    lines = stderr.decode("utf-8", "replace").strip().splitlines()
     why = lines[-1][:300] if lines and code == 1 else "the HDF5 library crashed on it"
     return LogError(
         f"the file cannot be read as HDF5 ({why})",

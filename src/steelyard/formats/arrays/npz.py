@@ -45,7 +45,7 @@ def open_npz(path: Path) -> ArraysLog:
         for info in archive.infolist():
             if info.filename.endswith(".npy"):
                 arrays.append(_of_archive(path, archive, info))
-    return packed_log(path, list(_told_apart(arrays)))
+    return packed_log(path, list(_disambiguated(arrays)))
 
 
 def open_npy(path: Path) -> ArraysLog:
@@ -132,9 +132,9 @@ def _header(stream: IO[bytes], size: int) -> _Header:
 
 def _parsed(text: str) -> tuple[np.dtype[Any], tuple[int, ...], Literal["C", "F"]]:
     try:
-        said = ast.literal_eval(text.strip())
-        dtype = np.lib.format.descr_to_dtype(said["descr"])
-        shape, fortran = said["shape"], said["fortran_order"]
+        header = ast.literal_eval(text.strip())
+        dtype = np.lib.format.descr_to_dtype(header["descr"])
+        shape, fortran = header["shape"], header["fortran_order"]
     except (ArithmeticError, AttributeError, LookupError, MemoryError, RecursionError,
             SyntaxError, TypeError, ValueError) as error:  # fmt: skip
         raise ValueError(f"the header of an array cannot be read: {text[:60]!r}") from error
@@ -144,7 +144,7 @@ def _parsed(text: str) -> tuple[np.dtype[Any], tuple[int, ...], Literal["C", "F"
     return dtype, shape, "F" if fortran else "C"
 
 
-def _told_apart(arrays: list[Packed | Member]) -> Iterator[Packed | Member]:
+def _disambiguated(arrays: list[Packed | Member]) -> Iterator[Packed | Member]:
     """Fields that several arrays have go by the array's name too."""
     labels = Counter(
         label for a in arrays if isinstance(a, Packed) for label in set(a.member.labels)

@@ -103,8 +103,8 @@ class MessageLog:
 
     def _blocks(self, columns: Sequence[str], rows: Rows, size: int) -> Iterator[Array]:
         """Consecutive rows, `size` at a time."""
-        asked = _by_topic([self._place(column) for column in columns])
-        (base, places), *others = asked.items()
+        by_topic = _by_topic([self._place(column) for column in columns])
+        (base, places), *others = by_topic.items()
         clock = LOG_TIME if self._place(columns[0])[1] == LOG_TIME else STAMP
         read = partial(_samples, self.container, clock=clock)
         samples = islice(read(base, [f for _, f in places]), *rows)
@@ -180,10 +180,10 @@ def _container(path: Path) -> Container:
 
 def _by_topic(places: Sequence[tuple[Layout, str]]) -> dict[Layout, list[tuple[int, str]]]:
     """Column numbers and fields of each topic, the first column's topic first."""
-    asked: dict[Layout, list[tuple[int, str]]] = {}
+    by_layout: dict[Layout, list[tuple[int, str]]] = {}
     for k, (layout, name) in enumerate(places):
-        asked.setdefault(layout, []).append((k, name))
-    return asked
+        by_layout.setdefault(layout, []).append((k, name))
+    return by_layout
 
 
 def _samples(

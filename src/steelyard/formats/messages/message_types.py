@@ -45,12 +45,12 @@ def _guarded(decode: Decoder) -> Decoder:
         try:
             return decode(data)
         except Exception as error:  # foreign code on foreign bytes
-            raise Unreadable(_said(error)) from error
+            raise Unreadable(_error_text(error)) from error
 
     return decoded
 
 
-def _said(error: Exception) -> str:
+def _error_text(error: Exception) -> str:
     return str(error).partition("\n")[0][:200] or type(error).__name__
 
 
@@ -66,7 +66,9 @@ def _store(channel: Channel) -> "Typestore":
         try:
             store.register(_parsed(channel))
         except Exception as error:  # foreign code on foreign text
-            raise Unreadable(f"its definition cannot be understood ({_said(error)})") from error
+            raise Unreadable(
+                f"its definition cannot be understood ({_error_text(error)})"
+            ) from error
     store.max_sequence_length = LONGEST_SEQUENCE
     return store
 

@@ -143,8 +143,8 @@ def _is_word(cell: str) -> bool:
 
 def _is_units(row: Sequence[str]) -> bool:
     """Whether a line below the names holds units only."""
-    said = [cell for cell in row if not _is_missing(cell)]
-    return bool(said) and all(_BRACKETED.fullmatch(c) or c.lower() in UNITS for c in said)
+    filled = [cell for cell in row if not _is_missing(cell)]
+    return bool(filled) and all(_BRACKETED.fullmatch(c) or c.lower() in UNITS for c in filled)
 
 
 def _with_unit(name: str, unit: str) -> str:

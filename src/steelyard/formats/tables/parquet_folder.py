@@ -93,10 +93,10 @@ def natural(names: Sequence[str]) -> tuple[tuple[tuple[int, int | str], ...], ..
 
 
 def _require_same(first: ParquetLog, other: ParquetLog) -> None:
-    lost = [c for c in first.columns if c not in other.columns]
+    absent = [c for c in first.columns if c not in other.columns]
     new = [c for c in other.columns if c not in first.columns]
-    if lost or new:
-        differ = [*(f"no '{c}'" for c in lost[:3]), *(f"also '{c}'" for c in new[:3])]
+    if absent or new:
+        differ = [*(f"no '{c}'" for c in absent[:3]), *(f"also '{c}'" for c in new[:3])]
         raise LogError(
             f"two files of the log have other columns: the second has {', '.join(differ)}",
             where=f"{first.path} and {other.path}",

@@ -29,7 +29,7 @@ HALVINGS = 6
 FASTEST = 20.0
 """Speed of a passive joint per speed of an independent one beyond which a dead point is near."""
 
-_SETTLED = 1e-8
+_TOLERANCE = 1e-8
 """A last Newton step: the error after it is of the order of its square."""
 
 
@@ -216,7 +216,7 @@ class _Newton:
             if not step < np.inf:
                 return None
             self._passive[:] = result[:count]
-            if step < _SETTLED:
+            if step < _TOLERANCE:
                 gap = float(result[count:, 0].max())
                 return self._passive[:, 0].copy() if gap <= CLOSED**2 else None
         return None

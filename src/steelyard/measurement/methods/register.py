@@ -67,8 +67,8 @@ def description_of(method: Method | Smoother) -> dict[str, Any]:
 def in_words(method: Method | Smoother) -> str:
     """Name and settings that are not the default: `savitzky_golay, degree 4`."""
     usual = {field.name: field.default for field in dataclasses.fields(method)}  # type: ignore[arg-type]
-    told = [(x, getattr(method, x)) for x in usual]
-    words = [f"{x.replace('_', ' ')} {_shown(value)}" for x, value in told if value != usual[x]]
+    values = [(x, getattr(method, x)) for x in usual]
+    words = [f"{x.replace('_', ' ')} {_shown(value)}" for x, value in values if value != usual[x]]
     return ", ".join((method.name.replace("_", " "), *words))
 
 

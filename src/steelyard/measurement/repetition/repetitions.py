@@ -25,7 +25,7 @@ CONTEXT = 4.0
 """Time around the mean repetition that filters may look at [s]."""
 SLOW_ENDS = 0.15
 """What start and end of the motion may hide of it, in periods: they are slow."""
-TOLD = 100
+ENOUGH_FREEDOM = 100
 """Degrees of freedom that a variance is averaged to have, over neighbouring time steps."""
 LEAST_SHARE = 1e-3
 """Least variance over its median over time."""
@@ -172,13 +172,13 @@ def weights_of(variance: Array, count: int) -> Array:
     """Weights from sample variances over repetitions, mean 1 over time.
 
     Few repetitions tell a variance badly, so it is averaged over neighbouring time steps until
-    it has `TOLD` degrees of freedom.
+    it has `ENOUGH_FREEDOM` degrees of freedom.
 
     Args:
         variance: Shape `(n, P)`.
         count: Number of repetitions.
     """
-    span = min(2 * (TOLD // max(count - 1, 1) // 2) + 1, variance.shape[1])
+    span = min(2 * (ENOUGH_FREEDOM // max(count - 1, 1) // 2) + 1, variance.shape[1])
     padded = np.pad(variance, ((0, 0), (span // 2, span - 1 - span // 2)), mode="edge")
     sums = np.cumsum(np.pad(padded, ((0, 0), (1, 0))), axis=1)
     smooth = (sums[:, span:] - sums[:, :-span]) / span

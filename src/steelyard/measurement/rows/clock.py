@@ -243,19 +243,20 @@ class Scan:
 
 def nothing_left(recording: Recording, counts: NDArray[np.int64]) -> LogError:
     """The error for a recording of which no row can be used."""
-    lost = counts.copy()
-    lost[Verdict.KEPT] = 0
-    if lost.sum() == 0:
+    dropped = counts.copy()
+    dropped[Verdict.KEPT] = 0
+    if dropped.sum() == 0:
         return LogError(
             "the window of the log holds no row",
             where=recording.where,
             fix="choose a window within the log; its seconds count from the first row",
         )
-    worst = Verdict(int(np.argmax(lost)))
+    worst = Verdict(int(np.argmax(dropped)))
     if worst in (Verdict.REPEATED, Verdict.BACKWARD, Verdict.JUMP):
-        return not_followed(recording, lost)
+        return not_followed(recording, dropped)
     return LogError(
-        f"every row of the log is invalid: {lost[worst]} of {lost.sum()} rows hold {worst.reason}",
+        f"every row of the log is invalid: {dropped[worst]} of {dropped.sum()} rows hold "
+        f"{worst.reason}",
         where=recording.where,
         fix="check that the columns under [signals] of the robot file hold numbers, and their "
         "units",

@@ -45,13 +45,13 @@ class Marked:
     @property
     def words(self) -> str:
         """What was marked; empty if nothing was."""
-        said = (
+        marks = (
             (self.outliers, "outlier", "interpolated"),
             (self.stale, "repeated row", "interpolated"),
             (self.cut_off, "effort", "at its limit left out"),
         )
         return ", ".join(
-            f"{count} {one}{'s' * (count > 1)} {done}" for count, one, done in said if count
+            f"{count} {one}{'s' * (count > 1)} {done}" for count, one, done in marks if count
         )
 
 

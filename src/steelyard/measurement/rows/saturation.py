@@ -8,7 +8,7 @@ from steelyard.measurement.rows.outliers import stretches
 
 STAY = 5
 """Rows in a row at the extreme value that are a stay."""
-HELD = 3.0
+REPEATED = 3.0
 """Stays at the extreme over the rows for which a value is usually held, at least: some drives
 report at a lower rate than they are logged."""
 ABRUPT = 0.5
@@ -63,10 +63,10 @@ class Extremes:
         self.end_segment()
         changes = np.maximum(self._changes, 1)
         usual = np.sqrt(self._squares / changes)
-        held = self._rows / changes
+        repeats = self._rows / changes
         found = np.full((len(self._sides), 2), np.nan)
         for channel, (top, bottom) in enumerate(self._sides):
-            least = max(STAY, HELD * held[channel])
+            least = max(STAY, REPEATED * repeats[channel])
             step = max(ABRUPT * usual[channel], QUANTA * resolution[channel])
             if bottom.saturated(least, step):
                 found[channel, 0] = -bottom.level

@@ -104,7 +104,7 @@ class _Evaluation:
         visit = getattr(self, f"_{type(node).__name__.lower()}", None)
         if visit is None:
             kind = type(node).__name__.lower()
-            raise XacroError(f"'{kind}' is not supported in expressions", _MEND)
+            raise XacroError(f"'{kind}' is not supported in expressions", _FIX)
         return visit(node)
 
     def _made(self, value: Any) -> Any:
@@ -112,7 +112,7 @@ class _Evaluation:
 
     def _constant(self, node: ast.Constant) -> Any:
         if node.value is not None and not isinstance(node.value, int | float | str):
-            raise XacroError(f"the constant {node.value!r:.40} is not supported", _MEND)
+            raise XacroError(f"the constant {node.value!r:.40} is not supported", _FIX)
         return self._made(node.value)
 
     def _name(self, node: ast.Name) -> Any:
@@ -120,7 +120,7 @@ class _Evaluation:
 
     def _attribute(self, node: ast.Attribute) -> Any:
         if node.attr.startswith("_"):
-            raise XacroError(f"'{node.attr}' is not accessible", _MEND)
+            raise XacroError(f"'{node.attr}' is not accessible", _FIX)
         inside = self.of(node.value)
         if isinstance(inside, Mapping):
             if node.attr not in inside:
@@ -128,7 +128,7 @@ class _Evaluation:
             return inside[node.attr]
         if isinstance(inside, Names):
             return inside.value(node.attr)
-        raise XacroError(f"'{node.attr}' is not accessible", _MEND)
+        raise XacroError(f"'{node.attr}' is not accessible", _FIX)
 
     def _binop(self, node: ast.BinOp) -> Any:
         operation = self._operation(_BINARY, node.op)
@@ -158,7 +158,7 @@ class _Evaluation:
     def _operation(self, table: Mapping[type, Any], kind: Any) -> Any:
         if type(kind) not in table:
             name = type(kind).__name__.lower()
-            raise XacroError(f"the operation '{name}' is not supported", _MEND)
+            raise XacroError(f"the operation '{name}' is not supported", _FIX)
         return table[type(kind)]
 
     def _ifexp(self, node: ast.IfExp) -> Any:
@@ -184,13 +184,13 @@ class _Evaluation:
 
     def _dict(self, node: ast.Dict) -> Any:
         if None in node.keys:
-            raise XacroError("'**' is not supported in expressions", _MEND)
+            raise XacroError("'**' is not supported in expressions", _FIX)
         pairs = zip(node.keys, node.values, strict=True)
         return self._made({self.of(k): self.of(v) for k, v in pairs if k is not None})
 
     def _listcomp(self, node: ast.ListComp | ast.GeneratorExp) -> list[Any]:
         if len(node.generators) != 1 or not isinstance(node.generators[0].target, ast.Name):
-            raise XacroError("only one loop over one name is supported in expressions", _MEND)
+            raise XacroError("only one loop over one name is supported in expressions", _FIX)
         loop, kept = node.generators[0], []
         name, before = node.generators[0].target.id, dict(self.own)
         for value in list(self.of(loop.iter)):
@@ -205,11 +205,11 @@ class _Evaluation:
     def _call(self, node: ast.Call) -> Any:
         function = self._function(node.func)
         if any(isinstance(part, ast.Starred) for part in node.args):
-            raise XacroError("'*' is not supported in expressions", _MEND)
+            raise XacroError("'*' is not supported in expressions", _FIX)
         given = [self.of(part) for part in node.args]
         named = {part.arg: self.of(part.value) for part in node.keywords if part.arg}
         if len(named) < len(node.keywords) or not all(_plain(v) for v in (*given, *named.values())):
-            raise XacroError("a function is not given plain values", _MEND)
+            raise XacroError("a function is not given plain values", _FIX)
         return self._made(function(*given, **named))
 
     def _function(self, node: ast.expr) -> Callable[..., Any]:
@@ -221,7 +221,7 @@ class _Evaluation:
                 return lambda *given: method(inside, *given)
         function = self.of(node)
         if not callable(function):
-            raise XacroError(f"'{ast.unparse(node)[:80]}' is not a function", _MEND)
+            raise XacroError(f"'{ast.unparse(node)[:80]}' is not a function", _FIX)
         return function  # type: ignore[no-any-return]
 
 
@@ -229,4 +229,4 @@ def _plain(value: Any) -> bool:
     return value is None or isinstance(value, int | float | str | list | tuple | dict)
 
 
-_MEND = "write it with numbers, texts, lists and the functions of docs/robot-file.md"
+_FIX = "write it with numbers, texts, lists and the functions of docs/robot-file.md"

@@ -82,14 +82,14 @@ class Scope(Names):
         """The value of a name in expressions; a lazy property is evaluated now."""
         scope = self.holder(name)
         if scope is not None:
-            return scope._settled(name)
+            return scope._evaluated(name)
         if name == "xacro":
             return self.reading.functions
         if name in self.reading.functions:
             return self.reading.functions[name]
         return super().value(name)
 
-    def _settled(self, name: str) -> Any:
+    def _evaluated(self, name: str) -> Any:
         if name in self.lazy:
             if name in self.waiting:
                 way = " -> ".join([*self.waiting, name])

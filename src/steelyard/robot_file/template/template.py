@@ -95,12 +95,12 @@ def notes_beside(bare: LoadedRobot, written: LoadedRobot) -> tuple[str, ...]:
     A robot file repeats gravity and limits of the model, and so hides what they rest on. Of a
     statement with a list, the robot file's holds: it moves fewer joints.
     """
-    told = {**bare.unfollowed, **written.unfollowed}
+    told = {**bare.ignored, **written.ignored}
     assumed = {
         note.statement if isinstance(note, Listed) else note: note
         for loaded in (bare, written)
         for note in loaded.notes
-        if note not in loaded.unfollowed.values()
+        if note not in loaded.ignored.values()
     }
     return tuple(dict.fromkeys((*assumed.values(), *told.values())))
 

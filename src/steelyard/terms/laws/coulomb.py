@@ -79,7 +79,7 @@ class Coulomb(ActsOnAxes):
     def in_model_files(self, robot: Robot, values: Values) -> Placed:
         """Dry friction by the plain sign."""
         parts = under(self, robot, values, self.law, "dry")
-        lost = tuple(
+        unsupported = tuple(
             f"{words} {getattr(self, name)} rad/s or m/s ({self.law})"
             for name, words in (
                 ("smoothing", "that dry friction turns smoothly within"),
@@ -87,4 +87,4 @@ class Coulomb(ActsOnAxes):
             )
             if any(part.value for part in parts) and not is_zero(getattr(self, name))
         )
-        return Placed(parts, lost=lost)
+        return Placed(parts, unsupported=unsupported)

@@ -72,7 +72,7 @@ class Dahl(OneState):
 
     law: ClassVar[str] = "dahl"
     dissipation: ClassVar[Dissipation] = "each"
-    in_model_files: ClassVar[Place] = full_sliding("dahl", lost=GIVES_WAY)
+    in_model_files: ClassVar[Place] = full_sliding("dahl", unsupported=GIVES_WAY)
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """One per coordinate, not negative."""
@@ -96,7 +96,7 @@ class MaxwellSlip(Presliding):
     dissipation: ClassVar[Dissipation] = "together"
     cause: ClassVar[Cause] = "friction"
     shown_by: ClassVar[str] = REVERSALS
-    in_model_files: ClassVar[Place] = full_sliding(lost=GIVES_WAY)
+    in_model_files: ClassVar[Place] = full_sliding(unsupported=GIVES_WAY)
     state_only_fields: ClassVar[tuple[str, ...]] = ("lengths", "relaxing")
     lengths: tuple[float, ...] = (3e-4, 1e-3, 3e-3, 1e-2)
     relaxing: bool = False
@@ -165,7 +165,9 @@ class LuGre(Presliding):
     dissipation: ClassVar[Dissipation] = "each"
     cause: ClassVar[Cause] = "friction"
     shown_by: ClassVar[str] = REVERSALS
-    in_model_files: ClassVar[Place] = full_sliding("lugre", lost=f"{GIVES_WAY} and breakaway")
+    in_model_files: ClassVar[Place] = full_sliding(
+        "lugre", unsupported=f"{GIVES_WAY} and breakaway"
+    )
     shares: ClassVar[Mapping[str, tuple[float, float]]] = {"lugre_damping": (0.3, 0.8)}
     state_only_fields: ClassVar[tuple[str, ...]] = ("length", "breakaway", "speed")
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {

@@ -119,11 +119,11 @@ def mix_name(terms: Sequence[Term]) -> str:
 
 
 def _term_name(term: Term) -> str:
-    told = {f.name: getattr(term, f.name) for f in fields(term)}  # type: ignore[arg-type]
+    values = {f.name: getattr(term, f.name) for f in fields(term)}  # type: ignore[arg-type]
     usual = {f.name: f.default for f in fields(term)}  # type: ignore[arg-type]
     given = [
         name if value is True else f"{name} {_short(value)}"
-        for name, value in told.items()
+        for name, value in values.items()
         if name not in term.unnamed and value and (name in term.bounds or value != usual[name])
     ]
     return f"{term.law} ({', '.join(given)})" if given else term.law
