@@ -243,8 +243,8 @@ def cells(course: Course, seconds: float) -> str:
     """Figures at the marks, and when the wanted one is reached."""
     figures = [[f for t, f in course if t <= share * seconds] for share in MARKS]
     reached = [t for t, f in course if f <= WANTED]
-    told = [f"{f[-1]:.1f}" if f else "-" for f in figures]
-    return " ".join(f"{x:>6}" for x in (*told, f"{reached[0]:.1f}" if reached else "-"))
+    values = [f"{f[-1]:.1f}" if f else "-" for f in figures]
+    return " ".join(f"{x:>6}" for x in (*values, f"{reached[0]:.1f}" if reached else "-"))
 
 
 def designs() -> list[tuple[str, str, str, bool]]:

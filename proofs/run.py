@@ -32,7 +32,7 @@ def main() -> int:
             traceback.print_exc()
             found = [Claim(name, "the proof stopped with an error", "a figure", False)]
         print(f"{name}: {time.perf_counter() - start:.0f} s", file=sys.stderr, flush=True)
-        claims += [Claim(f"{name}  {c.name}", c.figure, c.bound, c.holds) for c in found]
+        claims += [Claim(f"{name}  {c.name}", c.value, c.bound, c.holds) for c in found]
     print(table(claims))
     missed = sum(not claim.holds for claim in claims)
     print(f"{len(claims) - missed} claims hold, {missed} missed")

@@ -56,9 +56,9 @@ def test_every_name_has_an_example_that_holds(
     )
     assert found.examples, f"{name} has no example"
     runner = doctest.DocTestRunner(optionflags=doctest.REPORT_NDIFF)
-    said: list[str] = []
-    runner.run(found, out=said.append)
-    assert runner.summarize(verbose=False).failed == 0, "".join(said)
+    output: list[str] = []
+    runner.run(found, out=output.append)
+    assert runner.summarize(verbose=False).failed == 0, "".join(output)
 
 
 def test_all_names_are_listed() -> None:

@@ -71,23 +71,23 @@ def test_values_that_are_not_named_are_zero() -> None:
 
 
 def test_strange_names_are_refused() -> None:
-    with pytest.raises(DataError, match=r"has no parameter 'm\.wing'") as told:
+    with pytest.raises(DataError, match=r"has no parameter 'm\.wing'") as caught:
         Model(single()).at(Parameters(["m.wing"], ["kg"], [1.0]))
-    assert "m.rod" in told.value.fix
+    assert "m.rod" in caught.value.fix
 
 
 def test_motions_of_another_robot_are_refused(valued: ValuedModel) -> None:
-    with pytest.raises(DataError, match="the motion has 6 joints, the model 4") as told:
+    with pytest.raises(DataError, match="the motion has 6 joints, the model 4") as caught:
         valued.torque(motion(3, 6))
-    assert "trunk_joint" in told.value.fix
+    assert "trunk_joint" in caught.value.fix
 
 
 @pytest.mark.parametrize("angle", [1.01 * MAX_ANGLE, -1.01 * MAX_ANGLE, np.inf, np.nan])
 def test_absurd_positions_are_refused(valued: ValuedModel, angle: float) -> None:
     still, q = np.zeros(4), np.array([0.0, angle, 0.0, 0.0])
-    with pytest.raises(DataError, match="beyond 100000 rad or is not finite") as told:
+    with pytest.raises(DataError, match="beyond 100000 rad or is not finite") as caught:
         valued.start().step(q, still, still)
-    assert "unit of the position columns" in told.value.fix
+    assert "unit of the position columns" in caught.value.fix
     if np.isfinite(angle):
         with pytest.raises(DataError, match="beyond 100000 rad"):
             valued.torque(Motion([0.0], [q], [still], [still]))
@@ -138,11 +138,11 @@ def test_a_second_start_neither_traces_nor_compiles(tmp_path: Path) -> None:
     tests = str(Path(__file__).parent)
     env = {**os.environ, "STEELYARD_CACHE": str(tmp_path), "PYTHONPATH": tests}
     command = [sys.executable, "-c", START]
-    told = [
+    lines = [
         subprocess.run(command, env=env, check=True, capture_output=True, text=True).stdout.strip()
         for _ in range(2)
     ]
-    assert told == ["3 True", "0 False"]
+    assert lines == ["3 True", "0 False"]
 
 
 @pytest.mark.parametrize("values", [0.1, [0.1], [[0.1] * 4]])

@@ -70,27 +70,27 @@ def finding(diagnosis: Diagnosis, check: str) -> Finding:
 
 def _passes(robot: str) -> Claim:
     _, diagnosis = good(robot)
-    said = [f"{f.check}: {f.severity.word}" for f in diagnosis.findings if f.severity]
+    severities = [f"{f.check}: {f.severity.word}" for f in diagnosis.findings if f.severity]
     return Claim(
         f"quick check of {robot}",
-        ", ".join(said) or f"ok, {len(diagnosis.findings)} findings",
+        ", ".join(severities) or f"ok, {len(diagnosis.findings)} findings",
         "ok",
         diagnosis.severity == Severity.OK,
     )
 
 
 def _clock() -> Claim:
-    said = finding(good("ur10e")[1], "clock").says
-    jitter = re.search(r"jitter ([\d.]+) ms", said)
+    sentence = finding(good("ur10e")[1], "clock").says
+    jitter = re.search(r"jitter ([\d.]+) ms", sentence)
     found = float(jitter.group(1)) if jitter else np.nan
-    return Claim("jitter of UR10e", said, "steps of 10 and 12 ms named", 0.8 <= found <= 1.2)
+    return Claim("jitter of UR10e", sentence, "steps of 10 and 12 ms named", 0.8 <= found <= 1.2)
 
 
 def _rests() -> Claim:
-    said = finding(good("ur10e")[1], "rests").says
-    ends = [float(x) for x in re.findall(r"([\d.]+) s at", said)]
+    sentence = finding(good("ur10e")[1], "rests").says
+    ends = [float(x) for x in re.findall(r"([\d.]+) s at", sentence)]
     holds = len(ends) == 2 and all(2.0 <= x <= 6.0 for x in ends)
-    return Claim("rests of UR10e", said, "2 to 6 s at both ends", holds)
+    return Claim("rests of UR10e", sentence, "2 to 6 s at both ends", holds)
 
 
 def _lag(robot: str, low: float, high: float, bound: str) -> Claim:
@@ -105,16 +105,16 @@ def _lag(robot: str, low: float, high: float, bound: str) -> Claim:
 
 
 def _motors() -> list[Claim]:
-    said = finding(good("tx40")[1], "position").says
+    sentence = finding(good("tx40")[1], "position").says
     bare = examine(example_case("tx40", LOGS["tx40"], *MOTOR_KEYS), quick=True)
     found = finding(bare, "position")
     assert found.fix is not None
     return [
         Claim(
             "motor-side signals of TX40",
-            said,
+            sentence,
             "named with their ratios",
-            "motor-side" in said and "32 32 45 -48 45 32" in said,
+            "motor-side" in sentence and "32 32 45 -48 45 32" in sentence,
         ),
         Claim(
             "TX40 without its motor lines",

@@ -189,9 +189,9 @@ def _one(tally: Tally, clean: Clean, faulty: Faulty) -> None:
     tally.verdicts += verdict
     tally.fixes += fix
     if not fix:
-        said = [f"{f.check} {f.severity.word}: {f.says}" for f in found.findings if f.severity]
+        sentences = [f"{f.check} {f.severity.word}: {f.says}" for f in found.findings if f.severity]
         edits = [(".".join(e.path), e.value) for e in found.edits]
-        tally.missed.append(f"{clean.robot} {clean.name}: {said or 'nothing'} {edits}")
+        tally.missed.append(f"{clean.robot} {clean.name}: {sentences or 'nothing'} {edits}")
 
 
 def false_alarms(logs: dict[str, list[Clean]]) -> tuple[Counter[str], int]:
@@ -203,8 +203,8 @@ def false_alarms(logs: dict[str, list[Clean]]) -> tuple[Counter[str], int]:
             quirk = finding.severity == 1 and (clean.robot, finding.check) in QUIRKS
             alarms[finding.check] += finding.severity > 0 and not quirk
             if finding.severity:
-                told = f"{finding.severity.word}: {finding.says}"
-                print(f"clean {clean.name}: {finding.check} {told}", file=sys.stderr)
+                sentence = f"{finding.severity.word}: {finding.says}"
+                print(f"clean {clean.name}: {finding.check} {sentence}", file=sys.stderr)
     return alarms, count
 
 

@@ -17,10 +17,10 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from proofs.support.claims import Claim, main_of
+from proofs.support.mistake_outcome import Outcome, outcome_of
 from proofs.support.mistakes import Arm, Mistake
 from proofs.support.mistakes_of_logs import LOGS
 from proofs.support.mistakes_of_robots import ROBOTS
-from proofs.support.mistakes_said import Outcome, said_of
 
 MISTAKES = [*LOGS, *ROBOTS]
 SEED = 1
@@ -44,7 +44,7 @@ def one(task: tuple[str, int]) -> Outcome:
         arm = Arm.drawn(seed, there / "arm")
         job = mistake.plant(arm)
         try:
-            return said_of(arm, job, there / "job", validated="validate" in mistake.says)
+            return outcome_of(arm, job, there / "job", validated="validate" in mistake.says)
         except Exception as error:
             return Outcome((f"crash: {type(error).__name__}: {error}",), None)
 
@@ -52,14 +52,16 @@ def one(task: tuple[str, int]) -> Outcome:
 def right(mistake: Mistake, found: Outcome) -> bool:
     """Whether what must be said is said, and nothing else is called wrong."""
     if not mistake.says and not mistake.untold:
-        quiet = not any(re.match("check wrong|refusal|headline (fair|poor)", s) for s in found.said)
+        quiet = not any(
+            re.match("check wrong|refusal|headline (fair|poor)", s) for s in found.sentences
+        )
         return quiet and found.error is not None and found.error <= CLEAN
-    if any(line.startswith("crash") for line in found.said):
+    if any(line.startswith("crash") for line in found.sentences):
         return False
     handled = found.error is not None and found.error <= mistake.error
-    told = bool(mistake.says) and any(re.search(mistake.says, line) for line in found.said)
+    named = bool(mistake.says) and any(re.search(mistake.says, line) for line in found.sentences)
     allowed = re.compile("|".join(p for p in (mistake.says, mistake.beside) if p) or "$^")
-    return (told or handled) and all(allowed.search(line) for line in found.wrong)
+    return (named or handled) and all(allowed.search(line) for line in found.wrong)
 
 
 def worse(found: Outcome) -> bool:
@@ -72,10 +74,10 @@ def line_of(mistake: Mistake, found: Outcome) -> str:
     verdict = "right" if right(mistake, found) else "untold" if mistake.untold else "WRONG"
     error = "refused" if found.error is None else f"{found.error:.2g} %"
     fix = "" if found.fix is None else f", fix {found.fix[0]:.2g} -> {found.fix[1]:.2g} %"
-    told = [s for s in found.said if not s.startswith("note: ")]
-    hit = [s for s in found.said if mistake.says and re.search(mistake.says, s)]
-    said = (hit or told or [""])[0].replace("\n", " ")[:110]
-    return f"{verdict:<7}{mistake.name:<36}{error + fix:<32}{said}"
+    others = [s for s in found.sentences if not s.startswith("note: ")]
+    hit = [s for s in found.sentences if mistake.says and re.search(mistake.says, s)]
+    first = (hit or others or [""])[0].replace("\n", " ")[:110]
+    return f"{verdict:<7}{mistake.name:<36}{error + fix:<32}{first}"
 
 
 def outcomes(mistakes: Sequence[Mistake], seed: int) -> list[Outcome]:
@@ -114,7 +116,7 @@ def main(mistakes: Sequence[Mistake] = MISTAKES, seed: int = SEED) -> list[Claim
     ]
 
 
-def asked() -> list[Claim]:
+def requested() -> list[Claim]:
     """As the command line asks."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--only", default="")
@@ -124,10 +126,10 @@ def asked() -> list[Claim]:
     if options.only:
         for mistake in chosen:
             found = one((mistake.name, options.seed))
-            print(line_of(mistake, found), *found.said, *found.changes, sep="\n  ")
+            print(line_of(mistake, found), *found.sentences, *found.changes, sep="\n  ")
         sys.exit()
     return main(chosen, options.seed)
 
 
 if __name__ == "__main__":
-    main_of(asked)
+    main_of(requested)

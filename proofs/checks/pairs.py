@@ -20,10 +20,10 @@ from pathlib import Path
 
 import numpy as np
 from proofs.support.claims import Claim, main_of
+from proofs.support.mistake_outcome import Outcome, outcome_of
 from proofs.support.mistakes import Arm, Job, Log
 from proofs.support.mistakes_of_robots import carrying, gravity, zero_offset
 from proofs.support.mistakes_planted import late, scaled
-from proofs.support.mistakes_said import Outcome, said_of
 
 CLEAN = 3.0
 """True error [%] up to which a job counts as put right."""
@@ -154,21 +154,21 @@ def one(task: tuple[str, int]) -> Outcome:
         try:
             job = pair.plant(arm)
             real = replace(arm, truth=arm.loaded(pair.load)) if pair.load else arm
-            return said_of(real, job, there / "job", validated=False)
+            return outcome_of(real, job, there / "job", validated=False)
         except Exception as error:
             return Outcome((f"crash: {type(error).__name__}: {error}",), None)
 
 
 def right(pair: Pair, found: Outcome) -> bool:
     """Whether a draw is put right, or rightly left to the user."""
-    if any(line.startswith("crash") for line in found.said):
+    if any(line.startswith("crash") for line in found.sentences):
         return False
     if found.error is not None and found.error <= CLEAN:
         return True
-    named = all(any(re.search(says, line) for line in found.said) for says in pair.says)
+    named = all(any(re.search(says, line) for line in found.sentences) for says in pair.says)
     if found.fix is not None:
         return found.fix[1] <= CLEAN or (found.fix[1] < found.fix[0] and named)
-    untold = bool(found.wrong) and any("cannot distinguish" in line for line in found.said)
+    untold = bool(found.wrong) and any("cannot distinguish" in line for line in found.sentences)
     return named or untold
 
 
@@ -209,7 +209,7 @@ def main(pairs: Sequence[Pair] = PAIRS, draws: int = DRAWS) -> list[Claim]:
     ]
 
 
-def asked() -> list[Claim]:
+def requested() -> list[Claim]:
     """As the command line asks."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--only", default="")
@@ -220,10 +220,10 @@ def asked() -> list[Claim]:
     if options.seed:
         for pair in chosen:
             found = one((pair.name, options.seed))
-            print(line_of(pair, options.seed, found), *found.said, *found.changes, sep="\n  ")
+            print(line_of(pair, options.seed, found), *found.sentences, *found.changes, sep="\n  ")
         sys.exit()
     return main(chosen, options.draws)
 
 
 if __name__ == "__main__":
-    main_of(asked)
+    main_of(requested)

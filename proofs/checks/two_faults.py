@@ -85,7 +85,7 @@ def currents(folder: Path) -> list[Claim]:
     urdf, logs = data_folder() / "ur10e" / "ur10e.urdf", [log_of(n) for n in LOGS]
     robot, fixed = folder / "ur10e.toml", folder / "fixed.toml"
     run("init", urdf, logs[0], "-o", robot)
-    code, said = run("identify", robot, *logs, "-o", folder / "refused")
+    code, output = run("identify", robot, *logs, "-o", folder / "refused")
     run("check", robot, *logs, "--fix", fixed)
     gains = effort_of(fixed)["gain"]
     pairs = [(g, c) for g, c in zip(gains, CONTROLLER, strict=True) if g != "identify"]
@@ -98,9 +98,9 @@ def currents(folder: Path) -> list[Claim]:
     return [
         Claim(
             "UR10e, gains of 1: identify",
-            f"exit code {code}, {said.split(':')[1].strip() if ':' in said else said}",
+            f"exit code {code}, {output.split(':')[1].strip() if ':' in output else output}",
             "refused for gains, no model",
-            code == 2 and "gain" in said and not (folder / "refused").exists(),
+            code == 2 and "gain" in output and not (folder / "refused").exists(),
         ),
         Claim(
             "UR10e, gains of 1: gains written by check --fix",
@@ -122,7 +122,7 @@ def ways(folder: Path) -> list[Claim]:
     logs = [without_targets(folder, n) for n in (*LOGS, UNLOADED, LOADED)]
     robot, fixed = folder / "ur10e.toml", folder / "fixed.toml"
     run("init", data_folder() / "ur10e" / "ur10e.urdf", logs[0], "-o", robot)
-    code, said = run("check", robot, *logs[:2], "--fix", fixed)
+    code, output = run("check", robot, *logs[:2], "--fix", fixed)
     unknown = with_gain(robot, "identify", "unknown.toml")
     loaded = ["--loaded", logs[3]]
     second = run(
@@ -137,7 +137,10 @@ def ways(folder: Path) -> list[Claim]:
             "UR10e without targets: check --fix",
             f"exit code {code}, {'a file' if fixed.exists() else 'no file'}",
             'exit code 2, no file, "identify" and --payload-mass named',
-            code == 2 and not fixed.exists() and '"identify"' in said and "--payload-mass" in said,
+            code == 2
+            and not fixed.exists()
+            and '"identify"' in output
+            and "--payload-mass" in output,
         ),
         Claim(
             f"UR10e without targets, a load of {MASS} kg: gains",

@@ -112,9 +112,9 @@ def done(*arguments: object) -> None:
     Raises:
         RuntimeError: It did not do what it was asked for.
     """
-    code, said = run(*arguments)
+    code, output = run(*arguments)
     if code not in (0, 1, 3):
-        raise RuntimeError(f"{arguments[0]}: {said.strip().splitlines()[0]}")
+        raise RuntimeError(f"{arguments[0]}: {output.strip().splitlines()[0]}")
 
 
 def draws_of(name: str, folder: Path, draws: int) -> list[Outcome]:
@@ -187,8 +187,8 @@ def claims_of(name: str, outcomes: list[Outcome]) -> Iterator[Claim]:
         yield Claim(f"{name}, intervals, {kind}", f"{value:.1f} % of {len(held)}", bound, holds)
     refused = [one for one in outcomes if one.why]
     errors = [one.error for one in outcomes if not one.why]
-    said = f"{np.median(errors):.2f} %" if errors else "none"
-    yield Claim(f"{name}, error of unseen motion, median", said, "told", True)
+    median = f"{np.median(errors):.2f} %" if errors else "none"
+    yield Claim(f"{name}, error of unseen motion, median", median, "reported", True)
     yield Claim(f"{name}, draws refused", f"{len(refused)} of {len(outcomes)}", "0", not refused)
 
 

@@ -25,7 +25,7 @@ LOG = "../given/identification.parquet"
 FOREARM = (
     '<inertia ixx="0.0155" ixy="0.0001" ixz="0.0005" iyy="0.0150" iyz="-0.0006" izz="0.0024"/>'
 )
-HELD = "forearm_roll"
+LOCKED = "forearm_roll"
 
 PRIORS: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "prior that breaks the triangle inequality": (
@@ -124,13 +124,13 @@ def of_prior(name: str, given: Path, work: Path) -> list[Claim]:
     if done.returncode:
         return [Claim(name, done.stderr[:90], "a fit and a note", False)]
     notes = json.loads(done.stdout)["notes"]
-    said = next((note for note in notes if all(w in note for w in words)), "no such note")
+    found_note = next((note for note in notes if all(w in note for w in words)), "no such note")
     identified = load_model(out)
-    lost = impossible_bodies(identified.estimate, default_knowledge(identified.model))
-    told = "bodies not told" if lost is None else f"{len(lost)} bodies cannot exist"
+    impossible = impossible_bodies(identified.estimate, default_knowledge(identified.model))
+    count = "bodies not told" if impossible is None else f"{len(impossible)} bodies cannot exist"
     return [
-        Claim(f"{name}: said", said[:90], f"link named, {words[-1]}", said in notes),
-        Claim(f"{name}: bodies", told, "all valid", lost == ()),
+        Claim(f"{name}: said", found_note[:90], f"link named, {words[-1]}", found_note in notes),
+        Claim(f"{name}: bodies", count, "all valid", impossible == ()),
     ]
 
 
@@ -163,7 +163,7 @@ def resting_log(given: Path) -> None:
     model = Model(loaded.robot, tuple(term_of(t.description, t.where) for t in loaded.terms or ()))
     truth = [0.4 if p.prior is None else p.prior for p in model.parameters]
     valued = model.at(Parameters(model.names, model.units, truth))
-    rest = model.robot.joint_names.index(HELD)
+    rest = model.robot.joint_names.index(LOCKED)
     motion = random_fourier(loaded.robot, seed=4, period=20.0)
     t = np.arange(0.0, 20.0, 0.004)
     whole = motion.sample(t)
@@ -190,7 +190,7 @@ def of_rest(given: Path, work: Path) -> list[Claim]:
         return [Claim("a joint that never moved", done.stderr[:90], "a fit", False)]
     with (out / "parameters.csv").open() as file:
         rows = {row["name"]: row for row in csv.DictReader(file)}
-    own = [name for name in rows if name in (f"viscous.{HELD}", f"coulomb.{HELD}")]
+    own = [name for name in rows if name in (f"viscous.{LOCKED}", f"coulomb.{LOCKED}")]
     marks = {name: rows[name]["status"] for name in own}
     standard = load_model(out).estimate.standard
     assert standard is not None

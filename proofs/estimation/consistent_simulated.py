@@ -43,8 +43,8 @@ def boxed(case: Case, knowledge: Knowledge) -> Knowledge:
         assert true is not None
         for moment, middle in zip(("mx", "my", "mz"), true.com, strict=True):
             for sign, edge in ((1.0, middle + BOX), (-1.0, -middle + BOX)):
-                wish = {f"{moment}.{body}": sign, f"m.{body}": -edge}
-                rows.append(Row(f"centre of {body}", wish, upper=0.0))
+                coefficients = {f"{moment}.{body}": sign, f"m.{body}": -edge}
+                rows.append(Row(f"centre of {body}", coefficients, upper=0.0))
     return replace(knowledge, rows=tuple(rows))
 
 
@@ -114,8 +114,8 @@ def claims_of(robot: str) -> list[Claim]:
         rows = [row_of(robot, seed, share) for seed in range(SEEDS)]
         errors = np.array([row[0] for row in rows])
         median = np.median(errors, axis=0)
-        told = ", ".join(f"{n} {m:.3g}" for n, m in zip(COLUMNS, median, strict=True))
-        print(f"{robot}, {motion}: median errors [%]: {told}", file=sys.stderr)
+        listed = ", ".join(f"{n} {m:.3g}" for n, m in zip(COLUMNS, median, strict=True))
+        print(f"{robot}, {motion}: median errors [%]: {listed}", file=sys.stderr)
         if motion == "rich":
             ratio = float(np.median(errors[:, 2] / errors[:, 1]))
             claims.append(
@@ -145,7 +145,7 @@ def claims_of(robot: str) -> list[Claim]:
     return claims
 
 
-def told_of(robot: str) -> list[Claim]:
+def reported_of(robot: str) -> list[Claim]:
     """The rich ratio at other lengths of the run, held against nothing."""
     claims = []
     for length in LENGTHS:
@@ -157,13 +157,15 @@ def told_of(robot: str) -> list[Claim]:
             plain = WeightedLeastSquares()(case.information)
             ratios.append(case.error_of(ours) / case.error_of(plain))
         title = f"{robot}, rich, runs of {length:g} s instead of 8 s"
-        claims.append(Claim(title, f"{np.median(ratios):.2f} times", "told", True))
+        claims.append(Claim(title, f"{np.median(ratios):.2f} times", "reported", True))
     return claims
 
 
 def main() -> list[Claim]:
     """Both robots."""
-    return [claim for robot in ("panda", "ur10e") for claim in (*claims_of(robot), *told_of(robot))]
+    return [
+        claim for robot in ("panda", "ur10e") for claim in (*claims_of(robot), *reported_of(robot))
+    ]
 
 
 if __name__ == "__main__":

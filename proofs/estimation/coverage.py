@@ -49,7 +49,7 @@ EDGE = 90.0
 SCATTER = 1.0
 """Scatter of a mean over the draws, and of one real log's, that the bounds do not count [%]."""
 
-SAID = 90.0
+NAMED = 90.0
 """Share of the draws in which the sentence must be there where intervals do not hold [%]."""
 
 
@@ -68,10 +68,10 @@ def covered(row: Row, seed: int) -> tuple[float, float, float]:
         model.valued, case.unseen, model.signals.gains, model.cutoffs.score, bands=bands
     )
     share = predicted.coverage_percent
-    said = float("nan")
+    named = float("nan")
     if seed < CHECKED:
-        said = 100.0 * (differenced(case) or bool(ModelError()(FittedCase(model, found.runs))))
-    return 100.0 * float(inside.mean()), float("nan") if share is None else share, said
+        named = 100.0 * (differenced(case) or bool(ModelError()(FittedCase(model, found.runs))))
+    return 100.0 * float(inside.mean()), float("nan") if share is None else share, named
 
 
 def differenced(case: Case) -> bool:
@@ -141,17 +141,17 @@ def spelt(bounds: tuple[float, float]) -> str:
 def of_row(row: Row, pool: ProcessPoolExecutor) -> list[Claim]:
     """Claims of one disturbance."""
     found = np.array(list(pool.map(partial(covered, row), range(DRAWS))))
-    parameters, bands, said = np.nanmean(found, axis=0)
+    parameters, bands, named = np.nanmean(found, axis=0)
     least, most = found[:, 1].min(), found[:, 1].max()
     figure = f"{bands:.1f} % (single draws {least:.0f} to {most:.0f} %)"
     bound = spelt(PARAMETERS)
-    bound += "" if row.right else f", or the sentence in {SAID:g} % of the draws"
-    hold = within(parameters, PARAMETERS) or (not row.right and said >= SAID)
+    bound += "" if row.right else f", or the sentence in {NAMED:g} % of the draws"
+    hold = within(parameters, PARAMETERS) or (not row.right and named >= NAMED)
     return [
         Claim(f"bands, {row.name}", figure, spelt(BAND), within(bands, BAND)),
         Claim(
             f"intervals, {row.name}",
-            f"{parameters:.1f} %, named as wrong in {said:.0f} % of {CHECKED} draws",
+            f"{parameters:.1f} %, named as wrong in {named:.0f} % of {CHECKED} draws",
             bound,
             hold,
         ),

@@ -276,9 +276,14 @@ def main() -> list[Claim]:
     failed = [
         score for each in found.values() for score in each if not np.isfinite(score.validation)
     ]
-    told = sum(bool(score.reason) for score in failed)
+    explained = sum(bool(score.reason) for score in failed)
     claims.append(
-        Claim("failures with a reason", f"{told} of {len(failed)}", "all", told == len(failed))
+        Claim(
+            "failures with a reason",
+            f"{explained} of {len(failed)}",
+            "all",
+            explained == len(failed),
+        )
     )
     return claims
 

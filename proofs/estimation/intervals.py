@@ -73,11 +73,11 @@ NOISES = (
 )
 """One after another over the draws."""
 
-Held = dict[tuple[str, str], list[bool]]
+Coverage = dict[tuple[str, str], list[bool]]
 """Whether intervals hold, by kind of interval and name of the noise."""
 
 
-def held(robot: Robot, found: Held) -> None:
+def add_coverage(robot: Robot, found: Coverage) -> None:
     """All draws of one robot."""
     regressor = base_regressor(Model(robot))
     consistent = Consistent(regressor.base, default_knowledge(regressor.model))
@@ -113,15 +113,15 @@ def _claim(name: str, inside: list[bool]) -> Claim:
     """Held against a bound, but for the kinds that are there for comparison."""
     share = 100.0 * float(np.mean(inside))
     if name.startswith((WHITE, SANDWICH)):
-        return Claim(name, f"{share:.1f} %", "told", True)
+        return Claim(name, f"{share:.1f} %", "reported", True)
     return Claim(name, f"{share:.1f} %", "90 to 99 %", 90.0 <= share <= 99.0)
 
 
 def main() -> list[Claim]:
     """Coverage by noise, and over all."""
-    found: Held = defaultdict(list)
+    found: Coverage = defaultdict(list)
     for robot in robots():
-        held(robot, found)
+        add_coverage(robot, found)
     claims = []
     for kind in (WHITE, SANDWICH, WEIGHTED, CONSISTENT):
         for noise in NOISES:

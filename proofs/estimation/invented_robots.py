@@ -131,10 +131,10 @@ def _with_terms(text: str, terms: Sequence[Term], more: str) -> str:
 
 def _inline(term: Term) -> str:
     """A term with its length or speed."""
-    told = description_of(term)
-    kept = {k: v for k, v in told.items() if k in ("length", "speed")}
+    table = description_of(term)
+    kept = {k: v for k, v in table.items() if k in ("length", "speed")}
     fields = "".join(f", {k} = {v}" for k, v in kept.items())
-    return f'{{law = "{told["law"]}"{fields}}}'
+    return f'{{law = "{table["law"]}"{fields}}}'
 
 
 def main(count: int = ROBOTS) -> list[Claim]:
@@ -151,9 +151,14 @@ def main(count: int = ROBOTS) -> list[Claim]:
     name, claims = f"{count} invented robots", []
     for what in ("zero", "auto"):
         ratios = np.array([getattr(one, what) / one.best for one in known])
-        said = f"median {np.median(ratios):.3f}, 90 % below {np.quantile(ratios, 0.9):.2f}, "
+        summary = f"median {np.median(ratios):.3f}, 90 % below {np.quantile(ratios, 0.9):.2f}, "
         claims.append(
-            Claim(f"{name}, {what} over the best", f"{said}worst {ratios.max():.2f}", "told", True)
+            Claim(
+                f"{name}, {what} over the best",
+                f"{summary}worst {ratios.max():.2f}",
+                "reported",
+                True,
+            )
         )
     worst = max(inside, default=1.0)
     claims += [

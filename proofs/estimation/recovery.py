@@ -125,7 +125,7 @@ def main() -> list[Claim]:
         good, count = held(robot)
         inside, total = inside + good, total + count
         share = 100.0 * good / count
-        claims.append(Claim(f"intervals hold, {robot.name}", f"{share:.1f} %", "told", True))
+        claims.append(Claim(f"intervals hold, {robot.name}", f"{share:.1f} %", "reported", True))
     share = 100.0 * inside / total
     return [
         *claims,

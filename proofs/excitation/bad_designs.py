@@ -136,23 +136,23 @@ def of(case: Case, folder: Path) -> list[Claim]:
     try:
         designed(case.tables.replace("{}", case.wrong), folder)
     except SteelyardError as error:
-        told = error
+        refusal = error
     else:
         return [Claim(case.name, "designed all the same", "refused", False)]
-    print(f"{case.name}\n  {told}\n")
-    missing = [word for word in case.words if word not in str(told)]
-    said = Claim(
+    print(f"{case.name}\n  {refusal}\n")
+    missing = [word for word in case.words if word not in str(refusal)]
+    claim = Claim(
         f"{case.name}: said",
-        f"not said: {missing}" if missing else f"{told.wrong[:70]} ...",
+        f"not said: {missing}" if missing else f"{refusal.wrong[:70]} ...",
         "what, by how much",
         not missing,
     )
     try:
-        figure, proven = designed(case.tables.replace("{}", case.corrected(told)), folder)
+        figure, proven = designed(case.tables.replace("{}", case.corrected(refusal)), folder)
     except (SteelyardError, IndexError) as error:
-        return [said, Claim(f"{case.name}: advice", str(error)[:90], "works", False)]
+        return [claim, Claim(f"{case.name}: advice", str(error)[:90], "works", False)]
     words = f"figure {figure:.3g}, {'proven' if proven else 'not proven'}"
-    return [said, Claim(f"{case.name}: advice", words, "works, proven", proven)]
+    return [claim, Claim(f"{case.name}: advice", words, "works, proven", proven)]
 
 
 def main() -> list[Claim]:

@@ -110,9 +110,11 @@ def cell_found(seed: int) -> Found:
 
 def with_radii(cell: Cell, notes: tuple[str, ...]) -> Cell:
     """The cell with the radii that the notes state for links without shapes."""
-    said = " ".join(note for note in notes if "assumed capsules" in note)
-    told = {name: 1e-3 * float(mm) for name, mm in re.findall(r"(link\d+) \(([\d.e+]+) mm\)", said)}
-    radii = {name: 0.995 * told.get(name, 0.0) for name in cell.bare if name in told}
+    text = " ".join(note for note in notes if "assumed capsules" in note)
+    assumed = {
+        name: 1e-3 * float(mm) for name, mm in re.findall(r"(link\d+) \(([\d.e+]+) mm\)", text)
+    }
+    radii = {name: 0.995 * assumed.get(name, 0.0) for name in cell.bare if name in assumed}
     return replace(cell, judge=replace(cell.judge, radii=radii))
 
 
@@ -151,9 +153,9 @@ def motion_seen(
     found: Found, name: str, cell: Cell, motion: ExactTrajectory, problem: Problem
 ) -> np.ndarray:
     """Least distances of all pairs along the motion's own file."""
-    told = json.loads(json.dumps(motion.to_dict()))
-    t = fine_times(told, 100 * len(problem.inequalities.t))
-    return judged(found, f"{name}, motion", cell, derivative(told, t, 0))
+    stored = json.loads(json.dumps(motion.to_dict()))
+    t = fine_times(stored, 100 * len(problem.inequalities.t))
+    return judged(found, f"{name}, motion", cell, derivative(stored, t, 0))
 
 
 def judged(found: Found, name: str, cell: Cell, q: np.ndarray) -> np.ndarray:
@@ -274,7 +276,7 @@ def main(drawn: int = DRAWN) -> list[Claim]:
             "0 of 50 or more",
             not found.fooled and found.spoilt >= 50,
         ),
-        Claim("headlines that claim every limit", f"{found.whole}", "told", True),
+        Claim("headlines that claim every limit", f"{found.whole}", "reported", True),
         Claim("refused in words", f"{len(found.refused)} ({share:.1%})", "<= 12 %", share <= 0.12),
         Claim(
             "nearest to a wall: median",
@@ -282,8 +284,8 @@ def main(drawn: int = DRAWN) -> list[Claim]:
             "<= 20 mm",
             bool(np.median(near) <= 0.02),
         ),
-        Claim("cells with", ", ".join(f"{k} {c}" for k, c in kinds.items()), "told", True),
-        Claim("time", f"{time.monotonic() - begun:.0f} s", "told", True),
+        Claim("cells with", ", ".join(f"{k} {c}" for k, c in kinds.items()), "reported", True),
+        Claim("time", f"{time.monotonic() - begun:.0f} s", "reported", True),
     ]
 
 

@@ -25,11 +25,11 @@ def claims_of(
 ) -> list[Claim]:
     """Median value, longest time, least margin."""
     values = [judge.value(run.coefficients)[normalised] for run in found]
-    told = [run.told["figure"] for run in found]
-    apart = max(abs(a / b - 1.0) for a, b in zip(values, told, strict=True))
+    printed = [run.result["figure"] for run in found]
+    apart = max(abs(a / b - 1.0) for a, b in zip(values, printed, strict=True))
     margin = min(judge.worst(run.coefficients) for run in found)
     longest = max(run.seconds for run in found)
-    proven = all(run.told["certified"] for run in found)
+    proven = all(run.result["certified"] for run in found)
     each = " ".join(f"{value:.2f}" for value in sorted(values))
     middle = float(np.median(values))
     return [

@@ -89,7 +89,7 @@ def of_panda() -> list[Claim]:
     for criterion in KINDS.values():
         objective = replace(problem.objective, cases=(replace(case, criterion=criterion),))
         worst = max(worst, slope_error(objective, x, 0))
-    asked = composed(problem, x)
+    composed_error = composed(problem, x)
     t = np.linspace(0.0, 10.0, 100, endpoint=False)
     objective = Objective(problem.basis, problem.cases, t)
     ours = 1e3 * least(lambda: objective(x, SHARPNESS), 200)
@@ -100,15 +100,17 @@ def of_panda() -> list[Claim]:
         Claim("slopes, Panda, five criteria", f"{worst:.1e}", "<= 1e-6", worst <= BOUND),
         Claim(
             "the same of chosen columns, after a prior, in sizes, worst of two loads",
-            f"{asked:.1e}",
+            f"{composed_error:.1e}",
             "<= 1e-6",
-            asked <= BOUND,
+            composed_error <= BOUND,
         ),
         Claim(
             "value and slope, 57 columns, 100 samples", f"{ours:.2f} ms", "<= 1.5 ms", ours <= 1.5
         ),
-        Claim("our values differenced, against it", f"{values / ours:.0f} times", "told", True),
-        Claim("a Pinocchio loop differenced, against it", f"{loop / ours:.0f} times", "told", True),
+        Claim("our values differenced, against it", f"{values / ours:.0f} times", "reported", True),
+        Claim(
+            "a Pinocchio loop differenced, against it", f"{loop / ours:.0f} times", "reported", True
+        ),
     ]
 
 
@@ -165,8 +167,8 @@ def least(work: Callable[[], object], repeats: int) -> float:
     times = []
     for _ in range(repeats):
         start = time.perf_counter()
-        said = work()
-        times.append(said if isinstance(said, float) else time.perf_counter() - start)
+        measured = work()
+        times.append(measured if isinstance(measured, float) else time.perf_counter() - start)
     return min(times)
 
 

@@ -102,14 +102,14 @@ def main() -> list[Claim]:
             scatter, _ = compared(loaded, seed, exact)
             middle = float(np.median(scatter))
             low, high = np.quantile(scatter, [0.1, 0.9])
-            told = f"{middle:.2f} (80 % of them {low:.2f} to {high:.2f})"
+            ratios = f"{middle:.2f} (80 % of them {low:.2f} to {high:.2f})"
             name = f"predicted over actual std, truth {seed}, {len(scatter)} parameters"
-            claims.append(Claim(name, told, "0.8 to 1.25", 0.8 <= middle <= 1.25))
+            claims.append(Claim(name, ratios, "0.8 to 1.25", 0.8 <= middle <= 1.25))
         scatter, whole = compared(loaded, SEEDS[0], virtual)
-    told = f"{np.median(scatter):.2f} of the scatter, {np.median(whole):.2f} of the whole error"
+    ratios = f"{np.median(scatter):.2f} of the scatter, {np.median(whole):.2f} of the whole error"
     return [
         *claims,
-        Claim("the same on the virtual robot, whose friction differs", told, "told", True),
+        Claim("the same on the virtual robot, whose friction differs", ratios, "reported", True),
     ]
 
 

@@ -102,8 +102,8 @@ def judged(
 ) -> tuple[bool, bool]:
     """Whether the certificate holds, and whether every sample keeps every margin."""
     certificate = certify(problem.robot, motion, problem.limits, problem.constraints)
-    told = json.loads(json.dumps(motion.to_dict()))
-    seen = case.judge.margins(rules, told, max(20_000, 100 * len(problem.inequalities.t)))
+    stored = json.loads(json.dumps(motion.to_dict()))
+    seen = case.judge.margins(rules, stored, max(20_000, 100 * len(problem.inequalities.t)))
     every = [(k, m, SOLVER if k == "clearance" else ROUNDING * m.size) for k, m in flat(seen)]
     missed = [f"{name}: {k} {m.value:.3g}" for k, m, loose in every if m.value < -loose]
     check_proofs(tally, name, certificate, seen, problem.notes)
@@ -170,10 +170,10 @@ def of_pairs(
     """Clearances by the certificate; pairs that it does not speak of are named in the notes."""
     proven = {frozenset(label.split("'")[1::2]): k for k, label in enumerate(proof.labels)}
     left = [line for line in notes if "overlap in every tested posture" in line or "never" in line]
-    told = {frozenset(pair.split(" and ")) for line in left for pair in listed(line)}
-    for pair in set(seen) - set(proven) - told:
+    declined = {frozenset(pair.split(" and ")) for line in left for pair in listed(line)}
+    for pair in set(seen) - set(proven) - declined:
         seen[pair] = Margin(-np.inf, 1.0)
-    for pair in told & set(seen):
+    for pair in declined & set(seen):
         del seen[pair]
     return [(proof.labels[k], proof.proven[k], seen[p]) for p, k in proven.items() if p in seen]
 
@@ -223,8 +223,8 @@ def claims_of(tally: Tally) -> list[Claim]:
     for word in ("refused", "violations", "above"):
         for line in getattr(tally, word):
             print(f"{word}: {line}", file=sys.stderr)
-    asked = tally.designs + len(tally.refused)
-    share = len(tally.refused) / asked
+    attempts = tally.designs + len(tally.refused)
+    share = len(tally.refused) / attempts
     near = np.array(tally.nearest)
     kinds = ", ".join(f"{name} {count}" for name, count in sorted(tally.kinds.items()))
     return [
@@ -249,7 +249,7 @@ def claims_of(tally: Tally) -> list[Claim]:
             not tally.fooled and tally.spoilt >= SPOILT - 5,
         ),
         Claim(
-            f"refused in words, of {asked}",
+            f"refused in words, of {attempts}",
             f"{len(tally.refused)} ({share:.1%})",
             "<= 4 %",
             share <= 0.04,
@@ -260,8 +260,10 @@ def claims_of(tally: Tally) -> list[Claim]:
             "median <= 1e-3",
             bool(np.median(near) <= 1e-3),
         ),
-        Claim("designs with", kinds, "told", True),
-        Claim("a design", f"{tally.seconds / max(tally.designs, 1):.2f} s of cpu", "told", True),
+        Claim("designs with", kinds, "reported", True),
+        Claim(
+            "a design", f"{tally.seconds / max(tally.designs, 1):.2f} s of cpu", "reported", True
+        ),
     ]
 
 

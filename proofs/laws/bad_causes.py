@@ -173,8 +173,10 @@ def of_file(name: str, place: Workshop) -> Claim:
     )
     mistake = Mistake(name, arguments, FILES[name][1])
     wrong = faults(mistake, done.returncode, done.stdout, done.stderr, place.work)
-    said = next((line for line in done.stderr.splitlines() if line.startswith("error:")), "nothing")
-    figure = "; ".join(wrong) or said.removeprefix("error: ")[:70]
+    message = next(
+        (line for line in done.stderr.splitlines() if line.startswith("error:")), "nothing"
+    )
+    figure = "; ".join(wrong) or message.removeprefix("error: ")[:70]
     return Claim(name, figure, "message, exit code 2, nothing left", not wrong)
 
 
@@ -191,8 +193,8 @@ def of_dropped(place: Workshop) -> list[Claim]:
         text=True,
     )
     notes = json.loads(done.stdout)["notes"] if done.returncode == 0 else [done.stderr[-200:]]
-    said = next((note for note in notes if "does not close" in note), notes[0])
-    told = "samples left out" in said
+    found_note = next((note for note in notes if "does not close" in note), notes[0])
+    dropped = "samples left out" in found_note
     scored = subprocess.run(
         [sys.executable, "-m", "steelyard", "validate", "dropped", LOG],
         cwd=place.work,
@@ -203,7 +205,7 @@ def of_dropped(place: Workshop) -> list[Claim]:
     again = "does not close from" in shown and "samples left out" in shown
     bound = "time, gap and samples left out"
     return [
-        Claim("open loop, dropped in the fit", said[:90], bound, told),
+        Claim("open loop, dropped in the fit", found_note[:90], bound, dropped),
         Claim("open loop, dropped in the score", f"exit {scored.returncode}", bound, again),
     ]
 
@@ -219,7 +221,7 @@ def of_information() -> list[Claim]:
     from steelyard.terms.laws.presliding import Dahl
     from steelyard.terms.register import DEFAULT_TERMS
 
-    def said(model: Model, filters: str) -> Information:
+    def information_of(model: Model, filters: str) -> Information:
         regressor = base_regressor(model)
         q, dq, ddq, effort = np.random.default_rng(0).normal(size=(4, 1, 64))
         channels = model.scan()(q, dq, ddq)
@@ -228,13 +230,17 @@ def of_information() -> list[Claim]:
         pieces = (x[None] for x in (sums.grams, sums.absolute, sums.counts))
         return Information(regressor.layout, signature, (Window("run", 0.0, 1.0),), *pieces)
 
-    plain = said(Model(single(), DEFAULT_TERMS), "matched 5 Hz")
+    plain = information_of(Model(single(), DEFAULT_TERMS), "matched 5 Hz")
     short, long = (
-        said(Model(single(), (*DEFAULT_TERMS, Dahl(length=length))), "matched 5 Hz")
+        information_of(Model(single(), (*DEFAULT_TERMS, Dahl(length=length))), "matched 5 Hz")
         for length in (1e-3, 2e-3)
     )
     cases = {
-        "information of unequal filters": (plain, said(Model(single()), "matched 8 Hz"), "filter"),
+        "information of unequal filters": (
+            plain,
+            information_of(Model(single()), "matched 8 Hz"),
+            "filter",
+        ),
         "information of unequal models": (plain, short, "model"),
         "information of unequal fields": (short, long, "model"),
     }

@@ -118,7 +118,7 @@ def errors(robot: Robot, terms: tuple[Term, ...], seed: int, folder: Path) -> di
     }
 
 
-def held(number: int) -> tuple[str, int, int, int, int]:
+def coverage_of(number: int) -> tuple[str, int, int, int, int]:
     """A law, how many of its model's parameters and of its own are held, and how many they are."""
     case, term, terms = cases()[number]
     mine = {p.name for p in term.parameters(arm())}
@@ -129,8 +129,8 @@ def held(number: int) -> tuple[str, int, int, int, int]:
                 count, good = count + 1, good + (error <= 1.0)
                 if parameter in mine:
                     owned, own = owned + 1, own + (error <= 1.0)
-    told = ", ".join(f"{k} {v}" for k, v in case.fields.items() if isinstance(v, float | str))
-    return f"{term.law} {told}".strip(), good, count, own, owned
+    fields = ", ".join(f"{k} {v}" for k, v in case.fields.items() if isinstance(v, float | str))
+    return f"{term.law} {fields}".strip(), good, count, own, owned
 
 
 def main(laws: Sequence[str] = ()) -> list[Claim]:
@@ -139,7 +139,7 @@ def main(laws: Sequence[str] = ()) -> list[Claim]:
     claims, inside, total = [], 0, 0
     # a fork of a process with threads, which other proofs leave behind, may hang
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
-        for law, good, count, own, owned in pool.map(held, numbers):
+        for law, good, count, own, owned in pool.map(coverage_of, numbers):
             inside, total = inside + good, total + count
             share = 100.0 * good / count
             mine = f", its own {100.0 * own / owned:.0f} %" if owned else ""

@@ -246,14 +246,14 @@ def bomb_files(folder: Path) -> Iterator[Path]:
     """Small files that stand for a lot, and headers that promise it."""
     folder.mkdir()
     head = b"\x93NUMPY\x02\x00"
-    said = b"{'descr': '<f8', 'fortran_order': %s, 'shape': (%d, %d), }\n"
+    template = b"{'descr': '<f8', 'fortran_order': %s, 'shape': (%d, %d), }\n"
     for order, shape in (
         (b"False", (1 << 24, 2)),
         (b"True", (1 << 24, 2)),
         (b"False", (2, 1 << 24)),
     ):
         path = folder / f"{order.decode()}{shape[0]}.npz"
-        header = said % (order, *shape)
+        header = template % (order, *shape)
         with ZipFile(path, "w", ZIP_DEFLATED) as archive, archive.open("q.npy", "w") as member:
             member.write(head + pack("<I", len(header)) + header)
             for _ in range(1 << 8):

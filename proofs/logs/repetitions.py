@@ -91,8 +91,8 @@ def main() -> list[Claim]:
         results["weighted"].append(fitted(regressor, run))
         results["equal"].append(fitted(regressor, replace(run, importance=None)))
     spread = {k: np.std([v for v, _ in x], axis=0, ddof=1) for k, x in results.items()}
-    said = {k: np.sqrt(np.mean([s**2 for _, s in x], axis=0)) for k, x in results.items()}
-    ratio = {k: said[k] / spread[k] for k in results}
+    stated = {k: np.sqrt(np.mean([s**2 for _, s in x], axis=0)) for k, x in results.items()}
+    ratio = {k: stated[k] / spread[k] for k in results}
     middle = float(np.median(ratio["weighted"]))
     gain = float(np.median(spread["weighted"] / spread["equal"]))
     ends = f"{ratio['weighted'].min():.2f} to {ratio['weighted'].max():.2f}"
@@ -104,7 +104,7 @@ def main() -> list[Claim]:
             "0.8 to 1.2",
             0.8 <= middle <= 1.2,
         ),
-        Claim("the same without weights", f"{np.median(ratio['equal']):.2f}", "told", True),
+        Claim("the same without weights", f"{np.median(ratio['equal']):.2f}", "reported", True),
         Claim("empirical std, weighted over equal weights", f"{gain:.2f}", "< 1", gain < 1.0),
     ]
 

@@ -202,7 +202,7 @@ def identification_claims() -> list[Claim]:
             ">= 90 %",
             share >= 90.0,
         ),
-        Claim("five-bar in MuJoCo: typical error", f"{typical:.2f} %", "told", True),
+        Claim("five-bar in MuJoCo: typical error", f"{typical:.2f} %", "reported", True),
     ]
 
 

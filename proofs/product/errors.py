@@ -24,8 +24,10 @@ def of_mistake(mistake: Mistake, work: Path) -> Claim:
     """One mistake; the figure is the first line of the answer."""
     done = run(mistake.arguments, work)
     wrong = faults(mistake, done.returncode, done.stdout, done.stderr, work)
-    said = next((line for line in done.stderr.splitlines() if line.startswith("error:")), "usage")
-    figure = "; ".join(wrong) or said.removeprefix("error: ")[:60]
+    message = next(
+        (line for line in done.stderr.splitlines() if line.startswith("error:")), "usage"
+    )
+    figure = "; ".join(wrong) or message.removeprefix("error: ")[:60]
     return Claim(mistake.name, figure, "message, exit code 2, nothing left", not wrong)
 
 
@@ -33,17 +35,17 @@ def of_broken_rows(work: Path) -> list[Claim]:
     """A log with rows that hold NaN, 1e293 or too few cells."""
     soiled = "../given/soiled.csv"
     shown = run(("identify", ROBOT, soiled, "-o", "shown"), work)
-    told = run(("identify", ROBOT, soiled, "-o", "told", "--json"), work)
-    if shown.returncode or told.returncode:
+    done = run(("identify", ROBOT, soiled, "-o", "printed", "--json"), work)
+    if shown.returncode or done.returncode:
         return [Claim("broken rows", shown.stderr[-200:], "the fit goes on", False)]
-    notes = " ".join(json.loads(told.stdout)["notes"])
-    lost = sum(SPOILT.values())
+    notes = " ".join(json.loads(done.stdout)["notes"])
+    spoilt = sum(SPOILT.values())
     terminal = " ".join(shown.stdout.split())
     claims = []
     for place, text in (("terminal", terminal), ("--json", notes)):
-        counted = f"dropped {lost} of 1501 rows" in text
+        counted = f"dropped {spoilt} of 1501 rows" in text
         figure = text[max(0, text.find("dropped")) :][:60]
-        claims.append(Claim(f"broken rows counted, {place}", figure, f"{lost} rows", counted))
+        claims.append(Claim(f"broken rows counted, {place}", figure, f"{spoilt} rows", counted))
     return claims
 
 

@@ -96,7 +96,7 @@ def claims_of(case: Case, folder: Path) -> list[Claim]:
             bool(valid == len(bodies)),
         ),
     ]
-    bound, holds = "told", True
+    bound, holds = "reported", True
     if case.weight is not None:
         low, high = case.weight / 1.5, case.weight * 1.5
         bound, holds = f"{low:.1f} to {high:.1f} kg", low <= mass <= high

@@ -86,7 +86,7 @@ def loaded_robot() -> LoadedRobot:
 
 
 @cache
-def said(pair: tuple[str, str]) -> tuple[Model, Information, Information]:
+def information_of(pair: tuple[str, str]) -> tuple[Model, Information, Information]:
     """What an unloaded and a loaded run say, efforts as logged."""
     loaded = loaded_robot()
     assert loaded.signals is not None
@@ -100,13 +100,13 @@ def said(pair: tuple[str, str]) -> tuple[Model, Information, Information]:
 
 def gains_from(pair: tuple[str, str], mass: float) -> GainEstimate:
     """Gains from an unloaded and a loaded run and the payload's mass, nothing else."""
-    model, unloaded, with_it = said(pair)
+    model, unloaded, with_it = information_of(pair)
     return identified_gains(model, [unloaded], [with_it], mass=mass, frame="tool0")
 
 
 def biased_gains(pair: tuple[str, str], mass: float) -> np.ndarray:
     """The same with noisy currents among the regressor's columns, as is customary."""
-    model, unloaded, with_it = said(pair)
+    model, unloaded, with_it = information_of(pair)
     frame = carrier(model.robot, "tool0")
     case = load_case(
         model, base_parameters(model), frame, [unloaded], [with_it], first_deviates=False
@@ -141,8 +141,10 @@ def _gains() -> list[Claim]:
             "finite, above zero",
             bool(np.isfinite(width).all() and np.all((width > 0.0) & (width < 100.0))),
         ),
-        Claim("gain of joint 1 with currents in the regressor", f"{biased:.2f}", "told", True),
-        Claim("gain of joint 1 from 2.600 kg, two months earlier", f"{other:.2f}", "told", True),
+        Claim("gain of joint 1 with currents in the regressor", f"{biased:.2f}", "reported", True),
+        Claim(
+            "gain of joint 1 from 2.600 kg, two months earlier", f"{other:.2f}", "reported", True
+        ),
     ]
 
 

@@ -9,17 +9,17 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class Claim:
-    """One claim with its measured figure and its bound.
+    """One claim with its measured value and its bound.
 
     Attributes:
         name: What is claimed.
-        figure: What was measured, with its unit.
-        bound: What it is held against.
+        value: What was measured, with its unit.
+        bound: What it is compared with.
         holds: Whether it holds.
     """
 
     name: str
-    figure: str
+    value: str
     bound: str
     holds: bool
 
@@ -35,9 +35,9 @@ def data_folder() -> Path:
 def table(claims: Sequence[Claim]) -> str:
     """One line a claim."""
     width = max(len(claim.name) for claim in claims)
-    figures = max(len(claim.figure) for claim in claims)
+    figures = max(len(claim.value) for claim in claims)
     return "\n".join(
-        f"{'holds ' if c.holds else 'MISSED'}  {c.name:<{width}}  {c.figure:<{figures}}  {c.bound}"
+        f"{'holds ' if c.holds else 'MISSED'}  {c.name:<{width}}  {c.value:<{figures}}  {c.bound}"
         for c in claims
     )
 

@@ -95,7 +95,12 @@ def drawn(name: str, seed: int, *, period: float = 8.0, share: float = 1.0) -> C
     )
     unseen = moved(regressor, 1000 + seed, 10.0, 1.0)
     return Case(
-        regressor, truth, known, said(regressor, motion, torque), unseen, truth.torque(unseen)
+        regressor,
+        truth,
+        known,
+        information_of(regressor, motion, torque),
+        unseen,
+        truth.torque(unseen),
     )
 
 
@@ -105,7 +110,7 @@ def replaced(regressor: Regressor, values: dict[str, float]) -> Parameters:
     return Parameters(model.names, model.units, [values.get(n, 0.0) for n in model.names])
 
 
-def said(regressor: Regressor, motion: Motion, torque: Array) -> Information:
+def information_of(regressor: Regressor, motion: Motion, torque: Array) -> Information:
     """One window of samples that are all independent."""
     sums = Accumulator(regressor)(Stretch(motion.q.T, motion.dq.T, motion.ddq.T, torque.T))
     units = regressor.model.robot.effort_units

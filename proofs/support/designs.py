@@ -23,12 +23,12 @@ class Run:
 
     Attributes:
         seconds: From the command to its end, start-up included.
-        told: What the command says, JSON.
+        result: What the command says, JSON.
         coefficients: The motion's file, JSON.
     """
 
     seconds: float
-    told: dict
+    result: dict
     coefficients: dict
 
 

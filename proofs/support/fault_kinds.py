@@ -90,12 +90,12 @@ def sign_of_friction(clean: Clean, rng: Random) -> Faulty | None:
             table[:, clean.columns.index(names[joint])] *= -1.0
 
     def corrected(clean: Clean, found: Diagnosis) -> bool:
-        told = [f for f in found.findings if f.check.endswith("sign") and f.severity]
-        said = [h.says for f in told for h in f.hypotheses[:2] if clean.signals.position]
+        wrong = [f for f in found.findings if f.check.endswith("sign") and f.severity]
+        sentences = [h.says for f in wrong for h in f.hypotheses[:2] if clean.signals.position]
         name = clean.loaded.robot.joint_names[joint]
         return (
-            f"'{name}' has the opposite sign" in said
-            and f"effort of '{name}' has the opposite sign" in said
+            f"'{name}' has the opposite sign" in sentences
+            and f"effort of '{name}' has the opposite sign" in sentences
         )
 
     return Faulty(clean.text, table, ("position sign", "effort sign"), least=1, corrected=corrected)
@@ -224,8 +224,8 @@ def delayed(clean: Clean, rng: Random) -> Faulty:
 
     def corrected(clean: Clean, found: Diagnosis) -> bool:
         values = {e.path: e.value for e in found.edits}
-        told = float(values.get(("signals", "effort", "delay"), 0.0))
-        return abs(told - clean.delay - delay) <= max(0.5 * step, 0.1 * abs(delay), 0.001)
+        stated = float(values.get(("signals", "effort", "delay"), 0.0))
+        return abs(stated - clean.delay - delay) <= max(0.5 * step, 0.1 * abs(delay), 0.001)
 
     return Faulty(clean.text, table, ("effort delay",), corrected=corrected)
 
@@ -283,8 +283,10 @@ def _weighed(mass: float) -> Callable[[Clean, Diagnosis], bool]:
     """Whether the payload's mass is told within 10 %, and no edit is made."""
 
     def corrected(_: Clean, found: Diagnosis) -> bool:
-        told = [f for f in found.findings if f.check == "payload"]
-        masses = [float(kg) for kg in re.findall(r"([\d.]+) kg", told[0].says)] if told else []
+        payloads = [f for f in found.findings if f.check == "payload"]
+        masses = (
+            [float(kg) for kg in re.findall(r"([\d.]+) kg", payloads[0].says)] if payloads else []
+        )
         return bool(masses) and abs(masses[0] - mass) <= 0.1 * mass and not found.edits
 
     return corrected

@@ -100,9 +100,9 @@ def diagnosis(clean: Clean, text: str, table: np.ndarray) -> Diagnosis:
 
 def right_verdict(faulty: Faulty, found: Diagnosis) -> bool:
     """Whether a check that should says so, and no other one says wrong."""
-    told = [f for f in found.findings if f.check in faulty.suspects]
+    hits = [f for f in found.findings if f.check in faulty.suspects]
     others = [f for f in found.findings if f.check not in faulty.suspects]
-    return any(f.severity >= faulty.least for f in told) and all(f.severity < 2 for f in others)
+    return any(f.severity >= faulty.least for f in hits) and all(f.severity < 2 for f in others)
 
 
 def right_fix(clean: Clean, faulty: Faulty, found: Diagnosis) -> bool:

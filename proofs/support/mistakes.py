@@ -180,7 +180,7 @@ class Mistake:
     Attributes:
         name: In a few words.
         plant: Makes the job of an arm.
-        says: A pattern that a sentence of `mistakes_said.Outcome.said` must match; empty: nothing
+        says: A pattern that one of `mistake_outcome.Outcome.sentences` must match; empty: nothing
             is wrong, and no finding, refusal or poor headline may say so.
         beside: Another check that may be called wrong too.
         error: True error [%] up to which nothing need be said: then it was handled.

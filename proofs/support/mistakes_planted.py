@@ -148,13 +148,13 @@ def commanded(arm: Arm) -> Job:
     """Positions and velocities as they were commanded, 30 ms before they were reached."""
 
     def log(k: int) -> Log:
-        asked = arm.motion(k)
+        commanded = arm.motion(k)
         shifted = [
-            np.column_stack([np.interp(asked.t - 0.03, asked.t, c) for c in x.T])
-            for x in (asked.q, asked.dq, asked.ddq)
+            np.column_stack([np.interp(commanded.t - 0.03, commanded.t, c) for c in x.T])
+            for x in (commanded.q, commanded.dq, commanded.ddq)
         ]
-        real = arm.log(Motion(asked.t, *shifted), k)
-        return replace(real, q=asked.q, dq=asked.dq)
+        real = arm.log(Motion(commanded.t, *shifted), k)
+        return replace(real, q=commanded.q, dq=commanded.dq)
 
     logs = [log(k) for k in range(3)]
     return Job((logs[0], logs[1]), logs[2], arm.robot_file, arm.urdf)

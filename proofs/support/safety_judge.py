@@ -257,8 +257,8 @@ def _of_efforts(rules: Rules, efforts: list[np.ndarray], dq: np.ndarray) -> dict
         most = rules.power[finite]
         found["power"] = []
         for effort in efforts:
-            own, lost = effort * dq, turning * np.abs(dq)
-            own, lost = (np.column_stack([x, x.sum(axis=1)]) for x in (own, lost))
-            upper, lower = (rules.power - lost - sign * own for sign in (1.0, -1.0))
+            own, friction = effort * dq, turning * np.abs(dq)
+            own, friction = (np.column_stack([x, x.sum(axis=1)]) for x in (own, friction))
+            upper, lower = (rules.power - friction - sign * own for sign in (1.0, -1.0))
             found["power"] += _least(upper[:, finite], most) + _least(lower[:, finite], most)
     return found

@@ -116,13 +116,13 @@ def panda_claims() -> list[Claim]:
     certificate = certify(watched.robot, best[1].trajectory, watched.limits, watched.constraints)
     proofs = {proof.name: proof for proof in certificate.proofs}["clearance"]
     pairs = {frozenset(label.split("'")[1::2]) for label in proofs.labels}
-    told = [json.loads(json.dumps(b.trajectory.to_dict())) for b in best]
+    stored = [json.loads(json.dumps(b.trajectory.to_dict())) for b in best]
     judge = Clearances()
     left = judge.every() - pairs
-    seen, without = (judge.least(motion, pairs) for motion in reversed(told))
+    seen, without = (judge.least(motion, pairs) for motion in reversed(stored))
     ratio = float(seconds[1] / seconds[0])
     kept = certificate.holds and seen >= MARGIN
-    lost = best[1].criterion_value / best[0].criterion_value - 1.0
+    rise = best[1].criterion_value / best[0].criterion_value - 1.0
     return [
         Claim(
             "Panda, time of a search with clearance against without",
@@ -139,8 +139,8 @@ def panda_claims() -> list[Claim]:
         ),
         Claim(
             f"Panda, condition with clearance, best of {SEARCHES}",
-            f"{best[1].criterion_value:.2f} against {best[0].criterion_value:.2f} ({lost:+.1%})",
-            "told",
+            f"{best[1].criterion_value:.2f} against {best[0].criterion_value:.2f} ({rise:+.1%})",
+            "reported",
             True,
         ),
         Claim(

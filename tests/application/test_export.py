@@ -41,7 +41,7 @@ from steelyard.terms.term import Term
 from weighed import identified_of
 
 LAWS = [case for case in CASES if case.law != "rigid_body"]
-HELD = [case for case in LAWS if not case.left_out]
+SUPPORTED = [case for case in LAWS if not case.left_out]
 """Laws that MJCF holds whole."""
 
 OPEN = [case for case in LAWS if case.left_out]
@@ -171,7 +171,7 @@ def test_mujoco_computes_all_that_is_held(name: str, tmp_path: Path) -> None:
     close(mujoco_torque(path, robot, motion), identified.torque(motion))
 
 
-@pytest.mark.parametrize("case", HELD, ids=name_of)
+@pytest.mark.parametrize("case", SUPPORTED, ids=name_of)
 def test_a_law_is_held_whole(case: LawCase, tmp_path: Path) -> None:
     robot = geared()
     term = case.on(robot)
@@ -185,18 +185,18 @@ def test_a_law_is_held_whole(case: LawCase, tmp_path: Path) -> None:
 @pytest.mark.parametrize("form", ["urdf", "mjcf"])
 def test_what_is_left_out_is_said(case: LawCase, form: Format) -> None:
     robot = geared()
-    said = exported(identified_of(robot, [RigidBody(), case.on(robot)], case.values), form)
+    export = exported(identified_of(robot, [RigidBody(), case.on(robot)], case.values), form)
     # a URDF holds nothing along motors, and says so law by law
     words = (case.left_out, f"({case.law})") if "motors" in case.fields else (case.left_out,)
-    assert any(x in sentence for sentence in said.unsupported for x in words)
-    head = said.text.partition("-->")[0]
-    assert all(f"- {sentence}" in head for sentence in said.unsupported)
+    assert any(x in sentence for sentence in export.unsupported for x in words)
+    head = export.text.partition("-->")[0]
+    assert all(f"- {sentence}" in head for sentence in export.unsupported)
 
 
-@pytest.mark.parametrize("case", HELD, ids=name_of)
+@pytest.mark.parametrize("case", SUPPORTED, ids=name_of)
 def test_urdf_holds_a_law_or_lists_it(case: LawCase) -> None:
-    said = unsupported(identified_of(geared(), [RigidBody(), case.on(geared())]), "urdf")
-    more = any("gears" not in sentence and "gravity" not in sentence for sentence in said)
+    sentences = unsupported(identified_of(geared(), [RigidBody(), case.on(geared())]), "urdf")
+    more = any("gears" not in sentence and "gravity" not in sentence for sentence in sentences)
     assert more != case.in_urdf
 
 
@@ -229,8 +229,8 @@ def test_the_curve_of_both_directions_is_held_by_its_mean() -> None:
 
 
 def test_gravity_that_points_elsewhere_is_told_of_a_urdf() -> None:
-    said = unsupported(identified_of(tree(), [RigidBody()]), "urdf")
-    assert said == ("gravity: set it to (1, -3, -9) m/s² in the base frame",)
+    sentences = unsupported(identified_of(tree(), [RigidBody()]), "urdf")
+    assert sentences == ("gravity: set it to (1, -3, -9) m/s² in the base frame",)
     level = tree().changed(gravity=(0.0, 0.0, -9.81))
     assert unsupported(identified_of(level, [RigidBody()]), "urdf") == ()
 
@@ -249,8 +249,8 @@ def test_loops_are_closed_again(name: str, tmp_path: Path) -> None:
     valued = Model(again, (RigidBody(),)).prior
     assert valued is not None
     close(valued.torque(motion), identified.torque(motion))
-    said = unsupported(identified, "urdf")
-    assert any("open kinematic tree without" in sentence for sentence in said)
+    sentences = unsupported(identified, "urdf")
+    assert any("open kinematic tree without" in sentence for sentence in sentences)
 
 
 def boundless(robot: Robot) -> Robot:
@@ -369,16 +369,16 @@ def test_a_coordinate_without_a_joint_of_its_own_is_refused() -> None:
 def test_friction_below_zero_is_zero(tmp_path: Path) -> None:
     values = {"coulomb.tip_joint": -0.5, "viscous.tip_joint": -1e-13}
     identified = identified_of(tree(), DEFAULT_TERMS, values)
-    assert said_off(identified, "mjcf") == {"tip_joint": (0.5, 1.0)}
+    assert fit_errors(identified, "mjcf") == {"tip_joint": (0.5, 1.0)}
     model = mujoco.MjModel.from_xml_path(str(written(identified, "mjcf", tmp_path)))
     joint = model.joint("tip_joint").dofadr[0]
     assert model.dof_frictionloss[joint] == model.dof_damping[joint] == 0.0
 
 
-def said_off(identified: IdentifiedModel, form: Format) -> dict[str, tuple[float, float]]:
+def fit_errors(identified: IdentifiedModel, form: Format) -> dict[str, tuple[float, float]]:
     """Per joint with fitted friction: how far it is off at most, up to which speed."""
-    said = [s for s in unsupported(identified, form) if s.startswith(FIT)]
-    found = re.findall(r"(\w+) (\S+) Nm? \(rms \S+\) up to (\S+) ", "".join(said))
+    sentences = [s for s in unsupported(identified, form) if s.startswith(FIT)]
+    found = re.findall(r"(\w+) (\S+) Nm? \(rms \S+\) up to (\S+) ", "".join(sentences))
     return {name: (float(off), float(top)) for name, off, top in found}
 
 
@@ -421,7 +421,7 @@ def test_friction_is_near_as_a_whole(name: str, tmp_path: Path) -> None:
     values = {f"{law}.{joint}": x for law, x in wanted.items() for joint in robot.joint_names}
     identified = moved(identified_of(robot, [RigidBody(), *terms], values), [TOP] * robot.n)
     path = written(identified, "mjcf", tmp_path)
-    off = said_off(identified, "mjcf")
+    off = fit_errors(identified, "mjcf")
     assert list(off) == list(robot.joint_names)
     for joint, (most, top) in off.items():
         assert top == pytest.approx(TOP)
@@ -463,7 +463,7 @@ def test_a_urdf_has_the_whole_curve_in_what_it_knows(tmp_path: Path) -> None:
     robot = tree()
     identified = moved(identified_of(robot, [RigidBody(), Viscous(), Quadratic()]), [TOP] * robot.n)
     values = identified.valued.values.as_dict()
-    off = said_off(identified, "urdf")
+    off = fit_errors(identified, "urdf")
     model = pin.buildModelFromUrdf(str(written(identified, "urdf", tmp_path)))
     v = np.linspace(0.05, TOP, 50)
     for joint, (most, _) in off.items():
@@ -483,23 +483,23 @@ def test_friction_that_is_nothing_beside_the_rest_is_zero() -> None:
     place = dict(zip(robot.joint_names, made.content.joints, strict=True))
     assert place["tip_joint"] == {"dry": 2.0}
     assert place["left_joint"] == {}
-    assert said_off(identified_of(robot, terms, values), "mjcf") == {}
+    assert fit_errors(identified_of(robot, terms, values), "mjcf") == {}
 
 
 def test_speeds_of_a_fit_are_those_of_the_logs() -> None:
     robot = tree()
     found = identified_of(robot, [RigidBody(), Stribeck()])
-    assert {top for _, top in said_off(found, "mjcf").values()} == {1.0}
+    assert {top for _, top in fit_errors(found, "mjcf").values()} == {1.0}
     limited = robot.changed(
         coordinates=tuple(replace(c, limits=Limits(velocity=3.0)) for c in robot.coordinates)
     )
     without = identified_of(limited, [RigidBody(), Stribeck()])
-    assert {top for _, top in said_off(without, "mjcf").values()} == {3.0}
+    assert {top for _, top in fit_errors(without, "mjcf").values()} == {3.0}
     logged = moved(without, [1.0, 0.5, 2.0, 0.0])
-    assert [top for _, top in said_off(logged, "mjcf").values()] == [1.0, 0.5, 2.0, 3.0]
+    assert [top for _, top in fit_errors(logged, "mjcf").values()] == [1.0, 0.5, 2.0, 3.0]
     edges = 2.0 * np.array(EDGES) * np.ones((robot.n, 1))
     rare = replace(logged, calibration=Calibration("runs", 3, edges, np.full((robot.n, 4), 2.0)))
-    tops = [top for _, top in said_off(rare, "mjcf").values()]
+    tops = [top for _, top in fit_errors(rare, "mjcf").values()]
     assert tops == pytest.approx([np.sqrt(8.0)] * 4, rel=1e-2)
 
 

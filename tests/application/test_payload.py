@@ -152,8 +152,8 @@ def test_intervals_hold_the_error_of_the_gains() -> None:
     for seed in range(30):
         wrong = GAINS * (1.0 + 0.02 * np.random.default_rng(seed).standard_normal(4))
         model = model_of(run(2 * seed + 100, noise=0.01), gains=wrong)
-        said = [run(2 * seed + 101, LOAD, noise=0.01)]
-        found, naive = (identify_payload(model, said, "tool", gain=g) for g in (0.02, 0.0))
+        loaded = [run(2 * seed + 101, LOAD, noise=0.01)]
+        found, naive = (identify_payload(model, loaded, "tool", gain=g) for g in (0.02, 0.0))
         assert found.mass == naive.mass
         inside.append(abs(found.mass - LOAD.mass) <= found.half_width[0])
         exact.append(abs(found.mass - LOAD.mass) <= naive.half_width[0])
@@ -172,10 +172,10 @@ def test_intervals_hold_the_error_of_scales_of_any_unit(together: bool) -> None:
         model = model_of(run(3 * seed + 100, noise=0.01), gains=GAINS * np.exp(logs))
         model = replace(model, signals=replace(model.signals, effort_units=("Nm",) * 4))
         scaled = replace(model, effort_scales=KnownScales(np.ones(4), SPREAD))
-        said = [run(3 * seed + 101, LOAD, noise=0.01)]
+        loaded = [run(3 * seed + 101, LOAD, noise=0.01)]
         unloaded = [run(3 * seed + 102, noise=0.01)] if together else []
         found, naive = (
-            identify_payload(some, said, "tool", unloaded=unloaded) for some in (scaled, model)
+            identify_payload(some, loaded, "tool", unloaded=unloaded) for some in (scaled, model)
         )
         assert found.mass == naive.mass
         inside.append(abs(found.mass - LOAD.mass) <= found.half_width[0])

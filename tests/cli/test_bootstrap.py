@@ -55,8 +55,10 @@ def test_the_terminal_shows_it(command, given: Path, tmp_path: Path) -> None:
     arguments = ("identify", given / "demo_arm.toml", log, "--no-check", "-o", out)
     done = command(*arguments, "--bootstrap", DRAWS)
     assert done.exit_code == 0, done.output
-    said = " ".join(done.output.split())
-    assert f"bootstrap: {DRAWS} draws of " in said and "of the stated standard deviation" in said
+    output = " ".join(done.output.split())
+    assert (
+        f"bootstrap: {DRAWS} draws of " in output and "of the stated standard deviation" in output
+    )
 
 
 def test_few_draws_are_refused(command, given: Path, tmp_path: Path) -> None:
@@ -69,9 +71,9 @@ def test_data_of_one_window_lose_nothing() -> None:
     from steelyard.identification.bootstrap import drawn_again
     from steelyard.report import ReportContent
 
-    said, *_ = data(np.full(4, 0.1))
+    information, *_ = data(np.full(4, 0.1))
     fit = SimpleNamespace(
-        estimator=WeightedLeastSquares(), information=said, method=offer_of("WLS", "")
+        estimator=WeightedLeastSquares(), information=information, method=offer_of("WLS", "")
     )
     content = ReportContent("title", "robot", notes=("before",))
     after = drawn_again(content, cast(Fit, fit), DRAWS, silent)

@@ -36,12 +36,12 @@ def edit(given: Path, tmp_path: Path) -> Edit:
 def identify(command: Command, robot: Path, *arguments: object) -> dict[str, object]:
     done = command("identify", robot, *arguments, "-o", robot.parent / "out", "--json")
     assert done.exit_code == 0, done.output
-    told: dict[str, object] = json.loads(done.stdout)
-    return told
+    printed: dict[str, object] = json.loads(done.stdout)
+    return printed
 
 
-def values_of(told: dict[str, object]) -> dict[str, tuple[float, float]]:
-    return {p["name"]: (p["value"], p["std"]) for p in told["parameters"]}  # type: ignore
+def values_of(printed: dict[str, object]) -> dict[str, tuple[float, float]]:
+    return {p["name"]: (p["value"], p["std"]) for p in printed["parameters"]}  # type: ignore
 
 
 def test_every_run_gets_its_own_offsets(given: Path, edit: Edit, command: Command) -> None:
@@ -49,8 +49,8 @@ def test_every_run_gets_its_own_offsets(given: Path, edit: Edit, command: Comman
     robot = edit(('"offset"', '{law = "offset", per_run = true}'))
     table.with_columns(pl.col("tau2_Nm") + 4.0).write_parquet(robot.parent / "drifted.parquet")
     first = given / "identification.parquet"
-    told = identify(command, robot, first, robot.parent / "drifted.parquet")
-    runs: list[dict[str, float]] = told["per_run"]  # type: ignore[assignment]
+    printed = identify(command, robot, first, robot.parent / "drifted.parquet")
+    runs: list[dict[str, float]] = printed["per_run"]  # type: ignore[assignment]
     assert [run["run"] for run in runs] == ["identification", "drifted"]
     names = [name for name in runs[0] if name != "run"]
     assert {"offset.shoulder_lift", "offset.elbow"} <= set(names)
@@ -58,7 +58,7 @@ def test_every_run_gets_its_own_offsets(given: Path, edit: Edit, command: Comman
         4.0, abs=0.5
     )
     assert abs(runs[1]["offset.elbow"] - runs[0]["offset.elbow"]) < 0.5
-    value, _ = values_of(told)["offset.shoulder_lift"]
+    value, _ = values_of(printed)["offset.shoulder_lift"]
     assert value == pytest.approx(np.mean([run["offset.shoulder_lift"] for run in runs]))
     page = (robot.parent / "out" / "report.html").read_text()
     assert '<section id="per-run"' in page and "Parameters per run" in page
@@ -74,12 +74,12 @@ def test_logs_that_are_called_alike_stay_apart(given: Path, edit: Edit, command:
     for path, name in zip(logs, ("identification", "validation"), strict=True):
         path.parent.mkdir()
         (path.parent / path.name).write_bytes((given / f"{name}.parquet").read_bytes())
-    told = identify(command, robot, f"{logs[0]}@1:4", f"{logs[0]}@4.5:6", logs[1])
-    names = [run["run"] for run in told["per_run"]]  # type: ignore[attr-defined]
+    printed = identify(command, robot, f"{logs[0]}@1:4", f"{logs[0]}@4.5:6", logs[1])
+    names = [run["run"] for run in printed["per_run"]]  # type: ignore[attr-defined]
     assert names == ["log@1:4", "log@4.5:6", "log"]
     (robot.parent / "out").rename(robot.parent / "first")
-    told = identify(command, robot, *logs)
-    names = [run["run"] for run in told["per_run"]]  # type: ignore[attr-defined]
+    printed = identify(command, robot, *logs)
+    names = [run["run"] for run in printed["per_run"]]  # type: ignore[attr-defined]
     assert names == ["monday/log", "tuesday/log"]
 
 
@@ -187,15 +187,15 @@ def test_gains_of_drives_from_a_loaded_run(edit: Edit, command: Command) -> None
     bare = simulated(command, robot, "bare")
     carried = simulated(command, robot, "carried", "--payload-mass", MASS)
     options = ("--loaded", carried, "--payload-mass", MASS)
-    told = identify(command, robot, bare, *options)
+    printed = identify(command, robot, bare, *options)
     truth = json.loads((robot.parent / "bare" / "truth.json").read_text())["drive_gains"]
-    gains: dict[str, list[float]] = told["gains"]  # type: ignore[assignment]
+    gains: dict[str, list[float]] = printed["gains"]  # type: ignore[assignment]
     assert gains["joints"] == list(truth) and gains["known"] == [False] * N  # type: ignore
     error = np.abs(np.array(gains["gains"]) - list(truth.values()))
     assert np.all(error < 1.6 * np.array(gains["half_width"]))
     assert np.sum(error < np.array(gains["half_width"])) >= N - 1
     assert np.all(np.array(gains["half_width"])[:3] < 0.15 * np.array(gains["gains"])[:3])
-    assert any(note.startswith("drive gains identified: ") for note in told["notes"])  # type: ignore
+    assert any(note.startswith("drive gains identified: ") for note in printed["notes"])  # type: ignore
     model = steelyard.load_model(robot.parent / "out")
     np.testing.assert_array_equal(model.signals.gains, gains["gains"])
     assert not any(model.signals.unknown_gains)

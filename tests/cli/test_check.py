@@ -157,10 +157,10 @@ def test_fix_elsewhere_still_finds_the_model(
     (tmp_path / "there").mkdir()
     target = tmp_path / "there" / "mine.toml"
     done = command("check", robot, degrees, "--fix", target, "--json")
-    told = json.loads(done.stdout)
-    assert told["severity"] == "wrong" and done.exit_code == 0
-    assert told["fixed"]["robot_file"] == str(target) and told["fixed"]["severity"] == "ok"
-    assert told["fixed"]["changes"] == [
+    printed = json.loads(done.stdout)
+    assert printed["severity"] == "wrong" and done.exit_code == 0
+    assert printed["fixed"]["robot_file"] == str(target) and printed["fixed"]["severity"] == "ok"
+    assert printed["fixed"]["changes"] == [
         {
             "path": ["signals", "position_unit"],
             "value": "deg",
@@ -264,17 +264,17 @@ def test_fix_takes_a_robot_file_behind_it(line: str, result: str) -> None:
 
 def test_json_has_its_schema(slow: Slow, degrees: Path, command: Command) -> None:
     done = command("check", ROBOT, f"{degrees}@1:3", "--json")
-    told = json.loads(done.stdout)
+    printed = json.loads(done.stdout)
     assert done.exit_code == 2
-    assert list(told) == [
+    assert list(printed) == [
         *("robot", "logs", "model", "severity", "findings", "edits", "notes", "fixed", "output"),
     ]
-    assert told["robot"] == ROBOT and told["logs"] == [f"{degrees}@1:3"]
-    assert (told["model"], told["fixed"], told["output"]) == (None, None, None)
-    finding = told["findings"][0]
+    assert printed["robot"] == ROBOT and printed["logs"] == [f"{degrees}@1:3"]
+    assert (printed["model"], printed["fixed"], printed["output"]) == (None, None, None)
+    finding = printed["findings"][0]
     assert finding["log"] == "degrees@1:3" and finding["joints"] == ["shoulder_turn"]
     assert finding["fix"]["lines"] == '[signals]\nposition_unit = "deg"'
-    assert told["edits"] == finding["fix"]["edits"]
+    assert printed["edits"] == finding["fix"]["edits"]
 
 
 def test_the_output_is_a_page_and_json(
@@ -282,8 +282,8 @@ def test_the_output_is_a_page_and_json(
 ) -> None:
     done = command("check", ROBOT, degrees, OTHER, "-o", tmp_path / "out", "--json")
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["check.html", "check.json"]
-    told = json.loads((tmp_path / "out" / "check.json").read_text())
-    assert told | {"output": str(tmp_path / "out")} == json.loads(done.stdout)
+    printed = json.loads((tmp_path / "out" / "check.json").read_text())
+    assert printed | {"output": str(tmp_path / "out")} == json.loads(done.stdout)
     again = command("check", ROBOT, degrees, "-o", tmp_path / "out")
     assert again.exit_code == 2 and "the output folder exists already" in again.stderr
     program = chromium()
@@ -302,12 +302,12 @@ def test_logs_that_cannot_be_read_are_findings(
     (tmp_path / "torn.parquet").write_bytes((given / "validation.parquet").read_bytes()[:20_000])
     header = given / "header.csv"
     done = command("check", ROBOT, tmp_path / "few.csv", header, OTHER, "--json")
-    told = {(f["check"], f["log"]): f for f in json.loads(done.stdout)["findings"]}
-    assert done.exit_code == 2 and list(told) == [
+    printed = {(f["check"], f["log"]): f for f in json.loads(done.stdout)["findings"]}
+    assert done.exit_code == 2 and list(printed) == [
         *(("log", "few"), ("log", "header"), ("position unit", "validation")),
     ]
-    assert "no column 'q2_rad'" in told["log", "few"]["says"]
-    assert "rows" in told["log", "header"]["says"]
+    assert "no column 'q2_rad'" in printed["log", "few"]["says"]
+    assert "rows" in printed["log", "header"]["says"]
     torn = command("check", ROBOT, tmp_path / "torn.parquet", OTHER)
     assert torn.exit_code == 2 and isinstance(torn.exception, SystemExit)
 
@@ -326,8 +326,8 @@ def test_names_of_one_file_in_two_folders_stay_apart(
     for path in paths:
         path.parent.mkdir()
         shutil.copy(given / "validation.parquet", path)
-    told = json.loads(command("check", ROBOT, *paths, "--json").stdout)
-    assert [finding["log"] for finding in told["findings"]] == ["monday/run", "tuesday/run"]
+    printed = json.loads(command("check", ROBOT, *paths, "--json").stdout)
+    assert [finding["log"] for finding in printed["findings"]] == ["monday/run", "tuesday/run"]
 
 
 def test_what_the_suspicions_get_to_see(
@@ -347,8 +347,11 @@ def test_a_model_of_another_robot_is_refused(
     identified: Path, given: Path, command: Command, tmp_path: Path
 ) -> None:
     five = [f'"{name}"' for name in load_robot(given / "demo_arm.toml").robot.joint_names[:5]]
-    said = ('urdf = "demo_arm.urdf"\n', f'urdf = "demo_arm.urdf"\njoints = [{", ".join(five)}]\n')
-    done = command("check", edited(given, tmp_path, said), OTHER, "--model", identified)
+    change = (
+        'urdf = "demo_arm.urdf"\n',
+        f'urdf = "demo_arm.urdf"\njoints = [{", ".join(five)}]\n',
+    )
+    done = command("check", edited(given, tmp_path, change), OTHER, "--model", identified)
     assert done.exit_code == 2 and "flange_roll, the robot file of" in done.stderr
 
 
@@ -361,10 +364,10 @@ def test_identify_stops_at_what_is_wrong(
 ) -> None:
     done = command("identify", ROBOT, degrees, "-o", tmp_path / "o")
     assert done.exit_code == 2 and not (tmp_path / "o").exists()
-    said = words(done.stderr)
-    assert "error: failed check, position unit: positions go around where degrees: " in said
-    assert 'fix they are in degrees: [signals] position_unit = "deg"' in said
-    assert f"`steelyard check {ROBOT} LOG... --fix` writes" in said and "--no-check" in said
+    message = words(done.stderr)
+    assert "error: failed check, position unit: positions go around where degrees: " in message
+    assert 'fix they are in degrees: [signals] position_unit = "deg"' in message
+    assert f"`steelyard check {ROBOT} LOG... --fix` writes" in message and "--no-check" in message
     assert slow.seen == []
     done = command("identify", ROBOT, degrees, "-o", tmp_path / "o", "--no-check", "--json")
     assert done.exit_code == 0 and json.loads(done.stdout)["check"] is None
@@ -376,9 +379,9 @@ def test_identify_notes_what_is_doubtful_and_reports_it(
 ) -> None:
     asking(monkeypatch, Severity.DOUBTFUL)
     done = command("identify", ROBOT, degrees, "-o", tmp_path / "o", "--json")
-    told = json.loads(done.stdout)
-    assert done.exit_code == 0 and told["check"]["severity"] == "doubtful"
+    printed = json.loads(done.stdout)
+    assert done.exit_code == 0 and printed["check"]["severity"] == "doubtful"
     note = "check, position unit: degrees: shoulder_turn: positions go around"
-    assert any(one.startswith(note) for one in told["notes"])
+    assert any(one.startswith(note) for one in printed["notes"])
     page = (tmp_path / "o" / "report.html").read_text()
     assert "Doubtful: position unit" in page and 'class="picture"' in page

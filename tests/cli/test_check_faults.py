@@ -38,9 +38,9 @@ def simulated(given: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pa
 
 def test_a_good_log_is_ok(simulated: tuple[Path, Path], command: Command) -> None:
     done = command("check", *simulated, "--json")
-    told = json.loads(done.stdout)
-    assert done.exit_code == 0, [f for f in told["findings"] if f["severity"] != "ok"]
-    assert len({finding["check"] for finding in told["findings"]}) >= 12
+    printed = json.loads(done.stdout)
+    assert done.exit_code == 0, [f for f in printed["findings"] if f["severity"] != "ok"]
+    assert len({finding["check"] for finding in printed["findings"]}) >= 12
 
 
 @pytest.mark.parametrize(
@@ -71,10 +71,10 @@ def test_a_fault_is_found_and_the_fixed_file_is_ok(
     stopped = command("identify", robot, log, "-o", tmp_path / "o")
     assert stopped.exit_code == 2 and f'{path[-1]} = "{value}"' in stopped.stderr
     done = command("check", robot, log, "--fix", target, "--json")
-    told = json.loads(done.stdout)
-    assert told["severity"] == "wrong"
-    assert {"path": path, "value": value} in told["edits"]
-    assert told["fixed"]["severity"] == "ok" and done.exit_code == 0, told["fixed"]
+    printed = json.loads(done.stdout)
+    assert printed["severity"] == "wrong"
+    assert {"path": path, "value": value} in printed["edits"]
+    assert printed["fixed"]["severity"] == "ok" and done.exit_code == 0, printed["fixed"]
     assert load_robot(target).signals is not None
     assert command("check", target, log).exit_code == 0
     assert "# says the manual" in target.read_text()
@@ -86,8 +86,8 @@ def test_a_robot_mounted_sideways_is_found(
     model = 'urdf = "demo_arm.urdf"\n'
     robot = edited(given, tmp_path, (model, f"{model}gravity = [9.81, 0.0, 0.0]\n"), *CURRENTS)
     done = command("check", robot, simulated[1], "--fix", "--json")
-    told = json.loads(done.stdout)
-    assert told["severity"] == "wrong" and done.exit_code == 0
+    printed = json.loads(done.stdout)
+    assert printed["severity"] == "wrong" and done.exit_code == 0
     assert load_robot(tmp_path / "arm-fixed.toml").robot.gravity[2] == pytest.approx(
         -9.81, abs=0.01
     )
@@ -110,6 +110,6 @@ def test_all_efforts_of_a_short_window_are_turned_though_positions_would_do(
     made = command("init", folder / "med7dock.urdf", log.split("@")[0], "-o", robot)
     assert made.exit_code == 0, made.output
     done = command("check", robot, log, "--quick", "--fix", new)
-    said = " ".join(done.stdout.split())
-    assert "all efforts have the opposite sign, or all positions have the opposite sign" in said
+    output = " ".join(done.stdout.split())
+    assert "all efforts have the opposite sign, or all positions have the opposite sign" in output
     assert "gain = [-1.0, -1.0, -1.0, -1.0, -1.0, -1.0, -1.0]" in new.read_text()

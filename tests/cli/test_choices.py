@@ -13,11 +13,11 @@ from cli.river_files import edited
 from steelyard.virtual.demo import demo_runs
 
 TERMS = 'terms = ["rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"]'
-Told = Callable[..., tuple[dict[str, Any], Path]]
+Identified = Callable[..., tuple[dict[str, Any], Path]]
 
 
 @pytest.fixture
-def told(given: Path, tmp_path: Path, command: Command) -> Told:
+def identified(given: Path, tmp_path: Path, command: Command) -> Identified:
     """`identify --json` with the demo arm's robot file changed, and the folder it wrote."""
 
     def run(
@@ -56,9 +56,9 @@ def test_friction_is_chosen_and_told(given: Path, tmp_path: Path, command: Comma
     assert {term.law for term in steelyard.load_model(out).model.terms} == laws
 
 
-def test_a_field_is_found_and_told(told: Told) -> None:
+def test_a_field_is_found_and_told(identified: Identified) -> None:
     dahl = '{law = "coulomb", smoothing = {find = [0.002, 0.2]}}'
-    found, out = told((TERMS, TERMS.replace('"coulomb"', dahl)))
+    found, out = identified((TERMS, TERMS.replace('"coulomb"', dahl)))
     (field,) = found["fields"]
     assert (field["term"], field["field"], field["joint"]) == ("coulomb", "smoothing", None)
     assert field["bounds"] == [0.002, 0.2]
@@ -69,16 +69,18 @@ def test_a_field_is_found_and_told(told: Told) -> None:
     assert "Estimated fields" in (out / "report.html").read_text(encoding="utf-8")
 
 
-def test_joints_weigh_by_noise_or_alike(told: Told, tmp_path: Path) -> None:
+def test_joints_weigh_by_noise_or_alike(identified: Identified, tmp_path: Path) -> None:
     equal = ("[signals]\n", '[estimation]\nweights = "equal"\n\n[signals]\n')
-    _, out = told(equal)
+    _, out = identified(equal)
     model = steelyard.load_model(out)
     assert model.estimate.estimator == "consistent (entropic prior)"
     assert [e.estimator for e in model.reference] == ["ordinary least squares"]
 
 
-def test_plain_least_squares_can_be_had(told: Told) -> None:
-    plain, out = told(("[signals]\n", '[estimation]\nmethod = "least_squares"\n\n[signals]\n'))
+def test_plain_least_squares_can_be_had(identified: Identified) -> None:
+    plain, out = identified(
+        ("[signals]\n", '[estimation]\nmethod = "least_squares"\n\n[signals]\n')
+    )
     model = steelyard.load_model(out)
     assert model.estimate.estimator == "weighted least squares"
     assert model.estimate.standard is None
@@ -87,27 +89,27 @@ def test_plain_least_squares_can_be_had(told: Told) -> None:
 
 
 def test_knowledge_that_plain_least_squares_passes_over_is_checked_and_told(
-    told: Told, given: Path, tmp_path: Path, command: Command
+    identified: Identified, given: Path, tmp_path: Path, command: Command
 ) -> None:
-    wish = '[[knowledge]]\nkind = "mass"\nlink = "{}"\nupper = 9.0\n\n[signals]\n'
+    knowledge = '[[knowledge]]\nkind = "mass"\nlink = "{}"\nupper = 9.0\n\n[signals]\n'
     plain = '[estimation]\nmethod = "least_squares"\n\n[prior]\nuncertainty = 0.2\n\n'
-    found, _ = told(("[signals]\n", plain + wish.format("forearm")))
+    found, _ = identified(("[signals]\n", plain + knowledge.format("forearm")))
     notes = [note for note in found["notes"] if "does not use" in note]
     assert notes == ["WLS does not use [prior] and [[knowledge]]"]
-    robot = edited(given, tmp_path, ("[signals]\n", plain + wish.format("forarm")))
+    robot = edited(given, tmp_path, ("[signals]\n", plain + knowledge.format("forarm")))
     done = command("identify", robot, given / "identification.parquet", "-o", tmp_path / "other")
     assert done.exit_code == 2 and "'forarm'" in done.stderr
 
 
 def test_friction_that_drives_is_named(
-    told: Told, given: Path, tmp_path: Path, command: Command
+    identified: Identified, given: Path, tmp_path: Path, command: Command
 ) -> None:
     reversed_efforts = ('unit = "Nm"', 'unit = "Nm"\ngain = -1.0')
     robot = edited(given, tmp_path, reversed_efforts)
     done = command("identify", robot, given / "identification.parquet", "-o", tmp_path / "no")
     assert done.exit_code == 2 and "all efforts have the opposite sign" in done.stderr
     assert not (tmp_path / "no").exists()
-    driven, _ = told(reversed_efforts, options=("--no-check",))
+    driven, _ = identified(reversed_efforts, options=("--no-check",))
     (note,) = (note for note in driven["notes"] if "below the physical bound" in note)
     assert "viscous.elbow" in note and "coulomb.elbow" in note
 

@@ -158,12 +158,12 @@ def test_validate_says_what_identify_said(
     identified: Path, command: Command, tmp_path: Path
 ) -> None:
     done = command("identify", ROBOT, LOG, "--validate", OTHER, "-o", tmp_path / "o", "--json")
-    said = strict(done.stdout)
+    printed = strict(done.stdout)
     again = strict(command("validate", tmp_path / "o" / "model.json", OTHER, "--json").stdout)
-    assert said["output"] == str(tmp_path / "o")
-    assert again[0]["joints"] == said["validation"][0]["joints"]
-    assert said["verdict"]["level"] == "good" and again[0]["verdict"] == said["verdict"]
-    assert said["n_base_parameters"] == len(said["parameters"]) + len(said["not_seen"])
+    assert printed["output"] == str(tmp_path / "o")
+    assert again[0]["joints"] == printed["validation"][0]["joints"]
+    assert printed["verdict"]["level"] == "good" and again[0]["verdict"] == printed["verdict"]
+    assert printed["n_base_parameters"] == len(printed["parameters"]) + len(printed["not_seen"])
 
 
 def test_validate_writes_a_report_only_if_asked(
@@ -242,8 +242,8 @@ def test_init_says_each_statement_once(command: Command, tmp_path: Path) -> None
         <joint name="finger_joint" type="continuous"><parent link="arm"/><child link="finger"/>
         </joint></robot>"""
     )
-    told = strict(command("init", path, "-o", tmp_path / "arm.toml", "--json").stdout)["notes"]
-    (massless,) = (note for note in told if "prior mass is zero" in note)
+    notes = strict(command("init", path, "-o", tmp_path / "arm.toml", "--json").stdout)["notes"]
+    (massless,) = (note for note in notes if "prior mass is zero" in note)
     assert massless == "no inertial in the model, prior mass is zero: arm"
 
 
@@ -303,8 +303,8 @@ def test_simulate_draws_by_its_seed(command: Command, tmp_path: Path) -> None:
 
 
 def test_demo(command: Command, tmp_path: Path) -> None:
-    told = command("demo", "--seed", "3", "-o", tmp_path / "demo", "--json")
-    result = strict(told.stdout)
+    done = command("demo", "--seed", "3", "-o", tmp_path / "demo", "--json")
+    result = strict(done.stdout)
     assert result["output"] == str(tmp_path / "demo" / "results")
     assert result["validation"][0]["mean_percent_moving"] < 5.0
     names = sorted(path.name for path in (tmp_path / "demo").iterdir())

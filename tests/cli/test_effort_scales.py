@@ -90,8 +90,8 @@ def test_scales_that_are_asked_for_in_vain_are_told(
     robot.write_text(f"{robot.read_text()}\n[estimation]\n{written}\n")
     log = given / "identification.parquet"
     done = command("identify", robot, log, "-o", tmp_path / "out", "--json", "--no-check")
-    told = [note for note in json.loads(done.stdout)["notes"] if "has no effect" in note]
-    assert told == ([f'effort_scales = "auto" has no effect {words}'] if words else [])
+    notes = [note for note in json.loads(done.stdout)["notes"] if "has no effect" in note]
+    assert notes == ([f'effort_scales = "auto" has no effect {words}'] if words else [])
 
 
 def test_scales_are_of_motors_behind_coupled_gears(given: Path, tmp_path: Path) -> None:

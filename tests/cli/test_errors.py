@@ -28,13 +28,13 @@ def test_new_parents_of_a_failed_output_go_too(
 
 
 def test_broken_rows_are_dropped_counted_and_reported(command: Command, tmp_path: Path) -> None:
-    log, lost = "../given/soiled.csv", sum(SPOILT.values())
+    log, spoilt = "../given/soiled.csv", sum(SPOILT.values())
     shown = command("identify", ROBOT, log, "-o", tmp_path / "shown")
-    told = command("identify", ROBOT, log, "-o", tmp_path / "told", "--json")
-    notes = " ".join(json.loads(told.stdout)["notes"])
-    assert shown.exit_code == told.exit_code == 0
+    printed = command("identify", ROBOT, log, "-o", tmp_path / "printed", "--json")
+    notes = " ".join(json.loads(printed.stdout)["notes"])
+    assert shown.exit_code == printed.exit_code == 0
     for text in (" ".join(shown.stdout.split()), notes):
-        assert f"soiled: dropped {lost} of 1501 rows" in text
+        assert f"soiled: dropped {spoilt} of 1501 rows" in text
         assert f"{SPOILT['NaN'] + SPOILT['cut short']} with a cell that is missing" in text
         assert f"{SPOILT['1e293']} with an implausible value" in text
 

@@ -41,7 +41,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     arm(folder, ANY + QUICK)
     formats = ("--format", "ros2", "mujoco")
     done = ran("excite", folder / "arm.toml", *ONE, *formats, "-o", folder / "out")
-    (folder / "said.txt").write_text(done.stdout)
+    (folder / "output.txt").write_text(done.stdout)
     return folder
 
 
@@ -55,9 +55,9 @@ def test_files(made: Path) -> None:
         "trajectory.xml",
         "report.html",
     }
-    said = (made / "said.txt").read_text()
-    assert all(name in said for name in names)
-    assert "every checked limit is proven to hold at all times" in " ".join(said.split())
+    text = (made / "output.txt").read_text()
+    assert all(name in text for name in names)
+    assert "every checked limit is proven to hold at all times" in " ".join(text.split())
 
 
 def test_the_certificate_is_of_this_trajectory(made: Path) -> None:
@@ -205,21 +205,21 @@ def test_after_an_earlier_log(tmp_path: Path) -> None:
     (log,) = (folder / "first").glob("*.parquet")
     ran("identify", robot, log, "--no-check", "-o", folder / "known")
     base = ("excite", robot, *ONE, "--criterion", "a_optimal", "--json")
-    told = [
+    designs = [
         json.loads(ran(*base, *more, "-o", folder / f"out{k}").stdout)
         for k, more in enumerate(
             [(), ("--earlier", folder / "known"), ("--earlier", folder / "known/model.json")]
         )
     ]
-    assert told[1]["predicted_std"] == told[2]["predicted_std"]
-    assert "earlier log" in told[1]["noise"] and "assumed" in told[0]["noise"]
+    assert designs[1]["predicted_std"] == designs[2]["predicted_std"]
+    assert "earlier log" in designs[1]["noise"] and "assumed" in designs[0]["noise"]
     options = ("--earlier", folder / "known", "--still-unknown")
     after = json.loads(ran(*base, *options, "-o", folder / "after").stdout)
     known = json.loads((folder / "known" / "model.json").read_text())["estimate"]
     before = dict(zip(known["names"], np.sqrt(np.diag(known["covariance"])), strict=True))
     for name, std in after["predicted_std"].items():
         assert 0.0 < std <= before.get(name, np.inf) * (1.0 + 1e-9)
-    alone = sum(std**2 for std in told[1]["predicted_std"].values())
+    alone = sum(std**2 for std in designs[1]["predicted_std"].values())
     assert sum(std**2 for std in after["predicted_std"].values()) < alone
 
 

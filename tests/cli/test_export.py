@@ -46,19 +46,21 @@ def test_json_and_the_usual_name(
     monkeypatch.chdir(tmp_path)
     done = command("export", model / "model.json", "--to", "urdf", "--json")
     assert done.exit_code == 0, done.output
-    told = json.loads(done.stdout)
-    assert told["format"] == "urdf" and told["file"].endswith(".urdf")
-    assert any("(offset)" in sentence for sentence in told["unheld"])
-    assert Path(told["file"]).is_absolute() and told["not_seen"] == []
-    assert set(told["mass_from_data"].values()) == {1.0} and told["impossible_in_original"] == []
-    assert load_robot(told["file"]).robot.n == 6
+    printed = json.loads(done.stdout)
+    assert printed["format"] == "urdf" and printed["file"].endswith(".urdf")
+    assert any("(offset)" in sentence for sentence in printed["unheld"])
+    assert Path(printed["file"]).is_absolute() and printed["not_seen"] == []
+    assert (
+        set(printed["mass_from_data"].values()) == {1.0} and printed["impossible_in_original"] == []
+    )
+    assert load_robot(printed["file"]).robot.n == 6
     again = command("export", model / "model.json", "--to", "urdf")
     assert again.exit_code == 2 and "exists already" in again.output
-    Path(told["file"]).unlink()
+    Path(printed["file"]).unlink()
     done = command("export", model, "--to", "urdf")
-    assert done.stdout.startswith(f"{told['file']}: ")
+    assert done.stdout.startswith(f"{printed['file']}: ")
     assert "prior" not in done.stdout and "Not identifiable" not in done.stdout
-    Path(told["file"]).unlink()
+    Path(printed["file"]).unlink()
 
 
 def test_what_is_not_from_the_data_is_told(given: Path, command: Command, tmp_path: Path) -> None:

@@ -80,7 +80,7 @@ def test_ctrl_c_from_outside_while_it_works(work: Path) -> None:
     assert leftovers(work) == []
 
 
-LOST = """
+SWALLOWED = """
 import os, signal, sys
 from steelyard.cli import interrupt
 from steelyard.cli.main import main
@@ -101,7 +101,7 @@ main()
 
 def test_ctrl_c_that_a_callback_swallows_is_not_lost(work: Path) -> None:
     done = subprocess.run(
-        [sys.executable, "-c", LOST, *IDENTIFY],
+        [sys.executable, "-c", SWALLOWED, *IDENTIFY],
         cwd=work,
         capture_output=True,
         text=True,

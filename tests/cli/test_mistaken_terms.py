@@ -64,10 +64,12 @@ def test_a_term_that_cannot_be_is_shown_in_the_file(
     path = robot(f'terms = ["rigid_body", {term}]')
     out = path.parent / "out"
     done = command("identify", path, given / "identification.parquet", "-o", out)
-    said = " ".join(done.stderr.split())
+    message = " ".join(done.stderr.split())
     assert done.exit_code == 2 and not out.exists(), done.output
-    assert said.startswith("error:") and "arm.toml, line" in said and "terms[2]" in said, said
-    assert all(word in said for word in MISTAKES[term]), said
+    assert message.startswith("error:") and "arm.toml, line" in message and "terms[2]" in message, (
+        message
+    )
+    assert all(word in message for word in MISTAKES[term]), message
 
 
 def test_two_motors_have_two_names(robot: Robot, given: Path, command: Command) -> None:

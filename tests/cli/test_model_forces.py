@@ -40,13 +40,13 @@ def test_notes_of_the_model_file_are_told_by_every_command(
 ) -> None:
     run, toml = tmp_path / "run", tmp_path / "made.toml"
     shown = command("simulate", mjcf, "--period", "4", "-o", run).stdout
-    told = load_robot(mjcf).notes
-    assert len(told) == 3 and all(f"note        {note}" in shown for note in told)
+    notes = load_robot(mjcf).notes
+    assert len(notes) == 3 and all(f"note        {note}" in shown for note in notes)
     made = json.loads(command("init", mjcf, run / "log.parquet", "-o", toml, "--json").stdout)
-    assert sorted(made["notes"]) == sorted(told)
+    assert sorted(made["notes"]) == sorted(notes)
     checked = json.loads(command("check", mjcf, run / "log.parquet", "--json").stdout)
-    assert set(told) <= set(checked["notes"])
-    assert load_robot(toml).notes == tuple(note for note in told if "placeholder" in note)
+    assert set(notes) <= set(checked["notes"])
+    assert load_robot(toml).notes == tuple(note for note in notes if "placeholder" in note)
 
 
 def test_torques_are_limited_by_the_range_of_forces(mjcf: Path) -> None:

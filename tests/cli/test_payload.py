@@ -42,14 +42,14 @@ def test_the_load_is_weighed(
     options = ["--unloaded", given / "identification.parquet"] if together else []
     done = command("payload", identified, loaded, *options, "--json", "-o", tmp_path / "out")
     assert done.exit_code == 0, done.output
-    told = json.loads(done.stdout)
-    assert told == json.loads((tmp_path / "out" / "payload.json").read_text())
+    printed = json.loads(done.stdout)
+    assert printed == json.loads((tmp_path / "out" / "payload.json").read_text())
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["payload.json"]
-    assert abs(told["mass"] - LOAD.mass) < 1.5 * told["mass_half_width"] < 0.1
-    error = np.abs(np.array(told["centre"]) - LOAD.com)
-    assert np.all(error < 1.5 * np.array(told["centre_half_width"]))
+    assert abs(printed["mass"] - LOAD.mass) < 1.5 * printed["mass_half_width"] < 0.1
+    error = np.abs(np.array(printed["centre"]) - LOAD.com)
+    assert np.all(error < 1.5 * np.array(printed["centre_half_width"]))
     words = "from the unloaded and loaded runs" if together else "are the model's"
-    assert words in " ".join(told["notes"])
+    assert words in " ".join(printed["notes"])
 
 
 def test_the_table_names_frame_numbers_and_units(
@@ -69,8 +69,8 @@ def test_the_table_names_frame_numbers_and_units(
 
 def load_robot_of(identified: Path) -> str:
     """The last link of an identified model."""
-    told = json.loads((identified / "model.json").read_text())
-    return str(told["model"]["robot"]["bodies"][-1]["name"])
+    printed = json.loads((identified / "model.json").read_text())
+    return str(printed["model"]["robot"]["bodies"][-1]["name"])
 
 
 def test_a_log_that_the_model_knows_is_told(
@@ -133,5 +133,5 @@ def test_an_impossible_body_is_the_headline(
     assert done.stdout.startswith(
         "NOT PHYSICALLY CONSISTENT: a principal moment of inertia is negative"
     )
-    told = json.loads(command("payload", identified, loaded, "--json").stdout)
-    assert told["possible_body"] is False and "negative" in told["flaw"]
+    printed = json.loads(command("payload", identified, loaded, "--json").stdout)
+    assert printed["possible_body"] is False and "negative" in printed["flaw"]

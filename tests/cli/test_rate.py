@@ -71,11 +71,11 @@ def test_without_a_rate_it_is_asked_for(
     ],
 )
 def test_one_clock_is_declared(
-    command: Command, given: Path, timeless: Path, tmp_path: Path, clock: str, said: str
+    command: Command, given: Path, timeless: Path, tmp_path: Path, clock: str, words: str
 ) -> None:
     robot = edited(given, tmp_path, ('time = "time_s"', clock))
     done = command("identify", robot, timeless, "-o", tmp_path / "o")
-    assert done.exit_code == 2 and said in " ".join(done.output.split())
+    assert done.exit_code == 2 and words in " ".join(done.output.split())
 
 
 def test_a_simulated_log_without_a_clock_comes_at_the_declared_rate(

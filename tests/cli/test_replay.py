@@ -153,9 +153,9 @@ def test_a_motion_of_another_robot_is_refused(command: Command, tmp_path: Path) 
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT for a child")
 def test_ctrl_c_ends_it_cleanly(motion: Path, tmp_path: Path) -> None:
     pytest.importorskip("viser")
-    said = tmp_path / "said.txt"
+    output = tmp_path / "output.txt"
     line = [sys.executable, "-m", "steelyard", "replay", str(ARM), str(motion)]
-    with said.open("w") as out:
+    with output.open("w") as out:
         child = subprocess.Popen(
             [*line, "--port", str(FREE + 100), "--speed", "0.5"],
             stdout=out,
@@ -164,9 +164,9 @@ def test_ctrl_c_ends_it_cleanly(motion: Path, tmp_path: Path) -> None:
         )
         try:
             deadline = time.monotonic() + 60.0
-            while "Ctrl-C" not in said.read_text() and time.monotonic() < deadline:
+            while "Ctrl-C" not in output.read_text() and time.monotonic() < deadline:
                 time.sleep(0.1)
-            address = re.search(r"http://\S+", said.read_text())
+            address = re.search(r"http://\S+", output.read_text())
             assert address is not None
             with urllib.request.urlopen(address[0], timeout=10) as answer:
                 assert answer.status == 200
@@ -175,5 +175,5 @@ def test_ctrl_c_ends_it_cleanly(motion: Path, tmp_path: Path) -> None:
         finally:
             child.kill()
             child.wait()
-    assert "Traceback" not in said.read_text()
-    assert len(said.read_text().splitlines()) == 1
+    assert "Traceback" not in output.read_text()
+    assert len(output.read_text().splitlines()) == 1

@@ -209,8 +209,8 @@ def test_runs_of_more_than_a_day_are_refused(
     options: tuple[str, str], hours: str, command: Command, tmp_path: Path
 ) -> None:
     done = command(*RUN, *options, "-o", tmp_path / "o")
-    said = " ".join(done.stderr.split())
-    assert done.exit_code == 2 and hours in said and "fewer periods" in said
+    message = " ".join(done.stderr.split())
+    assert done.exit_code == 2 and hours in message and "fewer periods" in message
     assert not (tmp_path / "o").exists()
 
 

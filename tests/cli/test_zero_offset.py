@@ -10,7 +10,7 @@ from cli.river_files import edited
 from diagnosis.fitted import demo_arm, log
 from steelyard.virtual.invent import random_truth
 
-ASKED = ('position = "q{}_rad"', 'position = "q{}_rad"\nposition_offset = "identify"')
+TO_IDENTIFY = ('position = "q{}_rad"', 'position = "q{}_rad"\nposition_offset = "identify"')
 OFFSET = 0.2
 
 
@@ -43,7 +43,7 @@ def test_offsets_and_gains_are_not_identified_at_once(
 ) -> None:
     currents = ('"joint_torque"', '"motor_current"')
     unit = ('unit = "Nm"', 'unit = "A"\ngain = ["identify", 1.0, 1.0, 1.0, 1.0, 1.0]')
-    robot = edited(given, tmp_path, ASKED, currents, unit)
+    robot = edited(given, tmp_path, TO_IDENTIFY, currents, unit)
     done = command("identify", robot, given / "identification.parquet", "--no-check")
     assert done.exit_code != 0
     assert "zero offsets and drive gains cannot be identified together" in done.output

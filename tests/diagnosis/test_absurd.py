@@ -43,9 +43,9 @@ def test_an_arm_of_other_masses_is_possible(arm, factor):
 
 def test_efforts_in_millinewton_metres_are_absurd(arm):
     model = identified(arm, 1000.0)
-    said = absurdities(model)
-    assert any("denser than tungsten" in x for x in said)
-    assert any("total mass of the links" in x for x in said)
+    sentences = absurdities(model)
+    assert any("denser than tungsten" in x for x in sentences)
+    assert any("total mass of the links" in x for x in sentences)
     with pytest.raises(DataError, match="physically absurd") as error:
         refuse_absurd(model, "arm.toml")
     assert "--no-check" in error.value.fix

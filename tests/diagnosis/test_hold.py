@@ -37,7 +37,7 @@ def held(table: Array, every: int, *columns: slice, phase: int = 0) -> Array:
     return changed
 
 
-def said(folder: Path, table: Array) -> tuple[Finding, ...]:
+def findings_of(folder: Path, table: Array) -> tuple[Finding, ...]:
     return Repeats()(case_of(folder, table))
 
 
@@ -46,7 +46,7 @@ def said(folder: Path, table: Array) -> tuple[Finding, ...]:
     [(100.0, 2, DOUBTFUL), (500.0, 2, OK), (500.0, 3, OK), (500.0, 6, DOUBTFUL)],
 )
 def test_held_efforts_are_late(tmp_path: Path, rate: float, every: int, severity: int) -> None:
-    motion, found = said(tmp_path, held(sound(rate), every, TAU))
+    motion, found = findings_of(tmp_path, held(sound(rate), every, TAU))
     late = 0.5 * (every - 1) / rate
     assert motion.says == "no row in motion repeats the previous one"
     assert found.says == (
@@ -72,7 +72,7 @@ def test_held_efforts_are_late(tmp_path: Path, rate: float, every: int, severity
 def test_held_positions_are_bridged_or_late(
     tmp_path: Path, rate: float, every: int, severity: int, does: str, columns: tuple[slice, ...]
 ) -> None:
-    (found,) = said(tmp_path, held(sound(rate), every, *columns))
+    (found,) = findings_of(tmp_path, held(sound(rate), every, *columns))
     assert found.says == (
         f"positions are updated every {every} rows ({rate / every:.3g} Hz of {rate:.3g} Hz): {does}"
     )
@@ -82,20 +82,20 @@ def test_held_positions_are_bridged_or_late(
 
 @pytest.mark.parametrize("every", [2, 3, 6])
 def test_efforts_held_in_the_rows_of_the_positions_are_not_late(tmp_path: Path, every: int) -> None:
-    motion, effort = said(tmp_path, held(sound(500.0), every, MOTION, TAU))
+    motion, effort = findings_of(tmp_path, held(sound(500.0), every, MOTION, TAU))
     assert motion.says.startswith(f"positions are updated every {every} rows")
     assert effort.says.endswith("no later than positions") and effort.severity == OK
 
 
 def test_efforts_held_in_other_rows_than_positions_are_late(tmp_path: Path) -> None:
     table = held(held(sound(), 2, MOTION), 2, TAU, phase=1)
-    _, effort = said(tmp_path, table)
+    _, effort = findings_of(tmp_path, table)
     assert effort.says.endswith("they are 5 ms late on average")
 
 
 def test_joints_that_are_read_in_turn_are_not_bridged(tmp_path: Path) -> None:
     table = held(held(sound(), 2, slice(1, 3)), 2, slice(3, 4), phase=1)
-    (found,) = said(tmp_path, table)
+    (found,) = findings_of(tmp_path, table)
     assert found.says.endswith("they are 5 ms late on average, and rows are not interpolated")
 
 
@@ -149,7 +149,7 @@ def test_coarse_resting_and_noise_free_logs_hold_nothing(
     tmp_path: Path, change: object, rate: float
 ) -> None:
     assert callable(change)
-    assert not any(" are new every" in f.says for f in said(tmp_path, change(sound(rate))))
+    assert not any(" are new every" in f.says for f in findings_of(tmp_path, change(sound(rate))))
 
 
 @pytest.mark.parametrize("every", [2, 3])

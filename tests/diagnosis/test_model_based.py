@@ -159,11 +159,11 @@ def test_currents_declared_as_torques(arm):
     table[:, arm.at(TAU)] /= GAINS
     found = arm.examined(table)
     assert wrong(found) == ["effort kind"]
-    told = edits(found)
-    assert told.pop("signals.effort.kind") == "motor_current"
-    assert told.pop("signals.effort.unit") == "A"
-    np.testing.assert_allclose(told.pop("signals.effort.gain"), GAINS, rtol=0.05)
-    assert not told
+    proposed = edits(found)
+    assert proposed.pop("signals.effort.kind") == "motor_current"
+    assert proposed.pop("signals.effort.unit") == "A"
+    np.testing.assert_allclose(proposed.pop("signals.effort.gain"), GAINS, rtol=0.05)
+    assert not proposed
 
 
 def without_gravity(arm) -> np.ndarray:
@@ -427,8 +427,8 @@ def test_the_work_that_questions_share_is_named(arm):
     heard = []
     case = replace(arm.case(arm.table), progress=lambda event: heard.append(event) or True)
     examine(case, checks=[MOUNTING, PAYLOAD])
-    told = [(e.phase, e.done, e.total, e.note) for e in heard if e.phase == COMPARING]
-    assert told == [(COMPARING, 0, 1, "log"), (COMPARING, 1, 1, "log")]
+    events = [(e.phase, e.done, e.total, e.note) for e in heard if e.phase == COMPARING]
+    assert events == [(COMPARING, 0, 1, "log"), (COMPARING, 1, 1, "log")]
 
 
 def test_scales_that_the_reference_found_of_the_sensors_are_no_gains_that_are_wrong(arm):
@@ -438,9 +438,9 @@ def test_scales_that_the_reference_found_of_the_sensors_are_no_gains_that_are_wr
     assert wrong(arm.examined(table)) == ["gain"]
     known = replace(arm.reference, effort_scales=KnownScales(scales, 1e-4 * np.eye(6)))
     assert not wrong(replace(arm, reference=known).examined(table))
-    asked = arm.text.replace('unit = "Nm"', 'unit = "Nm"\ngain = "identify"')
+    text = arm.text.replace('unit = "Nm"', 'unit = "Nm"\ngain = "identify"')
     counted = replace(known.signals, gains=known.signals.gains / scales)
-    assert not wrong(replace(arm, reference=replace(known, signals=counted)).examined(table, asked))
+    assert not wrong(replace(arm, reference=replace(known, signals=counted)).examined(table, text))
     table[:, arm.at(TAU)[1]] *= 2.0
     found = replace(arm, reference=known).examined(table)
     assert wrong(found) == ["gain"]

@@ -19,7 +19,7 @@ WAVES = {
 }
 
 
-def asked(folder: Path, effort: Array) -> Finding:
+def finding_of(folder: Path, effort: Array) -> Finding:
     """What is found where the third joint has this effort."""
     table = np.resize(sound(), (len(effort), 10))
     table[:, 0] = 0.01 * np.arange(len(effort))
@@ -36,7 +36,7 @@ def test_a_coarse_effort_is_not_cut_off(
 ) -> None:
     effort = WAVES[wave] / np.ptp(WAVES[wave])
     effort = effort + noise * np.random.default_rng(1).normal(size=len(effort))
-    assert asked(tmp_path, np.round(effort / step) * step).severity == Severity.OK
+    assert finding_of(tmp_path, np.round(effort / step) * step).severity == Severity.OK
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.003])
@@ -47,7 +47,7 @@ def test_an_effort_that_is_cut_off_is_found(
 ) -> None:
     effort = 0.5 * WAVES["sine"] + noise * np.random.default_rng(1).normal(size=len(SLOW))
     effort = sign * np.minimum(np.round(effort / step) * step, limit)
-    found = asked(tmp_path, effort)
+    found = finding_of(tmp_path, effort)
     assert found.severity == Severity.DOUBTFUL and found.joints == ("joint_3",)
     assert f"stays at {sign * limit:.4g} Nm" in found.says
 
@@ -55,4 +55,4 @@ def test_an_effort_that_is_cut_off_is_found(
 def test_a_torque_that_is_switched_is_not_cut_off(tmp_path: Path) -> None:
     effort = 1e-3 * np.sin(7.0 * SLOW)
     effort[500:620], effort[900:1020] = 1.0, -1.0
-    assert asked(tmp_path, effort).severity == Severity.OK
+    assert finding_of(tmp_path, effort).severity == Severity.OK

@@ -401,8 +401,8 @@ def test_every_order_of_the_velocities_is_found(tmp_path: Path) -> None:
         (found,) = Velocity()(case_of(tmp_path, table))
         edits = () if found.fix is None else found.fix.edits
         wanted = [f"dq{k + 1}" for k in np.argsort(order)]
-        said = edits[0].value if edits else ["dq1", "dq2", "dq3"]
-        assert said == wanted
+        proposed = edits[0].value if edits else ["dq1", "dq2", "dq3"]
+        assert proposed == wanted
 
 
 def test_slow_stamps_are_told_from_a_slow_log(tmp_path: Path) -> None:

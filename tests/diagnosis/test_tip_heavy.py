@@ -21,7 +21,7 @@ from steelyard.robot_file.template.guess_columns import guess_signals
 LINKS = (("z", 0.1, 0.1), ("y", 0.12, 0.3), ("y", 0.28, 0.3), ("x", 0.25, 0.12), ("y", 0.05, 0.15))
 """Axis, distance from the joint before [m] and mass [kg] of all links but the last."""
 AXES = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
-ASKED = (EFFORT_KIND, EFFORT_SIGN, PAYLOAD)
+CHECKED = (EFFORT_KIND, EFFORT_SIGN, PAYLOAD)
 
 
 def urdf(tip: float) -> str:
@@ -64,7 +64,7 @@ def examined(path: Path, tip: float, columns: tuple[str, ...], table: Array) -> 
     evidence = Evidence(
         Recording(HeldLog(Path("log"), columns, table), signals), Processing(), "log"
     )
-    return examine(Case(loaded, (evidence,), None), checks=ASKED)
+    return examine(Case(loaded, (evidence,), None), checks=CHECKED)
 
 
 def named(found: Diagnosis, check: str) -> Finding:

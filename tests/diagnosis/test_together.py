@@ -24,12 +24,12 @@ def test_a_sign_does_not_outlive_the_order_that_it_was_found_with() -> None:
     left = edits(*order, *sign, *unit)
     assert left["order", "a"] == left["sign", "a"] == ()
     assert left["sign", "c"] and left["unit", "a"]
-    (said,) = (
+    (sentence,) = (
         f.fix.says
         for f in together((*order, *sign))
         if f.check == "sign" and f.log == "a" and f.fix is not None
     )
-    assert said == f"Do.; {APART}"
+    assert sentence == f"Do.; {APART}"
 
 
 def test_edits_of_one_log_that_no_other_contradicts_stay() -> None:
@@ -38,12 +38,12 @@ def test_edits_of_one_log_that_no_other_contradicts_stay() -> None:
 
 def test_a_log_that_is_doubtful_itself_does_not_agree_with_the_robot_file() -> None:
     sign = (finding("sign", "a", SIGN), finding("sign", "b", None))
-    doubt = Finding("unit", "b", Severity.DOUBTFUL, "says", "figure")
-    first = together((*sign, doubt))[0].fix
+    other = Finding("unit", "b", Severity.DOUBTFUL, "says", "figure")
+    first = together((*sign, other))[0].fix
     assert first is not None and not first.edits and APART not in first.says
     assert "something else was found on them (b: unit)" in first.says
     third = finding("sign", "c", None)
-    again = together((*sign, doubt, third))[0].fix
+    again = together((*sign, other, third))[0].fix
     assert again is not None and APART in again.says
 
 

@@ -28,7 +28,9 @@ FRICTION = [k for k, name in enumerate(COLUMNS) if name.startswith("coulomb")]
 TRUTH = REGRESSOR.base.base_values([0.4 if p.prior is None else p.prior for p in MODEL.parameters])
 
 
-def said(seed: int, error: float, noise: float = 0.05, share: float = 0.15) -> Information:
+def information_of(
+    seed: int, error: float, noise: float = 0.05, share: float = 0.15
+) -> Information:
     """A drawn motion; in a share of the samples all friction is so much larger than it is.
 
     Args:
@@ -74,7 +76,7 @@ def test_intervals_hold_the_error_and_the_estimate_stays(
 ) -> None:
     inside, narrow = [], []
     for seed in range(5):
-        information = said(seed, 0.4)
+        information = information_of(seed, 0.4)
         found, unaware = estimator(information), estimator(replace(information, beside=None))
         assert np.array_equal(found.parameters.values, unaware.parameters.values)
         place = [found.parameters.names.index(COLUMNS[k]) for k in FRICTION]
@@ -88,7 +90,7 @@ def test_intervals_hold_the_error_and_the_estimate_stays(
 def test_what_chance_explains_is_not_counted() -> None:
     ratios, inside = [], []
     for seed in range(12):
-        information = said(seed, 0.0)
+        information = information_of(seed, 0.0)
         found, plain = (
             WeightedLeastSquares()(x) for x in (information, replace(information, beside=None))
         )
@@ -99,7 +101,7 @@ def test_what_chance_explains_is_not_counted() -> None:
 
 
 def test_without_noise_it_is_the_difference_to_a_fit_away_from_rests() -> None:
-    information = said(0, 0.4, noise=1e-6)
+    information = information_of(0, 0.4, noise=1e-6)
     fit = WeightedLeastSquares().fit(information)
     part = away(fit)
     assert part is not None
@@ -111,7 +113,7 @@ def test_without_noise_it_is_the_difference_to_a_fit_away_from_rests() -> None:
 
 
 def test_where_all_is_beside_rests_nothing_is_told() -> None:
-    information = said(0, 0.4, share=1.0)
+    information = information_of(0, 0.4, share=1.0)
     fit = WeightedLeastSquares().fit(information)
     assert away(fit) is None
     assert np.array_equal(scatter(fit), inflations(fit))
@@ -119,7 +121,7 @@ def test_where_all_is_beside_rests_nothing_is_told() -> None:
 
 
 def test_runs_with_friction_of_their_own_count_it_too() -> None:
-    information = said(1, 0.4)
+    information = information_of(1, 0.4)
     names = tuple(replace(w, run=f"run{k // 4}") for k, w in enumerate(information.windows))
     split = replace(information, windows=names)
     own = tuple(COLUMNS[k] for k in FRICTION)

@@ -81,15 +81,15 @@ def test_each_run_keeps_its_number_of_windows() -> None:
 
 
 def test_progress_is_told_and_may_stop() -> None:
-    told: list[Event] = []
+    events: list[Event] = []
 
     def stop(event: Event) -> bool:
-        told.append(event)
+        events.append(event)
         return event.done < 3
 
     with pytest.raises(Stopped):
         bootstrap(OrdinaryLeastSquares(), windows(3), draws=10, progress=stop)
-    assert [event.done for event in told] == [1, 2, 3] and told[0].total == 10
+    assert [event.done for event in events] == [1, 2, 3] and events[0].total == 10
 
 
 def test_one_window_per_run_is_refused() -> None:
@@ -138,7 +138,7 @@ def test_a_parameter_that_a_draw_does_not_show_is_left_out() -> None:
 
 
 def test_json_holds_values_and_intervals() -> None:
-    told = bootstrap(OrdinaryLeastSquares(), windows(7), draws=30).to_dict()
-    assert told["draws"] == 30 and told["failed"] == 0 and told["windows"] == 40
-    first = told["parameters"][0]
+    printed = bootstrap(OrdinaryLeastSquares(), windows(7), draws=30).to_dict()
+    assert printed["draws"] == 30 and printed["failed"] == 0 and printed["windows"] == 40
+    first = printed["parameters"][0]
     assert first["name"] == "mean" and first["lower95"] < first["value"] < first["upper95"]

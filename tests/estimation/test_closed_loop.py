@@ -90,13 +90,17 @@ def driven(position: float = 0.0, seed: int = 0) -> tuple[Array, Array, Array]:
     goal, speed = loop().wanted(t)
     moving.q[:, 0] = goal[0]
     q, dq, tau = np.zeros((3, len(t), 3))
-    held = None
+    previous = None
     for k in range(len(t)):
         felt = moving.q[:, 0] + position * rng.standard_normal(3)
-        asked = loop().controller.torque(goal[k] - felt, speed[k] - moving.dq[:, 0])
-        q[k], dq[k], tau[k] = felt, moving.dq[:, 0], asked if held is None else 0.5 * (held + asked)
-        held = asked
-        moving.effort[:, 0] = asked
+        commanded = loop().controller.torque(goal[k] - felt, speed[k] - moving.dq[:, 0])
+        q[k], dq[k], tau[k] = (
+            felt,
+            moving.dq[:, 0],
+            commanded if previous is None else 0.5 * (previous + commanded),
+        )
+        previous = commanded
+        moving.effort[:, 0] = commanded
         moving.advance(1.0 / RATE)
     return q, dq, tau
 
@@ -111,7 +115,7 @@ def experiment(position: float = 0.0, torque: float = 0.0, seed: int = 0) -> Exp
     run = Measured("run", RATE, Motion(t, q, dq, ddq), q, measured, np.ones(q.shape), CUTOFF)
     sums = Accumulator(regressor(), run.matched)(Stretch(q.T, dq.T, ddq.T, measured.T))
     layout = regressor().layout
-    said = Information(
+    information = Information(
         layout,
         Signature("model", layout.columns, ("Nm",) * 3, "none"),
         (Window("run", 0.0, LENGTH),),
@@ -119,7 +123,7 @@ def experiment(position: float = 0.0, torque: float = 0.0, seed: int = 0) -> Exp
         sums.absolute[None],
         sums.counts[None],
     ).with_effective_samples(run.matched.inflation)
-    return Experiment(regressor(), (run,), (loop(),), said)
+    return Experiment(regressor(), (run,), (loop(),), information)
 
 
 @cache
@@ -179,10 +183,12 @@ def _differenced(data: Experiment) -> Experiment:
     padded = np.pad(run.q, ((halo, halo), (0, 0)), mode="reflect", reflect_type="odd")
     q, dq, ddq = motion(padded.T, None).reshape(3, 3, -1)
     sums = Accumulator(regressor(), run.matched)(Stretch(q, dq, ddq, run.tau.T))
-    said = replace(data.information, grams=sums.grams[None], absolute=sums.absolute[None])
-    said = replace(said, counts=sums.counts[None]).with_effective_samples(run.matched.inflation)
+    information = replace(data.information, grams=sums.grams[None], absolute=sums.absolute[None])
+    information = replace(information, counts=sums.counts[None]).with_effective_samples(
+        run.matched.inflation
+    )
     moved = replace(run, motion=Motion(run.motion.t, q.T, dq.T, ddq.T))
-    return replace(data, runs=(moved,), information=said)
+    return replace(data, runs=(moved,), information=information)
 
 
 @every

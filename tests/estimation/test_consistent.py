@@ -31,7 +31,7 @@ FORMS: list[Form] = [Entropic(), Pullback(), Free()]
 TRUTH = {p.name: p.prior if p.prior is not None else 0.4 for p in MODEL.parameters}
 
 
-def said(
+def information_of(
     noise: float,
     *,
     seed: int = 0,
@@ -78,7 +78,7 @@ def bodies(estimate: Estimate) -> list[Inertia]:
 
 @pytest.mark.parametrize("form", FORMS, ids=lambda f: f.name)
 def test_every_body_can_exist_and_base_parameters_are_its_own(form: Form) -> None:
-    estimate = Consistent(REGRESSOR.base, heavier(1.7), form)(said(0.3, count=60))
+    estimate = Consistent(REGRESSOR.base, heavier(1.7), form)(information_of(0.3, count=60))
     assert all(np.linalg.eigvalsh(body.pseudo)[0] > 0.0 for body in bodies(estimate))
     assert estimate.standard is not None
     base = dict(
@@ -95,7 +95,7 @@ def test_every_body_can_exist_and_base_parameters_are_its_own(form: Form) -> Non
 
 
 def test_a_true_prior_and_clean_data_give_the_truth() -> None:
-    estimate = Consistent(REGRESSOR.base, known())(said(1e-9))
+    estimate = Consistent(REGRESSOR.base, known())(information_of(1e-9))
     assert estimate.standard is not None
     error = [estimate.standard.parameters[name] - TRUTH[name] for name in MODEL.names]
     seen = [n.startswith(("coulomb", "viscous", "offset")) for n in MODEL.names]
@@ -105,7 +105,7 @@ def test_a_true_prior_and_clean_data_give_the_truth() -> None:
 @pytest.mark.parametrize("form", [Entropic(), Pullback()], ids=lambda f: f.name)
 def test_the_optimum_is_stationary(form: Form) -> None:
     consistent = Consistent(REGRESSOR.base, heavier(1.3), form)
-    program = consistent.program(whitened(said(0.05)))
+    program = consistent.program(whitened(information_of(0.05)))
     u = consistent.solve(program, 5.0)
     best = program.cost(u, 5.0)
     rng = np.random.default_rng(0)
@@ -121,7 +121,7 @@ def test_the_optimum_is_stationary(form: Form) -> None:
 
 def test_the_optimum_is_that_of_cvxpy() -> None:
     consistent = Consistent(REGRESSOR.base, heavier(1.3))
-    data = whitened(said(0.05))
+    data = whitened(information_of(0.05))
     program = consistent.program(data)
     problem, squares = cvxpy_problem(data, consistent, 5.0)
     solved(problem, 1e-12)
@@ -131,7 +131,7 @@ def test_the_optimum_is_that_of_cvxpy() -> None:
 
 @pytest.mark.parametrize("form", [Entropic(), Pullback()], ids=lambda f: f.name)
 def test_precision_is_the_second_derivative_of_the_penalty(form: Form) -> None:
-    program = Consistent(REGRESSOR.base, known(), form).program(whitened(said(0.05)))
+    program = Consistent(REGRESSOR.base, known(), form).program(whitened(information_of(0.05)))
     rng = np.random.default_rng(1)
     u = program.unknowns.start
     u[:10] += 0.05 * rng.normal(size=10)
@@ -147,22 +147,22 @@ def test_precision_is_the_second_derivative_of_the_penalty(form: Form) -> None:
 
 
 def test_a_stated_uncertainty_is_taken_and_said() -> None:
-    estimate = Consistent(REGRESSOR.base, known(uncertainty=0.2))(said(0.05))
+    estimate = Consistent(REGRESSOR.base, known(uncertainty=0.2))(information_of(0.05))
     assert "prior uncertainty 20 % (as stated)" in estimate.notes[-1]
-    found = Consistent(REGRESSOR.base, known())(said(0.05))
+    found = Consistent(REGRESSOR.base, known())(information_of(0.05))
     assert "estimated from the data in" in found.notes[-1]
 
 
 def test_a_wrong_prior_is_given_less_weight() -> None:
     def weight(knowledge: Knowledge) -> float:
         consistent = Consistent(REGRESSOR.base, knowledge)
-        return consistent.weighed(consistent.program(whitened(said(0.05)))).tried.gamma
+        return consistent.weighed(consistent.program(whitened(information_of(0.05)))).tried.gamma
 
     assert weight(known()) > 10.0 * weight(heavier(3.0))
 
 
 def test_poor_data_stay_near_the_prior_and_say_so() -> None:
-    estimate = Consistent(REGRESSOR.base, known())(said(0.05, still=3))
+    estimate = Consistent(REGRESSOR.base, known())(information_of(0.05, still=3))
     assert estimate.standard is not None
     learned = dict(zip(estimate.standard.parameters.names, estimate.standard.learned, strict=True))
     assert "viscous.tip_joint" in [blind.name for blind in estimate.blind]
@@ -180,7 +180,7 @@ def of(estimate: Estimate) -> dict[str, float]:
 
 
 def test_wishes_about_what_the_data_do_not_see_hold_and_harm_nothing() -> None:
-    information = said(0.05, still=3)
+    information = information_of(0.05, still=3)
     tied = Row("twin", {"viscous.tip_joint": 1.0, "viscous.trunk_joint": -0.5}, 0.0, 0.0)
     least = Row("least", {"coulomb.tip_joint": 1.0}, lower=0.2)
     given = Row("given", {"rotor_inertia.tip_joint": 1.0}, lower=3.0, upper=3.0)
@@ -196,49 +196,49 @@ def test_wishes_about_what_the_data_do_not_see_hold_and_harm_nothing() -> None:
 
 def test_what_a_bound_holds_is_at_it_and_said() -> None:
     rows = (Row("smooth trunk (file, line 7)", {"viscous.trunk_joint": 1.0}, upper=0.1),)
-    estimate = Consistent(REGRESSOR.base, known(rows=rows))(said(0.05))
+    estimate = Consistent(REGRESSOR.base, known(rows=rows))(information_of(0.05))
     assert estimate.at_bound == ("viscous.trunk_joint",)
     assert of(estimate)["viscous.trunk_joint"] == 0.1
     (note,) = (note for note in estimate.notes if "contradict" in note)
     assert "smooth trunk (file, line 7): 0.3" in note and "without it" in note
     assert not any("bodies that can exist" in note for note in estimate.notes)
-    free = Consistent(REGRESSOR.base, known())(said(0.05))
+    free = Consistent(REGRESSOR.base, known())(information_of(0.05))
     assert free.at_bound == () and not any("contradict" in note for note in free.notes)
 
 
 def test_a_prior_that_is_stated_too_sure_is_called_that() -> None:
     knowledge = replace(heavier(2.0), uncertainty=0.01)
-    estimate = Consistent(REGRESSOR.base, knowledge)(said(0.01))
+    estimate = Consistent(REGRESSOR.base, knowledge)(information_of(0.01))
     assert any("a prior with this uncertainty" in note for note in estimate.notes)
 
 
 def test_wishes_of_absurd_size_are_named_where_the_solver_gives_up() -> None:
     rows = (Row("a mountain", {"m.tip": 1.0}, lower=1e9, upper=1e9),)
     with pytest.raises(DataError) as caught:
-        Consistent(REGRESSOR.base, known(rows=rows))(said(0.05))
+        Consistent(REGRESSOR.base, known(rows=rows))(information_of(0.05))
     assert "a mountain" in caught.value.fix or "a mountain" in caught.value.wrong
 
 
 def test_bounds_beyond_all_reach_do_no_harm() -> None:
     rows = tuple(Row("wide", {name: 1.0}, lower=-1e12, upper=1e12) for name in MODEL.names)
     wide, plain = (
-        Consistent(REGRESSOR.base, known(rows=some))(said(0.05)).parameters.values
+        Consistent(REGRESSOR.base, known(rows=some))(information_of(0.05)).parameters.values
         for some in (rows, ())
     )
     assert np.allclose(wide, plain, rtol=0.0, atol=1e-7 * np.abs(plain).max())
 
 
 def test_equal_weights_do_not_make_rows_equally_noisy() -> None:
-    ours = Consistent(REGRESSOR.base, known(uncertainty=30.0), equal=True)(said(0.05))
-    plain = OrdinaryLeastSquares()(said(0.05))
-    told = [name.startswith(("coulomb", "viscous", "offset")) for name in ours.parameters.names]
-    ratio = ours.std[told] / plain.std[told]
-    assert sum(told) > 10
+    ours = Consistent(REGRESSOR.base, known(uncertainty=30.0), equal=True)(information_of(0.05))
+    plain = OrdinaryLeastSquares()(information_of(0.05))
+    own = [name.startswith(("coulomb", "viscous", "offset")) for name in ours.parameters.names]
+    ratio = ours.std[own] / plain.std[own]
+    assert sum(own) > 10
     assert np.all((ratio > 0.8) & (ratio < 1.05))
 
 
 def test_intervals_are_no_wider_than_those_of_least_squares() -> None:
-    information = said(0.05)
+    information = information_of(0.05)
     plain, ours = (
         estimator(information)
         for estimator in (WeightedLeastSquares(), Consistent(REGRESSOR.base, known()))
@@ -255,7 +255,7 @@ def test_wishes_hold() -> None:
         Row("twins", {"m.left": 1.0, "m.slider": -1.0}, lower=0.0, upper=0.0),
         Row("at most", {"coulomb.trunk_joint": 1.0}, upper=0.1),
     )
-    estimate = Consistent(REGRESSOR.base, known(rows=rows))(said(0.05))
+    estimate = Consistent(REGRESSOR.base, known(rows=rows))(information_of(0.05))
     assert estimate.standard is not None
     values = estimate.standard.parameters
     assert values["m.tip"] == pytest.approx(2.5, abs=1e-7)
@@ -274,7 +274,7 @@ def test_wishes_that_only_physics_forbids_are_named() -> None:
         Row("mass of left", {"m.left": 1.0}, lower=1.0),
     )
     with pytest.raises(DataError, match="are infeasible together") as caught:
-        Consistent(REGRESSOR.base, known(rows=rows))(said(0.05))
+        Consistent(REGRESSOR.base, known(rows=rows))(information_of(0.05))
     assert "far centre" in caught.value.wrong
     assert "mass of left" not in caught.value.wrong
 
@@ -286,7 +286,7 @@ def test_contradictory_wishes_are_named() -> None:
         Row("mass of left", {"m.left": 1.0}, lower=0.1),
     )
     with pytest.raises(DataError, match="are infeasible together") as caught:
-        Consistent(REGRESSOR.base, known(rows=rows))(said(0.05))
+        Consistent(REGRESSOR.base, known(rows=rows))(information_of(0.05))
     assert "heavy tip" in caught.value.wrong
     assert "light arm" in caught.value.wrong
     assert "left" not in caught.value.wrong
@@ -295,25 +295,25 @@ def test_contradictory_wishes_are_named() -> None:
 def test_wishes_far_from_the_data_hold() -> None:
     total = {f"m.{b.name}": 1.0 for b in MODEL.robot.bodies}
     rows = (Row("total mass", total, upper=2.0),)
-    estimate = Consistent(REGRESSOR.base, known(rows=rows, uncertainty=0.3))(said(1e-3))
+    estimate = Consistent(REGRESSOR.base, known(rows=rows, uncertainty=0.3))(information_of(1e-3))
     assert estimate.standard is not None
     assert sum(estimate.standard.parameters[name] for name in total) <= 2.0 + 1e-6
 
 
 def test_a_solver_that_stops_early_is_never_called_solved() -> None:
     with pytest.raises(DataError, match="stopped before the optimum") as caught:
-        Consistent(REGRESSOR.base, known(), iterations=4)(said(0.05))
+        Consistent(REGRESSOR.base, known(), iterations=4)(information_of(0.05))
     assert "MaxIterations" in caught.value.wrong
 
 
 def test_too_few_samples_are_refused() -> None:
     with pytest.raises(DataError, match=r"too few samples: .* more than \d+ are needed") as caught:
-        Consistent(REGRESSOR.base, known())(said(0.05, count=8))
+        Consistent(REGRESSOR.base, known())(information_of(0.05, count=8))
     assert "matched_cutoff" in caught.value.fix
 
 
 def test_the_estimate_survives_json() -> None:
-    estimate = Consistent(REGRESSOR.base, known())(said(0.05))
+    estimate = Consistent(REGRESSOR.base, known())(information_of(0.05))
     again = Estimate.from_dict(estimate.to_dict())
     assert again.to_dict() == estimate.to_dict()
     assert again.values.as_dict() == estimate.values.as_dict()
@@ -326,11 +326,11 @@ def test_a_weight_of_nothing_is_refused() -> None:
 
 def test_active_bounds_of_friction_are_named_with_what_they_cost() -> None:
     friction = {name: -1.0 for name in MODEL.names if name.startswith("coulomb.")}
-    notes = Consistent(REGRESSOR.base, known())(said(0.1, truth=TRUTH | friction)).notes
+    notes = Consistent(REGRESSOR.base, known())(information_of(0.1, truth=TRUTH | friction)).notes
     note = next(note for note in notes if "physical constraints" in note)
     assert "active: bounds of" in note and "coulomb.*" in note and "inertia of" not in note
     some = dict(list(friction.items())[:1])
-    notes = Consistent(REGRESSOR.base, known())(said(0.1, truth=TRUTH | some)).notes
+    notes = Consistent(REGRESSOR.base, known())(information_of(0.1, truth=TRUTH | some)).notes
     note = next(note for note in notes if "physical constraints" in note)
     assert next(iter(some)) in note and "coulomb.*" not in note
 
@@ -338,11 +338,11 @@ def test_active_bounds_of_friction_are_named_with_what_they_cost() -> None:
 def test_bodies_that_cannot_be_are_named_with_what_they_cost() -> None:
     body = MODEL.robot.bodies[-1].name
     light = {f"Ixx.{body}": -1.0, f"Iyy.{body}": -1.0, f"Izz.{body}": -1.0}
-    notes = Consistent(REGRESSOR.base, known())(said(0.1, truth=TRUTH | light)).notes
+    notes = Consistent(REGRESSOR.base, known())(information_of(0.1, truth=TRUTH | light)).notes
     note = next(note for note in notes if "physical constraints" in note)
     assert "active: valid inertia of" in note and body in note and "coulomb" not in note
 
 
 def test_data_that_fit_say_nothing_of_constraints() -> None:
-    notes = Consistent(REGRESSOR.base, known())(said(0.05)).notes
+    notes = Consistent(REGRESSOR.base, known())(information_of(0.05)).notes
     assert not any("physical constraints" in note for note in notes)

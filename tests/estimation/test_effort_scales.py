@@ -26,7 +26,7 @@ PARTS, LENGTH = 5, 300
 OFF = np.array([0.8, 1.05, 1.0, 1.2])[: len(ROWS)]
 
 
-def said(scales: np.ndarray, seed: int, noise: float = 0.01) -> Information:
+def information_of(scales: np.ndarray, seed: int, noise: float = 0.01) -> Information:
     """What five stretches of random motion say of the nominal robot, efforts times scales."""
     rng, n = np.random.default_rng(seed), MODEL.robot.n
     values = np.array([p.prior or 0.0 for p in MODEL.parameters])
@@ -63,7 +63,7 @@ def consistent() -> Consistent:
 
 
 def test_the_predicted_effort_is_a_column() -> None:
-    information, rng = said(OFF, 0), np.random.default_rng(1)
+    information, rng = information_of(OFF, 0), np.random.default_rng(1)
     values = rng.normal(size=len(information.layout.columns))
     names, added = [f"s.{row}" for row in ROWS], rng.normal(size=len(ROWS))
     wide = with_predicted(information, values, names, added)
@@ -79,7 +79,7 @@ def test_the_predicted_effort_is_a_column() -> None:
 
 
 def test_scales_are_found_within_their_intervals() -> None:
-    scaled, information = Scaled(consistent(), ROWS), said(OFF, 2)
+    scaled, information = Scaled(consistent(), ROWS), information_of(OFF, 2)
     start = scaled.unscaled(information)
     np.testing.assert_array_equal(start.values, 1.0)
     found = scaled.converged(information, start, weigh=True)
@@ -91,7 +91,7 @@ def test_scales_are_found_within_their_intervals() -> None:
 
 
 def test_the_estimate_is_that_of_efforts_in_the_right_scale_but_less_sure() -> None:
-    scaled, information = Scaled(consistent(), ROWS), said(OFF, 3)
+    scaled, information = Scaled(consistent(), ROWS), information_of(OFF, 3)
     found = scaled.converged(information, scaled.unscaled(information), weigh=True)
     right = information.scaled(1.0 / found.values, information.signature.effort)
     estimate, plain = scaled.estimate(right, found), consistent()(right)
@@ -108,15 +108,17 @@ def test_the_estimate_is_that_of_efforts_in_the_right_scale_but_less_sure() -> N
 
 
 def test_efforts_that_agree_are_not_asked_for() -> None:
-    assert all(effort_scales(consistent(), said(np.ones(len(ROWS)), k)) is None for k in range(8))
+    assert all(
+        effort_scales(consistent(), information_of(np.ones(len(ROWS)), k)) is None for k in range(8)
+    )
 
 
 def test_efforts_that_are_off_are_scaled_and_predicted_better() -> None:
-    found = effort_scales(consistent(), said(OFF, 4))
+    found = effort_scales(consistent(), information_of(OFF, 4))
     assert found is not None and found.error < 0.9 * found.without
     assert found.joints == ROWS and "effort_scales" in found.note
-    told = found.to_dict()
-    assert told["values"] == found.found.values.tolist()
+    printed = found.to_dict()
+    assert printed["values"] == found.found.values.tolist()
     assert np.all(np.abs(found.found.values - OFF) < 1.5 * found.half_width)
     one = replace(found.found, values=np.ones(len(ROWS)))
     assert one.distance == 0.0 < found.found.distance

@@ -208,7 +208,7 @@ def test_only_laws_of_shape_may_be_negative() -> None:
 TRUTH = {"coulomb.hinge": 1.0, "viscous.hinge": 2.0, "quadratic.hinge": -0.5}
 
 
-def said() -> tuple[Model, Information]:
+def model_and_information() -> tuple[Model, Information]:
     """A single joint whose friction grows less than in proportion to speed, with noise."""
     model = Model(single(), (RigidBody(), Coulomb(), Viscous(), Quadratic()))
     rng, t = np.random.default_rng(0), np.arange(0.0, 40.0, 0.01)
@@ -229,7 +229,7 @@ def said() -> tuple[Model, Information]:
 
 
 def test_a_curve_that_bends_down_is_found() -> None:
-    model, information = said()
+    model, information = model_and_information()
     plain = default_knowledge(model)
     rows = friction_curves(model, [2.75])
     curved = replace(plain, curves=rows, shaped=shaped(model, rows))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.test_consistent import REGRESSOR, TRUTH, heavier, known, said
+from estimation.test_consistent import REGRESSOR, TRUTH, heavier, information_of, known
 from steelyard.estimation.consistent.conic import solved
 from steelyard.estimation.consistent.consistency_penalties import Entropic, Form, Free, Pullback
 from steelyard.estimation.consistent.consistent import Consistent
@@ -23,7 +23,7 @@ CONSTRAINTS = (
 
 def program(form: Form, rows: tuple[Row, ...] = ()) -> Program:
     knowledge = replace(heavier(1.3), rows=rows)
-    return Consistent(REGRESSOR.base, knowledge, form).program(whitened(said(0.05)))
+    return Consistent(REGRESSOR.base, knowledge, form).program(whitened(information_of(0.05)))
 
 
 def at(program: Program, gamma: float, aim: float) -> np.ndarray:
@@ -78,6 +78,6 @@ def test_slopes_are_those_of_the_objective() -> None:
 
 
 def test_wishes_hold_to_rounding() -> None:
-    estimate = Consistent(REGRESSOR.base, known(rows=CONSTRAINTS))(said(0.05))
+    estimate = Consistent(REGRESSOR.base, known(rows=CONSTRAINTS))(information_of(0.05))
     assert estimate.standard is not None
     assert estimate.standard.parameters["m.tip"] == pytest.approx(1.05 * TRUTH["m.tip"], abs=1e-12)

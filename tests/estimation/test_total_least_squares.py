@@ -69,6 +69,6 @@ def test_effort_that_columns_do_not_explain_has_no_solution() -> None:
     columns[:, 1] = columns[:, 0] + 1e-2 * columns[:, 1]
     effort = rng.normal(size=500)
     effort -= columns @ np.linalg.lstsq(columns, effort, rcond=None)[0]
-    with pytest.raises(DataError, match="total least squares has no solution") as told:
+    with pytest.raises(DataError, match="total least squares has no solution") as caught:
         TotalLeastSquares()(of_columns(columns, effort))
-    assert "weighted least squares" in told.value.fix
+    assert "weighted least squares" in caught.value.fix

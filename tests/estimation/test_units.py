@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.test_consistent import REGRESSOR, heavier, said
+from estimation.test_consistent import REGRESSOR, heavier, information_of
 from steelyard.estimation.consistent.conic import solved
 from steelyard.estimation.consistent.consistent import Consistent
 from steelyard.estimation.consistent.program import Program
@@ -15,14 +15,14 @@ from steelyard.estimation.least_squares.whitened import whitened
 def reversed_efforts(noise: float) -> tuple[Consistent, Program]:
     """The program of data whose efforts have the other sign."""
     estimator = Consistent(REGRESSOR.base, heavier(1.3))
-    program = estimator.program(whitened(said(noise)))
+    program = estimator.program(whitened(information_of(noise)))
     unknowns = replace(program.unknowns, vector=-program.unknowns.vector)
     return estimator, replace(program, unknowns=unknowns)
 
 
 @pytest.mark.parametrize("unit", [1e2, 1e4])
 def test_the_optimum_does_not_depend_on_the_unit(unit: float) -> None:
-    program = Consistent(REGRESSOR.base, heavier(1.3)).program(whitened(said(0.05)))
+    program = Consistent(REGRESSOR.base, heavier(1.3)).program(whitened(information_of(0.05)))
     one, other = (
         solved(program.conic(5.0, unit=u), "here")[: len(program.unknowns.weak)]
         for u in (1.0, unit)

@@ -80,14 +80,14 @@ def test_one_stretch_is_enough_to_begin_with() -> None:
 
 
 def test_a_proof_that_cannot_close_ends_with_what_it_has() -> None:
-    asked = []
+    counts = []
 
     def hopeless(stretches: Stretches) -> tuple[Array, Array]:
-        asked.append(len(stretches.middle))
-        return np.zeros((1, asked[-1])), np.full((1, asked[-1]), -3.0)
+        counts.append(len(stretches.middle))
+        return np.zeros((1, counts[-1])), np.full((1, counts[-1]), -3.0)
 
     proven = proven_minimum(piecewise(np.random.default_rng(1)), hopeless, np.array([0.1]))
-    assert proven.tolist() == [-3.0] and MOST / 10 < sum(asked) <= MOST
+    assert proven.tolist() == [-3.0] and MOST / 10 < sum(counts) <= MOST
 
 
 def test_a_proof_can_be_stopped() -> None:

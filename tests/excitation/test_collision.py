@@ -59,15 +59,15 @@ def cell(request: pytest.FixtureRequest, tmp_path: Path) -> Clearance:
 def test_distances_are_those_of_coal(cell: Clearance) -> None:
     q = postures(cell.robot, 40)
     ours = cell.distances(q)
-    shapes, overlaps, lost = cell.scene.shapes, 0, 0
+    shapes, overlaps, unknown = cell.scene.shapes, 0, 0
     for k, pair in enumerate(cell.pairs):
         theirs = np.min([distances(cell.robot, shapes, way, q) for way in pair.shapes], axis=0)
         # coal's depths of round solids are good to some micrometres, and some it does not find
         known = theirs > -1e3
         np.testing.assert_allclose(ours[known, k], theirs[known], atol=2e-5, err_msg=str(pair))
         overlaps += int(np.sum(theirs[known] < -1e-3))
-        lost += int(np.sum(~known))
-    assert overlaps > 10 * lost + 10
+        unknown += int(np.sum(~known))
+    assert overlaps > 10 * unknown + 10
 
 
 def test_margins_are_exact_near_and_bounds_far(cell: Clearance) -> None:

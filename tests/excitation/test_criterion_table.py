@@ -204,13 +204,13 @@ def test_what_is_still_unknown_gets_known(tmp_path: Path) -> None:
 def test_noise_of_predictions(tmp_path: Path) -> None:
     known = earlier(tmp_path)
     plain = designed(tmp_path, ANY + QUICK)
-    told = designed(tmp_path, ANY + QUICK, earlier=known)
+    informed = designed(tmp_path, ANY + QUICK, earlier=known)
     assert "1 % of each joint's greatest effort" in plain.noise_from
-    assert "earlier log" in told.noise_from
-    np.testing.assert_array_equal(told.noise, known.noise)
+    assert "earlier log" in informed.noise_from
+    np.testing.assert_array_equal(informed.noise, known.noise)
     np.testing.assert_allclose(plain.noise, 0.6)
     half = designed(tmp_path, ANY + QUICK, earlier=replace(known, noise=0.5 * known.noise))
-    np.testing.assert_allclose(half.shown.std(), 0.5 * told.shown.std(), rtol=1e-9)
+    np.testing.assert_allclose(half.shown.std(), 0.5 * informed.shown.std(), rtol=1e-9)
 
 
 def test_earlier_as_json(tmp_path: Path) -> None:

@@ -139,7 +139,7 @@ class Reach:
     name: str = "reach"
     labels: tuple[str, ...] = ("swing of the first joint",)
     unit: str = "rad"
-    asked: list[float] = field(default_factory=list)
+    ranges: list[float] = field(default_factory=list)
 
     @property
     def activation_distance(self) -> Array:
@@ -151,10 +151,10 @@ class Reach:
 
     def proven(self, trajectory: ExactTrajectory, progress: Progress = silent) -> Array:
         least, most = trajectory.extremes(0)
-        self.asked.append(float(most[0] - least[0]))
+        self.ranges.append(float(most[0] - least[0]))
         if not progress(Event("reach", 1, 1)):
             raise Stopped("asked to")
-        return np.array([self.most - self.asked[-1]])
+        return np.array([self.most - self.ranges[-1]])
 
 
 def swinging(constraints: Sequence[Reach]) -> tuple[Problem, Array]:
@@ -178,7 +178,7 @@ def test_what_is_not_proven_is_shrunk_until_it_is(share: float) -> None:
     assert swing <= reach.most
     assert swing >= reach.most - 2.5e-3 * whole
     np.testing.assert_allclose(best.trajectory.derivative([0.0], 0)[0], START, atol=1e-12)
-    assert len(reach.asked) < 20
+    assert len(reach.ranges) < 20
     assert best.criterion_value == design.criterion_value(best.x)
 
 
@@ -236,7 +236,7 @@ def test_what_needs_no_shrinking_is_not_shrunk() -> None:
     reach = Reach(10.0)
     best = finished(problem(plain.basis, [reach]), [x], deadline=time.monotonic() - 1.0)
     np.testing.assert_array_equal(best.x, x)
-    assert len(reach.asked) == 1
+    assert len(reach.ranges) == 1
 
 
 def test_nothing_proven_is_said() -> None:

@@ -83,10 +83,10 @@ def test_information_of_limbs_is_block_diagonal() -> None:
 def test_every_limb_takes_its_own_best_start() -> None:
     problem = design()
     starts = random_starts(problem.inequalities, np.random.default_rng(2), 12)
-    told = list(composed(problem.objective, problem.inequalities, problem.limbs, starts))
-    values = [problem.objective.value(x, 4.0) for x in told]
-    assert len(told) == len(starts) and values == sorted(values, reverse=True)
-    assert problem.inequalities.smallest_margin(told[-1]) > 0.0
+    reported = list(composed(problem.objective, problem.inequalities, problem.limbs, starts))
+    values = [problem.objective.value(x, 4.0) for x in reported]
+    assert len(reported) == len(starts) and values == sorted(values, reverse=True)
+    assert problem.inequalities.smallest_margin(reported[-1]) > 0.0
     assert values[-1] < min(problem.objective.value(x, 4.0) for x in starts)
 
     def value(x: Array, limb: Limb) -> float:
@@ -95,7 +95,7 @@ def test_every_limb_takes_its_own_best_start() -> None:
 
     for limb in problem.limbs:
         least = min(value(y, limb) for y in starts)
-        assert value(told[-1], limb) == pytest.approx(least, rel=1e-12)
+        assert value(reported[-1], limb) == pytest.approx(least, rel=1e-12)
 
 
 def test_limbs_that_each_motion_leaves_at_rest_are_put_together() -> None:
@@ -116,12 +116,12 @@ def test_limbs_that_each_motion_leaves_at_rest_are_put_together() -> None:
 
 def test_a_start_that_shows_too_little_is_not_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
     """A search that is ended while it draws starts ends with one that shows all parameters."""
-    problem, told = design(), list[Array]()
+    problem, reported = design(), list[Array]()
     good = random_starts(problem.inequalities, np.random.default_rng(3), 1)[0]
     starts = [problem.basis.still(good[:, -1]), good]
     monkeypatch.setattr(methods, "each_start", lambda *_: iter(starts))
-    Gradient().search(problem, seeded(0, 0), told.append)
-    np.testing.assert_array_equal(told[0], good)
+    Gradient().search(problem, seeded(0, 0), reported.append)
+    np.testing.assert_array_equal(reported[0], good)
 
 
 def test_a_limb_does_not_shrink_with_the_others() -> None:
@@ -173,14 +173,14 @@ def test_limbs_are_found_better_with_as_many_steps_than_all_joints_at_once() -> 
 
 
 def test_a_search_that_is_ended_has_the_best_start_so_far() -> None:
-    problem, told = design(), list[Array]()
+    problem, reported = design(), list[Array]()
 
     def watch(x: Array) -> None:
-        told.append(x)
-        if len(told) == 5:
+        reported.append(x)
+        if len(reported) == 5:
             raise Stopped("five starts are enough")
 
     with pytest.raises(Stopped):
         Gradient().search(problem, seeded(5, 0), watch)
-    values = [problem.objective.value(x, 4.0) for x in told]
+    values = [problem.objective.value(x, 4.0) for x in reported]
     assert values == sorted(values, reverse=True) and values[-1] < values[0]

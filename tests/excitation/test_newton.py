@@ -31,7 +31,7 @@ class Bowl:
     shape: tuple[int, int]
     centre: Array
     stretch: float = 10.0
-    asked: list[Array] = field(default_factory=list)
+    evaluated: list[Array] = field(default_factory=list)
 
     @property
     def matrix(self) -> Array:
@@ -44,7 +44,7 @@ class Bowl:
         return float(0.5 * away @ self.matrix @ away)
 
     def __call__(self, x: Array, sharpness: float) -> tuple[float, Array]:
-        self.asked.append(x)
+        self.evaluated.append(x)
         gradient = self.matrix @ (x - self.centre).ravel()
         return self.value(x), gradient.reshape(self.shape)
 
@@ -125,8 +125,8 @@ def test_the_walls_are_never_left(name: str, reach: float) -> None:
     start = random_starts(inequalities, np.random.default_rng(0), 1)[0]
     seen: list[Array] = []
     x = minimised(objective, inequalities, start, watch=seen.append)
-    assert len(seen) > 5 and len(objective.asked) > 5
-    assert all(inequalities.smallest_margin(y) > 0.0 for y in [x, *seen, *objective.asked])
+    assert len(seen) > 5 and len(objective.evaluated) > 5
+    assert all(inequalities.smallest_margin(y) > 0.0 for y in [x, *seen, *objective.evaluated])
     assert objective.value(x) < objective.value(start)
 
 

@@ -39,17 +39,17 @@ def of_starts(design: Problem, count: int) -> Array:
 @pytest.mark.parametrize("name", ["rest", "rest, from to", "quintic, from", "reaching"])
 def test_a_search_improves_and_stays_inside(method: str, constrained: bool, name: str) -> None:
     design = problem(FAMILIES[name], CONSTRAINED if constrained else ())
-    told: list[Array] = []
-    x = METHODS[method].search(design, seeded(0, 0), told.append)
+    reported: list[Array] = []
+    x = METHODS[method].search(design, seeded(0, 0), reported.append)
     assert x.shape == (3, design.basis.count)
     assert design.inequalities.smallest_margin(x) > 0.0
-    assert told and all(design.inequalities.smallest_margin(y) > 0.0 for y in told)
+    assert reported and all(design.inequalities.smallest_margin(y) > 0.0 for y in reported)
     (start,) = random_starts(design.inequalities, seeded(0, 0), 1)
-    values = [design.objective(y, 64.0)[0] for y in [start, *told]]
+    values = [design.objective(y, 64.0)[0] for y in [start, *reported]]
     assert all(b <= a for a, b in zip(values, values[1:], strict=False))
     assert values[-1] < values[0] - 0.1
     assert values[-1] < of_starts(design, 20)[4 if constrained else 0]
-    np.testing.assert_array_equal(told[-1], x)
+    np.testing.assert_array_equal(reported[-1], x)
 
 
 @BOTH
@@ -79,16 +79,16 @@ def test_more_work_is_not_worse(method: str) -> None:
 @BOTH
 def test_the_watcher_is_told_of_every_generation_and_can_stop(method: str) -> None:
     design = problem(FAMILIES["rest"])
-    told: list[Array] = []
+    reported: list[Array] = []
 
     def fifth(x: Array) -> None:
-        told.append(x)
-        if len(told) == 5:
+        reported.append(x)
+        if len(reported) == 5:
             raise Stopped("enough")
 
     with pytest.raises(Stopped, match="enough"):
         METHODS[method].search(design, seeded(0, 0), fifth)
-    assert len(told) == 5
+    assert len(reported) == 5
 
 
 @pytest.mark.parametrize("constrained", [False, True])

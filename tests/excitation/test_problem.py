@@ -121,7 +121,7 @@ def test_a_robot_that_stands_shows_nothing() -> None:
 def test_searches_are_repeatable_and_end_inside() -> None:
     design = problem(FAMILIES["rest"], [box(0.7)])
     method = Gradient(screened=5)
-    told: list[float] = []
+    margins: list[float] = []
     runs = [
         dict(
             searches(
@@ -129,14 +129,14 @@ def test_searches_are_repeatable_and_end_inside() -> None:
                 design,
                 3,
                 iter(numbers),
-                lambda x: told.append(design.inequalities.smallest_margin(x)),
+                lambda x: margins.append(design.inequalities.smallest_margin(x)),
             )
         )
         for numbers in ([0, 1], [1])
     ]
     np.testing.assert_array_equal(runs[0][1], runs[1][1])
     assert not np.array_equal(runs[0][0], runs[0][1])
-    assert min(told) > 0.0
+    assert min(margins) > 0.0
     for number, x in runs[0].items():
         assert design.inequalities.smallest_margin(x) > 0.0
         first = random_starts(design.inequalities, seeded(3, number), 5)

@@ -16,8 +16,8 @@ def test_a_box_out_of_reach_names_the_least_move_that_works() -> None:
         plan("ur10", PickAndPlace(pick, far, cycles=1))
     assert "frame 'tool0' of robot 'ur10'" in error.value.where
     shift = np.array([float(x) for x in error.value.fix.split("(")[1].split(")")[0].split(",")])
-    told = float(error.value.fix.split(" m, ")[1].split(" m")[0])
-    assert told == pytest.approx(np.linalg.norm(shift), abs=1e-3) and 0.1 < told < 0.4
+    advised = float(error.value.fix.split(" m, ")[1].split(" m")[0])
+    assert advised == pytest.approx(np.linalg.norm(shift), abs=1e-3) and 0.1 < advised < 0.4
     moved = Box(tuple(far.centre + shift), far.size)
     joint = Manner(path="joint")
     assert plan("ur10", PickAndPlace(pick, moved, cycles=1, manner=joint)).cycles == 1

@@ -101,8 +101,8 @@ def test_a_margin_has_its_slope(tmp_path: Path) -> None:
 
 def test_what_the_base_carries_is_left_out_and_named(tmp_path: Path) -> None:
     notes = problem_of(tmp_path, f"{ANY}floor = 0.0\n").notes
-    (said,) = [note for note in notes if "the base does not move" in note]
-    assert said.endswith("links: base") and not isinstance(said, Gap)
+    (line,) = [note for note in notes if "the base does not move" in note]
+    assert line.endswith("links: base") and not isinstance(line, Gap)
 
 
 def test_a_floor_without_gravity_is_a_gap(tmp_path: Path) -> None:
@@ -111,15 +111,15 @@ def test_a_floor_without_gravity_is_a_gap(tmp_path: Path) -> None:
     text = (tmp_path / "arm.toml").read_text().replace("[robot]", "[robot]\ngravity = [0, 0, 0]")
     floating = load_robot(written(tmp_path, text, "floating.toml"))
     notes = build(floating, model_of(floating)).notes
-    (said,) = [note for note in notes if "no gravity is declared" in note]
-    assert isinstance(said, Gap) and "normal to z" in said
+    (line,) = [note for note in notes if "no gravity is declared" in note]
+    assert isinstance(line, Gap) and "normal to z" in line
 
 
 def test_a_link_that_no_joint_brings_out_of_a_wall_is_a_gap(tmp_path: Path) -> None:
     tables = f"{ANY}floor = 0.13\n"
     notes = problem_of(tmp_path, tables).notes
-    (said,) = [note for note in notes if "outside the workspace limits" in note]
-    assert isinstance(said, Gap) and "tower in floor by 10 mm" in said
+    (line,) = [note for note in notes if "outside the workspace limits" in note]
+    assert isinstance(line, Gap) and "tower in floor by 10 mm" in line
     assert not any("tower" in label for label in room(tmp_path, "floor = 0.13\n").labels)
 
 
@@ -156,8 +156,8 @@ def test_assumed_capsules_are_a_gap_with_their_radius(tmp_path: Path) -> None:
     problem = build(
         load_robot(tmp_path / "bare.toml"), model_of(load_robot(tmp_path / "bare.toml"))
     )
-    (said,) = [note for note in problem.notes if "limits use capsules" in note]
-    assert isinstance(said, Gap) and f"boom ({1e3 * boom.disc:.3g} mm)" in said
+    (line,) = [note for note in problem.notes if "limits use capsules" in note]
+    assert isinstance(line, Gap) and f"boom ({1e3 * boom.disc:.3g} mm)" in line
 
 
 def test_the_radius_is_that_of_the_even_cylinder(tmp_path: Path) -> None:
@@ -180,8 +180,8 @@ def test_visual_shapes_come_before_assumed_ones(tmp_path: Path) -> None:
     assert isinstance(solids["tower"], Box) and isinstance(solids["stick"], Capsule)
     loaded = load_robot(tmp_path / "bare.toml")
     notes = build(loaded, model_of(loaded)).notes
-    (said,) = [note for note in notes if "visual" in note]
-    assert said.endswith("tower, boom") and not isinstance(said, Gap)
+    (line,) = [note for note in notes if "visual" in note]
+    assert line.endswith("tower, boom") and not isinstance(line, Gap)
 
 
 def test_a_mesh_that_is_not_there_leaves_a_capsule(tmp_path: Path) -> None:
@@ -222,8 +222,8 @@ def test_loads_with_a_radius_keep_clear_of_the_links(tmp_path: Path) -> None:
     assert not any("without a radius" in note for note in given.notes)
     bare = problem_of(tmp_path, any_effort + load)
     assert not any("load" in label for c in bare.constraints for label in c.labels)
-    (said,) = [note for note in bare.notes if "without a radius" in note]
-    assert isinstance(said, Gap)
+    (line,) = [note for note in bare.notes if "without a radius" in note]
+    assert isinstance(line, Gap)
 
 
 def test_the_tool_and_loads_keep_clear_of_the_cell(tmp_path: Path) -> None:

@@ -85,5 +85,5 @@ def test_one_joint_at_a_time_leaves_parameters_unseen(tmp_path: Path) -> None:
     for one in found.advice:
         assert not np.isnan(one.std).any()
         assert all(np.isfinite(share) for _, share in one.helps)
-    told = DesignedMotion(found, arm(tmp_path)).to_dict()
-    assert told["figure"] is None and None in told["predicted_std"].values()
+    printed = DesignedMotion(found, arm(tmp_path)).to_dict()
+    assert printed["figure"] is None and None in printed["predicted_std"].values()

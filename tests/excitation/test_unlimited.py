@@ -26,7 +26,7 @@ kind = "KIND"
 unit = "Nm"
 """
 LIMITS = "[excitation.limits]\n"
-ASKED = ["effort = 20.0", "power = 30.0", "total_power = 30.0"]
+EFFORT_LIMITS = ["effort = 20.0", "power = 30.0", "total_power = 30.0"]
 DAHL = '"rigid_body", {law = "dahl", length = 0.01}'
 LOAD = "[[excitation.loads]]\nmass = 2.0\n"
 ANY = f'{OPEN}{LIMITS}effort = "any"\n'
@@ -44,9 +44,9 @@ def test_efforts_without_gravity_limit_no_torque(tmp_path: Path) -> None:
     problem = problem_of(tmp_path, tables)
     note = "torque is not limited: the robot file's efforts are gravity compensated"
     assert names_of(problem) == [] and note in problem.notes
-    for asked in ASKED:
+    for limit in EFFORT_LIMITS:
         with pytest.raises(ModelError, match="cannot be limited: .* gravity compensated"):
-            problem_of(tmp_path, f"{tables}{LIMITS}{asked}\n")
+            problem_of(tmp_path, f"{tables}{LIMITS}{limit}\n")
 
 
 def test_friction_with_memory_of_an_earlier_model_limits_no_torque(tmp_path: Path) -> None:
@@ -55,8 +55,8 @@ def test_friction_with_memory_of_an_earlier_model_limits_no_torque(tmp_path: Pat
     note = "torque is not limited: 'dahl' has internal states"
     assert names_of(problem) == [] and note in problem.notes
     assert names_of(build(loaded, model_of(loaded))) == ["torque"]
-    for asked in ASKED:
-        loaded = arm(tmp_path, f"{OPEN}{LIMITS}{asked}\n", DAHL)
+    for limit in EFFORT_LIMITS:
+        loaded = arm(tmp_path, f"{OPEN}{LIMITS}{limit}\n", DAHL)
         with pytest.raises(ModelError, match="limited: 'dahl' has internal states"):
             build(loaded, model_of(loaded), known)
 
@@ -91,8 +91,8 @@ def test_joints_without_a_limit_of_effort_are_named(tmp_path: Path) -> None:
 def test_speeds_above_the_robots_own_are_noted(tmp_path: Path) -> None:
     notes = problem_of(tmp_path, f"{OPEN}{LIMITS}share = 1.0\nvelocity = {{boom_joint = 20}}").notes
     words = "the model file's speed limits are exceeded"
-    (said,) = [note for note in notes if words in note]
-    assert said.endswith(": boom_joint 20 against 3 rad/s") and isinstance(said, Declined)
+    (line,) = [note for note in notes if words in note]
+    assert line.endswith(": boom_joint 20 against 3 rad/s") and isinstance(line, Declined)
     assert not any(words in n for n in problem_of(tmp_path, f"{OPEN}{LIMITS}velocity = 3").notes)
 
 

@@ -148,11 +148,11 @@ def test_other_cutoffs_are_fitted_with_the_same_estimator(folder: Path) -> None:
 def test_samples_are_those_summed_up_in_the_windows(folder: Path) -> None:
     model = steelyard.model_of(folder / "arm.toml")
     runs = steelyard.load_runs(folder / "arm.toml", log(folder))
-    said = steelyard.information(model, runs)
-    sources = Sources(base_regressor(model), runs, said, 1, silent)
-    share = said.n_samples / [len(row) for row in sources.samples(said).rows]
+    information = steelyard.information(model, runs)
+    sources = Sources(base_regressor(model), runs, information, 1, silent)
+    share = information.n_samples / [len(row) for row in sources.samples(information).rows]
     for chosen in ([0, 1, 2], [1, 5], [7]):
-        part = said.of(chosen)
+        part = information.of(chosen)
         counts = [len(row) for row in sources.samples(part).rows]
         assert (part.n_samples / counts).tolist() == pytest.approx(share.tolist())
 

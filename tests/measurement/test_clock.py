@@ -177,8 +177,8 @@ def test_windows_count_only_their_rows(recording, sines, window, first, last, ro
     found, _, counts = scanned(recording(t, motion["q"], motion["effort"], window=window))
     assert found[0] == pytest.approx(first) and found[-1] == pytest.approx(last)
     assert sum(counts.values()) == rows
-    lost = sum(first <= at < last for at in (0.5, 4.5, 9.6))
-    assert counts.get("UNREADABLE", 0) == lost
+    missing = sum(first <= at < last for at in (0.5, 4.5, 9.6))
+    assert counts.get("UNREADABLE", 0) == missing
 
 
 def test_positions_that_jump_are_not_put_down_to_the_clock(recording, sines) -> None:

@@ -49,9 +49,9 @@ def test_marked_efforts_do_not_count(recording, sines) -> None:
     run = prepare(recording(t, motion["q"], effort))
     weights = run.whole().weights
     assert weights is not None
-    lost = np.argwhere(weights == 0.0)
-    assert set(lost[:, 1]) == {1} and 2 <= len(lost) <= 4
-    np.testing.assert_allclose(run.whole().t[lost[:, 0]], 20.0, atol=0.02)
+    dropped = np.argwhere(weights == 0.0)
+    assert set(dropped[:, 1]) == {1} and 2 <= len(dropped) <= 4
+    np.testing.assert_allclose(run.whole().t[dropped[:, 0]], 20.0, atol=0.02)
     clean = prepare(recording(t, motion["q"], motion["effort"])).whole()
     assert clean.weights is None
 

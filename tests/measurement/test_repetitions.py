@@ -133,9 +133,9 @@ def test_weights_of_few_repetitions_are_averaged_over_time() -> None:
 
 
 def test_the_choice_is_kept_in_files() -> None:
-    asked = Processing(repetitions=Repetitions(2.5, 2, 0))
-    again = Processing.from_dict(asked.to_dict())
-    assert again.repetitions == asked.repetitions
+    processing = Processing(repetitions=Repetitions(2.5, 2, 0))
+    again = Processing.from_dict(processing.to_dict())
+    assert again.repetitions == processing.repetitions
     assert Processing.from_dict(Processing().to_dict()).repetitions is None
 
 

@@ -81,10 +81,10 @@ def twins(*terms: Term) -> str:
 
 def test_causes_that_no_motion_tells_apart_are_named() -> None:
     twice = Viscous(along=(("twice", (("hinge", 2.0),)),))
-    said = twins(RigidBody(), Viscous(), Coulomb(), twice)
-    assert "'viscous.twice' is not distinguishable from 'viscous.hinge'" in said
-    assert "leave one of the terms out, or restrict it to other joints" in said
-    assert "robot 'single'" in said and "coulomb" not in said
+    message = twins(RigidBody(), Viscous(), Coulomb(), twice)
+    assert "'viscous.twice' is not distinguishable from 'viscous.hinge'" in message
+    assert "leave one of the terms out, or restrict it to other joints" in message
+    assert "robot 'single'" in message and "coulomb" not in message
 
 
 def test_causes_that_differ_are_allowed_and_so_are_rotors_beside_bodies() -> None:

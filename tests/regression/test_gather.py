@@ -59,10 +59,10 @@ def test_what_is_not_remembered_yet_never_counts(run: Run) -> None:
     data, scan = run.whole(), dahl.scan()
     motion = data.motion
     scan(motion.q.T, motion.dq.T, motion.ddq.T, motion.t)
-    lost = len(data.t) - whole.n_samples[0]
+    missing = len(data.t) - whole.n_samples[0]
     warm = dahl.terms[1].warm_up(dahl.robot)[0]  # type: ignore[attr-defined]
     travelled = np.cumsum(np.abs(np.diff(motion.q[:, 0], prepend=motion.q[0, 0])))
-    assert lost == pytest.approx(int(np.sum(travelled < warm)), abs=2) and lost > 0
+    assert missing == pytest.approx(int(np.sum(travelled < warm)), abs=2) and missing > 0
 
 
 @pytest.mark.parametrize("longest", [0.75, 2.0])

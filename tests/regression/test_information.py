@@ -85,9 +85,11 @@ def test_no_windows_are_still_information() -> None:
 def test_unequal_information_is_not_added(field: str, value: object) -> None:
     first, second = piece(0)[0], piece(1, "b")[0]
     other = replace(second, signature=replace(second.signature, **{field: value}))
-    with pytest.raises(DataError, match=f"information of unequal {field} cannot be added") as told:
+    with pytest.raises(
+        DataError, match=f"information of unequal {field} cannot be added"
+    ) as caught:
         first + other
-    assert "runs a and b" in told.value.where
+    assert "runs a and b" in caught.value.where
 
 
 def test_select_keeps_what_the_chosen_columns_see() -> None:

@@ -119,8 +119,8 @@ def test_scores_keep_what_is_closed() -> None:
     model = Model(robot(), (RigidBody(),))
     zero = model.at(Parameters((), (), []))
     found = score(zero, run, np.ones(2), 20.0)
-    lost = sum(s.samples for s in open_stretches(run, robot()))
-    assert len(found.traces.t) == run.n_samples - lost
+    missing = sum(s.samples for s in open_stretches(run, robot()))
+    assert len(found.traces.t) == run.n_samples - missing
     assert found.joints[0].predict_zero < 100.0
     assert np.sum(np.abs(found.traces.measured).max(axis=1) > 100.0) <= 20 * len(openings())
     signals = replace(run.recording.signals, position_offset=np.array([1.2, -1.2]))

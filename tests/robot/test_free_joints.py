@@ -126,8 +126,8 @@ def test_init_writes_the_base_with_most_joints(tmp_path: Path) -> None:
     path = written(tmp_path, ARM + trunk(leg("other"), "dog") + trunk(leg("a") + leg("b")))
     proposal = proposed(path)
     assert proposal.base == "trunk"
-    (said,) = proposal.notes
-    assert said == 'base = "trunk": 4 joints move beyond it, and 1 beyond world, 2 beyond dog'
+    (line,) = proposal.notes
+    assert line == 'base = "trunk": 4 joints move beyond it, and 1 beyond world, 2 beyond dog'
     target = tmp_path / "new.toml"
     target.write_text(drafted(proposal, None, None, target).text)
     assert '\nbase = "trunk"\n' in target.read_text()

@@ -27,9 +27,9 @@ def gears(**given: object) -> Transmission:
 def signals(
     transmission: Transmission | None, effort: dict[str, object] | None = None, **given: object
 ) -> Signals:
-    said = {"columns": "e{}", "kind": "motor_torque", "unit": "Nm", "side": "motor"}
+    effort_keys = {"columns": "e{}", "kind": "motor_torque", "unit": "Nm", "side": "motor"}
     section = SignalsSection.model_validate(
-        {"time": "t", "position": "q{}", "effort": {**said, **(effort or {})}, **given}
+        {"time": "t", "position": "q{}", "effort": {**effort_keys, **(effort or {})}, **given}
     )
     return build_signals(section, COORDINATES, place, transmission)
 

@@ -269,8 +269,8 @@ def test_efforts_that_change_are_preferred_and_others_listed() -> None:
     sample |= {name: rows for name in numbered("TorqueCur#")}
     guess = guess_columns(TWO, ["t", *numbered("q#"), *columns], sample)
     assert guess.section.effort.columns == "TorqueCur{}" and guess.section.effort.unit == "Nm"
-    said = next(reason for reason in guess.reasons if reason.startswith("efforts are"))
-    assert "other columns that may be efforts: Torque1, Torque2, Cur1, Cur2" in said
+    reason = next(reason for reason in guess.reasons if reason.startswith("efforts are"))
+    assert "other columns that may be efforts: Torque1, Torque2, Cur1, Cur2" in reason
     both = guess_columns(TWO, ["t", *numbered("q#", "current#", "tau#")])
     assert both.section.effort.columns == "tau{}"
     plain = guess_columns(TWO, ["t", *numbered("q#", "tau#")])

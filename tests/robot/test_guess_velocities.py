@@ -23,13 +23,13 @@ def sampled(
     }
 
 
-def said(sample: dict[str, np.ndarray]) -> tuple[object, str]:
+def velocity_and_reason(sample: dict[str, np.ndarray]) -> tuple[object, str]:
     guess = guess_columns(TWO, ["t", *numbered("q#", "dq#", "tau#")], sample)
     return guess.section.velocity, guess.reasons[-1]
 
 
 def test_good_velocities_are_used_beside_coarse_positions() -> None:
-    velocity, reason = said(sampled())
+    velocity, reason = velocity_and_reason(sampled())
     assert velocity == "dq{}" and "are used: they are the derivative of the positions" in reason
 
 
@@ -44,7 +44,7 @@ def test_good_velocities_are_used_beside_coarse_positions() -> None:
     ],
 )
 def test_others_are_left_out_with_the_reason(sample: dict[str, np.ndarray], words: str) -> None:
-    velocity, reason = said(sample)
+    velocity, reason = velocity_and_reason(sample)
     assert velocity is None and "are left out" in reason and words in reason
 
 
@@ -77,7 +77,7 @@ def test_backward_differences_are_no_velocities() -> None:
     sample = sampled()
     for k in (1, 2):
         sample[f"dq{k}"] = np.diff(sample[f"q{k}"], prepend=sample[f"q{k}"][0]) / 0.005
-    assert said(sample)[0] is None
+    assert velocity_and_reason(sample)[0] is None
 
 
 def test_the_comparison_is_of_the_truth() -> None:

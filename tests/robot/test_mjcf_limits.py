@@ -196,13 +196,13 @@ def test_placeholders_of_a_urdf_are_named_and_settled(tmp_path: Path) -> None:
     urdf.write_text(LIMITED.format("1000", "99999"))
     found = load_robot(urdf)
     assert [joint.limits.effort for joint in found.robot.coordinates] == [np.inf, np.inf]
-    said = [note for note in found.notes if "placeholder" in note]
-    assert len(said) == 1 and said[0].endswith("effort): j (1000 Nm), k (99999 N)")
+    lines = [note for note in found.notes if "placeholder" in note]
+    assert len(lines) == 1 and lines[0].endswith("effort): j (1000 Nm), k (99999 N)")
     toml.write_text('[robot]\nurdf = "r.urdf"\n[robot.limits.j]\neffort = 1000.0\n')
-    settled = load_robot(toml)
-    assert [joint.limits.effort for joint in settled.robot.coordinates] == [1000.0, np.inf]
-    said = [note for note in settled.notes if "placeholder" in note]
-    assert len(said) == 1 and said[0].endswith("effort): k (99999 N)")
+    edited = load_robot(toml)
+    assert [joint.limits.effort for joint in edited.robot.coordinates] == [1000.0, np.inf]
+    lines = [note for note in edited.notes if "placeholder" in note]
+    assert len(lines) == 1 and lines[0].endswith("effort): k (99999 N)")
 
 
 def test_limits_of_zero_are_unknown_without_a_word(tmp_path: Path) -> None:

@@ -122,8 +122,8 @@ def test_gravity_that_is_switched_off_stays_and_is_named(tmp_path: Path) -> None
         "the MJCF disables gravity; the robot has [0, 1, -9] m/s² anyway: state gravity "
         "under [robot], [0.0, 0.0, 0.0] for none",
     )
-    for said in ("gravity = [0.0, 0.0, 0.0]", "mounting = {pitch = 90.0}"):
-        assert not with_tables(path, said).notes
+    for line in ("gravity = [0.0, 0.0, 0.0]", "mounting = {pitch = 90.0}"):
+        assert not with_tables(path, line).notes
 
 
 def test_a_world_without_gravity_is_followed_and_named(tmp_path: Path) -> None:

@@ -234,8 +234,8 @@ def test_where_packages_are(write: Write, monkeypatch: pytest.MonkeyPatch, way: 
 
 
 def test_a_missing_package(write: Write) -> None:
-    lost = "$(find hands)/urdf/hand.xacro"
-    path = write("arm.xacro", f'{HEAD}\n<xacro:include filename="{lost}"/></robot>')
+    absent = "$(find hands)/urdf/hand.xacro"
+    path = write("arm.xacro", f'{HEAD}\n<xacro:include filename="{absent}"/></robot>')
     with pytest.raises(ModelError) as caught:
         expand(path, {}, [path.parent / "src"])
     assert "the package 'hands' is not found" in caught.value.wrong

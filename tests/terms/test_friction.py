@@ -166,9 +166,9 @@ NOT_ONE_PER_COORDINATE: list[Term] = [
 
 @pytest.mark.parametrize("term", NOT_ONE_PER_COORDINATE, ids=str)
 def test_lists_fit_the_coordinates(term: Term) -> None:
-    with pytest.raises(ModelError, match=f"term '{term.law}' has .* for 4 coordinates") as told:
+    with pytest.raises(ModelError, match=f"term '{term.law}' has .* for 4 coordinates") as caught:
         at(term)
-    assert "one per coordinate" in told.value.fix
+    assert "one per coordinate" in caught.value.fix
 
 
 def test_lists_fit_the_pairs() -> None:
@@ -206,9 +206,9 @@ def test_lists_fit_the_pairs() -> None:
     ],
 )
 def test_wrong_descriptions_are_explained(description: Any, words: str) -> None:
-    with pytest.raises(ModelError, match=words) as told:
+    with pytest.raises(ModelError, match=words) as caught:
         term_of(description, "robot.toml, line 7, [model] terms[2]")
-    assert told.value.where == "robot.toml, line 7, [model] terms[2]"
+    assert caught.value.where == "robot.toml, line 7, [model] terms[2]"
 
 
 @pytest.mark.parametrize(
@@ -232,9 +232,9 @@ def test_unknown_joints_are_named(term: Term) -> None:
 )
 def test_coordinates_of_a_terms_own_have_a_form(along: Any) -> None:
     term = term_of({"law": "viscous", "along": along}, "here")
-    with pytest.raises(ModelError, match="a term acts along") as told:
+    with pytest.raises(ModelError, match="a term acts along") as caught:
         term.parameters(tree())
-    assert "along = {wrist = {joint_5 = 1.0, joint_6 = 1.0}}" in told.value.fix
+    assert "along = {wrist = {joint_5 = 1.0, joint_6 = 1.0}}" in caught.value.fix
 
 
 @pytest.mark.parametrize(
@@ -250,9 +250,9 @@ def test_coordinates_of_a_terms_own_have_a_form(along: Any) -> None:
 )
 def test_coordinates_of_a_terms_own_move(parts: dict[str, float], words: str) -> None:
     term = term_of({"law": "quadratic", "along": {"wrist": parts}}, "here")
-    with pytest.raises(ModelError, match=words) as told:
+    with pytest.raises(ModelError, match=words) as caught:
         term.parameters(tree())
-    assert "sizes from 1e-06 to 1e+06" in told.value.fix
+    assert "sizes from 1e-06 to 1e+06" in caught.value.fix
 
 
 @pytest.mark.parametrize("size", [1e-6, -1e6])

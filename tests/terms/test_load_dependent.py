@@ -89,21 +89,21 @@ def test_programs_do_not_depend_on_the_reference() -> None:
 
 def test_the_reference_is_checked() -> None:
     state = cycles(4, 1, 10)
-    with pytest.raises(ModelError, match=r"names 'm\.tap'") as told:
+    with pytest.raises(ModelError, match=r"names 'm\.tap'") as caught:
         channels(LoadDependent().with_reference({"m.tap": 1.0}), tree(), state)
-    assert "'m.tip'" in told.value.fix
+    assert "'m.tip'" in caught.value.fix
     with pytest.raises(ModelError, match="names no number of a body"):
         LoadDependent().with_reference({"coulomb.tip_joint": 1.0})
     for wrong in ((("m.tip", float("nan")),), (("m.tip", "heavy"),), "m.tip", 3):
-        with pytest.raises(ModelError, match="load-dependent friction has reference = ") as told:
+        with pytest.raises(ModelError, match="load-dependent friction has reference = ") as caught:
             LoadDependent(reference=wrong)
-        assert 'reference = {"m.forearm" = 3.2}' in told.value.fix
+        assert 'reference = {"m.forearm" = 3.2}' in caught.value.fix
 
 
 def test_without_masses_a_reference_is_asked_for() -> None:
     rod = single().bodies[0]
     blank = Body(**{**vars(rod), "inertia": Inertia.zero(), "known": False})
     robot = single().changed(bodies=(blank,))
-    with pytest.raises(ModelError, match="no body has a mass") as told:
+    with pytest.raises(ModelError, match="no body has a mass") as caught:
         channels(LoadDependent(), robot, cycles(1, 1, 10))
-    assert "`reference`" in told.value.fix
+    assert "`reference`" in caught.value.fix

@@ -187,16 +187,16 @@ def test_springs_are_those_of_mujoco(tmp_path: Path) -> None:
     ],
 )
 def test_a_compensator_needs_its_geometry(fields: Any, words: str) -> None:
-    with pytest.raises(ModelError, match=words) as told:
+    with pytest.raises(ModelError, match=words) as caught:
         term_of({"law": "gravity_compensator", **fields}, "robot.toml")
-    assert 'links = ["base", "upper_arm"]' in told.value.fix
+    assert 'links = ["base", "upper_arm"]' in caught.value.fix
 
 
 def test_links_of_a_compensator_exist_and_move() -> None:
     wrong = GravityCompensator(links=("base", "tol"), points=POINTS)
-    with pytest.raises(ModelError, match="link 'tol'") as told:
+    with pytest.raises(ModelError, match="link 'tol'") as caught:
         at(wrong, geared(), positions(4), 1.0)
-    assert "'tool'" in told.value.fix
+    assert "'tool'" in caught.value.fix
     rigid = GravityCompensator(links=("tip", "tool"), points=POINTS)
     with pytest.raises(ModelError, match="which move as one"):
         at(rigid, geared(), positions(4), 1.0)
@@ -204,9 +204,9 @@ def test_links_of_a_compensator_exist_and_move() -> None:
 
 @pytest.mark.parametrize("free", ["unknwon", float("nan"), [0.1, "a"]])
 def test_free_positions_are_numbers(free: Any) -> None:
-    with pytest.raises(ModelError, match="term 'spring' has free") as told:
+    with pytest.raises(ModelError, match="term 'spring' has free") as caught:
         term_of({"law": "spring", "free": free}, "robot.toml")
-    assert 'free = "unknown"' in told.value.fix
+    assert 'free = "unknown"' in caught.value.fix
 
 
 def test_free_positions_fit_the_coordinates() -> None:

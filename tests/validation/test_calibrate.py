@@ -38,7 +38,7 @@ def runs_of(*seeds: int, terms: tuple = DEFAULT_TERMS) -> tuple[Run, ...]:
     )
 
 
-def said(runs: tuple[Run, ...], longest: float = np.inf) -> Information:
+def information_of(runs: tuple[Run, ...], longest: float = np.inf) -> Information:
     regressor, units = base_regressor(MODEL), ROBOT.effort_units
     parts = [gather(regressor, run, longest=longest).scaled(GAINS, units) for run in runs]
     return sum(parts[1:], parts[0])
@@ -49,7 +49,7 @@ def identified(runs: tuple[Run, ...]) -> IdentifiedModel:
     return IdentifiedModel(
         MODEL,
         regressor.base,
-        WeightedLeastSquares()(said(runs)),
+        WeightedLeastSquares()(information_of(runs)),
         (),
         runs[0].recording.signals,
         Cutoffs(runs[0].motion_cutoff, runs[0].matched_cutoff, runs[0].matched_cutoff),
@@ -59,7 +59,7 @@ def identified(runs: tuple[Run, ...]) -> IdentifiedModel:
 
 def calibrated(runs: tuple[Run, ...]) -> IdentifiedModel:
     model = identified(runs)
-    found = calibrate(model, runs, said(runs), WeightedLeastSquares())
+    found = calibrate(model, runs, information_of(runs), WeightedLeastSquares())
     return replace(model, calibration=found)
 
 
@@ -97,7 +97,7 @@ def test_where_the_model_is_right_the_bands_stay_as_wide_as_noise():
 
 def test_the_same_motion_again_is_left_out_with_it():
     runs = runs_of(31, 31, 32)
-    information = said(runs)
+    information = information_of(runs)
     names = [
         {information.windows[k].run for k in one.fitted} for one in runs_left_out(runs, information)
     ]
@@ -106,8 +106,8 @@ def test_the_same_motion_again_is_left_out_with_it():
 
 def test_runs_of_one_motion_alone_are_calibrated_on_stretches_of_it():
     runs = runs_of(41, 41)
-    assert runs_left_out(runs, said(runs)) == ()
-    information = said(runs, longest=0.5)
+    assert runs_left_out(runs, information_of(runs)) == ()
+    information = information_of(runs, longest=0.5)
     for one in stretches_left_out(runs, information):
         length = one.span[1] - one.span[0]
         phases = [

@@ -123,8 +123,8 @@ def broken(data: Information) -> Estimate:
 
 def blown(data: Information) -> Estimate:
     found = OrdinaryLeastSquares()(data)
-    lost = found.parameters.values * np.nan
-    return replace(found, parameters=replace(found.parameters, values=lost))
+    undefined = found.parameters.values * np.nan
+    return replace(found, parameters=replace(found.parameters, values=undefined))
 
 
 def test_an_estimator_that_fails_says_why_and_stops_no_other() -> None:
@@ -164,16 +164,16 @@ def test_data_that_cannot_be_had_are_a_reason() -> None:
 
 
 def test_other_data_come_from_the_same_runs() -> None:
-    asked: list[tuple[int, ...]] = []
+    folds: list[tuple[int, ...]] = []
 
     def samples(information: Information) -> Information:
-        asked.append(tuple(int(window.run[-1]) for window in information.windows))
+        folds.append(tuple(int(window.run[-1]) for window in information.windows))
         return information
 
     parts = parts_of(others={"samples": samples})
     looking = offer("of samples", OrdinaryLeastSquares(), needs="samples")
     comparison = compare([looking, LEAST], CONTEXT, parts)
-    assert asked == [(0, 1, 2, 3), (1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2)]
+    assert folds == [(0, 1, 2, 3), (1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2)]
     mine, others = (score(comparison, name) for name in ("of samples", "OLS"))
     np.testing.assert_array_equal(mine.errors, others.errors)
 

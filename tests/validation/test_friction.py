@@ -38,14 +38,14 @@ STAGES = ((PLAIN, SMOOTH, SPRING), SPEED)
 
 def chosen(percent: Mapping[str, list[float]], stages: object = STAGES) -> FrictionChoice:
     """The choice for errors per fold [%] of mixes by name; those of others are bad."""
-    asked = []
+    tried = []
 
     def errors(mix: tuple[Term, ...]) -> np.ndarray:
-        asked.append(mix)
+        tried.append(mix)
         return np.log(percent.get(mix_name(mix), [50.0, 51.0, 52.0]))
 
     found = _staged(stages, errors, "run")  # type: ignore[arg-type]
-    assert [mix.terms for mix in found.table] == list(dict.fromkeys(asked))
+    assert [mix.terms for mix in found.table] == list(dict.fromkeys(tried))
     return found
 
 
@@ -129,11 +129,11 @@ def test_a_gain_of_next_to_nothing_is_not_worth_another_law() -> None:
 
 
 def test_the_choice_as_json() -> None:
-    told = chosen({BASE: [10.0] * 3, SMOOTHED: [8.0] * 3}).to_dict()
-    assert (told["chosen"], told["left_out"]) == (SMOOTHED, "run")
-    assert [row["mix"] for row in told["table"] if row["chosen"]] == [SMOOTHED]
-    assert told["table"][0]["error_percent"] == pytest.approx(10.0)
-    assert told["table"][1]["gain_percent"] == pytest.approx(20.0)
+    printed = chosen({BASE: [10.0] * 3, SMOOTHED: [8.0] * 3}).to_dict()
+    assert (printed["chosen"], printed["left_out"]) == (SMOOTHED, "run")
+    assert [row["mix"] for row in printed["table"] if row["chosen"]] == [SMOOTHED]
+    assert printed["table"][0]["error_percent"] == pytest.approx(10.0)
+    assert printed["table"][1]["gain_percent"] == pytest.approx(20.0)
 
 
 def test_names_say_what_is_not_usual() -> None:
@@ -233,9 +233,9 @@ def test_only_motors_are_asked_for_friction_that_grows_with_the_load() -> None:
     assert not any("load" in mix.name for mix in choose(COULOMB, 2).table)
     runs = [with_kind(logged(COULOMB, seed), "motor_torque") for seed in range(2)]
     found = choose_friction(MODEL, runs, WeightedLeastSquares())
-    asked = [mix for mix in found.table if "load" in mix.name]
-    assert len(asked) == 1 and asked[0] is found.table[-2]
-    assert any(term.law == LoadDependent.law for term in asked[0].terms)
+    loads = [mix for mix in found.table if "load" in mix.name]
+    assert len(loads) == 1 and loads[0] is found.table[-2]
+    assert any(term.law == LoadDependent.law for term in loads[0].terms)
 
 
 def test_a_run_too_short_is_refused() -> None:

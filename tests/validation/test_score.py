@@ -102,8 +102,8 @@ def test_a_joint_without_effort_has_no_finite_relative_error() -> None:
     found = score(valued(), run, np.array([GAIN]), 5.0)
     assert found.joints[0].relative_percent == float("inf")
     assert found.joints[0].predict_zero == 0.0
-    told = found.to_dict()["joints"][0]
-    assert told["relative_percent"] is None
+    printed = found.to_dict()["joints"][0]
+    assert printed["relative_percent"] is None
 
 
 def test_traces_of_long_runs_are_evenly_spaced(monkeypatch: pytest.MonkeyPatch) -> None:

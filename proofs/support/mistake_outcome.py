@@ -28,14 +28,14 @@ class Outcome:
     """What came of a job.
 
     Attributes:
-        said: Every sentence a person reads, each with its place in front: `check wrong clock: ...`,
+        sentences: What a person reads, each with its place in front: `check wrong clock: ...`,
             `refusal: ...`, `headline good: ...`, `note: ...`, `validate poor: ...`.
         error: True error of the identified model [%]; `None` where `identify` refused.
         fix: True errors [%] of the models identified without and with the lines that `check --fix`
             wrote; `None` where it wrote none, or where `identify` refused all the same.
     """
 
-    said: tuple[str, ...]
+    sentences: tuple[str, ...]
     error: float | None
     fix: tuple[float, float] | None = None
     changes: tuple[str, ...] = field(default=())
@@ -43,10 +43,10 @@ class Outcome:
     @property
     def wrong(self) -> tuple[str, ...]:
         """What `check` calls wrong."""
-        return tuple(line for line in self.said if line.startswith("check wrong"))
+        return tuple(line for line in self.sentences if line.startswith("check wrong"))
 
 
-def said_of(arm: Arm, job: Job, folder: Path, *, validated: bool = True) -> Outcome:
+def outcome_of(arm: Arm, job: Job, folder: Path, *, validated: bool = True) -> Outcome:
     """Everything that the commands say of a job.
 
     Args:
@@ -62,17 +62,17 @@ def said_of(arm: Arm, job: Job, folder: Path, *, validated: bool = True) -> Outc
         diagnosis = diagnosed(subject, files, None, silent, quick=False)
     except SteelyardError as error:
         return Outcome((f"refusal: {error}",), None)
-    said = list(findings(diagnosis))
+    lines = list(findings(diagnosis))
     content = identified(robot, logs, folder / "model")
     if isinstance(content, str):
-        said.append(f"refusal: {content}")
+        lines.append(f"refusal: {content}")
         error = None
     else:
-        said += sentences(content, "headline")
+        lines += sentences(content, "headline")
         error = true_error(arm, content)
-        said += validation(folder / "model", logs[-1]) if validated else []
+        lines += validation(folder / "model", logs[-1]) if validated else []
     both, changes = fix_of(arm, robot, logs, diagnosis, folder) if diagnosis.edits else (None, ())
-    return Outcome(tuple(said), error, both, changes)
+    return Outcome(tuple(lines), error, both, changes)
 
 
 def written(job: Job, folder: Path) -> tuple[str, list[str]]:
@@ -121,10 +121,10 @@ def findings(diagnosis: Diagnosis) -> list[str]:
 def sentences(content: ReportContent, place: str) -> list[str]:
     """What a report says beside its tables and its settings."""
     judged = verdict(content)
-    said = [f"{place} {judged.level}: {judged.headline}. {judged.detail}"]
-    said += [f"{place} {level}: {sentence}" for sentence, level in judged.limitations]
-    told = [note for note in content.notes if not re.search("^cut-offs:|processing: ", note)]
-    return said + [f"note: {note}" for note in told]
+    lines = [f"{place} {judged.level}: {judged.headline}. {judged.detail}"]
+    lines += [f"{place} {level}: {sentence}" for sentence, level in judged.limitations]
+    notes = [note for note in content.notes if not re.search("^cut-offs:|processing: ", note)]
+    return lines + [f"note: {note}" for note in notes]
 
 
 def true_error(arm: Arm, content: ReportContent) -> float:
