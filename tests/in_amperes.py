@@ -7,7 +7,7 @@ import numpy as np
 
 from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.measurement import Processing, Recording, Run, prepare
-from steelyard.measurement.recording import HeldLog
+from steelyard.measurement.recording import LogInMemory
 from steelyard.robot_file.file import load_robot
 from steelyard.robot_file.signals import Signals
 from steelyard.virtual.truth import Truth
@@ -42,5 +42,5 @@ def run_of(truth: Truth, seed: int, noise: float = 0.03, wanted: Processing = AU
         GAINS,
     )
     table = np.column_stack([t, motion.q, torque / GAINS])
-    recording = Recording(HeldLog(Path(f"run{seed}"), ("t", *names), table), signals)
+    recording = Recording(LogInMemory(Path(f"run{seed}"), ("t", *names), table), signals)
     return prepare(recording, wanted)

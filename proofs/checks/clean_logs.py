@@ -22,7 +22,7 @@ from steelyard.diagnosis.case import Evidence
 from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.identification.precheck import refusal
 from steelyard.measurement import Processing, Recording
-from steelyard.measurement.recording import HeldLog
+from steelyard.measurement.recording import LogInMemory
 from steelyard.robot_file.file import LoadedRobot, load_robot
 from steelyard.virtual.invent import random_truth
 
@@ -117,7 +117,7 @@ def one_of(folder: Path, number: int) -> Outcome:
     loaded = load_robot(path)
     if loaded.signals is None:
         raise ValueError(f"{path} says nothing about logs")
-    recording = Recording(HeldLog(Path("log"), loaded.signals.columns, table), loaded.signals)
+    recording = Recording(LogInMemory(Path("log"), loaded.signals.columns, table), loaded.signals)
     evidence = Evidence(recording, Processing(), "log")
     found = examine(Case(loaded, (evidence,), None), quick=True)
     refused = refusal(found, str(path))

@@ -27,7 +27,7 @@ from steelyard.formats import open_log, parse_log_argument
 from steelyard.identification.fitting import Payload, fit
 from steelyard.identification.logs import model_of, prepared, with_friction
 from steelyard.measurement import Processing, Recording
-from steelyard.measurement.recording import HeldLog
+from steelyard.measurement.recording import LogInMemory
 from steelyard.progress import silent
 from steelyard.robot_file.file import LoadedRobot, load_robot
 from steelyard.virtual.demo import write_demo_arm
@@ -65,7 +65,7 @@ LOADED = {
 }
 
 
-def held(argument: str, loaded: LoadedRobot) -> tuple[tuple[str, ...], np.ndarray]:
+def columns_and_table(argument: str, loaded: LoadedRobot) -> tuple[tuple[str, ...], np.ndarray]:
     """The window of a log, with the columns that the robot file declares."""
     path, cut = parse_log_argument(argument)
     if loaded.signals is None:
@@ -102,7 +102,16 @@ def real(robot: str, data: Path) -> list[Clean]:
     reference = reference_of(loaded, recordings)
     text = path.read_text()
     return [
-        known(Clean(robot, Path(a).stem, path, text, *held(str(data / a), loaded), reference))
+        known(
+            Clean(
+                robot,
+                Path(a).stem,
+                path,
+                text,
+                *columns_and_table(str(data / a), loaded),
+                reference,
+            )
+        )
         for a in FRESH[robot]
     ]
 
@@ -111,7 +120,9 @@ def loaded_logs(clean: Clean, data: Path) -> dict[str, Clean]:
     """Logs of the UR10e with payloads."""
     folder, own = data / "ur10e" / "identification", clean.loaded
     return {
-        name: replace(clean, name=name, table=held(f"{folder}/ur-20_{file}.parquet", own)[1])
+        name: replace(
+            clean, name=name, table=columns_and_table(f"{folder}/ur-20_{file}.parquet", own)[1]
+        )
         for name, (file, _) in LOADED.items()
     }
 
@@ -136,7 +147,7 @@ def simulated(folder: Path) -> list[Clean]:
         dq = [m.dq + 1e-3 * rng.standard_normal(m.dq.shape)] if loaded.signals.velocity else []
         scale = loaded.signals.gains * loaded.signals.effort_scale
         tables.append(np.column_stack([t, q, *dq, tau / scale]))
-    logs = [HeldLog(Path(f"draw{k}"), columns, table) for k, table in enumerate(tables)]
+    logs = [LogInMemory(Path(f"draw{k}"), columns, table) for k, table in enumerate(tables)]
     signals = loaded.signals
     reference = reference_of(loaded, [Recording(log, signals) for log in logs[:2]])
     text = path.read_text()
@@ -149,7 +160,7 @@ def simulated(folder: Path) -> list[Clean]:
 def known(clean: Clean) -> Clean:
     """The log with what the reference says of it as it is."""
     loaded = clean.loaded
-    recording = Recording(HeldLog(Path(clean.name), clean.columns, clean.table), clean.signals)
+    recording = Recording(LogInMemory(Path(clean.name), clean.columns, clean.table), clean.signals)
     processing = Processing(
         motion_cutoff=loaded.processing.motion_cutoff,
         matched_cutoff=loaded.processing.matched_cutoff,

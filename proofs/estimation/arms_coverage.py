@@ -167,24 +167,24 @@ def line(outcome: Outcome) -> str:
     """One draw in words."""
     if outcome.why:
         return f"{outcome.robot:<10} {outcome.why}"
-    parts = [f"{kind} {share(held):.0f} %" for kind, held in sorted(outcome.inside.items())]
+    parts = [f"{kind} {share(inside):.0f} %" for kind, inside in sorted(outcome.inside.items())]
     return f"{outcome.robot:<10} error {outcome.error:.2f} %, " + ", ".join(parts)
 
 
-def share(held: list[bool]) -> float:
+def share(inside: list[bool]) -> float:
     """Percentage of what holds."""
-    return 100.0 * float(np.mean(held))
+    return 100.0 * float(np.mean(inside))
 
 
 def claims_of(name: str, outcomes: list[Outcome]) -> Iterator[Claim]:
     """Coverage of some robots, by kind of parameter."""
     for kind in ("coulomb", "viscous", "rotor_inertia", "bodies"):
-        held = [x for one in outcomes for x in one.inside.get(kind, [])]
-        value = share(held) if held else float("nan")
-        chance = Z95 * 100.0 * float(np.sqrt(0.05 * 0.95 / max(len(held), 1)))
+        inside = [x for one in outcomes for x in one.inside.get(kind, [])]
+        value = share(inside) if inside else float("nan")
+        chance = Z95 * 100.0 * float(np.sqrt(0.05 * 0.95 / max(len(inside), 1)))
         bound = f"{BAND[0]:g} to {BAND[1]:g} %, ± {chance:.1f}"
         holds = BAND[0] - chance <= value <= BAND[1] + chance
-        yield Claim(f"{name}, intervals, {kind}", f"{value:.1f} % of {len(held)}", bound, holds)
+        yield Claim(f"{name}, intervals, {kind}", f"{value:.1f} % of {len(inside)}", bound, holds)
     refused = [one for one in outcomes if one.why]
     errors = [one.error for one in outcomes if not one.why]
     median = f"{np.median(errors):.2f} %" if errors else "none"

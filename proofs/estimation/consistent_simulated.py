@@ -146,7 +146,7 @@ def claims_of(robot: str) -> list[Claim]:
 
 
 def reported_of(robot: str) -> list[Claim]:
-    """The rich ratio at other lengths of the run, held against nothing."""
+    """The rich ratio at other lengths of the run, compared with nothing."""
     claims = []
     for length in LENGTHS:
         ratios = []

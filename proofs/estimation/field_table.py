@@ -12,7 +12,7 @@ turns smoothly over 0.02 rad/s, in the truth and in the model, so that what is m
 not a model error. Estimators that simulate know controller and wanted motion. All are run on all
 seeds and behind all filters.
 
-An estimator is held against the best of all twice: behind 50 Hz, and each behind the filter that
+An estimator is compared with the best of all twice: behind 50 Hz, and each behind the filter that
 suits it best.
 """
 
@@ -37,7 +37,7 @@ from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.measurement.methods.savitzky_golay import SavitzkyGolay
 from steelyard.measurement.prepare import prepare
 from steelyard.measurement.processing import Processing
-from steelyard.measurement.recording import HeldLog, Recording
+from steelyard.measurement.recording import LogInMemory, Recording
 from steelyard.measurement.run import Run
 from steelyard.model import Model
 from steelyard.regression.gather_samples import gather_samples
@@ -116,7 +116,7 @@ class Bench:
             gains=ones,
         )
         table = np.column_stack((run.t, run.q + felt, tau))
-        return Recording(HeldLog(Path(f"seed{seed}"), ("t", *names), table), signals)
+        return Recording(LogInMemory(Path(f"seed{seed}"), ("t", *names), table), signals)
 
     def score(self, estimate: Estimate, seconds: float) -> Score:
         """Errors against the truth."""

@@ -14,7 +14,7 @@ from steelyard.arrays import Array
 from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
 from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.measurement import Recording, prepare
-from steelyard.measurement.recording import HeldLog
+from steelyard.measurement.recording import LogInMemory
 from steelyard.model import Model
 from steelyard.motion import Trajectory
 from steelyard.regression.gather import gather
@@ -98,10 +98,10 @@ def log_of(
         gains=ones,
     )
     table = np.column_stack([t, q, torque])
-    return Recording(HeldLog(Path(f"draw{seed}"), ("t", *names), table), signals)
+    return Recording(LogInMemory(Path(f"draw{seed}"), ("t", *names), table), signals)
 
 
-def held(robot: Robot, draws: int = DRAWS) -> tuple[int, int]:
+def coverage_of(robot: Robot, draws: int = DRAWS) -> tuple[int, int]:
     """How many (parameter, draw) pairs lie in their interval, and how many there are."""
     regressor = base_regressor(Model(robot))
     inside = total = 0
@@ -122,7 +122,7 @@ def main() -> list[Claim]:
     """Coverage over all pairs, and per robot."""
     claims, inside, total = [], 0, 0
     for robot in robots():
-        good, count = held(robot)
+        good, count = coverage_of(robot)
         inside, total = inside + good, total + count
         share = 100.0 * good / count
         claims.append(Claim(f"intervals hold, {robot.name}", f"{share:.1f} %", "reported", True))

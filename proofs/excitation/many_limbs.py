@@ -53,8 +53,8 @@ def ran(*arguments: object) -> dict:
 def robot_file(model: Path, base: str | None, folder: Path) -> Path:
     """A robot file without knowledge of masses, with the columns that simulate writes."""
     bare = folder / "bare.toml"
-    held = f'base = "{base}"\n' if base else ""
-    bare.write_text(f'[robot]\nmjcf = "{model}"\n{held}')
+    base_line = f'base = "{base}"\n' if base else ""
+    bare.write_text(f'[robot]\nmjcf = "{model}"\n{base_line}')
     ran("simulate", bare, "--seed", 3, "-o", folder / "other")
     columns = pl.read_parquet_schema(folder / "other/log.parquet")
     q, dq, tau = ([c for c in columns if re.match(f"{x}[0-9]", c)] for x in ("q", "dq", "tau"))

@@ -56,7 +56,7 @@ class Tally:
         violations: Margins that a sample misses, in words.
         uncertified: Motions whose certificate does not hold.
         wrong: Certificates that hold though a sample misses a margin.
-        proofs: Proven margins that were held against samples.
+        proofs: Proven margins that were compared with samples.
         above: Proven margins above a sample, in words.
         spoilt: Spoilt motions or limits that miss a margin.
         fooled: Certificates of such that hold.

@@ -17,7 +17,7 @@ from steelyard.estimation.least_squares.least_squares import WeightedLeastSquare
 from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.measurement.periods import Repetitions
 from steelyard.measurement.prepare import prepare_mean
-from steelyard.measurement.recording import HeldLog, Recording
+from steelyard.measurement.recording import LogInMemory, Recording
 from steelyard.measurement.repetition.repetitions import mean_of_periods
 from steelyard.measurement.run import Run
 from steelyard.model import DEFAULT_TERMS
@@ -70,7 +70,7 @@ def logged(truth: Truth, run: TrueRun, seed: int) -> Recording:
         gains=ones,
     )
     table = np.column_stack([t, steps, tau + noise])
-    return Recording(HeldLog(Path(f"draw{seed}"), ("t", *names), table), signals)
+    return Recording(LogInMemory(Path(f"draw{seed}"), ("t", *names), table), signals)
 
 
 def fitted(regressor: Regressor, run: Run) -> tuple[np.ndarray, np.ndarray]:

@@ -25,7 +25,7 @@ from steelyard.measurement.methods.fourier import Fourier
 from steelyard.measurement.methods.kalman import Kalman
 from steelyard.measurement.methods.protocols import Method
 from steelyard.measurement.methods.spline import SmoothingSpline
-from steelyard.measurement.recording import HeldLog
+from steelyard.measurement.recording import LogInMemory
 from steelyard.motion import Trajectory
 from steelyard.robot.robot import Robot
 from steelyard.robot_file.file import load_robot
@@ -166,7 +166,7 @@ def logged(case: Case, robot: Robot, sensors: Sensors, noise: float) -> tuple[Re
         gains=ones,
     )
     table = np.column_stack((reading.t, reading.q, reading.effort))[rows]
-    log = HeldLog(Path(case.name), ("t", *names), table)
+    log = LogInMemory(Path(case.name), ("t", *names), table)
     return Recording(log, signals), float(table[0, 0])
 
 

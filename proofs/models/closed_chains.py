@@ -1,6 +1,6 @@
 """Closed chains: p5's parallelogram, a general five-bar against MuJoCo, and its identification.
 
-The parallelogram's regressor is held against equation 13 of Wang et al. (p5) with its three
+The parallelogram's regressor is compared with equation 13 of Wang et al. (p5) with its three
 inertial parameters; the paper puts every centre of mass on its bar. The general five-bar has
 unequal bars, centres of mass anywhere and gravity in its plane; MuJoCo closes it by a `connect`
 constraint. It is simulated in MuJoCo, logged with noise, and identified from that log.
@@ -18,7 +18,7 @@ from steelyard.estimation.least_squares.least_squares import WeightedLeastSquare
 from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.kernel.quantities.passive_joints import Follower
 from steelyard.measurement import Recording, prepare
-from steelyard.measurement.recording import HeldLog
+from steelyard.measurement.recording import LogInMemory
 from steelyard.model import Model
 from steelyard.regression.base import full_regressor
 from steelyard.regression.gather import gather
@@ -171,7 +171,7 @@ def recording_of(reading: Reading, name: str) -> Recording:
         gains=ones,
     )
     table = np.column_stack([reading.t, reading.q, reading.effort])
-    return Recording(HeldLog(Path(name), names, table), signals)
+    return Recording(LogInMemory(Path(name), names, table), signals)
 
 
 def identification_claims() -> list[Claim]:

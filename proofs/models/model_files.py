@@ -1,9 +1,9 @@
 """Every public robot model file that is there: read right, refused rightly, or a fault of ours.
 
 Each file is read as `steelyard init FILE` reads it, in a child process with a time limit. What is
-read is held against Pinocchio (URDF) or MuJoCo (MJCF): torques with the file's bodies at random
+read is compared with Pinocchio (URDF) or MuJoCo (MJCF): torques with the file's bodies at random
 states, and the number of base parameters against the rank of the other's regressor. What is
-refused is held against what the file is, see `support/model_facts.py`.
+refused is compared with what the file is, see `support/model_facts.py`.
 
 The files are looked for in the folders named by `--folder` and by STEELYARD_MODELS, beside the
 robots' data, and in the examples. `--fetch FOLDER` downloads packages with model files and unpacks

@@ -30,9 +30,9 @@ class Following:
     @property
     def free(self) -> list[int]:
         """Joints that are moved."""
-        held = {int(name[1:]) - 1 for name in self.locked}
-        held |= {self.mimic[0]} if self.mimic else set()
-        return [k for k in range(self.count) if k not in held]
+        dependent = {int(name[1:]) - 1 for name in self.locked}
+        dependent |= {self.mimic[0]} if self.mimic else set()
+        return [k for k in range(self.count) if k not in dependent]
 
     def all(self, q: np.ndarray) -> np.ndarray:
         """Positions of all joints, `(N, count)`, from those that are moved."""
@@ -122,8 +122,8 @@ class CellJudge:
             found.append((name, at.parentJoint, coal.Sphere(radius), where))
         for name, radius in self.radii.items():
             found += self._capsules(int(name[4:]), radius)
-        held = {int(name[1:]) for name in self.following.locked}
-        first = next(k for k in range(1, len(self.arm.links) + 1) if k not in held)
+        dependent = {int(name[1:]) for name in self.following.locked}
+        first = next(k for k in range(1, len(self.arm.links) + 1) if k not in dependent)
         return tuple(thing for thing in found if thing[1] >= first)
 
     def _capsules(self, number: int, radius: float) -> list[tuple[str, int, Any, pin.SE3]]:

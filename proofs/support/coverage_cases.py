@@ -13,7 +13,7 @@ from steelyard.arrays import Array
 from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.measurement import Recording, Run, prepare
 from steelyard.measurement.processing import Processing
-from steelyard.measurement.recording import HeldLog
+from steelyard.measurement.recording import LogInMemory
 from steelyard.motion import Motion
 from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
 from steelyard.robot.robot import Robot
@@ -184,7 +184,7 @@ def logged(robot: Robot, t: Array, q: Array, torque: Array, row: Row) -> Recordi
     if row.backward:
         columns.append(np.diff(q, axis=0, prepend=q[:1]) * row.rate)
     table = np.column_stack(columns)
-    return Recording(HeldLog(Path("draw"), ("t", *names[: table.shape[1] - 1]), table), signals)
+    return Recording(LogInMemory(Path("draw"), ("t", *names[: table.shape[1] - 1]), table), signals)
 
 
 def friction_of(truth: Truth, motion: Motion) -> Array:

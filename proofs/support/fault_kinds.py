@@ -9,7 +9,7 @@ from proofs.support.faults import Clean, Faulty, with_keys
 from steelyard.diagnosis import Diagnosis, Edit
 from steelyard.diagnosis.knowledge import Knowledge, knowledge_of
 from steelyard.measurement import Processing, Recording, prepare
-from steelyard.measurement.recording import HeldLog
+from steelyard.measurement.recording import LogInMemory
 from steelyard.robot.inertia import Inertia
 from steelyard.robot_file.edits import edited
 
@@ -174,7 +174,7 @@ def driven(clean: Clean) -> np.ndarray:
 
 def _motion(clean: Clean) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Smooth motion at the log's rows: time and `q, dq, ddq`, each `(n, N)`."""
-    recording = Recording(HeldLog(clean.path, clean.columns, clean.table), clean.signals)
+    recording = Recording(LogInMemory(clean.path, clean.columns, clean.table), clean.signals)
     data = prepare(recording, Processing()).whole()
     t = clean.table[:, clean.columns.index(clean.signals.time)] * clean.signals.time_scale
     t = t - t[0]

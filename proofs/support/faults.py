@@ -11,7 +11,7 @@ from steelyard.diagnosis import Case, Diagnosis, Edit, examine
 from steelyard.diagnosis.case import Evidence
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.measurement import Processing, Recording
-from steelyard.measurement.recording import HeldLog
+from steelyard.measurement.recording import LogInMemory
 from steelyard.robot_file.edits import edited
 from steelyard.robot_file.file import LoadedRobot, load_robot
 from steelyard.robot_file.signals import Signals
@@ -88,7 +88,7 @@ def diagnosis(clean: Clean, text: str, table: np.ndarray) -> Diagnosis:
     loaded = load_robot(clean.path, text)
     if loaded.signals is None:
         raise ValueError(f"{clean.path} says nothing about logs")
-    log = HeldLog(Path(clean.name), clean.columns, table)
+    log = LogInMemory(Path(clean.name), clean.columns, table)
     recording = Recording(log, loaded.signals)
     wanted = loaded.processing
     processing = Processing(
@@ -134,7 +134,7 @@ def joint_values(columns: tuple[str, ...], table: np.ndarray, loaded: LoadedRobo
     signals = loaded.signals
     if signals is None:
         raise ValueError("the robot file says nothing about logs")
-    recording = Recording(HeldLog(Path("log"), columns, table), signals)
+    recording = Recording(LogInMemory(Path("log"), columns, table), signals)
     c = recording.channels
     parts = list(recording.raw((0, None)))
     t, x = np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])

@@ -10,8 +10,8 @@ from proofs.support.mistakes_planted import (
     commanded,
     efforts,
     every,
-    held,
     late,
+    motionless,
     reordered,
     resampled,
     rows,
@@ -128,10 +128,12 @@ LOGS: list[Mistake] = [
     ),
     Mistake("efforts low-passed at 2 Hz", every(smoothed), LATE + "|low-pass|filtered"),
     Mistake("commanded positions", commanded, LATE + "|commanded|noise-free"),
-    Mistake("a joint never moves", lambda arm: held(arm, truly=True), "excitation|not seen|moves"),
+    Mistake(
+        "a joint never moves", lambda arm: motionless(arm, truly=True), "excitation|not seen|moves"
+    ),
     Mistake(
         "a position column is constant",
-        lambda arm: held(arm, truly=False),
+        lambda arm: motionless(arm, truly=False),
         "(wrong|doubtful) (position|excitation|rest)|does not move|never moves|constant",
     ),
     Mistake(

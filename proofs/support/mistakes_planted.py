@@ -160,7 +160,7 @@ def commanded(arm: Arm) -> Job:
     return Job((logs[0], logs[1]), logs[2], arm.robot_file, arm.urdf)
 
 
-def held(arm: Arm, *, truly: bool) -> Job:
+def motionless(arm: Arm, *, truly: bool) -> Job:
     """A joint that never moves; or its position column alone that stays as it is."""
     joint = arm.joints[0]
 

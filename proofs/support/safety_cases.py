@@ -252,8 +252,8 @@ def _add_efforts(draft: _Draft) -> dict[str, float] | None:
     if draft.chance(0.4):
         draft.keep(friction=random.uniform([[0.0], [0.0], [-0.3]], [[1.0], [2.0], [0.3]], (3, n)))
     still = np.zeros((1, n))
-    held = draft.judge.effort(draft.rules, draft.posture[None], still, still)
-    least = np.abs(held).max(axis=(0, 1))
+    static = draft.judge.effort(draft.rules, draft.posture[None], still, still)
+    least = np.abs(static).max(axis=(0, 1))
     least = 1.3 * least + 0.2 * least.max() + 2.0
     if draft.rules.friction is not None:
         least += draft.rules.friction[1]

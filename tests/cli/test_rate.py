@@ -63,7 +63,7 @@ def test_without_a_rate_it_is_asked_for(
 
 
 @pytest.mark.parametrize(
-    ("clock", "said"),
+    ("clock", "words"),
     [
         ("", "neither a column of time nor a rate"),
         ('time = "time_s"\nrate = 250.0', "both a column of time and a rate"),

@@ -25,7 +25,7 @@ from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
 from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.measurement import Processing, Recording, prepare
-from steelyard.measurement.recording import HeldLog
+from steelyard.measurement.recording import LogInMemory
 from steelyard.model import Model
 from steelyard.motion import Motion
 from steelyard.regression.gather import gather
@@ -77,7 +77,7 @@ class Arm:
         self.path.write_text(text)
         loaded = load_robot(self.path)
         assert loaded.signals is not None
-        recording = Recording(HeldLog(Path("log"), self.columns, table), loaded.signals)
+        recording = Recording(LogInMemory(Path("log"), self.columns, table), loaded.signals)
         evidence = Evidence(recording, Processing(), "log")
         return Case(loaded, (evidence,), self.reference if known else None)
 
@@ -105,7 +105,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Arm:
     assert loaded.signals is not None
     columns = loaded.signals.columns
     logs = [_log(loaded.robot, truth, seed) for seed in range(2)]
-    recording = Recording(HeldLog(Path("clean"), columns, logs[0][0]), loaded.signals)
+    recording = Recording(LogInMemory(Path("clean"), columns, logs[0][0]), loaded.signals)
     run = prepare(recording, Processing())
     regressor = base_regressor(Model(loaded.robot))
     estimate = WeightedLeastSquares()(gather(regressor, run))

@@ -12,7 +12,7 @@ from steelyard.errors import DataError
 from steelyard.estimation.consistent.consistent import Consistent
 from steelyard.estimation.prior.prior import default_knowledge
 from steelyard.measurement import Processing, Recording, prepare
-from steelyard.measurement.recording import HeldLog
+from steelyard.measurement.recording import LogInMemory
 from steelyard.regression.gather import gather
 from steelyard.regression.regressor import base_regressor
 
@@ -22,7 +22,7 @@ def identified(arm, factor: float):
     table = arm.table.copy()
     for j in range(arm.motion.n_joints):
         table[:, arm.columns.index(f"tau{j + 1}_Nm")] *= factor
-    log = HeldLog(arm.path, arm.columns, table)
+    log = LogInMemory(arm.path, arm.columns, table)
     run = prepare(Recording(log, arm.reference.signals), Processing())
     regressor = base_regressor(arm.reference.model)
     information = gather(regressor, run)

@@ -55,6 +55,6 @@ def test_rotor_inertias_at_zero_point_to_sensors_behind_the_gears(scored: Fitted
     names = plain.identified.estimate.parameters.names
     rotors = tuple(name for name in names if name.startswith("rotor_inertia."))
     estimate = replace(plain.identified.estimate, at_bound=rotors)
-    held = replace(plain, identified=replace(plain.identified, estimate=estimate))
-    (finding,) = BelowNominal()(held)
+    case = replace(plain, identified=replace(plain.identified, estimate=estimate))
+    (finding,) = BelowNominal()(case)
     assert finding.fix is not None and 'kind = "link_torque"' in finding.fix.says

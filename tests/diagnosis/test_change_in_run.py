@@ -14,7 +14,7 @@ from steelyard.diagnosis.fitted.fitted_case import FittedCase
 from steelyard.diagnosis.fitted.gain_drift import scale_drifts
 from steelyard.estimation.fields.fields import information_from
 from steelyard.measurement import Processing, Recording, prepare
-from steelyard.measurement.recording import HeldLog
+from steelyard.measurement.recording import LogInMemory
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot.inertia import Inertia
 
@@ -24,7 +24,7 @@ HALF = 2300
 
 def found(arm: Arm, table: Array, *, fitted: bool = True) -> tuple[Finding, ...]:
     signals = arm.reference.signals
-    run = prepare(Recording(HeldLog(Path("log"), arm.columns, table), signals), Processing())
+    run = prepare(Recording(LogInMemory(Path("log"), arm.columns, table), signals), Processing())
     if not fitted:
         return ChangeInRun()(FittedCase(arm.reference, unseen=(run,)))
     information = information_from([run])(base_regressor(arm.reference.model))
@@ -81,7 +81,9 @@ def test_a_sound_log_is_no_change_and_slow_drift_is_of_friction(arm: Arm) -> Non
 @pytest.mark.parametrize("law", ["lugre", "directional_coulomb", "cubic"])
 def test_all_laws_of_friction_count_as_friction(arm: Arm, law: str) -> None:
     signals = arm.reference.signals
-    run = prepare(Recording(HeldLog(Path("log"), arm.columns, arm.table), signals), Processing())
+    run = prepare(
+        Recording(LogInMemory(Path("log"), arm.columns, arm.table), signals), Processing()
+    )
     known = information_from([run])(base_regressor(arm.reference.model))
     names = tuple(name.replace("coulomb.", f"{law}.") for name in known.layout.columns)
     named = replace(known, layout=replace(known.layout, columns=names))

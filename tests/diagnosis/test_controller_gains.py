@@ -10,7 +10,7 @@ from diagnosis.conftest import MODEL_BASED
 from diagnosis.test_model_based import GAINS, TAU, edits, in_amperes
 from steelyard.diagnosis import Case, Edit, examine
 from steelyard.diagnosis.hypotheses.controller_gains import controller_gains
-from steelyard.measurement.recording import HeldLog
+from steelyard.measurement.recording import LogInMemory
 from steelyard.robot_file.edits import edited
 
 
@@ -28,9 +28,9 @@ def case_with_targets(arm, text: str) -> Case:
     case = arm.case(table, text, known=False)
     names = [f"{kind}{j}" for kind in ("tau_target_", "current_target_") for j in range(1, 7)]
     (evidence,) = case.logs
-    log = HeldLog(Path("log"), (*arm.columns, *names), np.hstack([table, target, current]))
-    held = replace(evidence.recording, log=log)
-    return replace(case, logs=(replace(evidence, recording=held),))
+    log = LogInMemory(Path("log"), (*arm.columns, *names), np.hstack([table, target, current]))
+    recording = replace(evidence.recording, log=log)
+    return replace(case, logs=(replace(evidence, recording=recording),))
 
 
 def test_gains_are_those_of_the_targets_within_their_intervals(arm):

@@ -16,7 +16,7 @@ from steelyard.diagnosis.signals.hold import hold
 from steelyard.diagnosis.signals.repeats import Repeats
 from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
 from steelyard.measurement import Processing, Recording, prepare
-from steelyard.measurement.recording import HeldLog
+from steelyard.measurement.recording import LogInMemory
 from steelyard.regression.gather import gather
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot_file.edits import edited
@@ -27,7 +27,7 @@ MOTION = slice(Q.start, DQ.stop)
 OK, DOUBTFUL = Severity.OK, Severity.DOUBTFUL
 
 
-def held(table: Array, every: int, *columns: slice, phase: int = 0) -> Array:
+def with_hold(table: Array, every: int, *columns: slice, phase: int = 0) -> Array:
     """A table whose columns are new only every so many rows."""
     rows = np.arange(len(table))
     source = np.maximum((rows - phase) // every * every + phase, 0)
@@ -46,7 +46,7 @@ def findings_of(folder: Path, table: Array) -> tuple[Finding, ...]:
     [(100.0, 2, DOUBTFUL), (500.0, 2, OK), (500.0, 3, OK), (500.0, 6, DOUBTFUL)],
 )
 def test_held_efforts_are_late(tmp_path: Path, rate: float, every: int, severity: int) -> None:
-    motion, found = findings_of(tmp_path, held(sound(rate), every, TAU))
+    motion, found = findings_of(tmp_path, with_hold(sound(rate), every, TAU))
     late = 0.5 * (every - 1) / rate
     assert motion.says == "no row in motion repeats the previous one"
     assert found.says == (
@@ -72,7 +72,7 @@ def test_held_efforts_are_late(tmp_path: Path, rate: float, every: int, severity
 def test_held_positions_are_bridged_or_late(
     tmp_path: Path, rate: float, every: int, severity: int, does: str, columns: tuple[slice, ...]
 ) -> None:
-    (found,) = findings_of(tmp_path, held(sound(rate), every, *columns))
+    (found,) = findings_of(tmp_path, with_hold(sound(rate), every, *columns))
     assert found.says == (
         f"positions are updated every {every} rows ({rate / every:.3g} Hz of {rate:.3g} Hz): {does}"
     )
@@ -82,25 +82,25 @@ def test_held_positions_are_bridged_or_late(
 
 @pytest.mark.parametrize("every", [2, 3, 6])
 def test_efforts_held_in_the_rows_of_the_positions_are_not_late(tmp_path: Path, every: int) -> None:
-    motion, effort = findings_of(tmp_path, held(sound(500.0), every, MOTION, TAU))
+    motion, effort = findings_of(tmp_path, with_hold(sound(500.0), every, MOTION, TAU))
     assert motion.says.startswith(f"positions are updated every {every} rows")
     assert effort.says.endswith("no later than positions") and effort.severity == OK
 
 
 def test_efforts_held_in_other_rows_than_positions_are_late(tmp_path: Path) -> None:
-    table = held(held(sound(), 2, MOTION), 2, TAU, phase=1)
+    table = with_hold(with_hold(sound(), 2, MOTION), 2, TAU, phase=1)
     _, effort = findings_of(tmp_path, table)
     assert effort.says.endswith("they are 5 ms late on average")
 
 
 def test_joints_that_are_read_in_turn_are_not_bridged(tmp_path: Path) -> None:
-    table = held(held(sound(), 2, slice(1, 3)), 2, slice(3, 4), phase=1)
+    table = with_hold(with_hold(sound(), 2, slice(1, 3)), 2, slice(3, 4), phase=1)
     (found,) = findings_of(tmp_path, table)
     assert found.says.endswith("they are 5 ms late on average, and rows are not interpolated")
 
 
 def test_the_delay_that_is_proposed_mends_the_robot_file(tmp_path: Path) -> None:
-    table = held(sound(), 2, TAU)
+    table = with_hold(sound(), 2, TAU)
     found = diagnosis(tmp_path, table)
     assert [f.check for f in found.findings if f.severity] == ["repeats"]
     corrected = diagnosis(tmp_path, table, edited(ROBOT, found.edits))
@@ -110,7 +110,7 @@ def test_the_delay_that_is_proposed_mends_the_robot_file(tmp_path: Path) -> None
 
 
 def test_repeated_rows_that_are_kept_leave_positions_late(tmp_path: Path) -> None:
-    case = case_of(tmp_path, held(sound(), 2, MOTION))
+    case = case_of(tmp_path, with_hold(sound(), 2, MOTION))
     kept = replace(case.logs[0], processing=Processing(bridge_repeats=False))
     (found,) = Repeats()(replace(case, logs=(kept,)))
     assert found.says.endswith("they are 5 ms late on average, and rows are not interpolated")
@@ -158,7 +158,7 @@ def test_the_proposed_delay_improves_a_fit(arm: Arm, every: int) -> None:
     loaded = load_robot(arm.path)
     assert loaded.signals is not None
     efforts = slice(1 + 2 * arm.motion.n_joints, None)
-    log = HeldLog(Path("held"), arm.columns, held(arm.table, every, efforts))
+    log = LogInMemory(Path("held"), arm.columns, with_hold(arm.table, every, efforts))
     regressor = base_regressor(arm.reference.model)
     sigma = []
     for delay in (0.0, 0.5 * (every - 1) * 0.005):

@@ -262,8 +262,8 @@ def test_a_resting_robot_tells_nothing(arm):
 
 def test_a_rough_nominal_model_raises_no_alarm(arm):
     case = arm.case(arm.table, known=False)
-    held = verdict(case, case.logs[0])
-    assert held is not None and not held.winners
+    decision = verdict(case, case.logs[0])
+    assert decision is not None and not decision.winners
 
 
 def test_without_masses_nothing_is_told(arm):

@@ -58,10 +58,10 @@ def test_a_clean_log_is_not_refused_for_wrong_masses(arm, factor):
     for doubtful in (f for f in found.findings if f.severity):
         assert "links are" in doubtful.says and "efforts are off" in doubtful.says
     case = arm.case(arm.table, known=False)
-    held = ranking(case, case.logs[0])
-    bodies = possible(held.likelihood, held.declared.interpretation)
+    ranked = ranking(case, case.logs[0])
+    bodies = possible(ranked.likelihood, ranked.declared.interpretation)
     assert bodies.scale * factor == pytest.approx(1.0, rel=0.3)
-    assert bodies.percent < 4.0 < held.declared.percent
+    assert bodies.percent < 4.0 < ranked.declared.percent
 
 
 def test_currents_as_torques_are_refused_without_numbers(arm):
@@ -190,10 +190,10 @@ def test_an_order_of_positions_or_of_efforts_is_written_with_a_margin_only(arm, 
     order, table = [0, 2, 1, 3, 4, 5], arm.table.copy()
     table[:, arm.at(TAU)] = arm.table[:, np.array(arm.at(TAU))[order]]
     case = arm.case(table, known=False)
-    held = verdict(case, case.logs[0])
-    ((hypothesis, severity),) = held.winners
+    decision = verdict(case, case.logs[0])
+    ((hypothesis, severity),) = decision.winners
     assert hypothesis.fixed and severity == Severity.WRONG
-    likelihood = held.ranking.likelihood
+    likelihood = decision.ranking.likelihood
     assert support._unrivalled(likelihood, [(hypothesis, severity)]) == [(hypothesis, severity)]
     monkeypatch.setattr(support, "MARGIN", 1e9)
     ((hypothesis, severity),) = support._unrivalled(likelihood, [(hypothesis, severity)])

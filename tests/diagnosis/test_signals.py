@@ -26,7 +26,7 @@ from steelyard.diagnosis.signals.unit_costs import JointFacts
 from steelyard.diagnosis.signals.units import _named, reading
 from steelyard.diagnosis.signals.velocity import Velocity
 from steelyard.measurement import Processing, Recording
-from steelyard.measurement.recording import HeldLog
+from steelyard.measurement.recording import LogInMemory
 from steelyard.robot.robot import Coordinate, Limits
 from steelyard.robot_file.edits import edited
 from steelyard.robot_file.file import load_robot
@@ -99,7 +99,7 @@ def case_of(
     path.write_text(text)
     loaded = load_robot(path)
     assert loaded.signals is not None
-    log = HeldLog(folder / "run.csv", columns, table)
+    log = LogInMemory(folder / "run.csv", columns, table)
     known = {"velocity": COLUMNS[DQ]} if guesses else {}
     evidence = Evidence(Recording(log, loaded.signals), Processing(), "run")
     return Case(loaded, (evidence,), None, known)
@@ -426,7 +426,7 @@ def test_motor_side_positions_are_told(tmp_path: Path) -> None:
     path.write_text(named)
     loaded = load_robot(path)
     assert loaded.signals is not None
-    log = HeldLog(tmp_path / "run.csv", columns, table)
+    log = LogInMemory(tmp_path / "run.csv", columns, table)
     evidence = Evidence(Recording(log, loaded.signals), Processing(), "run")
     (found,) = Position()(Case(loaded, (evidence,)))
     assert found.severity == Severity.WRONG
@@ -529,7 +529,7 @@ def test_other_effort_columns_are_named(tmp_path: Path) -> None:
     wide = np.concatenate((constant(table.copy()), table[:, TAU], table[:, :1]), axis=1)
     case = case_of(tmp_path, table)
     (evidence,) = case.logs
-    recording = replace(evidence.recording, log=HeldLog(Path("log"), names, wide))
+    recording = replace(evidence.recording, log=LogInMemory(Path("log"), names, wide))
     (finding,) = Noise()(replace(case, logs=(replace(evidence, recording=recording),)))
     assert finding.severity == WRONG and finding.joints == ("joint_2",)
     assert finding.fix is not None and finding.fix.says.endswith("has 'current{}_A' too")

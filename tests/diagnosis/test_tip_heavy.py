@@ -14,7 +14,7 @@ from steelyard.diagnosis.decision.checks import EFFORT_KIND, EFFORT_SIGN, PAYLOA
 from steelyard.diagnosis.finding import Finding
 from steelyard.formats.register import open_log
 from steelyard.measurement import Processing, Recording
-from steelyard.measurement.recording import HeldLog
+from steelyard.measurement.recording import LogInMemory
 from steelyard.robot_file.file import load_robot
 from steelyard.robot_file.template.guess_columns import guess_signals
 
@@ -51,8 +51,8 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> tuple[tuple[str, ...], Arra
     arguments = ["simulate", str(folder / "arm.urdf"), "--period", "6", "--seed", "1"]
     done = CliRunner().invoke(app, [*arguments, "-o", str(folder / "run")])
     assert done.exit_code == 0, done.output
-    held = open_log(folder / "run" / "log.parquet")
-    return held.columns, np.concatenate(list(held.parts(held.columns)))
+    log = open_log(folder / "run" / "log.parquet")
+    return log.columns, np.concatenate(list(log.parts(log.columns)))
 
 
 def examined(path: Path, tip: float, columns: tuple[str, ...], table: Array) -> Diagnosis:
@@ -62,7 +62,7 @@ def examined(path: Path, tip: float, columns: tuple[str, ...], table: Array) -> 
     sample = dict(zip(columns, table.T, strict=True))
     signals, _ = guess_signals(loaded.robot, columns, sample)
     evidence = Evidence(
-        Recording(HeldLog(Path("log"), columns, table), signals), Processing(), "log"
+        Recording(LogInMemory(Path("log"), columns, table), signals), Processing(), "log"
     )
     return examine(Case(loaded, (evidence,), None), checks=CHECKED)
 

@@ -26,7 +26,7 @@ from steelyard.estimation.register import ESTIMATORS, Context, Offer
 from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.measurement.prepare import prepare
 from steelyard.measurement.processing import Processing
-from steelyard.measurement.recording import HeldLog, Recording
+from steelyard.measurement.recording import LogInMemory, Recording
 from steelyard.model import Model
 from steelyard.motion import Motion
 from steelyard.progress import Event, Stopped
@@ -311,7 +311,7 @@ def recording(torques: Array, gains: tuple[bool, ...] = ()) -> Recording:
     rng = np.random.default_rng(2)
     q = run.q + 1e-6 * rng.standard_normal(run.q.shape)
     table = np.column_stack((run.motion.t, q, torques))
-    return Recording(HeldLog(Path("run"), ("t", *names), table), signals)
+    return Recording(LogInMemory(Path("run"), ("t", *names), table), signals)
 
 
 def test_a_log_without_controller_gets_one_that_stands_in() -> None:

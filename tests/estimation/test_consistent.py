@@ -179,7 +179,7 @@ def of(estimate: Estimate) -> dict[str, float]:
     return estimate.standard.parameters.as_dict()
 
 
-def test_wishes_about_what_the_data_do_not_see_hold_and_harm_nothing() -> None:
+def test_prior_constraints_about_what_the_data_do_not_see_hold_and_harm_nothing() -> None:
     information = information_of(0.05, still=3)
     tied = Row("twin", {"viscous.tip_joint": 1.0, "viscous.trunk_joint": -0.5}, 0.0, 0.0)
     least = Row("least", {"coulomb.tip_joint": 1.0}, lower=0.2)
@@ -212,7 +212,7 @@ def test_a_prior_that_is_stated_too_sure_is_called_that() -> None:
     assert any("a prior with this uncertainty" in note for note in estimate.notes)
 
 
-def test_wishes_of_absurd_size_are_named_where_the_solver_gives_up() -> None:
+def test_prior_constraints_of_absurd_size_are_named_where_the_solver_gives_up() -> None:
     rows = (Row("a mountain", {"m.tip": 1.0}, lower=1e9, upper=1e9),)
     with pytest.raises(DataError) as caught:
         Consistent(REGRESSOR.base, known(rows=rows))(information_of(0.05))
@@ -249,7 +249,7 @@ def test_intervals_are_no_wider_than_those_of_least_squares() -> None:
     assert np.all((ours.learned >= 0.0) & (ours.learned <= 1.0))
 
 
-def test_wishes_hold() -> None:
+def test_prior_constraints_hold() -> None:
     rows = (
         Row("mass of tip", {"m.tip": 1.0}, lower=2.5, upper=2.5),
         Row("twins", {"m.left": 1.0, "m.slider": -1.0}, lower=0.0, upper=0.0),
@@ -266,7 +266,7 @@ def test_wishes_hold() -> None:
     assert estimate.standard.std[values.names.index("m.tip")] < 1e-6
 
 
-def test_wishes_that_only_physics_forbids_are_named() -> None:
+def test_prior_constraints_that_only_physics_forbids_are_named() -> None:
     rows = (
         Row("light tip", {"m.tip": 1.0}, upper=0.1),
         Row("far centre", {"mx.tip": 1.0}, lower=1.0, upper=1.0),
@@ -292,7 +292,7 @@ def test_contradictory_wishes_are_named() -> None:
     assert "left" not in caught.value.wrong
 
 
-def test_wishes_far_from_the_data_hold() -> None:
+def test_prior_constraints_far_from_the_data_hold() -> None:
     total = {f"m.{b.name}": 1.0 for b in MODEL.robot.bodies}
     rows = (Row("total mass", total, upper=2.0),)
     estimate = Consistent(REGRESSOR.base, known(rows=rows, uncertainty=0.3))(information_of(1e-3))

@@ -143,7 +143,7 @@ def test_a_given_parameter_keeps_its_value() -> None:
     assert found.values["viscous.slider_joint"] == pytest.approx(0.25, rel=1e-9)
 
 
-def test_wishes_that_it_breaks_are_named() -> None:
+def test_prior_constraints_that_it_breaks_are_named() -> None:
     information_of, _ = logged(PLAIN, 0.1)
     regressor, known = base_regressor(PLAIN), default_knowledge(PLAIN)
     rows = (

@@ -77,7 +77,7 @@ def test_slopes_are_those_of_the_objective() -> None:
         assert here.slope(u, 3.0) @ step == pytest.approx(numeric, rel=1e-6)
 
 
-def test_wishes_hold_to_rounding() -> None:
+def test_prior_constraints_hold_to_rounding() -> None:
     estimate = Consistent(REGRESSOR.base, known(rows=CONSTRAINTS))(information_of(0.05))
     assert estimate.standard is not None
     assert estimate.standard.parameters["m.tip"] == pytest.approx(1.05 * TRUTH["m.tip"], abs=1e-12)

@@ -277,6 +277,6 @@ def test_replay(tmp_path: Path) -> None:
     t = np.linspace(0.0, motion.duration, 50)
     np.testing.assert_array_equal(found.trajectory.derivative(t, 0), motion.derivative(t, 0))
     strict = ANY.replace('"any"\n', '"any"\nvelocity = 0.01\n')
-    held = designed(tmp_path, strict + table("replay", file='"before.json"'))
-    assert not held.certificate.holds
-    assert any("velocity" in failure for failure in held.certificate.failures)
+    replayed = designed(tmp_path, strict + table("replay", file='"before.json"'))
+    assert not replayed.certificate.holds
+    assert any("velocity" in failure for failure in replayed.certificate.failures)

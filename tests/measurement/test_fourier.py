@@ -76,13 +76,13 @@ def test_rests_at_the_ends_are_no_part_of_it() -> None:
     t = np.arange(0.0, 20.0, 1.0 / RATE)
     q = motion(t, 4.0)[0]
     smooth = np.clip((t - 0.0) / 0.01, 0.0, 1.0)
-    held = np.concatenate((np.repeat(q[:, :1], 300, 1), q * smooth + q[:, :1] * (1 - smooth)), 1)
-    held = np.concatenate((held, np.repeat(held[:, -1:], 300, 1)), axis=1)
-    found = Fourier(period=4.0).designed(20.0, RATE)(held, None)
+    rested = np.concatenate((np.repeat(q[:, :1], 300, 1), q * smooth + q[:, :1] * (1 - smooth)), 1)
+    rested = np.concatenate((rested, np.repeat(rested[:, -1:], 300, 1)), axis=1)
+    found = Fourier(period=4.0).designed(20.0, RATE)(rested, None)
     true = motion(t, 4.0)
     np.testing.assert_allclose(found[1][:, 400:2200], true[1][:, 100:1900], atol=2e-3)
     np.testing.assert_allclose(found[:, :, :200][1:], 0.0, atol=1e-2)
-    np.testing.assert_allclose(found[0][:, :200], held[:, :200], atol=1e-4)
+    np.testing.assert_allclose(found[0][:, :200], rested[:, :200], atol=1e-4)
 
 
 def test_what_is_not_periodic_is_refused() -> None:

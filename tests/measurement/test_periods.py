@@ -41,10 +41,10 @@ def test_a_period_is_found_between_samples(periods: float) -> None:
 def test_rests_at_the_ends_do_not_matter() -> None:
     t = np.arange(0.0, 12.0, 1.0 / RATE)
     q = periodic(t, 4.0)
-    held = np.concatenate((np.repeat(q[:, :1], 500, 1), q, np.repeat(q[:, -1:], 700, 1)), axis=1)
-    start, stop = moving_span(held)
+    rested = np.concatenate((np.repeat(q[:, :1], 500, 1), q, np.repeat(q[:, -1:], 700, 1)), axis=1)
+    start, stop = moving_span(rested)
     assert 495 <= start <= 510 and 1690 <= stop <= 1705
-    assert find_period(held, RATE) == pytest.approx(4.0, abs=0.01)
+    assert find_period(rested, RATE) == pytest.approx(4.0, abs=0.01)
 
 
 def test_no_period() -> None:

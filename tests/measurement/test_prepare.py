@@ -70,7 +70,7 @@ def test_small_parts_of_the_log_do_not_show(recording, sines, monkeypatch) -> No
     motion = sines(t)
     made = recording(t, motion["q"], motion["effort"])
     expected = prepare(made).whole()
-    monkeypatch.setattr(Recording, "held", lambda self: self)
+    monkeypatch.setattr(Recording, "in_memory", lambda self: self)
     log = made.log
     small = replace(made, log=Small(log, 61))
     found = prepare(small).whole()
@@ -94,7 +94,7 @@ def test_a_log_too_large_to_hold_is_read_in_parts(recording, sines) -> None:
     t = np.arange(120_000) * 0.001
     motion = sines(t)
     made = recording(t, motion["q"], motion["effort"], suffix=".csv")
-    assert made.held() is made and made.held(10**6).log is not made.log
+    assert made.in_memory() is made and made.in_memory(10**6).log is not made.log
     run = prepare(made)
     assert run.n_samples > 119_000 and run.quality.rows == 120_000
 

@@ -8,7 +8,7 @@ import numpy as np
 from steelyard.arrays import frozen
 from steelyard.formats import Cut
 from steelyard.measurement import Recording
-from steelyard.measurement.recording import HeldLog
+from steelyard.measurement.recording import LogInMemory
 from steelyard.robot_file.signals import Signals
 
 RATIOS = np.array([[50.0, 0.0], [40.0, -40.0]])
@@ -27,7 +27,7 @@ def recording(velocities: bool = True) -> tuple[Recording, np.ndarray]:
         position_map=frozen(np.linalg.inv(RATIOS)), position_offset=frozen(OFFSET),
         effort_map=frozen(RATIOS.T),
     )  # fmt: skip
-    return Recording(HeldLog(Path("motors.csv"), COLUMNS, table), signals), table
+    return Recording(LogInMemory(Path("motors.csv"), COLUMNS, table), signals), table
 
 
 def test_logged_motors_become_joints() -> None:
@@ -53,8 +53,8 @@ def test_without_velocities_positions_and_efforts_alone_are_mapped() -> None:
 def test_neither_the_parts_nor_the_log_in_memory_change_by_reading() -> None:
     log, table = recording()
     before, (whole,) = table.copy(), log.parts()
-    held = replace(log.held(), cut=Cut(rows=(10, 40)))
-    parts = list(held.parts(7))
+    in_memory = replace(log.in_memory(), cut=Cut(rows=(10, 40)))
+    parts = list(in_memory.parts(7))
     np.testing.assert_array_equal(np.concatenate([p.q for p in parts]), whole.q[10:40])
     np.testing.assert_array_equal(np.concatenate([p.effort for p in parts]), whole.effort[10:40])
     np.testing.assert_array_equal(table, before)

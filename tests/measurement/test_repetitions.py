@@ -109,7 +109,7 @@ def test_logs_of_one_motion(recording: Callable[..., Recording], tmp_path: Path)
         q = wave(np.clip(t - wait, 0.0, 3.0)) * [1.0, 1.0]
         effort = q + 0.1 * rng.standard_normal(q.shape)
         table = recording(t, q + 1e-5 * rng.standard_normal(q.shape), effort)
-        logs.append(replace(table.held()))
+        logs.append(replace(table.in_memory()))
     mean = mean_of_logs(logs)
     assert mean.averaged.count == 3
     apart = np.diff(mean.averaged.starts / RATE)
@@ -157,7 +157,7 @@ def test_the_panda_comes_back_after_its_period(real: Callable[[str], Recording])
     from steelyard.measurement.periods import find_period
     from steelyard.measurement.repetition.repetitions import _even
 
-    channels, rate = _even(log.held())
+    channels, rate = _even(log.in_memory())
     assert find_period(channels[log.channels.q], rate) == pytest.approx(13.333, abs=0.005)
 
 

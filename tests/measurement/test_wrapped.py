@@ -7,7 +7,7 @@ import pytest
 
 from steelyard.arrays import Array
 from steelyard.measurement import Processing, Recording, prepare
-from steelyard.measurement.recording import HeldLog
+from steelyard.measurement.recording import LogInMemory
 from steelyard.measurement.wrapped import TURN, wrapped_middles
 from steelyard.virtual.demo import write_demo_arm
 
@@ -31,7 +31,7 @@ def recording(folder: Path, t: Array, q: Array, parts: int = 1) -> Recording:
     rng = np.random.default_rng(0)
     tau = np.cos(q) + 0.1 * dq + 1e-3 * rng.normal(size=q.shape)
     table = np.column_stack([t, wrapped, dq, tau])
-    return Recording(HeldLog(Path("log"), signals.columns, table), signals)
+    return Recording(LogInMemory(Path("log"), signals.columns, table), signals)
 
 
 def test_wrapped_positions_are_continuous_in_every_part(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from invented import single
 from steelyard.measurement import Processing, Recording, Run, prepare
-from steelyard.measurement.recording import HeldLog
+from steelyard.measurement.recording import LogInMemory
 from steelyard.model import Model
 from steelyard.regression.gather import gather
 from steelyard.regression.information import Window
@@ -33,7 +33,7 @@ def run() -> Run:
     effort = np.cos(1.7 * phase) + 0.1 * np.random.default_rng(0).normal(size=len(t))
     one = np.ones(1)
     signals = Signals("t", 1.0, ("q",), one, None, None, ("e",), one, "joint_torque", ("Nm",), one)
-    log = HeldLog(Path("swing"), ("t", "q", "e"), np.column_stack([t, q, effort]))
+    log = LogInMemory(Path("swing"), ("t", "q", "e"), np.column_stack([t, q, effort]))
     return prepare(Recording(log, signals), Processing(20.0, 8.0))
 
 

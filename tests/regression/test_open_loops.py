@@ -9,7 +9,7 @@ from steelyard.arrays import Array
 from steelyard.errors import DataError
 from steelyard.measurement import Processing, Recording, prepare
 from steelyard.measurement.closure_failures import open_stretches
-from steelyard.measurement.recording import HeldLog
+from steelyard.measurement.recording import LogInMemory
 from steelyard.measurement.run import Run
 from steelyard.model import Model
 from steelyard.motion import Motion
@@ -71,7 +71,7 @@ def run_of(nonsense: float = 0.0) -> Run:
     )
     table = np.column_stack([way.t, way.q, effort])
     wanted = Processing(motion_cutoff=20.0, matched_cutoff=10.0)
-    return prepare(Recording(HeldLog(Path("log"), names, table), signals), wanted)
+    return prepare(Recording(LogInMemory(Path("log"), names, table), signals), wanted)
 
 
 def openings() -> list[tuple[int, int]]:

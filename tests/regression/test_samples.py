@@ -10,7 +10,7 @@ from invented import single
 from steelyard.errors import DataError, LogError
 from steelyard.measurement import Processing, Recording, Run, prepare
 from steelyard.measurement.noise_propagation import motion_error
-from steelyard.measurement.recording import HeldLog
+from steelyard.measurement.recording import LogInMemory
 from steelyard.model import Model
 from steelyard.regression.gather import gather
 from steelyard.regression.gather_samples import gather_samples
@@ -34,7 +34,7 @@ def recorded(name: str = "swing", duration: float = 60.0, seed: int = 0) -> Run:
     q = q + ENCODER * rng.normal(size=len(t))
     one = np.ones(1)
     signals = Signals("t", 1.0, ("q",), one, None, None, ("e",), one, "joint_torque", ("Nm",), one)
-    log = HeldLog(Path(name), ("t", "q", "e"), np.column_stack([t, q, effort]))
+    log = LogInMemory(Path(name), ("t", "q", "e"), np.column_stack([t, q, effort]))
     return prepare(Recording(log, signals), Processing(motion_cutoff=20.0, matched_cutoff=8.0))
 
 
@@ -163,7 +163,7 @@ def test_samples_of_a_log_with_velocities() -> None:
     one = np.ones(1)
     signals = Signals("t", 1.0, ("q",), one, ("v",), one, ("e",), one, "joint_torque", ("Nm",), one)
     table = np.column_stack([t, q, dq, rng.normal(size=len(t))])
-    log = HeldLog(Path("v"), ("t", "q", "v", "e"), table)
+    log = LogInMemory(Path("v"), ("t", "q", "v", "e"), table)
     run = prepare(Recording(log, signals), Processing(motion_cutoff=20.0, matched_cutoff=8.0))
     error = gather_samples(REGRESSOR, run).sources[0].error
     assert error is not None

@@ -140,8 +140,8 @@ def test_bodies_relieved_of_gravity_are_named(tmp_path: Path) -> None:
     (note,) = loaded.notes
     assert note.startswith("gravity compensation of bodies in the MJCF (gravcomp)")
     assert note.endswith(": a, b")
-    held = written(tmp_path, two=' gravcomp="1"', a=' actuatorgravcomp="true"')
-    assert load_robot(held).notes == (note.replace(": a, b", ": b"),)
+    compensated = written(tmp_path, two=' gravcomp="1"', a=' actuatorgravcomp="true"')
+    assert load_robot(compensated).notes == (note.replace(": a, b", ": b"),)
     signals = (
         '[signals]\ntime = "t"\nposition = "q{}"\nposition_unit = ["rad", "rad", "m"]\n'
         '[signals.effort]\ncolumns = "f{}"\nkind = "gravity_compensated_torque"\n'

@@ -19,7 +19,7 @@ from steelyard.estimation.least_squares.least_squares import (
 from steelyard.estimation.prior.prior import default_knowledge
 from steelyard.estimation.register import ESTIMATORS, Context, Offer
 from steelyard.measurement import Processing, Recording, Run, prepare
-from steelyard.measurement.recording import HeldLog
+from steelyard.measurement.recording import LogInMemory
 from steelyard.model import Model
 from steelyard.parameters import Parameters
 from steelyard.progress import Event, Stopped, tell
@@ -425,5 +425,5 @@ def swing(name: str, duration: float) -> Run:
     q, effort = np.sin(2.0 * t), np.cos(2.0 * t) + 0.1 * np.sin(5.0 * t)
     one = np.ones(1)
     signals = Signals("t", 1.0, ("q",), one, None, None, ("e",), one, "joint_torque", ("Nm",), one)
-    log = HeldLog(Path(name), ("t", "q", "e"), np.column_stack([t, q, effort]))
+    log = LogInMemory(Path(name), ("t", "q", "e"), np.column_stack([t, q, effort]))
     return prepare(Recording(log, signals), Processing(20.0, 8.0))

@@ -13,7 +13,7 @@ from steelyard.estimation.least_squares.least_squares import (
     WeightedLeastSquares,
 )
 from steelyard.measurement import Processing, Recording, Run, prepare
-from steelyard.measurement.recording import HeldLog
+from steelyard.measurement.recording import LogInMemory
 from steelyard.model import Model
 from steelyard.regression.accumulate import Accumulator, Stretch
 from steelyard.regression.gather import gather
@@ -101,7 +101,7 @@ def swing(name: str, duration: float) -> Run:
     q, effort = np.sin(2.0 * t), np.cos(2.0 * t) + 0.1 * np.sin(5.0 * t)
     one = np.ones(1)
     signals = Signals("t", 1.0, ("q",), one, None, None, ("e",), one, "joint_torque", ("Nm",), one)
-    log = HeldLog(Path(name), ("t", "q", "e"), np.column_stack([t, q, effort]))
+    log = LogInMemory(Path(name), ("t", "q", "e"), np.column_stack([t, q, effort]))
     return prepare(Recording(log, signals), Processing(20.0, 8.0))
 
 
@@ -123,8 +123,8 @@ def test_one_run_is_cut_into_stretches_of_equal_length() -> None:
     start, stop = run.span
     assert len(folds) == FOLDS and longest == pytest.approx((stop - start) / 40.0)
     found = gather(base_regressor(Model(single())), run, longest=longest)
-    held = [[fold(w) for fold in folds] for w in found.windows]
-    assert all(sum(inside) == 1 for inside in held)
+    in_folds = [[fold(w) for fold in folds] for w in found.windows]
+    assert all(sum(inside) == 1 for inside in in_folds)
     joined = per_fold(found, folds)
     assert len(joined.windows) == FOLDS
     np.testing.assert_allclose(joined.grams.sum(axis=0), found.grams.sum(axis=0))

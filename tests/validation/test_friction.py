@@ -12,7 +12,7 @@ from steelyard.errors import DataError
 from steelyard.estimation.fields.fields import information_from
 from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
 from steelyard.measurement import Processing, Recording, Run, prepare
-from steelyard.measurement.recording import HeldLog
+from steelyard.measurement.recording import LogInMemory
 from steelyard.model import Model, ValuedModel
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
@@ -177,7 +177,7 @@ def logged(valued: ValuedModel, seed: int, duration: float = 40.0) -> Run:
     one = np.ones(1)
     signals = Signals("t", 1.0, ("q",), one, ("v",), one, ("e",), one, "joint_torque", ("Nm",), one)
     table = np.column_stack([t, q, dq, effort])
-    log = HeldLog(Path(f"run{seed}"), ("t", "q", "v", "e"), table)
+    log = LogInMemory(Path(f"run{seed}"), ("t", "q", "v", "e"), table)
     return prepare(Recording(log, signals), Processing(20.0, 8.0))
 
 

@@ -10,7 +10,7 @@ from steelyard.estimation.consistent.consistent import Consistent
 from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
 from steelyard.estimation.prior.prior import default_knowledge
 from steelyard.measurement import Processing, Recording, Run, prepare
-from steelyard.measurement.recording import HeldLog
+from steelyard.measurement.recording import LogInMemory
 from steelyard.model import Model
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
@@ -60,7 +60,7 @@ def logged(lengths: tuple[float, float], seed: int) -> Run:
         "joint_torque", ("Nm", "Nm"), ones,
     )  # fmt: skip
     table = np.column_stack([t, q, dq, effort])
-    log = HeldLog(Path(f"run{seed}"), ("t", "q1", "q2", "v1", "v2", "e1", "e2"), table)
+    log = LogInMemory(Path(f"run{seed}"), ("t", "q1", "q2", "v1", "v2", "e1", "e2"), table)
     return prepare(Recording(log, signals), Processing(20.0, 8.0))
 
 

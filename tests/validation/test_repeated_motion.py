@@ -9,7 +9,7 @@ from steelyard.arrays import Array
 from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.measurement import Processing, Recording, Run, prepare
 from steelyard.measurement.motion_samples import LEAST, MOST, MotionSamples, motion_samples
-from steelyard.measurement.recording import HeldLog
+from steelyard.measurement.recording import LogInMemory
 from steelyard.robot_file.file import LoadedRobot
 from steelyard.validation.repeated_motion import repeat_of
 from steelyard.virtual.demo import write_demo_arm
@@ -34,7 +34,7 @@ def rows(arm: LoadedRobot, motion: int, noise: int) -> Array:
 
 def run_of(arm: LoadedRobot, table: Array, name: str = "other") -> Run:
     assert arm.signals is not None
-    log = HeldLog(Path(name), arm.signals.columns, table)
+    log = LogInMemory(Path(name), arm.signals.columns, table)
     return prepare(Recording(log, arm.signals), Processing())
 
 

@@ -8,7 +8,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from invented import single
 from steelyard.measurement import Processing, Recording, Run, prepare
-from steelyard.measurement.recording import HeldLog
+from steelyard.measurement.recording import LogInMemory
 from steelyard.model import Model, ValuedModel
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
@@ -41,7 +41,7 @@ def run_of(effort_of: object, rest: float = 0.0, pause: bool = False) -> Run:
         "t", 1.0, ("q",), one, None, None, ("i",), one, "motor_current", ("A",), GAIN * one
     )
     table = np.column_stack([t, q, effort])
-    log = HeldLog(Path("swing"), ("t", "q", "i"), table)
+    log = LogInMemory(Path("swing"), ("t", "q", "i"), table)
     return prepare(Recording(log, signals), Processing(20.0, 5.0))
 
 

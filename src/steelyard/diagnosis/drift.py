@@ -74,10 +74,10 @@ class _Level:
 
 def _level(case: Case, evidence: Evidence) -> _Level | None:
     """Friction in one log, in base units of the effort; `None` where something else is wrong."""
-    held = verdict(case, evidence)
-    if held is None or held.winners:
+    decision = verdict(case, evidence)
+    if decision is None or decision.winners:
         return None
-    likelihood = held.ranking.likelihood
+    likelihood = decision.ranking.likelihood
     score = unbounded(likelihood).score(likelihood.declared)
     c, v, _, _ = score.nuisances[0].T
     speed = np.quantile(

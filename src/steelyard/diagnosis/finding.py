@@ -102,7 +102,7 @@ class Finding:
         log: Name of the log; empty if it is about all logs together.
         severity: How bad it is.
         says: What was found, in one sentence.
-        figure: The evidence as a number with its unit, and what it is held against.
+        figure: The evidence as a number with its unit, and what it is compared with.
         joints: The joints concerned; empty if it is about all or none in particular.
         fix: What to do; `None` if nothing need be done.
         picture: The evidence as a plot, if there is one to show.

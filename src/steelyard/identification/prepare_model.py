@@ -245,8 +245,8 @@ def _offsets(
 
 def _gain_note(gains: GainEstimate) -> str:
     found, assumed = [], []
-    for joint, gain, half, unit, known, held in gains.each:
-        if held:
+    for joint, gain, half, unit, known, is_assumed in gains.each:
+        if is_assumed:
             assumed.append(f"{joint} {gain:.4g} {unit}")
         elif not known:
             found.append(f"{joint} {gain:.4g} ± {half:.2g} {unit}")

@@ -221,9 +221,9 @@ class ToMotion:
         if not self.whole:
             yield from apply(self, parts)
             return
-        held = list(parts)
-        if held:
-            yield self(continued(np.concatenate(held, axis=-1), self.halo, self.halo))
+        collected = list(parts)
+        if collected:
+            yield self(continued(np.concatenate(collected, axis=-1), self.halo, self.halo))
 
     def __call__(self, extended: Array) -> Array:
         """Channels `(C, N + 2 halo)`, flags below, to signals `(4 n, N)`, weights below."""

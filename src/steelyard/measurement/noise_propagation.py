@@ -55,7 +55,7 @@ def motion_error(run: Run, taps: Array | None = None) -> MotionError:
         run: The run; its log is read once more.
         taps: Of the filter that residuals go through; none if `None`.
     """
-    found = survey(run.recording.held(), run.chain.processing)
+    found = survey(run.recording.in_memory(), run.chain.processing)
     channels = run.recording.channels
     of_position, of_velocity = motion_responses(
         run.chain.processing.motion, run.motion_cutoff, run.rate, channels.joints

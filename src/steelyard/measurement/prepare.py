@@ -51,8 +51,8 @@ def prepare(recording: Recording, processing: Processing | None = None) -> Run:
     if processing.repetitions is not None:
         mean = mean_of_periods(recording, processing.repetitions)
         return prepare_mean(mean, recording.name, processing)
-    held = recording.held()
-    found = survey(held, processing)
+    loaded = recording.in_memory()
+    found = survey(loaded, processing)
     if found.band.frequency == 0.0:
         raise _static(recording)
     band = found.band
@@ -60,15 +60,15 @@ def prepare(recording: Recording, processing: Processing | None = None) -> Run:
     _long_enough(recording, found, cut)
     processing = replace(processing, motion=_chosen(processing.motion, recording, found))
     chain = _chain(processing, found, cut)
-    held, wide = _with_context(held, found, chain)
+    loaded, wide = _with_context(loaded, found, chain)
     segments = _long_enough(recording, wide, cut)
     given = given_rest_speed(processing, recording.channels.joints)
     marking = Marking(found.row_checks, (found.segments[0].start, found.segments[-1].stop))
-    speeds = _speeds(held, found, chain, segments, given, marking)
+    speeds = _speeds(loaded, found, chain, segments, given, marking)
     if given is None:
         given = speeds.edge_above(_rest_speed(recording, found, chain, speeds.quantile(0.99)))
     return Run(
-        recording=replace(held, log=recording.log),
+        recording=replace(loaded, log=recording.log),
         name=recording.name,
         chain=replace(chain, flagged=marking.found.efforts > 0),
         segments=segments,

@@ -155,7 +155,7 @@ class Recording:
         for t, x in self.raw(self.cut.rows, size):
             yield Samples(t, x[:, c.q], x[:, c.dq] if c.velocities else None, x[:, c.effort])
 
-    def held(self, limit: int = PART) -> "Recording":
+    def in_memory(self, limit: int = PART) -> "Recording":
         """The same with its log in memory if it has fewer than `limit` rows, else unchanged."""
         parts = list(self.log.parts(self.signals.columns, (0, limit), limit))
         if not parts:
@@ -165,11 +165,11 @@ class Recording:
         if sum(len(part) for part in parts) == limit:
             return self
         table = parts[0] if len(parts) == 1 else np.concatenate(parts)
-        return replace(self, log=HeldLog(self.log.path, self.signals.columns, table))
+        return replace(self, log=LogInMemory(self.log.path, self.signals.columns, table))
 
 
 @dataclass(frozen=True, eq=False)
-class HeldLog:
+class LogInMemory:
     """A small log in memory, so that several passes read the file once.
 
     Attributes:

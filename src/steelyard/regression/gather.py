@@ -199,24 +199,24 @@ def cut(
     unit, halo = accumulator.decimation, max(accumulator.halo, 0)
     length = -(-max(1, min(longest, max(PIECE, HALOS * halo))) // unit) * unit
     need = length + halo
-    held: list[Block] = []
+    buffered: list[Block] = []
     for block in blocks:
-        if held and block.segment != held[0].segment:
-            yield from _pieces(held, name, length, need, last=True)
-            held = []
-        held.append(block)
-        if sum(len(b.t) for b in held) >= need:
-            rest = yield from _pieces(held, name, length, need, last=False)
-            held = [rest]
-    if held:
-        yield from _pieces(held, name, length, need, last=True)
+        if buffered and block.segment != buffered[0].segment:
+            yield from _pieces(buffered, name, length, need, last=True)
+            buffered = []
+        buffered.append(block)
+        if sum(len(b.t) for b in buffered) >= need:
+            rest = yield from _pieces(buffered, name, length, need, last=False)
+            buffered = [rest]
+    if buffered:
+        yield from _pieces(buffered, name, length, need, last=True)
 
 
 def _pieces(
-    held: list[Block], name: str, length: int, need: int, last: bool
+    buffered: list[Block], name: str, length: int, need: int, last: bool
 ) -> Generator[Piece, None, Block]:
     """The pieces that the samples held suffice for; returns the samples that are left."""
-    joined = held[0] if len(held) == 1 else Block.joined(held)
+    joined = buffered[0] if len(buffered) == 1 else Block.joined(buffered)
     start = 0
     while len(joined.t) - start >= need or (last and start < len(joined.t)):
         yield _piece(joined.part(start, min(start + need, len(joined.t))), name, length)

@@ -135,8 +135,8 @@ class _Kept:
         self._hold(numbered)
         while self._counts.max(initial=0) > self._most:
             self.step *= 2
-            held, self.parts, self._counts = self.parts, [], np.zeros(1)
-            for old in held:
+            buffered, self.parts, self._counts = self.parts, [], np.zeros(1)
+            for old in buffered:
                 self._hold(old)
 
     def _hold(self, part: _Part) -> None:

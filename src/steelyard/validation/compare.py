@@ -175,8 +175,8 @@ def _tried(
         elif left is None:
             whole = found
         else:
-            held = parts.information_of([left])
-            errors[left], pooled[left] = _errors(found, context.regressor.base, held)
+            left_out = parts.information_of([left])
+            errors[left], pooled[left] = _errors(found, context.regressor.base, left_out)
             if np.isinf(errors[left]).any():
                 failures.append(Failure(parts.names[left], "its predictions are not finite", LEFT))
     return EstimatorScore(
@@ -249,11 +249,11 @@ def impossible_bodies(estimate: Estimate, knowledge: Knowledge) -> tuple[str, ..
     return tuple(found)
 
 
-def _errors(estimate: Estimate, base: BaseMap, held: Information) -> tuple[Array, float]:
+def _errors(estimate: Estimate, base: BaseMap, left_out: Information) -> tuple[Array, float]:
     """Relative errors per joint, NaN where it never moves, and over all together [%]."""
     with np.errstate(all="ignore"):
-        squares = held.residual_squares(base_values(estimate, base))
-    sizes = held.effort_squares()
+        squares = left_out.residual_squares(base_values(estimate, base))
+    sizes = left_out.effort_squares()
     moving = sizes > 0.0
     if not moving.any():
         return np.full(len(sizes), np.nan), float("nan")

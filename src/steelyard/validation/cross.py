@@ -179,9 +179,9 @@ def left_out_errors(
     errors = np.empty((len(wanted), len(tested.layout.rows)))
     for place, fold in enumerate(wanted):
         known = values(fitted.of([k for k in range(count) if k != fold]))
-        held = tested.of([fold])
-        sizes = held.effort_squares()
-        shares = held.residual_squares(known) / np.where(sizes > 0.0, sizes, np.inf)
+        left_out = tested.of([fold])
+        sizes = left_out.effort_squares()
+        shares = left_out.residual_squares(known) / np.where(sizes > 0.0, sizes, np.inf)
         errors[place] = 100.0 * np.sqrt(shares)
     return frozen(errors)
 

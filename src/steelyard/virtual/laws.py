@@ -1,7 +1,7 @@
 """The torques that MuJoCo does not know, as machine code that reads MuJoCo's own memory.
 
 One call per integration step takes the positions, velocities and last accelerations of MuJoCo's
-joints and the held torques, steps the memory of friction, and gives the applied forces. Laws that
+joints and the applied torques, steps the memory of friction, and gives the applied forces. Laws that
 jump at zero speed are softened, see `kernel.soften`.
 """
 
@@ -109,7 +109,7 @@ class Laws:
     def code(self) -> Code:
         """Machine code; `about` names the joints that its rows load and brake.
 
-        Inputs: positions, velocities, accelerations, held torques, memory, channels, parameters,
+        Inputs: positions, velocities, accelerations, applied torques, memory, channels, parameters,
         widths. Outputs: forces on the joints `loads`, torque of motor-side terms on the joints
         `brakes`, memory.
         """
@@ -136,7 +136,7 @@ class Laws:
             Input("position", n, shared=True),
             Input("velocity", n, shared=True),
             Input("acceleration", n, shared=True),
-            Input("held", self.robot.n, shared=True),
+            Input("applied", self.robot.n, shared=True),
             Input("memory", self.n_memory),
             Input("channels", self.n_channels, shared=True),
             Input("parameters", len(self.values), shared=True),
@@ -148,7 +148,7 @@ class Laws:
         position: Sequence[Scalar],
         velocity: Sequence[Scalar],
         acceleration: Sequence[Scalar],
-        held: Sequence[Scalar],
+        applied: Sequence[Scalar],
         before: Sequence[Scalar],
         channels: Sequence[Scalar],
         values: Sequence[Scalar],
@@ -157,7 +157,7 @@ class Laws:
         places = list(zip(*self.places, strict=True))
         q = [(position[c] - zero) / ratio for c, ratio, zero in places]
         dq, ddq = ([x[c] / ratio for c, ratio, _ in places] for x in (velocity, acceleration))
-        total: dict[int, Scalar] = dict(enumerate(held))
+        total: dict[int, Scalar] = dict(enumerate(applied))
         brakes: dict[int, Scalar] = {}
         memory: list[Scalar] = []
         for placed in self.placed:
@@ -202,13 +202,13 @@ class LawsInUse:
         laws: The laws.
         forces: Forces on MuJoCo's joints `dofs` after `step`, shape `(loads,)`.
         dofs: Numbers of MuJoCo's joints that are loaded.
-        held: Torques of the controller, shape `(n,)`; set before `step`.
+        applied: Torques of the controller, shape `(n,)`; set before `step`.
     """
 
     def __init__(self, laws: Laws, position: Array, velocity: Array, acceleration: Array) -> None:
         """Laws over MuJoCo's own arrays of positions, velocities and accelerations."""
         self.laws, code = laws, laws.code
-        self.held = np.zeros(laws.robot.n)
+        self.applied = np.zeros(laws.robot.n)
         self._seen = position, velocity, acceleration
         carriers, ratios, zeros = (np.array(x) for x in laws.places)
         self._carriers, self._ratios, self._zeros = carriers, ratios, zeros
@@ -222,7 +222,7 @@ class LawsInUse:
         self._widths[carriers] = laws.widths * np.abs(ratios)
         self._values = np.ascontiguousarray(laws.values)
         shared = (self._channels, self._values, self._widths)
-        addresses = [x for a in (*self._seen, self.held) for x in (a.ctypes.data, 0)]
+        addresses = [x for a in (*self._seen, self.applied) for x in (a.ctypes.data, 0)]
         rest = [x for a in shared for x in (a.ctypes.data, 0)]
         self._calls = []
         for old, new in ((0, 1), (1, 0)):

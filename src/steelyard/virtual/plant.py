@@ -97,7 +97,7 @@ class MujocoPlant:
         if count < 1 or abs(count * self.timestep - duration) > 1e-9:
             raise ValueError(f"{duration} s is not a multiple of the step of {self.timestep} s")
         compiled, data, used = self._compiled[self._loaded], self._data, self._used
-        used.held[:] = tau
+        used.applied[:] = tau
         forces, dofs, advance = data.qfrc_applied, used.dofs, ADVANCE
         for _ in range(count):
             forces[dofs] = used.step()

@@ -41,8 +41,8 @@ class HypothesisCheck:
         found = findings(case, self.name, self._fine, self.advice)
         return found if self.completed is None else self.completed(case, self.name, found)
 
-    def _fine(self, held: Verdict) -> str:
-        return agrees(held, self.fine) if isinstance(self.fine, str) else self.fine(held)
+    def _fine(self, decision: Verdict) -> str:
+        return agrees(decision, self.fine) if isinstance(self.fine, str) else self.fine(decision)
 
 
 def _signs_of_friction(case: Case, name: str, found: Findings) -> Findings:
@@ -58,26 +58,26 @@ def _gains_not_found(case: Case, name: str, found: Findings) -> Findings:
 def _short_delays(case: Case, name: str, found: Findings) -> Findings:
     """A delay in the residuals of a fit, unless one is known or another cause comes first."""
     judged = [verdict(case, evidence) for evidence in case.logs]
-    winners = [winner for held in judged if held is not None for winner in held.winners]
+    winners = [winner for decision in judged if decision is not None for winner in decision.winners]
     if any(hypothesis.cause == name or how is Severity.WRONG for hypothesis, how in winners):
         return found
     late = residual_delay(case, name)
     return found if late is None else (late, *(f for f in found if f.log))
 
 
-def _fine_gains(held: Verdict) -> str:
-    if any(held.ranking.likelihood.signals.unknown_gains):
+def _fine_gains(decision: Verdict) -> str:
+    if any(decision.ranking.likelihood.signals.unknown_gains):
         return "gains are identified, so they are not compared with the model file"
-    return agrees(held, "gains and gear ratios are right")
+    return agrees(decision, "gains and gear ratios are right")
 
 
-def _no_load(held: Verdict) -> str:
-    likelihood = held.ranking.likelihood
+def _no_load(decision: Verdict) -> str:
+    likelihood = decision.ranking.likelihood
     if likelihood.knowledge.identified:
-        return agrees(held, "the arm carries no payload")
+        return agrees(decision, "the arm carries no payload")
     mass = least_mass(likelihood)
     return agrees(
-        held, f"no payload of {mass:.2g} kg or more, if the model file's masses are right"
+        decision, f"no payload of {mass:.2g} kg or more, if the model file's masses are right"
     )
 
 

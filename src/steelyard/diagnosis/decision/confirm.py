@@ -20,7 +20,7 @@ SLACK = 0.5
 """And what rounding may add [%]."""
 
 
-def confirmed(case: Case, evidence: Evidence, edits: Sequence[Edit], held: Verdict) -> bool:
+def confirmed(case: Case, evidence: Evidence, edits: Sequence[Edit], decision: Verdict) -> bool:
     """Whether the edited robot file reads the log as the winner does.
 
     True where there is no robot file of that content, such as for a bare URDF.
@@ -40,15 +40,15 @@ def confirmed(case: Case, evidence: Evidence, edits: Sequence[Edit], held: Verdi
         corrected = load_robot(source.path, edited(text, edits))
     except SteelyardError:
         return False
-    return _reads_alike(evidence, held, corrected)
+    return _reads_alike(evidence, decision, corrected)
 
 
-def _reads_alike(evidence: Evidence, held: Verdict, corrected: LoadedRobot) -> bool:
+def _reads_alike(evidence: Evidence, decision: Verdict, corrected: LoadedRobot) -> bool:
     """Whether signals and gravity give the misfit of the last winner that is to be written."""
     signals = corrected.signals
     if signals is None:
         return False
-    likelihood, last = held.ranking.likelihood, held.written[-1]
+    likelihood, last = decision.ranking.likelihood, decision.written[-1]
     recording = replace(evidence.recording, signals=signals)
     excerpt = excerpt_of(recording, evidence.processing, likelihood.excerpt.cutoff)
     if excerpt is None:

@@ -38,17 +38,17 @@ SHOWN = 3
 """Alternatives that are named."""
 
 
-def undecided(held: Verdict, cause: str) -> str:
+def undecided(decision: Verdict, cause: str) -> str:
     """Why a nominal model cannot answer a question; empty if it can.
 
     Args:
-        held: What holds of the log; nothing that is of this cause.
+        decision: What holds of the log; nothing that is of this cause.
         cause: The check that asks.
     """
-    likelihood, last = held.ranking.likelihood, last_of(held)
+    likelihood, last = decision.ranking.likelihood, last_of(decision)
     if likelihood.knowledge.identified:
         return ""
-    open_factor = [r.cause for r, _ in held.winners if not r.fixed and r.cause in FACTORS]
+    open_factor = [r.cause for r, _ in decision.winners if not r.fixed and r.cause in FACTORS]
     if open_factor and cause in (*FACTORS, "payload"):
         return f"undecided until '{open_factor[-1]}' is decided"
     score = likelihood.score(last.interpretation)

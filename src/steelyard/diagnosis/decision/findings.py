@@ -52,15 +52,15 @@ UNKNOWN = "undecided: the robot's model gives no masses; give --model"
 @once
 def edits(case: Case, evidence: Evidence) -> tuple[Edit, ...]:
     """All edits that correct the robot file for one log; none if they do not do so together."""
-    held = verdict(case, evidence)
-    if held is None or not held.written:
+    decision = verdict(case, evidence)
+    if decision is None or not decision.written:
         return ()
-    last = held.written[-1].interpretation
-    causes = dict.fromkeys(hypothesis.cause for hypothesis in held.written)
-    found = [e for c in causes for e in edits_of(c, held.ranking.likelihood, last, case.loaded)]
-    found += velocity_edits(evidence, held.ranking.likelihood, last)
+    last = decision.written[-1].interpretation
+    causes = dict.fromkeys(hypothesis.cause for hypothesis in decision.written)
+    found = [e for c in causes for e in edits_of(c, decision.ranking.likelihood, last, case.loaded)]
+    found += velocity_edits(evidence, decision.ranking.likelihood, last)
     whole = tuple({edit.path: edit for edit in found}.values())
-    return whole if confirmed(case, evidence, whole, held) else ()
+    return whole if confirmed(case, evidence, whole, decision) else ()
 
 
 def findings(
@@ -79,41 +79,44 @@ def findings(
         return (Finding(cause, "", Severity.OK, UNKNOWN, text, answered=False),)
     found: list[Finding] = []
     for evidence in case.logs:
-        held = verdict(case, evidence)
-        if held is not None and not held.alien:
-            found += _of_log(case, evidence, held, cause, fine, advice)
+        decision = verdict(case, evidence)
+        if decision is not None and not decision.alien:
+            found += _of_log(case, evidence, decision, cause, fine, advice)
     return tuple(found)
 
 
 def _of_log(
     case: Case,
     evidence: Evidence,
-    held: Verdict,
+    decision: Verdict,
     cause: str,
     fine: Callable[[Verdict], str],
     advice: str,
 ) -> Iterator[Finding]:
-    shown, nominal = hypotheses(held, cause), not held.ranking.likelihood.knowledge.identified
-    mine = [(number, w) for number, w in enumerate(held.winners) if w[0].cause == cause]
+    shown, nominal = (
+        hypotheses(decision, cause),
+        not decision.ranking.likelihood.knowledge.identified,
+    )
+    mine = [(number, w) for number, w in enumerate(decision.winners) if w[0].cause == cause]
     if not mine:
-        unexplained = cause == UNEXPLAINED and hopeless(held)
-        unclear = undecided(held, cause) if has_finding(held) else ""
+        unexplained = cause == UNEXPLAINED and hopeless(decision)
+        unclear = undecided(decision, cause) if has_finding(decision) else ""
         yield Finding(
             cause,
             evidence.name,
             Severity.DOUBTFUL if unexplained else Severity.OK,
-            unclear or fine(held),
-            _worst(case, held) if unexplained else value_text(held, cause),
+            unclear or fine(decision),
+            _worst(case, decision) if unexplained else value_text(decision, cause),
             fix=Fix(NO_HYPOTHESIS) if unexplained else None,
             hypotheses=shown,
             nominal=nominal,
-            answered=has_finding(held) and not unclear,
+            answered=has_finding(decision) and not unclear,
         )
         return
     number, (hypothesis, severity) = mine[-1]
-    before = held.winners[number - 1][0] if number else held.ranking.declared
-    known, then, rise = _compared(held, hypothesis, before)
-    fix, severity = _fix(case, evidence, held, hypothesis, severity, advice)
+    before = decision.winners[number - 1][0] if number else decision.ranking.declared
+    known, then, rise = _compared(decision, hypothesis, before)
+    fix, severity = _fix(case, evidence, decision, hypothesis, severity, advice)
     yield Finding(
         cause,
         evidence.name,
@@ -124,27 +127,29 @@ def _of_log(
         f"misfit {_percent(then)} falls to {_percent(hypothesis.percent)}{rise}",
         tuple(case.joints[j] for j in hypothesis.joints),
         fix,
-        picture(held, before, hypothesis),
+        picture(decision, before, hypothesis),
         shown,
         nominal,
         answered=bool(severity),
     )
 
 
-def _compared(held: Verdict, hypothesis: Hypothesis, before: Hypothesis) -> tuple[str, float, str]:
+def _compared(
+    decision: Verdict, hypothesis: Hypothesis, before: Hypothesis
+) -> tuple[str, float, str]:
     """What a winner agrees with, the misfit before it [%], both of the same, and the gain."""
     if hypothesis.compared is not None:
         return *hypothesis.compared, ""
-    score = held.ranking.likelihood.score(before.interpretation)
+    score = decision.ranking.likelihood.score(before.interpretation)
     rise = hypothesis.log_likelihood - float(score.log_likelihood[0])
     percent = float(score.percent[0])
-    return _known(held), percent, f", log-likelihood rises by {rise:.0f}" * (rise > 0.0)
+    return _known(decision), percent, f", log-likelihood rises by {rise:.0f}" * (rise > 0.0)
 
 
 def _fix(
     case: Case,
     evidence: Evidence,
-    held: Verdict,
+    decision: Verdict,
     hypothesis: Hypothesis,
     severity: Severity,
     advice: str,
@@ -156,7 +161,7 @@ def _fix(
         return Fix(f"{hypothesis.says}{OF_NOMINAL}"), severity
     if not hypothesis.fixed:
         return ways(case, hypothesis, sure=severity is Severity.WRONG), severity
-    last, likelihood = held.written[-1].interpretation, held.ranking.likelihood
+    last, likelihood = decision.written[-1].interpretation, decision.ranking.likelihood
     wanted = edits_of(hypothesis.cause, likelihood, last, case.loaded)
     whole = edits(case, evidence)
     if wanted and not whole:
@@ -169,9 +174,9 @@ def _fix(
     return Fix(f"{hypothesis.says}: {advice}", mine, bool(mine)), severity
 
 
-def hypotheses(held: Verdict, cause: str) -> tuple[ComparedHypothesis, ...]:
+def hypotheses(decision: Verdict, cause: str) -> tuple[ComparedHypothesis, ...]:
     """The likeliest hypotheses, with the declared interpretation and this cause's own best one."""
-    ranked = held.ranking
+    ranked = decision.ranking
     hypotheses = ranked.rounds[0]
     mine = [r for r in hypotheses if r.cause == cause][:2]
     shown = {id(r): r for r in (*hypotheses[: SHOWN - 2], ranked.declared, *mine)}
@@ -183,9 +188,9 @@ def hypotheses(held: Verdict, cause: str) -> tuple[ComparedHypothesis, ...]:
     )
 
 
-def _worst(case: Case, held: Verdict) -> str:
+def _worst(case: Case, decision: Verdict) -> str:
     """The joint that disagrees most."""
-    misfits = held.ranking.declared.misfits
+    misfits = decision.ranking.declared.misfits
     joint = int(np.argmax(misfits))
     return f"misfit of {case.joints[joint]} {_percent(100.0 * misfits[joint])}, bound 90 %"
 
@@ -196,17 +201,17 @@ def _percent(value: float) -> str:
     return f"{value:.1f} %" if value < WHOLE else f"{value:.0f} %"
 
 
-def value_text(held: Verdict, cause: str) -> str:
+def value_text(decision: Verdict, cause: str) -> str:
     """The misfit, and that of the next best explanation of this kind."""
-    ranked = held.ranking
+    ranked = decision.ranking
     mine = [r for r in ranked.rounds[0] if r.cause == cause]
     text = f"misfit {ranked.declared.percent:.1f} %"
     return f"{text}; best alternative ({mine[0].says}): {mine[0].percent:.1f} %" if mine else text
 
 
-def picture(held: Verdict, before: Hypothesis, after: Hypothesis) -> Picture:
+def picture(decision: Verdict, before: Hypothesis, after: Hypothesis) -> Picture:
     """Effort of the joint that gains most: measured, and as it should be."""
-    likelihood = held.ranking.likelihood
+    likelihood = decision.ranking.likelihood
     joint = int(np.argmax(before.misfits / np.maximum(after.misfits, 1e-3)))
     t, e, wrong = likelihood.compared(before.interpretation, joint)
     _, corrected, right = likelihood.compared(after.interpretation, joint)
@@ -219,9 +224,12 @@ def picture(held: Verdict, before: Hypothesis, after: Hypothesis) -> Picture:
     return Picture("time [s]", f"effort of '{name}'", tuple(traces))
 
 
-def _unclear(held: Verdict) -> str:
+def _unclear(decision: Verdict) -> str:
     """Why nothing explains a log."""
-    likelihood, interpretation = held.ranking.likelihood, held.ranking.declared.interpretation
+    likelihood, interpretation = (
+        decision.ranking.likelihood,
+        decision.ranking.declared.interpretation,
+    )
     bodies = other_bodies(likelihood, interpretation)
     if bodies is not None:
         return (
@@ -238,42 +246,45 @@ def _unclear(held: Verdict) -> str:
     )
 
 
-def _known(held: Verdict) -> str:
-    identified = held.ranking.likelihood.knowledge.identified
+def _known(decision: Verdict) -> str:
+    identified = decision.ranking.likelihood.knowledge.identified
     return "the reference" if identified else "the nominal model"
 
 
-def has_finding(held: Verdict) -> bool:
+def has_finding(decision: Verdict) -> bool:
     """Whether there is a finding about a log."""
-    close = held.ranking.likelihood.knowledge.identified or held.ranking.declared.percent <= ROUGH
-    return bool(held.winners) or (held.explained and close)
+    close = (
+        decision.ranking.likelihood.knowledge.identified
+        or decision.ranking.declared.percent <= ROUGH
+    )
+    return bool(decision.winners) or (decision.explained and close)
 
 
-def hopeless(held: Verdict) -> bool:
+def hopeless(decision: Verdict) -> bool:
     """Whether nothing that was tried explains the efforts, not even roughly."""
-    likelihood, declared = held.ranking.likelihood, held.ranking.declared
+    likelihood, declared = decision.ranking.likelihood, decision.ranking.declared
     seen = declared.score.counts > 0.0
     worst = float(np.max(declared.misfits[seen], initial=0.0))
-    if has_finding(held) or (worst <= HOPELESS and declared.percent <= 100.0 * HALF):
+    if has_finding(decision) or (worst <= HOPELESS and declared.percent <= 100.0 * HALF):
         return False
     return (
         likelihood.knowledge.identified or other_bodies(likelihood, declared.interpretation) is None
     )
 
 
-def agrees(held: Verdict, what: str) -> str:
+def agrees(decision: Verdict, what: str) -> str:
     """What to say where nothing is wrong, or where nothing can be said."""
-    ranked = held.ranking
-    if not has_finding(held):
+    ranked = decision.ranking
+    if not has_finding(decision):
         much = _percent(ranked.declared.percent)
-        why = f"undecided: {_known(held)} has a misfit of {much} and "
+        why = f"undecided: {_known(decision)} has a misfit of {much} and "
         if ranked.likelihood.knowledge.identified:
             return f"{why}no hypothesis is clearly better"
-        return f"{why}{_unclear(held)}; give --model"
-    percent = float(ranked.likelihood.score(last_of(held).interpretation).percent[0])
+        return f"{why}{_unclear(decision)}; give --model"
+    percent = float(ranked.likelihood.score(last_of(decision).interpretation).percent[0])
     once = ""
-    if held.winners:
-        written = all(hypothesis.fixed for hypothesis, _ in held.winners)
+    if decision.winners:
+        written = all(hypothesis.fixed for hypothesis, _ in decision.winners)
         once = ", once the rest is corrected" if written else ", if the rest is as stated"
     high = "" if percent <= CLEAN else "high "
-    return f"{what} ({high}misfit of {_known(held)}: {percent:.1f} %{once})"
+    return f"{what} ({high}misfit of {_known(decision)}: {percent:.1f} %{once})"

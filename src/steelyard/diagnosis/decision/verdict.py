@@ -89,13 +89,13 @@ def verdict(case: Case, evidence: Evidence) -> Verdict | None:
             winners.append((late, Severity.WRONG))
     if found.likelihood.knowledge.identified or alien(winners):
         return Verdict(found, tuple(winners), not bad(found.likelihood, before))
-    held = supported(found.likelihood, winners)
-    return Verdict(found, held, not bad(found.likelihood, held[-1][0] if held else before))
+    kept = supported(found.likelihood, winners)
+    return Verdict(found, kept, not bad(found.likelihood, kept[-1][0] if kept else before))
 
 
-def last_of(held: Verdict) -> Hypothesis:
+def last_of(decision: Verdict) -> Hypothesis:
     """The last winner, or the declared interpretation."""
-    return held.winners[-1][0] if held.winners else held.ranking.declared
+    return decision.winners[-1][0] if decision.winners else decision.ranking.declared
 
 
 def alien(winners: Sequence[tuple[Hypothesis, Severity]]) -> bool:
@@ -105,12 +105,12 @@ def alien(winners: Sequence[tuple[Hypothesis, Severity]]) -> bool:
 
 def positions_at_fault(case: Case, evidence: Evidence) -> bool:
     """Whether it is sure that positions, not velocities, have another order or sign."""
-    held = verdict(case, evidence)
-    return held is not None and any(
+    decision = verdict(case, evidence)
+    return decision is not None and any(
         hypothesis.cause in ("joint order", "position sign")
         and severity is Severity.WRONG
-        and _moves_positions(held.ranking, hypothesis)
-        for hypothesis, severity in held.winners
+        and _moves_positions(decision.ranking, hypothesis)
+        for hypothesis, severity in decision.winners
     )
 
 

@@ -55,11 +55,11 @@ def _advice(case: FittedCase) -> Fix:
     """What to try first."""
     identified = case.identified
     names = [n for n in identified.estimate.parameters.names if law_of(n) is RotorInertia]
-    held = [name for name in identified.estimate.at_bound if name in names]
+    at_bound = [name for name in identified.estimate.at_bound if name in names]
     at_joints = identified.signals.effort_kind == "joint_torque"
-    if at_joints and names and len(held) >= FEW * len(names):
+    if at_joints and names and len(at_bound) >= FEW * len(names):
         return Fix(
-            f"{len(held)} of {len(names)} rotor inertias are zero: torques may be from sensors "
+            f"{len(at_bound)} of {len(names)} rotor inertias are zero: torques may be from sensors "
             'on the link side; try kind = "link_torque" without rotor_inertia first'
         )
     return Fix("Review the terms, and the check of this joint's effort")

@@ -80,15 +80,15 @@ def excess(identified: IdentifiedModel, score: RunScore) -> float:
 def _reason(fit: FittedCase, run: Run, score: RunScore, ratio: float) -> Finding | None:
     """The explanation that the data support, or that there is none."""
     case, evidence = _case_of(fit.identified, run)
-    held = verdict(case, evidence)
+    decision = verdict(case, evidence)
     typical, own = _typical(score), _own(fit.identified, score)
-    if held is not None and held.winners and _explains(held, own):
-        return _explained(fit, run, held)
+    if decision is not None and decision.winners and _explains(decision, own):
+        return _explained(fit, run, decision)
     if ratio < FAR or typical < LARGE:
         return None
     times = f"{ratio:.0f}" if ratio >= 10.0 else f"{ratio:.1f}"
     figure = f"RMS error {times} times the residuals of the fit, typical error {typical:.1f} %"
-    left = typical if held is None else _with_other_friction(held.ranking.likelihood)
+    left = typical if decision is None else _with_other_friction(decision.ranking.likelihood)
     enough = max(min(max(LEAST, ABOVE * own), FRICTION * typical), LEFT * typical)
     if left <= min(enough, BODIES):
         return Finding(
@@ -103,9 +103,9 @@ def _reason(fit: FittedCase, run: Run, score: RunScore, ratio: float) -> Finding
     return _unexplained(fit, run, left, figure)
 
 
-def _explains(held: Verdict, own: float) -> bool:
+def _explains(decision: Verdict, own: float) -> bool:
     """Whether the winners bring the misfit down, to about what the fit left of its own runs."""
-    left, before = held.winners[-1][0].percent, held.ranking.declared.percent
+    left, before = decision.winners[-1][0].percent, decision.ranking.declared.percent
     return left <= min(max(LEAST, NEAR * own), MOST) and left * FALL <= before
 
 
@@ -145,14 +145,14 @@ def _own(identified: IdentifiedModel, score: RunScore) -> float:
     return 100.0 * float(np.exp(np.mean(np.log(np.maximum(shares, 1e-6)))))
 
 
-def _explained(fit: FittedCase, run: Run, held: Verdict) -> Finding:
+def _explained(fit: FittedCase, run: Run, decision: Verdict) -> Finding:
     """The winners as one sentence, and what is to be settled before they can be believed."""
-    causes = tuple(hypothesis for hypothesis, _ in held.winners)
+    causes = tuple(hypothesis for hypothesis, _ in decision.winners)
     says = ", and ".join(hypothesis.says for hypothesis in causes)
-    before, after = held.ranking.declared, causes[-1]
+    before, after = decision.ranking.declared, causes[-1]
     first = causes[0].cause
-    names = held.ranking.likelihood.knowledge.robot.joint_names
-    severity = max(severity for _, severity in held.winners)
+    names = decision.ranking.likelihood.knowledge.robot.joint_names
+    severity = max(severity for _, severity in decision.winners)
     reason = f"most likely reason of the error: {says}"
     if fit.unresolved:
         severity, finding = Severity.DOUBTFUL, fit.unresolved[0]

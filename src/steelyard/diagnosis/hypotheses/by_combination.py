@@ -1,7 +1,7 @@
 """Order, signs and gains of all columns at once, where no single cause explains a log.
 
 Every order of joints and every set of position signs is tried with gains that are free per joint,
-against the nominal bodies; the likeliest few are then held against bodies of the log's own. So a
+against the nominal bodies; the likeliest few are then compared with bodies of the log's own. So a
 wrong order is found although the unit is wrong too.
 """
 
@@ -20,7 +20,7 @@ from steelyard.diagnosis.likelihood.likelihood import LEAST, Likelihood
 from steelyard.diagnosis.likelihood.possible import Possible, possible
 
 FEW = 8
-"""Interpretations that are held against bodies of the log's own."""
+"""Interpretations that are compared with bodies of the log's own."""
 SMALL = 0.02
 """Misfit below which fits with free gains count as equally good."""
 UNLOADED = 0.05

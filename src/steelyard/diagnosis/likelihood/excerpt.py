@@ -110,7 +110,7 @@ def excerpt_of(
     """
     signals = replace(recording.signals, velocity=None, velocity_scale=None)
     try:
-        bare = replace(recording, signals=signals).held()
+        bare = replace(recording, signals=signals).in_memory()
         segments, rate, origin = _segments(bare)
         if not segments:
             return None

@@ -1,7 +1,7 @@
 r"""What a log supports by itself: bodies that can exist, fitted under one interpretation of it.
 
 A nominal model is weak evidence: links may be several times heavier or lighter than it says. So a
-interpretation is also held against bodies of the log's own, which need only be possible, with
+interpretation is also compared with bodies of the log's own, which need only be possible, with
 friction and rotor inertia that are not negative:
 
 $$ \min \sum_j \frac{\|s_j e_j - (A^{-1} Y \phi)_j - Y_j \theta_j\|^2}{\|s_j e_j\|^2 (m_j^2 +

@@ -1,4 +1,4 @@
-r"""Logged velocities held against the derivative of the positions.
+r"""Logged velocities compared with the derivative of the positions.
 
 Both pass the same Gaussian low-pass, so what it takes from one it takes from the other. Of each
 pair, $w(t) \approx s\,v(t - \delta)$ is fitted: the scale $s$ tells the unit and the sign, the lag
@@ -15,7 +15,7 @@ from steelyard.diagnosis.signal_overview import SHORTEST, SignalOverview
 from steelyard.diagnosis.signals.slopes import moving, slope, smooth, width_of
 
 LONGEST_LAG = 0.4
-"""Lag up to which the two are held against each other [s]."""
+"""Lag up to which the two are compared with each other [s]."""
 ALIKE = 0.9
 """Correlation from which on a column may belong to a joint."""
 BETTER = 0.1

@@ -69,18 +69,18 @@ def old_rows(x: Array) -> NDArray[np.bool_]:
     return np.concatenate(([False], (x[1:] == x[:-1]).all(axis=1)))
 
 
-def mean_age(x: Array, held: Hold, rows: NDArray[np.bool_]) -> float:
+def mean_age(x: Array, updates: Hold, rows: NDArray[np.bool_]) -> float:
     """How many rows ago values were new on average, at rest left out [rows].
 
     Args:
         x: Channels, shape `(N, c)`.
-        held: How long they keep a value.
+        updates: How long they keep a value.
         rows: Rows that count also where values are old, shape `(N,)`.
     """
     row = np.arange(len(x))[:, None]
     new = np.concatenate((np.ones((1, x.shape[1]), dtype=np.bool_), x[1:] != x[:-1]))
     age = row - np.maximum.accumulate(np.where(new, row, 0), axis=0)
-    return float(age[(age < held.every) & (rows[:, None] | (age == 0))].mean())
+    return float(age[(age < updates.every) & (rows[:, None] | (age == 0))].mean())
 
 
 def _stretches(x: Array, step: float) -> NDArray[np.intp]:

@@ -58,11 +58,11 @@ class Repeats:
         )
 
     def _positions(
-        self, evidence: Evidence, overview: SignalOverview, held: Hold, left: float
+        self, evidence: Evidence, overview: SignalOverview, updates: Hold, left: float
     ) -> Finding:
         """Positions that are new every n-th row, and their mean age once rows are bridged [s]."""
-        age = 0.5 * (held.every - 1) * overview.step
-        doubtful = round(age, 4) > LATE or held.every - 1 > LONGEST_STALE
+        age = 0.5 * (updates.every - 1) * overview.step
+        doubtful = round(age, 4) > LATE or updates.every - 1 > LONGEST_STALE
         does = (
             f"they are {1e3 * left:.2g} ms late on average, and rows are not interpolated"
             if left > 0.0
@@ -72,20 +72,21 @@ class Repeats:
             self.name,
             evidence.name,
             Severity.DOUBTFUL if doubtful else Severity.OK,
-            f"positions are updated {_every(overview, held)}: {does}",
-            f"{held.value_text}; {1e3 * age:.3g} ms old on average, bound {1e3 * LATE:g} ms and "
+            f"positions are updated {_every(overview, updates)}: {does}",
+            f"{updates.value_text}; {1e3 * age:.3g} ms old on average, bound {1e3 * LATE:g} ms and "
             f"{LONGEST_STALE} repeated rows",
             fix=Fix(
                 "log at the update rate of positions, "
-                f"{1.0 / overview.step / held.every:.3g} Hz, or update them at the rate of the log"
+                f"{1.0 / overview.step / updates.every:.3g} Hz, or update them at the rate of the "
+                "log"
             )
             if doubtful
             else None,
-            picture=held.picture,
+            picture=updates.picture,
         )
 
     def _efforts(
-        self, evidence: Evidence, overview: SignalOverview, held: Hold, late: float
+        self, evidence: Evidence, overview: SignalOverview, updates: Hold, late: float
     ) -> Finding:
         """Efforts that are new every n-th row, and how much older than positions they are [s]."""
         stated = evidence.recording.signals.effort_delay
@@ -100,15 +101,16 @@ class Repeats:
             self.name,
             evidence.name,
             Severity.DOUBTFUL if doubtful else Severity.OK,
-            f"efforts are updated {_every(overview, held)}: {does}{known}",
-            f"{held.value_text}; {1e3 * late:.3g} ms later than positions, bound {1e3 * LATE:g} ms",
+            f"efforts are updated {_every(overview, updates)}: {does}{known}",
+            f"{updates.value_text}; {1e3 * late:.3g} ms later than positions, "
+            f"bound {1e3 * LATE:g} ms",
             fix=Fix(
                 f"log efforts as they are measured, or state the mean delay, {1e3 * late:.3g} ms",
                 (Edit(("signals", "effort", "delay"), late),),
             )
             if doubtful
             else None,
-            picture=held.picture,
+            picture=updates.picture,
         )
 
     def _irregular(self, evidence: Evidence, overview: SignalOverview) -> Finding | None:
@@ -140,10 +142,10 @@ class Repeats:
         )
 
 
-def _every(overview: SignalOverview, held: Hold) -> str:
+def _every(overview: SignalOverview, updates: Hold) -> str:
     """How often samples are new."""
     rate = 1.0 / overview.step
-    return f"every {held.every} rows ({rate / held.every:.3g} Hz of {rate:.3g} Hz)"
+    return f"every {updates.every} rows ({rate / updates.every:.3g} Hz of {rate:.3g} Hz)"
 
 
 def _picture(t: Array, again: NDArray[np.bool_]) -> Picture:

@@ -30,7 +30,7 @@ from steelyard.robot_file.column_names import Column
 from steelyard.robot_file.signals import POSITION_UNITS, VELOCITY_UNITS
 
 FASTEST_SHARE = 0.995
-"""Quantile of a joint's speed that is held against its limit."""
+"""Quantile of a joint's speed that is compared with its limit."""
 DRAGGED = 0.02
 """Share of the fastest joint's rms speed below which a joint is only dragged along."""
 

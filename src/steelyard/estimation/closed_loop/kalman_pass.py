@@ -37,7 +37,7 @@ class Noise:
     torque: Array
     size: Array
 
-    def held(self, counts: Array) -> Array:
+    def torque_variance(self, counts: Array) -> Array:
         """Variance of the torque at a sample that counts, or does not, shape `(n,)`."""
         return np.where(counts > 0.0, self.torque**2, self.size**2)
 
@@ -131,7 +131,12 @@ class State:
         self._fixed = slice(3 * n, None)
         self.mean = np.concatenate((run.motion.q[0], run.motion.dq[0], np.zeros(n), departure))
         speeds = _UNSURE * np.sqrt(np.mean(run.motion.dq**2, axis=0))
-        own = (noise.position**2, speeds**2, noise.held(run.counts[0]), np.zeros(len(departure)))
+        own = (
+            noise.position**2,
+            speeds**2,
+            noise.torque_variance(run.counts[0]),
+            np.zeros(len(departure)),
+        )
         self.spread = np.diag(np.concatenate(own))
         self.spread[self._fixed, self._fixed] = covariance
 
@@ -148,15 +153,15 @@ class State:
             counts: Whether the sample at its end counts, shape `(n,)`.
         """
         moving, noisy, fixed, spread = self._moving, self._noisy, self._fixed, self.spread
-        held, half = self._noise.held(counts), -0.5 * slopes.effort
+        variance, half = self._noise.torque_variance(counts), -0.5 * slopes.effort
         departed = slopes.values @ self.mean[fixed]
         self.mean[moving] = slopes.ends + half @ self.mean[noisy] + departed
         self.mean[noisy] = 0.0
         transition = np.concatenate((slopes.motion, half, slopes.values), axis=1)
-        moved, fresh = transition @ spread, half * held
+        moved, fresh = transition @ spread, half * variance
         spread[moving, moving] = moved @ transition.T + fresh @ half.T
         spread[moving, noisy], spread[noisy, moving] = fresh, fresh.T
-        spread[noisy, noisy] = np.diag(held)
+        spread[noisy, noisy] = np.diag(variance)
         spread[noisy, fixed], spread[fixed, noisy] = 0.0, 0.0
         spread[moving, fixed], spread[fixed, moving] = moved[:, fixed], moved[:, fixed].T
 

@@ -180,9 +180,11 @@ def find_fields(
     for _ in range(ROUNDS if len(groups) > 1 else len(groups)):
         before = dict(logs)
         for group in groups:
-            held = {t: with_fields(model, t, logs) for t in {u.term for u in unknowns} - set(group)}
+            fixed = {
+                t: with_fields(model, t, logs) for t in {u.term for u in unknowns} - set(group)
+            }
             mine = tuple(u for u in unknowns if u.term in group)
-            shape = Search(_with(model, held), group, mine)(
+            shape = Search(_with(model, fixed), group, mine)(
                 information_of, starts, random, progress
             )
             for k, u in enumerate(mine):

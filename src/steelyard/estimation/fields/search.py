@@ -125,18 +125,18 @@ class Costs:
         grams = grams + RIDGE * np.eye(columns.shape[1])
         return np.asarray(np.linalg.solve(grams, self.vector[columns][:, :, None])[:, :, 0])
 
-    def descended(self, choice: Indices, held: int | None = None) -> tuple[Indices, float]:
+    def descended(self, choice: Indices, fixed: int | None = None) -> tuple[Indices, float]:
         """Coordinate descent from a choice, one unknown after another over its whole grid.
 
         Args:
             choice: Where to begin, shape `(unknowns,)`.
-            held: An unknown that stays.
+            fixed: An unknown that stays.
         """
         best = float(self(choice[None])[0])
         while True:
             before = best
             for unknown, size in enumerate(self.slots.sizes):
-                if unknown == held:
+                if unknown == fixed:
                     continue
                 trial = np.repeat(choice[None], size, axis=0)
                 trial[:, unknown] = np.arange(size)

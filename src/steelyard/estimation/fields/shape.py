@@ -91,7 +91,7 @@ class Shape:
         result = np.empty(len(self.grids[unknown]))
         for k in range(len(result)):
             start = _moved(self.choice, {unknown: k - int(self.choice[unknown])})
-            result[k] = self.costs.descended(start, held=unknown)[1] - least
+            result[k] = self.costs.descended(start, fixed=unknown)[1] - least
         return result
 
 

@@ -88,9 +88,9 @@ class Bilinear:
     ) -> "Bilinear":
         """The problem of runs; without loaded ones there is no payload."""
         information, start = case.information, np.zeros(case.size)
-        held: tuple[int, ...] = () if loaded else case.payload
+        fixed: tuple[int, ...] = () if loaded else case.payload
         if mass is not None:
-            start[case.payload[0]], held = mass, case.payload[:1]
+            start[case.payload[0]], fixed = mass, case.payload[:1]
         rows = range(len(information.layout.rows))
         return cls(
             information.layout.rows,
@@ -98,7 +98,7 @@ class Bilinear:
             tuple(information.row_gram(row) for row in rows),
             information.n_samples,
             start,
-            tuple(k for k in range(case.size) if k not in held),
+            tuple(k for k in range(case.size) if k not in fixed),
             given,
             frozenset(
                 k for k, name in enumerate(information.layout.columns) if name in dissipative

@@ -119,7 +119,7 @@ class _Problem:
         roots: Per source the roots of the motion's covariance.
         names: What is searched.
         place: Its columns.
-        held: Values of the other columns, shape `(p,)`.
+        fixed: Values of the other columns, shape `(p,)`.
         first: Where the search begins.
     """
 
@@ -128,7 +128,7 @@ class _Problem:
     roots: list[Array]
     names: tuple[str, ...]
     place: tuple[int, ...]
-    held: Array
+    fixed: Array
     first: Array
 
     @classmethod
@@ -139,7 +139,7 @@ class _Problem:
         columns, known = samples.layout.columns, start.parameters.as_dict()
         own = {name for one in start.per_run for name in one.parameters.names}
         names = tuple(name for name in start.parameters.names if name not in own)
-        held = np.array([known[c] if c in own else 0.0 for c in columns])
+        fixed = np.array([known[c] if c in own else 0.0 for c in columns])
         shared = np.array([known.get(c, 0.0) if c not in own else 0.0 for c in columns])
         rows = []
         for rest, weight, row, seen in zip(
@@ -154,13 +154,13 @@ class _Problem:
         first = np.array([known[name] for name in names])
         place = tuple(columns.index(name) for name in names)
         alone = replace(samples, rows=tuple(rows))
-        return cls(regressor, alone, roots, names, place, held, first)
+        return cls(regressor, alone, roots, names, place, fixed, first)
 
     def at(self, values: Array, own: Array) -> _State:
         """The state at some parameters and variances of the efforts' own noise."""
-        shared = np.zeros(len(self.held))
+        shared = np.zeros(len(self.fixed))
         shared[list(self.place)] = values
-        found = slopes(self.regressor, self.samples, self.roots, shared + self.held)
+        found = slopes(self.regressor, self.samples, self.roots, shared + self.fixed)
         residuals = self.samples.residuals(shared)
         return self._state(_State(values, own, residuals, found.variances, found.bends, (), 0.0))
 
@@ -213,7 +213,7 @@ class _Problem:
 
     def _sums(self, state: _State) -> tuple[Array, Array, Array]:
         """Normal matrix and vector of a step, and the sum of squared scores."""
-        p = len(self.held)
+        p = len(self.fixed)
         matrix, vector, scores = np.zeros((p, p)), np.zeros(p), np.zeros((p, p))
         for row, seen in enumerate(self.samples.layout.sees):
             e, v, share = state.residuals[row], state.total[row], self.samples.shares[row]

@@ -73,10 +73,10 @@ class Track:
 def _forward(samples: Iterator[Sample]) -> Iterator[Sample]:
     """Samples whose stamps rise, without those that a later one contradicts."""
     last = -np.inf
-    held = next(samples, None)
-    while held is not None:
+    current = next(samples, None)
+    while current is not None:
         following = next(samples, None)
-        if last < held[0] and (following is None or not held[0] > following[0]):
-            last = held[0]
-            yield held
-        held = following
+        if last < current[0] and (following is None or not current[0] > following[0]):
+            last = current[0]
+            yield current
+        current = following

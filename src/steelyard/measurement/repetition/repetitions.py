@@ -15,7 +15,7 @@ from steelyard.errors import LogError
 from steelyard.formats.cut import Cut
 from steelyard.measurement.inspection import Survey, survey
 from steelyard.measurement.periods import Repetitions, find_period, moving_span
-from steelyard.measurement.recording import HeldLog, Recording
+from steelyard.measurement.recording import LogInMemory, Recording
 from steelyard.measurement.repetition.alignment import Averaged, averaged
 from steelyard.measurement.rows.clock import Scan
 from steelyard.measurement.rows.marking import Marking
@@ -74,9 +74,9 @@ def mean_of_periods(recording: Recording, wanted: Repetitions) -> MeanMotion:
     Raises:
         LogError: The motion does not repeat, or too seldom.
     """
-    held = recording.held()
-    x, rate = _even(held)
-    c = held.channels
+    loaded = recording.in_memory()
+    x, rate = _even(loaded)
+    c = loaded.channels
     period = find_period(x[c.q], rate) if wanted.period is None else wanted.period
     if period is None:
         raise LogError(
@@ -97,7 +97,7 @@ def mean_of_periods(recording: Recording, wanted: Repetitions) -> MeanMotion:
         )
     begin = min(start, max(0.5 * (start + stop - count * length), 0.0))
     starts = begin + length * np.arange(first, last, dtype=np.float64)
-    return _mean(held, [x], [starts], int(length), rate)
+    return _mean(loaded, [x], [starts], int(length), rate)
 
 
 def mean_of_logs(recordings: Sequence[Recording]) -> MeanMotion:
@@ -108,13 +108,13 @@ def mean_of_logs(recordings: Sequence[Recording]) -> MeanMotion:
     """
     if not recordings:
         raise LogError("there is no log to average", where="logs", fix="give two or more")
-    held = [recording.held() for recording in recordings]
-    first, rate = _even(held[0])
-    logs = [first, *(_even(one, rate)[0] for one in held[1:])]
-    q = held[0].channels.q
+    loaded = [recording.in_memory() for recording in recordings]
+    first, rate = _even(loaded[0])
+    logs = [first, *(_even(one, rate)[0] for one in loaded[1:])]
+    q = loaded[0].channels.q
     start, stop = moving_span(first[q])
     places = [float(start), *(start + _lag(first[q], x[q]) for x in logs[1:])]
-    return _mean(held[0], logs, [np.array([x]) for x in places], stop - start, rate)
+    return _mean(loaded[0], logs, [np.array([x]) for x in places], stop - start, rate)
 
 
 def _lag(reference: Array, q: Array) -> float:
@@ -156,7 +156,7 @@ def _mean(
         position_offset=None,
         effort_map=None,
     )
-    log = HeldLog(recording.log.path, signals.columns, np.column_stack((t, mean.mean.T)))
+    log = LogInMemory(recording.log.path, signals.columns, np.column_stack((t, mean.mean.T)))
     window = Cut(seconds=(context / rate, (context + length - 0.5) / rate))
     variance = mean.variance[c.effort]
     return MeanMotion(

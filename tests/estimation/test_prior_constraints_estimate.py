@@ -80,7 +80,7 @@ CONSTRAINTS: list[dict[str, Any]] = [
 ]
 
 
-@pytest.mark.parametrize("wish", CONSTRAINTS, ids=[table["kind"] for table in CONSTRAINTS])
+@pytest.mark.parametrize("table", CONSTRAINTS, ids=[table["kind"] for table in CONSTRAINTS])
 def test_the_estimate_obeys_where_the_data_alone_would_not(table: dict[str, Any]) -> None:
     knowledge = knowing(table)
     standard = estimated(knowledge)
