@@ -1,8 +1,8 @@
 """The consistent estimate on real robots against weighted least squares, on motions not fitted.
 
 Every figure comes from `steelyard identify ... --json` with the shipped robot files; weighted least
-squares with `[estimation] method = "least_squares"` and all else alike. Masses are compared with the
-vendors' data sheets where these give the moving mass or the arm's weight.
+squares with `[estimation] method = "least_squares"` and all else alike. Masses are compared with
+the vendors' data sheets where these give the moving mass or the arm's weight.
 """
 
 import tempfile

@@ -80,7 +80,7 @@ __all__ = ["SteelyardError", *_HOMES]
 
 
 def __getattr__(name: str) -> Any:
-    """Load what is heavier only when it is asked for: the command line starts at once."""
+    """Load what is heavier only on first use: the command line starts at once."""
     import importlib
 
     if name == "__version__":

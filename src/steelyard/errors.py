@@ -45,7 +45,7 @@ class LogError(SteelyardError):
 
 
 class DataError(SteelyardError):
-    """The data cannot answer what was asked of it."""
+    """The data do not allow what was requested of them."""
 
 
 class OutputError(SteelyardError):

@@ -1,4 +1,4 @@
-"""Telling how far long work is, and being told to stop."""
+"""Events of progress of long work, and requests to stop it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ Progress = Callable[[Event], bool]
 
 
 class Stopped(Exception):
-    """The watcher of a long piece of work asked it to stop."""
+    """The watcher of a long piece of work requested a stop."""
 
 
 def silent(event: Event) -> bool:

@@ -46,7 +46,7 @@ ROUND_OFF = float(np.finfo(np.float64).eps)
 
 ROUNDS = 50
 TOLERANCE = 1e-6
-"""Relative change of the rows' variances at which they are settled."""
+"""Relative change of the rows' variances at which they have converged."""
 
 
 def identify_payload(

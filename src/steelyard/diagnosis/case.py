@@ -21,7 +21,7 @@ EXCERPT = 100_000
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """One log as the robot file reads it; whatever takes time is computed once, when asked for.
+    """One log as the robot file reads it; whatever takes time is computed once, on first use.
 
     Attributes:
         recording: The log, with the signals that the robot file declares or that were guessed.

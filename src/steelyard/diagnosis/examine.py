@@ -50,7 +50,7 @@ def examine(case: Case, *, quick: bool = False, checks: Sequence[Check] | None =
         checks: Which to ask; all that are registered if `None`.
 
     Raises:
-        Stopped: The case's `progress` asked to stop.
+        Stopped: The case's `progress` requested a stop.
     """
     selected = [s for s in (CHECKS if checks is None else checks) if s.quick or not quick]
     findings: list[Finding] = []

@@ -1,4 +1,4 @@
-"""All checks, in the order in which they are asked and shown."""
+"""All checks, in the order in which they are run and shown."""
 
 from steelyard.diagnosis.check import Check
 from steelyard.diagnosis.decision.checks import (

@@ -39,7 +39,7 @@ class Unidentifiable:
 
     Attributes:
         name: The parameter.
-        tied_to: Parameters that its column cannot be told from; empty if its column is zero.
+        tied_to: Parameters of indistinguishable columns; empty if its column is zero.
     """
 
     name: str

@@ -11,7 +11,7 @@ from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
 
 @dataclass(frozen=True)
 class Row:
-    r"""A linear wish, $l \le \sum_k a_k \phi_k \le u$, over standard parameters.
+    r"""A linear constraint, $l \le \sum_k a_k \phi_k \le u$, over standard parameters.
 
     Attributes:
         label: What was wished and where, for messages.
@@ -37,7 +37,7 @@ class Knowledge:
             `None` for a body without prior.
         lower: Lower bounds of the parameters, shape `(p,)`.
         upper: Upper bounds, shape `(p,)`.
-        rows: Further wishes.
+        rows: Further constraints.
         curves: Rows that bound the friction along a coordinate as a whole.
         deviations: Standard deviations from zero that some parameters have, by name.
         shaped: Parameters in them whose own lower bounds these rows replace.

@@ -78,7 +78,7 @@ def efforts_of(loaded: LoadedRobot, model: Model, earlier: Earlier | None) -> Co
     """Torque and power of the prior model, without and with every load.
 
     Raises:
-        ModelError: Limits are asked for, but torque is not known beforehand.
+        ModelError: Limits are requested, but torque is not known beforehand.
     """
     section = loaded.excitation
     wanted, robot = section.limits, model.robot

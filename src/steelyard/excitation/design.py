@@ -51,7 +51,7 @@ HURRY = 1.0
 """Time for polishing after the user has ended the search [s]."""
 
 FEW = 4
-"""Searches below which the user is told that more time would help."""
+"""Searches below which a note says that more time would help."""
 
 _FIRST = 0.5
 _LOOKS = 500
@@ -87,13 +87,13 @@ def design(
         model: What the motion is to show.
         effort: How much is searched; its seconds are those of the whole design.
         earlier: What an earlier identification of the robot knows.
-        progress: Told how far it is; asked to stop, it gets the best so far.
+        progress: Receives events of progress; when it requests a stop, it gets the best so far.
         since: When the time began to count, of `time.monotonic`; now if `None`.
 
     Raises:
         DataError: The tables allow no motion; says what would have to be changed.
         ModelError: A frame or a shape is missing.
-        Stopped: `progress` asked to stop before any motion was found.
+        Stopped: `progress` requested a stop before any motion was found.
     """
     begun = time.monotonic() if since is None else since
     kind = loaded.excitation.motion.kind
@@ -233,7 +233,7 @@ def _described(
 
 
 def _cell(loaded: LoadedRobot, trajectory: ExactTrajectory) -> tuple[str, ...]:
-    """That nobody has said where the floor is, if so, and how low the links go."""
+    """A note where no floor is given, with how low the links go."""
     section, robot = loaded.excitation, loaded.robot
     space, collision = section.workspace, section.collision
     limits_links = space is not None and space.limits_links
@@ -271,7 +271,7 @@ def _advice(
 
 
 def _samples(trajectory: ExactTrajectory, least: int) -> int:
-    """Samples of what is shown: as many as asked for, and 50 a second of long motions."""
+    """Samples of what is shown: as many as requested, and 50 a second of long motions."""
     return max(least, samples_of(trajectory.duration))
 
 

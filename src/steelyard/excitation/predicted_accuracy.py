@@ -26,7 +26,7 @@ class PredictedAccuracy:
         names: Base parameters, `b` of them.
         units: Their units.
         gram: Information with the noise given, shape `(b, b)`.
-        criterion_value: The criterion that was asked for.
+        criterion_value: The requested criterion.
         raw: Condition number of the regressor, columns as they are.
         normalised: The same with columns of unit norm.
         singular: Singular values of the regressor with columns of unit norm, falling, `(b,)`.

@@ -1,4 +1,4 @@
-"""A designed motion and all that is to be said of it."""
+"""A designed motion and all that is reported of it."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

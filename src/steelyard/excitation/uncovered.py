@@ -8,6 +8,6 @@ class Gap(str):
 
 
 class Declined(Gap):
-    """A note on something that was not looked at because the user asked for it."""
+    """A note on something that was not checked at the user's request."""
 
     __slots__ = ()

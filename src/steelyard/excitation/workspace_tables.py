@@ -29,7 +29,7 @@ _LEAST = 1e-12
 """Length of a normal that has no direction, and is refused."""
 
 LEVEL = "no gravity is declared: the floor is assumed normal to z of the base"
-"""What is said of a floor where nothing tells where up is."""
+"""The note on a floor where gravity's direction is not declared."""
 
 ConstraintsAndNotes = tuple[list[Constraint], list[str]]
 """Constraints, and what was assumed."""

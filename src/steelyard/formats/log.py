@@ -31,7 +31,7 @@ class Log(Protocol):
     def parts(
         self, columns: Sequence[str], rows: Rows = (0, None), size: int = PART
     ) -> Iterator[Array]:
-        """The rows asked for, in arrays of shape `(at most size, len(columns))`.
+        """The requested rows, in arrays of shape `(at most size, len(columns))`.
 
         A cell that is missing or not a number is NaN.
 

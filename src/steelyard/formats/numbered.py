@@ -34,7 +34,7 @@ class Numbered:
     def parts(
         self, columns: Sequence[str], rows: Rows = (0, None), size: int = PART
     ) -> Iterator[Array]:
-        """The rows asked for; see `Log.parts`."""
+        """The requested rows; see `Log.parts`."""
         logged = [column for column in columns if column != ROW]
         start = rows[0]
         for part in self.log.parts(logged or self.log.columns[:1], rows, size):

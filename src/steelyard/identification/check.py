@@ -30,7 +30,7 @@ class CheckResult(Result):
 
     Attributes:
         content: What the page shows.
-        fixed: The corrected robot file and what is found with it, if one was asked for.
+        fixed: The corrected robot file and what is found with it, if one was requested.
     """
 
     content: CheckContent

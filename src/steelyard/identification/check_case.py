@@ -73,7 +73,7 @@ def subject_of(robot: str, log: LogArgument, base: str | None = None) -> Subject
 
     Raises:
         ModelError: The file cannot be used.
-        LogError: The log's columns cannot be told.
+        LogError: The log's columns cannot be guessed.
     """
     path = Path(robot)
     if path.suffix.lower() == ".toml":

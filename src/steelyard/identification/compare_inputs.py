@@ -70,7 +70,7 @@ def offers_of(names: Sequence[str], everything: bool) -> tuple[Offer, ...]:
         everything: Without names, also those that search or simulate.
 
     Raises:
-        ModelError: There is none of that name, or both names and all are asked for.
+        ModelError: There is none of that name, or both names and all are requested.
     """
     if names and everything:
         raise ModelError(

@@ -235,7 +235,8 @@ def design_excitation(
         searches: Number of searches after which the design ends; `None` for no limit.
         processes: Parallel searches; as many as the machine has cores if `None`.
         seed: Same seed and number of searches, same motion.
-        progress: Receives events of progress; asked to stop, the design ends with the best so far.
+        progress: Receives events of progress; when it requests a stop, the design ends with the
+            best so far.
 
     Raises:
         SteelyardError: The tables allow no motion, or a file cannot be used.

@@ -1,4 +1,4 @@
-"""What `steelyard excite` is asked for: tables, options, formats, and an earlier model."""
+"""The inputs of `steelyard excite`: tables, options, formats, and an earlier model."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -27,7 +27,7 @@ REFINED = ("signals", "effort", "delay")
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """An edit that was made, and the finding that asked for it."""
+    """An edit that was made, and the finding that proposed it."""
 
     edit: Edit
     finding: Finding
@@ -200,7 +200,7 @@ def _loaded(subject: Subject, text: str, target: Path) -> Subject:
 
 
 def _proposed(diagnosis: Diagnosis, changes: Sequence[Change]) -> list[Change]:
-    """The edits that are asked for and of keys not changed before, or refined."""
+    """The edits that are proposed and of keys not changed before, or refined."""
     before = {change.edit.path for change in changes} - {REFINED}
     return [
         Change(edit, _asking(diagnosis, edit))

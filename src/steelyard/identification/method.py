@@ -1,4 +1,4 @@
-"""The estimator that is asked for by name, and the data that it looks at."""
+"""The estimator that is requested by name, and the data that it looks at."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -71,7 +71,7 @@ def own_of(model: Model, layout: Layout) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Sources:
-    """What estimators look at, of runs: samples and experiments are gathered when asked for.
+    """What estimators look at, of runs: samples and experiments are gathered on first use.
 
     Attributes:
         regressor: The columns.

@@ -90,8 +90,8 @@ def information(
         progress: Receives events of progress; an exception from it stops the work.
 
     Example:
-        >>> said = information(model_of("arm.toml"), load_runs("arm.toml", "fit.parquet"))
-        >>> said.normal()[0].shape == (len(said.layout.columns),) * 2
+        >>> info = information(model_of("arm.toml"), load_runs("arm.toml", "fit.parquet"))
+        >>> info.normal()[0].shape == (len(info.layout.columns),) * 2
         True
     """
     if not runs:

@@ -31,7 +31,7 @@ def prechecked(
 
 
 def passed(diagnosis: Diagnosis, robot: str) -> tuple[str, ...]:
-    """Notes on what is doubtful; asked for once runs are clean, whose own errors say more.
+    """Notes on what is doubtful; made once runs are clean, whose own errors say more.
 
     Raises:
         DataError: Something is wrong.

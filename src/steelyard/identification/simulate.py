@@ -81,11 +81,11 @@ def simulate(
         release: Time at which it is released [s].
         fixed_base: Link to fix to the world, for a model file; `None` for its root.
         seed: Same seed, same robot and same random motion.
-        progress: Receives events of progress; asked to stop, nothing is written.
+        progress: Receives events of progress; when it requests a stop, nothing is written.
 
     Raises:
         SteelyardError: A file cannot be used, or the folder is there and not empty.
-        Stopped: `progress` asked to stop.
+        Stopped: `progress` requested a stop.
 
     Example:
         >>> run = simulate("arm.toml", "run2", seed=2, period=5.0)

@@ -23,7 +23,7 @@ itself predicts worse by 1 to 3 % of the error."""
 MOTION_HIGHEST = 0.25
 """Highest default motion cut-off, per sampling rate."""
 NYQUIST_SHARE = 0.45
-"""Highest cut-off that can be asked for, per sampling rate."""
+"""Highest cut-off that can be requested, per sampling rate."""
 SHORTEST = 4.0
 """Least length of a segment in periods of the regression cut-off: what the filter spans."""
 REST_SHARE = 0.005
@@ -51,13 +51,13 @@ class Cutoffs:
 def cutoffs(
     processing: Processing, band: float, rate: float, where: str, floor: float = 0.0
 ) -> Cutoffs:
-    """The cut-offs asked for, or those that fit the motion's band and its noise floor.
+    """The requested cut-offs, or those that fit the motion's band and its noise floor.
 
     The motion's cut-off is never below where its spectrum meets the noise: nothing that can be
-    told from noise is taken away.
+    distinguished from noise is removed.
 
     Args:
-        processing: What was asked for.
+        processing: What was requested.
         band: Frequency below which the motion lives [Hz].
         rate: [Hz].
         where: The log, for messages.
@@ -105,7 +105,7 @@ def default_rest_speed(fast: Array, noise: Array, step_speed: Array) -> Array:
 
 
 def given_rest_speed(processing: Processing, joints: int) -> Array | None:
-    """The rest speeds asked for, shape `(n,)`, or `None`.
+    """The requested rest speeds, shape `(n,)`, or `None`.
 
     Raises:
         LogError: Their number or a value does not fit.

@@ -29,7 +29,7 @@ from steelyard.measurement.spectrum import Band, motion_band
 EXCERPT = 100_000
 """Rows from which the motion's band is learnt."""
 FASTER = 4.0
-"""Highest rate that can be asked for, over the log's: more adds samples, but nothing to them."""
+"""Highest rate that can be requested, over the log's: more adds samples, but nothing to them."""
 DEPARTURE = 0.01
 """How far a joint must be from where it started for the excerpt to begin [rad; m]."""
 

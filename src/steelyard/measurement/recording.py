@@ -185,7 +185,7 @@ class LogInMemory:
     def parts(
         self, columns: Sequence[str], rows: Rows = (0, None), size: int = PART
     ) -> Iterator[Array]:
-        """The rows asked for, in parts; see `Log`."""
+        """The requested rows, in parts; see `Log`."""
         require_columns(self.path, self.columns, columns)
         table = self.table[slice(*rows)]
         if tuple(columns) != self.columns:

@@ -231,10 +231,10 @@ def _snapped(coefficients: Array) -> Array:
 
 
 def refuse_twins(model: Model, base: BaseMap) -> None:
-    """Causes of torque that no motion tells apart, bodies aside, are a mistake.
+    """Causes of torque that no motion distinguishes, bodies aside, are a mistake.
 
-    A rotor's inertia may join a link's: then only their sum is known, and said to be. Two frictions
-    that are one leave no such doubt.
+    A rotor's inertia may join a link's: then only their sum is known, and named as such. Two
+    frictions that are one leave no such doubt.
 
     Raises:
         ModelError: A parameter that is no body's is a combination of others like it.

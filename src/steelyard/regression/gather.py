@@ -66,7 +66,7 @@ def gather(
         progress: Told about every window.
 
     Raises:
-        Stopped: `progress` asked to stop.
+        Stopped: `progress` requested a stop.
         LogError: No stretch of the run is as long as the filter, or an effort never changes.
     """
     gram_pass = start_pass(regressor, run, matched, rests, longest)
@@ -215,7 +215,7 @@ def cut(
 def _pieces(
     buffered: list[Block], name: str, length: int, need: int, last: bool
 ) -> Generator[Piece, None, Block]:
-    """The pieces that the samples held suffice for; returns the samples that are left."""
+    """The pieces that the buffered samples suffice for; returns the samples that are left."""
     joined = buffered[0] if len(buffered) == 1 else Block.joined(buffered)
     start = 0
     while len(joined.t) - start >= need or (last and start < len(joined.t)):

@@ -41,7 +41,7 @@ def gather_samples(
         progress: Told about every piece.
 
     Raises:
-        Stopped: `progress` asked to stop.
+        Stopped: `progress` requested a stop.
         LogError: No stretch of the run is as long as the filter, or an effort never changes.
     """
     gram_pass = start_pass(regressor, run, matched, rests)

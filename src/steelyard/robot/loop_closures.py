@@ -19,7 +19,7 @@ class Closing:
 
     Attributes:
         pins: More pins.
-        passive: Names of the joints that the loops determine; `None` if not said.
+        passive: Names of the joints that the loops determine; `None` if not given.
         assembly: Positions of joints near which the loops close [rad; m].
         open_loops: What to do where measured positions cannot close a loop.
         where: For messages.
@@ -48,7 +48,7 @@ def passive_joints(
         mechanism: The mechanism.
         masters: By joint, the joint that it follows, or itself.
         free: Joints that could move.
-        joints: Those to be identified; `None` if not said.
+        joints: Those to be identified; `None` if not given.
         closing: What the robot file says.
 
     Raises:
@@ -172,7 +172,7 @@ def _check_assembly(robot: Robot, closing: Closing) -> None:
 
 
 def _note(robot: Robot, assembly: Array, closing: Closing) -> tuple[str, ...]:
-    """Where the loops were closed, if that was not said already."""
+    """Where the loops were closed, if that was not given already."""
     given = closing.assembly
     at = dict(zip([c.name for c in robot.joints], assembly.tolist(), strict=True))
     if all(abs(given.get(c.name, np.inf) - at[c.name]) < 1e-3 for c in robot.passive):

@@ -41,7 +41,7 @@ class ModelNote:
         what: What is stated and what holds instead; items of the same statement are listed after.
         item: What it is about, such as a joint with a number; empty if `what` says it all.
         joints: Joints that it concerns; empty if it concerns the whole robot.
-        answer: What in a robot file settles it, if anything.
+        answer: What in a robot file resolves it, if anything.
     """
 
     what: str

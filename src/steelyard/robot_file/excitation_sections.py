@@ -198,7 +198,7 @@ def changed_excitation(
     method: str | None = None,
     still_unknown: bool = False,
 ) -> ExcitationSection:
-    """The tables with some things said otherwise.
+    """The tables with some values replaced.
 
     Args:
         section: The tables.

@@ -48,7 +48,7 @@ STANDARD_GRAVITY = 9.81
 def load_robot(
     path: str | Path | LoadedRobot, text: str | None = None, *, base: str | None = None
 ) -> LoadedRobot:
-    """The robot of a URDF, a xacro file, an MJCF or a robot file (TOML), told by the content.
+    """The robot of a URDF, a xacro file, an MJCF or a robot file (TOML), distinguished by content.
 
     Args:
         path: The file; of a xacro file with its arguments: `arm.urdf.xacro name:=left`. A robot

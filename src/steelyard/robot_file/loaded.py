@@ -60,12 +60,12 @@ class LoadedRobot:
         sources: The file given, then the model file it names, if any.
         where: Places in the file, for messages about what later rooms make of it.
         prior: What is known of links before the data, beside the model file.
-        knowledge: Further wishes, a table with its `kind` each.
+        knowledge: Prior constraints, a table with its `kind` each.
         excitation: Which motion is wanted, and what it must keep.
         arguments: Of a xacro file that was given itself; those of a robot file stand there.
         springs: Springs of the model file along its coordinates, by name; no term has them unless
             it is listed.
-        ignored: What the model file says of forces that the model does not follow, a sentence
+        ignored: What the model file states of forces that the model ignores, a sentence
             for each kind.
         base: The link that is fixed to the world; `None` if it is the model's root.
         floats: Whether that link floats in the model: its being at rest is an assumption.

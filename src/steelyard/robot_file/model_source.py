@@ -16,7 +16,7 @@ from steelyard.robot_file.toml_check import Places
 
 
 def read_mechanism(path: Path) -> Mechanism:
-    """The mechanism of a URDF or an MJCF, told apart by the outermost element."""
+    """The mechanism of a URDF or an MJCF, distinguished by the outermost element."""
     return read_mjcf(path) if read_xml(path).tag == "mujoco" else read_urdf(path)
 
 

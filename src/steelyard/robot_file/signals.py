@@ -168,7 +168,7 @@ def build_signals(
 
 
 def _clock(section: SignalsSection, locate: Locate) -> tuple[str, float]:
-    """Column of time and seconds per its unit: of the rows' numbers, if only their rate is said.
+    """Column of time and seconds per its unit: of the rows' numbers, if only their rate is given.
 
     Raises:
         ModelError: There are both, or none.

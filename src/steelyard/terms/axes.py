@@ -155,7 +155,7 @@ def named_axis(robot: Robot, name: str) -> Axis:
 
 
 def _listed(names: Any, what: str) -> tuple[str, ...]:
-    """Names, none if nothing is said; one alone may come without a list."""
+    """Names, none if nothing is given; one alone may come without a list."""
     listed = (names,) if isinstance(names, str) else () if names is None else names
     if (
         not isinstance(listed, tuple | list)
@@ -171,7 +171,7 @@ def _listed(names: Any, what: str) -> tuple[str, ...]:
 
 
 def _sums(along: Any) -> Along:
-    """Coordinates of a term's own, none if nothing is said; their form is checked."""
+    """Coordinates of a term's own, none if nothing is given; their form is checked."""
     if along is None:
         return ()
     sums: Along = ()

@@ -119,7 +119,7 @@ def term_of(description: str | Mapping[str, Any], where: str) -> Term:
 
 
 def refuse_unfit(term: Term, robot: Robot, where: str) -> None:
-    """What of a term does not fit a robot, said with the term's place in a file.
+    """Refuse a term that does not fit a robot, with its place in a file.
 
     Raises:
         ModelError: The robot lacks a joint, motor or link, or a list has another length.

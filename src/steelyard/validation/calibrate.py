@@ -66,7 +66,7 @@ def calibrate(
         `None` where less than two stretches can be left out.
 
     Raises:
-        Stopped: `progress` asked to stop.
+        Stopped: `progress` requested a stop.
     """
     kind: Kind = "runs"
     chosen = runs_left_out(runs, information)[:MOST]

@@ -1,6 +1,6 @@
 """Estimators compared: each fitted to all runs but one, and judged by the one that was left out.
 
-An estimator that fails is told why, and stops no other.
+An estimator that fails has its reason, and stops no other.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -125,7 +125,7 @@ def compare(
 def compared(
     scores: Sequence[EstimatorScore], offers: Sequence[Offer], context: Context, parts: Parts
 ) -> Comparison:
-    """The comparison of the estimators that were tried, however many were asked for."""
+    """The comparison of the estimators that were tried, however many were requested."""
     return Comparison(
         tuple(scores),
         parts.names,
@@ -146,7 +146,7 @@ def scores_of(
     """The scores one after another, the cheap estimators first.
 
     Raises:
-        Stopped: `progress` asked to stop.
+        Stopped: `progress` requested a stop.
     """
     noise = _noise(context, parts.information)
     for offer in ordered(offers):

@@ -86,10 +86,10 @@ def effort_scales(
         progress: Told about every part that is left out.
 
     Returns:
-        `None` where scales are not asked for, gain nothing, or cannot be judged.
+        `None` where scales are not requested, gain nothing, or cannot be judged.
 
     Raises:
-        Stopped: `progress` asked to stop.
+        Stopped: `progress` requested a stop.
     """
     scaled = Scaled(estimator, information.layout.rows)
     try:

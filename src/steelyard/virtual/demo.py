@@ -100,7 +100,7 @@ def demo_runs(
 
     Raises:
         OutputError: The folder cannot be written.
-        Stopped: `progress` asked to stop.
+        Stopped: `progress` requested a stop.
     """
     names = ("identification", "validation")
     with whole_folder(folder) as part:

@@ -1,8 +1,8 @@
 """The torques that MuJoCo does not know, as machine code that reads MuJoCo's own memory.
 
 One call per integration step takes the positions, velocities and last accelerations of MuJoCo's
-joints and the applied torques, steps the memory of friction, and gives the applied forces. Laws that
-jump at zero speed are softened, see `kernel.soften`.
+joints and the applied torques, steps the memory of friction, and gives the forces. Laws that
+jump at zero speed are softened, see `kernel.program.smoothing`.
 """
 
 from collections.abc import Sequence

@@ -83,7 +83,7 @@ class VirtualRobot:
 
         Raises:
             DataError: The log being recorded holds a motion already.
-            Stopped: The watcher asked to stop.
+            Stopped: The watcher requested a stop.
         """
         if self._recorded:
             raise DataError(
@@ -172,7 +172,7 @@ class VirtualRobot:
         return TrueRun(t, q, dq, effort, friction + self._rotors(dq), self._gravity(t, q))
 
     def wanted(self, trajectory: Trajectory, t: Array) -> tuple[Array, Array]:
-        """What the controller is asked for at times `t` of the log [s], each `(N, n)`."""
+        """The controller's setpoints at times `t` of the log [s], each `(N, n)`."""
         goal = trajectory.sample(np.clip(t - self.rest, 0.0, trajectory.duration))
         moving = ((t >= self.rest) & (t <= self.rest + trajectory.duration))[:, None]
         return goal.q, np.where(moving, goal.dq, 0.0)

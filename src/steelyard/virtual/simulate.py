@@ -26,7 +26,7 @@ class SimulatedFiles:
     Attributes:
         log: The log, like a real controller's.
         truth: What the robot really is, JSON.
-        trajectory: The motion that was asked for, JSON.
+        trajectory: The requested motion, JSON.
     """
 
     log: Path
@@ -84,7 +84,7 @@ def simulate(
 
     Raises:
         OutputError: The folder cannot be written.
-        Stopped: `progress` asked to stop.
+        Stopped: `progress` requested a stop.
     """
     with whole_folder(folder) as part:
         rig: Rig = VirtualRobot(

@@ -1,6 +1,6 @@
 r"""Which questions a nominal model can answer where it finds nothing wrong.
 
-Its misfit may come from wrong masses, or hide what is asked for. A question with a size (payload,
+Its misfit may come from wrong masses, or hide the fault. A question with a size (payload,
 tilt of gravity) is answered if that size alone could not make the misfit: for the effort per unit
 $c_j(t)$, and what is left of joint j's effort, $r_j(t)$, at most about
 

@@ -273,7 +273,7 @@ def hopeless(decision: Verdict) -> bool:
 
 
 def agrees(decision: Verdict, what: str) -> str:
-    """What to say where nothing is wrong, or where nothing can be said."""
+    """The sentence where nothing is wrong, or where nothing can be concluded."""
     ranked = decision.ranking
     if not has_finding(decision):
         much = _percent(ranked.declared.percent)

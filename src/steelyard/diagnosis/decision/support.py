@@ -319,8 +319,8 @@ def _scale(
     """A factor on all efforts, or bodies lighter or heavier than the nominal ones.
 
     Beyond `HEAVIEST` something is wrong with the efforts, if the factor makes the nominal model
-    agree clearly better; below, only where the nominal model asks for it. Nothing is said where
-    friction alone fits as well as bodies.
+    agree clearly better; below, only where the nominal model calls for it. There is no finding
+    where friction alone fits as well as bodies.
 
     Args:
         likelihood: The log.

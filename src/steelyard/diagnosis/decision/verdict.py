@@ -23,7 +23,7 @@ reference."""
 FALL = {True: 2.0, False: 2.5}
 """Factor by which some joint's misfit must fall with a reference; without, the typical one."""
 CLOSE = 3.0
-"""Log-likelihood within which two explanations cannot be told apart."""
+"""Log-likelihood within which two explanations cannot be distinguished."""
 ROUGH = 25.0
 """Typical misfit [%] that an explanation by a nominal model may leave."""
 OF_JOINTS = ("effort sign", "position sign")

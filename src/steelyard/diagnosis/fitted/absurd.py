@@ -2,7 +2,7 @@ r"""Estimates that no robot can have: links denser than any metal, friction that
 
 Of a link, a solid cylinder of tungsten as long as the link and half as thick is the most it can
 weigh; of the arm, ten times what the model file says. A link counts as at least 0.3 of the arm's
-reach long, for its geometry is not known. Estimates are compared with these bounds with two standard
+reach long, for its geometry is not known. They bound estimates with two standard
 deviations to spare.
 """
 

@@ -19,7 +19,7 @@ LOADED = 0.25
 """Effort of a joint over the largest of its unit, root mean square, from which on it has load."""
 
 FEW = 0.5
-"""Share of rotor inertias that a bound holds, from which on the side of the gears is doubted."""
+"""Share of rotor inertias that a bound holds, from which on the side of the gears is doubtful."""
 
 
 class BelowNominal:

@@ -18,7 +18,7 @@ from steelyard.estimation.identified import IdentifiedModel
 
 HEAVIER = 2.0
 """Mass over the model file's, relative to the median of the other links, from which on it is
-said. Links that are invented off by a quarter reach 1.5."""
+reported. Links that are invented off by a quarter reach 1.5."""
 
 KNOWN = 0.5
 """Share of a mass's knowledge that must come from the data for it to be compared."""

@@ -29,7 +29,7 @@ ABOVE = 1.5
 """Residual over noise from which on a joint is counted among those that are above it."""
 
 LARGE = 10.0
-"""Error of the fitted runs [%] from which on it is said that noise is not known."""
+"""Error of the fitted runs [%] from which on the noise is reported as unknown."""
 
 SHARE = 0.2
 """Share of what noise does not explain from which on a cause is named."""

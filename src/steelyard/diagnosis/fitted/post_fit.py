@@ -46,7 +46,7 @@ def examine_fit(
         checks: Which to run; all that are registered if `None`.
 
     Raises:
-        Stopped: `progress` asked to stop.
+        Stopped: `progress` requested a stop.
     """
     chosen = POST_FIT if checks is None else checks
     found: list[Finding] = []

@@ -1,4 +1,4 @@
-"""Efforts that were read with a scale: said beside the headline."""
+"""Efforts that were read with a scale: noted beside the headline."""
 
 from typing import ClassVar
 

@@ -2,7 +2,7 @@
 
 The log is read under the same explanations as in `check`, with the model as reference: a load, a
 sign, an order, a unit, a gain, a delay, another mounting, or else friction and offsets that
-changed. What none of them explains has no known cause, and that is what is said.
+changed. What none of them explains has no known cause, and is reported so.
 """
 
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ ABOVE = 2.0
 """RMS error over the residuals of the fit from which on a reason is looked for."""
 
 FAR = 4.0
-"""The same from which on it is said where no explanation is found."""
+"""The same from which on an error without explanation is reported."""
 
 LARGE = 10.0
 """Typical relative error [%] below which an error without explanation is not remarkable."""
@@ -146,7 +146,7 @@ def _own(identified: IdentifiedModel, score: RunScore) -> float:
 
 
 def _explained(fit: FittedCase, run: Run, decision: Verdict) -> Finding:
-    """The winners as one sentence, and what is to be settled before they can be believed."""
+    """The winners as one sentence, and what is to be resolved before they can be trusted."""
     causes = tuple(hypothesis for hypothesis, _ in decision.winners)
     says = ", and ".join(hypothesis.says for hypothesis in causes)
     before, after = decision.ranking.declared, causes[-1]

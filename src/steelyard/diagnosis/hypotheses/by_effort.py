@@ -22,7 +22,7 @@ LEAST_GAIN = 5e-4
 LARGEST_GAIN = 2000.0
 GRID = 151
 OTHER, WORSE = 1.4, 1.3
-"""A gain is told if those by this factor off have a misfit that is larger by that factor."""
+"""A gain is identifiable if gains off by the first factor have a misfit larger by the second."""
 
 
 @dataclass(frozen=True, eq=False)

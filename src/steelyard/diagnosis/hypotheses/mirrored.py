@@ -1,6 +1,6 @@
 """All efforts of the other sign, or all positions: of arms with a mirror plane, bodies fit both.
 
-Mirrored bodies turn every torque of the mirrored motion. So the two cannot be told apart by any
+Mirrored bodies turn every torque of the mirrored motion. So the two cannot be distinguished by any
 log of such an arm; that efforts are of the other sign is a single convention, and by far the
 likelier mistake.
 """

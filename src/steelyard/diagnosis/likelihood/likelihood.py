@@ -43,7 +43,7 @@ DRAGGED = 0.01
 LEAST_SPAN = 0.02
 """Range of positions from which on a joint counts as moving [rad; m]."""
 WORST = 1e3
-"""Largest misfit that is told from larger ones."""
+"""Largest misfit that is distinguished from larger ones."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -41,7 +41,7 @@ WEIGHT = 0.1
 PASSES = 3
 """Times that joints weigh by what is left of their efforts."""
 AIM, ENOUGH = 1e-7, 1e-2
-"""Gap that the solver is asked for, and that is enough to compare misfits."""
+"""Gap that is required of the solver, and that is enough to compare misfits."""
 WIDEST = 100.0
 """Standard deviation of friction, in the whole effort."""
 

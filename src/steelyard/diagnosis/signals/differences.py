@@ -11,7 +11,7 @@ SAME = 0.1
 """Distance from a difference, over the noise that the difference has from its positions, below
 which a velocity is that difference: a velocity that was measured does not have this noise."""
 FEWEST = 50
-"""Rows in motion from which on anything is said."""
+"""Rows in motion from which on there is a finding."""
 SLOW = 0.05
 """Share of the fastest below which a joint rests."""
 SCALE = 0.05

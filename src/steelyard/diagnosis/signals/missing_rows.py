@@ -19,7 +19,7 @@ LEAP = 2.5
 ALIKE = 0.3
 """Length of what the common factor leaves of the velocities, over theirs."""
 SLOW = 0.2
-"""Typical velocity, over the rms one, below which nothing is told."""
+"""Typical velocity, over the rms one, below which missing rows cannot be detected."""
 
 
 @dataclass(frozen=True, eq=False)

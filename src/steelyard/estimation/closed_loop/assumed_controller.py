@@ -53,7 +53,7 @@ Wanted = Callable[[Array], tuple[Array, Array]]
 
 
 def _followed(run: Measured) -> tuple[Wanted, Callable[[Array], Array]]:
-    """What the controller is asked for, and the torque that is added, over time."""
+    """The controller's setpoints, and the torque that is added, over time."""
     from scipy.interpolate import CubicHermiteSpline
 
     motion = run.motion

@@ -39,7 +39,7 @@ class Loop:
     Attributes:
         controller: Its feedback.
         wanted: Times from the log's start, shape `(K,)` [s], to the positions and velocities that
-            were asked for, each `(K, n)`.
+            were commanded, each `(K, n)`.
         ahead: Times to torques that were added to the feedback, `(K, n)`; none if `None`.
     """
 
@@ -82,7 +82,7 @@ class Measured:
 
     @cached_property
     def counts_after_transient(self) -> Array:
-        """`counts` without the time in which a simulation settles."""
+        """`counts` without the transient at the start of a simulation."""
         counts = np.array(self.counts, dtype=np.float64)
         counts[: int(np.ceil(SETTLING * self.rate))] = 0.0
         return frozen(counts)

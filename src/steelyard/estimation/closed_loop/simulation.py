@@ -53,7 +53,7 @@ def simulate(
         progress: Told how far it is.
 
     Raises:
-        Stopped: `progress` asked to stop.
+        Stopped: `progress` requested a stop.
     """
     widths = experiment.start_values.widths
     return tuple(

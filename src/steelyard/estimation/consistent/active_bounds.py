@@ -10,16 +10,16 @@ from steelyard.estimation.consistent.program import ConicConstraints, Program
 
 NEAR, BEYOND = 1e-3, 1e-3
 """Distance to a bound, and distance beyond it that the data ask for, in standard deviations, at
-which a parameter counts as held by it."""
+which it counts as active."""
 
 CONTRADICTED = 2.0
-"""Standard deviations by which data miss a wish that they contradict."""
+"""Standard deviations by which data violate a constraint that they contradict."""
 
 FAR = 1e3
-"""Size of a wish that is to be looked at, in units of a body's prior or of the whole effort."""
+"""Size of a constraint to be checked, in units of a body's prior or of the whole effort."""
 
 NAMED = 3
-"""Wishes that are named: those that the data miss most."""
+"""Constraints that are named: those that the data contradict most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +67,7 @@ def active_bounds(program: Program, u: Array, covariance: Array) -> ActiveBounds
 
 
 def _unidentifiable(program: Program) -> list[int]:
-    """Unknowns of terms that neither data nor wishes about several parameters identify."""
+    """Unknowns of terms that neither data nor constraints on several parameters identify."""
     several = program.constraints.matrix[np.count_nonzero(program.constraints.matrix, axis=1) > 1]
     identified = np.any(program.unknowns.matrix != 0.0, axis=0) | np.any(several != 0.0, axis=0)
     first = 10 * len(program.unknowns.priors)
@@ -75,10 +75,10 @@ def _unidentifiable(program: Program) -> list[int]:
 
 
 def contradicted(program: Program, free: Array, covariance: Array) -> tuple[str, ...]:
-    """Wishes of the user that the data miss without them, with what these would have instead.
+    """Constraints of the user that the data contradict, with the values without them.
 
     Args:
-        program: The program with the wishes.
+        program: The program with the constraints.
         free: The unknowns at the optimum without them, shape `(m,)`.
         covariance: Of these, shape `(m, m)`.
     """
@@ -103,7 +103,7 @@ def contradicted(program: Program, free: Array, covariance: Array) -> tuple[str,
 
 
 def far_constraints(constraints: ConicConstraints) -> tuple[str, ...]:
-    """Wishes of sizes that hardly any parameter has, for messages."""
+    """Constraints of sizes that hardly any parameter has, for messages."""
     sizes = np.where(np.isfinite(constraints.lower), np.abs(constraints.lower), 0.0)
     sizes = np.maximum(
         sizes, np.where(np.isfinite(constraints.upper), np.abs(constraints.upper), 0.0)

@@ -21,8 +21,8 @@ WAYS = (True, False)
 """Ways to solve a program, in turn: whether rows and columns are scaled before."""
 
 AIM = 1e-12
-"""Relative gap and infeasibility that the solver is asked for. A gap moves the weighted squares by
-its root: they are good to six digits only with a tiny one."""
+"""Relative gap and infeasibility that are required of the solver. A gap moves the weighted squares
+by its root: they are good to six digits only with a tiny one."""
 
 GOOD, FAIR = 1e-8, 1e-6
 """Gap and infeasibility at which no other way is tried, and at which a program counts as solved,
@@ -88,7 +88,7 @@ def solved(
         program: The program.
         where: What is solved, for messages.
         most_iterations: After which the solver stops.
-        aim: Relative gap and infeasibility that the solver is asked for.
+        aim: Relative gap and infeasibility that are required of the solver.
         enough: Gap, as it is, at which a program counts as solved even if it is more than `FAIR`.
 
     Raises:

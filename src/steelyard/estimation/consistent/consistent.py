@@ -32,7 +32,7 @@ from steelyard.regression.base import BaseMap
 from steelyard.regression.information import Information
 
 ROUGH = 1e-8
-"""Gap and infeasibility that the solver is asked for where Newton's method does the rest."""
+"""Gap and infeasibility required of the solver where Newton's method does the rest."""
 
 UNITS = (1e4, 1e6)
 """Units of the squares that are tried where the solver stops in that of the noise, before that of
@@ -46,7 +46,7 @@ ENOUGH = 5e-5
 the data and the prior together leave a distance of the root of `2 g`."""
 
 LISTED = 6
-"""Wishes that the notes repeat."""
+"""Prior constraints that the notes list."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ class Consistent:
 
     Attributes:
         base: Lifts base parameters to standard ones.
-        knowledge: Priors, bounds and wishes.
+        knowledge: Priors, bounds and constraints.
         form: How bodies are held to their priors, and that they can exist.
         gamma: Weight of the prior; of its stated uncertainty, or found from the data, if `None`.
         per_run: Columns whose parameters every run has for itself.
@@ -79,8 +79,8 @@ class Consistent:
         """Estimate all standard parameters.
 
         Raises:
-            DataError: The data are too few, the wishes contradict each other, or the solver stopped
-                before the optimum.
+            DataError: The data are too few, the constraints contradict each other, or the solver
+                stopped before the optimum.
         """
         data = whitened(information, self.per_run, equal=self.equal)
         program = self.program(data)
@@ -239,7 +239,7 @@ class Consistent:
                 k, own = place[name], estimate.parameters.names.index(name)
                 full[k], learned[k] = estimate.parameters.values[own], 1.0
                 covariance[k, k] = estimate.covariance[own, own]
-        # what the wishes give has no variance, but for rounding
+        # what the constraints determine has no variance, but for rounding
         np.fill_diagonal(covariance, np.maximum(np.diag(covariance), 0.0))
         return StandardEstimate(
             Parameters(self.base.names, self.base.units, full),
@@ -255,7 +255,7 @@ def units_of(unknowns: Unknowns) -> tuple[float, ...]:
 
 
 def _covariances(data: Whitened, program: Program, tried: Tried) -> tuple[Array, Array]:
-    """Covariance of the unknowns with the data and without, within the wishes' equations.
+    """Covariance of the unknowns with the data and without, within the constraints' equations.
 
     Where rows do not weigh by their noise, that of the data is between the inverses.
     """
@@ -283,7 +283,7 @@ def inverse_of(precision: Array) -> Array:
 
 
 def _share(parameters: Array, free: Array, after: Array, before: Array) -> Array:
-    """Share of what is known that the data taught; nothing of what the wishes' equations give.
+    """Share of what is known that the data taught; nothing of what the constraints' equations give.
 
     Args:
         parameters: As sums of the unknowns, shape `(p, m)`.
@@ -319,7 +319,7 @@ def _solution(data: Whitened, values: Array, covariance: Array, base: BaseMap) -
 
 
 def _constraint_notes(knowledge: Knowledge) -> tuple[str, ...]:
-    """The wishes that were followed, for people to read."""
+    """The prior constraints that were applied, for people to read."""
     labels = tuple(dict.fromkeys(row.label for row in knowledge.rows))
     more = f"; and {len(labels) - LISTED} more" if len(labels) > LISTED else ""
     return (f"prior constraints: {'; '.join(labels[:LISTED])}{more}",) if labels else ()

@@ -32,7 +32,7 @@ def cost_notes(
 
     Args:
         program: The program.
-        knowledge: What its wishes and priors are made of.
+        knowledge: What its constraints and priors are made of.
         found: Its solution.
         attempt: Solves a program.
         spread: Covariance of a solution's unknowns.

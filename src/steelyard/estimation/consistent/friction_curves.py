@@ -3,7 +3,7 @@ r"""Friction that takes energy as a whole, in place of coefficients that do so o
 Along a coordinate all laws together give a curve $f(v)$ over speed. What physics asks of it is
 $v f(v) \ge 0$, not that each coefficient be positive: friction that grows less than in proportion
 to speed has a negative quadratic coefficient. The curve is linear in the coefficients, so a grid of
-speeds gives rows of a convex program. Laws that remember are asked for the energy of slow closed
+speeds gives rows of a convex program. Of laws that remember it is the energy of slow closed
 cycles as well: whatever a hysteresis of elements that slip runs through decomposes into such cycles
 [AlBender2005]. Nor may friction be a multiple of that of sliding on the way from one direction to
 the other.

@@ -1,4 +1,4 @@
-"""Wishes that cannot hold together: found, and named."""
+"""Constraints that cannot hold together: found, and named."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ _NEARLY = 1e-6
 
 
 def refuse_contradictions(knowledge: Knowledge) -> None:
-    """Stop at wishes that cannot hold together.
+    """Stop at constraints that cannot hold together.
 
     Raises:
         DataError: It names a set of which none can be left out.
@@ -30,7 +30,7 @@ def refuse_contradictions(knowledge: Knowledge) -> None:
 
 
 def contradicting(labels: Sequence[str]) -> DataError:
-    """What to say of wishes that cannot hold together."""
+    """The error for constraints that cannot hold together."""
     if len(labels) == 1:
         wrong, fix = f"no physical body satisfies this: {labels[0]}", "correct it, or leave it out"
     else:
@@ -40,11 +40,11 @@ def contradicting(labels: Sequence[str]) -> DataError:
 
 
 def contradictions(knowledge: Knowledge) -> tuple[str, ...]:
-    """Wishes and bounds that contradict each other, or every body that can exist.
+    """Constraints and bounds that contradict each other, or every body that can exist.
 
     Returns:
-        Labels of wishes that cannot hold together for any bodies, but can if any one is left out;
-        empty if all can hold, or the solver cannot tell.
+        Labels of constraints that cannot hold together for any bodies, but can if any one is left
+        out; empty if all can hold, or the solver cannot tell.
     """
     bodies = _Bodies(knowledge)
     rows = (*_bounds(knowledge), *knowledge.rows)
@@ -58,12 +58,12 @@ def irreducible(
 ) -> tuple[Row, ...]:
     """Rows that cannot hold together, but can if any one label's are left out [Chinneck1991].
 
-    Rows with one label are one wish and stay together. Many are left out at once, and a half of
-    them where that is too many; earlier ones first.
+    Rows with one label are one constraint and stay together. Many are left out at once, and a
+    half of them where that is too many; earlier ones first.
 
     Args:
         rows: Rows that cannot hold together.
-        feasible: Whether rows can; asked about `2 k log2(n / k)` times for `k` of `n` labels.
+        feasible: Whether rows can; called about `2 k log2(n / k)` times for `k` of `n` labels.
 
     Returns:
         The rows; empty if not even none can hold.

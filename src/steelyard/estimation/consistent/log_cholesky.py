@@ -26,7 +26,7 @@ from steelyard.regression.information import Information
 from steelyard.robot.inertia import INERTIAL_NAMES
 
 BROKEN = 1e-6
-"""By how much a wish may be missed, relative to what it adds up."""
+"""By how much a constraint may be violated, relative to what it adds up."""
 
 BARRIERS = (1.0, 1e-2, 1e-4, 1e-6, 1e-8)
 """Weights of the barrier, one after the other; four of the last per body is what it may cost."""
@@ -39,7 +39,7 @@ CENTRED = 0.1
 class LogCholesky(Consistent):
     """The consistent estimate in coordinates that need no cones.
 
-    Bounds of friction and its like are kept, and wishes about a single one of them. Those about
+    Bounds of friction and its like are kept, and constraints on a single one of them. Those about
     bodies, and ties, are not looked at: notes count them, and name those that the result breaks.
 
     Attributes:
@@ -69,7 +69,8 @@ class LogCholesky(Consistent):
         """The unknowns at the optimum with a weight of the prior.
 
         Raises:
-            DataError: The wishes contradict each other, or the solver stopped before the optimum.
+            DataError: The constraints contradict each other, or the solver stopped before the
+                optimum.
         """
         lower, upper = bounds_of(program)
         if np.any(lower > upper):
@@ -125,7 +126,7 @@ def _unheard(knowledge: Knowledge) -> tuple[str, ...]:
 
 
 def _broken(knowledge: Knowledge, values: Parameters) -> tuple[str, ...]:
-    """Wishes that were not looked at and do not hold."""
+    """Constraints that were ignored and do not hold."""
     found = values.as_dict()
     rows = [
         Row(f"{name} between {low:g} and {high:g}", {name: 1.0}, low, high)

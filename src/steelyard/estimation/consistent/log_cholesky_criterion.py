@@ -144,7 +144,7 @@ class Criterion:
 def bounds_of(program: Program) -> Array:
     """Bounds of the unknowns that are no body's, shape `(2, terms)`.
 
-    They are those of wishes about a single one of them; others are not looked at.
+    They are those of constraints on a single one of them; others are ignored.
     """
     constraints, first = program.constraints, 10 * len(program.unknowns.priors)
     ends = np.tile([[-np.inf], [np.inf]], len(program.unknowns.terms))

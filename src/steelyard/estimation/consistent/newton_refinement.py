@@ -60,7 +60,7 @@ def polished(program: Program, u: Array, gamma: float) -> Array | None:
 
 
 def _planes(program: Program) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Bounds and wishes as rows, each at most an end; and which are equations."""
+    """Bounds and constraints as rows, each at most an end; and which are equations."""
     constraints = program.constraints
     equal = constraints.equal
     low, high = np.isfinite(constraints.lower) & ~equal, np.isfinite(constraints.upper) & ~equal

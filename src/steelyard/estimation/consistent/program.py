@@ -26,7 +26,7 @@ class ConicConstraints:
     r"""Bounds and rows over the unknowns, each scaled to unit length: $l \le a\,u \le h$.
 
     Attributes:
-        rows: The wishes as they were told.
+        rows: The constraints as they were given.
         matrix: Shape `(rows, m)`.
         lower: Shape `(rows,)`.
         upper: Shape `(rows,)`.
@@ -100,7 +100,7 @@ class Program:
         Args:
             gamma: Weight of the prior.
             unit: Of the squares, in that of the noise; the optimum does not depend on it.
-            data: Whether the data play a part; without them it asks whether the wishes can hold.
+            data: Whether the data play a part; without them the constraints' feasibility is tested.
         """
         known = self.unknowns
         m, rank = len(known.weak), len(known.vector) if data else 0
@@ -148,7 +148,7 @@ class Program:
 
         Laplace's approximation at the optimum,
         $-f(u) + \tfrac12 \log\det P - \tfrac12 \log\det(P + A^T A)$ with the prior's precision $P$,
-        within the wishes' equations.
+        within the constraints' equations.
         """
         free = self.constraints.free
         prior = self.precision(u, gamma)

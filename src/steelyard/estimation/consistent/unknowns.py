@@ -78,7 +78,7 @@ class Unknowns:
         return np.tensordot(u[: 10 * len(self.priors)].reshape(-1, 10), BASIS, axes=1)
 
     def standard(self, u: Array) -> Array:
-        """Standard parameters, shape `(p,)`; unseen ones of terms are zero but for wishes."""
+        """Standard parameters, shape `(p,)`; unseen ones of terms are zero but for constraints."""
         return np.asarray(self.scale @ u)
 
     def chi_squared(self, u: Array) -> float:

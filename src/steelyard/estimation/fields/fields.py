@@ -41,7 +41,7 @@ ROUNDS = 12
 """Most searches per term where terms are searched one after another."""
 
 TOLERANCE = 3e-3
-"""Relative change of all fields at which such searches are settled."""
+"""Relative change of all fields at which such searches have converged."""
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,7 @@ def find_fields(
 
     Raises:
         ModelError: A field cannot be found from data.
-        Stopped: `progress` asked to stop.
+        Stopped: `progress` requested a stop.
     """
     unknowns = unknowns_of(model)
     logs = {u: float(np.mean(bounds_of(u))) for u in unknowns}

@@ -29,7 +29,7 @@ ROUNDS = 20
 """Most changes of the weights from one start."""
 
 TOLERANCE = 1e-4
-"""Relative change of the weights at which they are settled."""
+"""Relative change of the weights at which they have converged."""
 
 
 @dataclass(frozen=True, eq=False)

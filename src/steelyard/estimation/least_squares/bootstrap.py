@@ -95,7 +95,7 @@ def bootstrap(
         progress: Told about every draw.
 
     Raises:
-        Stopped: `progress` asked to stop.
+        Stopped: `progress` requested a stop.
         DataError: The data give no estimate, have a single window per run, or too few draws gave
             an estimate.
     """

@@ -66,7 +66,7 @@ class WeightedLeastSquares:
 
     Attributes:
         rounds: Most iterations of the weights.
-        tolerance: Relative change of the weights at which they are settled.
+        tolerance: Relative change of the weights at which they have converged.
         per_run: Columns whose parameters every run has for itself.
     """
 
@@ -83,7 +83,7 @@ class WeightedLeastSquares:
         return replace(estimate, notes=note_of(information.layout.rows, factors))
 
     def fit(self, information: Information) -> Fit:
-        """Values and settled weights, without covariances."""
+        """Values and converged weights, without covariances."""
         data = Runs.of(information, self.per_run)
         energy = information.effort_squares() / np.maximum(information.n_samples, 1.0)
         logs, mixed = np.log(np.where(energy > 0.0, energy, 1.0)), Mixing()

@@ -8,7 +8,7 @@ they scatter as much as the estimate really does [Newey1987] [Cameron2015].
 
 The full sandwich $K (\sum_w g_w g_w^T) K$, $K$ the inverse of the normal matrix, needs many more
 windows than parameters: with 4 to 19 windows and 8 to 40 parameters its 95 % intervals hold in 83
-to 89 % of cases. One factor per effort row, all columns together, is told by four windows:
+to 89 % of cases. One factor per effort row, all columns together, is estimated from four windows:
 
 $$\varphi_j = \frac{\sum_w g_{wj}^T K g_{wj}}
 {\sum_w \mathrm{tr}\,(K G_{wj} - (K G_{wj})^2)}, \qquad
@@ -45,10 +45,10 @@ FEWEST = 2
 """Windows of a run that are kept apart, however many runs there are."""
 
 FREEDOM = 2.0
-"""Expected squares of scores below which they tell nothing."""
+"""Expected squares of scores below which they are too few."""
 
 NOTED = 1.5
-"""Factor on the width of intervals from which on people are told."""
+"""Factor on the width of intervals from which on there is a note."""
 
 
 def inflations(fit: Fit) -> Array:

@@ -31,7 +31,7 @@ LARGEST = 0.5
 
 
 class DriveGain(NamedTuple):
-    """One joint's gain as it is told.
+    """One joint's gain as it is reported.
 
     Attributes:
         joint: Name of the effort row.

@@ -97,7 +97,7 @@ def corrected_body(given: Inertia, *, noted: bool = False) -> PriorBody:
 
     Args:
         given: Its mass is above zero.
-        noted: Whether it is told elsewhere why no body can have it, as the model file's notes do.
+        noted: Whether it is noted elsewhere why no body can have it, as the model file's notes do.
     """
     flaw = given.flaw()
     moments, axes = np.linalg.eigh(spread_of(given))

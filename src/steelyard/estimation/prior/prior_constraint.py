@@ -1,4 +1,4 @@
-"""A wish: something that a user knows of a robot's parameters, as rows of an estimate."""
+"""A prior constraint: what a user knows of a robot's parameters, as rows of an estimate."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from steelyard.suggest import advice
 
 @dataclass(frozen=True, eq=False)
 class ConstraintContext:
-    """What a wish is about: the parameters of a model, and where the wish was written.
+    """The context of a constraint: the parameters of a model, and the constraint's place.
 
     Attributes:
         model: The model.
@@ -70,7 +70,7 @@ class ConstraintContext:
         return name
 
     def refuse(self, wrong: str, fix: str) -> NoReturn:
-        """Stop at this wish.
+        """Refuse this constraint.
 
         Raises:
             ModelError: Always.
@@ -80,7 +80,7 @@ class ConstraintContext:
     def row(
         self, label: str, coefficients: Mapping[str, float], interval: "Interval | float"
     ) -> Row:
-        """A row with the wish in words, and the place it was written at."""
+        """A row with the constraint in words, and its place in the file."""
         low, high = (interval, interval) if isinstance(interval, float) else interval
         return Row(f"{label} ({self.where})", coefficients, low, high)
 
@@ -95,7 +95,7 @@ class PriorConstraint(Protocol):
     kind: ClassVar[str]
 
     def rows(self, scope: ConstraintContext) -> list[Row]:
-        """The wish over a model's standard parameters.
+        """The constraint over a model's standard parameters.
 
         Raises:
             ModelError: It names what the model does not have, or contradicts itself.

@@ -1,4 +1,4 @@
-"""All wishes by the names they have in robot files; from model and robot file to knowledge."""
+"""All prior constraints by the names they have in robot files; from model and robot file to knowledge."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -51,7 +51,7 @@ KINDS = Kinds(CONSTRAINTS, "kind", "kind of knowledge", "knowledge of kind")
 def knowledge_of(model: Model, loaded: LoadedRobot, fastest: Array | None = None) -> Knowledge:
     """All that model and robot file say before the data.
 
-    Wishes about friction that was chosen from the data, or is still to be, and is not in the
+    Constraints on friction that was chosen from the data, or is still to be, and is not in the
     model, are passed over with a note.
 
     Args:
@@ -61,8 +61,8 @@ def knowledge_of(model: Model, loaded: LoadedRobot, fastest: Array | None = None
             friction is bounded as a whole; without it, coefficient by coefficient.
 
     Raises:
-        ModelError: A wish is no wish, names what is not there, or contradicts itself.
-        DataError: Wishes contradict each other.
+        ModelError: A constraint is none, names what is not there, or contradicts itself.
+        DataError: Constraints contradict each other.
     """
     known = given_knowledge(model, loaded.prior, loaded.where)
     rows: list[Row] = []
@@ -94,7 +94,7 @@ def _with_curves(
 
 
 def _refuse_own(rows: Sequence[Row], own: Sequence[str], where: str) -> None:
-    """Stop at a wish about what every run has for itself."""
+    """Refuse a constraint on what every run has for itself."""
     for name in own:
         if any(name in row.coefficients for row in rows):
             raise ModelError(
@@ -105,7 +105,7 @@ def _refuse_own(rows: Sequence[Row], own: Sequence[str], where: str) -> None:
 
 
 def constraint_of(table: Mapping[str, Any], where: str) -> PriorConstraint:
-    """A wish from a table with its `kind` and its fields.
+    """A constraint from a table with its `kind` and its fields.
 
     Args:
         table: As the robot file has it.
@@ -118,7 +118,7 @@ def constraint_of(table: Mapping[str, Any], where: str) -> PriorConstraint:
 
 
 def _of_absent_law(constraint: PriorConstraint, model: Model) -> str | None:
-    """The parameter of a friction law that the model lacks, if a wish names one."""
+    """The parameter of a friction law that the model lacks, if a constraint names one."""
     if not isinstance(constraint, Known | Tied):
         return None
     names = (

@@ -43,7 +43,7 @@ class MotionNoise:
         position: Standard deviation of a position, one for all joints or one per joint [rad; m];
             `None`: as it is found in the runs.
         rounds: Most steps.
-        tolerance: Change of the parameters, in standard deviations, at which they are settled.
+        tolerance: Change of the parameters, in standard deviations, at which they have converged.
         per_run: Columns whose parameters every run has for itself.
     """
 
@@ -111,7 +111,7 @@ class _State:
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """Samples with what is searched and what is held.
+    """Samples with what is searched and what is fixed.
 
     Attributes:
         regressor: Model and columns.

@@ -110,7 +110,7 @@ class Reweighted:
         weigh: The loss.
         inner: Fits the weighted samples.
         rounds: Most iterations.
-        tolerance: Change of the parameters, in standard deviations, at which they are settled.
+        tolerance: Change of the parameters, in standard deviations, at which they have converged.
     """
 
     weigh: Weigh = field(default_factory=Huber)
@@ -148,7 +148,7 @@ class Reweighted:
     def _converged(
         self, samples: Samples, estimate: Estimate, loss: Weigh
     ) -> tuple[Estimate, Array, str]:
-        """Fit until nothing moves; the estimate, the rows' scales, and whether they settled."""
+        """Fit until convergence; the estimate, the rows' scales, and whether they converged."""
         scales, exact = _scales(samples, estimate)
         for count in range(1, self.rounds + 1):
             u = _standardised(samples, estimate, scales)

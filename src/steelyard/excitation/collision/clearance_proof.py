@@ -86,7 +86,7 @@ def proven_distances(
         progress: Told of the share of the time that is done.
 
     Raises:
-        Stopped: `progress` asked to stop.
+        Stopped: `progress` requested a stop.
     """
     search = _Search(robot, scene, trajectory)
     least, proven = np.full(len(enough), np.inf), np.full(len(enough), np.inf)

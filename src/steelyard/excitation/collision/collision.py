@@ -58,7 +58,7 @@ class Clearance:
 
     A margin is the signed distance $s$ less the distance to keep. With the nearest points
     $p_a, p_b$ and the unit vector $n$ from $a$ to $b$, its gradient is
-    $n^T (J_b(p_b) - J_a(p_a))$. Where a margin is told to be `activation_distance` or more it may
+    $n^T (J_b(p_b) - J_a(p_a))$. Where a margin is given as `activation_distance` or more it may
     be only a lower bound of it, and its gradient zero.
 
     Attributes:
@@ -167,7 +167,7 @@ class Clearance:
         `activation_distance` or higher.
 
         Raises:
-            Stopped: `progress` asked to stop.
+            Stopped: `progress` requested a stop.
         """
         enough = self.wanted + self.activation_distance
         found = proven_distances(

@@ -148,14 +148,14 @@ def proven_minimum(
         tolerance: How far below the least margin at a middle the bound may stay, shape `(k,)`; a
             fiftieth of it where that tells whether the margin is kept.
         progress: Told of every round.
-        phase: What it is told.
+        phase: Name of the phase of progress.
         count: Stretches to begin with.
 
     Returns:
         Shape `(k,)`; farther below than `tolerance` only where `MOST` stretches were not enough.
 
     Raises:
-        Stopped: `progress` asked to stop.
+        Stopped: `progress` requested a stop.
     """
     course = Course(trajectory)
     edges = course.edges(count)
@@ -190,7 +190,7 @@ def goals(seen: Array, tolerance: Array) -> Array:
 
 
 def _parts(start: Array, end: Array, pieces: NDArray[np.int_]) -> tuple[Array, Array]:
-    """Every stretch in as many equal parts as are asked of it, without gaps."""
+    """Every stretch in as many equal parts as are requested of it, without gaps."""
     count = int(pieces.sum())
     number = np.arange(count) - np.repeat(np.cumsum(pieces) - pieces, pieces)
     origin, length = np.repeat(start, pieces), np.repeat((end - start) / pieces, pieces)

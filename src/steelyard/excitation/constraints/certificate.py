@@ -92,12 +92,12 @@ class Certificate:
 
     @property
     def gaps(self) -> tuple[str, ...]:
-        """What is not covered, though nobody asked to leave it out, one sentence each."""
+        """What is not covered, though not left out by request, one sentence each."""
         return tuple(n for n in self.notes if isinstance(n, Gap) and not isinstance(n, Declined))
 
     @property
     def declined(self) -> tuple[str, ...]:
-        """What is not covered because the user asked for it, one sentence each."""
+        """What is not covered by the user's request, one sentence each."""
         return tuple(n for n in self.notes if isinstance(n, Declined))
 
     @property
@@ -162,7 +162,7 @@ def certify(
             before; proven here if `None`.
 
     Raises:
-        Stopped: `progress` asked to stop.
+        Stopped: `progress` requested a stop.
     """
     proofs = []
     for number, constraint in enumerate(constraints):

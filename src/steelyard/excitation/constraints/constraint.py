@@ -63,6 +63,6 @@ class Constraint(Protocol):
         """A lower bound of every margin that holds at all times of the trajectory, shape `(k,)`.
 
         Raises:
-            Stopped: `progress` asked to stop.
+            Stopped: `progress` requested a stop.
         """
         ...

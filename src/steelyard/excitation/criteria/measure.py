@@ -1,4 +1,4 @@
-"""What a criterion is asked about: chosen parameters, after earlier runs, in fitting units."""
+"""What a criterion is computed of: chosen parameters, after earlier runs, in fitting units."""
 
 import math
 from dataclasses import dataclass
@@ -54,7 +54,7 @@ class Measure:
 
     @property
     def name(self) -> str:
-        """The criterion's, and what it is asked about."""
+        """The criterion's, and what it is computed of."""
         parts = [self.kind.name]
         parts += [] if self.chosen is None else [f"of {len(self.chosen)} chosen parameters"]
         parts += [] if self.prior is None else ["with earlier runs"]

@@ -97,7 +97,7 @@ def gaps_of_files(designed: Designed, forms: Sequence[str], rate: float | None) 
     """What is not proven of files for controllers, one sentence each.
 
     Args:
-        designed: The motion; nothing is said of one whose certificate does not hold.
+        designed: The motion; none of one whose certificate does not hold.
         forms: Names of formats.
         rate: Points a second; each format's own if `None`.
     """

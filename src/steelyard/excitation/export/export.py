@@ -23,7 +23,7 @@ class Export:
         title: What it is.
         file: Name of the file.
         text: The file's content, from a motion, its robot and points a second.
-        rate: Points a second, if none is asked for.
+        rate: Points a second, if none is requested.
         between: What a controller does between points, see `between_points`; `None` if the file
             is for none.
     """

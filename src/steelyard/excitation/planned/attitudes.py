@@ -1,4 +1,4 @@
-"""How a tool is held while it moves: anyhow, or along a direction."""
+"""How a tool is oriented while it moves: anyhow, or along a direction."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -10,15 +10,15 @@ from steelyard.arrays import Array, frozen
 
 
 class Attitude(Protocol):
-    """What is asked of a frame's orientation, as turns that must be zero.
+    """Requirements on a frame's orientation, as turns that must be zero.
 
     Attributes:
-        rows: Number of turns `k` that are asked to be zero, 0 to 2.
+        rows: Number of turns `k` that must be zero, 0 to 2.
     """
 
     @property
     def rows(self) -> int:
-        """Number of turns that are asked to be zero."""
+        """Number of turns that must be zero."""
         ...
 
     def turns(self, rotation: Array) -> Array:

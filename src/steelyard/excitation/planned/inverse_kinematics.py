@@ -72,7 +72,7 @@ class InverseKinematics:
         kinematics: Of the frame.
         lower: Lowest positions, shape `(n,)` [rad; m].
         upper: Highest positions, shape `(n,)` [rad; m].
-        attitude: What is asked of the frame's orientation.
+        attitude: What is required of the frame's orientation.
     """
 
     kinematics: Kinematics

@@ -28,7 +28,7 @@ from steelyard.robot_file.model_source import beside
 WHERE = "[excitation.motion]"
 
 Planned = tuple[ExactTrajectory, tuple[str, ...]]
-"""A motion, and what is to be said of it."""
+"""A motion, and notes on it."""
 
 Plan = Callable[[Any, LoadedRobot, MotionLimits, int], Planned]
 

@@ -9,7 +9,7 @@ from steelyard.excitation.planned.inverse_kinematics import InverseKinematics
 _WEIGHT = 100.0
 """A metre off the shifted target weighs as much as a shift of this many metres."""
 _PADS = (1.0, 1.002, 1.01, 1.03, 1.1, 1.25)
-"""Factors on the least shift; the first that is seen to work is told."""
+"""Factors on the least shift; the first that is seen to work is advised."""
 _PATIENCE = 200
 """Steps of the search for the least shift at most."""
 

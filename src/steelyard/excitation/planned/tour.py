@@ -1,4 +1,4 @@
-"""What a process motion is asked for, and what comes of it."""
+"""The requirements on a process motion, and the resulting motion."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -18,7 +18,7 @@ class Manner:
 
     Attributes:
         path: `line`: straight lines of the tool; `joint`: straight in joint space.
-        attitude: What is asked of the tool's orientation, at all times on lines, else at places.
+        attitude: What is required of the tool's orientation, at all times on lines, else at places.
         tool: Highest speed and acceleration of the tool's origin, beside the joints' limits.
         share: Of all limits but positions that is used.
         straightness: Greatest distance from a line [m], and turn from the attitude [rad].
@@ -70,7 +70,7 @@ class Tour:
 
 @dataclass(frozen=True, eq=False)
 class ProcessMotion:
-    """A process motion, and what can be said of it.
+    """A process motion, and notes on it.
 
     Attributes:
         trajectory: From rest to rest, ending in the posture it started in.

@@ -59,7 +59,7 @@ def adapted(
 
     Raises:
         DataError: cma is missing.
-        Stopped: `progress` asked to stop.
+        Stopped: `progress` requested a stop.
     """
     lengths = np.ones_like(lower) if units is None else units
     spans = (upper - lower) * lengths

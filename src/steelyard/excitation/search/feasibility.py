@@ -1,4 +1,4 @@
-"""What allows no motion is said before a search, with the smallest change that would work."""
+"""What allows no motion is reported before a search, with the smallest change that would work."""
 
 from collections.abc import Sequence
 from typing import Any

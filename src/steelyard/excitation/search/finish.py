@@ -53,7 +53,7 @@ def finished(
     Raises:
         DataError: No candidate shows all parameters.
         NoMotion: No candidate can be made to keep its constraints.
-        Stopped: `progress` asked to stop.
+        Stopped: `progress` requested a stop.
     """
     best: tuple[float, Kept] | None = None
     lacking, slowest = list[Array](), 0.0

@@ -52,7 +52,7 @@ def evolved(
 
     Raises:
         DataError: pymoo is missing.
-        Stopped: `progress` asked to stop.
+        Stopped: `progress` requested a stop.
     """
     try:
         from pymoo.algorithms.soo.nonconvex.ga import GA

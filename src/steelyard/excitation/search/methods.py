@@ -44,7 +44,7 @@ class Gradient:
     screened: int = 60
 
     def search(self, problem: Problem, random: np.random.Generator, watch: Watch) -> Array:
-        """See `Method`; starts that show too little are not told of."""
+        """See `Method`; starts that show too little are not reported."""
         count = ceil(self.screened / len(problem.limbs) ** 2)
         joints = [limb.joints for limb in problem.limbs]
         starts = each_start(problem.inequalities, random, count, joints)

@@ -41,7 +41,7 @@ class Deadline:
         begun: Where the search begins, if it does so in the feasible set.
 
     Attributes:
-        latest: The last coefficients that it was told of, if any.
+        latest: The last coefficients that were reported to it, if any.
     """
 
     def __init__(self, at: float, *begun: Array) -> None:

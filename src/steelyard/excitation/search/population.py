@@ -80,7 +80,7 @@ class _Genes:
         """The criterion of many sets of genes, `(B, k)` to `(B,)`; each is shrunk until feasible.
 
         Where a posture is not free, what it lacks leads out. Whatever is better than `start` and
-        all before is told to `watch`.
+        all before is reported to `watch`.
         """
         best = [self.problem.objective(start, SHARPNESS)[0]]
 
@@ -160,7 +160,7 @@ class CmaEsSearch:
 
 
 class _Last:
-    """The best motion so far, told to the watcher again at every generation."""
+    """The best motion so far, reported to the watcher again at every generation."""
 
     def __init__(self, x: Array, watch: Watch) -> None:
         self.x, self._watch = x, watch

@@ -12,7 +12,7 @@ from steelyard.excitation.constraints.constraint import Constraint
 from steelyard.excitation.limits import MotionLimits
 
 ATTEMPTS = 60
-"""Random postures from which a free one is sought before it is said that there is none."""
+"""Random postures among which a free one is sought before none is reported."""
 
 _MIDDLE = 0.4
 _EDGE = 0.95

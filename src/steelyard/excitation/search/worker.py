@@ -21,7 +21,7 @@ from steelyard.progress import Stopped
 
 
 def main() -> None:
-    """Search until told to stop."""
+    """Search until the end of the time."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     answer = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)

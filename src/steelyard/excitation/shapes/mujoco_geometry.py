@@ -96,7 +96,7 @@ class Distances:
 
 
 def _add(spec: Any, number: int, solid: Solid) -> None:
-    """One geom for a solid, on the world; a half-space gets a stand-in that is never asked."""
+    """One geom for a solid, on the world; a half-space gets a stand-in that is never used."""
     if isinstance(solid, Hull):
         vertices = solid.vertices.astype(np.float32).ravel()
         spec.add_mesh(name=f"{number}", uservert=vertices)

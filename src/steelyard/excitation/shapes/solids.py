@@ -1,4 +1,4 @@
-r"""Convex solids, each told by its farthest point in any direction.
+r"""Convex solids, each defined by its farthest point in any direction.
 
 With the height $h(d) = \max_{x} d \cdot x$ of a solid in a direction, the signed distance of two
 solids is $\max_{|d| = 1} -h_B(-d) - h_A(d)$: any direction gives a lower bound, the right one the
@@ -217,7 +217,7 @@ class HalfSpace(_Centred):
         return float("inf")
 
     def farthest(self, directions: Array) -> Array:
-        """The origin: only the direction of z has a farthest point, and it is the only one asked.
+        """The origin: only the direction of z has a farthest point, and no other is requested.
 
         Raises:
             ValueError: Another direction.

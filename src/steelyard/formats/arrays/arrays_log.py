@@ -138,7 +138,7 @@ class ArraysLog:
     def parts(
         self, columns: Sequence[str], rows: Rows = (0, None), size: int = PART
     ) -> Iterator[Array]:
-        """The rows asked for, in parts; see `Log`."""
+        """The requested rows, in parts; see `Log`."""
         for column in columns:
             self._require(column)
         require_columns(self.path, self.columns, columns)

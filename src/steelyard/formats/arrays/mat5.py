@@ -135,7 +135,7 @@ class _Scanner:
     at: int = 0
 
     def matrix(self, name: str, depth: int) -> Iterator[Packed | Member]:
-        """The arrays in the matrix that starts here; the name is asked for at depth 0."""
+        """The arrays in the matrix that starts here; the name is requested at depth 0."""
         kind, length, inline = self._tag()
         if kind != MATRIX or inline:
             raise ValueError(f"byte {self.at} of a variable starts no matrix")

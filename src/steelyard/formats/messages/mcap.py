@@ -113,7 +113,7 @@ class _Walk:
 
     Attributes:
         channels: Channels met so far, by their number.
-        counts: Messages per channel, if the file has told them.
+        counts: Messages per channel, if the file states them.
         ended: Whether the last record of data was met.
     """
 

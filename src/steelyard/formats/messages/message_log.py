@@ -3,10 +3,10 @@
 The columns are `<topic>/<path of a number in the message>`, for joint states
 `<topic>/position/<joint>`, and for every topic `<topic>/stamp` (when the message says that it was
 measured) and `<topic>/log_time` (when it was recorded) [s]. The rows are the messages of the topic
-of the first column asked for, in the order of the file. Columns of other topics are interpolated at
+of the first requested column, in the order of the file. Columns of other topics are interpolated at
 the stamps of these rows (`Track`), or at their log times if the first column is a log time.
 
-Every topic asked for is a pass of its own over the file, so that memory does not grow however the
+Every requested topic is a pass of its own over the file, so that memory does not grow however the
 topics are interleaved.
 """
 
@@ -41,7 +41,7 @@ class MessageLog:
     """A log of messages as a table; see the module.
 
     A value that a message lacks is NaN. A message that cannot be decoded is a row of NaN. A joint
-    state with none of the joints asked for, as of a gripper that shares the topic, is no row.
+    state with none of the requested joints, as of a gripper that shares the topic, is no row.
 
     Attributes:
         path: Where it is.
@@ -89,7 +89,7 @@ class MessageLog:
     def parts(
         self, columns: Sequence[str], rows: Rows = (0, None), size: int = PART
     ) -> Iterator[Array]:
-        """The rows asked for, in parts; see `Log`."""
+        """The requested rows, in parts; see `Log`."""
         self._require(columns)
         blocks: list[Array] = []
         for block in self._blocks(columns, rows, min(size, BLOCK)):
@@ -139,7 +139,7 @@ class MessageLog:
         }
 
     def _require(self, columns: Sequence[str]) -> None:
-        """Check the columns, and say why a topic has none if one of it is asked for."""
+        """Check the columns, and say why a topic has none if one of it is requested."""
         for column in set(columns).difference(self.columns):
             for layout in self.layouts:
                 if layout.problem and column.startswith(f"{layout.name}/"):

@@ -79,7 +79,7 @@ class DelimitedLog:
     def parts(
         self, columns: Sequence[str], rows: Rows = (0, None), size: int = PART
     ) -> Iterator[Array]:
-        """The rows asked for, in parts; see `Log`."""
+        """The requested rows, in parts; see `Log`."""
         require_columns(self.path, self.columns, columns)
         wanted = [self.columns.index(column) for column in columns]
         start, stop = rows

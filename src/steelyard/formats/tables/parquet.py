@@ -25,7 +25,7 @@ WIDEST = 1 << 16
 
 @dataclass(frozen=True)
 class ParquetLog:
-    """A Parquet file; only the row groups and columns asked for are read.
+    """A Parquet file; only the requested row groups and columns are read.
 
     Attributes:
         path: Where it is.
@@ -58,7 +58,7 @@ class ParquetLog:
     def parts(
         self, columns: Sequence[str], rows: Rows = (0, None), size: int = PART
     ) -> Iterator[Array]:
-        """The rows asked for, in parts; see `Log`."""
+        """The requested rows, in parts; see `Log`."""
         require_columns(self.path, self.columns, columns)
         start, stop = rows
         while stop is None or start < stop:

@@ -69,7 +69,7 @@ class PartitionedParquet:
     def parts(
         self, columns: Sequence[str], rows: Rows = (0, None), size: int = PART
     ) -> Iterator[Array]:
-        """The rows asked for, in parts; see `Log`."""
+        """The requested rows, in parts; see `Log`."""
         require_columns(self.path, self.columns, columns)
         start, stop = rows
         for file in self.files:

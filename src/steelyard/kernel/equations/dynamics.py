@@ -34,7 +34,7 @@ Matrix = Any
 class JointState:
     """Position, velocity and acceleration of every joint: `q[j]` is a scalar or an array.
 
-    `channels` are what cannot be said of one sample alone and was computed along the motion:
+    `channels` are what does not follow from one sample alone and was computed along the motion:
     positions of joints that loops determine, states of friction with memory, reference loads.
     """
 

@@ -20,7 +20,7 @@ class Code:
     """Machine code of one program.
 
     Attributes:
-        about: What the builder said about the program (JSON).
+        about: What the builder stated about the program (JSON).
         n_inputs: Number of input arrays.
         n_outputs: Rows of the output.
         lanes: Samples per vector instruction; sample counts of `raw` are multiples of it.
@@ -68,7 +68,7 @@ def compiled(description: Any, build: Callable[[], tuple[Program, dict[str, Any]
 
     Args:
         description: Everything the program depends on, as JSON; its hash names the cache entry.
-        build: Makes the program and says about it what callers need; called only if the cache has
+        build: Makes the program and states about it what callers need; called only if the cache has
             no sound entry.
     """
     lanes = machine.lanes()

@@ -29,7 +29,7 @@ _FOLDED: dict[str, Callable[..., float]] = {
 
 
 class Tape:
-    """Values in the order they were asked for; a value is its number.
+    """Values in the order they were requested; a value is its number.
 
     Attributes:
         operations: Name of every value's operation, as of a `Step`.

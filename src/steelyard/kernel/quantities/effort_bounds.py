@@ -53,7 +53,7 @@ def effort_bounds(
         rough: The others; `None` without.
         n: Number of joints.
         parameters: Number of parameters.
-        power: Whether the power of every joint and of all together is asked for, not the effort.
+        power: Whether the power of every joint and of all together is bounded, not the effort.
     """
 
     def build() -> tuple[Program, dict[str, Any]]:

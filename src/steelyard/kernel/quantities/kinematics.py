@@ -1,6 +1,6 @@
 r"""Where frames and points of a robot are, and how joints move them, as machine code.
 
-Everything is said in the base frame, for trees of independent joints. The linear part of a
+Everything is expressed in the base frame, for trees of independent joints. The linear part of a
 Jacobian is the derivative of a point's position, the angular part maps joint speeds to the angular
 velocity: $\omega = J_\omega \dot q$.
 """

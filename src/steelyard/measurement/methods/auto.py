@@ -35,7 +35,7 @@ FASTEST = 0.25
 LEAST = 500
 """Samples from which on innovations tell whether they are white."""
 STILL = 0.02
-"""A joint with a smaller share of the largest standard deviation is not asked."""
+"""A joint with a smaller share of the largest standard deviation is left out."""
 EXCESS = 1.2
 """Power of a motion's distance from its mean period over that of noise in the low-pass alone."""
 EXCESS_ONCE = 2.0

@@ -13,7 +13,7 @@ from steelyard.measurement.methods.butterworth import Differentiating
 RINGING = 2
 """Halo over that of the filter itself: its derivatives ring on at the level of its suppression."""
 SUPPRESSIONS = 20.0, 120.0
-"""Least and most suppression that can be asked for [dB]."""
+"""Least and most suppression that can be requested [dB]."""
 
 
 @dataclass(frozen=True)

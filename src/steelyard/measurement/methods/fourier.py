@@ -34,7 +34,7 @@ class Series:
         frequency: Base frequency [Hz].
         origin: Time at which the phase is zero [s].
         mean: Shape `(C,)`.
-        drift: Slope beside the series, shape `(C,)` [1/s]; zero unless asked for.
+        drift: Slope beside the series, shape `(C,)` [1/s]; zero unless requested.
         cosine: Shape `(K, C)`.
         sine: Shape `(K, C)`.
         noise: Standard deviation of what is left, shape `(C,)`.

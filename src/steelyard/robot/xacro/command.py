@@ -101,7 +101,7 @@ class Commands:
     def find(self, package: str) -> str:
         """The folder of a package; `package://NAME` where it is not found.
 
-        So a package that only holds meshes may be missing, and a file of it is asked for by name.
+        So a package that only holds meshes may be missing, and a file of it is requested by name.
         """
         if package not in self.found:
             try:

@@ -73,7 +73,7 @@ class Expander:
 
     @contextmanager
     def _place(self, element: Element) -> Iterator[None]:
-        """One level further in; what goes wrong there is said with its place."""
+        """One level further in; errors there state their place."""
         self.depth += 1
         try:
             self.scope.reading.budget.spend(1)

@@ -18,7 +18,7 @@ class Spring(ActsOnAxes):
     r"""Spring along a coordinate, $f = k\,(x - x_0)$, the effort that holds it [N m/rad; N/m].
 
     With `free = "unknown"` the torque is $f = k\,x - p$ with a preload $p = k\,x_0$, a parameter of
-    its own. A preload and the term `offset` on one coordinate cannot be told apart.
+    its own. A preload and the term `offset` on one coordinate cannot be distinguished.
 
     Attributes:
         free: Position $x_0$ where the spring is free, one for all or one per coordinate [rad; m],
