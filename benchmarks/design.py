@@ -45,10 +45,10 @@ SECONDS = float(os.environ.get("STEELYARD_BENCH_SECONDS", "20"))
 """How long each way searches."""
 
 MARKS = (0.05, 0.1, 0.25, 0.5, 1.0)
-"""Shares of the time after which the figure is told."""
+"""Shares of the time after which the criterion's value is reported."""
 
 WANTED = 36.0
-"""Figure of which the time is told."""
+"""Value of the criterion whose time is reported."""
 
 SAMPLES, STEP, ENOUGH, ROUNDS = 100, 1e-6, 1e-4, 1000
 """Of SLSQP: samples, finite difference, gain at which it ends, most iterations."""

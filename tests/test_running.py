@@ -25,7 +25,7 @@ PAGE = Path(__file__).parent.parent / "docs" / "running.md"
 
 
 class Driver:
-    """What a robot's own library may look like: it is where it was last told to be."""
+    """What a robot's own library may look like: it is where it was last commanded to be."""
 
     on_state: Callable[[float, np.ndarray, np.ndarray], object] | None = None
 

@@ -169,7 +169,7 @@ def _scan() -> list[Claim]:
             false[worst] <= 0.02 * count,
         ),
         Claim(
-            "joints that stand still in jointwise motion: logs told",
+            "joints that stand still in jointwise motion: logs distinguished",
             str(true["excitation"]),
             "3",
             true["excitation"] == 3,

@@ -1,9 +1,9 @@
-"""Mistakes that are planted in a job: each is said, and no line that is written makes it worse.
+"""Mistakes that are planted in a job: each is reported, and no fix that is written makes it worse.
 
-A simulated arm, two logs fitted and one validated, one mistake each. A mistake is right if a
-sentence that must be said is said, and `check` calls nothing else wrong; or if it was handled, so
-that the true error stays small. Clean jobs are right if nothing is said against them.
-`--only NAME` runs those whose names contain it and prints all that was said; `--seed N` takes
+A simulated arm, two logs fitted and one validated, one mistake each. A mistake is right if the
+expected sentence is there, and `check` calls nothing else wrong; or if it was handled, so
+that the true error stays small. Clean jobs are right if nothing is found wrong.
+`--only NAME` runs those whose names contain it and prints all sentences; `--seed N` takes
 another arm.
 """
 
@@ -25,7 +25,7 @@ from proofs.support.mistakes_of_robots import ROBOTS
 MISTAKES = [*LOGS, *ROBOTS]
 SEED = 1
 UNTOLD = 5
-"""Mistakes at most that cannot be told from logs."""
+"""Mistakes at most that cannot be detected from logs."""
 
 CLEAN = 3.0
 """True error [%] up to which a clean job was identified."""
@@ -50,7 +50,7 @@ def one(task: tuple[str, int]) -> Outcome:
 
 
 def right(mistake: Mistake, found: Outcome) -> bool:
-    """Whether what must be said is said, and nothing else is called wrong."""
+    """Whether the expected sentence is there, and nothing else is called wrong."""
     if not mistake.says and not mistake.untold:
         quiet = not any(
             re.match("check wrong|refusal|headline (fair|poor)", s) for s in found.sentences
@@ -102,9 +102,9 @@ def main(mistakes: Sequence[Mistake] = MISTAKES, seed: int = SEED) -> list[Claim
     count = len(mistakes)
     return [
         Claim(
-            "planted mistakes are said",
+            "planted mistakes are reported",
             f"{count - len(missed)} of {count} right; missed {', '.join(silent) or 'none'}",
-            f"all but at most {UNTOLD} that cannot be told",
+            f"all but at most {UNTOLD} that cannot be detected",
             not silent and len(excused) <= UNTOLD,
         ),
         Claim(

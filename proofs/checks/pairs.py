@@ -1,10 +1,10 @@
-"""Two mistakes in one job: put right, or said that they cannot be told, and never made worse.
+"""Two mistakes in one job: corrected, or reported as not distinguishable, and never made worse.
 
 Ten kinds of pairs in logs of a simulated arm, every draw another arm with hidden masses, friction
 and motion; the model file is off by up to 10 % per parameter, as model files are. A draw is right
 if the model identified with the lines that `check --fix` writes is within 3 % of the truth; if
 they bring it nearer, and both mistakes are named, as wrong or as open; or if no line is written
-and what is said names both, or says that something is wrong and what cannot be told. `--draws N`
+and the output names both, or that something is wrong and what cannot be distinguished. `--draws N`
 and `--only NAME` as they say.
 """
 
@@ -214,7 +214,7 @@ def requested() -> list[Claim]:
     parser = argparse.ArgumentParser()
     parser.add_argument("--only", default="")
     parser.add_argument("--draws", type=int, default=DRAWS)
-    parser.add_argument("--seed", type=int, default=0, help="one draw, with all that was said")
+    parser.add_argument("--seed", type=int, default=0, help="one draw, with all sentences")
     options = parser.parse_args()
     chosen = [pair for pair in PAIRS if options.only in pair.name]
     if options.seed:

@@ -92,9 +92,9 @@ def model_of(name: str, folder: Path) -> Path:
 
 
 def prepared(name: str, folder: Path) -> tuple[Path, list[object]]:
-    """The robot file that `init` writes, and how `simulate` is told the motion of `excite`.
+    """The robot file that `init` writes, and how `simulate` is given the motion of `excite`.
 
-    Where `excite` finds none, it is told to take a random one.
+    Where `excite` finds none, it takes a random one.
     """
     robot, motion = folder / f"{name}.toml", folder / f"{name}-motion"
     done("init", model_of(name, folder), "-o", robot)
@@ -110,7 +110,7 @@ def done(*arguments: object) -> None:
     """Run a command.
 
     Raises:
-        RuntimeError: It did not do what it was asked for.
+        RuntimeError: The command failed.
     """
     code, output = run(*arguments)
     if code not in (0, 1, 3):
@@ -118,7 +118,7 @@ def done(*arguments: object) -> None:
 
 
 def draws_of(name: str, folder: Path, draws: int) -> list[Outcome]:
-    """All draws of one robot; each is told when it is there."""
+    """All draws of one robot; each is printed when it is there."""
     robot, motion = prepared(name, folder)
     found = []
     for seed in range(draws):

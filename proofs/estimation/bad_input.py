@@ -1,6 +1,6 @@
-"""Bad input to the consistent estimate: floored, refused or marked, and said so.
+"""Bad input to the consistent estimate: floored, refused or marked, with a note.
 
-Priors that no body can have, wishes that contradict each other, too few samples, a joint that
+Priors that no body can have, constraints that contradict each other, too few samples, a joint that
 never moved, and a solver that stops early.
 """
 
@@ -71,7 +71,10 @@ REFUSED: dict[str, tuple[str, tuple[str, ...]]] = {
             "line 24",
         ),
     ),
-    "a wish that contradicts itself": (f"{MASS}lower = 3.0\nupper = 2.0\n", ("lower", "upper")),
+    "a constraint that contradicts itself": (
+        f"{MASS}lower = 3.0\nupper = 2.0\n",
+        ("lower", "upper"),
+    ),
     "a body that cannot be": (
         f'{MASS}value = 2.0\n{KNOWN}"centre_in_box"\nlink = "forearm"\nlower = [0.9, 0.0, 0.0]\n'
         f'upper = [1.0, 0.1, 0.1]\n{KNOWN}"parameter"\nparameter = "Izz.forearm"\nupper = 0.1\n',
@@ -127,9 +130,9 @@ def of_prior(name: str, given: Path, work: Path) -> list[Claim]:
     found_note = next((note for note in notes if all(w in note for w in words)), "no such note")
     identified = load_model(out)
     impossible = impossible_bodies(identified.estimate, default_knowledge(identified.model))
-    count = "bodies not told" if impossible is None else f"{len(impossible)} bodies cannot exist"
+    count = "bodies not stated" if impossible is None else f"{len(impossible)} bodies cannot exist"
     return [
-        Claim(f"{name}: said", found_note[:90], f"link named, {words[-1]}", found_note in notes),
+        Claim(f"{name}: noted", found_note[:90], f"link named, {words[-1]}", found_note in notes),
         Claim(f"{name}: bodies", count, "all valid", impossible == ()),
     ]
 
@@ -272,7 +275,7 @@ def of_solver(given: Path) -> list[Claim]:
             "solver stopped early: refused", f"{stopped} of 30: {first}"[:90], ">= 5", stopped >= 5
         ),
         Claim(
-            "solver stopped early: said",
+            "solver stopped early: noted",
             strange or first[:90],
             "says so",
             "stopped before" in words and not strange,

@@ -8,7 +8,7 @@ program without prior, and clipping: the values of the consistent form nearest t
 link by link.
 
 How much a prior helps hangs on how little the data say: the bound is put to runs of 8 s, and the
-same ratio is told for shorter and longer ones. It is beyond the bound from 10 s on.
+same ratio is reported for shorter and longer ones. It is beyond the bound from 10 s on.
 """
 
 import sys
@@ -31,7 +31,7 @@ SEEDS, BOX, POOR = 10, 0.15, 0.1
 """Seeds; half an edge of the boxes [m]; share of the range in poor motion."""
 
 LENGTHS = (5.0, 10.0, 20.0)
-"""Lengths of rich runs [s] whose ratios are told beside those of 8 s."""
+"""Lengths of rich runs [s] whose ratios are reported beside those of 8 s."""
 
 COLUMNS = ("prior", "least squares", "consistent", "quadratic", "no prior", "clipped")
 

@@ -58,7 +58,7 @@ def covered(row: Row, seed: int) -> tuple[float, float, float]:
 
     Returns:
         Share of the parameters in their intervals, share of the unseen samples in their bands, and
-        100 if model or log are said to be wrong, else 0; NaN in all but the first draws.
+        100 if model or log are reported as wrong, else 0; NaN in all but the first draws.
     """
     case, found = fitted(row, seed)
     model = calibrated(found, 1, silent).identified

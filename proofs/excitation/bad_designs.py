@@ -1,6 +1,6 @@
-"""Designs that cannot be: what is said, and that the smallest change that it advises works.
+"""Designs that cannot be: the message, and that the smallest change that it advises works.
 
-The Panda of `problems/panda.toml` with one thing asked for that allows no motion. The message's
+The Panda of `problems/panda.toml` with one requirement that allows no motion. The message's
 change is applied word for word, and the design made anew: it must be proven for all times.
 """
 
@@ -132,7 +132,7 @@ def designed(tables: str, folder: Path) -> tuple[float, bool]:
 
 
 def of(case: Case, folder: Path) -> list[Claim]:
-    """What is said, and what comes of doing what it says."""
+    """The message, and the design with the change that it advises."""
     try:
         designed(case.tables.replace("{}", case.wrong), folder)
     except SteelyardError as error:
@@ -142,8 +142,8 @@ def of(case: Case, folder: Path) -> list[Claim]:
     print(f"{case.name}\n  {refusal}\n")
     missing = [word for word in case.words if word not in str(refusal)]
     claim = Claim(
-        f"{case.name}: said",
-        f"not said: {missing}" if missing else f"{refusal.wrong[:70]} ...",
+        f"{case.name}: message",
+        f"missing: {missing}" if missing else f"{refusal.wrong[:70]} ...",
         "what, by how much",
         not missing,
     )

@@ -137,7 +137,7 @@ def check_headline(
     missing = sorted({pair for pair in cell.judge.pairs if pair not in proven})
     left = " ".join(note for note in notes if "left out" in note)
     unnamed = [pair for pair in missing if not all(word in left for word in pair)]
-    found.uncovered += [f"{name}: nothing is said of {a} and {b}" for a, b in unnamed]
+    found.uncovered += [f"{name}: no note on {a} and {b}" for a, b in unnamed]
     inside = any("outside the workspace limits" in note for note in certificate.gaps)
     if grade == "good" and (cell.bare or inside):
         found.uncovered.append(f"{name}: green, though links have no shape or stay in a wall")

@@ -41,7 +41,7 @@ def claims_of(
             ">= 0",
             proven and margin >= 0.0,
         ),
-        Claim(f"{name}, told against Pinocchio", f"{apart:.1e}", "<= 1e-6", apart <= 1e-6),
+        Claim(f"{name}, printed against Pinocchio", f"{apart:.1e}", "<= 1e-6", apart <= 1e-6),
     ]
 
 

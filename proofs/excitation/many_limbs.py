@@ -2,7 +2,7 @@
 
 Of public models in `models/menagerie` beside the data: excite, simulate, identify without prior
 knowledge of the masses, and validate on a random motion of another seed. Meshes are not needed. A
-model that is not there is passed over, and said. Names of robots as arguments choose among them.
+model that is not there is skipped, with a line. Names of robots as arguments choose among them.
 
 The design is timed twice, the first time with an empty cache of compiled programs. Times are those
 of the clock: they mean something only where nothing else runs.
@@ -33,7 +33,7 @@ CASES = (
     ("G1", "unitree_g1/g1.xml", "pelvis", 5.0),
     ("TALOS", "pal_talos/talos.xml", "base_link", 5.0),
 )
-"""Name, file, link that is held, and most error [%]."""
+"""Name, file, link that is fixed, and most error [%]."""
 
 
 def ran(*arguments: object) -> dict:

@@ -6,7 +6,7 @@ squares. Torques are those of the model itself with white noise, positions are q
 
 On the virtual robot, whose friction gives way near standstill as no law of the model does, the
 earlier residuals hold that too. It repeats from run to run: the prediction is then above the
-scatter of repetitions, and nearer to the whole error, which is told beside it.
+scatter of repetitions, and nearer to the whole error, which is reported beside it.
 """
 
 import tempfile

@@ -100,7 +100,7 @@ FILES: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     "two terms that are one": (
         terms('"rigid_body", "offset", {law = "spring", free = "unknown"}'),
-        ("'spring_preload.j1'", "'offset.j1'", "cannot be told", "leave one"),
+        ("'spring_preload.j1'", "'offset.j1'", "not distinguishable", "leave one"),
     ),
     "three terms of which two suffice": (
         terms('"rigid_body", "coulomb", "offset", "directional_coulomb"'),

@@ -2,7 +2,7 @@
 
 Twenty robots with logs of their own. The truth of the search is a dense grid over both speeds with
 a polish by Nelder and Mead, written here over plain arrays. A genetic algorithm of 30 x 100 runs on
-the same logs, see `benchmarks/genetic.py`; times are told, `make bench` shows them too.
+the same logs, see `benchmarks/genetic.py`; times are reported, `make bench` shows them too.
 """
 
 import sys

@@ -1,6 +1,6 @@
 """Payloads and drive gains of the UR10e from its real logs, with and without known payloads.
 
-The controller was told of no payload; 2.805 kg and 2.600 kg are what the data's authors state. The
+No payload was set in the controller; 2.805 kg and 2.600 kg are what the data's authors state. The
 references of the gains are slopes of the controller's own moment over its current at rest.
 """
 

@@ -280,7 +280,7 @@ def payload(clean: Clean, rng: Random) -> Faulty:
 
 
 def _weighed(mass: float) -> Callable[[Clean, Diagnosis], bool]:
-    """Whether the payload's mass is told within 10 %, and no edit is made."""
+    """Whether the payload's mass is reported within 10 %, and no edit is made."""
 
     def corrected(_: Clean, found: Diagnosis) -> bool:
         payloads = [f for f in found.findings if f.check == "payload"]

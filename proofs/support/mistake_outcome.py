@@ -53,7 +53,7 @@ def outcome_of(arm: Arm, job: Job, folder: Path, *, validated: bool = True) -> O
         arm: The arm as it really is.
         job: What the commands get.
         folder: To work in; it is made.
-        validated: Whether `validate` is asked too, beside `identify --validate`.
+        validated: Whether `validate` is run too, beside `identify --validate`.
     """
     robot, logs = written(job, folder)
     try:

@@ -175,7 +175,7 @@ class Arm:
 
 @dataclass(frozen=True, eq=False)
 class Mistake:
-    """One mistake, and what must be said of it.
+    """One mistake, and what must be reported of it.
 
     Attributes:
         name: In a few words.
@@ -183,8 +183,8 @@ class Mistake:
         says: A pattern that one of `mistake_outcome.Outcome.sentences` must match; empty: nothing
             is wrong, and no finding, refusal or poor headline may say so.
         beside: Another check that may be called wrong too.
-        error: True error [%] up to which nothing need be said: then it was handled.
-        untold: Why it cannot be told from logs; empty where it can.
+        error: True error [%] up to which nothing need be reported: then it was handled.
+        untold: Why it cannot be detected from logs; empty where it can.
     """
 
     name: str

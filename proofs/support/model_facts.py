@@ -95,7 +95,7 @@ def _urdf_reason(root: Any) -> str:
     except Exception:
         return "Pinocchio cannot build it either"
     if kinds & {"floating", "planar"}:
-        return "joint with more than one degree of freedom: nothing says what is held"
+        return "joint with more than one degree of freedom: nothing states what is fixed"
     return ""
 
 
@@ -122,7 +122,7 @@ def _mjcf_reason(file: ModelFile) -> str:
     if any(not tree & {free, ball} for tree in moving):
         return ""
     if any(ball not in tree for tree in moving):
-        return "floating base: nothing says what is held"
+        return "floating base: nothing states what is fixed"
     return "ball joint: three degrees of freedom"
 
 
@@ -131,7 +131,7 @@ XACRO = {
     r"the parent link '.*' of joint '.*' does not exist": "hangs on a link that it does not have",
     r"'.*' is not defined": "property that nothing defines",
 }
-"""What is said of a xacro file that stands for no robot by itself, and what is wrong with it."""
+"""The message on a xacro file that stands for no robot by itself, and what is wrong with it."""
 
 
 def _xacro_reason(file: ModelFile, message: str) -> str:

@@ -52,7 +52,7 @@ class Severity:
         kind: `not a robot`, `read right`, `refused rightly`, `refused wrongly`, `wrong`, or
             `no oracle` where it was read and nobody else could.
         why: The class of the file or of the fault.
-        detail: What was said or measured.
+        detail: What was printed or measured.
         error: Largest relative error of the torque.
         cleaned: Whether it agrees only where rounded angles are put right.
     """

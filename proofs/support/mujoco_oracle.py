@@ -154,7 +154,7 @@ class MjcfOracle:
 
 
 def pinocchio_twin(model: Any) -> tuple[Any, dict[str, int], list[int]]:
-    """The joints of an MJCF in Pinocchio, free and ball joints held where the file has them.
+    """The joints of an MJCF in Pinocchio, free and ball joints fixed where the file has them.
 
     Returns:
         The model, its joints at zero where MuJoCo's are at `qpos0`; their numbers by name; and the

@@ -30,7 +30,7 @@ ROOM = 0.02
 
 @dataclass(frozen=True)
 class Case:
-    """A robot, what is asked of its motion, and the same in numbers for the judge.
+    """A robot, the requirements on its motion, and the same in numbers for the judge.
 
     Attributes:
         file: The robot file.
@@ -283,7 +283,7 @@ def _add_efforts(draft: _Draft) -> dict[str, float] | None:
 
 
 def _add_clearance(draft: _Draft) -> None:
-    """Self-collision by default where there are shapes; sometimes told how, sometimes a cell."""
+    """Self-collision by default where there are shapes; sometimes specified, sometimes a cell."""
     random = draft.random
     if not draft.judge.pairs:
         return

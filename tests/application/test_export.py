@@ -1,4 +1,4 @@
-"""Exported models: other programs compute the same torques, and what is left out is said."""
+"""Exported models: other programs compute the same torques, and what is left out is listed."""
 
 import re
 from collections.abc import Callable

@@ -200,7 +200,7 @@ def test_a_robot_file_without_signals_gets_them(
 
 @dataclass(frozen=True)
 class Unmendable:
-    """Finds wrong what is said, by whether positions are in degrees."""
+    """Finds wrong what is given, by whether positions are in degrees."""
 
     name: ClassVar[str] = "gain"
     asks: ClassVar[str] = "Are gains right?"

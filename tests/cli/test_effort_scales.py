@@ -1,4 +1,4 @@
-"""Efforts whose scale is off: found with the parameters, said, and used for other logs."""
+"""Efforts whose scale is off: found with the parameters, reported, and used for other logs."""
 
 import json
 from dataclasses import replace

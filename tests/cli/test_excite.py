@@ -36,7 +36,7 @@ def ran(*arguments: object) -> Result:
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with an arm, a design and what the terminal said."""
+    """A folder with an arm, a design and the terminal's output."""
     folder = tmp_path_factory.mktemp("excite")
     arm(folder, ANY + QUICK)
     formats = ("--format", "ros2", "mujoco")

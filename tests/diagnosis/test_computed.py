@@ -1,4 +1,4 @@
-"""Efforts that were computed from the motion are told from measured ones."""
+"""Efforts that were computed from the motion are distinguished from measured ones."""
 
 import numpy as np
 import pytest

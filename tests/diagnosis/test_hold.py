@@ -1,4 +1,4 @@
-"""Samples that a controller holds for several rows of a log are found, and what they do is said."""
+"""Samples that a controller holds for several rows of a log are found, and their effect is reported."""
 
 import os
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""All efforts of the other sign and all positions are told as two readings of one log."""
+"""All efforts of the other sign and all positions are reported as two interpretations of one log."""
 
 from dataclasses import replace
 

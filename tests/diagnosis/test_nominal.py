@@ -1,4 +1,4 @@
-"""What may be said where nothing but a nominal model is known, which may be far off."""
+"""What may be concluded where nothing but a nominal model is known, which may be far off."""
 
 import re
 from dataclasses import replace

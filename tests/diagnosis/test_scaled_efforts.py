@@ -1,4 +1,4 @@
-"""What is said of scales, and of a term that explains more than the scales."""
+"""Findings on scales, and on a term that explains more than the scales."""
 
 from types import SimpleNamespace
 from typing import Any, cast
@@ -15,7 +15,7 @@ FOUND = Scales(np.array([0.8, 1.05]), 0.05**2 * np.eye(2), np.zeros(0), 1.0)
 
 
 def remark(monkeypatch: pytest.MonkeyPatch, *causes: Cause) -> str:
-    """What is said of scales beside which the causes are left, the most likely first."""
+    """The finding on scales beside which the causes are left, the most likely first."""
     monkeypatch.setattr(scaled_efforts, "can_be_ranked", lambda model: True)
     monkeypatch.setattr(scaled_efforts, "beginnings", lambda runs: runs)
     ranked = SimpleNamespace(found=causes)

@@ -53,7 +53,7 @@ def motion(seed: int, count: int = 3000) -> np.ndarray:
 def information_about(
     samples: np.ndarray, effort: np.ndarray, passes: list[Regressor]
 ) -> InformationOf:
-    """What samples in memory say; every regressor asked about is noted."""
+    """What samples in memory say; every requested regressor is recorded."""
 
     def information_of(regressor: Regressor) -> Information:
         passes.append(regressor)

@@ -1,4 +1,4 @@
-"""Knowledge reaches the estimate: every wish holds in it, whatever the data say."""
+"""Knowledge reaches the estimate: every constraint holds in it, whatever the data say."""
 
 from collections.abc import Mapping
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The reference of load-dependent friction: refitted until it stands still, or said to move."""
+"""The reference of load-dependent friction: refitted until convergence, or reported as not converged."""
 
 from collections.abc import Callable
 
@@ -27,7 +27,7 @@ MODEL = Model(single(), (RigidBody(), Coulomb(), LoadDependent(length=1e-3)))
 
 
 class Recorder:
-    """Estimates from invented numbers, one set of bodies per call; the regressors asked about."""
+    """Estimates from invented numbers, one set of bodies per call; the requested regressors."""
 
     def __init__(self, bodies: Callable[[int], float]) -> None:
         self.bodies = bodies

@@ -1,4 +1,4 @@
-"""From samples to all times: exact scaling, proofs, and what is said when nothing is left."""
+"""From samples to all times: exact scaling, proofs, and the message when nothing is left."""
 
 import time
 from collections.abc import Sequence
@@ -153,7 +153,7 @@ class Reach:
         least, most = trajectory.extremes(0)
         self.ranges.append(float(most[0] - least[0]))
         if not progress(Event("reach", 1, 1)):
-            raise Stopped("asked to")
+            raise Stopped("requested")
         return np.array([self.most - self.ranges[-1]])
 
 

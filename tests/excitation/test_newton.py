@@ -20,7 +20,7 @@ SHARP = tuple((1.0, 10.0**-k) for k in range(1, 9))
 
 @dataclass(frozen=True, eq=False)
 class Bowl:
-    """A convex quadratic, $\\frac12 (x - c)^T A (x - c)$; remembers where it was asked.
+    """A convex quadratic, $\\frac12 (x - c)^T A (x - c)$; remembers where it was evaluated.
 
     Attributes:
         shape: Of the coefficients.
@@ -119,7 +119,7 @@ def test_two_coefficients_in_a_box_end_in_its_corner() -> None:
 @pytest.mark.parametrize("name", ["rest", "quintic, from", "blended"])
 @pytest.mark.parametrize("reach", [1.0, 1e3, 1e6])
 def test_the_walls_are_never_left(name: str, reach: float) -> None:
-    """Whatever is asked for: the criterion is only ever asked, and watchers told, inside."""
+    """The criterion is only ever evaluated, and watchers called, inside."""
     inequalities = problem(FAMILIES[name], [box(0.6), torques()]).inequalities
     objective = bowl(inequalities, reach, 1)
     start = random_starts(inequalities, np.random.default_rng(0), 1)[0]

@@ -1,4 +1,4 @@
-"""Tables that allow no motion: what is said, and that the change that is advised works."""
+"""Tables that allow no motion: the message, and that the change that is advised works."""
 
 import re
 from pathlib import Path

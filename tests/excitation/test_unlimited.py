@@ -1,4 +1,4 @@
-"""What a motion is not held to is refused where it was asked for, and noted where it was not."""
+"""A limit that cannot be kept is refused where it was requested, and noted where it was not."""
 
 from pathlib import Path
 

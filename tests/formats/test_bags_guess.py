@@ -1,4 +1,4 @@
-"""Columns of message logs are told by the joints' names in them."""
+"""Columns of message logs are distinguished by the joints' names in them."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What is said about a log, and windows of it."""
+"""What is listed of a log, and windows of it."""
 
 from pathlib import Path
 

@@ -70,7 +70,7 @@ def test_round_trip_is_exact() -> None:
 
 
 def twins(*terms: Term) -> str:
-    """What is said of terms on a robot; nothing if they can be told apart."""
+    """The message on terms of a robot; empty if they are distinguishable."""
     model = Model(ROBOTS["single"](Path()), terms)
     try:
         refuse_twins(model, base_parameters(model))

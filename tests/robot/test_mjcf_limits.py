@@ -44,7 +44,7 @@ def limits_of(mechanism: Mechanism) -> dict[str, float]:
 
 
 def extreme(path: Path, joint: str) -> tuple[float, float]:
-    """Least and greatest `qfrc_actuator` at the ends of what actuators are asked for."""
+    """Least and greatest `qfrc_actuator` at the ends of the actuators' controls."""
     model = mujoco.MjModel.from_xml_path(str(path))
     data, dof = mujoco.MjData(model), model.joint(joint).dofadr[0]
     rng, seen = np.random.default_rng(0), []

@@ -1,4 +1,4 @@
-"""All prior constraints by the names they have in robot files; from model and robot file to knowledge."""
+"""Prior constraints by their names in robot files; from model and robot file to knowledge."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
