@@ -119,7 +119,7 @@ def errors(robot: Robot, terms: tuple[Term, ...], seed: int, folder: Path) -> di
 
 
 def coverage_of(number: int) -> tuple[str, int, int, int, int]:
-    """A law, how many of its model's parameters and of its own are covered, and how many they are."""
+    """A law, and of its model's and its own parameters how many are covered, and how many exist."""
     case, term, terms = cases()[number]
     mine = {p.name for p in term.parameters(arm())}
     good = count = own = owned = 0

@@ -1,4 +1,4 @@
-"""Samples that a controller holds for several rows of a log are found, and their effect is reported."""
+"""Samples that are held for several rows of a log are found, and their effect is reported."""
 
 import os
 from dataclasses import replace

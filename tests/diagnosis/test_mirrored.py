@@ -1,4 +1,4 @@
-"""All efforts of the other sign and all positions are reported as two interpretations of one log."""
+"""All efforts or all positions of the other sign are reported as two readings of one log."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The consistent estimate: validity, optimality, weights of the prior, constraints, honest endings."""
+"""The consistent estimate: validity, optimality, weights of the prior, constraints, failures."""
 
 from collections.abc import Mapping
 from dataclasses import replace

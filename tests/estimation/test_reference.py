@@ -1,4 +1,4 @@
-"""The reference of load-dependent friction: refitted until convergence, or reported as not converged."""
+"""The reference of load-dependent friction: refitted until convergence, else a note."""
 
 from collections.abc import Callable
 
