@@ -183,7 +183,7 @@ def test_a_law_is_held_whole(case: LawCase, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("case", OPEN, ids=name_of)
 @pytest.mark.parametrize("form", ["urdf", "mjcf"])
-def test_what_is_left_out_is_said(case: LawCase, form: Format) -> None:
+def test_what_is_left_out_is_reported(case: LawCase, form: Format) -> None:
     robot = geared()
     export = exported(identified_of(robot, [RigidBody(), case.on(robot)], case.values), form)
     # a URDF holds nothing along motors, and says so law by law
@@ -228,7 +228,7 @@ def test_the_curve_of_both_directions_is_held_by_its_mean() -> None:
     assert any("± trunk_joint 1 Nm" in x and "left_joint 1 Nm" in x for x in both.unsupported)
 
 
-def test_gravity_that_points_elsewhere_is_told_of_a_urdf() -> None:
+def test_gravity_that_points_elsewhere_is_reported_of_a_urdf() -> None:
     sentences = unsupported(identified_of(tree(), [RigidBody()]), "urdf")
     assert sentences == ("gravity: set it to (1, -3, -9) m/s² in the base frame",)
     level = tree().changed(gravity=(0.0, 0.0, -9.81))

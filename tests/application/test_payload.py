@@ -215,7 +215,7 @@ def test_remarks_tell_a_seen_inertia_from_a_poor_one() -> None:
     assert poor.remarks[0].startswith("the inertia is poorly identifiable: the interval of ")
 
 
-def test_a_body_that_cannot_be_is_told() -> None:
+def test_a_body_that_cannot_be_is_reported() -> None:
     ten = np.array([1.0, 0.0, 0.0, 0.0, -0.1, 0.0, 0.2, 0.0, 0.0, 0.2])
     found = PayloadEstimate("f", "b", ten, 1e-6 * np.eye(10), np.ones(1), np.ones(1))
     assert found.flaw == "a principal moment of inertia is negative (-0.1 kg m²)"

@@ -240,7 +240,7 @@ def test_what_has_no_line_is_named(
     assert "gain: no line of the robot file is known to correct it" in words(done.stdout)
 
 
-def test_nothing_to_mend_writes_no_file(
+def test_nothing_to_correct_writes_no_file(
     slow: Slow, robot: Path, command: Command, given: Path
 ) -> None:
     done = command("check", robot, given / "identification.parquet", "--fix")

@@ -32,7 +32,7 @@ def identified(given: Path, tmp_path: Path, command: Command) -> Identified:
     return run
 
 
-def test_friction_is_chosen_and_told(given: Path, tmp_path: Path, command: Command) -> None:
+def test_friction_is_chosen_and_reported(given: Path, tmp_path: Path, command: Command) -> None:
     terms = TERMS.replace('"coulomb", "viscous", ', "") + '\nfriction = "auto"'
     robot, out = edited(given, tmp_path, (TERMS, terms)), tmp_path / "out"
     longer = demo_runs(tmp_path / "longer", period=6.0)
@@ -56,7 +56,7 @@ def test_friction_is_chosen_and_told(given: Path, tmp_path: Path, command: Comma
     assert {term.law for term in steelyard.load_model(out).model.terms} == laws
 
 
-def test_a_field_is_found_and_told(identified: Identified) -> None:
+def test_a_field_is_found_and_reported(identified: Identified) -> None:
     dahl = '{law = "coulomb", smoothing = {find = [0.002, 0.2]}}'
     found, out = identified((TERMS, TERMS.replace('"coulomb"', dahl)))
     (field,) = found["fields"]
@@ -88,7 +88,7 @@ def test_plain_least_squares_can_be_had(identified: Identified) -> None:
     assert not any("does not use" in note for note in plain["notes"])
 
 
-def test_knowledge_that_plain_least_squares_passes_over_is_checked_and_told(
+def test_knowledge_that_plain_least_squares_passes_over_is_checked_and_reported(
     identified: Identified, given: Path, tmp_path: Path, command: Command
 ) -> None:
     knowledge = '[[knowledge]]\nkind = "mass"\nlink = "{}"\nupper = 9.0\n\n[signals]\n'

@@ -154,7 +154,7 @@ def test_a_log_that_was_fitted_is_no_test(
     assert [run["fitted"] for run in runs] == [False, True]
 
 
-def test_validate_says_what_identify_said(
+def test_validate_says_what_identify_says(
     identified: Path, command: Command, tmp_path: Path
 ) -> None:
     done = command("identify", ROBOT, LOG, "--validate", OTHER, "-o", tmp_path / "o", "--json")
@@ -166,7 +166,7 @@ def test_validate_says_what_identify_said(
     assert printed["n_base_parameters"] == len(printed["parameters"]) + len(printed["not_seen"])
 
 
-def test_validate_writes_a_report_only_if_asked(
+def test_validate_writes_a_report_only_if_requested(
     identified: Path, command: Command, tmp_path: Path, work: Path
 ) -> None:
     assert command("validate", identified, OTHER).exit_code == 0

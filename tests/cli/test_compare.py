@@ -106,7 +106,7 @@ def test_an_estimator_that_fails_does_not_stop_the_others(command, monkeypatch) 
         (("-o", "../given"), ("the output folder exists already",)),
     ],
 )
-def test_mistakes_are_told(command, arguments, expected, work: Path) -> None:
+def test_mistakes_are_reported(command, arguments, expected, work: Path) -> None:
     done = command("compare", ROBOT, LOG, *arguments)
     assert done.exit_code == 2 and done.stdout == ""
     for word in expected:

@@ -83,7 +83,7 @@ def test_scales_are_off_where_the_robot_file_says_so(
         ('method = "least_squares"\neffort_scales = "off"', None),
     ],
 )
-def test_scales_that_are_asked_for_in_vain_are_told(
+def test_scales_that_are_requested_in_vain_are_reported(
     given: Path, command: Command, tmp_path: Path, written: str, words: str | None
 ) -> None:
     robot = edited(given, tmp_path)

@@ -63,7 +63,9 @@ def test_json_and_the_usual_name(
     Path(printed["file"]).unlink()
 
 
-def test_what_is_not_from_the_data_is_told(given: Path, command: Command, tmp_path: Path) -> None:
+def test_what_is_not_from_the_data_is_reported(
+    given: Path, command: Command, tmp_path: Path
+) -> None:
     robot = load_robot(given / "demo_arm.toml").robot
     identified = identified_of(robot)
     standard = identified.estimate.standard

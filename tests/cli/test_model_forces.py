@@ -35,7 +35,7 @@ def mjcf(tmp_path: Path) -> Path:
     return path
 
 
-def test_notes_of_the_model_file_are_told_by_every_command(
+def test_notes_of_the_model_file_are_reported_by_every_command(
     command: Command, mjcf: Path, tmp_path: Path
 ) -> None:
     run, toml = tmp_path / "run", tmp_path / "made.toml"

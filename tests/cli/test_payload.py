@@ -73,7 +73,7 @@ def load_robot_of(identified: Path) -> str:
     return str(printed["model"]["robot"]["bodies"][-1]["name"])
 
 
-def test_a_log_that_the_model_knows_is_told(
+def test_a_log_that_the_model_knows_is_reported(
     given: Path, identified: Path, command: Command
 ) -> None:
     done = command("payload", identified, given / "identification.parquet")

@@ -53,7 +53,7 @@ def test_init_takes_a_rate_and_the_estimate_is_that_of_the_timed_log(
     assert done.exit_code == 0, done.output
 
 
-def test_without_a_rate_it_is_asked_for(
+def test_without_a_rate_it_is_requested(
     command: Command, given: Path, timeless: Path, tmp_path: Path
 ) -> None:
     done = command("identify", given / "demo_arm.urdf", timeless, "-o", tmp_path / "o")

@@ -74,7 +74,7 @@ def test_a_browser_gets_the_page(replay: Replay) -> None:
         assert answer.status == 200 and b"<html" in answer.read()
 
 
-def test_playing_moves_the_scene_until_it_is_told_to_end(replay: Replay) -> None:
+def test_playing_moves_the_scene_until_it_is_stopped(replay: Replay) -> None:
     ended = threading.Event()
     before = [np.array(thing.position) for thing in replay._things]
     player = threading.Thread(target=replay.run, args=(ended.is_set,))
@@ -127,7 +127,7 @@ def test_the_clock_begins_anew_and_stands_still_when_it_should() -> None:
     assert clock.now == pytest.approx(1.0)
 
 
-def test_without_viser_the_line_that_installs_it_is_told(
+def test_without_viser_the_line_that_installs_it_is_reported(
     command: Command, motion: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "viser", None)

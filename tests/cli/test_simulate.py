@@ -214,6 +214,6 @@ def test_runs_of_more_than_a_day_are_refused(
     assert not (tmp_path / "o").exists()
 
 
-def test_the_seed_is_said_to_make_the_robot(command: Command, tmp_path: Path) -> None:
+def test_the_seed_is_stated_to_make_the_robot(command: Command, tmp_path: Path) -> None:
     shown = command(*RUN, "--seed", "4", "-o", tmp_path / "o").stdout
     assert "seed 4 (another seed is another robot)" in shown and "--motion" in shown

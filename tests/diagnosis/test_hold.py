@@ -99,7 +99,7 @@ def test_joints_that_are_read_in_turn_are_not_bridged(tmp_path: Path) -> None:
     assert found.says.endswith("they are 5 ms late on average, and rows are not interpolated")
 
 
-def test_the_delay_that_is_proposed_mends_the_robot_file(tmp_path: Path) -> None:
+def test_the_delay_that_is_proposed_corrects_the_robot_file(tmp_path: Path) -> None:
     table = with_hold(sound(), 2, TAU)
     found = diagnosis(tmp_path, table)
     assert [f.check for f in found.findings if f.severity] == ["repeats"]

@@ -46,7 +46,7 @@ def test_with_that_line_no_offset_stands_out(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("line", ['position_offset = "identify"'])
-def test_what_is_to_be_identified_is_not_asked_about(line: str, tmp_path: Path) -> None:
+def test_what_is_to_be_identified_is_not_reported(line: str, tmp_path: Path) -> None:
     assert JointZeros()(case(tmp_path, (0.0,) * 6, line)) == ()
 
 

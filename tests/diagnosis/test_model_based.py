@@ -266,7 +266,7 @@ def test_a_rough_nominal_model_raises_no_alarm(arm):
     assert decision is not None and not decision.winners
 
 
-def test_without_masses_nothing_is_told(arm):
+def test_without_masses_nothing_is_reported(arm):
     urdf = arm.path.parent / "demo_arm.urdf"
     urdf.write_text(re.sub(r"<inertial>.*?</inertial>", "", urdf.read_text(), flags=re.DOTALL))
     found = arm.examined(arm.table, known=False)
@@ -369,7 +369,7 @@ def test_the_gain_behind_a_motor_is_the_motors(arm):
     assert edits(found) == {"signals.effort.gain": [1.0, 1.0, 1.0, -1.0, 1.0, 1.0]}
 
 
-def test_a_sign_of_one_joint_is_told_without_a_reference(arm):
+def test_a_sign_of_one_joint_is_reported_without_a_reference(arm):
     table = arm.table.copy()
     table[:, arm.at(TAU)[1]] *= -1.0
     found = arm.examined(table, known=False)

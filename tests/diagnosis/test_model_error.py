@@ -117,7 +117,7 @@ def test_slow_noise_is_named_where_no_cause_explains_the_residuals(
     assert finding.headline and "or the noise varies slowly" in finding.says
 
 
-def test_large_residuals_beside_unknown_noise_are_said(
+def test_large_residuals_beside_unknown_noise_are_reported(
     loaded: LoadedRobot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(residuals, "CLEAR", 1e3)

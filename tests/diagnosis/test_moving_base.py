@@ -46,7 +46,7 @@ def found(model: Path, log: Path) -> tuple[Finding, ...]:
     return examine(case, checks=[MovingBase()]).findings
 
 
-def test_a_base_that_floats_in_the_model_is_said_to_be_assumed_at_rest(tmp_path: Path) -> None:
+def test_a_base_that_floats_in_the_model_is_reported_as_assumed_at_rest(tmp_path: Path) -> None:
     model, log = logged(tmp_path, "<freejoint/>")
     (finding,) = found(model, log)
     assert headline(Diagnosis((finding,))).endswith(
@@ -60,7 +60,7 @@ def test_a_base_that_floats_in_the_model_is_said_to_be_assumed_at_rest(tmp_path:
     assert "no gyroscope or accelerometer" in finding.figure
 
 
-def test_a_base_that_is_fixed_in_the_model_is_not_asked_about(tmp_path: Path) -> None:
+def test_a_base_that_is_fixed_in_the_model_is_not_reported(tmp_path: Path) -> None:
     assert found(*logged(tmp_path, "", imu_gyro_x=np.sin(TIME))) == ()
 
 
@@ -94,7 +94,7 @@ def test_a_noisy_sensor_at_rest_says_so(tmp_path: Path) -> None:
     assert assumed.headline and "assumed to be at rest: not tested" in assumed.says
 
 
-def test_degrees_are_told_by_the_name(tmp_path: Path) -> None:
+def test_degrees_are_distinguished_by_the_name(tmp_path: Path) -> None:
     slow = {"imu_gyro_deg_x": np.sin(TIME)}
     (finding,) = found(*logged(tmp_path, "<freejoint/>", **slow))
     assert not finding.severity

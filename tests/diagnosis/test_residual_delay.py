@@ -65,7 +65,7 @@ def test_a_declared_delay_is_counted_in(arm: Arm) -> None:
     assert finding.fix.edits[0].value == pytest.approx(0.014, abs=3e-4)
 
 
-def test_a_log_with_a_gap_is_not_asked(arm: Arm) -> None:
+def test_a_log_with_a_gap_is_not_used(arm: Arm) -> None:
     table = late(arm, np.full(6, 0.012))
     t = table[:, 0]
     whole = arm.case(table, known=False)

@@ -265,7 +265,7 @@ def test_a_sound_log_is_ok(tmp_path: Path, seed: int) -> None:
 
 
 @pytest.mark.parametrize("fault", list(FAULTS))
-def test_a_fault_is_found_alone_with_its_mend(tmp_path: Path, fault: str) -> None:
+def test_a_fault_is_found_alone_with_its_fix(tmp_path: Path, fault: str) -> None:
     change, check, severity, edits, joints = FAULTS[fault]
     table = change(sound())
     found = diagnosis(tmp_path, table)
@@ -294,7 +294,7 @@ def test_every_picture_is_small_and_whole(tmp_path: Path, fault: str) -> None:
 
 
 @pytest.mark.parametrize("fault", ["milliseconds", "microseconds", "degrees", "one in degrees"])
-def test_units_are_told_without_velocities(tmp_path: Path, fault: str) -> None:
+def test_units_are_distinguished_without_velocities(tmp_path: Path, fault: str) -> None:
     change, check, severity, edits, _ = FAULTS[fault]
     text = ROBOT.replace('velocity = "dq{}"\n', "")
     found = diagnosis(tmp_path, change(sound()), text)
@@ -405,7 +405,7 @@ def test_every_order_of_the_velocities_is_found(tmp_path: Path) -> None:
         assert proposed == wanted
 
 
-def test_slow_stamps_are_told_from_a_slow_log(tmp_path: Path) -> None:
+def test_slow_stamps_are_distinguished_from_a_slow_log(tmp_path: Path) -> None:
     fast = sound(rate=5000.0, duration=6.0)
     fast[:, 0] *= 1e3
     found = diagnosis(tmp_path, fast)
@@ -415,7 +415,7 @@ def test_slow_stamps_are_told_from_a_slow_log(tmp_path: Path) -> None:
     assert of(diagnosis(tmp_path, sound(rate=5.0, duration=200.0)), "clock").severity == 0
 
 
-def test_motor_side_positions_are_told(tmp_path: Path) -> None:
+def test_motor_side_positions_are_recognised(tmp_path: Path) -> None:
     table = sound()
     table[:, Q] *= 100.0
     table[:, DQ] *= 100.0
@@ -457,7 +457,7 @@ def test_positions_outside_their_limits_are_doubtful(tmp_path: Path) -> None:
     assert "position_offset" in found.fix.says
 
 
-def test_a_corrupt_head_is_told_and_harmless(tmp_path: Path) -> None:
+def test_a_corrupt_head_is_reported_and_harmless(tmp_path: Path) -> None:
     table = sound()
     table[1:15, 1:] = 1e250
     found = diagnosis(tmp_path, table)

@@ -72,7 +72,7 @@ def named(found: Diagnosis, check: str) -> Finding:
     return finding
 
 
-def test_a_lighter_last_link_is_said_and_not_suspicious(tmp_path: Path, log) -> None:
+def test_a_lighter_last_link_is_reported_and_not_suspicious(tmp_path: Path, log) -> None:
     found = examined(tmp_path / "arm.urdf", 1.25, *log)
     assert found.severity == Severity.OK and not found.edits
     finding = named(found, "payload")

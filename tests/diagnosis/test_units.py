@@ -69,7 +69,7 @@ def alone(table: Array, rest: float = 0.0) -> Array:
 
 @pytest.mark.parametrize("text", [ROBOT, UNLIMITED, LEFT_OUT])
 @pytest.mark.parametrize("unit", ["rad", "deg"])
-def test_degrees_are_told_whatever_the_columns_are_called(
+def test_degrees_are_recognised_whatever_the_columns_are_called(
     tmp_path: Path, text: str, unit: str
 ) -> None:
     severity, edits = units_found(tmp_path, in_degrees(sound()), *named(text, unit))
@@ -83,7 +83,9 @@ def test_degrees_are_told_whatever_the_columns_are_called(
 
 
 @pytest.mark.parametrize("unit", ["rad", "deg"])
-def test_radians_declared_as_degrees_are_told_by_velocities(tmp_path: Path, unit: str) -> None:
+def test_radians_declared_as_degrees_are_distinguished_by_velocities(
+    tmp_path: Path, unit: str
+) -> None:
     text = ROBOT.replace('position = "q{}"', 'position = "q{}"\nposition_unit = "deg"')
     text, columns = named(text, unit)
     text, columns = text.replace(f"_{unit}_s", ""), tuple(c.removesuffix("_s") for c in columns)
@@ -135,7 +137,7 @@ def test_units_are_the_same_for_all_joints_where_two_readings_fit_alike(tmp_path
 
 
 @pytest.mark.parametrize("limits", ["joint_2 = {lower = -0.8, upper = 0.8, velocity = 1.0}\n", ""])
-def test_millimetres_are_told(tmp_path: Path, limits: str) -> None:
+def test_millimetres_are_recognised(tmp_path: Path, limits: str) -> None:
     text = LIMITS.sub("", ROBOT).replace("{a = 0.2,", '{kind = "prismatic", a = 0.2,')
     text = text.replace('"Nm"', '["Nm", "N", "Nm"]')
     text = text.replace("[signals]", f"[robot.limits]\n{limits}\n[signals]", 1)

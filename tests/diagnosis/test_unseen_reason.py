@@ -75,7 +75,7 @@ def test_logs_of_one_name_in_two_folders_are_two_files(one: str, other: str, sam
     assert _one_file(one, other) == _one_file(other, one) == same
 
 
-def test_a_doubt_about_the_fitted_log_comes_before_another_robot(arm):
+def test_an_open_finding_about_the_fitted_log_comes_before_another_robot(arm):
     finding = Finding("effort sign", "first", Severity.DOUBTFUL, "all joints turned", "")
     (found,) = found_in(arm, of(arm, random_truth(arm.robot, 80)), unresolved=(finding,))
     assert "was doubtful about first: all joints turned" in found.says
@@ -114,7 +114,7 @@ def test_what_explains_nothing_is_no_reason_however_bad_the_fit(arm, monkeypatch
     assert not [f for f in found_in(arm, noise) if "most likely reason" in f.says]
 
 
-def test_a_doubt_about_a_fitted_log_comes_before_a_reason(arm):
+def test_an_open_finding_about_a_fitted_log_comes_before_a_reason(arm):
     names = [p.name for p in RigidBody().parameters(arm.robot)][-10:]
     load = Inertia.about_com(3.0, [0.02, -0.01, 0.08], np.eye(3) * 0.0075).ten
     values = dict(zip(names, (arm.truth.inertial[-1] + load).tolist(), strict=True))

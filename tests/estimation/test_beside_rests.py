@@ -112,7 +112,7 @@ def test_without_noise_it_is_the_difference_to_a_fit_away_from_rests() -> None:
     assert np.allclose(part.solution.values, TRUTH, atol=1e-4 * np.abs(TRUTH).max())
 
 
-def test_where_all_is_beside_rests_nothing_is_told() -> None:
+def test_where_all_is_beside_rests_nothing_is_reported() -> None:
     information = information_of(0, 0.4, share=1.0)
     fit = WeightedLeastSquares().fit(information)
     assert away(fit) is None

@@ -80,7 +80,7 @@ def test_each_run_keeps_its_number_of_windows() -> None:
     assert found.windows == 6
 
 
-def test_progress_is_told_and_may_stop() -> None:
+def test_progress_is_reported_and_may_stop() -> None:
     events: list[Event] = []
 
     def stop(event: Event) -> bool:

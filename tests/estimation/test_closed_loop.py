@@ -215,7 +215,7 @@ def test_work_can_be_stopped(offer: Offer) -> None:
     ],
     ids=lambda e: type(e).__name__,
 )
-def test_what_did_not_settle_is_not_called_solved(estimator: object) -> None:
+def test_what_did_not_converge_is_not_called_solved(estimator: object) -> None:
     data = _differenced(experiment(6e-4, 0.01))
     with pytest.raises(DataError, match="did not converge within 1 rounds"):
         estimator(data)  # type: ignore[operator]

@@ -146,7 +146,7 @@ def test_precision_is_the_second_derivative_of_the_penalty(form: Form) -> None:
     assert step @ program.precision(u, 3.0) @ step == pytest.approx(numeric, rel=1e-4)
 
 
-def test_a_stated_uncertainty_is_taken_and_said() -> None:
+def test_a_stated_uncertainty_is_taken_and_reported() -> None:
     estimate = Consistent(REGRESSOR.base, known(uncertainty=0.2))(information_of(0.05))
     assert "prior uncertainty 20 % (as stated)" in estimate.notes[-1]
     found = Consistent(REGRESSOR.base, known())(information_of(0.05))
@@ -194,7 +194,7 @@ def test_prior_constraints_about_what_the_data_do_not_see_hold_and_harm_nothing(
     assert not any("contradict" in note for note in with_them.notes)
 
 
-def test_what_a_bound_holds_is_at_it_and_said() -> None:
+def test_what_a_bound_holds_is_at_it_and_reported() -> None:
     rows = (Row("smooth trunk (file, line 7)", {"viscous.trunk_joint": 1.0}, upper=0.1),)
     estimate = Consistent(REGRESSOR.base, known(rows=rows))(information_of(0.05))
     assert estimate.at_bound == ("viscous.trunk_joint",)
@@ -279,7 +279,7 @@ def test_prior_constraints_that_only_physics_forbids_are_named() -> None:
     assert "mass of left" not in caught.value.wrong
 
 
-def test_contradictory_wishes_are_named() -> None:
+def test_contradictory_constraints_are_named() -> None:
     rows = (
         Row("heavy tip", {"m.tip": 1.0}, lower=5.0),
         Row("light arm", {f"m.{b.name}": 1.0 for b in MODEL.robot.bodies}, upper=3.0),

@@ -107,7 +107,7 @@ def test_the_estimate_is_that_of_efforts_in_the_right_scale_but_less_sure() -> N
     assert estimate.std[heavy] > 1.5 * plain.std[heavy]
 
 
-def test_efforts_that_agree_are_not_asked_for() -> None:
+def test_efforts_that_agree_are_not_scaled() -> None:
     assert all(
         effort_scales(consistent(), information_of(np.ones(len(ROWS)), k)) is None for k in range(8)
     )

@@ -180,7 +180,7 @@ def test_data_without_the_effect_cannot_tell() -> None:
     assert "log slower motion with reversals, or fix it: speed = " in result.notes[0]
 
 
-def test_a_value_beyond_the_bounds_is_said() -> None:
+def test_a_value_beyond_the_bounds_is_reported() -> None:
     result = found(DEFAULT_TERMS, Stribeck(speed=0.5), Stribeck(speed=Find(1e-3, 0.1)), 0.05)
     (finding,) = result.findings
     assert finding.value == 0.1 and finding.interval[1] == 0.1 and not finding.identifiable
@@ -191,7 +191,7 @@ def test_a_value_beyond_the_bounds_is_said() -> None:
     )
 
 
-def test_one_open_end_is_said() -> None:
+def test_one_open_end_is_reported() -> None:
     wanted = Dahl(length=Find(1e-6, 3e-2))
     result = found(BARE, Dahl(length=2e-6), wanted, 1.0)
     (finding,) = result.findings

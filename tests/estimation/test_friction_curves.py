@@ -75,7 +75,7 @@ def test_rows_hold_where_the_curve_takes_energy_and_only_there(law: Quadratic | 
     assert outcomes == {True, False}
 
 
-def test_both_directions_are_asked() -> None:
+def test_both_directions_are_checked() -> None:
     rows = rows_of(DirectionalCoulomb(), DirectionalViscous(), Quadratic())
     names = {frozenset(row.coefficients) for row in rows}
     assert {"directional_coulomb_forward.hinge", "directional_viscous_forward.hinge",

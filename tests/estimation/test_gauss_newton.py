@@ -112,7 +112,7 @@ def test_a_step_within_bounds_is_the_best_one() -> None:
 
 
 @pytest.mark.parametrize(("digits", "converged"), [(9, True), (2, False)])
-def test_where_rounding_hides_all_gain_it_is_settled_and_elsewhere_not(
+def test_where_rounding_hides_all_gain_it_has_converged_and_elsewhere_not(
     digits: int, converged: bool
 ) -> None:
     class Rough(Squares):

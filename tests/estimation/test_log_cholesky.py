@@ -176,7 +176,7 @@ def test_a_tie_that_it_does_not_keep_makes_nothing_certain() -> None:
 
 
 @pytest.mark.parametrize("coefficient", [1.0, -2.0])
-def test_a_wish_about_a_single_friction_is_kept(coefficient: float) -> None:
+def test_a_constraint_about_a_single_friction_is_kept(coefficient: float) -> None:
     information_of, _ = logged(PLAIN, 0.1)
     regressor, known = base_regressor(PLAIN), default_knowledge(PLAIN)
     name, end = "viscous.slider_joint", 3.0 * coefficient

@@ -132,7 +132,7 @@ def test_the_noise_can_be_given() -> None:
     assert any("share of the variance" in note for note in MotionNoise(SMOOTH)(samples).notes)
 
 
-def test_what_did_not_settle_says_so() -> None:
+def test_what_did_not_converge_says_so() -> None:
     assert "not converged after 1 steps" in MotionNoise(SMOOTH, rounds=1)(noisy(0, 0.1)).notes
 
 

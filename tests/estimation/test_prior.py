@@ -249,7 +249,7 @@ def test_a_box_of_unknown_mass_takes_a_mass_and_says_so() -> None:
     assert known.notes[0].startswith("the prior of link 'trunk': its mass is not known; ")
 
 
-def test_given_bodies_are_mended_too() -> None:
+def test_given_bodies_are_corrected_too() -> None:
     impossible = {"mass": 2.0, "com": (0, 0, 0), "inertia_com": (0.01, 0, 0.01, 0, 0, 0.05)}
     known = given({"links": {"tip": impossible}})
     assert possible(known)

@@ -184,7 +184,7 @@ CASES: list[tuple[dict[str, Any], dict[str, float], dict[str, float]]] = [
 @pytest.mark.parametrize(
     ("table", "so", "not_so"), CASES, ids=[f"{t['kind']}-{k}" for k, (t, *_) in enumerate(CASES)]
 )
-def test_rows_hold_where_the_wish_does(
+def test_rows_hold_where_the_constraint_does(
     table: dict[str, Any], so: dict[str, float], not_so: dict[str, float]
 ) -> None:
     constraints = rows(table)
@@ -228,7 +228,7 @@ def test_facets_of_a_cube_are_six() -> None:
         ),
     ],
 )
-def test_labels_say_the_wish_in_words(table: dict[str, Any], label: str) -> None:
+def test_labels_say_the_constraint_in_words(table: dict[str, Any], label: str) -> None:
     assert rows(table)[0].label == f"{label} (arm.toml, line 3)"
 
 
@@ -469,7 +469,7 @@ def test_contradictions_are_named(read: Any, knowledge: list[str], guilty: list[
         known(read(*(x for k, x in enumerate(knowledge, start=1) if k != left_out)))
 
 
-def test_a_wish_that_no_body_fulfils_is_named(read: Any) -> None:
+def test_a_constraint_that_no_body_fulfils_is_named(read: Any) -> None:
     with pytest.raises(
         DataError, match="no physical body satisfies this: the mass of link 'b' is at most 0 kg"
     ):
@@ -533,7 +533,7 @@ def room(rows: Sequence[Row]) -> bool:
     return all(lower[name] <= upper[name] for name in lower)
 
 
-def test_an_irreducible_set_keeps_the_rows_of_a_wish_together() -> None:
+def test_an_irreducible_set_keeps_the_rows_of_a_constraint_together() -> None:
     constraints = [
         Row("small", {"x": 1.0}, upper=1.0),
         Row("both large", {"x": 1.0}, lower=2.0),
@@ -560,7 +560,7 @@ def test_an_irreducible_set_is_found_in_few_questions() -> None:
     assert calls < 30
 
 
-def test_contradictions_of_many_wishes_are_found_quickly() -> None:
+def test_contradictions_of_many_constraints_are_found_quickly() -> None:
     links = list(BODY)
     tables = [{"kind": "equal", "links": links}]
     tables += [{"kind": "centre_in_hull", "link": link, "points": CUBE} for link in links]

@@ -65,7 +65,7 @@ def test_the_first_reference_is_fitted_without_load_dependent_friction() -> None
     assert [type(t) for t in recorder.models[0].terms] == [RigidBody, Coulomb]
 
 
-def test_it_settles_once_the_bodies_stand_still() -> None:
+def test_it_converges_once_the_bodies_stand_still() -> None:
     recorder = Recorder(lambda call: 2.0 + 10.0 ** (-3.0 * call))
     model, converged = converged_reference(MODEL, recorder.information_of, recorder)
     assert converged and len(recorder.models) == 3
@@ -76,7 +76,7 @@ def test_it_settles_once_the_bodies_stand_still() -> None:
     assert references(model)[0]["mx.rod"] == pytest.approx(2.001)
 
 
-def test_it_says_that_it_does_not_settle() -> None:
+def test_it_says_that_it_does_not_converge() -> None:
     recorder = Recorder(lambda call: 2.0 + (-1.0) ** call)
     model, converged = converged_reference(MODEL, recorder.information_of, recorder)
     assert not converged and len(recorder.models) == 1 + PASSES

@@ -118,7 +118,7 @@ def test_samples_alike_count_for_what_they_are_worth() -> None:
     assert np.allclose(half.n_samples, 0.5 * whole.n_samples)
 
 
-def test_what_did_not_settle_says_so() -> None:
+def test_what_did_not_converge_says_so() -> None:
     samples, _ = drawn(TREE)
     assert any("not converged after 2 rounds" in n for n in Reweighted(rounds=2)(samples).notes)
     assert any(n.startswith("converged after") for n in Reweighted()(samples).notes)

@@ -180,7 +180,7 @@ def test_without_a_prior_it_is_the_estimate_s_own_covariance() -> None:
     assert np.abs((found - estimate.covariance) / size[:, None] / size).max() < 1e-9
 
 
-def test_wide_intervals_are_told() -> None:
+def test_wide_intervals_are_reported() -> None:
     estimate = WeightedLeastSquares()(data(5, 30.0)[0])
     assert len(estimate.notes) == 1
     assert "correlated for longer than the filter" in estimate.notes[0]

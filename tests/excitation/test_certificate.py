@@ -172,7 +172,7 @@ class Near(Touching):
         return np.array([1.5, 0.5])
 
 
-def test_samples_are_never_told_below_what_is_proven() -> None:
+def test_samples_are_never_reported_below_what_is_proven() -> None:
     proof = certify(dh_arm(), motion(), exact_limits(motion()), [Near()]).proofs[0]
     assert proof.proven == (1.5, 0.5) and proof.sampled == (1.5, 1.0)
 
@@ -190,7 +190,7 @@ def test_the_hash_is_that_of_the_file() -> None:
     assert trajectory_hash(same) == trajectory_hash(motion())
 
 
-def test_progress_is_told_of_everything() -> None:
+def test_progress_is_reported_of_everything() -> None:
     phases = set()
 
     def watch(event: Event) -> bool:

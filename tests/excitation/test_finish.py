@@ -239,7 +239,7 @@ def test_what_needs_no_shrinking_is_not_shrunk() -> None:
     assert len(reach.ranges) == 1
 
 
-def test_nothing_proven_is_said() -> None:
+def test_nothing_proven_is_reported() -> None:
     plain, x = swinging(())
     whole = np.ptp(np.array(plain.basis.motion(x).extremes(0)), axis=0)[0]
     for most in (-1.0, 0.5 * LEAST * whole):
@@ -262,7 +262,7 @@ def test_the_second_best_counts_if_the_best_is_not_proven() -> None:
     np.testing.assert_array_equal(best.x, quiet)
 
 
-def test_asked_to_stop() -> None:
+def test_a_requested_stop() -> None:
     plain, x = swinging(())
     with pytest.raises(Stopped):
         finished(problem(plain.basis, [Reach(10.0)]), [x], progress=lambda event: False)

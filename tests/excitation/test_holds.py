@@ -29,7 +29,7 @@ def test_holds_that_follow_each_other_are_one() -> None:
     assert "0.25 to 2.5 s each time" in holds_note(motion)[0]
 
 
-def test_nothing_is_said_of_a_motion_that_never_stands() -> None:
+def test_nothing_is_reported_of_a_motion_that_never_stands() -> None:
     assert holds_note(through_postures(POSTURES, 1.0)) == ()
 
 

@@ -114,7 +114,7 @@ def test_limbs_that_each_motion_leaves_at_rest_are_put_together() -> None:
     assert np.isfinite(problem.objective.value(both, 4.0))
 
 
-def test_a_start_that_shows_too_little_is_not_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_start_that_shows_too_little_is_not_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     """A search that is ended while it draws starts ends with one that shows all parameters."""
     problem, reported = design(), list[Array]()
     good = random_starts(problem.inequalities, np.random.default_rng(3), 1)[0]

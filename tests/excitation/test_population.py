@@ -77,7 +77,7 @@ def test_more_work_is_not_worse(method: str) -> None:
 
 
 @BOTH
-def test_the_watcher_is_told_of_every_generation_and_can_stop(method: str) -> None:
+def test_the_watcher_is_called_at_every_generation_and_can_stop(method: str) -> None:
     design = problem(FAMILIES["rest"])
     reported: list[Array] = []
 
@@ -126,7 +126,7 @@ def test_postures_that_are_not_free_are_worse_the_more_they_lack() -> None:
 
 
 @BOTH
-def test_where_no_posture_is_free_it_is_said(method: str) -> None:
+def test_where_no_posture_is_free_it_is_reported(method: str) -> None:
     with pytest.raises(DataError, match="no motion about any of 31 random postures"):
         METHODS[method].search(problem(FAMILIES["rest"], [box(0.0)]), seeded(0, 0), silently)
 

@@ -81,7 +81,7 @@ def test_seeds_repeat(search: Search) -> None:
 
 
 @SEARCHES
-def test_it_stops_when_asked(search: Search) -> None:
+def test_it_stops_when_requested(search: Search) -> None:
     events: list[Event] = []
 
     def third(event: Event) -> bool:
@@ -115,7 +115,7 @@ def test_a_missing_package_comes_with_the_line_that_installs_it(
     assert caught.value.fix == 'pip install "steelyard[population]"'
 
 
-def test_generations_and_evaluations_are_as_many_as_asked_for() -> None:
+def test_generations_and_evaluations_are_as_many_as_requested() -> None:
     found = genetic(bowl, population=12, generations=7)
     assert found.evaluations == 12 * 7
     short, long = cma(waves, evaluations=50), cma(bowl)

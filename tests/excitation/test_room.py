@@ -66,7 +66,7 @@ def test_all_links_and_the_tool_are_kept_off_every_wall(tmp_path: Path) -> None:
     assert {thing for thing, wall in pairs if wall == "floor"} == set(things)
 
 
-def test_the_tool_alone_if_that_is_asked_for(tmp_path: Path) -> None:
+def test_the_tool_alone_if_that_is_requested(tmp_path: Path) -> None:
     constraints = problem_of(tmp_path, ANY + WALLS + "only_tool = true\n").constraints
     (whole,) = [c for c in constraints if isinstance(c, Room)]
     assert {pair.second for pair in whole.pairs} == {"floor"}
@@ -251,7 +251,7 @@ def test_the_floor_is_level_where_the_robot_leans(tmp_path: Path) -> None:
     np.testing.assert_allclose(floor.position, [2.0, 0.0, 0.0])
 
 
-def test_links_to_go_without_are_named_as_asked(tmp_path: Path) -> None:
+def test_links_to_go_without_are_named_as_requested(tmp_path: Path) -> None:
     """Only where the walls' own table says so: that of clearance does not reach them."""
     tables = '[excitation.limits]\neffort = "any"\n[excitation.collision]\nwithout = ["stick"]\n'
     walls = f"{tables}[excitation.workspace]\nfloor = 0.0\n"

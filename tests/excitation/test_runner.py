@@ -100,12 +100,12 @@ def stopping(ready: Callable[[Event], bool]) -> Progress:
     return lambda event: not ready(event)
 
 
-def test_asked_to_stop_it_gives_the_best_so_far(tmp_path: Path) -> None:
+def test_a_requested_stop_gives_the_best_so_far(tmp_path: Path) -> None:
     found = harvest(tmp_path, SearchBudget(60.0, processes=2), stopping(lambda e: "best" in e.note))
     assert found.stopped and found.best
 
 
-def test_asked_to_stop_before_there_is_anything(tmp_path: Path) -> None:
+def test_a_requested_stop_before_there_is_anything(tmp_path: Path) -> None:
     with pytest.raises(Stopped):
         harvest(tmp_path, SearchBudget(60.0, processes=2), stopping(lambda e: True))
 
@@ -129,14 +129,14 @@ def test_the_others_go_on_when_one_is_killed(tmp_path: Path) -> None:
     assert found.killed == 1 and found.best
 
 
-def test_all_of_them_killed_is_said(tmp_path: Path) -> None:
+def test_all_of_them_killed_is_reported(tmp_path: Path) -> None:
     with pytest.raises(DataError) as caught:
         harvest(tmp_path, SearchBudget(60.0, processes=2), killing(2, every=True))
     assert "2 search processes ended early (signal 9)" in caught.value.wrong
     assert "--processes" in caught.value.fix
 
 
-def test_an_error_in_a_worker_is_told(tmp_path: Path) -> None:
+def test_an_error_in_a_worker_is_reported(tmp_path: Path) -> None:
     loaded = arm(tmp_path, TABLES)
     model = model_of(loaded)
     recipe, problem = Recipe.of(loaded, model), build(loaded, model)
@@ -145,7 +145,7 @@ def test_an_error_in_a_worker_is_told(tmp_path: Path) -> None:
         harvested(recipe, problem, "gradient", SearchBudget(60.0, processes=2))
 
 
-def test_a_flaw_in_a_worker_is_told_with_its_traceback(tmp_path: Path) -> None:
+def test_a_flaw_in_a_worker_is_reported_with_its_traceback(tmp_path: Path) -> None:
     loaded = arm(tmp_path, TABLES)
     model = model_of(loaded)
     broken = Recipe(str(loaded.sources[0].path), (), {"limits": 3})

@@ -210,7 +210,7 @@ def test_links_without_shapes_and_outside_the_base_are_noted(tmp_path: Path) -> 
     assert notes == ("no collision shape in the model, so no clearance is kept for: base, arm",)
 
 
-def test_things_are_attached_where_they_are_said_to_be(tmp_path: Path) -> None:
+def test_things_are_attached_where_they_are_stated_to_be(tmp_path: Path) -> None:
     robot = snake(tmp_path).robot
     frame = next(frame for frame in robot.frames if frame.name == "plate")
     load = placed(frame, "load", Ball(0.1), (0.1, 0.0, 0.0), origin="tool")

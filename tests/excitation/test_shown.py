@@ -23,7 +23,7 @@ def test_deviations_are_those_of_the_inverse(seed: int) -> None:
     np.testing.assert_allclose(deviations(gram), expected, rtol=1e-8)
 
 
-def test_what_is_not_told_apart_is_infinite_and_the_rest_is_not() -> None:
+def test_what_is_not_distinguished_is_infinite_and_the_rest_is_not() -> None:
     random = np.random.default_rng(0)
     root = random.standard_normal((30, 6))
     root[:, 1] = 0.0

@@ -161,7 +161,7 @@ def test_descents_end_free_and_inside_the_limits(seed: int) -> None:
     assert found.lacks == standing([constraint, torques()], found.posture).lacks == ()
 
 
-def test_what_can_nowhere_be_kept_is_told() -> None:
+def test_what_can_nowhere_be_kept_is_reported() -> None:
     found = nearest_free(limits(), [Nowhere()], MIDDLE)
     assert [(label, value) for _, label, value in found.lacks] == [
         ("worse", -2.0),

@@ -70,7 +70,7 @@ def test_a_short_range_lowers_the_speeds() -> None:
     np.testing.assert_allclose(np.abs(speeds[-2:]), top, rtol=1e-6)
 
 
-def test_no_speed_lasts_longer_than_asked() -> None:
+def test_no_speed_lasts_longer_than_requested() -> None:
     motion = friction_sweeps(SEVEN, speeds=1, longest_s=0.7)
     assert max(np.diff(motion.breaks)) < 5.0
     for joint in range(7):

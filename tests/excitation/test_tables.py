@@ -156,7 +156,7 @@ def _height(robot: Robot, q: Array, point: Array) -> float:
     return float(data.oMi[of.body + 1].act(of.rotation @ point + of.position)[2])
 
 
-def test_loads_that_change_nothing_are_told(tmp_path: Path) -> None:
+def test_loads_that_change_nothing_are_reported(tmp_path: Path) -> None:
     load = "[[excitation.loads]]\nmass = 2.0\n"
     idle = problem_of(tmp_path, f'{OPEN}[excitation.limits]\neffort = "any"\n{load}')
     assert any("loads have no effect" in note for note in idle.notes)

@@ -45,7 +45,7 @@ def test_two_rates_with_an_offset_are_interpolated(tmp_path: Path) -> None:
         np.testing.assert_allclose(other[:, 2], other[:, 0] / 0.012, rtol=1e-12)
 
 
-def test_log_times_align_if_they_are_asked_for(tmp_path: Path) -> None:
+def test_log_times_align_if_they_are_requested(tmp_path: Path) -> None:
     """The force sensor's clock has another zero; what the recorder noted is common to both."""
     joints = [joint_state(k * 10 * MS, ["a"], [k], [], []) for k in range(20)]
     force = [

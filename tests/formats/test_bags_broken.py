@@ -142,7 +142,7 @@ def test_a_tail_of_zeros_is_the_end(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["mcap", "mcap-lz4"])
-def test_a_flipped_bit_in_a_chunk_is_said_with_its_place(tmp_path: Path, kind: str) -> None:
+def test_a_flipped_bit_in_a_chunk_is_reported_with_its_place(tmp_path: Path, kind: str) -> None:
     path = write(tmp_path, kind)
     data = bytearray(path.read_bytes())
     data[data.index(kind.partition("-")[2].encode() or b"zstd") + 100] ^= 8

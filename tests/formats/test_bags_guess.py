@@ -31,7 +31,7 @@ def test_the_field_counts_and_not_the_topic(name: str, quantity: str | None) -> 
     assert Column(name).quantity == quantity
 
 
-def test_a_bag_is_told_by_names(tmp_path: Path) -> None:
+def test_a_bag_is_distinguished_by_names(tmp_path: Path) -> None:
     """Another topic has a shorter name of its time, and the gripper's one the same joints."""
     rng = np.random.default_rng(1)
     joints = [joint_state(k * 10**7, NAMES[::-1], *rng.normal(size=(3, 4))) for k in range(50)]

@@ -85,7 +85,7 @@ def test_a_missing_column_is_named_with_its_neighbours(log: Log) -> None:
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_what_cannot_be_read_is_said(tmp_path: Path, suffix: str) -> None:
+def test_what_cannot_be_read_is_reported(tmp_path: Path, suffix: str) -> None:
     missing = tmp_path / f"runn{suffix}"
     (tmp_path / f"run{suffix}").write_bytes(b"")
     (tmp_path / f"folder{suffix}").mkdir()

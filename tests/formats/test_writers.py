@@ -102,7 +102,7 @@ def test_parquet_is_written_in_bounded_memory(tmp_path: Path, peak: Callable[[],
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="this disk is always full on Linux only")
-def test_a_full_disk_is_said_by_the_system() -> None:
+def test_a_full_disk_is_reported_by_the_system() -> None:
     with pytest.raises(OSError), parquet(Path("/dev/full"), ("t",)) as write:
         write(np.zeros((1000, 1)))
 

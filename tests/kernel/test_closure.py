@@ -168,7 +168,7 @@ def opening() -> tuple[Robot, Array, Array]:
     return robot, path, np.abs(elbows) - 0.62
 
 
-def test_samples_that_do_not_close_are_told_and_the_rest_is_found() -> None:
+def test_samples_that_do_not_close_are_reported_and_the_rest_is_found() -> None:
     robot, path, apart = opening()
     follower = Follower(robot)
     passive, closed = follower(path)

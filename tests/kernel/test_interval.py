@@ -123,7 +123,7 @@ def test_zero_times_unbounded_is_zero_and_unbounded_less_itself_is_unbounded() -
     np.testing.assert_allclose(high[:, 0], [0.0, np.inf], atol=1e-200)
 
 
-def test_overflow_is_told_as_unknown() -> None:
+def test_overflow_is_reported_as_unknown() -> None:
     steps = [Step("mul", (0, 0)), Step("mul", (5, 5)), Step("neg", (6,)), Step("add", (6, 7))]
     low, high = over(program_of(*steps), *box((1e100, 1e100)))
     assert low.item() == -np.inf and high.item() == np.inf

@@ -168,7 +168,7 @@ def test_delays_are_taken_out(recording, sines, lag: float) -> None:
     assert b.t[0] >= t[0] + early - 1e-9 and b.t[-1] <= t[-1] - behind + 1e-9
 
 
-def test_the_chain_is_told_and_kept(recording, sines) -> None:
+def test_the_chain_is_reported_and_kept(recording, sines) -> None:
     t, motion = spoilt(sines)
     wanted = CHAINS["pchip and averages"]
     notes = " ".join(prepare(recording(t, motion["q"], motion["effort"]), wanted).quality.notes)

@@ -24,7 +24,7 @@ def wandering(seed: int, count: int, jerk: float, step: np.ndarray) -> np.ndarra
 
 
 @pytest.mark.parametrize("uneven", [False, True])
-def test_both_noises_are_found_and_errors_are_as_large_as_said(uneven: bool) -> None:
+def test_both_noises_are_found_and_errors_are_as_large_as_stated(uneven: bool) -> None:
     rng = np.random.default_rng(7)
     inside, noises, jerks = [], [], []
     for seed in range(8):
@@ -112,7 +112,7 @@ def test_the_cutoff_can_choose() -> None:
 
 
 @pytest.mark.parametrize("t", [np.arange(3.0), np.array([0.0, 1, 2, 2, 3, 4, 5])])
-def test_too_little_is_told(t: np.ndarray) -> None:
+def test_too_little_is_reported(t: np.ndarray) -> None:
     with pytest.raises(LogError, match="cannot be smoothed") as caught:
         kalman_smoothed(t, np.zeros((len(t), 1)))
     assert "in order of time" in caught.value.fix

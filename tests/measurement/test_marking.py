@@ -120,7 +120,7 @@ def test_a_slow_coarse_sensor_is_not_stale() -> None:
     assert not stale(q, sensor_step(q)).any()
 
 
-def test_saturation_is_told_from_peaks(recording, sines) -> None:
+def test_saturation_is_distinguished_from_peaks(recording, sines) -> None:
     t, motion = noisy(sines)
     limit = 0.8 * np.abs(motion["effort"][:, 0]).max()
     effort = motion["effort"].copy()

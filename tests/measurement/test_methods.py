@@ -196,7 +196,7 @@ def test_settings_are_kept() -> None:
         ({"method": "fir", "transition": 0.0}, "a transition of 0", "up to 2"),
     ],
 )
-def test_mistakes_are_told(given: object, wrong: str, fix: str) -> None:
+def test_mistakes_are_reported(given: object, wrong: str, fix: str) -> None:
     with pytest.raises(ModelError) as caught:
         method_of(given, "robot.toml, line 7")  # type: ignore[arg-type]
     assert wrong in caught.value.wrong and fix in caught.value.fix

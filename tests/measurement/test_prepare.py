@@ -130,7 +130,7 @@ def test_rests_are_found_and_the_ends_left_out(recording) -> None:
     assert not data.moving[between].any()
 
 
-def test_a_rest_speed_asked_for_is_exact(recording, sines) -> None:
+def test_a_requested_rest_speed_is_exact(recording, sines) -> None:
     t = np.arange(2000) * 0.01
     motion = sines(t)
     made = recording(t, motion["q"], motion["effort"])

@@ -92,7 +92,7 @@ def test_dropping(recording: Callable[..., Recording]) -> None:
         mean_of_periods(log, Repetitions(period=3.0, drop_first=3, drop_last=2))
 
 
-def test_a_motion_without_period_is_told(recording: Callable[..., Recording]) -> None:
+def test_a_motion_without_period_is_reported(recording: Callable[..., Recording]) -> None:
     rng = np.random.default_rng(4)
     t = np.arange(0.0, 20.0, 1.0 / RATE)
     q = np.stack([np.interp(t, np.arange(21.0), rng.normal(size=21)) for _ in range(2)], axis=1)

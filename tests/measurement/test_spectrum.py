@@ -81,7 +81,7 @@ def test_cutoffs_follow_the_band_within_the_rate() -> None:
     assert (fast.matched, fast.motion) == (20.0, 25.0)
 
 
-def test_cutoffs_asked_for_are_taken() -> None:
+def test_requested_cutoffs_are_taken() -> None:
     both = cutoffs(Processing(motion_cutoff=9.0, matched_cutoff=5.0), 0.5, 100.0, "log")
     assert (both.motion, both.matched) == (9.0, 5.0)
     one = cutoffs(Processing(motion_cutoff=4.0), 0.5, 100.0, "log")

@@ -48,6 +48,6 @@ def test_the_cutoff_can_choose() -> None:
         np.testing.assert_allclose(found[0, 0, 500:-500], gain * wave[500:-500], atol=0.02)
 
 
-def test_too_little_is_told() -> None:
+def test_too_little_is_reported() -> None:
     with pytest.raises(LogError, match="cannot be fitted by a spline"):
         smoothing_spline(np.array([0.0, 1, 2, 2, 3, 4]), np.zeros(6))

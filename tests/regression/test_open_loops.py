@@ -81,7 +81,7 @@ def openings() -> list[tuple[int, int]]:
     return list(zip(np.flatnonzero(steps > 0), np.flatnonzero(steps < 0) - 1, strict=True))
 
 
-def test_open_stretches_are_told_with_time_and_gap() -> None:
+def test_open_stretches_are_reported_with_time_and_gap() -> None:
     stretches = open_stretches(run_of(), robot())
     wanted = openings()
     assert len(stretches) == len(wanted) > 1

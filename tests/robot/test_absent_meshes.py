@@ -149,7 +149,7 @@ def test_a_pointer_of_git_lfs_is_no_mesh(tmp_path: Path) -> None:
     assert list(compiled(path).stand_ins.values()) == ["upper"]
 
 
-def test_what_is_wrong_beside_absent_meshes_is_told(tmp_path: Path) -> None:
+def test_what_is_wrong_beside_absent_meshes_is_reported(tmp_path: Path) -> None:
     path = written(tmp_path, end='<sensor><framepos objtype="geom" objname="gone"/></sensor>')
     with pytest.raises(ModelError, match="gone"):
         read_mjcf(path)

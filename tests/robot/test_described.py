@@ -56,7 +56,7 @@ def test_a_name_or_a_table_makes_the_value() -> None:
         ({"shape": "ball", "radius": -1.0}, "a radius of -1", "give one above 0"),
     ],
 )
-def test_mistakes_are_told_where_they_stand(given: Any, wrong: str, fix: str) -> None:
+def test_mistakes_are_reported_where_they_stand(given: Any, wrong: str, fix: str) -> None:
     with pytest.raises(ModelError) as caught:
         SHAPES.built(given, "arm.toml, line 3")
     assert wrong in caught.value.wrong and fix in caught.value.fix

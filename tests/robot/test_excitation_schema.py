@@ -16,7 +16,7 @@ def read(tables: str) -> ExcitationSection:
     return checked(Path("arm.toml"), text, RobotFile)[0].excitation
 
 
-def test_nothing_said_is_a_fourier_series() -> None:
+def test_nothing_given_is_a_fourier_series() -> None:
     section = read("")
     assert section == ExcitationSection()
     assert (section.motion.kind, section.criterion.kind) == ("fourier", "d_optimal")

@@ -68,7 +68,7 @@ def test_a_fixed_trunk_is_mujocos_trunk_at_rest(tmp_path: Path) -> None:
     assert np.allclose(robot.gravity, data.xmat[1].reshape(3, 3).T @ [0.0, 0.0, -9.81])
 
 
-def test_what_is_assumed_and_left_out_is_told(tmp_path: Path) -> None:
+def test_what_is_assumed_and_left_out_is_reported(tmp_path: Path) -> None:
     other = trunk(leg("other"), "dog")
     path = written(tmp_path, trunk(leg("left")) + other + CUBE.format("cube") + ARM)
     mechanism = read_mjcf(path)

@@ -204,7 +204,7 @@ def test_a_log_of_some_joints_needs_a_robot_file() -> None:
     assert "steelyard init" in caught.value.fix
 
 
-def test_positions_of_motors_are_told_with_what_they_need() -> None:
+def test_positions_of_motors_are_reported_with_what_they_need() -> None:
     with pytest.raises(LogError) as caught:
         guess_columns(TWO, ["t", *numbered("q_motor#", "tau#")])
     assert 'coordinates = "motor"' in caught.value.fix
@@ -236,7 +236,7 @@ def test_a_column_beside_currents_without_a_unit_is_named() -> None:
         ),
     ],
 )
-def test_what_cannot_be_told_is_an_error(columns: list[str], words: str) -> None:
+def test_what_cannot_be_guessed_is_an_error(columns: list[str], words: str) -> None:
     with pytest.raises(LogError) as caught:
         guess_columns(TWO, columns)
     assert words in caught.value.wrong

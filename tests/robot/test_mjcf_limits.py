@@ -191,7 +191,7 @@ LIMITED = """<robot name="r"><link name="base"/><link name="l"/><link name="m"/>
 <limit lower="-1" upper="1" velocity="2" effort="{}"/></joint></robot>"""
 
 
-def test_placeholders_of_a_urdf_are_named_and_settled(tmp_path: Path) -> None:
+def test_placeholders_of_a_urdf_are_named_and_resolved(tmp_path: Path) -> None:
     urdf, toml = tmp_path / "r.urdf", tmp_path / "r.toml"
     urdf.write_text(LIMITED.format("1000", "99999"))
     found = load_robot(urdf)

@@ -174,7 +174,7 @@ def test_tendons_and_fluids_are_named(tmp_path: Path) -> None:
     assert with_tables(path, 'tip = "one"').notes[-1] == fluid
 
 
-def test_what_a_new_robot_file_settles_is_still_told_once(tmp_path: Path) -> None:
+def test_what_a_new_robot_file_resolves_is_still_reported_once(tmp_path: Path) -> None:
     path = written(
         tmp_path, flag='<flag gravity="disable"/>', a=' stiffness="3"', two=' gravcomp="1"'
     )

@@ -66,7 +66,7 @@ def test_locking_is_holding_still() -> None:
     )
 
 
-def test_joints_left_out_are_locked_at_zero_or_the_nearest_limit_and_said() -> None:
+def test_joints_left_out_are_locked_at_zero_or_the_nearest_limit_and_reported() -> None:
     mechanism = chain(
         "revolute", "revolute", "prismatic", j3={"limits": Limits(lower=0.002, upper=0.03)}
     )
@@ -180,7 +180,7 @@ def test_followers_keep_their_own_limits() -> None:
     assert robot.coordinates[0].limits == Limits(-1.5, 0.2, 2.0, 50.0)
 
 
-def test_followers_that_leave_no_range_are_said() -> None:
+def test_followers_that_leave_no_range_are_reported() -> None:
     robot, notes = reduced(followed((Mimic("j1", 1.0, 5.0), Limits(-1.0, 1.0, 0.1))))
     assert robot.coordinates[0].limits == Limits(-2.0, 2.0, 0.1, 50.0)
     assert notes == (
@@ -197,13 +197,13 @@ def test_limits_are_replaced() -> None:
     assert robot.coordinates[0].limits.upper == 1.5
 
 
-def test_an_empty_range_is_unlimited_and_said() -> None:
+def test_an_empty_range_is_unlimited_and_reported() -> None:
     robot, notes = reduced(chain("revolute", j1={"limits": Limits(0.0, 0.0)}))
     assert robot.coordinates[0].limits.lower == -np.inf
     assert notes == ("joint 'j1' has an empty range in the model: taken as unlimited",)
 
 
-def test_impossible_inertials_are_said() -> None:
+def test_impossible_inertials_are_reported() -> None:
     bad = Inertia.about_com(1.0, [0.0, 0.0, 0.0], np.diag([0.1, 0.1, 0.5]))
     mechanism = Mechanism("r", [Link("a"), Link("b", bad)], [Joint("j", "revolute", "a", "b")])
     _, notes = reduced(mechanism)

@@ -327,7 +327,7 @@ ERRORS = {
 
 
 @pytest.mark.parametrize("case", ERRORS)
-def test_errors_say_what_where_and_how_to_mend(case: str, write: Callable[[str], Path]) -> None:
+def test_errors_say_what_where_and_how_to_correct(case: str, write: Callable[[str], Path]) -> None:
     text, wrong, where, fix = ERRORS[case]
     path = write(text)
     with pytest.raises(ModelError) as caught:

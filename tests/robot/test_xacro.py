@@ -132,7 +132,7 @@ def test_a_substitution_alone_makes_a_urdf_xacro(write: Write) -> None:
     assert body.position.tolist() == [0.5, 0.0, 0.0]
 
 
-def test_xacro_is_told_by_what_is_read(write: Write) -> None:
+def test_xacro_is_distinguished_by_what_is_read(write: Write) -> None:
     path = write("arm.urdf", ARM)
     assert is_xacro(path)
     assert load_robot(path).robot.joint_names == ("j1", "j2")

@@ -100,7 +100,7 @@ def test_the_reference_is_checked() -> None:
         assert 'reference = {"m.forearm" = 3.2}' in caught.value.fix
 
 
-def test_without_masses_a_reference_is_asked_for() -> None:
+def test_without_masses_a_reference_is_requested() -> None:
     rod = single().bodies[0]
     blank = Body(**{**vars(rod), "inertia": Inertia.zero(), "known": False})
     robot = single().changed(bodies=(blank,))

@@ -229,7 +229,7 @@ def test_a_presliding_spring_gets_a_law_with_memory() -> None:
     assert Dahl(length=1e-2) in found.terms
 
 
-def test_only_motors_are_asked_for_friction_that_grows_with_the_load() -> None:
+def test_only_motors_have_friction_that_grows_with_the_load() -> None:
     assert not any("load" in mix.name for mix in choose(COULOMB, 2).table)
     runs = [with_kind(logged(COULOMB, seed), "motor_torque") for seed in range(2)]
     found = choose_friction(MODEL, runs, WeightedLeastSquares())

@@ -67,7 +67,7 @@ def test_the_interval_is_that_of_the_parameters_of_the_law() -> None:
         assert np.all(sign[[0, -1]] == [-1.0, 1.0])
 
 
-def test_friction_with_memory_has_settled() -> None:
+def test_friction_with_memory_is_in_full_sliding() -> None:
     found = model_with(Dahl(length=0.01), Viscous())
     values = found.estimate.parameters.as_dict()
     for curve in friction_curves(found, POSTURES, FASTEST):

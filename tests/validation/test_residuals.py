@@ -30,7 +30,7 @@ def test_noise_that_a_sensor_filters_counts_where_it_is_loudest() -> None:
     assert found[0] == pytest.approx(at_ten_hertz, rel=0.3)
 
 
-def test_without_a_band_above_the_motion_nothing_is_said() -> None:
+def test_without_a_band_above_the_motion_nothing_is_reported() -> None:
     assert np.isnan(noise_floor(white(0.3), RATE, 60.0)).all()
     unknown = ResidualNoise(("a", "b"), np.array([2.0, 3.0]), np.array([np.nan, 1.5]))
     assert np.isnan(unknown.ratios[0]) and unknown.ratios[1] == 2.0

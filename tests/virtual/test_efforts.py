@@ -148,7 +148,7 @@ def test_a_declared_log_is_read_back_as_it_happened(
     np.testing.assert_allclose(channels[:, 4:] * declared.gains, wanted, atol=1e-9)
 
 
-def test_unknown_gains_are_those_of_the_sensors_and_told_in_the_truth(
+def test_unknown_gains_are_those_of_the_sensors_and_stated_in_the_truth(
     leg: Robot, tmp_path: Path
 ) -> None:
     declared = signals(leg, {"kind": "motor_current", "unit": "A", "gain": ("identify", 10.0)})

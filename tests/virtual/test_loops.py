@@ -103,7 +103,7 @@ def test_masses_are_those_of_the_independent_joint(four_bar: Robot, make_truth: 
         assert mass[0, 0] == pytest.approx(2.0 * kinetic, rel=1e-6)
 
 
-def test_where_a_loop_cannot_close_is_told(four_bar: Robot, make_truth: Callable) -> None:
+def test_where_a_loop_cannot_close_is_reported(four_bar: Robot, make_truth: Callable) -> None:
     truth = make_truth(four_bar)
     with pytest.raises(DataError, match="the loops cannot close at positions 3"):
         MujocoPlant(four_bar, truth).place([3.0])

@@ -74,7 +74,7 @@ def test_positions_lie_on_the_encoders_steps(arm: Robot) -> None:
     assert np.all(error[steps > 0] > 0.45 * steps[steps > 0])
 
 
-def test_noise_is_white_and_as_large_as_asked(arm: Robot) -> None:
+def test_noise_is_white_and_as_large_as_requested(arm: Robot) -> None:
     std = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.0])
     sensors = Sensors(rate=1000.0, torque_noise=std, velocity_noise=0.01, position_noise=1e-4)
     columns, true = read(sensors, arm), run(6)
