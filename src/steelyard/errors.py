@@ -37,7 +37,7 @@ class ModelError(SteelyardError):
 
 
 class OpenModelError(ModelError):
-    """A model file leaves open what a robot file has to say; `fix` tells how it says that."""
+    """A model file leaves open what a robot file has to say; `fix` states the key."""
 
 
 class LogError(SteelyardError):

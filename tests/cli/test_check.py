@@ -29,7 +29,7 @@ class Unit:
     """Positions of more than 1 rad are degrees."""
 
     name: ClassVar[str] = "position unit"
-    asks: ClassVar[str] = "Are positions in radians?"
+    question: ClassVar[str] = "Are positions in radians?"
     quick: ClassVar[bool] = True
     severity: Severity = Severity.WRONG
 
@@ -56,7 +56,7 @@ class Slow:
     """Keeps the cases that it saw, and has nothing to say."""
 
     name: ClassVar[str] = "slow"
-    asks: ClassVar[str] = "What is there?"
+    question: ClassVar[str] = "What is there?"
     quick: ClassVar[bool] = False
     seen: list[Case] = field(default_factory=list)
 
@@ -203,7 +203,7 @@ class Unmendable:
     """Finds wrong what is given, by whether positions are in degrees."""
 
     name: ClassVar[str] = "gain"
-    asks: ClassVar[str] = "Are gains right?"
+    question: ClassVar[str] = "Are gains right?"
     quick: ClassVar[bool] = False
     wrong_before: bool
 

@@ -1,4 +1,4 @@
-"""What the register asks of a law, and what the docs say of all laws."""
+"""What the register requires of a law, and what the docs say of all laws."""
 
 import re
 from dataclasses import dataclass, fields

@@ -150,12 +150,12 @@ def test_an_estimator_that_fails_says_why_and_stops_no_other() -> None:
 
 
 def test_data_that_cannot_be_had_are_a_reason() -> None:
-    asking = [
+    recording_offers = [
         offer("of samples", OrdinaryLeastSquares(), needs="samples"),
         offer("of experiments", OrdinaryLeastSquares(), needs="experiment"),
     ]
     parts = parts_of(lacking={"experiment": ("there is but one run", "give two")})
-    comparison = compare(asking, CONTEXT, parts)
+    comparison = compare(recording_offers, CONTEXT, parts)
     samples, experiment = comparison.scores
     assert {f.reason for f in samples.failures} == {"it needs samples, and none is given"}
     assert {(f.reason, f.fix) for f in experiment.failures} == {

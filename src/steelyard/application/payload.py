@@ -39,7 +39,7 @@ GAIN = 0.02
 """Relative standard deviation of drive gains that are given without one."""
 
 FREEDOM = 2.0
-"""Expected squares of scores below which they tell nothing."""
+"""Expected squares of scores below which they are too few."""
 
 ROUND_OFF = float(np.finfo(np.float64).eps)
 """Variance of residuals over the greatest mean square of efforts that sums of squares resolve."""

@@ -15,13 +15,13 @@ class Check(Protocol):
         ...
 
     @property
-    def asks(self) -> str:
+    def question(self) -> str:
         """The question in a few words: "Is the clock regular?"."""
         ...
 
     @property
     def quick(self) -> bool:
-        """Whether `identify` asks it before it begins."""
+        """Whether `identify` runs it before the fit."""
         ...
 
     def __call__(self, case: Case) -> tuple[Finding, ...]:

@@ -23,7 +23,7 @@ class Drift:
     """Friction and offsets that differ from log to log."""
 
     name: ClassVar[str] = "drift"
-    asks: ClassVar[str] = "Is friction the same in all logs?"
+    question: ClassVar[str] = "Is friction the same in all logs?"
     quick: ClassVar[bool] = False
 
     def __call__(self, case: Case) -> tuple[Finding, ...]:

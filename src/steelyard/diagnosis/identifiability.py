@@ -34,7 +34,7 @@ class Identifiability:
     """Parameters that no log shows."""
 
     name: ClassVar[str] = "identifiability"
-    asks: ClassVar[str] = "What can be identified from these logs?"
+    question: ClassVar[str] = "What can be identified from these logs?"
     quick: ClassVar[bool] = False
 
     def __call__(self, case: Case) -> tuple[Finding, ...]:

@@ -29,7 +29,7 @@ class JointZeros:
     """Zero offsets that explain the residuals of a fit better than anything else."""
 
     name: ClassVar[str] = "joint zeros"
-    asks: ClassVar[str] = "Are the joint zeros those of the model file?"
+    question: ClassVar[str] = "Are the joint zeros those of the model file?"
     quick: ClassVar[bool] = False
 
     def __call__(self, case: Case) -> tuple[Finding, ...]:

@@ -51,7 +51,7 @@ class Delays:
         std: Its standard error [s].
         spread: Of the rows' delays around it [s].
         gone: Share of the typical squared residual that it explains.
-        rows: How many rows tell.
+        rows: How many rows are used.
     """
 
     delay: float

@@ -30,7 +30,7 @@ LATE = 4.0
 EVENED = 51
 """Stamps over which jitter is averaged."""
 MEDIAN_ROWS = 41
-"""Rows of the running median that tells garbage from motion: up to 20 broken ones in a row."""
+"""Rows of the running median that removes garbage: up to 20 broken ones in a row."""
 GAP_TIME = 1000.0
 """Steps that a stamp may be off its neighbours before it is garbage."""
 FASTEST_RATE = 500.0

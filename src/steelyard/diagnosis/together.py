@@ -1,4 +1,4 @@
-"""One robot file for all logs: what one log asks for must not contradict the others."""
+"""One robot file for all logs: what one log suggests must not contradict the others."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -20,7 +20,7 @@ def together(findings: Sequence[Finding]) -> tuple[Finding, ...]:
     """The findings of all checks with corrects that serve all logs.
 
     A log that is wrong while others are fine has no line in a robot file they share. Numbers that
-    several logs ask for become their median; fitted factors that differ by more than their accuracy
+    several logs suggest become their median; fitted factors that differ by more than their accuracy
     are doubtful, and none is written. Edits that were tried as one change stay together or go.
     """
     names = dict.fromkeys(f.check for f in findings)
@@ -41,7 +41,7 @@ def together(findings: Sequence[Finding]) -> tuple[Finding, ...]:
 
 
 def _against(found: Sequence[Finding], findings: Sequence[Finding]) -> str:
-    """Why the other logs speak against what one asks for; empty if none does.
+    """Why the other logs speak against what one suggests; empty if none does.
 
     Args:
         found: Of one check.
@@ -106,7 +106,7 @@ def _shared(finding: Finding, found: Sequence[Finding], against: str, unlike: st
 
 
 def _wanted(found: Sequence[Finding], edit: Edit) -> Iterator[Any]:
-    """What all logs ask for under one key."""
+    """What all logs suggest under one key."""
     for finding in found:
         for other in finding.fix.edits if finding.fix else ():
             if other.path == edit.path:

@@ -116,7 +116,7 @@ def build(loaded: LoadedRobot, model: Model, earlier: Earlier | None = None) -> 
 
 
 def memoryless(model: Model) -> tuple[Model, tuple[str, ...]]:
-    """The model without terms that no single sample tells; notes on what the criterion lacks."""
+    """The model without terms with internal states; notes on what the criterion lacks."""
     left = [term for term in model.terms if isinstance(term, StatefulTerm)]
     kept = tuple(term for term in model.terms if not isinstance(term, StatefulTerm))
     notes = [f"'{term.law}' has internal states: it is left out of the criterion" for term in left]

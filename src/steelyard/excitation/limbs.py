@@ -1,6 +1,6 @@
 r"""Limbs: joints whose efforts have parameters of their own, and what a search gains from that.
 
-The torque of a joint tells of the bodies that it carries and of its own friction. Branches of a
+The torque of a joint depends on the bodies that it carries and on its own friction. Branches of a
 tree that hang on the fixed base share no parameter, and no torque of one depends on the motion of
 another: the information is block-diagonal, $\log\det G = \sum_l \log\det G_l$, exactly. Joints
 that carry several branches, like those of a torso, make one limb of them.
@@ -27,7 +27,7 @@ class Limb:
 
     Attributes:
         joints: Numbers of the joints, ascending.
-        columns: Base parameters that their efforts tell of, ascending.
+        columns: Base parameters that their efforts depend on, ascending.
     """
 
     joints: tuple[int, ...]
@@ -37,7 +37,7 @@ class Limb:
 def limbs_of(shows: InformationEvaluator) -> tuple[Limb, ...]:
     """The limbs of a robot, by their first joints; one of all joints where loops close.
 
-    Joints that tell of no base parameter are limbs by themselves.
+    Joints whose efforts depend on no base parameter are limbs by themselves.
     """
     sees = [set(columns) for columns in shows.sees]
     if shows.model.robot.passive:

@@ -50,7 +50,7 @@ class PredictedAccuracy:
 
 
 def deviations(gram: Array) -> Array:
-    """Standard deviations from information; infinite for what it does not tell from others."""
+    """Standard deviations from information; infinite for what it does not distinguish."""
     size = np.sqrt(np.maximum(np.diagonal(gram), 0.0))
     result, seen = np.full(len(gram), np.inf), size > 0.0
     if not seen.any():

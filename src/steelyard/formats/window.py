@@ -15,7 +15,7 @@ from steelyard.robot_file.signals import TIME_UNITS
 from steelyard.robot_file.template.guess_columns import guess_time
 
 SAMPLE = 2000
-"""Rows read to tell a column of time."""
+"""Rows read to find a column of time."""
 
 
 @dataclass(frozen=True)

@@ -137,7 +137,7 @@ def check(
         tuple(file.text for file in files),
         named,
         diagnosis,
-        {check.name: check.asks for check in register.CHECKS},
+        {check.name: check.question for check in register.CHECKS},
         subject.notes,
     )
     return CheckResult(content, corrected)

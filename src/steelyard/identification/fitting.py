@@ -248,7 +248,7 @@ def _with_scales(
 
 
 def _in_vain(loaded: LoadedRobot, why: str) -> tuple[str, ...]:
-    """A note where the robot file asks for scales that cannot be estimated."""
+    """A note where the robot file requests scales that cannot be estimated."""
     given = loaded.estimation
     if not why or given.effort_scales == "off" or "effort_scales" not in given.model_fields_set:
         return ()

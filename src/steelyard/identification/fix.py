@@ -127,7 +127,7 @@ def fixed(
     *,
     quick: bool,
 ) -> Fixed:
-    """Change what findings ask for, and look again, as long as they ask for more.
+    """Apply the proposed edits and check again, as long as more are proposed.
 
     Nothing is written with which the check finds wrong what it found ok, or as much as before, or
     with which it answers fewer questions, unless what it was changed for is beyond doubt.
@@ -203,20 +203,20 @@ def _proposed(diagnosis: Diagnosis, changes: Sequence[Change]) -> list[Change]:
     """The edits that are proposed and of keys not changed before, or refined."""
     before = {change.edit.path for change in changes} - {REFINED}
     return [
-        Change(edit, _asking(diagnosis, edit))
+        Change(edit, _proposing(diagnosis, edit))
         for edit in diagnosis.edits
         if edit.path not in before
     ]
 
 
-def _asking(diagnosis: Diagnosis, edit: Edit) -> Finding:
-    """The worst finding that asks for an edit."""
-    asking = [
+def _proposing(diagnosis: Diagnosis, edit: Edit) -> Finding:
+    """The worst finding that proposes an edit."""
+    proposing = [
         finding
         for finding in diagnosis.findings
         if finding.fix is not None and edit.path in [other.path for other in finding.fix.edits]
     ]
-    return max(asking, key=lambda finding: finding.severity)
+    return max(proposing, key=lambda finding: finding.severity)
 
 
 def _moved(subject: Subject, target: Path) -> str:

@@ -186,7 +186,7 @@ def processing_of(identified: IdentifiedModel) -> Processing:
 def prepared(
     recordings: Sequence[Recording], wanted: Processing, progress: Progress
 ) -> tuple[Run, ...]:
-    """Clean runs with common cut-offs: those wanted, or the widest that a run's motion asks for."""
+    """Clean runs with common cut-offs: those wanted, or the widest that a run's motion needs."""
     runs = []
     for number, recording in enumerate(recordings):
         tell(progress, "reading logs", number, len(recordings))
@@ -222,7 +222,7 @@ def runs_of(
 
 
 def distinct(runs: Sequence[Run]) -> tuple[Run, ...]:
-    """Runs that their names tell apart: with as many folders before them as that takes.
+    """Runs with distinct names: with as many folders before them as that takes.
 
     Logs are often called alike, each in a folder of its own; what is left out in turn, and
     parameters of single runs, go by the runs' names.
@@ -232,7 +232,7 @@ def distinct(runs: Sequence[Run]) -> tuple[Run, ...]:
 
 
 def distinct_names(logs: Sequence[tuple[str, Path]]) -> list[str]:
-    """Names of logs at these paths, with as many folders before them as tells them apart."""
+    """Names of logs at these paths, with as many folders before them as makes them distinct."""
     names = [name for name, _ in logs]
     folders = [path.resolve().parts[-2::-1] for _, path in logs]
     for depth in range(max((len(parts) for parts in folders), default=0)):

@@ -31,7 +31,7 @@ LEAST_SQUARES = {"noise": "WLS", "equal": "OLS"}
 
 
 def method_of(loaded: LoadedRobot, option: str | None = None) -> Offer:
-    """The estimator that a robot file, or an option instead of it, asks for.
+    """The estimator that a robot file, or an option instead of it, requests.
 
     Args:
         loaded: The robot file.

@@ -150,10 +150,10 @@ def _judge(
 
 def _refuse_finds(model: Model) -> None:
     """Fields are found for friction that is there; which is there is still to be chosen."""
-    asking = [term.law for term in model.terms if finds_of(term)]
-    if asking:
+    searched = [term.law for term in model.terms if finds_of(term)]
+    if searched:
         raise ModelError(
-            f"a field of term '{asking[0]}' cannot be estimated while friction is selected",
+            f"a field of term '{searched[0]}' cannot be estimated while friction is selected",
             where="[model] friction",
             fix='give the field a number, or list the friction laws in place of "auto"',
         )
@@ -175,7 +175,7 @@ def _gains(
     threads: int,
     progress: Progress,
 ) -> GainEstimate | None:
-    """The drive gains that the robot file asks for."""
+    """The drive gains that the robot file requests."""
     signals = runs[0].recording.signals
     if not any(signals.unknown_gains):
         if carrying or payload != Payload():
@@ -220,7 +220,7 @@ def _offsets(
     threads: int,
     progress: Progress,
 ) -> ZeroOffsets | None:
-    """The zero offsets that the robot file asks for."""
+    """The zero offsets that the robot file requests."""
     signals = runs[0].recording.signals
     if not any(signals.unknown_offsets) or signals.position_offset is None:
         return None

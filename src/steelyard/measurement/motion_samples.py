@@ -16,7 +16,7 @@ MOST, LEAST = 600, 32
 MOST_ROWS = 500_000
 """Rows of a run that are looked at."""
 SPEED_TIME = 0.1
-"""Time over which a speed is taken to tell motion from rest [s]."""
+"""Time over which a speed is taken to distinguish motion from rest [s]."""
 DIGITS = 9
 """Significant digits that are kept."""
 

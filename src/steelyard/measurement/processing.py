@@ -1,4 +1,4 @@
-"""The choices of the processing chain: what a robot file asks for, and how files keep it."""
+"""The choices of the processing chain: what a robot file requests, and how files keep it."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields, replace
@@ -103,7 +103,7 @@ class Processing:
 
 
 def requested_processing(section: ProcessingSection, where: Callable[..., str]) -> Processing:
-    """The processing that a robot file asks for.
+    """The processing that a robot file requests.
 
     Args:
         section: What it says.

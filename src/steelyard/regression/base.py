@@ -1,4 +1,4 @@
-r"""Base parameters: what structure alone lets torque tell.
+r"""Base parameters: what is identifiable from torque by structure alone.
 
 The regressor of *all* linear terms is evaluated on random states. A column that is zero, or that
 is a combination of others, has no parameter of its own: its parameter is grouped with others,
@@ -147,7 +147,7 @@ def clear_map(model: Model) -> BaseMap:
 
     Where all others explain a column up to less than `FAINT` of the largest one of its unit, as
     behind axes that are parallel or upright to 1e-4 rad, its parameter is grouped with them: no
-    motion shows it beside them, and a criterion that asks for it would see nothing else. Of robots
+    motion shows it beside them, and a criterion that includes it would see nothing else. Of robots
     with loops all are kept: how much they show depends on where the loops are.
     """
     if model.robot.passive:

@@ -29,7 +29,7 @@ AHEAD = 2
 """Pieces read ahead per thread."""
 
 LEAST_WINDOWS = 8
-"""Windows that even a short run is cut into, for they tell how long residuals are alike."""
+"""Windows that even a short run is cut into, for the correlation of residuals."""
 
 SHORTEST = 2
 """Least length of such a window in halos of the filter."""

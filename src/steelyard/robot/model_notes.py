@@ -1,4 +1,4 @@
-"""What a model file says beyond the mechanism, and notes: values that others tell or offer."""
+"""What a model file says beyond the mechanism, and notes: values that other modules print."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -110,5 +110,5 @@ def model_sources(
 
 
 def sha256_of(data: bytes) -> str:
-    """What tells the content of a file."""
+    """What identifies the content of a file."""
     return hashlib.sha256(data).hexdigest()

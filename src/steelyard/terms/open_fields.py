@@ -39,7 +39,7 @@ class Find:
 
 
 def is_search(given: Any) -> bool:
-    """Whether a value of a file, or a part of it, asks for a search."""
+    """Whether a value of a file, or a part of it, requests a search."""
     if isinstance(given, list | tuple):
         return any(is_search(x) for x in given)
     if isinstance(given, Mapping):
@@ -48,7 +48,7 @@ def is_search(given: Any) -> bool:
 
 
 def search_of(law: type[Any], field: str, given: Any, where: str) -> Find:
-    """The search that a value of a file asks for.
+    """The search that a value of a file requests.
 
     Args:
         law: Type of the term.

@@ -35,7 +35,7 @@ class Term(ABC):
 
     A term is a frozen dataclass. What the torque is linear in are its parameters; what it is not
     linear in are its fields. Parameters are named `law.coordinate`, or with more behind the law's
-    name. What has no default here, the register asks of every law.
+    name. What has no default here, the register requires of every law.
     """
 
     law: ClassVar[str]

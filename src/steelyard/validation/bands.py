@@ -102,13 +102,13 @@ class Bands:
 
 
 def _sigma(identified: IdentifiedModel) -> Array:
-    """Standard deviation of the fit's residuals; NaN where a joint had no samples to tell it."""
+    """Standard deviation of the fit's residuals; NaN where a joint had no samples."""
     estimate = identified.estimate
     return np.where(estimate.n_samples > 0.0, estimate.sigma, np.nan)
 
 
 def _covariance(identified: IdentifiedModel) -> Array:
-    """Covariance of all base parameters; without prior, of what data do not tell, zero."""
+    """Covariance of all base parameters; without prior, of what data do not identify, zero."""
     estimate, base = identified.estimate, identified.base
     if estimate.standard is not None:
         return np.asarray(base.lift @ estimate.standard.covariance @ base.lift.T)

@@ -28,7 +28,7 @@ LEFT = "leave it out of the comparison"
 """What to do about an estimator that only fails."""
 
 Chosen = Callable[[Information], Any]
-"""What there is in the windows of an information, in the form that an estimator asks for."""
+"""What there is in the windows of an information, in the form that an estimator needs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +111,7 @@ def compare(
         offers: The estimators.
         context: The model and what is known of it.
         parts: The data.
-        progress: Told about every fit; if it asks to stop, what is done is kept.
+        progress: Told about every fit; if it requests a stop, what is done is kept.
     """
     scores: list[EstimatorScore] = []
     try:

@@ -82,7 +82,7 @@ class Folding:
 def folding(runs: Sequence[Run]) -> Folding:
     """Parts of which each leaves motion of every joint to be fitted.
 
-    Where a joint moves in one run only, without that run nothing tells its friction: then a
+    Where a joint moves in one run only, without that run nothing identifies its friction: then a
     stretch of every run is left out.
 
     Raises:

@@ -79,7 +79,7 @@ def friction_curves(
 def _friction(identified: IdentifiedModel) -> tuple[list[str], Array]:
     """Names of the parameters of friction, `p` of them, and their covariance, `(p, p)`.
 
-    Those that the data do not tell have no variance, like their value.
+    Those that the data do not identify have no variance, like their value.
     """
     model, estimate = identified.model, identified.estimate
     names = [

@@ -4,7 +4,7 @@ Some rows of the other run are looked for in the run: at the shift in time at wh
 are met by all joints at once. Repeated motion has other efforts, for it has noise of its own; rows
 with the same positions and efforts are the same log, trimmed, thinned, shifted or rounded. Where
 joints were given other zeros meanwhile, or the base was turned, velocities meet and positions up to
-a constant per joint; efforts then tell whether it is the same motion of the same arm.
+a constant per joint; efforts then decide whether it is the same motion of the same arm.
 """
 
 from collections.abc import Sequence

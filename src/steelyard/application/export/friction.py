@@ -33,7 +33,7 @@ COMPARED = np.concatenate([np.geomspace(1e-4, 5e-3, 30), np.linspace(5e-3, 1.0, 
 """Speeds at which a fit is compared with the curve, over the greatest."""
 
 UNKNOWN = 1.0
-"""Greatest speed where neither logs nor limits tell one [rad/s; m/s]."""
+"""Greatest speed where neither logs nor limits give one [rad/s; m/s]."""
 
 Force = Callable[[Array], Array]
 """Friction at speeds above zero."""
@@ -100,10 +100,10 @@ def _fitted(whole: Array, places: Sequence[Kind], least: float, top: float) -> d
 
 
 def greatest_speed(identified: IdentifiedModel, axis: Axis) -> float:
-    """Greatest speed along a coordinate in the fitted logs, or what limits tell [rad/s; m/s].
+    """Greatest speed along a coordinate in the fitted logs, or that of the limits [rad/s; m/s].
 
     Rows of long logs stand far apart; speed is then at least that of the sine of the same root mean
-    square, where the calibration of the bands tells that.
+    square, where the calibration of the bands has them.
     """
     robot, row = identified.model.robot, np.array(axis.row)
     speeds = [0.0]

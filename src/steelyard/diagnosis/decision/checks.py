@@ -22,15 +22,15 @@ class HypothesisCheck:
 
     Attributes:
         name: As users see it, and the cause of its hypotheses.
-        asks: The question in a few words.
+        question: The question in a few words.
         fine: What holds where nothing is wrong, or the whole sentence for a verdict.
         advice: What to do about a hypothesis that explains a log better.
         completed: The findings with those that this check makes by other means.
-        quick: Whether `identify` asks it before it begins.
+        quick: Whether `identify` runs it before the fit.
     """
 
     name: str
-    asks: str
+    question: str
     fine: str | Callable[[Verdict], str]
     advice: str
     completed: Callable[[Case, str, Findings], Findings] | None = None
@@ -46,7 +46,7 @@ class HypothesisCheck:
 
 
 def _signs_of_friction(case: Case, name: str, found: Findings) -> Findings:
-    """Without masses, what friction tells."""
+    """Without masses, what friction determines."""
     return (friction_signs(case, name) if known_of(case) is None else ()) or found
 
 

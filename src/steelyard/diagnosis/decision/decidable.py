@@ -27,7 +27,7 @@ from steelyard.diagnosis.decision.verdict import (
     last_of,
 )
 from steelyard.diagnosis.hypotheses.alternatives import FACTORS
-from steelyard.diagnosis.hypotheses.by_effort import poorly_shown
+from steelyard.diagnosis.hypotheses.by_effort import poorly_identifiable
 from steelyard.diagnosis.hypotheses.by_position import Draft, judged
 from steelyard.diagnosis.hypotheses.by_surroundings import NEAR, SHARP, payload_fit
 from steelyard.diagnosis.likelihood.interpretation import Interpretation
@@ -43,7 +43,7 @@ def undecided(decision: Verdict, cause: str) -> str:
 
     Args:
         decision: What holds of the log; nothing that is of this cause.
-        cause: The check that asks.
+        cause: The check.
     """
     likelihood, last = decision.ranking.likelihood, last_of(decision)
     if likelihood.knowledge.identified:
@@ -140,7 +140,7 @@ def _moving(likelihood: Likelihood, interpretation: Interpretation) -> NDArray[n
 
 
 def _gains(likelihood: Likelihood, interpretation: Interpretation, misfit: str) -> str:
-    weak = poorly_shown(likelihood, interpretation)
+    weak = poorly_identifiable(likelihood, interpretation)
     if not weak:
         return ""
     listed = ", ".join(f"'{name}'" for name in weak)

@@ -1,4 +1,4 @@
-r"""Signs that friction tells without any masses: it dissipates.
+r"""Signs that friction determines without any masses: it dissipates.
 
 Each effort row is fitted by least squares of its own, bodies and springs free beside Coulomb and
 viscous friction. The fitted friction's power over the log, $P_j = f_c \sum |\dot q| + f_v \sum
@@ -31,7 +31,7 @@ SINGULAR = 1e-9
 """Eigenvalue of a row's normalised Gram matrix, over the largest, that counts as zero."""
 LAWS = (Coulomb.law, Viscous.law)
 FEWEST = 6
-"""Windows of a run from which on its scores tell a standard error."""
+"""Windows of a run from which on its scores give a standard error."""
 
 
 @dataclass(frozen=True, eq=False)

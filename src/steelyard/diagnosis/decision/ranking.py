@@ -89,7 +89,7 @@ _KNOWN: WeakKeyDictionary[Case, Knowledge | None] = WeakKeyDictionary()
 
 
 def known_of(case: Case) -> Knowledge | None:
-    """What is known of the robot; a reference of other joints tells nothing."""
+    """What is known of the robot; a reference of other joints is not used."""
     if case not in _KNOWN:
         _KNOWN[case] = _known(case)
     return _KNOWN[case]

@@ -1,4 +1,4 @@
-"""What the data of a log say by themselves, where nothing but a nominal model is known.
+"""What the data of a log support by themselves, where nothing but a nominal model is known.
 
 That links are heavier or lighter than a model file says is always a hypothesis. So an explanation
 is beyond doubt only if bodies that can exist, whatever they weigh, fit the log clearly better under
@@ -67,11 +67,11 @@ def better(now: Possible, then: Possible, cost: float) -> bool:
 def supported(
     likelihood: Likelihood, winners: Sequence[tuple[Hypothesis, Severity]]
 ) -> tuple[tuple[Hypothesis, Severity], ...]:
-    """What holds of a log, from what a nominal model asks for and what the data say of it.
+    """What holds of a log, from what a nominal model suggests and what the data support.
 
     Args:
         likelihood: The log.
-        winners: What the nominal model asks for, in the order in which it was found.
+        winners: What the nominal model suggests, in the order in which it was found.
     """
     kept: list[tuple[Hypothesis, Severity]] = []
     interpretation, rescaled = likelihood.declared, False

@@ -1,4 +1,4 @@
-"""What a ranking says: which explanations are beyond doubt, and the findings that tell them."""
+"""What a ranking says: which explanations are beyond doubt, and the findings that report them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

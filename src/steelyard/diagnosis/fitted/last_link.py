@@ -64,7 +64,7 @@ class LastLink:
 
 
 def _weights(identified: IdentifiedModel, standard: StandardEstimate) -> list[Weight]:
-    """Masses that the model file knows and the data tell."""
+    """Masses that the model file gives and the data identify."""
     place = {name: k for k, name in enumerate(standard.parameters.names)}
     found = []
     for body in identified.model.robot.bodies:

@@ -132,7 +132,7 @@ def _fitted_names(fit: FittedCase) -> Sequence[str]:
 
 
 def _one_file(one: str, other: str) -> bool:
-    """Whether two runs are windows of one file, as far as their names tell folders."""
+    """Whether two runs are windows of one file, as far as their names contain folders."""
     first, second = (f"/{name.partition('@')[0]}" for name in (one, other))
     return first.endswith(second) or second.endswith(first)
 

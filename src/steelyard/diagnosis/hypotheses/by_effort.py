@@ -147,7 +147,7 @@ def best_factors(likelihood: Likelihood, sums: Sums, effort: list[int], scale: A
 def _identifiable(
     likelihood: Likelihood, sums: Sums, effort: list[int], scale: Array, factors: Array
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Joints whose effort tells its gain, and those at which 1 at least is a worse one.
+    """Joints whose effort identifies its gain, and those at which 1 at least is a worse one.
 
     Others agree as well with quite another gain.
     """
@@ -159,7 +159,7 @@ def _identifiable(
     return (np.minimum(less, more) > bound) & inside, (one > bound) & inside
 
 
-def poorly_shown(likelihood: Likelihood, interpretation: Interpretation) -> tuple[str, ...]:
+def poorly_identifiable(likelihood: Likelihood, interpretation: Interpretation) -> tuple[str, ...]:
     """Joints whose effort agrees about as well with quite another gain than the declared one."""
     sums, names = likelihood.sums([interpretation]), likelihood.knowledge.robot.joint_names
     ones = np.ones(len(names))

@@ -105,7 +105,7 @@ def excerpt_of(
 
     Args:
         recording: The log as the robot file reads it.
-        processing: Cut-offs that the robot file asks for.
+        processing: Cut-offs that the robot file requests.
         cutoff: Low-pass of a reference [Hz]; from the data if `None`.
     """
     signals = replace(recording.signals, velocity=None, velocity_scale=None)

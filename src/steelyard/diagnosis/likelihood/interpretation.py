@@ -1,4 +1,4 @@
-"""One way to read the columns of a log, and the robot-file keys that tell two ways apart."""
+"""One way to read the columns of a log, and the robot-file keys in which two ways differ."""
 
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,7 @@
 r"""Logged velocities compared with the derivative of the positions.
 
 Both pass the same Gaussian low-pass, so what it takes from one it takes from the other. Of each
-pair, $w(t) \approx s\,v(t - \delta)$ is fitted: the scale $s$ tells the unit and the sign, the lag
+pair, $w(t) \approx s\,v(t - \delta)$ is fitted: the scale $s$ gives the unit and the sign, the lag
 $\delta$ the controller's filter, and the correlation of every column with every joint the order.
 """
 
@@ -28,7 +28,7 @@ class Agreement:
 
     Attributes:
         order: Number of the velocity column that fits each joint, shape `(n,)`.
-        moving: Joints that move enough to tell, shape `(n,)`.
+        moving: Joints that move enough to compare, shape `(n,)`.
         scale: Logged velocity per derivative of the position, shape `(n,)`; NaN where not moving.
         lag: How much later the velocity is, shape `(n,)` [s].
         lag_std: Standard error of the lag, shape `(n,)` [s].

@@ -63,7 +63,7 @@ class Clock:
     """Rate, jitter, gaps, repeats, steps backward, and the unit of time."""
 
     name: ClassVar[str] = "clock"
-    asks: ClassVar[str] = "Is the clock regular?"
+    question: ClassVar[str] = "Is the clock regular?"
     quick: ClassVar[bool] = True
 
     def __call__(self, case: Case) -> tuple[Finding, ...]:

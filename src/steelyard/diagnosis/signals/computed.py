@@ -43,7 +43,7 @@ class ComputedEfforts:
     """Efforts without measurement noise that a rigid-body model explains entirely."""
 
     name: ClassVar[str] = "computed efforts"
-    asks: ClassVar[str] = "Are efforts measured, or computed from the motion?"
+    question: ClassVar[str] = "Are efforts measured, or computed from the motion?"
     quick: ClassVar[bool] = True
 
     def __call__(self, case: Case) -> tuple[Finding, ...]:

@@ -48,7 +48,7 @@ class Excitation:
     """Joints that move, and those that hardly do, of which little can be learnt."""
 
     name: ClassVar[str] = "excitation"
-    asks: ClassVar[str] = "Which joints move?"
+    question: ClassVar[str] = "Which joints move?"
     quick: ClassVar[bool] = True
 
     def __call__(self, case: Case) -> tuple[Finding, ...]:

@@ -12,7 +12,7 @@ STEPS = 3.0
 """Steps of its sensor by which a channel changes before and after a stretch that counts: neither
 rest nor a sensor too coarse for the motion makes such ones."""
 FEWEST, MOST = 100, 0.9
-"""Stretches that tell, and the share of them that has one length where samples are held."""
+"""Fewest stretches, and the share of them that has one length where samples are held."""
 SHOWN = 20
 """Longest stretch that is shown [rows]."""
 

@@ -1,7 +1,7 @@
 """Whether a base is at rest that floats in the model file, and is taken to be fixed.
 
-Efforts of the joints do not tell it: an acceleration of the base acts as a change of gravity does,
-and so do errors of a model that several limbs share. An inertial sensor in the log does.
+Efforts of the joints do not identify it: an acceleration of the base acts as a change of gravity
+does, and so do errors of a model that several limbs share. An inertial sensor in the log does.
 """
 
 from collections.abc import Sequence
@@ -36,7 +36,7 @@ class MovingBase:
     """A base that is taken to be at rest, though it floats in the model file."""
 
     name: ClassVar[str] = "moving base"
-    asks: ClassVar[str] = "Is the base at rest?"
+    question: ClassVar[str] = "Is the base at rest?"
     quick: ClassVar[bool] = True
 
     def __call__(self, case: Case) -> tuple[Finding, ...]:

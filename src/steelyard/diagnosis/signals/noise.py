@@ -34,7 +34,7 @@ class Noise:
     """Resolution and noise of every signal; efforts of few levels are doubtful, of one wrong."""
 
     name: ClassVar[str] = "noise"
-    asks: ClassVar[str] = "Are resolution and noise sufficient?"
+    question: ClassVar[str] = "Are resolution and noise sufficient?"
     quick: ClassVar[bool] = True
 
     def __call__(self, case: Case) -> tuple[Finding, ...]:

@@ -27,7 +27,7 @@ class Position:
     """Unit of the positions, whether they are motors', and whether they keep within limits."""
 
     name: ClassVar[str] = "position"
-    asks: ClassVar[str] = "Are positions in the declared unit?"
+    question: ClassVar[str] = "Are positions in the declared unit?"
     quick: ClassVar[bool] = True
 
     def __call__(self, case: Case) -> tuple[Finding, ...]:

@@ -28,11 +28,11 @@ class Repeats:
     """Rows with old positions or efforts: a controller that was read too often."""
 
     name: ClassVar[str] = "repeats"
-    asks: ClassVar[str] = "Do rows repeat earlier positions or efforts?"
+    question: ClassVar[str] = "Do rows repeat earlier positions or efforts?"
     quick: ClassVar[bool] = True
 
     def __call__(self, case: Case) -> tuple[Finding, ...]:
-        """One finding per log that moves fast enough to tell, another where efforts are held."""
+        """One finding per log that moves fast enough, another where efforts are held."""
         found = (f for evidence in case.logs for f in self._both(case, evidence))
         return tuple(finding for finding in found if finding is not None)
 

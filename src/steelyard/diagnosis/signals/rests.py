@@ -26,7 +26,7 @@ class Rests:
     """Time in which no joint moves: friction is anywhere in its dead zone there."""
 
     name: ClassVar[str] = "rests"
-    asks: ClassVar[str] = "How much of the log is standstill?"
+    question: ClassVar[str] = "How much of the log is standstill?"
     quick: ClassVar[bool] = True
 
     def __call__(self, case: Case) -> tuple[Finding, ...]:

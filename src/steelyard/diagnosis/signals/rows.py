@@ -27,7 +27,7 @@ class Rows:
     """Cells that are missing, no numbers, or garbage; and why a log cannot be made a run."""
 
     name: ClassVar[str] = "rows"
-    asks: ClassVar[str] = "Are rows corrupt?"
+    question: ClassVar[str] = "Are rows corrupt?"
     quick: ClassVar[bool] = True
 
     def __call__(self, case: Case) -> tuple[Finding, ...]:

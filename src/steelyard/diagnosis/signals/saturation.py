@@ -18,7 +18,7 @@ STAYS = 5
 OFTEN = 0.005
 """Share of all rows there from which on an effort is cut off, too."""
 BESIDE = 5
-"""Steps of the sensor next to an extreme that tell how long a signal stays at one level."""
+"""Steps of the sensor next to an extreme, for the usual length of a stay at one level."""
 RATIO = 8.0
 r"""Stay at the extreme over the mean stay beside it, at least. A smooth peak that fills its highest
 level stays $2\sqrt2$ there and $\sqrt{k+1} - \sqrt k$ on each side of the levels below it: a ratio
@@ -48,7 +48,7 @@ class Saturation:
     """Efforts that stay at exactly their highest or lowest value."""
 
     name: ClassVar[str] = "saturation"
-    asks: ClassVar[str] = "Are efforts saturated?"
+    question: ClassVar[str] = "Are efforts saturated?"
     quick: ClassVar[bool] = True
 
     def __call__(self, case: Case) -> tuple[Finding, ...]:

@@ -28,7 +28,7 @@ def noise_levels(t: Array, x: Array, moving: NDArray[np.bool_]) -> Array:
 
     Returns:
         Shape `(n,)`; NaN of signals that have fewer than `10 * ORDER` rows in motion, or of which
-        more than a tenth of these repeat the row before: they are quantised too coarsely to tell.
+        more than a tenth of these repeat the row before: they are quantised too coarsely.
     """
     levels = np.full(x.shape[1], np.nan)
     if len(t) <= ORDER:

@@ -2,8 +2,8 @@ r"""A clock that runs fast or slow, from positions and efforts alone.
 
 Stamps that are $s$ times too late make velocities $1/s$ and accelerations $1/s^2$ of what they are.
 Inertias and friction can make up for that, gravity cannot: first moments stand in its torque and,
-through the links' lengths, in that of accelerations. So a fit tells $s$ as it tells the size of
-gravity. The typical residual variance, in logarithms, is sought over $\ln s$.
+through the links' lengths, in that of accelerations. So a fit identifies $s$ as it identifies the
+size of gravity. The typical residual variance, in logarithms, is sought over $\ln s$.
 """
 
 from collections.abc import Iterator
@@ -91,7 +91,7 @@ class _Search:
 
 
 def time_scale(case: Case, name: str) -> Finding | None:
-    """The scale of the clock that the longest log without velocities asks for, if it is not 1."""
+    """The scale of the clock that the longest log without velocities suggests, if it is not 1."""
     runs = [
         (e.run.duration, k)
         for k, e in enumerate(case.logs)

@@ -69,11 +69,11 @@ class Velocity:
     """Scale, sign, order and lag of logged velocities, against the derivative of positions."""
 
     name: ClassVar[str] = "velocity"
-    asks: ClassVar[str] = "Are velocities the derivatives of positions?"
+    question: ClassVar[str] = "Are velocities the derivatives of positions?"
     quick: ClassVar[bool] = True
 
     def __call__(self, case: Case) -> tuple[Finding, ...]:
-        """One finding per log that has velocities, declared or not, and motion to tell them by."""
+        """One finding per log that moves and has velocities, declared or not."""
         found = []
         for evidence in case.logs:
             logged, units = velocities(case, evidence), reading(case, evidence)
@@ -121,7 +121,7 @@ def _found(
 
 def _faults(case: Case, evidence: Evidence, units: Reading, agreed: Agreement) -> _Faults:
     n = len(agreed.order)
-    # what is only dragged along moves too little to tell a scale or a lag by
+    # what is only dragged along moves too little for a scale or a lag
     reliable = agreed.reliable_joints & driven(case, evidence)
     relative = np.array([abs(units.relative(j)) for j in range(n)])
     step = look(case, evidence).step * units.second

@@ -9,7 +9,7 @@ from steelyard.arrays import Array
 from steelyard.estimation.consistent.program import ConicConstraints, Program
 
 NEAR, BEYOND = 1e-3, 1e-3
-"""Distance to a bound, and distance beyond it that the data ask for, in standard deviations, at
+"""Distance to a bound, and distance beyond it at the data's optimum, in standard deviations, at
 which it counts as active."""
 
 CONTRADICTED = 2.0

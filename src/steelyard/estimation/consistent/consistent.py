@@ -3,7 +3,7 @@ r"""Physically consistent parameters: bodies that can exist, near their priors [
 The data come whitened and compressed, bodies in the scale of their prior, friction, rotor inertia
 and stiffness within their bounds; the program is convex: Clarabel comes near its optimum, Newton's
 method gets there. Its curvature at the optimum is the posterior's precision (Laplace), so intervals
-count data and prior alike, and each parameter tells how much of it is data. Near the edge of what
+count data and prior alike, and each parameter has its share of data. Near the edge of what
 can exist the penalty is steep, which makes no parameter better known: the prior counts there with
 the curvature that it has at its own values.
 """
@@ -88,7 +88,7 @@ class Consistent:
         return self._described(data, program, found)
 
     def values(self, information: Information, gamma: float | None = None) -> tuple[Array, float]:
-        """Values of the information's columns, without all that tells how sure they are.
+        """Values of the information's columns, without covariances.
 
         Args:
             information: What the data say; no run has parameters of its own.

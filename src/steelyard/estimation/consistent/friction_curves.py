@@ -1,6 +1,6 @@
 r"""Friction that takes energy as a whole, in place of coefficients that do so one by one.
 
-Along a coordinate all laws together give a curve $f(v)$ over speed. What physics asks of it is
+Along a coordinate all laws together give a curve $f(v)$ over speed. What physics requires of it is
 $v f(v) \ge 0$, not that each coefficient be positive: friction that grows less than in proportion
 to speed has a negative quadratic coefficient. The curve is linear in the coefficients, so a grid of
 speeds gives rows of a convex program. Of laws that remember it is the energy of slow closed
@@ -64,7 +64,7 @@ RANGES = 2.0 ** np.arange(-8.0, 3.0)
 
 
 def friction_curves(model: Model, fastest: Sequence[float] | Array) -> tuple[Row, ...]:
-    """Rows that ask the friction along every coordinate to take energy.
+    """Rows by which friction along every coordinate takes energy.
 
     Args:
         model: The model.

@@ -44,7 +44,7 @@ def contradictions(knowledge: Knowledge) -> tuple[str, ...]:
 
     Returns:
         Labels of constraints that cannot hold together for any bodies, but can if any one is left
-        out; empty if all can hold, or the solver cannot tell.
+        out; empty if all can hold, or the solver cannot decide.
     """
     bodies = _Bodies(knowledge)
     rows = (*_bounds(knowledge), *knowledge.rows)

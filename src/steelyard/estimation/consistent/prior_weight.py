@@ -1,4 +1,4 @@
-r"""The weight of the prior: of a stated uncertainty, or as the data ask for.
+r"""The weight of the prior: of a stated uncertainty, or estimated from the data.
 
 Stated, $\gamma = 1/s^2$ with the prior's relative uncertainty $s$. Otherwise the $\gamma$ under
 which the data are likeliest, all parameters integrated out (Laplace) [MacKay1992], and never so

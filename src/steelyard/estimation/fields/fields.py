@@ -80,7 +80,7 @@ class Finding:
 
     @property
     def warning(self) -> str | None:
-        """What the user should know if the data cannot tell."""
+        """A note where the data do not identify the field."""
         if self.identifiable:
             return None
         low, high = self.interval
@@ -113,7 +113,7 @@ class FoundFields:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """One sentence for every field that the data cannot tell."""
+        """One sentence for every field that the data do not identify."""
         return tuple(f.warning for f in self.findings if f.warning is not None)
 
 

@@ -17,7 +17,7 @@ from steelyard.regression.information import Information, Window
 Indices = NDArray[np.intp]
 
 SEEN = 1e-10
-"""Squared sine of the angle to shared columns below which a candidate's column says nothing."""
+"""Squared sine of the angle to shared columns below which a candidate is not identifiable."""
 
 RIDGE = 1e-11
 """Of normalised chosen columns: two of them may be alike."""

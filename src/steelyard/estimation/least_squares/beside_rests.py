@@ -4,7 +4,7 @@ A joint that stands still is held by whatever balances it, not by its friction t
 speed. Samples at rest are left out, but the low-pass takes their share into those beside. At every
 reversal that error has the same sign, so it does not average out: it is a bias.
 
-Without the samples beside rests the same fit tells it. In coordinates whose noise is white,
+The same fit without the samples beside rests estimates it. In coordinates whose noise is white,
 $z = R\phi + \epsilon$, these samples left out give the normal matrix $A \preceq 1$ and vector $a$,
 and $\delta = A^{-1} a - z$. Chance alone gives $\delta$ in an eigendirection of $A$ the variance
 $\nu\,(1/\lambda - 1)$ [Hausman1978], $\nu$ that of $\epsilon$; what is beyond counts as an error of
@@ -19,7 +19,7 @@ from steelyard.arrays import Array
 from steelyard.estimation.least_squares.normal_equations import Fit, solve
 
 LEAST = 0.01
-"""Eigenvalue of `A` below which nothing away from rests tells a direction."""
+"""Eigenvalue of `A` below which nothing away from rests identifies a direction."""
 
 
 def moved(fit: Fit, weights: Array, root: Array, columns: Sequence[int], noise: Array) -> Array:
@@ -66,7 +66,7 @@ def moved_scores(fit: Fit, weights: Array, scores: Array) -> Array:
 
 
 def away(fit: Fit) -> Fit | None:
-    """The same fit to samples that are not beside rests; `None` where they do not tell all of it.
+    """The same fit to samples that are not beside rests; `None` if they do not identify all.
 
     Args:
         fit: Weighted least squares, weighted by the inverse of its variances.

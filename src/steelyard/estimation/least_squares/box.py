@@ -62,8 +62,8 @@ class Box:
     def of(cls, data: Whitened, bounds: Bounds) -> "Box":
         """A box of given bounds.
 
-        Of a parameter that stands for others, which the data cannot tell from it, bounds do not
-        hold: they are left out.
+        Of a parameter that stands for others, which the data cannot distinguish from it, bounds do
+        not hold: they are left out.
 
         Raises:
             DataError: A bound is of no column, or leaves no room.

@@ -105,7 +105,7 @@ def solve(data: Runs, weights: Array, before: Solution | None = None) -> Solutio
 
 
 def refuse_few(information: Information, parameters: int, each: float) -> None:
-    """Refuse what leaves nothing of the data to tell noise from motion.
+    """Refuse data without degrees of freedom for the noise.
 
     Args:
         information: The data.

@@ -19,7 +19,7 @@ from steelyard.estimation.least_squares.least_squares import (
 from steelyard.regression.information import Information
 
 MOST = 48
-"""Windows that are kept apart, which tell how far residuals are alike."""
+"""Windows that are kept apart, for the correlation of residuals."""
 
 Inner = WeightedLeastSquares | OrdinaryLeastSquares
 

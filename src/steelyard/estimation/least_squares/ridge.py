@@ -2,8 +2,8 @@ r"""Ridge regression: towards zero, or towards the nominal bodies, as far as the
 
 Minimises $\chi^2 + \lambda \|S (\phi - \phi_0)\|^2$ with $S$ the lengths of the whitened columns.
 The weight is that of least generalised cross-validation [Golub1979],
-$N\,\mathrm{RSS}(\lambda) / (N - \mathrm{tr} H(\lambda))^2$, which the Gram matrix tells: with its
-eigenvalues $d$, $\mathrm{tr} H = \sum d / (d + \lambda)$.
+$N\,\mathrm{RSS}(\lambda) / (N - \mathrm{tr} H(\lambda))^2$, which follows from the Gram matrix:
+with its eigenvalues $d$, $\mathrm{tr} H = \sum d / (d + \lambda)$.
 """
 
 from dataclasses import dataclass, replace
@@ -148,7 +148,7 @@ class _Problem:
         return np.where(left > 0.0, squares / np.square(np.maximum(left, 1e-9)), np.inf)
 
     def best(self) -> float:
-        """The weight of least score; the greatest one if there are too few samples to tell."""
+        """The weight of least score; the greatest one if there are too few samples."""
         from scipy.optimize import minimize_scalar
 
         grid = np.linspace(np.log(WEIGHTS[0]), np.log(WEIGHTS[1]), STEPS)

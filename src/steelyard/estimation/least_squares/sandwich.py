@@ -1,4 +1,4 @@
-r"""Uncertainty that the residuals themselves tell: scores by windows of time.
+r"""Uncertainty from the residuals themselves: scores by windows of time.
 
 A covariance counts on residuals that are white behind the parallel filter. Model error, drift and
 coloured noise are not; neighbouring residuals are then alike for longer than the filter, and there
@@ -39,7 +39,7 @@ from steelyard.estimation.per_run import Eliminated
 from steelyard.regression.information import Information
 
 WINDOWS = 24
-"""Windows that all runs together are cut into; more make them shorter, and tell no more."""
+"""Windows that all runs together are cut into; more make them shorter, without a gain."""
 
 FEWEST = 2
 """Windows of a run that are kept apart, however many runs there are."""
@@ -58,7 +58,7 @@ def inflations(fit: Fit) -> Array:
         fit: Weighted least squares, weighted by the inverse of its variances.
 
     Returns:
-        $\varphi_j$, but at least 1, shape `(rows,)`; 1 where the windows are too few to tell.
+        $\varphi_j$, but at least 1, shape `(rows,)`; 1 where the windows are too few.
     """
     return np.maximum(_over_runs(fit), 1.0)
 

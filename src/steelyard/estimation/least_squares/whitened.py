@@ -39,7 +39,7 @@ class Whitened:
         names: Base parameters, `c` of them; those of single runs are not among them.
         matrix: `R`, shape `(rank, c)`.
         vector: `z`, shape `(rank,)`.
-        noise: Covariance of `z` as windows of time and samples beside rests tell it, shape
+        noise: Covariance of `z` from windows of time and samples beside rests, shape
             `(rank, rank)`.
         lengths: Root of the sum of squares of each whitened column, shape `(c,)`.
         effort: Root of the sum of squares of the whitened efforts.
@@ -71,7 +71,7 @@ def whitened(
         equal: Whether all rows weigh the same, by their mean variance.
 
     Raises:
-        DataError: There are too few samples to tell noise from motion.
+        DataError: There are too few samples to distinguish noise from motion.
     """
     refuse_few(information, len(information.layout.columns), FREEDOM)
     fit = WeightedLeastSquares(per_run=tuple(per_run)).fit(information)

@@ -33,8 +33,8 @@ ALONE = 0.99
 """Share of a column that others do not make up for, from which on its value is its own."""
 
 SURE = 20.0
-"""Friction over its standard deviation from which on it tells a gain's sign; filtered samples are
-alike, and count for less than their number."""
+"""Friction over its standard deviation from which on it determines a gain's sign; filtered samples
+are alike, and count for less than their number."""
 
 LONGEST = 0.5
 """Most that a step may change `rho`, relative to it: signs are those of the start."""
@@ -165,7 +165,7 @@ class Bilinear:
 
     @cached_property
     def signs(self) -> Array:
-        """Signs of the gains that friction tells, zero where it does not, shape `(n,)`."""
+        """Signs of the gains that friction determines, zero where it does not, shape `(n,)`."""
         found = np.zeros(self.n)
         for row, (seen, gram) in enumerate(zip(self.sees, self.grams, strict=True)):
             covariance = inverse(gram[:-1, :-1])
@@ -206,7 +206,7 @@ class Bilinear:
 def solved(problem: Bilinear) -> Solution:
     """Solve with weights from the residuals; a gain in doubt is tried with the other sign too.
 
-    Not so where friction tells it.
+    Not so where friction determines it.
     """
     start, signs = problem.first(), problem.signs
     best = _reweighted(problem, start)

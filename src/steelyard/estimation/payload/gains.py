@@ -249,7 +249,7 @@ def _least_seen(problem: Bilinear, solution: Solution) -> int | None:
 def _assumed(problem: Bilinear, solution: Solution, row: int, units: Sequence[str]) -> Array:
     """The given gains with that of a row, the geometric mean of the others of its unit.
 
-    Its sign is that which friction tells, or most of the others have.
+    Its sign is that which friction determines, or most of the others have.
 
     Raises:
         DataError: There is no other of its unit.

@@ -21,7 +21,7 @@ from steelyard.robot.robot import Frame, Robot
 from steelyard.suggest import advice
 
 WINDOWS = 8
-"""Windows kept per run; they tell how long residuals are alike."""
+"""Windows kept per run; for the correlation of residuals."""
 
 
 def carrier(robot: Robot, name: str | None = None) -> Frame:

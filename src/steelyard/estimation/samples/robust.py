@@ -122,7 +122,7 @@ class Reweighted:
         """Estimate all columns that the samples see.
 
         Raises:
-            DataError: They see none, or are too few to tell large residuals from others.
+            DataError: They see none, or are too few to distinguish large residuals from others.
         """
         estimate = self.inner(samples.information())
         refuse_few(samples.information(), len(estimate.parameters), FREEDOM)

@@ -12,7 +12,7 @@ from steelyard.excitation.shapes.solids import Hull
 from steelyard.robot.robot import Robot
 
 POSTURES = 200
-"""Random postures that tell which pairs can be kept apart at all."""
+"""Random postures that decide which pairs can be kept apart at all."""
 
 _WHERE = "collision of the robot with its cell"
 

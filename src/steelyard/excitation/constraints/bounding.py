@@ -146,7 +146,7 @@ def proven_minimum(
         trajectory: The motion.
         bound: Margins at the middles of stretches and all over them.
         tolerance: How far below the least margin at a middle the bound may stay, shape `(k,)`; a
-            fiftieth of it where that tells whether the margin is kept.
+            fiftieth of it where that decides whether the margin is kept.
         progress: Told of every round.
         phase: Name of the phase of progress.
         count: Stretches to begin with.

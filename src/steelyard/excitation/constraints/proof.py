@@ -55,7 +55,7 @@ class Proof:
         labels: What each margin is.
         proven: A lower bound of each that holds at all times.
         sampled: The least of each at samples; from the constraint's `activation_distance` on it may
-            be less, as the constraint tells no more there, but it is never less than `proven`.
+            be less, as the constraint computes no more there, but it is never less than `proven`.
         activation_distance: Activation distance of each.
         scope: What of the robot the constraint is about, if it says so.
         scale: What each margin is a share of: the limit of an effort or power; of a distance, whose

@@ -45,7 +45,7 @@ EXPORTS: dict[str, Export] = {
     "rapid": Export("ABB RAPID", "trajectory.mod", rapid_of, 10.0, "rounded lines"),
     "mujoco": Export("MuJoCo keyframes", "trajectory.xml", keyframes_of, 50.0),
 }
-"""Formats by the name that asks for them."""
+"""Formats by the name that requests them."""
 
 
 def exported(

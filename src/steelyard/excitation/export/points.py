@@ -56,7 +56,7 @@ def orders_at(trajectory: ExactTrajectory, t: Array) -> tuple[Array, Array, Arra
 
 
 def refuse_moving_ends(trajectory: ExactTrajectory, robot: Robot, what: str) -> None:
-    """A controller begins and ends at rest, whatever the motion asks for.
+    """A controller begins and ends at rest, whatever the motion states.
 
     Raises:
         OutputError: The motion begins or ends with a speed.

@@ -94,7 +94,7 @@ class ProcessMotion:
 
     @property
     def summary(self) -> str:
-        """One line that tells it."""
+        """One line that reports it."""
         limits = [pace.limit for pace in self.paces]
         most = max(sorted(set(limits)), key=limits.count)
         straight = f"deviation from straight lines {1e3 * self.deviation:.2g} mm at most; "

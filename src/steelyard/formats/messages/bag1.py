@@ -120,7 +120,7 @@ class _Walk:
 
     Attributes:
         channels: Channels met so far, by the number of their connection.
-        counts: Messages per connection, as far as they were met or the index tells.
+        counts: Messages per connection, as far as they were met or the index states.
     """
 
     def __init__(self, topics: frozenset[str] | None) -> None:

@@ -196,7 +196,7 @@ class Bag2:
         return tuple(f"{f.path.name}: {remark}" for f in self.files for remark in f.remarks)
 
     def announced(self) -> frozenset[str] | None:
-        """Topics that have messages; `None` if a file does not tell."""
+        """Topics that have messages; `None` if a file does not state them."""
         found = [file.announced() for file in self.files]
         if any(topics is None for topics in found):
             return None

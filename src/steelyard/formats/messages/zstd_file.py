@@ -34,7 +34,7 @@ class ZstdFile:
         return self.copy.remarks
 
     def announced(self) -> frozenset[str] | None:
-        """Topics that have messages; `None` if the copy does not tell."""
+        """Topics that have messages; `None` if the copy does not state them."""
         with self._named():
             return self.copy.announced()
 

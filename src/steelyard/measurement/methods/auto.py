@@ -33,7 +33,7 @@ WHITE = 0.12
 FASTEST = 0.25
 """Highest cut-off, per sampling rate."""
 LEAST = 500
-"""Samples from which on innovations tell whether they are white."""
+"""Samples from which on innovations can be tested for whiteness."""
 STILL = 0.02
 """A joint with a smaller share of the largest standard deviation is left out."""
 EXCESS = 1.2

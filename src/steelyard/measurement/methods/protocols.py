@@ -63,7 +63,7 @@ class Method(Protocol):
 
 @runtime_checkable
 class Choosing(Method, Protocol):
-    """A method some settings of which come from the log: `prepare` asks it once per log."""
+    """A method some settings of which come from the log: `prepare` calls it once per log."""
 
     def chosen(
         self, q: Array, dq: Array | None, rate: float, band: float, *, whole: bool

@@ -171,7 +171,7 @@ def _mean(
 def weights_of(variance: Array, count: int) -> Array:
     """Weights from sample variances over repetitions, mean 1 over time.
 
-    Few repetitions tell a variance badly, so it is averaged over neighbouring time steps until
+    Few repetitions estimate a variance badly, so it is averaged over neighbouring time steps until
     it has `ENOUGH_FREEDOM` degrees of freedom.
 
     Args:
