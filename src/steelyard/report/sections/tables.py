@@ -12,10 +12,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Row:
-    """Cells, ready to be read; the first one names the row."""
+    """Cells, ready to be read; the first one names the row.
+
+    Attributes:
+        cells: One per column.
+        marked: Whether the row stands out.
+        total: Whether it sums the rows above up: it stays last where the others are sorted.
+    """
 
     cells: Sequence[str]
     marked: bool = False
+    total: bool = False
 
 
 @dataclass(frozen=True)
@@ -52,5 +59,5 @@ def text_table(table: PlainTable, title: str) -> Table:
         shown.add_column(heading, justify=justify, overflow="fold")  # type: ignore[arg-type]
     for row in table.rows:
         cells = (Text(cell) for cell in row.cells)
-        shown.add_row(*cells, style="bold" if row.marked else None)
+        shown.add_row(*cells, style="bold" if row.marked or row.total else None)
     return shown

@@ -142,7 +142,7 @@ def _total(identified: IdentifiedModel, standard: StandardEstimate) -> Row:
             significant(nominal) if all(body.known for body in bodies) else NONE,
             *("",) * 4,
         ),
-        marked=True,
+        total=True,
     )
 
 

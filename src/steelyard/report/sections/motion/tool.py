@@ -23,6 +23,9 @@ POINTS = 1500
 
 VIEWS = (("from above", 0, 1), ("from the side", 0, 2), ("from the front", 1, 2))
 PATH, ARM, PALE, START = "--blue", "--arm", "--pale", "--green"
+SCALE = [[0.0, "--blue"], [0.5, "--purple"], [1.0, "--amber"]]
+"""Colours of time along the path, from its start to its end."""
+
 WALL, FORBIDDEN = "--poor", "--forbidden"
 
 
@@ -84,7 +87,7 @@ def _space(t: Array, path: Array, arm: Array, faces: Sequence[Face]) -> dict[str
             "line": {
                 "width": 4,
                 "color": packed(t),
-                "colorscale": "Viridis",
+                "colorscale": SCALE,
                 "showscale": True,
                 "colorbar": {"title": {"text": "time [s]"}, "thickness": 10, "len": 0.7},
             },
