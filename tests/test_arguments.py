@@ -26,31 +26,31 @@ WRONG: dict[str, tuple[Callable[[Path], Any], str]] = {
     "a table as log": (lambda f: steelyard.identify(f / "arm.toml", [5]), "'logs' cannot be list"),  # type: ignore[list-item]
     "a set of numbers": (lambda f: steelyard.identify(f / "arm.toml", {5}), "a int is no log"),  # type: ignore[arg-type]
     "a number as method": (
-        lambda f: steelyard.identify(f / "arm.toml", f / "fit.parquet", method=5),  # type: ignore[arg-type]
+        lambda f: steelyard.identify(f / "arm.toml", f / "fit.csv", method=5),  # type: ignore[arg-type]
         "'method' cannot be 5",
     ),
     "an empty method": (
-        lambda f: steelyard.identify(f / "arm.toml", f / "fit.parquet", method=""),
+        lambda f: steelyard.identify(f / "arm.toml", f / "fit.csv", method=""),
         "no estimator ''",
     ),
     "too few draws": (
-        lambda f: steelyard.identify(f / "arm.toml", f / "fit.parquet", bootstrap=0),
+        lambda f: steelyard.identify(f / "arm.toml", f / "fit.csv", bootstrap=0),
         "'bootstrap' cannot be 0",
     ),
     "True as a number": (
-        lambda f: steelyard.identify(f / "arm.toml", f / "fit.parquet", bootstrap=True),
+        lambda f: steelyard.identify(f / "arm.toml", f / "fit.csv", bootstrap=True),
         "'bootstrap' cannot be True",
     ),
     "a text as a switch": (
-        lambda f: steelyard.identify(f / "arm.toml", f / "fit.parquet", check="no"),  # type: ignore[arg-type]
+        lambda f: steelyard.identify(f / "arm.toml", f / "fit.csv", check="no"),  # type: ignore[arg-type]
         "'check' cannot be 'no'",
     ),
     "negative threads": (
-        lambda f: steelyard.identify(f / "arm.toml", f / "fit.parquet", threads=-1),
+        lambda f: steelyard.identify(f / "arm.toml", f / "fit.csv", threads=-1),
         "'threads' cannot be -1",
     ),
     "one name as a list": (
-        lambda f: steelyard.compare(f / "arm.toml", f / "fit.parquet", "WLS"),
+        lambda f: steelyard.compare(f / "arm.toml", f / "fit.csv", "WLS"),
         "'estimators' cannot be 'WLS'",
     ),
     "no budget": (
@@ -176,7 +176,7 @@ def test_a_designed_motion_can_be_pickled(folder: Path, tmp_path: Path) -> None:
 
 def test_robots_and_models_are_accepted_as_read(folder: Path) -> None:
     robot = steelyard.load_robot(folder / "arm.toml")
-    found = steelyard.identify(robot, folder / "fit.parquet")
+    found = steelyard.identify(robot, folder / "fit.csv")
     np.testing.assert_array_equal(
         found.model.estimate.parameters.values,
         steelyard.load_model(folder / "arm-model").estimate.parameters.values,
@@ -192,7 +192,7 @@ def test_a_watcher_without_an_answer_does_not_stop_the_work() -> None:
 
 
 def test_a_robot_file_without_changes_is_not_saved(folder: Path) -> None:
-    found = steelyard.check(folder / "arm.toml", folder / "fit.parquet", fix=folder / "new.toml")
+    found = steelyard.check(folder / "arm.toml", folder / "fit.csv", fix=folder / "new.toml")
     assert isinstance(found.fixed, Fixed) and not found.fixed.changes
     with pytest.raises(SteelyardError, match="nothing was changed"):
         found.fixed.save()
@@ -210,6 +210,6 @@ def test_weights_that_an_estimator_does_not_use_are_noted(
         f'[robot]\nurdf = "{folder / "arm.urdf"}"\n'
         f'[estimation]\nmethod = "{method}"\nweights = "equal"\n'
     )
-    found = steelyard.identify(robot, folder / "fit.parquet", check=False)
+    found = steelyard.identify(robot, folder / "fit.csv", check=False)
     noted = [note for note in found.content.notes if "does not use [estimation] weights" in note]
     assert bool(noted) == ignored

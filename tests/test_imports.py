@@ -12,7 +12,18 @@ import pytest
 
 PACKAGE = Path(__file__).parent.parent / "src" / "steelyard"
 ORDER = (
-    ("errors", "arguments", "arrays", "parameters", "motion", "progress", "files", "suggest"),
+    (
+        "errors",
+        "extras",
+        "processes",
+        "arguments",
+        "arrays",
+        "parameters",
+        "motion",
+        "progress",
+        "files",
+        "suggest",
+    ),
     ("robot",),
     ("robot_file",),
     ("kernel",),

@@ -40,8 +40,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     motion = place / "random" / "trajectory.json"
     steelyard.simulate(robot, place / "other", motion, seed=1)
     for name in ("fit", "other"):
-        copyfile(place / name / "log.parquet", place / f"{name}.parquet")
-    steelyard.identify(robot, place / "fit.parquet").save(place / "arm-model")
+        copyfile(place / name / "log.csv", place / f"{name}.csv")
+    steelyard.identify(robot, place / "fit.csv").save(place / "arm-model")
     return place
 
 
@@ -86,7 +86,7 @@ def test_large_values_print_in_a_few_lines(folder: Path) -> None:
     for value in (model, model.model, model.valued, model.base, model.estimate):
         assert len(repr(value)) < 200, type(value)
     assert len(repr(steelyard.load_robot(folder / "arm.toml"))) < 300
-    (run,) = steelyard.load_runs(folder / "arm.toml", folder / "fit.parquet")
+    (run,) = steelyard.load_runs(folder / "arm.toml", folder / "fit.csv")
     assert len(repr(steelyard.information(model.model, [run]))) < 200
 
 
@@ -112,7 +112,7 @@ def test_quantities_add_up_to_the_torque(folder: Path) -> None:
 
 def test_results_print_save_and_tabulate(folder: Path, tmp_path: Path) -> None:
     found = steelyard.identify(
-        folder / "arm.toml", folder / "fit.parquet", validate=folder / "other.parquet"
+        folder / "arm.toml", folder / "fit.csv", validate=folder / "other.csv"
     )
     assert "joint1" in str(found) and found.verdict.headline[:60] in str(found)
     assert found.scores["joint"].to_list() == ["joint1", "joint2"] * 2
@@ -127,7 +127,7 @@ def test_results_print_save_and_tabulate(folder: Path, tmp_path: Path) -> None:
     }
     with pytest.raises(steelyard.SteelyardError, match="exists already"):
         found.save(saved)
-    again = steelyard.validate(saved, folder / "other.parquet")
+    again = steelyard.validate(saved, folder / "other.csv")
     assert again.scores["relative_percent"].to_list() == pytest.approx(
         [j.relative_percent for j in found.content.scores[0].joints]
     )

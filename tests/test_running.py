@@ -71,15 +71,15 @@ def test_a_rig_of_ones_own_follows_and_records(page: dict[str, Any]) -> None:
     driver = page["rig"].driver
     motion = read_motion(Path("trajectory.json"), page["robot"])
     np.testing.assert_array_equal(driver.start, motion.sample([0.0]).q[0])
-    table = pl.read_parquet("run1.parquet")
-    log = open_log(Path("run1.parquet"))
+    table = pl.read_csv("run1.csv")
+    log = open_log(Path("run1.csv"))
     assert list(log.columns)[:2] == ["time_s", "q1_rad"] and "tau6_Nm" in table.columns
     assert len(table) == len(driver.sent) > 20 and driver.on_state is None
     names = [f"q{j + 1}_rad" for j in range(page["robot"].n)]
     np.testing.assert_array_equal(table.select(names).to_numpy(), np.array(driver.sent))
     before = len(driver.sent)
     rig.send(motion)
-    assert len(driver.sent) > before and len(pl.read_parquet("run1.parquet")) == len(table)
+    assert len(driver.sent) > before and len(pl.read_csv("run1.csv")) == len(table)
 
 
 def test_the_table_of_formats_is_whole() -> None:

@@ -7,7 +7,6 @@ or in a refusal with the right reason, and every way that a refusal names leads 
 
 import json
 import tempfile
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from proofs.support.claims import Claim, data_folder, main_of
 from typer.testing import CliRunner
 
 from steelyard.cli.app import app
+from steelyard.robot_file.toml_reader import tomllib
 
 CONTROLLER = np.array([11.98, 11.98, 9.83, 10.76, 10.76, 10.76])
 """Slope of the controller's target moment over its target current in static postures [Nm/A]."""

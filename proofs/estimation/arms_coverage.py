@@ -137,8 +137,8 @@ def one_of(folder: Path, robot: Path, motion: list[object], seed: int) -> Outcom
         other = there.with_name(f"{there.name}-other")
         done("simulate", robot, "--seed", seed + 1000, "-o", other)
         done("simulate", robot, "--motion", other / "trajectory.json", "--seed", seed, "-o", unseen)
-        done("check", robot, fitted / "log.parquet")
-        logs = fitted / "log.parquet", unseen / "log.parquet"
+        done("check", robot, fitted / "log.csv")
+        logs = fitted / "log.csv", unseen / "log.csv"
         found = identify(robot, *logs, threads=1)
         found.save(there)
     except (SteelyardError, RuntimeError) as error:

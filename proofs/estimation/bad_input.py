@@ -21,7 +21,7 @@ sys.path.append(str(Path(__file__).parents[2] / "tests"))
 
 from cli.mistakes import leftovers  # noqa: E402
 
-LOG = "../given/identification.parquet"
+LOG = "../given/identification.csv"
 FOREARM = (
     '<inertia ixx="0.0155" ixy="0.0001" ixz="0.0005" iyy="0.0150" iyz="-0.0006" izz="0.0024"/>'
 )
@@ -252,7 +252,7 @@ def of_solver(given: Path) -> list[Claim]:
 
     loaded = load_robot(given / "demo_arm.toml")
     model = Model(loaded.robot, DEFAULT_TERMS)
-    run = prepare(Recording(open_log(given / "identification.parquet"), loaded.signals))
+    run = prepare(Recording(open_log(given / "identification.csv"), loaded.signals))
     information = gather(base_regressor(model), run)
     estimator = Consistent(base_parameters(model), default_knowledge(model), gamma=10.0)
     best = estimator(information)

@@ -56,7 +56,7 @@ def robot_file(model: Path, base: str | None, folder: Path) -> Path:
     base_line = f'base = "{base}"\n' if base else ""
     bare.write_text(f'[robot]\nmjcf = "{model}"\n{base_line}')
     ran("simulate", bare, "--seed", 3, "-o", folder / "other")
-    columns = pl.read_parquet_schema(folder / "other/log.parquet")
+    columns = pl.read_csv(folder / "other/log.csv")
     q, dq, tau = ([c for c in columns if re.match(f"{x}[0-9]", c)] for x in ("q", "dq", "tau"))
     signals = (
         f'[signals]\ntime = "time_s"\nposition = {q}\nposition_unit = {_units(q)}\n'
@@ -91,7 +91,7 @@ def claims_of(name: str, model: Path, base: str | None, most: float, folder: Pat
     for run, motion in (("run", "motion"), ("unseen", "other")):
         path = folder / motion / "trajectory.json"
         ran("simulate", robot, "--seed", 1, "--motion", path, "-o", folder / run)
-    logs = [folder / run / "log.parquet" for run in ("run", "unseen")]
+    logs = [folder / run / "log.csv" for run in ("run", "unseen")]
     found = ran("identify", robot, logs[0], "--validate", logs[1], "-o", folder / "model")
     unseen = found["validation"][0]
     # joints in N and in Nm have no common error

@@ -29,7 +29,7 @@ def main() -> list[Claim]:
         robot = load_robot(folder / "robot" / "demo_arm.toml")
         if robot.signals is None:
             return [Claim("the demo's robot file", "no signals", "signals", False)]
-        table = run_of(folder / "robot" / "identification.parquet", robot.signals,
+        table = run_of(folder / "robot" / "identification.csv", robot.signals,
                        robot.robot.joint_names)  # fmt: skip
         files = write_tables(folder, table)
         messages = write_messages(folder, table)
@@ -55,7 +55,7 @@ def main() -> list[Claim]:
 
 def run_of(path: Path, signals: Signals, joints: tuple[str, ...]) -> Table:
     """A simulated log, its times in whole nanoseconds; velocities are made from positions."""
-    frame = pl.read_parquet(path)
+    frame = pl.read_csv(path)
     q, tau = (frame.select(names).to_numpy() for names in (signals.position, signals.effort))
     seconds = frame[signals.time].to_numpy() * signals.time_scale
     dq = np.gradient(q, seconds, axis=0)

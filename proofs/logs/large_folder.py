@@ -80,7 +80,7 @@ def grown(what: str, small: float, large: float, seconds: float) -> Claim:
 def write(folder: Path, rows: int) -> Path:
     """The demo arm's run, played again and again, in files of a folder by days."""
     target = folder / f"rows{rows}"
-    run = pl.read_parquet(folder / "robot" / "identification.parquet")
+    run = pl.read_csv(folder / "robot" / "identification.csv")
     period = float(run["time_s"][-1]) + float(run["time_s"].diff().median())  # type: ignore[arg-type]
     again = PER_FILE // len(run) + 1
     start = 0.0

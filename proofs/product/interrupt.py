@@ -28,15 +28,15 @@ def commands(folder: Path) -> dict[str, list[str]]:
     """Every command on simulated logs; `model` is there from an identification before."""
     robot = folder / "robot"
     return {
-        "init": ["init", f"{robot}/demo_arm.urdf", f"{robot}/identification.parquet"],
+        "init": ["init", f"{robot}/demo_arm.urdf", f"{robot}/identification.csv"],
         "identify": [
             "identify",
             f"{robot}/demo_arm.toml",
-            f"{robot}/identification.parquet",
+            f"{robot}/identification.csv",
             "--validate",
-            f"{robot}/validation.parquet",
+            f"{robot}/validation.csv",
         ],
-        "validate": ["validate", f"{folder}/model", f"{robot}/validation.parquet", "-o", "report"],
+        "validate": ["validate", f"{folder}/model", f"{robot}/validation.csv", "-o", "report"],
         "simulate": ["simulate", f"{robot}/demo_arm.toml"],
         "demo": ["demo"],
     }

@@ -22,7 +22,7 @@ WIDTHS = (1400, 420)
 
 def pages(folder: Path) -> Iterator[tuple[str, Path]]:
     """Make all pages in a folder; their names and files."""
-    robot, log = "demo/robot/demo_arm.toml", "demo/robot/identification.parquet"
+    robot, log = "demo/robot/demo_arm.toml", "demo/robot/identification.csv"
     _steelyard(folder, "demo", "-o", "demo")
     yield "demo_motion", folder / "demo/motion/report.html"
     yield "demo_model", folder / "demo/results/report.html"

@@ -14,7 +14,6 @@ import json
 import re
 import sys
 import tempfile
-import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +22,8 @@ from typing import Any
 from proofs.checks.two_faults import run
 from proofs.robots.scores import EXAMPLES, identified, ur10e_logs, ur10e_validation
 from proofs.support.claims import Claim, data_folder, main_of
+
+from steelyard.robot_file.toml_reader import tomllib
 
 Edit = Callable[[str], str]
 

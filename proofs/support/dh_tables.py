@@ -7,7 +7,6 @@ I=...)` and the like in a robot's `__init__`, with arithmetic over names assigne
 import ast
 import math
 import operator
-import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from steelyard.arrays import Array
+from steelyard.robot_file.toml_reader import tomllib
 
 KINDS = {
     "RevoluteDH": ("revolute", "standard"),

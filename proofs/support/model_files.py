@@ -5,7 +5,6 @@ import os
 import re
 import subprocess
 import sys
-import tomllib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -16,6 +15,8 @@ from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import ParseError
 from defusedxml.ElementTree import fromstring as parsed
 from proofs.support.dh_tables import NoTable, rows_of_robot_file, rows_of_source
+
+from steelyard.robot_file.toml_reader import tomllib
 
 PACKAGES = (
     "airo-models==0.0.12",

@@ -4,7 +4,6 @@ import contextlib
 import io
 import re
 import tempfile
-import tomllib
 import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -27,6 +26,7 @@ from steelyard.model import Model
 from steelyard.regression.base import base_parameters
 from steelyard.robot.robot import Robot
 from steelyard.robot_file.file import load_robot
+from steelyard.robot_file.toml_reader import tomllib
 from steelyard.terms.laws.rigid_body import RigidBody
 
 STATES = 8

@@ -55,7 +55,7 @@ def _fits(value: Any, hint: Any, lowest: float | None) -> bool:
         return callable(value)
     if origin is type:
         return isinstance(value, type)
-    if issubclass(origin, Iterable):
+    if isinstance(origin, type) and issubclass(origin, Iterable):
         each = value if isinstance(value, list | tuple) else ()
         one = isinstance(value, str | bytes) or not isinstance(value, origin)
         return not one and all(_fits(x, get_args(hint)[0], lowest) for x in each)
@@ -83,6 +83,6 @@ def _words(hint: Any, bound: str = "") -> str:
         return "a function"
     if origin is type:
         return "a class"
-    if issubclass(origin, Iterable):
+    if isinstance(origin, type) and issubclass(origin, Iterable):
         return f"a list, each of it {_words(kinds[0])}"
     return " or ".join(_words(kind, bound) for kind in kinds)

@@ -52,6 +52,10 @@ class OutputError(SteelyardError):
     """A result cannot be written."""
 
 
+class PackageError(SteelyardError):
+    """An optional package is not installed; `fix` is the line that installs it."""
+
+
 def _again(kind: type[SteelyardError], wrong: str, where: str, fix: str) -> SteelyardError:
     """An error from what pickle kept of it."""
     return kind(wrong, where=where, fix=fix)

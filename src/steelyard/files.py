@@ -8,8 +8,11 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
+import numpy as np
+
 from steelyard.arrays import Array
 from steelyard.errors import OutputError
+from steelyard.extras import require
 
 _unfinished: set[Path] = set()
 
@@ -68,21 +71,27 @@ def write_json(path: Path, values: Mapping[str, Any]) -> None:
 
 
 def write_table(path: Path, columns: Mapping[str, Array]) -> None:
-    """Write columns as Parquet or CSV, by the name's ending."""
-    import polars
-
+    """Write columns of numbers, shape `(N,)`, as Parquet or CSV, by the name's ending."""
     if path.suffix not in (".parquet", ".csv"):
         raise OutputError(
             f"a log cannot be written as '{path.suffix}'",
             where=str(path),
             fix="end its name in .parquet or .csv",
         )
-    table = polars.DataFrame(dict(columns))
     with whole_file(path) as part:
         if path.suffix == ".csv":
-            table.write_csv(part)
+            names, rows = ",".join(columns), csv_lines(np.column_stack(list(columns.values())))
+            part.write_text(f"{names}\n{rows}", encoding="utf-8", newline="\n")
         else:
-            table.write_parquet(part)
+            require("polars", "polars", "Parquet files", str(path))
+            import polars
+
+            polars.DataFrame(dict(columns)).write_parquet(part)
+
+
+def csv_lines(table: Array) -> str:
+    """Rows of a table as lines, with the shortest digits that read back as the same float."""
+    return "".join(f"{','.join(map(repr, row))}\n" for row in table.tolist())
 
 
 def _beside(path: Path) -> Path:

@@ -43,7 +43,7 @@ def command(work: Path, monkeypatch: pytest.MonkeyPatch) -> Command:
 def identified(given: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The output folder of an identification with validation, terminal output beside it."""
     folder = tmp_path_factory.mktemp("identified")
-    log, other = (str(given / f"{name}.parquet") for name in ("identification", "validation"))
+    log, other = (str(given / f"{name}.csv") for name in ("identification", "validation"))
     arguments = ["identify", str(given / "demo_arm.toml"), log, "--validate", other]
     done = CliRunner().invoke(app, [*arguments, "-o", str(folder / "out")])
     assert done.exit_code == 0, done.output

@@ -11,7 +11,7 @@ import numpy as np
 import polars as pl
 
 GIVEN = "../given"
-ROBOT, LOG = f"{GIVEN}/demo_arm.toml", f"{GIVEN}/identification.parquet"
+ROBOT, LOG = f"{GIVEN}/demo_arm.toml", f"{GIVEN}/identification.csv"
 IDENTIFY = ("identify", ROBOT, LOG)
 
 
@@ -31,7 +31,7 @@ def identify(
 
 
 def with_robot(name: str, robot: str, *words: str) -> Mistake:
-    return identify(name, robot, "identification.parquet", *words)
+    return identify(name, robot, "identification.csv", *words)
 
 
 def with_log(name: str, log: str, *words: str) -> Mistake:
@@ -43,7 +43,7 @@ def output(name: str, folder: str, *words: str) -> Mistake:
 
 
 USER = (
-    with_log("missing log", "identificatoin.parquet", "no such log", "'identification.parquet'"),
+    with_log("missing log", "identificatoin.csv", "no such log", "'identification.csv'"),
     with_robot("missing robot file", "demo_arn.toml", "there is no such file", "demo_arn.toml"),
     with_robot("text instead of a URDF", "letter.urdf", "letter.urdf", "XML"),
     with_robot("XML that is no robot", "page.urdf", "page.urdf", "html"),
@@ -56,8 +56,8 @@ USER = (
     with_robot("broken TOML", "broken.toml", "broken.toml", "line 3"),
     with_robot("negative cut-off", "negative.toml", "negative.toml", "matched_cutoff"),
     with_robot("unknown friction law", "law.toml", "viscuos", "viscous"),
-    with_log("log shorter than its filter", "identification.parquet@1:1.1", "shorter"),
-    with_log("static log", "identification.parquet@0:0.9", "no joint moves"),
+    with_log("log shorter than its filter", "identification.csv@1:1.1", "shorter"),
+    with_log("static log", "identification.csv@0:0.9", "no joint moves"),
     with_log("static log, every value constant", "static.csv", "no joint moves"),
     with_log("empty CSV", "empty.csv", "empty", "empty.csv"),
     with_log("header alone", "header.csv", "header.csv"),
@@ -66,20 +66,20 @@ USER = (
     with_log("Parquet of words", "words.parquet", "words.parquet"),
     with_log("unknown suffix", "log.xyz", "log.xyz", ".parquet"),
     with_log("folder without a log", "nothing", "the folder holds no log", "nothing"),
-    with_log("cut backwards", "identification.parquet@9:3", "ends (3)", "starts (9)"),
-    with_log("cut of words", "identification.parquet#a:b", "'a' is not a row"),
-    with_log("cut beyond the log", "identification.parquet@900:990", "identification.parquet"),
+    with_log("cut backwards", "identification.csv@9:3", "ends (3)", "starts (9)"),
+    with_log("cut of words", "identification.csv#a:b", "'a' is not a row"),
+    with_log("cut beyond the log", "identification.csv@900:990", "identification.csv"),
     identify(
         "missing validation log",
         "demo_arm.toml",
-        "identification.parquet",
+        "identification.csv",
         "no such log",
         options=("--validate", f"{GIVEN}/nothing.csv"),
     ),
     identify(
         "static validation log",
         "demo_arm.toml",
-        "identification.parquet",
+        "identification.csv",
         "no joint moves",
         "static.csv",
         options=("--validate", f"{GIVEN}/static.csv"),
@@ -194,7 +194,7 @@ def _robots(given: Path) -> None:
 
 
 def _logs(given: Path) -> None:
-    table = pl.read_parquet(given / "identification.parquet")
+    table = pl.read_csv(given / "identification.csv")
     still = {c: pl.lit(0.3 if c.startswith("q") else 0.0).alias(c) for c in table.columns[1:]}
     table.select(table.columns[0], *still.values()).write_csv(given / "static.csv")
     header = ",".join(table.columns)

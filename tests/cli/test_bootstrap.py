@@ -24,7 +24,7 @@ def drawn(given: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, P
     from steelyard.cli.app import app
 
     folder = tmp_path_factory.mktemp("drawn") / "out"
-    arguments = ["identify", str(given / "demo_arm.toml"), str(given / "identification.parquet")]
+    arguments = ["identify", str(given / "demo_arm.toml"), str(given / "identification.csv")]
     arguments += ["--bootstrap", str(DRAWS), "--no-check", "--json", "-o", str(folder)]
     done = CliRunner().invoke(app, arguments)
     assert done.exit_code == 0, done.output
@@ -51,7 +51,7 @@ def test_the_report_has_a_section_for_it(drawn: tuple[str, Path], identified: Pa
 
 
 def test_the_terminal_shows_it(command, given: Path, tmp_path: Path) -> None:
-    log, out = given / "identification.parquet", tmp_path / "out"
+    log, out = given / "identification.csv", tmp_path / "out"
     arguments = ("identify", given / "demo_arm.toml", log, "--no-check", "-o", out)
     done = command(*arguments, "--bootstrap", DRAWS)
     assert done.exit_code == 0, done.output
@@ -62,7 +62,7 @@ def test_the_terminal_shows_it(command, given: Path, tmp_path: Path) -> None:
 
 
 def test_few_draws_are_refused(command, given: Path, tmp_path: Path) -> None:
-    log = given / "identification.parquet"
+    log = given / "identification.csv"
     done = command("identify", given / "demo_arm.toml", log, "--bootstrap", 5)
     assert done.exit_code == 2 and "20" in done.output
 

@@ -45,10 +45,10 @@ def values_of(printed: dict[str, object]) -> dict[str, tuple[float, float]]:
 
 
 def test_every_run_gets_its_own_offsets(given: Path, edit: Edit, command: Command) -> None:
-    table = pl.read_parquet(given / "validation.parquet")
+    table = pl.read_csv(given / "validation.csv")
     robot = edit(('"offset"', '{law = "offset", per_run = true}'))
     table.with_columns(pl.col("tau2_Nm") + 4.0).write_parquet(robot.parent / "drifted.parquet")
-    first = given / "identification.parquet"
+    first = given / "identification.csv"
     printed = identify(command, robot, first, robot.parent / "drifted.parquet")
     runs: list[dict[str, float]] = printed["per_run"]  # type: ignore[assignment]
     assert [run["run"] for run in runs] == ["identification", "drifted"]
@@ -64,16 +64,16 @@ def test_every_run_gets_its_own_offsets(given: Path, edit: Edit, command: Comman
     assert '<section id="per-run"' in page and "Parameters per run" in page
     model = steelyard.load_model(robot.parent / "out")
     assert [own.run for own in model.estimate.per_run] == ["identification", "drifted"]
-    again = command("validate", robot.parent / "out", given / "validation.parquet", "--json")
+    again = command("validate", robot.parent / "out", given / "validation.csv", "--json")
     assert again.exit_code == 0, again.output
 
 
 def test_logs_that_are_called_alike_stay_apart(given: Path, edit: Edit, command: Command) -> None:
     robot = edit(('"offset"', '{law = "offset", per_run = true}'))
-    logs = [robot.parent / folder / "log.parquet" for folder in ("monday", "tuesday")]
+    logs = [robot.parent / folder / "log.csv" for folder in ("monday", "tuesday")]
     for path, name in zip(logs, ("identification", "validation"), strict=True):
         path.parent.mkdir()
-        (path.parent / path.name).write_bytes((given / f"{name}.parquet").read_bytes())
+        (path.parent / path.name).write_bytes((given / f"{name}.csv").read_bytes())
     printed = identify(command, robot, f"{logs[0]}@1:4", f"{logs[0]}@4.5:6", logs[1])
     names = [run["run"] for run in printed["per_run"]]  # type: ignore[attr-defined]
     assert names == ["log@1:4", "log@4.5:6", "log"]
@@ -101,17 +101,17 @@ def test_a_log_of_coupled_motors_identifies_the_same(
     given: Path, edit: Edit, identified: Path, command: Command
 ) -> None:
     """The same run, once as joints and once as motors, by matrices worked out here."""
-    table = pl.read_parquet(given / "identification.parquet")
+    table = pl.read_csv(given / "identification.csv")
     columns = [f"{kind.format(k + 1)}" for kind in ("q{}_rad", "dq{}_rad_s", "tau{}_Nm")
                for k in range(N)]  # fmt: skip
     logged = table.select(columns).to_numpy()
     q, dq, tau = logged[:, :N], logged[:, N : 2 * N], logged[:, 2 * N :]
     motors = np.hstack([(q - OFFSET) @ RATIOS.T, dq @ RATIOS.T, tau @ np.linalg.inv(RATIOS)])
     robot = edit(*MOTORS)
-    log = robot.parent / "identification.parquet"
+    log = robot.parent / "identification.csv"
     table.with_columns(
         *(pl.Series(name, column) for name, column in zip(columns, motors.T, strict=True))
-    ).write_parquet(log)
+    ).write_csv(log)
     found = values_of(identify(command, robot, log))
     wanted = steelyard.load_model(identified).estimate
     assert list(found) == list(wanted.parameters.names)
@@ -178,8 +178,8 @@ def simulated(command: Command, robot: Path, name: str, *options: object) -> Pat
     folder = robot.parent / name
     done = command("simulate", robot, "--seed", "4", "--period", "6", *options, "-o", folder)
     assert done.exit_code == 0, done.output
-    (folder / "log.parquet").rename(robot.parent / f"{name}.parquet")
-    return robot.parent / f"{name}.parquet"
+    (folder / "log.csv").rename(robot.parent / f"{name}.csv")
+    return robot.parent / f"{name}.csv"
 
 
 def test_gains_of_drives_from_a_loaded_run(edit: Edit, command: Command) -> None:
@@ -205,7 +205,7 @@ def test_gains_of_drives_from_a_loaded_run(edit: Edit, command: Command) -> None
 def with_currents(given: Path, folder: Path) -> Path:
     names = {f"tau{k}_Nm": f"i{k}_A" for k in range(1, N + 1)}
     path = folder / "current.parquet"
-    pl.read_parquet(given / "identification.parquet").rename(names).write_parquet(path)
+    pl.read_csv(given / "identification.csv").rename(names).write_parquet(path)
     return path
 
 
@@ -232,8 +232,8 @@ def test_gains_need_a_loaded_log_and_its_mass(
 
 
 def test_loaded_logs_are_for_unknown_gains(given: Path, edit: Edit, command: Command) -> None:
-    robot, log = edit(), given / "identification.parquet"
-    options = ("--loaded", given / "validation.parquet", "--payload-mass", 2.0)
+    robot, log = edit(), given / "identification.csv"
+    options = ("--loaded", given / "validation.csv", "--payload-mass", 2.0)
     done = command("identify", robot, log, *options, "-o", robot.parent / "out")
     assert done.exit_code == 2 and not (robot.parent / "out").exists()
     assert "no drive gain is to be identified" in done.stderr and "--loaded" in done.stderr
@@ -244,7 +244,7 @@ def test_loaded_logs_are_for_unknown_gains(given: Path, edit: Edit, command: Com
 def test_a_payload_is_for_unknown_gains(
     option: tuple[str, object], given: Path, edit: Edit, command: Command
 ) -> None:
-    robot, log = edit(), given / "identification.parquet"
+    robot, log = edit(), given / "identification.csv"
     done = command("identify", robot, log, *option, "-o", robot.parent / "out")
     assert done.exit_code == 2 and not (robot.parent / "out").exists()
     assert "a payload is given, but no drive gain is to be identified" in done.stderr

@@ -21,7 +21,7 @@ from steelyard.diagnosis import register as diagnosis_register
 from steelyard.diagnosis.finding import Picture, Trace
 from steelyard.robot_file.file import load_robot
 
-OTHER = "../given/validation.parquet"
+OTHER = "../given/validation.csv"
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def asking(monkeypatch: pytest.MonkeyPatch, severity: Severity) -> Slow:
 @pytest.fixture
 def degrees(given: Path, tmp_path: Path) -> Path:
     """A log whose positions are in degrees, which its robot file does not say."""
-    table = pl.read_parquet(given / "identification.parquet")
+    table = pl.read_csv(given / "identification.csv")
     turned = [pl.col(c).degrees() for c in table.columns if c.startswith("q")]
     table.with_columns(turned).write_parquet(tmp_path / "degrees.parquet")
     return tmp_path / "degrees.parquet"
@@ -176,7 +176,7 @@ def test_fix_of_a_bare_model_writes_a_whole_robot_file(
     slow: Slow, robot: Path, given: Path, command: Command, tmp_path: Path
 ) -> None:
     target = tmp_path / "new.toml"
-    table = pl.read_parquet(given / "identification.parquet")
+    table = pl.read_csv(given / "identification.csv")
     turned = [(pl.col(c) * 100.0).alias(c) for c in table.columns if c.startswith("q")]
     table.with_columns(turned).write_csv(tmp_path / "far.csv")
     done = command("check", robot.parent / "demo_arm.urdf", tmp_path / "far.csv", "--fix", target)
@@ -236,14 +236,14 @@ def test_what_has_no_line_is_named(
 ) -> None:
     stubs = (Unmendable(True),)
     monkeypatch.setattr(sys.modules["steelyard.diagnosis.examine"], "CHECKS", stubs)
-    done = command("check", robot, given / "identification.parquet", "--fix")
+    done = command("check", robot, given / "identification.csv", "--fix")
     assert "gain: no line of the robot file is known to correct it" in words(done.stdout)
 
 
 def test_nothing_to_correct_writes_no_file(
     slow: Slow, robot: Path, command: Command, given: Path
 ) -> None:
-    done = command("check", robot, given / "identification.parquet", "--fix")
+    done = command("check", robot, given / "identification.csv", "--fix")
     assert done.exit_code == 0 and "No robot file is written" in done.stdout
     assert not (robot.parent / "arm-fixed.toml").exists()
 
@@ -298,8 +298,10 @@ def test_the_output_is_a_page_and_json(
 def test_logs_that_cannot_be_read_are_findings(
     slow: Slow, given: Path, command: Command, tmp_path: Path
 ) -> None:
-    pl.read_parquet(given / "identification.parquet").drop("q2_rad").write_csv(tmp_path / "few.csv")
-    (tmp_path / "torn.parquet").write_bytes((given / "validation.parquet").read_bytes()[:20_000])
+    pl.read_csv(given / "identification.csv").drop("q2_rad").write_csv(tmp_path / "few.csv")
+    pl.read_csv(given / "validation.csv").write_parquet(tmp_path / "torn.parquet")
+    whole = (tmp_path / "torn.parquet").read_bytes()
+    (tmp_path / "torn.parquet").write_bytes(whole[:20_000])
     header = given / "header.csv"
     done = command("check", ROBOT, tmp_path / "few.csv", header, OTHER, "--json")
     printed = {(f["check"], f["log"]): f for f in json.loads(done.stdout)["findings"]}
@@ -322,10 +324,10 @@ def test_logs_that_no_run_can_be_made_of(log: str, command: Command, given: Path
 def test_names_of_one_file_in_two_folders_stay_apart(
     slow: Slow, given: Path, command: Command, tmp_path: Path
 ) -> None:
-    paths = [tmp_path / name / "run.parquet" for name in ("monday", "tuesday")]
+    paths = [tmp_path / name / "run.csv" for name in ("monday", "tuesday")]
     for path in paths:
         path.parent.mkdir()
-        shutil.copy(given / "validation.parquet", path)
+        shutil.copy(given / "validation.csv", path)
     printed = json.loads(command("check", ROBOT, *paths, "--json").stdout)
     assert [finding["log"] for finding in printed["findings"]] == ["monday/run", "tuesday/run"]
 

@@ -33,7 +33,7 @@ def simulated(given: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pa
     arguments = ["simulate", str(robot), "--period", "5", "--seed", "3", "-o", str(folder / "sim")]
     done = CliRunner().invoke(app, arguments)
     assert done.exit_code == 0, done.output
-    return robot, folder / "sim" / "log.parquet"
+    return robot, folder / "sim" / "log.csv"
 
 
 def test_a_good_log_is_ok(simulated: tuple[Path, Path], command: Command) -> None:
@@ -60,7 +60,7 @@ def test_a_fault_is_found_and_the_fixed_file_is_ok(
     tmp_path: Path,
 ) -> None:
     robot, good = simulated
-    table = pl.read_parquet(good)
+    table = pl.read_csv(good)
     scaled = {
         "mA": [pl.col(c) * 1e3 for c in table.columns if c.startswith("i")],
         "ms": [pl.col("time_s") * 1e3],

@@ -24,7 +24,7 @@ def identified(given: Path, tmp_path: Path, command: Command) -> Identified:
         *changes: tuple[str, str], options: tuple[str, ...] = ()
     ) -> tuple[dict[str, Any], Path]:
         robot, out = edited(given, tmp_path, *changes), tmp_path / "out"
-        logs = given / "identification.parquet", "--validate", given / "validation.parquet"
+        logs = given / "identification.csv", "--validate", given / "validation.csv"
         done = command("identify", robot, *logs, "-o", out, "--json", *options)
         assert done.exit_code in (0, 1), done.output
         return json.loads(done.stdout), out
@@ -97,7 +97,7 @@ def test_knowledge_that_plain_least_squares_passes_over_is_checked_and_reported(
     notes = [note for note in found["notes"] if "does not use" in note]
     assert notes == ["WLS does not use [prior] and [[knowledge]]"]
     robot = edited(given, tmp_path, ("[signals]\n", plain + knowledge.format("forarm")))
-    done = command("identify", robot, given / "identification.parquet", "-o", tmp_path / "other")
+    done = command("identify", robot, given / "identification.csv", "-o", tmp_path / "other")
     assert done.exit_code == 2 and "'forarm'" in done.stderr
 
 
@@ -106,7 +106,7 @@ def test_friction_that_drives_is_named(
 ) -> None:
     reversed_efforts = ('unit = "Nm"', 'unit = "Nm"\ngain = -1.0')
     robot = edited(given, tmp_path, reversed_efforts)
-    done = command("identify", robot, given / "identification.parquet", "-o", tmp_path / "no")
+    done = command("identify", robot, given / "identification.csv", "-o", tmp_path / "no")
     assert done.exit_code == 2 and "all efforts have the opposite sign" in done.stderr
     assert not (tmp_path / "no").exists()
     driven, _ = identified(reversed_efforts, options=("--no-check",))
@@ -119,7 +119,7 @@ def test_twins_are_refused_where_fields_are_found_too(
 ) -> None:
     twins = '{law = "stribeck", speed = "find"}, {law = "spring", free = "unknown"}'
     robot = edited(given, tmp_path, (TERMS, TERMS.replace('"viscous"', twins)))
-    done = command("identify", robot, given / "identification.parquet", "-o", tmp_path / "out")
+    done = command("identify", robot, given / "identification.csv", "-o", tmp_path / "out")
     assert done.exit_code == 2 and "not distinguishable from" in done.stderr, done.output
     assert not (tmp_path / "out").exists()
 
@@ -131,7 +131,7 @@ def test_a_poor_prediction_is_called_poor(given: Path, tmp_path: Path, command: 
         ('position = "q{}_rad"', f"position = [{columns}]"),
         ('velocity = "dq{}_rad_s"', f"velocity = [{velocities}]"),
     )
-    logs = given / "identification.parquet", "--validate", given / "validation.parquet"
+    logs = given / "identification.csv", "--validate", given / "validation.csv"
     robot = edited(given, tmp_path, *changes)
     done = command("identify", robot, *logs, "-o", tmp_path / "out", "--no-check")
     assert done.exit_code == 1 and done.stdout.startswith("POOR: "), done.output

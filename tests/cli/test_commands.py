@@ -17,7 +17,7 @@ from cli.mistakes import LOG, ROBOT
 from steelyard.cli.app import expanded
 
 URDF = "../given/demo_arm.urdf"
-OTHER = "../given/validation.parquet"
+OTHER = "../given/validation.csv"
 JOINTS = ["shoulder_turn", "shoulder_lift", "elbow", "forearm_roll", "wrist_bend", "flange_roll"]
 FIGURES = ("relative_percent", "relative_percent_moving", "rmse", "predict_zero", "prior_rmse")
 
@@ -193,7 +193,7 @@ def test_several_logs_to_validate(
 def test_an_effort_that_is_always_zero_has_no_percentage(
     identified: Path, given: Path, command: Command, tmp_path: Path
 ) -> None:
-    table = pl.read_parquet(given / "validation.parquet")
+    table = pl.read_csv(given / "validation.csv")
     table.with_columns(pl.lit(0.0).alias("tau6_Nm")).write_csv(tmp_path / "dead.csv")
     runs = strict(command("validate", identified, tmp_path / "dead.csv", "--json").stdout)
     joint = runs[0]["joints"][5]
@@ -248,7 +248,7 @@ def test_init_says_each_statement_once(command: Command, tmp_path: Path) -> None
 
 
 def test_init_says_what_it_did_not_find(command: Command, tmp_path: Path) -> None:
-    rows = pl.read_parquet(LOG)
+    rows = pl.read_csv(LOG)
     rows.rename({name: f"x_{k}" for k, name in enumerate(rows.columns)}).write_csv(
         tmp_path / "unknown.csv"
     )
@@ -282,21 +282,21 @@ def test_simulate_follows_a_motion(command: Command, tmp_path: Path) -> None:
         command("simulate", ROBOT, "--period", "1", "--noise", "0", "-o", first, "--json").stdout
     )
     assert files == {
-        "log": str(first / "log.parquet"),
+        "log": str(first / "log.csv"),
         "truth": str(first / "truth.json"),
         "trajectory": str(first / "trajectory.json"),
     }
     motion = first / "trajectory.json"
     done = command("simulate", ROBOT, "--motion", motion, "--noise", "0", "-o", again)
     assert done.exit_code == 0, done.output
-    logs = [pl.read_parquet(folder / "log.parquet").to_numpy() for folder in (first, again)]
+    logs = [pl.read_csv(folder / "log.csv").to_numpy() for folder in (first, again)]
     np.testing.assert_allclose(logs[0], logs[1], rtol=1e-9, atol=1e-9)
 
 
 def test_simulate_draws_by_its_seed(command: Command, tmp_path: Path) -> None:
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
         command("simulate", ROBOT, "--period", "1", "--seed", seed, "-o", tmp_path / name)
-    a, b, c = ((tmp_path / name / "log.parquet").read_bytes() for name in "abc")
+    a, b, c = ((tmp_path / name / "log.csv").read_bytes() for name in "abc")
     assert a == b != c
     truth = [(tmp_path / name / "truth.json").read_text() for name in "abc"]
     assert truth[0] == truth[1] != truth[2]
@@ -314,5 +314,5 @@ def test_demo(command: Command, tmp_path: Path) -> None:
     motion = sorted(path.name for path in (tmp_path / "demo" / "motion").iterdir())
     assert motion == ["certificate.json", "report.html", "trajectory.csv", "trajectory.json"]
     again = tmp_path / "demo" / "robot" / "demo_arm.toml"
-    log = tmp_path / "demo" / "robot" / "validation.parquet"
+    log = tmp_path / "demo" / "robot" / "validation.csv"
     assert command("identify", again, log, "-o", tmp_path / "o").exit_code == 0

@@ -15,8 +15,8 @@ from steelyard.identification.compare_inputs import lines_of, offers_of
 from steelyard.robot_file.file import load_robot
 from steelyard.robot_file.sections import EstimationSection
 
-LOG = "../given/identification.parquet"
-OTHER = "../given/validation.parquet"
+LOG = "../given/identification.csv"
+OTHER = "../given/validation.csv"
 ROBOT = "../given/demo_arm.toml"
 DRIVER = Path(__file__).parent / "interrupted_at.py"
 SOME = ("OLS", "WLS", "ridge")

@@ -24,9 +24,9 @@ OFF = {2: 1.25}
 
 def scaled(given: Path, name: str, folder: Path) -> Path:
     """A log in which a torque sensor reads too much."""
-    path = folder / f"{name}.parquet"
-    table = pl.read_parquet(given / path.name)
-    table.with_columns(pl.col(f"tau{k}_Nm") * x for k, x in OFF.items()).write_parquet(path)
+    path = folder / f"{name}.csv"
+    table = pl.read_csv(given / path.name)
+    table.with_columns(pl.col(f"tau{k}_Nm") * x for k, x in OFF.items()).write_csv(path)
     return path
 
 
@@ -88,7 +88,7 @@ def test_scales_that_are_requested_in_vain_are_reported(
 ) -> None:
     robot = edited(given, tmp_path)
     robot.write_text(f"{robot.read_text()}\n[estimation]\n{written}\n")
-    log = given / "identification.parquet"
+    log = given / "identification.csv"
     done = command("identify", robot, log, "-o", tmp_path / "out", "--json", "--no-check")
     notes = [note for note in json.loads(done.stdout)["notes"] if "has no effect" in note]
     assert notes == ([f'effort_scales = "auto" has no effect {words}'] if words else [])
@@ -109,6 +109,6 @@ def test_scales_are_of_motors_behind_coupled_gears(given: Path, tmp_path: Path) 
 
 
 def test_a_clean_log_gets_none(given: Path, command: Command, tmp_path: Path) -> None:
-    log = given / "identification.parquet"
+    log = given / "identification.csv"
     done = command("identify", edited(given, tmp_path), log, "-o", tmp_path / "out", "--json")
     assert json.loads(done.stdout)["effort_scales"] is None

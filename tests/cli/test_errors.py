@@ -47,7 +47,7 @@ def test_broken_rows_hardly_change_the_fit(command: Command, tmp_path: Path) -> 
             ROBOT,
             log,
             "--validate",
-            "../given/validation.parquet",
+            "../given/validation.csv",
             "-o",
             tmp_path / name,
             "--json",
@@ -57,7 +57,7 @@ def test_broken_rows_hardly_change_the_fit(command: Command, tmp_path: Path) -> 
 
 
 def test_noise_alone_is_no_motion(given: Path, command: Command, tmp_path: Path) -> None:
-    table, rng = pl.read_parquet(given / "identification.parquet"), np.random.default_rng(0)
+    table, rng = pl.read_csv(given / "identification.csv"), np.random.default_rng(0)
     sizes = {"q": 1e-5, "d": 1e-3, "t": 0.1}
     noise = {
         c: pl.lit(table[c][0]) + pl.Series(rng.normal(0.0, sizes[c[0]], table.height))

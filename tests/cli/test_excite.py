@@ -202,7 +202,7 @@ def test_after_an_earlier_log(tmp_path: Path) -> None:
     arm(tmp_path, ANY + QUICK + SIGNALS)
     robot, folder = tmp_path / "arm.toml", tmp_path
     ran("simulate", robot, "--period", "6", "-o", folder / "first")
-    (log,) = (folder / "first").glob("*.parquet")
+    (log,) = (folder / "first").glob("*.csv")
     ran("identify", robot, log, "--no-check", "-o", folder / "known")
     base = ("excite", robot, *ONE, "--criterion", "a_optimal", "--json")
     designs = [

@@ -12,7 +12,7 @@ from cli.mistakes import LOG, ROBOT, leftovers
 
 DRIVER = Path(__file__).parent / "interrupted_at.py"
 CHECK = ("check", "../given/clock.toml", LOG, "--fix", "fixed.toml", "-o", "out")
-IDENTIFY = ("identify", ROBOT, LOG, "--validate", "../given/validation.parquet")
+IDENTIFY = ("identify", ROBOT, LOG, "--validate", "../given/validation.csv")
 
 
 def pressed(function: str, arguments: tuple[str, ...], work: Path) -> tuple[int, str, list[str]]:

@@ -63,7 +63,7 @@ def test_a_term_that_cannot_be_is_shown_in_the_file(
 ) -> None:
     path = robot(f'terms = ["rigid_body", {term}]')
     out = path.parent / "out"
-    done = command("identify", path, given / "identification.parquet", "-o", out)
+    done = command("identify", path, given / "identification.csv", "-o", out)
     message = " ".join(done.stderr.split())
     assert done.exit_code == 2 and not out.exists(), done.output
     assert message.startswith("error:") and "arm.toml, line" in message and "terms[2]" in message, (
@@ -75,12 +75,12 @@ def test_a_term_that_cannot_be_is_shown_in_the_file(
 def test_two_motors_have_two_names(robot: Robot, given: Path, command: Command) -> None:
     gears = GEARS.replace("ratios", 'motors = ["a", "a", "b", "c", "d", "e"]\nratios')
     path = robot(TERMS, ("[model]", gears))
-    done = command("identify", path, given / "identification.parquet", "-o", path.parent / "out")
+    done = command("identify", path, given / "identification.csv", "-o", path.parent / "out")
     assert done.exit_code == 2 and "two motors are called 'a'" in done.stderr, done.output
     assert "name of its own" in done.stderr and "[robot.transmission] motors" in done.stderr
     gears = GEARS.replace("ratios", 'motors = ["a", "elbow", "b", "c", "d", "e"]\nratios')
     path = robot(TERMS, ("[model]", gears))
-    done = command("identify", path, given / "identification.parquet", "-o", path.parent / "out")
+    done = command("identify", path, given / "identification.csv", "-o", path.parent / "out")
     assert done.exit_code == 2 and "motor 'elbow' has the name of a joint" in done.stderr
 
 
@@ -88,7 +88,7 @@ def test_behind_the_gears_no_motor_couples(robot: Robot, given: Path, command: C
     pair = '{law = "coupled", pairs = [{from = "motor_1", to = "elbow"}]}'
     kind = ('kind = "joint_torque"', 'kind = "link_torque"')
     path = robot(f'terms = ["rigid_body", {pair}]', ("[model]", GEARS), kind)
-    done = command("identify", path, given / "identification.parquet", "-o", path.parent / "out")
+    done = command("identify", path, given / "identification.csv", "-o", path.parent / "out")
     assert done.exit_code == 2 and "the motors' side" in done.stderr, done.output
 
 
@@ -97,7 +97,7 @@ def test_fields_are_not_found_for_friction_that_is_not_chosen_yet(
 ) -> None:
     wrist = '{law = "stribeck", speed = "find", along = {w = {elbow = 1.0, wrist_bend = 1.0}}}'
     path = robot(f'terms = ["rigid_body", {wrist}]\nfriction = "auto"')
-    done = command("identify", path, given / "identification.parquet", "-o", path.parent / "out")
+    done = command("identify", path, given / "identification.csv", "-o", path.parent / "out")
     assert done.exit_code == 2 and "while friction is selected" in done.stderr, done.output
     assert "'stribeck'" in done.stderr and '"auto"' in done.stderr
 
@@ -112,7 +112,7 @@ def test_a_virtual_robot_whose_friction_is_open_has_some(robot: Robot, command: 
 
 
 def test_a_payload_needs_bodies_to_add_to(robot: Robot, given: Path, command: Command) -> None:
-    path, log = robot('terms = ["viscous", "offset"]'), given / "identification.parquet"
+    path, log = robot('terms = ["viscous", "offset"]'), given / "identification.csv"
     out = path.parent / "out"
     assert command("identify", path, f"{log}@:3", "-o", out).exit_code == 0
     done = command("payload", out, f"{log}@3:")
@@ -136,5 +136,5 @@ def test_a_saved_model_has_nothing_on_bodies_that_it_lacks(
     }
     data["model"]["robot"][part] = [strange[part]]
     (tmp_path / "model.json").write_text(json.dumps(data))
-    done = command("validate", tmp_path, given / "validation.parquet")
+    done = command("validate", tmp_path, given / "validation.csv")
     assert done.exit_code == 2 and "a body that does not exist" in done.stderr, done.output

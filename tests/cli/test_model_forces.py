@@ -42,9 +42,9 @@ def test_notes_of_the_model_file_are_reported_by_every_command(
     shown = command("simulate", mjcf, "--period", "4", "-o", run).stdout
     notes = load_robot(mjcf).notes
     assert len(notes) == 3 and all(f"note        {note}" in shown for note in notes)
-    made = json.loads(command("init", mjcf, run / "log.parquet", "-o", toml, "--json").stdout)
+    made = json.loads(command("init", mjcf, run / "log.csv", "-o", toml, "--json").stdout)
     assert sorted(made["notes"]) == sorted(notes)
-    checked = json.loads(command("check", mjcf, run / "log.parquet", "--json").stdout)
+    checked = json.loads(command("check", mjcf, run / "log.csv", "--json").stdout)
     assert set(notes) <= set(checked["notes"])
     assert load_robot(toml).notes == tuple(note for note in notes if "placeholder" in note)
 

@@ -39,7 +39,7 @@ def loaded(given: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_load_is_weighed(
     together: bool, loaded: Path, given: Path, identified: Path, command: Command, tmp_path: Path
 ) -> None:
-    options = ["--unloaded", given / "identification.parquet"] if together else []
+    options = ["--unloaded", given / "identification.csv"] if together else []
     done = command("payload", identified, loaded, *options, "--json", "-o", tmp_path / "out")
     assert done.exit_code == 0, done.output
     printed = json.loads(done.stdout)
@@ -76,12 +76,12 @@ def load_robot_of(identified: Path) -> str:
 def test_a_log_that_the_model_knows_is_reported(
     given: Path, identified: Path, command: Command
 ) -> None:
-    done = command("payload", identified, given / "identification.parquet")
+    done = command("payload", identified, given / "identification.csv")
     assert done.exit_code == 0, done.output
     words = " ".join(done.stdout.split())
     assert "the interval of the mass contains zero: no payload is detected" in words
     assert "centre" not in words
-    assert "the model was identified from identification.parquet" in words
+    assert "the model was identified from identification.csv" in words
 
 
 @pytest.mark.parametrize(

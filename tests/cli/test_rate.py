@@ -1,7 +1,6 @@
 """Logs without a column of time: the robot file says their rate."""
 
 import json
-import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +11,14 @@ import steelyard
 from cli.conftest import Command
 from cli.river_files import edited
 from steelyard.robot_file.signals import ROW
+from steelyard.robot_file.toml_reader import tomllib
 
 RATE = 250.0
 
 
 @pytest.fixture
 def timeless(given: Path, tmp_path: Path) -> Path:
-    table = pl.read_parquet(given / "identification.parquet")
+    table = pl.read_csv(given / "identification.csv")
     even = pl.Series("time_s", np.arange(len(table)) / RATE)
     table.with_columns(even).write_csv(tmp_path / "timed.csv")
     table.drop("time_s").write_csv(tmp_path / "run.csv")
@@ -48,7 +48,7 @@ def test_init_takes_a_rate_and_the_estimate_is_that_of_the_timed_log(
     assert mine.keys() == other.keys()
     for name, value in mine.items():
         assert value == pytest.approx(other[name], rel=1e-3, abs=1e-4)
-    pl.read_parquet(given / "validation.parquet").drop("time_s").write_csv(tmp_path / "next.csv")
+    pl.read_csv(given / "validation.csv").drop("time_s").write_csv(tmp_path / "next.csv")
     done = command("validate", tmp_path / "a" / "model.json", f"{tmp_path / 'next.csv'}@0.1:1.5")
     assert done.exit_code == 0, done.output
 
@@ -84,8 +84,8 @@ def test_a_simulated_log_without_a_clock_comes_at_the_declared_rate(
     robot = edited(given, tmp_path, ('time = "time_s"', "rate = 200.0"))
     done = command("simulate", robot, "--period", "4", "-o", tmp_path / "s")
     assert done.exit_code == 0, done.output
-    assert not {"time_s", ROW} & set(pl.read_parquet(tmp_path / "s" / "log.parquet").columns)
-    checked = command("check", robot, tmp_path / "s" / "log.parquet", "--json")
+    assert not {"time_s", ROW} & set(pl.read_csv(tmp_path / "s" / "log.csv").columns)
+    checked = command("check", robot, tmp_path / "s" / "log.csv", "--json")
     clock = next(f for f in json.loads(checked.stdout)["findings"] if f["check"] == "clock")
     assert (
         clock["severity"] == "ok" and "200 Hz, steps of 5 ms, uniform, as declared" in clock["says"]

@@ -14,7 +14,7 @@ from cli.mistakes import LOG, ROBOT
 @pytest.fixture
 def copied(given: Path, tmp_path: Path) -> Path:
     """The identified log without its first rows, with other stamps and six digits."""
-    table = pl.read_parquet(given / "identification.parquet")[3:]
+    table = pl.read_csv(given / "identification.csv")[3:]
     path = tmp_path / "copied.parquet"
     table = table.with_columns(pl.exclude("time_s").cast(pl.Float32).cast(pl.Float64))
     table.with_columns(pl.col("time_s") + 5.0).write_parquet(path)
@@ -24,7 +24,7 @@ def copied(given: Path, tmp_path: Path) -> Path:
 @pytest.fixture
 def repeated(given: Path, tmp_path: Path) -> Path:
     """The motion of the identified log once more, with noise of its own."""
-    table = pl.read_parquet(given / "identification.parquet")
+    table = pl.read_csv(given / "identification.csv")
     rng = np.random.default_rng(0)
     efforts = [name for name in table.columns if name.startswith("tau")]
     noisy = {

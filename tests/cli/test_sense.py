@@ -33,7 +33,7 @@ def test_no_stretch_counts_twice(
 def test_an_effort_that_never_changes_is_no_effort(
     given: Path, command: Command, tmp_path: Path
 ) -> None:
-    table = pl.read_parquet(given / "identification.parquet")
+    table = pl.read_csv(given / "identification.csv")
     table.with_columns(pl.lit(7.0).alias("tau3_Nm")).write_csv(tmp_path / "dead.csv")
     done = command("identify", ROBOT, tmp_path / "dead.csv", "-o", tmp_path / "o")
     assert done.exit_code == 2
@@ -63,9 +63,9 @@ gain = [10.0, -12.0, 8.0, 5.0, 5.0, 5.0]
     robot = tmp_path / "arm.toml"
     simulated = command("simulate", robot, "-o", tmp_path / "sim", "--json")
     assert simulated.exit_code == 0, simulated.stderr
-    columns = pl.read_parquet(tmp_path / "sim" / "log.parquet").columns
+    columns = pl.read_csv(tmp_path / "sim" / "log.csv").columns
     assert columns[:2] == ["ms", "angle_1"] and len(columns) == 13
-    log = tmp_path / "sim" / "log.parquet"
+    log = tmp_path / "sim" / "log.csv"
     done = command("identify", robot, log, "-o", tmp_path / "o", "--json")
     assert done.exit_code == 0, done.stderr
     result = json.loads(done.stdout)

@@ -13,8 +13,8 @@ def swept(given: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, P
     from steelyard.cli.app import app
 
     folder = tmp_path_factory.mktemp("swept") / "out"
-    arguments = ["identify", str(given / "demo_arm.toml"), str(given / "identification.parquet")]
-    arguments += ["--validate", str(given / "validation.parquet"), "--sensitivity", "--json"]
+    arguments = ["identify", str(given / "demo_arm.toml"), str(given / "identification.csv")]
+    arguments += ["--validate", str(given / "validation.csv"), "--sensitivity", "--json"]
     done = CliRunner().invoke(app, [*arguments, "-o", str(folder)])
     assert done.exit_code == 0, done.output
     return done.stdout, folder
@@ -47,7 +47,7 @@ def test_the_report_has_a_section_for_it(swept: tuple[str, Path], identified: Pa
 
 
 def test_the_terminal_shows_it(command, given: Path, tmp_path: Path) -> None:
-    log = given / "identification.parquet"
+    log = given / "identification.csv"
     done = command(
         "identify", given / "demo_arm.toml", log, "--sensitivity", "-o", tmp_path / "out"
     )

@@ -27,7 +27,7 @@ RUN = ("simulate", ROBOT, "--period", "1.5", "--noise", "0")
 
 
 def efforts(folder: Path) -> np.ndarray:
-    table = pl.read_parquet(folder / "log.parquet")
+    table = pl.read_csv(folder / "log.csv")
     return table.select([name for name in table.columns if name.startswith("tau")]).to_numpy()
 
 
@@ -87,7 +87,7 @@ def test_causes_of_torque_are_those_of_the_robot_file(
 
 
 def positions(log: Path) -> np.ndarray:
-    table = pl.read_parquet(log)
+    table = pl.read_csv(log)
     return table.select([name for name in table.columns if name.startswith("q")]).to_numpy()
 
 
@@ -127,7 +127,7 @@ def test_motions_of_every_kind_are_followed(
     stored = json.loads((out / "trajectory.json").read_text())
     assert stored["kind"] == ("sampled" if kind == "csv" else kind)
     motion = trajectory_from_dict(stored)
-    q = positions(out / "log.parquet")
+    q = positions(out / "log.csv")
     assert len(q) == round((motion.duration + 2.0) * 250) + 1
     wanted = motion.sample(np.arange(len(q)) / 250 - 1.0).q
     assert np.abs(q - wanted).max() < 0.05 < np.ptp(wanted, axis=0).min()
@@ -142,7 +142,7 @@ def test_periods_repeat_the_motion(
     assert done.exit_code == 0, done.stderr
     once = 3.0 if kind == "chained" else 1.5
     assert f"periods     3 of {once:g} s" in done.stdout
-    q = positions(tmp_path / "out" / "log.parquet")
+    q = positions(tmp_path / "out" / "log.csv")
     rows = round(once * 250)
     assert len(q) == 3 * rows + 501
     np.testing.assert_allclose(q[250 + rows : 250 + 2 * rows], q[250 + 2 * rows : -251], atol=2e-3)
@@ -180,7 +180,7 @@ def test_a_dry_run_goes_the_same_way_slowly(
     assert "dry run     at 0.2 of the speed: 15 s, not 3 s" in done.stdout
     full = command(*run, "--periods", "2", "-o", tmp_path / "full")
     assert "dry run" not in full.stdout
-    slow, fast = (positions(tmp_path / name / "log.parquet") for name in ("slow", "full"))
+    slow, fast = (positions(tmp_path / name / "log.csv") for name in ("slow", "full"))
     assert len(slow) == 17 * 250 + 1
     np.testing.assert_allclose(slow[250:-250:5], fast[250:-250], atol=0.05)
     stored = tmp_path / "slow" / "trajectory.json"

@@ -39,7 +39,7 @@ def test_from_a_xacro_file_to_a_model(command: Command, arm: Path, tmp_path: Pat
     given = (arm, "name:=left", "mass:=3")
     done = command("simulate", *given, "--seed", 1, "--period", 5, "-o", tmp_path / "sim")
     assert done.exit_code == 0, done.output
-    log, file = tmp_path / "sim/log.parquet", tmp_path / "left.toml"
+    log, file = tmp_path / "sim/log.csv", tmp_path / "left.toml"
     done = command("init", *given, log, "-o", file)
     assert done.exit_code == 0, done.output
     assert 'xacro.arguments = {name = "left", mass = "3"}' in file.read_text()

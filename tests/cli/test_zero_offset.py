@@ -44,6 +44,6 @@ def test_offsets_and_gains_are_not_identified_at_once(
     currents = ('"joint_torque"', '"motor_current"')
     unit = ('unit = "Nm"', 'unit = "A"\ngain = ["identify", 1.0, 1.0, 1.0, 1.0, 1.0]')
     robot = edited(given, tmp_path, TO_IDENTIFY, currents, unit)
-    done = command("identify", robot, given / "identification.parquet", "--no-check")
+    done = command("identify", robot, given / "identification.csv", "--no-check")
     assert done.exit_code != 0
     assert "zero offsets and drive gains cannot be identified together" in done.output

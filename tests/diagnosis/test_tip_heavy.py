@@ -51,7 +51,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> tuple[tuple[str, ...], Arra
     arguments = ["simulate", str(folder / "arm.urdf"), "--period", "6", "--seed", "1"]
     done = CliRunner().invoke(app, [*arguments, "-o", str(folder / "run")])
     assert done.exit_code == 0, done.output
-    log = open_log(folder / "run" / "log.parquet")
+    log = open_log(folder / "run" / "log.csv")
     return log.columns, np.concatenate(list(log.parts(log.columns)))
 
 

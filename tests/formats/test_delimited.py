@@ -1,3 +1,4 @@
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,12 @@ from steelyard.robot.robot import Coordinate
 from steelyard.robot_file.template.guess_columns import guess_columns
 
 NAN = np.nan
+
+
+@pytest.fixture(autouse=True, params=["with Polars", "without Polars"])
+def polars(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    if request.param == "without Polars":
+        monkeypatch.setitem(sys.modules, "polars", None)
 
 
 def read(

@@ -43,7 +43,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def log(folder: Path) -> Path:
-    return folder / "run" / "log.parquet"
+    return folder / "run" / "log.csv"
 
 
 def found(folder: Path, robot: str = "", **options: object) -> Identification:
@@ -81,7 +81,7 @@ def test_whole_runs_calibrate_what_simulates(folder: Path) -> None:
     steelyard.simulate(robot, folder / "drawn", seed=2)
     motion = folder / "drawn" / "trajectory.json"
     steelyard.simulate(robot, folder / "other", motion, seed=1)
-    logs = [log(folder), folder / "other" / "log.parquet"]
+    logs = [log(folder), folder / "other" / "log.csv"]
     result = steelyard.identify(robot, logs, check=False, method="didim")
     assert result.model.calibration is not None and result.model.calibration.kind == "runs"
 

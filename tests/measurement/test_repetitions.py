@@ -141,10 +141,9 @@ def test_the_choice_is_kept_in_files() -> None:
 
 @pytest.mark.parametrize("text", ['"find"', "{period = 13.333, drop_first = 0, drop_last = 0}"])
 def test_robot_files_ask_for_it(text: str) -> None:
-    import tomllib
-
     from steelyard.measurement.processing import requested_processing
     from steelyard.robot_file.sections import ProcessingSection
+    from steelyard.robot_file.toml_reader import tomllib
 
     section = ProcessingSection(**tomllib.loads(f"repetitions = {text}"))
     found = requested_processing(section, lambda *place: ".".join(place)).repetitions

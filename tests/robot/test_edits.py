@@ -1,4 +1,3 @@
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from hypothesis import strategies as st
 from steelyard.errors import ModelError
 from steelyard.robot_file.edits import edited, lines_of
 from steelyard.robot_file.file import load_robot
+from steelyard.robot_file.toml_reader import tomllib
 
 
 @dataclass(frozen=True)

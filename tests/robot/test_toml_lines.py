@@ -1,9 +1,8 @@
-import tomllib
-
 from hypothesis import given
 from hypothesis import strategies as st
 
 from steelyard.robot_file.toml_lines import KeyPath, toml_lines
+from steelyard.robot_file.toml_reader import tomllib
 
 TEXT = '''# a comment with [brackets] and "quotes"
 [robot] # another

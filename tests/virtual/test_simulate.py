@@ -27,7 +27,7 @@ def test_writes_log_truth_and_motion(arm: Robot, tmp_path: Path) -> None:
     truth, motion = random_truth(arm, 0), random_fourier(arm, seed=0, period=2.0)
     sensors = customary_sensors(arm, truth)
     files = simulate(arm, truth, motion, sensors, tmp_path / "deep" / "out", seed=4)
-    table = pl.read_parquet(files.log)
+    table = pl.read_csv(files.log)
     assert len(table) == 1001 and len(table.columns) == 19
     back = Truth.from_dict(json.loads(files.truth.read_text()), arm)
     np.testing.assert_array_equal(back.inertial, truth.inertial)
@@ -35,7 +35,7 @@ def test_writes_log_truth_and_motion(arm: Robot, tmp_path: Path) -> None:
     again = read_motion(files.trajectory, arm)
     np.testing.assert_array_equal(again.sample(t).q, motion.sample(t).q)
     assert {p.name for p in files.log.parent.iterdir()} == {
-        "log.parquet",
+        "log.csv",
         "truth.json",
         "trajectory.json",
     }
@@ -85,7 +85,7 @@ def test_demo_writes_what_identification_needs(tmp_path: Path) -> None:
     loaded = load_robot(files.robot)
     assert loaded.robot.n == 6 and loaded.signals is not None
     assert [term.description for term in loaded.terms or ()][1:3] == ["rotor_inertia", "coulomb"]
-    first, second = (pl.read_parquet(p) for p in (files.identification, files.validation))
+    first, second = (pl.read_csv(p) for p in (files.identification, files.validation))
     assert set(loaded.signals.columns) == set(first.columns)
     assert (len(first), len(second)) == (1501, 1001)
     assert np.abs(first["q1_rad"].to_numpy()[:1001] - second["q1_rad"].to_numpy()).max() > 0.05
@@ -109,7 +109,7 @@ def test_demo_motions_stay_clear_of_the_limits(tmp_path: Path) -> None:
     files = demo_runs(tmp_path / "demo", seed=1, period=3.0)
     robot = load_robot(files.robot).robot
     for log in (files.identification, files.validation):
-        table = pl.read_parquet(log)
+        table = pl.read_csv(log)
         for j, joint in enumerate(robot.coordinates):
             q, dq, tau = (
                 table[f"{c}{j + 1}_{u}"] for c, u in (("q", "rad"), ("dq", "rad_s"), ("tau", "Nm"))

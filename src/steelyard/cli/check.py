@@ -51,7 +51,7 @@ def check(
     The exit code is 0 if all is ok, 1 if something is doubtful, 2 if something is wrong; with --fix
     it is that of the new robot file.
 
-    Example: steelyard check ur10e.toml run1.parquet run2.parquet --fix
+    Example: steelyard check ur10e.toml run1.csv run2.csv --fix
     """
     from rich.console import Console
     from rich.text import Text

@@ -47,7 +47,7 @@ def compare(
 
     Ctrl-C ends the comparison; finished estimators are reported.
 
-    Example: steelyard compare ur10e.toml run1.parquet run2.parquet run3.parquet -o compared
+    Example: steelyard compare ur10e.toml run1.csv run2.csv run3.csv -o compared
     """
     from rich.console import Console
 

@@ -17,6 +17,7 @@ from steelyard.cli.guard import guarded
 from steelyard.cli.options import Json
 
 EXTRAS = {
+    "polars": "logs in Parquet, results as data frames, CSV logs ten times faster",
     "population": "genetic search and CMA-ES in `excite` and `compare`",
     "replay": "`steelyard replay`",
 }
@@ -86,9 +87,16 @@ def _names(extra: str = "") -> list[str]:
     found = []
     for line in requires("steelyard") or ():
         wanted = re.search(r"extra == ['\"](\w+)", line)
-        if (wanted[1] if wanted else "") == extra and (name := re.match(r"[\w.-]+", line)):
+        name = re.match(r"[\w.-]+", line)
+        if name and (wanted[1] if wanted else "") == extra and _applies(line):
             found.append(name[0])
     return found
+
+
+def _applies(line: str) -> bool:
+    """Whether a package is needed on this version of Python."""
+    bound = re.search(r"python_version (<|>=) ['\"]3\.(\d+)['\"]", line)
+    return bound is None or (bound[1] == "<") == (sys.version_info < (3, int(bound[2])))
 
 
 def _versions(names: list[str]) -> tuple[list[str], list[str]]:

@@ -69,7 +69,7 @@ def identify(
 
     The exit code is 1 if the verdict is poor: the model is written, but should not be used.
 
-    Example: steelyard identify ur10e.toml run1.parquet run2.parquet --validate run3.parquet
+    Example: steelyard identify ur10e.toml run1.csv run2.csv --validate run3.csv
     """
     from rich.console import Console
 

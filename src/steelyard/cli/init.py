@@ -43,7 +43,7 @@ def init(
 
     The exit code is 1 if columns of some joints are missing in the log or not recognised.
 
-    Example: steelyard init panda.urdf run1.parquet -o panda.toml
+    Example: steelyard init panda.urdf run1.csv -o panda.toml
 
     Without a time column: steelyard init panda.urdf run1.csv --rate 1000
     """

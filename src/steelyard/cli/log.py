@@ -73,7 +73,7 @@ def convert(
 ) -> None:
     """Convert a log, or a part of it, to another format; no number is changed.
 
-    Example: steelyard log convert run.mcap@1:5 run.parquet --columns "/joint_states/*"
+    Example: steelyard log convert run.mcap@1:5 run.csv --columns "/joint_states/*"
     """
     from steelyard.cli import interrupt
     from steelyard.cli.show import progress_bar

@@ -61,7 +61,7 @@ def payload(
 ) -> None:
     """Identify a payload: mass, centre of mass and inertia, with 95 % intervals.
 
-    Example: steelyard payload steelyard-ur10e loaded.parquet --frame tool0
+    Example: steelyard payload steelyard-ur10e loaded.csv --frame tool0
     """
     from rich.console import Console
     from rich.text import Text

@@ -55,7 +55,7 @@ def simulate(
 
     Follows any motion written by excite or simulate, or a table of positions; --dry-run slows it
     down. Torque terms are those of the robot file, with Coulomb and viscous friction if its
-    friction is "auto". Writes log.parquet, trajectory.json and truth.json (the true parameters).
+    friction is "auto". Writes log.csv, trajectory.json and truth.json (the true parameters).
     The seed determines the robot and its random motion: give --motion for another motion of the
     same robot.
 

@@ -28,7 +28,7 @@ def validate(
     The exit code is 1 if the verdict is poor: the error is above 30 %, or a check of the model on
     these logs finds something wrong. Otherwise it is 0.
 
-    Example: steelyard validate steelyard-ur10e other_motion.parquet
+    Example: steelyard validate steelyard-ur10e other_motion.csv
     """
     from rich.console import Console
 

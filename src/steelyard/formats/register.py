@@ -41,7 +41,7 @@ def open_log(path: str | Path) -> Log:
         LogError: Not there, of an unknown kind, or not what its suffix says.
 
     Example:
-        >>> open_log("fit.parquet").columns[0]
+        >>> open_log("fit.csv").columns[0]
         'time_s'
     """
     path = Path(path)

@@ -15,6 +15,8 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import OutputError
+from steelyard.files import csv_lines
+from steelyard.formats.tables.parquet import require_polars
 
 Write = Callable[[Array], None]
 Writer = Callable[[Path, Sequence[str]], AbstractContextManager[Write]]
@@ -48,16 +50,13 @@ def writer_for(path: Path) -> Writer:
 @contextmanager
 def text_table(path: Path, columns: Sequence[str]) -> Iterator[Write]:
     """CSV, with the shortest digits that read back as the same float."""
-    import polars as pl
-
     with path.open("wb") as file:
         header = io.StringIO()
         csv.writer(header, lineterminator="\n").writerow(" ".join(c.split()) for c in columns)
         file.write(header.getvalue().encode())
 
         def write(part: Array) -> None:
-            table = pl.DataFrame(part, schema=[f"c{k}" for k in range(part.shape[1])])
-            table.write_csv(file, include_header=False)
+            file.write(csv_lines(part).encode())
 
         yield write
 
@@ -65,6 +64,7 @@ def text_table(path: Path, columns: Sequence[str]) -> Iterator[Write]:
 @contextmanager
 def parquet(path: Path, columns: Sequence[str]) -> Iterator[Write]:
     """Parquet, by Polars; its threads fetch the rows, which a reader of SQLite could not serve."""
+    require_polars(path)
     import polars as pl
     from polars.io.plugins import register_io_source
 

@@ -115,7 +115,7 @@ def check(
         SteelyardError: A file cannot be used.
 
     Example:
-        >>> found = check("arm.toml", "fit.parquet")
+        >>> found = check("arm.toml", "fit.csv")
         >>> found.last.severity.name
         'OK'
     """

@@ -1,6 +1,5 @@
 """Logs named on the command line to the case that the detective looks at."""
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,6 +26,7 @@ from steelyard.robot_file.signals import Signals
 from steelyard.robot_file.template.guess_columns import guess_columns, velocities_beside
 from steelyard.robot_file.template.proposal import proposed
 from steelyard.robot_file.template.template import drafted, notes_beside
+from steelyard.robot_file.toml_reader import tomllib
 
 READING = "log"
 """What a log that cannot be read is suspected of."""

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from steelyard.arguments import checked
 from steelyard.identification.compare_inputs import comparison_inputs, offers_of
-from steelyard.identification.result import Result, paths_of
+from steelyard.identification.result import Result, frame, paths_of
 from steelyard.progress import Progress, silent
 from steelyard.report import ReportContent
 from steelyard.report.compare_page import render_comparison
@@ -44,9 +44,7 @@ class EstimatorComparison(Result):
     @property
     def table(self) -> "DataFrame":
         """One row per estimator: its errors on left-out runs, and its time."""
-        from polars import DataFrame
-
-        return DataFrame(self.comparison.to_dict()["estimators"], infer_schema_length=None)
+        return frame(self.comparison.to_dict()["estimators"], "table")
 
     def report(self) -> str:
         """The report as one self-contained HTML page."""
@@ -97,7 +95,7 @@ def compare(
         SteelyardError: A file cannot be used, or there is no estimator of a name.
 
     Example:
-        >>> found = compare("arm.toml", "fit.parquet", ["OLS", "WLS"])
+        >>> found = compare("arm.toml", "fit.csv", ["OLS", "WLS"])
         >>> list(found.table["estimator"])
         ['OLS', 'WLS']
     """

@@ -1,7 +1,6 @@
 """`steelyard check --fix`: a new robot file with what was found, checked again."""
 
 import os
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +17,7 @@ from steelyard.progress import Progress
 from steelyard.report.text.findings import diagnosis_dict, edit_dict, place
 from steelyard.robot.xacro.read import stem_of
 from steelyard.robot_file.edits import edited, lines_of
+from steelyard.robot_file.toml_reader import tomllib
 
 ROUNDS = 4
 """Checks at most: one thing that is wrong can hide another."""

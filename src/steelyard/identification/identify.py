@@ -29,7 +29,7 @@ from steelyard.identification.logs import (
 from steelyard.identification.method import method_of
 from steelyard.identification.precheck import passed, prechecked
 from steelyard.identification.repeated_rows import marked_repeats, refuse_same_rows
-from steelyard.identification.result import Result, paths_of, scores_frame
+from steelyard.identification.result import Result, frame, paths_of, scores_frame
 from steelyard.identification.sensitivity import varied
 from steelyard.measurement import Run
 from steelyard.progress import Progress, silent
@@ -64,9 +64,7 @@ class Identification(Result):
     @property
     def parameters(self) -> "DataFrame":
         """The base parameters, one a row: value, standard deviation, 95 % interval, status."""
-        from polars import DataFrame
-
-        return DataFrame([vars(row) for row in rows(self.model)], infer_schema_length=None)
+        return frame([vars(row) for row in rows(self.model)], "parameters")
 
     @property
     def scores(self) -> "DataFrame":
@@ -143,7 +141,7 @@ def identify(
         SteelyardError: A file cannot be used, or the data are not what the robot file says.
 
     Example:
-        >>> found = identify("arm.toml", "fit.parquet", validate="other.parquet")
+        >>> found = identify("arm.toml", "fit.csv", validate="other.csv")
         >>> print(found.verdict.level)
         good
         >>> found.model.joints

@@ -31,6 +31,8 @@ from steelyard.validation.torque_parts import TorqueSplit
 
 SAMPLE_ROWS = 20_000
 """Rows read to guess units, and whether velocities are good."""
+HASHED = 1 << 20
+"""Bytes that are hashed at a time."""
 
 
 @dataclass(frozen=True)
@@ -101,8 +103,11 @@ def sha256(path: Path) -> str:
         files = sorted(file for file in path.rglob("*") if file.is_file())
         listed = (f"{file.relative_to(path).as_posix()} {sha256(file)}\n" for file in files)
         return hashlib.sha256("".join(listed).encode()).hexdigest()
+    digest = hashlib.sha256()
     with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+        while block := file.read(HASHED):
+            digest.update(block)
+    return digest.hexdigest()
 
 
 def recording_of(argument: LogArgument, signals: Signals) -> Recording:

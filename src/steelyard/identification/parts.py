@@ -64,7 +64,7 @@ def load_runs(
         SteelyardError: A file cannot be used.
 
     Example:
-        >>> (run,) = load_runs("arm.toml", "fit.parquet")
+        >>> (run,) = load_runs("arm.toml", "fit.csv")
         >>> run.whole().motion.n_joints
         2
     """
@@ -90,7 +90,7 @@ def information(
         progress: Receives events of progress; an exception from it stops the work.
 
     Example:
-        >>> info = information(model_of("arm.toml"), load_runs("arm.toml", "fit.parquet"))
+        >>> info = information(model_of("arm.toml"), load_runs("arm.toml", "fit.csv"))
         >>> info.normal()[0].shape == (len(info.layout.columns),) * 2
         True
     """

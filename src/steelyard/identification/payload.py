@@ -109,7 +109,7 @@ def identify_payload(
         SteelyardError: A file cannot be used, or there is no such frame.
 
     Example:
-        >>> carried = identify_payload("arm-model", "other.parquet")
+        >>> carried = identify_payload("arm-model", "other.csv")
         >>> abs(carried.mass) < 0.1
         True
     """

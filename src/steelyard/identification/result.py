@@ -2,7 +2,7 @@
 
 import io
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from steelyard.errors import LogError
+from steelyard.extras import require
 from steelyard.files import whole_folder
 from steelyard.report import ReportContent
 
@@ -66,8 +67,6 @@ class Result(ABC):
 
 def scores_frame(content: ReportContent) -> "DataFrame":
     """Errors of predicted efforts, one row per joint of each log, fitted or not."""
-    from polars import DataFrame
-
     scored = [(True, score) for score in content.fitted]
     scored += [(False, score) for score in content.scores]
     joints = [
@@ -75,7 +74,19 @@ def scores_frame(content: ReportContent) -> "DataFrame":
         for fitted, score in scored
         for joint in score.to_dict()["joints"]
     ]
-    return DataFrame(joints, infer_schema_length=None)
+    return frame(joints, "scores")
+
+
+def frame(rows: Sequence[Mapping[str, Any]], where: str) -> "DataFrame":
+    """A data frame of rows that have the same keys.
+
+    Raises:
+        PackageError: Polars is not installed.
+    """
+    require("polars", "polars", "data frames", where)
+    from polars import DataFrame
+
+    return DataFrame(rows, infer_schema_length=None)
 
 
 def paths_of(logs: str | Path | Iterable[str | Path], least: int = 0) -> list[str]:

@@ -68,7 +68,7 @@ def simulate(
 
     Args:
         robot: Robot file (TOML), URDF, xacro or MJCF, or what `load_robot` made of it.
-        folder: Folder to make, for `log.parquet`, `trajectory.json` and `truth.json`.
+        folder: Folder to make, for `log.csv`, `trajectory.json` and `truth.json`.
         motion: Motion to follow, a `trajectory.json` or a table of postures; a random one if
             `None`.
         period: Length of the random motion [s], 10 if `None`.
@@ -90,7 +90,7 @@ def simulate(
     Example:
         >>> run = simulate("arm.toml", "run2", seed=2, period=5.0)
         >>> run.files.log.name
-        'log.parquet'
+        'log.csv'
     """
     loaded = load_robot(robot, base=fixed_base)
     _check_factor(dry_run)

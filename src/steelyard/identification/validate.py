@@ -106,7 +106,7 @@ def validate(
         SteelyardError: A file cannot be used.
 
     Example:
-        >>> scored = validate("arm-model", "other.parquet")
+        >>> scored = validate("arm-model", "other.csv")
         >>> scored.scores["relative_percent"].max() < 10.0
         True
     """

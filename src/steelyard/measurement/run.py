@@ -124,7 +124,7 @@ class Run:
         importance: Weights of efforts over time, of a mean over repetitions.
 
     Example:
-        >>> (run,) = load_runs("arm.toml", "fit.parquet")
+        >>> (run,) = load_runs("arm.toml", "fit.csv")
         >>> run.whole().motion.n_joints
         2
     """

@@ -72,7 +72,7 @@ class Information:
         beside: Of `grams`, the part of samples beside rests, see `Sums`; `None` if there are none.
 
     Example:
-        >>> runs = load_runs("arm.toml", ["fit.parquet", "other.parquet"])
+        >>> runs = load_runs("arm.toml", ["fit.csv", "other.csv"])
         >>> first, second = (information(model_of("arm.toml"), [run]) for run in runs)
         >>> len((first + second).windows) == len(first.windows) + len(second.windows)
         True

@@ -1,7 +1,6 @@
 """A TOML text checked against its schema; messages name the line and the nearest key."""
 
 import re
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, TypeVar, get_args
@@ -10,6 +9,7 @@ from pydantic import BaseModel, ValidationError
 
 from steelyard.errors import ModelError
 from steelyard.robot_file.toml_lines import KeyPath, toml_lines
+from steelyard.robot_file.toml_reader import tomllib
 from steelyard.suggest import advice
 
 Schema = TypeVar("Schema", bound=BaseModel)

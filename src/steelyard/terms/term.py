@@ -3,7 +3,9 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal
+
+from typing_extensions import Self
 
 from steelyard.arrays import Array
 from steelyard.kernel.equations.dynamics import JointState, Scalar

@@ -114,10 +114,10 @@ def demo_runs(
             motion: ExactTrajectory = _above_table(loaded, 2 * seed + number, period)
             if name == "identification":
                 motion = repeated(motion, 2) if designed is None else designed
-            run(rig, motion, part / f"{name}.parquet")
+            run(rig, motion, part / f"{name}.csv")
             write_motion(part / f"{name}_motion.json", motion, robot)
         write_json(part / "truth.json", truth.to_dict())
-    identification, validation = (folder / f"{name}.parquet" for name in names)
+    identification, validation = (folder / f"{name}.csv" for name in names)
     return DemoFiles(folder / "demo_arm.toml", identification, validation, folder / "truth.json")
 
 

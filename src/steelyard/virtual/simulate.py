@@ -96,7 +96,7 @@ def simulate(
             payload=payload,
             progress=progress,
         )
-        run(rig, trajectory, part / "log.parquet")
+        run(rig, trajectory, part / "log.csv")
         hidden = truth.to_dict()
         if signals is not None and any(signals.unknown_gains) and sensors.gains is not None:
             hidden["drive_gains"] = dict(
@@ -104,4 +104,4 @@ def simulate(
             )
         write_json(part / "truth.json", hidden)
         write_motion(part / "trajectory.json", trajectory, robot)
-    return SimulatedFiles(folder / "log.parquet", folder / "truth.json", folder / "trajectory.json")
+    return SimulatedFiles(folder / "log.csv", folder / "truth.json", folder / "trajectory.json")

@@ -4,7 +4,6 @@ import json
 import os
 import queue
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator, Sequence
@@ -19,6 +18,7 @@ from steelyard.errors import DataError
 from steelyard.excitation.from_tables import Recipe
 from steelyard.excitation.problem import Problem
 from steelyard.excitation.search.starts import NoMotion
+from steelyard.processes import module_command
 from steelyard.progress import Progress, Stopped, silent, tell
 
 KEPT = 4
@@ -233,7 +233,7 @@ def _worker(
         "searches": effort.searches,
     }
     process = subprocess.Popen(
-        [sys.executable, "-P", "-m", "steelyard.excitation.search.worker"],
+        module_command("steelyard.excitation.search.worker"),
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         encoding="utf-8",

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.errors import DataError
+from steelyard.errors import DataError, LogError
 from steelyard.excitation.trajectories.chained import ChainedMotion
 from steelyard.excitation.trajectories.exact import ExactTrajectory
 from steelyard.excitation.trajectories.fourier import FourierMotion
@@ -18,6 +18,8 @@ from steelyard.excitation.trajectories.slowed import SlowedMotion
 from steelyard.excitation.trajectories.trended import TrendedMotion
 from steelyard.excitation.trajectories.windowed import WindowedMotion
 from steelyard.files import write_json
+from steelyard.formats import open_log
+from steelyard.formats.log import Log
 from steelyard.robot.robot import Coordinate, Robot
 from steelyard.suggest import advice
 
@@ -110,17 +112,12 @@ def _read_json(path: Path, robot: Robot) -> ExactTrajectory:
 
 def _read_table(path: Path, robot: Robot) -> SampledMotion:
     """A motion from a table of times and postures."""
-    import polars
-
     try:
-        if path.suffix == ".parquet":
-            table = polars.read_parquet(path)
-        else:
-            table = polars.read_csv(path, infer_schema_length=None)
-    except (polars.exceptions.PolarsError, OSError, UnicodeDecodeError) as error:
+        table = open_log(path)
+    except LogError as error:
         raise _refused(
             path,
-            f"the file is not a table: {str(error).splitlines()[0]}",
+            f"the file is not a table: {error.wrong}",
             "give a .csv or .parquet file with a row of column names",
         ) from error
     names = {column.lower(): column for column in table.columns}
@@ -129,7 +126,7 @@ def _read_table(path: Path, robot: Robot) -> SampledMotion:
     columns = []
     for what, choices in wanted:
         name = _find(path, what, choices, names)
-        columns.append(_numbers(path, name, table[name]))
+        columns.append(_numbers(table, name))
     try:
         return SampledMotion(columns[0], np.column_stack(columns[1:]), _ends(table, names, robot))
     except ValueError as error:
@@ -142,21 +139,24 @@ def _names(index: int, joint: Coordinate) -> list[str]:
     return [f"q{number}_{joint.unit}", f"q{number}", f"q_{joint.name}", joint.name]
 
 
-def _ends(table: Any, names: Mapping[str, str], robot: Robot) -> Array | None:
+def _ends(table: Log, names: Mapping[str, str], robot: Robot) -> Array | None:
     """Speeds in the first and the last row, shape `(2, n)`; `None` if not given, or at rest."""
-    import polars
-
     found = []
     for j, joint in enumerate(robot.coordinates):
         choices = [f"dq{j + 1}_{joint.unit}_s", f"dq{j + 1}", f"dq_{joint.name.lower()}"]
         found += [names[choice] for choice in choices if choice in names][:1]
-    if len(found) < robot.n or not table.height:
+    if len(found) < robot.n:
         return None
-    rows = table.select(polars.col(found).cast(polars.Float64, strict=False))
-    ends = np.array([rows.row(0), rows.row(-1)], dtype=np.float64)
+    rows = _rows(table, found)
+    ends = rows[[0, -1]] if len(rows) else np.zeros((2, robot.n))
     if not np.isfinite(ends).all() or np.abs(ends).max() <= _AT_REST:
         return None
     return ends
+
+
+def _rows(table: Log, columns: Sequence[str]) -> Array:
+    """Columns of all rows, shape `(N, len(columns))`."""
+    return np.concatenate([np.zeros((0, len(columns))), *table.parts(columns)])
 
 
 def _find(path: Path, what: str, choices: Sequence[str], names: Mapping[str, str]) -> str:
@@ -171,20 +171,18 @@ def _find(path: Path, what: str, choices: Sequence[str], names: Mapping[str, str
     )
 
 
-def _numbers(path: Path, name: str, column: Any) -> Array:
+def _numbers(table: Log, name: str) -> Array:
     """A column as finite numbers."""
-    import polars
-
-    values = column.cast(polars.Float64, strict=False).to_numpy()
+    values = _rows(table, [name])[:, 0]
     good = np.isfinite(values)
     if not good.all():
         row = int(np.argmin(good)) + 1
         raise _refused(
-            path,
+            table.path,
             f"column '{name}' holds something other than a finite number in row {row}",
             "correct or drop that row",
         )
-    return np.asarray(values, dtype=np.float64)
+    return values
 
 
 def _refused(path: Path, wrong: str, fix: str) -> DataError:

@@ -2,7 +2,6 @@
 
 import json
 import subprocess
-import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -16,8 +15,9 @@ from steelyard.arrays import Array
 from steelyard.errors import LogError
 from steelyard.formats.arrays.arrays_log import ArraysLog, Member, Place
 from steelyard.formats.log import require_file
+from steelyard.processes import module_command
 
-CHILD = (sys.executable, "-P", "-m", "steelyard.formats.arrays.hdf5_child")
+CHILD = module_command("steelyard.formats.arrays.hdf5_child")
 
 
 def open_hdf5(path: Path, *, matlab: bool = False) -> ArraysLog:

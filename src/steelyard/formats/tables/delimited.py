@@ -9,6 +9,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import LogError
+from steelyard.extras import available
 from steelyard.formats.log import PART, Rows, require_columns, require_file
 from steelyard.formats.tables.header import read_header
 
@@ -137,24 +138,52 @@ class DelimitedLog:
             raise _unreadable(self.path, error) from error
 
     def _numbers(self, chunk: bytes, wanted: Sequence[int]) -> Array:
-        import polars as pl
+        parsed = by_polars if available("polars") else by_numpy
+        return parsed(tidied(chunk, self.separator), wanted, self.separator, self.decimal_comma)
 
-        width = max(wanted, default=0) + 1
-        names = [f"column_{i}" for i in range(width)]
-        # A full first row keeps Polars from judging the table's width by a broken one.
-        full = self.separator.join(["0"] * width).encode() + b"\n"
-        table = pl.read_csv(
-            full + tidied(chunk, self.separator),
-            has_header=False,
-            columns=list(dict.fromkeys(names[i] for i in wanted)),
-            separator=self.separator,
-            schema=dict.fromkeys(names, pl.Float64),
-            quote_char=None,
-            decimal_comma=self.decimal_comma,
-            ignore_errors=True,
-            truncate_ragged_lines=True,
-        )
-        return table.select(pl.col(names[i]).fill_null(np.nan) for i in wanted).to_numpy()[1:]
+
+def by_polars(chunk: bytes, wanted: Sequence[int], separator: str, decimal_comma: bool) -> Array:
+    """Columns of ended lines as floats, shape `(lines, len(wanted))`; other cells are NaN."""
+    import polars as pl
+
+    width = max(wanted, default=0) + 1
+    names = [f"column_{i}" for i in range(width)]
+    # A full first row keeps Polars from judging the table's width by a broken one.
+    full = separator.join(["0"] * width).encode() + b"\n"
+    table = pl.read_csv(
+        full + chunk,
+        has_header=False,
+        columns=list(dict.fromkeys(names[i] for i in wanted)),
+        separator=separator,
+        schema=dict.fromkeys(names, pl.Float64),
+        quote_char=None,
+        decimal_comma=decimal_comma,
+        ignore_errors=True,
+        truncate_ragged_lines=True,
+    )
+    return table.select(pl.col(names[i]).fill_null(np.nan) for i in wanted).to_numpy()[1:]
+
+
+def by_numpy(chunk: bytes, wanted: Sequence[int], separator: str, decimal_comma: bool) -> Array:
+    """The same as `by_polars` without Polars, about a tenth as fast."""
+    text = chunk.decode("latin-1")
+    lines = (text.replace(",", ".") if decimal_comma else text).split("\n")[:-1]
+    if wanted and all(lines):
+        try:
+            return np.loadtxt(lines, delimiter=separator, usecols=wanted, comments=None, ndmin=2)
+        except ValueError:
+            pass  # some cell is not a number
+    rows = [line.split(separator) for line in lines]
+    cells = [[_number(row[i]) if i < len(row) else np.nan for i in wanted] for row in rows]
+    return np.array(cells, dtype=np.float64).reshape(len(lines), len(wanted))
+
+
+def _number(cell: str) -> float:
+    """The number in a cell; NaN if it holds none."""
+    try:
+        return np.nan if "_" in cell else float(cell)
+    except ValueError:
+        return np.nan
 
 
 def tidied(chunk: bytes, separator: str) -> bytes:

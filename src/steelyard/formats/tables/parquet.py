@@ -10,6 +10,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import LogError
+from steelyard.extras import require
 from steelyard.formats.log import PART, Rows, require_columns, require_file
 from steelyard.formats.tables.parquet_pages import ORDINARY, longest_page
 
@@ -41,8 +42,10 @@ class ParquetLog:
 
         Raises:
             LogError: Not there, or not Parquet.
+            PackageError: Polars is not installed.
         """
         require_file(path)
+        require_polars(path)
         with _explained(path, "the file cannot be read as Parquet"):
             _together(path)
             return cls(path, tuple(_scan(path).collect_schema().names()))
@@ -83,6 +86,15 @@ class ParquetLog:
                 for at in range(0, len(numbers), width)
             ]
             return tables[0].to_numpy() if len(tables) == 1 else np.hstack(tables)
+
+
+def require_polars(path: Path) -> None:
+    """Refuse a Parquet file without Polars.
+
+    Raises:
+        PackageError: Polars is not installed.
+    """
+    require("polars", "polars", "Parquet files", str(path))
 
 
 def _together(path: Path) -> int:

@@ -45,7 +45,7 @@ def enclosed(
     for start in range(0, n_boxes, CHUNK):
         part = slice(start, start + CHUNK)
         boxes = [
-            np.stack([low, high])[..., *(() if a.shared else (part,))]
+            np.stack([low, high])[(..., *(() if a.shared else (part,)))]
             for low, high, a in zip(lower, upper, program.inputs, strict=True)
         ]
         with np.errstate(all="ignore"):

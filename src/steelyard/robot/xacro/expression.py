@@ -78,7 +78,8 @@ def evaluate(text: str, names: Names, budget: Budget) -> Any:
     try:
         if len(text) > LENGTH:
             raise XacroError(f"an expression is longer than {LENGTH} characters")
-        with warnings.catch_warnings(action="ignore"):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
             tree = ast.parse(text.strip(), mode="eval")
         return _Evaluation(names, budget).of(tree.body)
     except XacroError as error:
