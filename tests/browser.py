@@ -164,10 +164,11 @@ class Tab:
         self.send("Input.dispatchKeyEvent", type="keyDown", text=text, **own)
         self.send("Input.dispatchKeyEvent", type="keyUp", **own)
 
-    def picture(self, file: Path) -> None:
-        """Save a picture of the whole page."""
+    def picture(self, file: Path, most: float = 20_000.0) -> None:
+        """Save a picture of the page, or of its upper `most` pixels."""
         size = self.send("Page.getLayoutMetrics")["cssContentSize"]
-        clip = {"x": 0, "y": 0, "width": size["width"], "height": size["height"], "scale": 1}
+        height = min(size["height"], most)
+        clip = {"x": 0, "y": 0, "width": size["width"], "height": height, "scale": 1}
         shot = self.send("Page.captureScreenshot", captureBeyondViewport=True, clip=clip)
         file.write_bytes(base64.b64decode(shot["data"]))
 

@@ -1,23 +1,34 @@
 """Pictures of all pages, 1400 and 420 px wide, light and dark; and what is wrong with them.
 
-The pages are those of the demonstration (its motion, its model, a check and a comparison of its
-log) and, with the data, of a UR10e. The pictures are for people: they go to the folder that is
-given, `python -m proofs.product.screenshots FOLDER`, or away.
+The pages are those of the demonstration (its motion, its model, a comparison of estimators), the
+model of a UR10e, and the check of a Rokae AR5 whose mounting is not declared. The pictures are for
+people: they go to the folder that is given, `python -m proofs.product.screenshots FOLDER`, or away.
+Those of `docs/images` are in its folder `docs`.
 """
 
+import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from proofs.robots.scores import EXAMPLES, ur10e_logs, ur10e_validation
-from proofs.support.claims import Claim, main_of
+from proofs.support.claims import Claim, data_folder, main_of
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from browser import Tab, chromium, running  # noqa: E402
 
 WIDTHS = (1400, 420)
+
+DOCS = {
+    "demo_model": ("report.png", ("verdict", "effort"), 1200),
+    "demo_motion": ("motion.png", ("design", "design-tool"), 1300),
+    "ar5_check": ("check.png", ("verdict", "evidence"), 860),
+}
+"""Pictures of the documentation: by page the file, the sections that are in it, and its height."""
+
+DOCS_WIDTH = 1240
 
 
 def pages(folder: Path) -> Iterator[tuple[str, Path]]:
@@ -26,13 +37,17 @@ def pages(folder: Path) -> Iterator[tuple[str, Path]]:
     _steelyard(folder, "demo", "-o", "demo")
     yield "demo_motion", folder / "demo/motion/report.html"
     yield "demo_model", folder / "demo/results/report.html"
-    _steelyard(folder, "check", robot, log, "-o", "check")
-    yield "demo_check", folder / "check/check.html"
     _steelyard(folder, "compare", robot, log, "-o", "compare")
     yield "demo_compare", folder / "compare/compare.html"
     ur10e = ["identify", str(EXAMPLES / "ur10e.toml"), *ur10e_logs()]
     _steelyard(folder, *ur10e, "--validate", ur10e_validation(), "-o", "ur10e")
     yield "ur10e_model", folder / "ur10e/report.html"
+    example = (EXAMPLES / "rokae_ar5.toml").read_text(encoding="utf-8")
+    undeclared = re.sub(r"(?m)^gravity = .*\n", "", example)
+    (folder / "rokae_ar5.toml").write_text(undeclared, encoding="utf-8")
+    log = data_folder() / "rokae_ar5/ar5_run1_rows0_2300.parquet"
+    _steelyard(folder, "check", "rokae_ar5.toml", str(log), "-o", "ar5")
+    yield "ar5_check", folder / "ar5/check.html"
 
 
 def _steelyard(folder: Path, *arguments: str) -> None:
@@ -53,7 +68,20 @@ def faults(tab: Tab, name: str, page: Path, pictures: Path) -> list[str]:
             tab.picture(pictures / f"{name}_{width}_{theme}.png")
             for check in ("overflow()", "contrast()"):
                 found += [f"{name}, {width} px, {theme}: {fault}" for fault in tab.run(check)]
+    if name in DOCS:
+        _for_docs(tab, *DOCS[name], pictures)
     return found + [f"{name}: {line}" for line in tab.console]
+
+
+def _for_docs(tab: Tab, file: str, sections: Sequence[str], height: int, pictures: Path) -> None:
+    """Take a picture of some sections of the page, of a verdict without what is below its facts."""
+    others = "".join(f":not(#{section})" for section in sections)
+    unwanted = f"main > section{others}, .facts ~ *"
+    tab.run(f"document.querySelectorAll('{unwanted}').forEach(one => one.remove())")
+    tab.show(DOCS_WIDTH)
+    tab.run("drawn()")
+    (pictures / "docs").mkdir(exist_ok=True)
+    tab.picture(pictures / "docs" / file, height)
 
 
 def main(kept: Path | None = None) -> list[Claim]:
