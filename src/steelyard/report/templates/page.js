@@ -116,8 +116,8 @@ function drawPlots() {
   const bands = document.getElementById("effort-bands");
   const shades = ["--band", "--surely", "--band"];
   const styles = [
-    { name: "measured", line: { color: "--measured", width: 2.6 } },
-    { name: "predicted", line: { color: "--predicted", width: 1.5, dash: "5px,2px" } },
+    { name: "measured", line: { color: "--measured", width: 4.2 } },
+    { name: "predicted", line: { color: "--predicted", width: 1.6, dash: "8px,5px" } },
     { name: "residual", line: { color: "--residual", width: 1.2 } },
   ];
 
