@@ -14,6 +14,9 @@ from typing import IO, Any
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 
+OF_THE_BROWSER = re.compile("WebGL|Canvas2D")
+"""Messages about how Chromium draws in space, which are no errors of a page."""
+
 AUDIT = Path(__file__).with_name("audit.js")
 """Functions that the checks of a page call in it."""
 
@@ -51,7 +54,8 @@ def look(program: str, file: Path, folder: Path) -> SampledInformation:
         timeout=120,
         check=True,
     )
-    lines = tuple(line for line in done.stderr.splitlines() if ":CONSOLE" in line)
+    said = (line for line in done.stderr.splitlines() if ":CONSOLE" in line)
+    lines = tuple(line for line in said if not OF_THE_BROWSER.search(line))
     return SampledInformation(done.stdout, lines)
 
 

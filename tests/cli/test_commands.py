@@ -307,6 +307,10 @@ def test_demo(command: Command, tmp_path: Path) -> None:
     result = strict(done.stdout)
     assert result["output"] == str(tmp_path / "demo" / "results")
     assert result["validation"][0]["mean_percent_moving"] < 5.0
+    inside = [one["inside"] for one in result["truth"]]
+    assert len(inside) > 40 and sum(inside) >= 0.8 * len(inside)
+    page = (tmp_path / "demo" / "results" / "report.html").read_text("utf-8")
+    assert '<section id="truth"' in page
     names = sorted(path.name for path in (tmp_path / "demo").iterdir())
     assert names == ["motion", "results", "robot"]
     assert result["motion"]["certified"] and not result["motion"]["stopped"]

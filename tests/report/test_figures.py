@@ -7,12 +7,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from invented import ball
+from steelyard.estimation.estimate import Z95
+from steelyard.parameters import Parameters
 from steelyard.report import ReportContent, render
 from steelyard.report.figures import Figure
 from steelyard.report.parts import fitted_samples, unseen_samples
+from steelyard.report.sections.model.correlations import CorrelationsSection, correlations
+from steelyard.report.sections.model.ellipsoids import EllipsoidsSection, semi_axes
 from steelyard.report.sections.model.friction_curves import FrictionCurvesSection, curves_of
+from steelyard.report.sections.model.masses import MassesSection
 from steelyard.report.sections.model.residuals import ResidualsSection, binned
 from steelyard.report.sections.model.torque_split import POINTS, WORDS, TorqueSplitSection
+from steelyard.report.sections.model.truth import TruthSection
+from steelyard.report.skeleton import places
+from steelyard.robot.inertia import Inertia
+from steelyard.robot.robot import Frame
 from steelyard.validation.torque_parts import PARTS
 
 
@@ -79,8 +89,8 @@ def test_friction_is_drawn_up_to_the_fastest_sample_with_what_was_measured(
         at = [np.flatnonzero(np.isclose(parts.dq[:, j], x, atol=1e-6)) for x in dq[:20]]
         others = parts.parts[[0, 1, 2, 4]].sum(axis=0)
         expected = parts.measured[:, j] - others[:, j]
-        for y, places in zip(measured, at, strict=False):
-            assert np.isclose(expected[places], y, rtol=1e-5).any()
+        for y, alike in zip(measured, at, strict=False):
+            assert np.isclose(expected[alike], y, rtol=1e-5).any()
         _, band = drawn(figure, "95 % interval")
         assert np.isfinite(band).all()
     written = FrictionCurvesSection().to_dict(usual)["friction_curves"]
@@ -112,6 +122,121 @@ def test_the_residual_is_that_of_the_runs_that_were_not_fitted(usual: ReportCont
     np.testing.assert_allclose(mean, expected.mean, rtol=1e-5, atol=1e-6)
     share = ResidualsSection().to_dict(usual)["residual_shares"][0]["speed"]
     assert share == pytest.approx(expected.share, rel=1e-5)
+
+
+def test_masses_and_centres_are_those_of_the_estimate_and_of_the_file(usual) -> None:
+    standard = usual.identified.estimate.standard
+    value, bodies = standard.parameters, usual.identified.model.robot.bodies
+    masses, *shifts = (
+        figure for group in MassesSection().numbers(usual)["groups"] for figure in group.figures
+    )
+    marks = {trace["name"]: trace for trace in masses.traces}
+    names = [body.name for body in bodies]
+    assert marks["identified"]["y"] == marks["model file"]["y"] == names
+    assert marks["identified"]["x"] == [value[f"m.{name}"] for name in names]
+    std = [standard.parameters.names.index(f"m.{name}") for name in names]
+    half = Z95 * np.sqrt(np.diag(standard.covariance))[std]
+    found = marks["identified"]["more"]["error_x"]["array"]
+    np.testing.assert_allclose(found, half, rtol=1e-5)
+    assert marks["model file"]["x"] == [body.inertia.mass for body in bodies]
+    np.testing.assert_allclose(marks["truth"]["x"], [1.03 * x for x in marks["identified"]["x"]])
+    np.testing.assert_allclose(marks["prior"]["x"], [10.0, 18.5])
+    assert len(shifts) == 3
+    written = MassesSection().to_dict(usual)["bodies"]
+    for axis, figure in enumerate(shifts):
+        marks = {trace["name"]: trace for trace in figure.traces}
+        for k, body in enumerate(bodies):
+            centre = [value[f"{m}.{body.name}"] for m in ("mx", "my", "mz")][axis]
+            shift = 1e3 * (centre / value[f"m.{body.name}"] - body.inertia.com[axis])
+            assert marks["identified"]["x"][k] == pytest.approx(shift, abs=1e-4)
+            half = 1e3 * written[k]["centre_half_width"][axis]
+            assert marks["identified"]["more"]["error_x"]["array"][k] == pytest.approx(half)
+
+
+def test_without_standard_parameters_there_are_no_bodies(usual) -> None:
+    estimate = replace(usual.identified.estimate, standard=None)
+    base_only = replace(usual, identified=replace(usual.identified, estimate=estimate))
+    assert MassesSection().numbers(base_only) is None
+    assert EllipsoidsSection().numbers(base_only) is None
+    assert MassesSection().to_dict(base_only) == {"bodies": None}
+
+
+def test_an_ellipsoid_has_the_inertia_of_its_body() -> None:
+    body = ball(3)
+    lengths, directions = semi_axes(body)
+    squares = lengths**2
+    moments = body.mass / 5.0 * (squares.sum() - squares)
+    own = directions @ np.diag(moments) @ directions.T
+    np.testing.assert_allclose(own, body.inertia_com, rtol=1e-9, atol=1e-12)
+    assert semi_axes(Inertia.about_com(-1.0, np.zeros(3), np.eye(3))) is None
+    assert semi_axes(Inertia.about_com(1.0, np.zeros(3), np.diag([1.0, 1.0, 3.0]))) is None
+
+
+def test_ellipsoids_stand_where_the_links_are(usual) -> None:
+    ((figure,),) = (group.figures for group in EllipsoidsSection().numbers(usual)["groups"])
+    traces = {trace["name"]: trace for trace in figure.traces}
+    parts, _ = fitted_samples(usual)
+    robot = usual.identified.model.robot
+    joints = parts.q[len(parts.q) // 2]
+    frames = [Frame("c", k, np.eye(3), body.inertia.com) for k, body in enumerate(robot.bodies)]
+    expected = places(robot, frames, joints[None])[0]
+
+    def points(name: str) -> np.ndarray:
+        own = traces[name]
+        return np.column_stack([unpacked(x) for x in (own["x"], own["y"], own["more"]["z"])])
+
+    np.testing.assert_allclose(points("centres in the file"), expected, atol=1e-6)
+    surface = points("identified").reshape(len(frames), -1, 3)
+    np.testing.assert_allclose(surface.mean(axis=1), points("identified centres"), atol=1e-5)
+    faces = np.column_stack([traces["identified"]["more"][k] for k in "ijk"])
+    half = len(surface[0])
+    assert faces.max() == 2 * half - 1 and np.all(faces // half == faces[:, :1] // half)
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    assert np.all(np.unique(edges, axis=0, return_counts=True)[1] == 2)
+
+
+def test_the_map_holds_the_correlations_of_the_covariance(usual) -> None:
+    estimate = usual.identified.estimate
+    ((figure,),) = (group.figures for group in CorrelationsSection().numbers(usual)["groups"])
+    (trace,) = figure.traces
+    z = unpacked(trace["more"]["z"]).reshape(len(trace["x"]), -1)
+    expected = estimate.covariance / np.outer(estimate.std, estimate.std)
+    np.testing.assert_array_equal(z, np.rint(100.0 * expected))
+    assert trace["x"] == trace["y"] == list(estimate.parameters.names)
+    fixed = replace(estimate, at_bound=estimate.parameters.names[:1])
+    assert correlations(fixed)[0] == estimate.parameters.names[1:]
+
+
+def test_a_large_map_keeps_the_strongest_correlations(usual) -> None:
+    estimate = usual.identified.estimate
+    names, matrix, left_out = correlations(estimate, most=3)
+    assert names[:2] == estimate.parameters.names[:2] and left_out == len(estimate.parameters) - 3
+    assert matrix[0, 1] == pytest.approx(0.95)
+
+
+def test_the_truth_is_inside_or_outside_the_intervals(usual) -> None:
+    base, estimate = usual.identified.base, usual.identified.estimate
+    true = dict(zip(base.base_names, base.lift @ usual.truth.values, strict=True))
+    found = TruthSection().to_dict(usual)["truth"]
+    assert [one["name"] for one in found] == list(estimate.parameters.names)
+    for one, value, half in zip(
+        found, estimate.parameters.values, estimate.half_width, strict=True
+    ):
+        assert one["truth"] == pytest.approx(true[one["name"]])
+        assert one["inside"] == (abs(value - true[one["name"]]) <= half)
+    inside = sum(one["inside"] for one in found)
+    words = f"{inside} of {len(found)} base parameters lie in the 95 % intervals"
+    assert words in TruthSection().numbers(usual)["words"]
+    (line,) = TruthSection().printed(usual)
+    assert words in line.plain
+    own = dict(zip(estimate.parameters.names, estimate.parameters.values, strict=True))
+    exact = Parameters(base.names, base.units, [own.get(name, 0.0) for name in base.names])
+    independent = replace(usual, truth=exact)
+    leads = {base.names[k] for k in base.dependent}
+    assert not leads & set(own)
+    assert all(one["inside"] for one in TruthSection().to_dict(independent)["truth"])
+    real = replace(usual, truth=None)
+    assert TruthSection().numbers(real) is None and TruthSection().to_dict(real) == {"truth": None}
 
 
 def test_without_samples_there_are_no_figures_of_efforts(usual: ReportContent) -> None:

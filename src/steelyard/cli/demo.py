@@ -29,13 +29,13 @@ def demo(output: Output = None, seed: Seed = 0, as_json: Json = False) -> None:
     from rich.console import Console
 
     from steelyard.cli import interrupt
-    from steelyard.cli.identify import run_identify
     from steelyard.cli.show import progress_bar
     from steelyard.excitation.search.parallel_search import SearchBudget
     from steelyard.files import whole_folder
     from steelyard.identification.design import DesignedMotion, DesignTask
+    from steelyard.identification.identify import identify
     from steelyard.identification.logs import model_of, new_folder
-    from steelyard.virtual.demo import demo_runs
+    from steelyard.virtual.demo import demo_runs, true_parameters
 
     folder = new_folder(output, "steelyard-demo")
     found: list[DesignedMotion] = []
@@ -50,14 +50,12 @@ def demo(output: Output = None, seed: Seed = 0, as_json: Json = False) -> None:
             return found[0].trajectory
 
         runs = demo_runs(part / "robot", seed, progress, design=designed)
-        identified, _ = run_identify(
-            str(runs.robot),
-            [str(runs.identification)],
-            part / "results",
-            validate=[str(runs.validation)],
-            progress=progress,
-            last=False,
+        identified = identify(
+            runs.robot, runs.identification, validate=runs.validation, progress=progress
         )
+        identified = identified.beside(true_parameters(runs))
+        (part / "results").mkdir()
+        identified.write(part / "results")
         interrupt.too_late()
     if as_json:
         motion = found[0].to_dict() | {"output": str(folder / "motion")}

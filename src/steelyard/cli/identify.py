@@ -102,12 +102,9 @@ def identify(
 
 
 def run_identify(
-    robot: str, logs: list[str], output: Path | None, *, last: bool = True, **options: Any
+    robot: str, logs: list[str], output: Path | None, **options: Any
 ) -> "tuple[Identification, Path]":
-    """Identify into a new folder, whole or not at all.
-
-    With `last`, nothing can stop the command once the folder is written.
-    """
+    """Identify into a new folder, whole or not at all; once written, nothing stops the command."""
     from steelyard.cli import interrupt
     from steelyard.files import whole_folder
     from steelyard.identification.identify import identify
@@ -118,6 +115,5 @@ def run_identify(
     with whole_folder(folder) as part:
         found = identify(robot, logs, **options)
         found.write(part)
-        if last:
-            interrupt.too_late()
+        interrupt.too_late()
     return found, folder

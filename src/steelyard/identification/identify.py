@@ -32,6 +32,7 @@ from steelyard.identification.repeated_rows import marked_repeats, refuse_same_r
 from steelyard.identification.result import Result, frame, paths_of, scores_frame
 from steelyard.identification.sensitivity import varied
 from steelyard.measurement import Run
+from steelyard.parameters import Parameters
 from steelyard.progress import Progress, silent
 from steelyard.report import ReportContent, parameters_csv, render, summary
 from steelyard.report.sections.register import SECTIONS
@@ -74,6 +75,10 @@ class Identification(Result):
     def report(self) -> str:
         """The report as one self-contained HTML page."""
         return render(self.content)
+
+    def beside(self, truth: Parameters) -> "Identification":
+        """The same with the true standard parameters of a simulated robot in the report."""
+        return replace(self, content=replace(self.content, truth=truth))
 
     def write(self, folder: Path) -> None:
         """Write `model.json`, `parameters.csv` and `report.html`."""

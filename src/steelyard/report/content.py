@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from steelyard.estimation.payload.gains import GainEstimate
     from steelyard.estimation.zero_offset import ZeroOffsets
     from steelyard.excitation.result import Designed
+    from steelyard.parameters import Parameters
     from steelyard.robot_file.excitation_sections import WorkspaceSection
     from steelyard.validation.comparison import Comparison
     from steelyard.validation.effort_scales import EffortScales
@@ -49,6 +50,7 @@ class ReportContent:
         bootstrap: Estimates of windows drawn again, if they were asked for.
         comparison: Estimators beside each other, if they were compared.
         design: A motion, if one was designed.
+        truth: All standard parameters of a simulated robot; `None` of a real one.
         workspace: Where its tool may be, drawn with its path; `None` if nobody said.
         files: What was written beside the page, and the files' names.
     """
@@ -72,5 +74,6 @@ class ReportContent:
     bootstrap: Bootstrap | None = None
     comparison: Comparison | None = None
     design: Designed | None = None
+    truth: Parameters | None = None
     workspace: WorkspaceSection | None = None
     files: Rows = ()

@@ -7,7 +7,7 @@ from typing import Any, Literal
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.report.html import packed, script_json
+from steelyard.report.html import packed, rounded, script_json
 
 Traced = dict[str, Any]
 """One trace of a figure, as JSON values."""
@@ -94,6 +94,31 @@ def points(name: str, x: Array, y: Array, colour: str, size: float = 3.5) -> Tra
     """A cloud of points."""
     more = {"marker": {"color": colour, "size": size, "opacity": 0.55}, "hoverinfo": "skip"}
     return {"name": name, "kind": "points", "x": packed(x), "y": packed(y), "more": more}
+
+
+def dots(
+    name: str,
+    x: Sequence[float],
+    y: Sequence[str],
+    colour: str,
+    *,
+    symbol: str = "circle",
+    size: float = 7,
+    half_widths: Sequence[float] | None = None,
+) -> Traced:
+    """One mark per named row, with an interval if half-widths are given."""
+    outline = {"color": colour, "width": 2}
+    marker = {"color": colour, "symbol": symbol, "size": size, "line": outline}
+    more: Traced = {"marker": marker, "hovertemplate": "%{y}: %{x:.3g}<extra>" + name + "</extra>"}
+    if half_widths is not None:
+        array = [rounded(half) for half in half_widths]
+        more["error_x"] = {"type": "data", "array": array, "color": colour, "width": 4}
+    return {"name": name, "kind": "points", "x": [rounded(v) for v in x], "y": y, "more": more}
+
+
+def row_height(rows: int, each: int) -> int:
+    """Height of a figure with named rows [px]."""
+    return 70 + each * max(rows, 3)
 
 
 def area(name: str, x: Array, lower: Array, upper: Array, colour: str) -> Traced:

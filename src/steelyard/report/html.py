@@ -87,8 +87,8 @@ def script_json(value: object) -> str:
     return Markup(text)
 
 
-def packed(values: Array, dtype: Literal["f4", "f8"] = "f4") -> dict[str, str]:
-    """Plotly's form of an array in single or double precision; NaN breaks a line."""
+def packed(values: Array, dtype: Literal["f4", "f8", "i1"] = "f4") -> dict[str, str]:
+    """Plotly's form of an array in single or double precision, or in bytes; NaN breaks a line."""
     raw = values.astype(f"<{dtype}").tobytes()
     return {"dtype": dtype, "bdata": base64.b64encode(raw).decode()}
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.excitation.shapes.poses import ShapeKinematics
+from steelyard.excitation.shapes.poses import Poses, ShapeKinematics
 from steelyard.excitation.shapes.shapes import Shape
 from steelyard.excitation.shapes.solids import Ball
 from steelyard.kernel.quantities.kinematics import frame_of
@@ -41,8 +41,24 @@ def all_joints(robot: Robot, q: Array) -> Array:
 
 def places(robot: Robot, frames: Sequence[Frame], joints: Array) -> Array:
     """Origins of frames, shape `(N, F, 3)` [m], at positions of all joints `(N, n_joints)`."""
+    return _poses(robot, frames, joints).origins
+
+
+def body_poses(robot: Robot, joints: Array) -> tuple[Array, Array]:
+    """Axes `(B, 3, 3)` and origins `(B, 3)` [m] of the bodies, at positions of all joints."""
+    poses = _poses(robot, _frames(robot)[1:], joints[None])
+    return poses.rotations[0], poses.origins[0]
+
+
+def _poses(robot: Robot, frames: Sequence[Frame], joints: Array) -> Poses:
     shapes = [Shape(f.name, f.body, f.rotation, f.position, _SMALL) for f in frames]
-    return ShapeKinematics(robot, shapes)(joints).origins
+    return ShapeKinematics(robot, shapes)(joints)
+
+
+def _frames(robot: Robot) -> list[Frame]:
+    """Of the base and of all bodies."""
+    names = ["base", *(body.name for body in robot.bodies)]
+    return [Frame(name, k - 1, np.eye(3), np.zeros(3)) for k, name in enumerate(names)]
 
 
 def tool_frame(robot: Robot, tool: Marker) -> Frame:
@@ -67,11 +83,14 @@ def skeleton(robot: Robot, tool: Marker, joints: Array) -> Array:
     Returns:
         Two ends and a gap of NaN per stick, shape `(3 sticks, 3)` [m].
     """
-    still, none = np.eye(3), np.zeros(3)
-    frames = [Frame(body.name, k, still, none) for k, body in enumerate(robot.bodies)]
-    base, last = Frame("base", -1, still, none), tool_frame(robot, tool)
-    at = places(robot, [base, *frames, last], joints[None])[0]
-    pairs = [(body.parent + 1, k + 1) for k, body in enumerate(robot.bodies)]
-    pairs.append((last.body + 1, len(at) - 1))
+    last = tool_frame(robot, tool)
+    ends = places(robot, [_frames(robot)[last.body + 1], last], joints[None])[0]
+    return np.concatenate([sticks(robot, joints), ends, np.full((1, 3), np.nan)])
+
+
+def sticks(robot: Robot, joints: Array) -> Array:
+    """The robot as one broken line, from each joint to the next; see `skeleton`."""
+    at = places(robot, _frames(robot), joints[None])[0]
     gap = np.full(3, np.nan)
+    pairs = [(body.parent + 1, k + 1) for k, body in enumerate(robot.bodies)]
     return np.array([row for a, b in pairs for row in (at[a], at[b], gap)])

@@ -1,5 +1,6 @@
 """The demonstration: an arm of our own that is not quite what its model file says."""
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.resources import files
@@ -15,11 +16,13 @@ from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.excitation.workspace_tables import workspace_of
 from steelyard.files import whole_folder, write_json
 from steelyard.motion import run
+from steelyard.parameters import Parameters
 from steelyard.progress import Progress, silent
 from steelyard.robot_file.file import LoadedRobot, load_robot
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.robot import VirtualRobot
 from steelyard.virtual.simulate import customary_sensors
+from steelyard.virtual.truth import Truth
 
 LARGEST = 0.9
 """Share of the limits that a random motion uses, where the table leaves room for it."""
@@ -119,6 +122,12 @@ def demo_runs(
         write_json(part / "truth.json", truth.to_dict())
     identification, validation = (folder / f"{name}.csv" for name in names)
     return DemoFiles(folder / "demo_arm.toml", identification, validation, folder / "truth.json")
+
+
+def true_parameters(runs: DemoFiles) -> Parameters:
+    """All standard parameters of the simulated arm."""
+    truth = json.loads(runs.truth.read_text(encoding="utf-8"))
+    return Truth.from_dict(truth, load_robot(runs.robot).robot).values
 
 
 def _above_table(loaded: LoadedRobot, seed: int, period: float) -> FourierMotion:

@@ -6,11 +6,14 @@ from steelyard.report.sections.model.bootstrap import BootstrapSection
 from steelyard.report.sections.model.check import CheckSection
 from steelyard.report.sections.model.compare import CompareSection
 from steelyard.report.sections.model.conditioning import ConditioningSection
+from steelyard.report.sections.model.correlations import CorrelationsSection
 from steelyard.report.sections.model.drives import DrivesSection
 from steelyard.report.sections.model.effort import EffortSection
 from steelyard.report.sections.model.effort_scales import EffortScalesSection
+from steelyard.report.sections.model.ellipsoids import EllipsoidsSection
 from steelyard.report.sections.model.friction import FrictionSection
 from steelyard.report.sections.model.friction_curves import FrictionCurvesSection
+from steelyard.report.sections.model.masses import MassesSection
 from steelyard.report.sections.model.parameters import ParametersSection
 from steelyard.report.sections.model.per_run import PerRunSection
 from steelyard.report.sections.model.quality import QualitySection
@@ -18,6 +21,7 @@ from steelyard.report.sections.model.residuals import ResidualsSection
 from steelyard.report.sections.model.sensitivity import SensitivitySection
 from steelyard.report.sections.model.settings import SettingsSection
 from steelyard.report.sections.model.torque_split import TorqueSplitSection
+from steelyard.report.sections.model.truth import TruthSection
 from steelyard.report.sections.model.unseen import UnseenSection
 from steelyard.report.sections.model.verdict import VerdictSection
 from steelyard.report.sections.model.zero_offsets import ZeroOffsetsSection
@@ -41,11 +45,15 @@ SECTIONS: tuple[Section, ...] = (
     DrivesSection(),
     EffortScalesSection(),
     ZeroOffsetsSection(),
+    TruthSection(),
     ParametersSection(),
+    MassesSection(),
+    EllipsoidsSection(),
     BodiesSection(),
     PerRunSection(),
     UnseenSection(),
     ConditioningSection(),
+    CorrelationsSection(),
     BootstrapSection(),
     SensitivitySection(),
     CompareSection(),

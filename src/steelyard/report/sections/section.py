@@ -76,5 +76,5 @@ class FigureSection(Section):
 
     def show(self, numbers: Numbers) -> str:
         """The figures as safe HTML; numbers that the section does not have are empty."""
-        empty = {"words": "", "tables": (), "legend": (), "note": ""}
+        empty = {"words": "", "tables": (), "folded": "", "legend": (), "note": ""}
         return fill("figures.html", {"title": self.title, **empty, **numbers})

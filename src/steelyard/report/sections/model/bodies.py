@@ -42,7 +42,7 @@ class Solid:
         inertia: Its mass properties.
         covariance: Of the ten numbers, shape `(10, 10)`.
         learned: Mean share of the ten numbers that comes from the data, 0 to 1.
-        nominal: Mass in the model file [kg]; `None` if it has none.
+        nominal: Mass properties in the model file; `None` if it has none.
         margin: Smallest eigenvalue of the pseudo-inertia in the scale of the prior.
     """
 
@@ -50,7 +50,7 @@ class Solid:
     inertia: Inertia
     covariance: Array
     learned: float
-    nominal: float | None
+    nominal: Inertia | None
     margin: float
 
     @property
@@ -96,7 +96,7 @@ def solids(identified: IdentifiedModel) -> Iterator[Solid]:
             inertia,
             standard.covariance[np.ix_(ten, ten)],
             float(standard.learned[ten].mean()),
-            body.inertia.mass if body.known else None,
+            body.inertia if body.known else None,
             margin(inertia, model_prior(robot, number).inertia),
         )
 
@@ -119,7 +119,7 @@ def _row(link: Solid) -> Row:
         (
             link.name,
             _with(inertia.mass, float(np.sqrt(np.maximum(link.covariance[0, 0], 0.0)))),
-            significant(link.nominal),
+            significant(None if link.nominal is None else link.nominal.mass),
             centre if inertia.mass else NONE,
             ", ".join(significant(float(x)) for x in moments),
             share(100.0 * link.learned),
