@@ -256,7 +256,7 @@ def _times(seconds: Sequence[float]) -> dict[str, Any]:
     return {
         "domain": [0.72, 1.0],
         "type": "log",
-        "title": {"text": "time of one fit", "standoff": 6},
+        "title": {"text": "time", "standoff": 6},
         "range": [first - 0.1, last + 0.1],
         "tickvals": [10.0**k for k in ticks],
         "ticktext": [DECADES.get(k, f"{10.0**k:g} s") for k in ticks],
