@@ -51,6 +51,17 @@ def test_the_parts_of_the_figure_add_up_to_the_prediction(usual: ReportContent) 
         assert len(t) <= POINTS
 
 
+def test_many_joints_share_the_points(
+    usual: ReportContent, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = "steelyard.report.sections.model.torque_split.BUDGET"
+    monkeypatch.setattr(place, 100 * 7 * 2)
+    numbers = TorqueSplitSection().numbers(usual)
+    (figure,) = numbers["groups"][1].figures
+    assert 50 <= len(drawn(figure, "predicted")[0]) <= 100
+    assert "at most 100 evenly spaced points" in numbers["note"]
+
+
 def test_sizes_of_parts_are_their_root_mean_squares(usual: ReportContent) -> None:
     found = TorqueSplitSection().to_dict(usual)["torque_split"]
     parts = usual.scores[0].parts

@@ -18,8 +18,11 @@ if TYPE_CHECKING:
 MOST = 80
 """Most parameters of a map."""
 
-TICKS = (-100, -50, 0, 50, 100)
-"""Of the scale of colours [%]."""
+BAR = {
+    **{"orientation": "h", "x": 0.5, "y": 1.0, "yanchor": "bottom", "len": 0.9, "thickness": 10},
+    **{"title": {"text": "correlation [%]", "side": "top"}, "tickvals": [-100, -50, 0, 50, 100]},
+}
+"""The scale of colours, above the map."""
 
 WORDS = (
     "Correlation of the estimates of every two base parameters. Two that are strongly correlated "
@@ -85,7 +88,7 @@ def _figure(names: tuple[str, ...], matrix: Array) -> Figure:
             "z": {**percent, "shape": f"{len(names)}, {len(names)}"},
             **{"zmin": -100, "zmax": 100},
             "colorscale": [[0.0, "--blue"], [0.5, "--card"], [1.0, "--vermillion"]],
-            "colorbar": {"thickness": 10, "len": 0.5, "ticksuffix": " %", "tickvals": TICKS},
+            "colorbar": BAR,
             "hovertemplate": "%{y}, %{x}: %{z} %<extra></extra>",
         },
     }
@@ -99,6 +102,5 @@ def _figure(names: tuple[str, ...], matrix: Array) -> Figure:
             "zeroline": False,
         },
     }
-    label = "Map of the correlations between all pairs of parameters"
-    x = "the same parameters, in the same order"
-    return Figure("", label, x, "", [trace], layout, height=row_height(len(names), 12))
+    label = "Map of the correlations between all pairs of parameters, both ways in the same order"
+    return Figure("", label, "", "", [trace], layout, height=row_height(len(names), 12))

@@ -102,7 +102,7 @@ def _figure(robot: Robot, links: Sequence[Solid], joints: Array) -> Figure:
         f"{axis}axis": {"title": {"text": f"{axis} [m]"}, "backgroundcolor": "--ground"}
         for axis in AXES
     }
-    camera = {"eye": {"x": 1.4, "y": -1.5, "z": 0.8}, "center": {"x": 0.0, "y": 0.0, "z": -0.1}}
+    camera = {"eye": {"x": 1.6, "y": -1.7, "z": 0.9}, "center": {"x": 0.0, "y": 0.0, "z": -0.1}}
     layout = {
         "scene": {**axes, "aspectmode": "data", "camera": camera},
         "margin": {"l": 0, "r": 0, "t": 0, "b": 0},

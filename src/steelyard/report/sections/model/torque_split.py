@@ -23,12 +23,15 @@ if TYPE_CHECKING:
 POINTS = 1000
 """Most points of one line."""
 
+BUDGET = 60_000
+"""Points of all lines together: about 0.6 MB of the page."""
+
 NOTHING = 1e-9
 """Share of the measured effort below which a part is round-off."""
 
 WORDS = {
     "gravity": "gravity",
-    "coriolis": "Coriolis, centrifugal",
+    "coriolis": "Coriolis",
     "inertia": "inertia",
     "friction": "friction",
     "other": "springs, offsets",
@@ -59,8 +62,14 @@ class TorqueSplitSection(FigureSection):
         if parts is None:
             return None
         sizes = _sizes(parts)
+        points = min(POINTS, BUDGET // ((2 + len(PARTS)) * len(joints)))
         groups = [
-            Group([_figure(parts, j, joint, sizes)], joint.name, _caption(sizes, j, joint), "one")
+            Group(
+                [_figure(parts, j, joint, sizes, points)],
+                joint.name,
+                _caption(sizes, j, joint),
+                "one",
+            )
             for j, joint in enumerate(joints)
         ]
         return {
@@ -68,9 +77,10 @@ class TorqueSplitSection(FigureSection):
             "the parts add up to the predicted effort.",
             "tables": [_table(sizes, joints)],
             "groups": groups,
-            "note": "Inertia: mass matrix times acceleration, with rotors. A part that is small "
-            "throughout is hardly identifiable from this motion. Each line has at most "
-            f"{POINTS} evenly spaced points. Click an entry of a legend to hide it.",
+            "note": "Coriolis: with centrifugal efforts. Inertia: mass matrix times acceleration, "
+            "with rotors. A part that is small throughout is hardly identifiable from this motion. "
+            f"Each line has at most {points} evenly spaced points. Click an entry of a legend to "
+            "hide it.",
         }
 
     def to_dict(self, content: ReportContent) -> dict[str, Any]:
@@ -135,9 +145,11 @@ def _capital(words: str) -> str:
     return words[0].upper() + words[1:]
 
 
-def _figure(parts: TorqueParts, j: int, joint: Coordinate, sizes: dict[str, Array]) -> Figure:
+def _figure(
+    parts: TorqueParts, j: int, joint: Coordinate, sizes: dict[str, Array], points: int
+) -> Figure:
     """Measured and predicted effort above, the parts below; those that are zero are left out."""
-    at, t = _drawn(parts.t)
+    at, t = _drawn(parts.t, points)
     hover = f"%{{y:.3g}} {joint.effort_unit}"
 
     def trace(name: str, signal: Array, **more: Any) -> dict[str, Any]:
@@ -145,8 +157,8 @@ def _figure(parts: TorqueParts, j: int, joint: Coordinate, sizes: dict[str, Arra
         return line(name, t, values, hovertemplate=hover, **more)
 
     traces = [
-        trace("measured", parts.measured[:, j], colour="--measured", width=2.6),
-        trace("predicted", parts.predicted[:, j], colour="--predicted", width=1.5, dash="5px,2px"),
+        trace("measured", parts.measured[:, j], colour="--measured", width=4.2),
+        trace("predicted", parts.predicted[:, j], colour="--predicted", width=1.6, dash="8px,5px"),
     ]
     traces += [
         trace(
@@ -171,10 +183,10 @@ def _figure(parts: TorqueParts, j: int, joint: Coordinate, sizes: dict[str, Arra
     return Figure("", label, "time [s]", joint.effort_unit, traces, layout, height=460)
 
 
-def _drawn(t: Array) -> tuple[Array, Array]:
-    """Indices of the samples to draw, -1 at a gap of time, and their times, `(k,)` each."""
-    breaks = gaps(t)[: POINTS // 4]
-    step = max(1, -(-len(t) // (POINTS - len(breaks))))
+def _drawn(t: Array, points: int) -> tuple[Array, Array]:
+    """Indices of the samples to draw, -1 at a gap of time, and their times, `(points,)` at most."""
+    breaks = gaps(t)[: points // 4]
+    step = max(1, -(-len(t) // (points - len(breaks))))
     at = np.arange(0, len(t), step)
     places = np.searchsorted(at, breaks, side="right")
     return np.insert(at, places, -1), np.insert(t[at], places, np.nan)

@@ -155,5 +155,5 @@ def _figure(found: Sequence[Compared]) -> Figure:
         },
     }
     label = "Distance of every estimate from the truth"
-    x = "estimate minus truth [half-widths of the 95 % interval]"
+    x = "estimate minus truth [half-widths]"
     return Figure("", label, x, "", traces, layout, height=row_height(len(found), 14))
