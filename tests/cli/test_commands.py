@@ -216,7 +216,8 @@ def test_init_alone_and_with_a_log(command: Command, tmp_path: Path) -> None:
     assert shown.stdout.splitlines()[-1].endswith(f"steelyard identify {alone} LOG...")
     facts = strict(command("init", URDF, LOG, "-o", guessed, "--json").stdout)
     assert (facts["robot_file"], facts["joints"]) == (str(guessed), JOINTS)
-    assert facts["columns_found"] and not facts["without_columns"] and facts["problem"] is None
+    assert facts["columns_found"] and facts["complete"]
+    assert not facts["without_columns"] and not facts["missing"]
     assert any("the side of the gears" in reason for reason in facts["guesses"])
     done = command("identify", guessed, LOG, "-o", tmp_path / "o")
     assert done.exit_code == 0, done.output
@@ -258,15 +259,21 @@ def test_init_says_what_it_did_not_find(command: Command, tmp_path: Path) -> Non
         tmp_path / "few.csv"
     )
     shown = command("init", URDF, tmp_path / "unknown.csv", "-o", tmp_path / "a.toml")
-    assert shown.exit_code == 1 and "NOT FOUND: columns of the log" in shown.stdout
-    assert "read it" not in shown.stdout and (tmp_path / "a.toml").is_file()
+    assert shown.exit_code == 1 and "joints to identify" not in shown.stdout
+    first, todo = shown.stdout.splitlines()[:2]
+    assert first.startswith(f"wrote {tmp_path / 'a.toml'}, incomplete: the log's columns cannot")
+    assert todo.startswith("to do fill in [signals]") and (tmp_path / "a.toml").is_file()
     shown = command("init", URDF, tmp_path / "few.csv", "-o", tmp_path / "b.toml")
-    assert shown.exit_code == 1 and "5 joints to identify" in shown.stdout
-    assert f"NOT FOUND: columns of {JOINTS[5]}" in shown.stdout
+    first = shown.stdout.splitlines()[0]
+    assert shown.exit_code == 1 and first.endswith(f"the log has no columns of {JOINTS[5]}")
     facts = strict(
         command("init", URDF, tmp_path / "few.csv", "-o", tmp_path / "c.toml", "--json").stdout
     )
-    assert facts["without_columns"] == [JOINTS[5]] and len(facts["joints"]) == 5
+    assert (
+        not facts["complete"]
+        and facts["without_columns"] == [JOINTS[5]]
+        and len(facts["joints"]) == 5
+    )
 
 
 def test_a_urdf_alone_works_too(command: Command, tmp_path: Path) -> None:

@@ -9,7 +9,8 @@ from bag_writers import floats, in_order, joint_state, write_mcap
 from steelyard.formats import open_log
 from steelyard.robot.robot import Coordinate
 from steelyard.robot_file.column_names import Column
-from steelyard.robot_file.template.guess_columns import guess_columns, guess_time
+from steelyard.robot_file.template.guess_columns import guess_columns
+from steelyard.robot_file.template.guess_time import guess_time
 
 NAMES = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint")
 JOINTS = tuple(Coordinate(name, "revolute") for name in NAMES)

@@ -12,7 +12,7 @@ from steelyard.robot.from_mechanism import reduced
 from steelyard.robot.mjcf.read import read_mjcf
 from steelyard.robot_file.file import load_robot
 from steelyard.robot_file.template.proposal import proposed
-from steelyard.robot_file.template.template import drafted
+from steelyard.robot_file.template.template import assigned, drafted
 
 BALL = '<geom type="sphere" size=".05" pos=".1 .02 0" mass=".7"/>'
 CUBE = '<body name="{}" pos="1 0 0"><freejoint/><geom type="box" size=".1 .1 .1"/></body>'
@@ -129,7 +129,7 @@ def test_init_writes_the_base_with_most_joints(tmp_path: Path) -> None:
     (line,) = proposal.notes
     assert line == 'base = "trunk": 4 joints move beyond it, and 1 beyond world, 2 beyond dog'
     target = tmp_path / "new.toml"
-    target.write_text(drafted(proposal, None, None, target).text)
+    target.write_text(drafted(proposal, assigned(proposal, None, None), target).text)
     assert '\nbase = "trunk"\n' in target.read_text()
     loaded = load_robot(target)
     assert loaded.robot.joint_names == proposal.loaded.robot.joint_names
@@ -174,7 +174,8 @@ def test_a_ball_joint_is_locked_where_other_joints_are_listed(tmp_path: Path) ->
 def test_init_locks_ball_joints(tmp_path: Path) -> None:
     path = written(tmp_path, WRIST)
     target = tmp_path / "new.toml"
-    target.write_text(drafted(proposed(path), None, None, target).text)
+    proposal = proposed(path)
+    target.write_text(drafted(proposal, assigned(proposal, None, None), target).text)
     assert "# Locked: a ball joint.\nwrist = 0.0\n" in target.read_text()
     assert load_robot(target).robot.joint_names == ("shoulder", "end")
 

@@ -8,7 +8,7 @@ from steelyard.robot.from_mechanism import reduced
 from steelyard.robot.mjcf.read import read_mjcf
 from steelyard.robot_file.file import LoadedRobot, load_robot
 from steelyard.robot_file.template.proposal import proposed
-from steelyard.robot_file.template.template import drafted
+from steelyard.robot_file.template.template import assigned, drafted
 
 BALL = '<geom type="sphere" size=".05" pos=".1 .02 0" mass=".7"/>'
 HAND = """
@@ -37,7 +37,8 @@ def arm(tmp_path: Path, hand: str, equality: str, end: str = "") -> Path:
 def begun(path: Path) -> tuple[str, LoadedRobot]:
     """The robot file that init writes, and what is read from it."""
     target = path.with_name("new.toml")
-    target.write_text(drafted(proposed(path), None, None, target).text)
+    proposal = proposed(path)
+    target.write_text(drafted(proposal, assigned(proposal, None, None), target).text)
     return target.read_text(), load_robot(target)
 
 

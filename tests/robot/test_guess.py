@@ -66,6 +66,10 @@ def test_names_are_read_as_words(name: str, words: str) -> None:
         ("eff_panda_joint1", "effort"),
         ("TorqueCur1", "effort"),
         ("Cur1", "effort"),
+        ("data.t", "time"),
+        ("run/log/t", "time"),
+        ("data.q_t_1", "position"),
+        ("tool_t", None),
         ("target_q_0", None),
         ("tau_des1_Nm", None),
         ("q_d[3]", None),
@@ -206,7 +210,7 @@ def test_a_log_of_some_joints_needs_a_robot_file() -> None:
 
 def test_positions_of_motors_are_reported_with_what_they_need() -> None:
     with pytest.raises(LogError) as caught:
-        guess_columns(TWO, ["t", *numbered("q_motor#", "tau#")])
+        guess_signals(robot_of(TWO), ["t", *numbered("q_motor#", "tau#")])
     assert 'coordinates = "motor"' in caught.value.fix
     assert "[robot.transmission] ratios" in caught.value.fix
 
@@ -229,7 +233,6 @@ def test_a_column_beside_currents_without_a_unit_is_named() -> None:
             ["t", *numbered("q#", "tau#", count=3)],
             "none look like the positions of 2 joints: 3 columns look like positions",
         ),
-        (["t", *numbered("q_motor#", "tau#")], "positions are of motors"),
         (
             ["t", *numbered("q#", "torque_counts#")],
             "efforts are in counts, which have no unit: torque_counts1",

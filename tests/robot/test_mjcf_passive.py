@@ -11,7 +11,7 @@ from steelyard.kernel.equations.dynamics import JointState
 from steelyard.robot.model_notes import Listed
 from steelyard.robot_file.file import LoadedRobot, load_robot
 from steelyard.robot_file.template import proposal as init_proposal
-from steelyard.robot_file.template.template import drafted, notes_beside
+from steelyard.robot_file.template.template import assigned, drafted, notes_beside
 from steelyard.terms.laws.spring import Spring
 
 ARM = """
@@ -49,7 +49,8 @@ def with_tables(path: Path, tables: str) -> LoadedRobot:
 def proposed(path: Path) -> LoadedRobot:
     """The robot file that `init` writes."""
     target = path.with_name("proposed.toml")
-    target.write_text(drafted(init_proposal.proposed(path), None, None, target).text)
+    proposal = init_proposal.proposed(path)
+    target.write_text(drafted(proposal, assigned(proposal, None, None), target).text)
     return load_robot(target)
 
 

@@ -9,7 +9,7 @@ from steelyard.errors import ModelError
 from steelyard.robot_file.edits import edited
 from steelyard.robot_file.file import LoadedRobot, load_robot
 from steelyard.robot_file.template.proposal import proposed
-from steelyard.robot_file.template.template import drafted
+from steelyard.robot_file.template.template import assigned, drafted
 
 URDF = """<robot name="one"><link name="a"/><link name="b"/>
 <joint name="elbow" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint>
@@ -111,7 +111,8 @@ def test_mistakes_name_line_and_key(
 
 def test_a_new_robot_file_shows_how_to_write_them(folder: Path) -> None:
     model, output = folder / "one.urdf", folder / "arm.toml"
-    text = drafted(proposed(model), None, None, output).text
+    proposal = proposed(model)
+    text = drafted(proposal, assigned(proposal, None, None), output).text
     begin, end = text.index("[prior]"), text.index("[validation]")
     lines = [x.removeprefix("# ") for x in text[begin:end].replace("NAME", "b").splitlines()]
     shown = [x for x in lines if x.startswith("[") or " = " in x]

@@ -12,7 +12,7 @@ from steelyard.errors import LogError
 from steelyard.formats.cut import Cut
 from steelyard.formats.log import PART, Log
 from steelyard.robot_file.signals import TIME_UNITS
-from steelyard.robot_file.template.guess_columns import guess_time
+from steelyard.robot_file.template.guess_time import guess_time
 
 SAMPLE = 2000
 """Rows read to find a column of time."""

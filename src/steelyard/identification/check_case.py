@@ -23,9 +23,13 @@ from steelyard.progress import Progress, tell
 from steelyard.robot_file.edits import edited
 from steelyard.robot_file.file import LoadedRobot, load_robot, robot_text
 from steelyard.robot_file.signals import Signals
-from steelyard.robot_file.template.guess_columns import guess_columns, velocities_beside
+from steelyard.robot_file.template.guess_columns import (
+    guess_columns,
+    refuse_motors,
+    velocities_beside,
+)
 from steelyard.robot_file.template.proposal import proposed
-from steelyard.robot_file.template.template import drafted, notes_beside
+from steelyard.robot_file.template.template import assigned, drafted, notes_beside
 from steelyard.robot_file.toml_reader import tomllib
 
 READING = "log"
@@ -89,7 +93,10 @@ def subject_of(robot: str, log: LogArgument, base: str | None = None) -> Subject
     proposal = proposed(robot, base)
     target = Path(f"{proposal.loaded.stem}.toml")
     columns, sample = sample_of(log.path)
-    text = drafted(proposal, columns, sample, target).text
+    assignment = assigned(proposal, columns, sample)
+    if assignment.guess is not None:
+        refuse_motors(assignment.guess, columns)
+    text = drafted(proposal, assignment, target).text
     loaded = load_robot(target, text)
     reasons = guess_columns(loaded.robot.coordinates, columns, sample).reasons
     notes = (*proposal.notes, *notes_beside(proposal.loaded, loaded), *reasons)

@@ -13,11 +13,11 @@ Quantity = Literal["time", "position", "velocity", "acceleration", "effort"]
 
 _QUANTITIES: dict[Quantity, frozenset[str]] = {
     "time": frozenset("time t stamp timestamp timestamps clock".split()),
-    "position": frozenset("q pos position positions angle angles theta".split()),
-    "velocity": frozenset("dq qd qdot vel velocity velocities speed speeds".split()),
+    "position": frozenset("q qm pos position positions angle angles theta".split()),
+    "velocity": frozenset("dq dqm qd qdot vel velocity velocities speed speeds".split()),
     "acceleration": frozenset("ddq qdd qddot acc accel acceleration".split()),
     "effort": frozenset(
-        "tau torque torques trq effort efforts eff moment current currents curr cur i force "
+        "tau taum torque torques trq effort efforts eff moment current currents curr cur i force "
         "forces".split()
     ),
 }
@@ -35,7 +35,9 @@ _UNITS = frozenset.union(*_UNITS_OF.values())
 _OF_MESSAGES = re.compile(
     r"/.*/(stamp|log_time|(?P<quantity>position|velocity|effort)/(?P<joint>.+))"
 )
-TORQUES = frozenset("tau torque torques trq".split())
+MOTORS = frozenset("motor motors qm dqm taum".split())
+"""Words of columns of the motors' side."""
+TORQUES = frozenset("tau taum torque torques trq".split())
 CURRENTS = frozenset("current currents curr cur i".split())
 FINGERS = frozenset("finger fingers gripper knuckle fingertip hand".split())
 
@@ -64,10 +66,11 @@ class Column:
         if found := _OF_MESSAGES.fullmatch(self.name):
             named: Quantity = found["quantity"] or "time"  # type: ignore[assignment]
             return named
+        first = len(self.words) - len(words_of(re.split(r"[./]", self.name)[-1]))
         for number, word in enumerate(self.words):
             for quantity, names in _QUANTITIES.items():
                 lone = word in ("t", "i")  # too short to mean much inside a name
-                if word in names and not (lone and number > 0):
+                if word in names and not (lone and number not in (0, first)):
                     return quantity
         return None
 
@@ -81,6 +84,11 @@ class Column:
         """The words that may name a joint; all but the topic's if the log is of messages."""
         found = _OF_MESSAGES.fullmatch(self.name)
         return words_of(found["joint"]) if found and found["joint"] else self.words
+
+    @property
+    def of_motor(self) -> bool:
+        """Whether the name says that it is of the motors' side of the gears."""
+        return bool(MOTORS & set(self.words))
 
     @property
     def stem(self) -> tuple[str, ...]:
@@ -194,4 +202,4 @@ def _rank(stem: tuple[str, ...]) -> tuple[bool, bool, bool, int]:
     """Joint before motor, torque before current, measured before unsaid, short before long."""
     measured = {"actual", "measured", "meas", "sensor"} & set(stem)
     current = CURRENTS & set(stem) and not TORQUES & set(stem)
-    return "motor" in stem, bool(current), not measured, len(stem)
+    return bool(MOTORS & set(stem)), bool(current), not measured, len(stem)

@@ -22,6 +22,7 @@ from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.likelihood.excerpt import Excerpt, excerpt_of
 from steelyard.diagnosis.likelihood.nuisance import REST
 from steelyard.robot_file.column_names import Column, by_number
+from steelyard.robot_file.sections import Gain
 
 TARGETS = frozenset("des desired target ref reference cmd command commanded setpoint".split())
 TORQUES = frozenset("tau torque torques moment moments".split())
@@ -54,7 +55,7 @@ class ControllerGains:
         return np.asarray(self.half_widths <= NARROW * self.values) & (self.values > 0.0)
 
     @property
-    def entries(self) -> list[float | str]:
+    def entries(self) -> list[Gain]:
         """The robot file's `gain`: a number where it is known, else `"identify"`."""
         pairs = zip(self.values, self.known, strict=True)
         return [float(f"{value:.4g}") if known else "identify" for value, known in pairs]
@@ -66,13 +67,19 @@ _FOUND: "WeakKeyDictionary[Case, ControllerGains | None]" = WeakKeyDictionary()
 def controller_gains(case: Case) -> ControllerGains | None:
     """Gains from all logs that have both targets; `None` where none is known."""
     if case not in _FOUND:
-        _FOUND[case] = _from_logs(case)
+        _FOUND[case] = gains_of_logs(case.logs, len(case.joints))
     return _FOUND[case]
 
 
-def _from_logs(case: Case) -> ControllerGains | None:
+def gains_of_logs(logs: Sequence[Evidence], joints: int) -> ControllerGains | None:
+    """Gains from all logs that have both targets; `None` where none is known.
+
+    Args:
+        logs: The logs.
+        joints: Number of joints.
+    """
     parts, names = [], ("", "")
-    for evidence in case.logs:
+    for evidence in logs:
         found = _columns(evidence)
         if found is None:
             continue
@@ -82,7 +89,7 @@ def _from_logs(case: Case) -> ControllerGains | None:
             names = found[0][0], found[1][0]
     if not parts:
         return None
-    per_joint = [[part[j] for part in parts] for j in range(len(case.joints))]
+    per_joint = [[part[j] for part in parts] for j in range(joints)]
     fits = np.array([_gain(np.concatenate(rows, axis=1)) for rows in per_joint])
     gains = ControllerGains(names, fits[:, 0], fits[:, 1])
     return gains if gains.known.any() else None

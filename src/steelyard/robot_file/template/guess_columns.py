@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +13,17 @@ from steelyard.robot.robot import Coordinate, Robot
 from steelyard.robot_file.column_names import Column, Quantity, by_name, by_number, like_finger
 from steelyard.robot_file.sections import SignalsSection
 from steelyard.robot_file.signals import Signals, build_signals, expanded
-from steelyard.robot_file.template.guess_efforts import COUNTS, changes, effort_units, others, reach
+from steelyard.robot_file.template.give_up import OF_MOTORS, finite, give_up, listed
+from steelyard.robot_file.template.guess_efforts import (
+    COUNTS,
+    beyond_effort,
+    changes,
+    effort_units,
+    others,
+)
+from steelyard.robot_file.template.guess_motors import Gears, regressed
+from steelyard.robot_file.template.guess_positions import guess_positions
+from steelyard.robot_file.template.guess_time import beside, clock_of
 from steelyard.robot_file.template.guess_velocities import judged, rates
 
 Sample = Mapping[str, ArrayLike]
@@ -29,12 +39,21 @@ class Guess:
         joints: Joints that the log has positions and efforts of, in the order of the columns.
         velocity: Velocity columns that were seen, and left out.
         reasons: Why, one sentence each, for the user.
+        contradictions: Values that contradict the model file, one sentence each.
+        gears: Gears between motors and joints, where the log has positions of both.
     """
 
     section: SignalsSection
     joints: tuple[str, ...]
     velocity: tuple[str, ...]
     reasons: tuple[str, ...]
+    contradictions: tuple[str, ...] = ()
+    gears: Gears | None = None
+
+    @property
+    def motor_side(self) -> bool:
+        """Whether a transmission is needed."""
+        return "motor" in (self.section.coordinates, self.section.effort.side)
 
 
 def guess_signals(
@@ -52,6 +71,7 @@ def guess_signals(
         ModelError: The columns hold motor current: gains are needed, which a log cannot tell.
     """
     guess = guess_columns(robot.coordinates, columns, sample)
+    refuse_motors(guess, columns)
     if missing := [name for name in robot.joint_names if name not in guess.joints]:
         raise LogError(
             f"the log has columns for {len(guess.joints)} joints of {robot.n}; "
@@ -82,57 +102,83 @@ def guess_columns(
     Raises:
         LogError: They cannot be told.
     """
-    values = {name: _finite(values) for name, values in (sample or {}).items()}
+    values = {name: finite(values) for name, values in (sample or {}).items()}
     kinds: dict[Quantity, list[Column]] = {}
     for column in map(Column, columns):
         if column.quantity is not None:
             kinds.setdefault(column.quantity, []).append(column)
     joints, position, effort, how = _matched(coordinates, kinds, columns, values)
-    clock, time_reason = _clock(_beside(position, kinds.get("time", [])), columns, values, rate)
-    if motors := [c.name for c in position if c.has("motor", "motors")]:
-        wrong = f"positions are of motors, not of joints: {', '.join(motors)}"
-        _give_up(wrong, columns, OF_MOTORS)
+    clock, time_reason = clock_of(beside(position, kinds.get("time", [])), columns, values, rate)
     if counted := [c.name for c in effort if c.has(*COUNTS)]:
-        _give_up(f"efforts are in counts, which have no unit: {', '.join(counted)}", columns)
+        give_up(f"efforts are in counts, which have no unit: {', '.join(counted)}", columns)
     effort_words, units = effort_units(effort, joints, values)
-    position_unit, position_reason = _position_unit(position, joints, values)
+    where = guess_positions(position, joints, values, columns)
     velocity = _velocity(joints, kinds.get("velocity", []), how)
-    used, velocity_reason = judged(velocity, position, position_unit, clock, sample or {})
+    used, velocity_reason = judged(velocity, position, where.unit, clock, sample or {})
+    kind, side = _kind(effort, units)
     section = SignalsSection.model_validate(
         {
             **clock,
+            "coordinates": "motor" if where.motors else "joint",
             "position": _short(position, joints),
-            "position_unit": position_unit,
+            "position_unit": where.unit,
             **({"velocity": _short(used, joints)} if used else {}),
-            **({"velocity_unit": rates(position_unit)} if used and position_unit else {}),
+            **({"velocity_unit": rates(where.unit)} if used and where.unit else {}),
             "effort": {
                 "columns": _short(effort, joints),
-                "kind": "motor_current" if {"A", "mA"} & set(units) else "joint_torque",
+                "kind": kind,
+                "side": side,
                 "unit": units[0] if len(set(units)) == 1 else units,
             },
         }
     )
     reasons = [
         time_reason,
-        f"positions are {_listed(position)}, assigned {how}; {position_reason}",
-        f"efforts are {_listed(effort)}, assigned {how}; {effort_words}"
+        f"positions are {listed(position)}, assigned {how}; {where.reason}",
+        f"efforts are {listed(effort)}, assigned {how}; {effort_words}"
         + others(effort, kinds.get("effort", [])),
     ]
     if velocity:
         reasons.append(velocity_reason)
     left = () if used else tuple(c.name for c in velocity)
-    return Guess(section, tuple(c.name for c in joints), left, tuple(reasons))
+    contradictions = where.contradictions
+    if kind != "motor_current" and side == "joint":
+        contradictions += beyond_effort(effort, joints, values)
+    gears = None if where.motors else _gears(joints, position, kinds.get("position", ()), sample)
+    names = tuple(c.name for c in joints)
+    return Guess(section, names, left, tuple(reasons), contradictions, gears)
 
 
-def guess_time(columns: Sequence[str], sample: Sample) -> tuple[str, str] | None:
-    """The column of time and its unit; `None` if no column looks like time."""
-    values = {name: _finite(values) for name, values in sample.items()}
-    candidates = [c for c in map(Column, columns) if c.quantity == "time"]
-    try:
-        time = _time(candidates, columns, values)
-    except LogError:
+def _kind(effort: Sequence[Column], units: Sequence[str]) -> tuple[str, str]:
+    """Kind of the efforts, and side of the gears; a gain takes currents to the joints' side."""
+    if {"A", "mA"} & set(units):
+        return "motor_current", "joint"
+    return (
+        ("motor_torque", "motor") if all(c.of_motor for c in effort) else ("joint_torque", "joint")
+    )
+
+
+def _gears(
+    joints: Sequence[Coordinate],
+    position: Sequence[Column],
+    every: Sequence[Column],
+    sample: Sample | None,
+) -> Gears | None:
+    """Gears from a log that has positions of joints and of motors."""
+    motors = [column for column in every if column.of_motor]
+    named = by_name(joints, motors)
+    groups = by_number(len(joints), motors)
+    if len(named) == len(joints):
+        found = [named[joint.name] for joint in joints]
+    elif groups:
+        found = list(groups[0])
+    else:
         return None
-    return time.name, _time_unit(time, values)[0]
+    columns = [*found, *position]
+    if sample is None or any(column.name not in sample for column in columns):
+        return None
+    sides = [np.asarray(sample[column.name], dtype=np.float64) for column in columns]
+    return regressed(sides[: len(joints)], sides[len(joints) :])
 
 
 def velocities_beside(position: Sequence[str], columns: Sequence[str]) -> tuple[str, ...]:
@@ -150,81 +196,33 @@ def velocities_beside(position: Sequence[str], columns: Sequence[str]) -> tuple[
     return tuple(names[0] for names in beside) if all(len(n) == 1 for n in beside) else ()
 
 
-IN_FILE = (
-    'set it in a robot file: [signals] time = "...", position = ["...", ...] and '
-    "[signals.effort] columns = [...], kind = ..., unit = ... (`steelyard init` writes one)"
-)
+def refuse_motors(guess: Guess, columns: Sequence[str]) -> None:
+    """Signals of motors need gear ratios, which a model file alone does not give.
+
+    Raises:
+        LogError: The guess has such signals.
+    """
+    section = guess.section
+    if section.coordinates == "motor":
+        named = _names(section.position)
+        give_up(f"positions are of motors, not of joints: {named}", columns, OF_MOTORS)
+    if guess.motor_side:
+        named = _names(section.effort.columns)
+        give_up(f"efforts are of motors, not of joints: {named}", columns, OF_MOTORS)
 
 
-OF_MOTORS = (
-    "the gears between motors and joints are needed: in a robot file (`steelyard init` writes one) "
-    'set [signals] coordinates = "motor" and [robot.transmission] ratios = [turns of each motor '
-    "per turn of its joint], with coupling = [...] where a motor turns with a second joint; and "
-    "[signals.effort] columns = [...], kind = ..., side, unit = ..."
-)
+def _names(given: str | Sequence[str]) -> str:
+    return given if isinstance(given, str) else ", ".join(given)
 
 
-def _give_up(wrong: str, columns: Sequence[str], fix: str = IN_FILE) -> NoReturn:
-    raise LogError(
-        f"the log's columns cannot be assigned: {wrong}",
-        where=f"columns {', '.join(columns)}",
-        fix=fix,
-    )
-
-
-def _finite(values: ArrayLike) -> Array:
-    array = np.asarray(values, dtype=np.float64)
-    finite: Array = array[np.isfinite(array)]
-    return finite
-
-
-def _listed(columns: Sequence[Column]) -> str:
-    return ", ".join(c.name for c in columns)
-
-
-def _time(
-    candidates: Sequence[Column], columns: Sequence[str], values: Mapping[str, Array]
-) -> Column:
-    def rises(column: Column) -> bool:
-        steps = np.diff(values.get(column.name, np.zeros(0)))
-        return bool(len(steps) == 0 or np.mean(steps >= 0.0) > 0.9)
-
-    rising = [c for c in candidates if rises(c)]
-    if not rising:
-        _give_up(
-            "no column looks like time",
-            columns,
-            "give the log's rate: `steelyard init URDF LOG --rate HZ` writes a robot file with "
-            f'[signals] rate = HZ instead of time = "..."; or {IN_FILE}',
-        )
-    return min(rising, key=lambda c: (_topic(c) != _topic(rising[0]), len(c.words)))
-
-
-def _clock(
-    candidates: Sequence[Column],
-    columns: Sequence[str],
-    values: Mapping[str, Array],
-    rate: float | None,
-) -> tuple[dict[str, Any], str]:
-    """What the robot file says of time, and why."""
-    if rate is not None:
-        said = f"time is the number of the row at the {rate:g} Hz that were given"
-        beside = f", not {_listed(candidates)}" if candidates else ""
-        return {"rate": rate}, said + beside
-    time = _time(candidates, columns, values)
-    unit, reason = _time_unit(time, values)
-    said = f"time is '{time.name}' in {unit}, {reason}"
-    return {"time": time.name, "time_unit": unit}, said
-
-
-def _beside(position: Sequence[Column], candidates: Sequence[Column]) -> Sequence[Column]:
-    """Times of the topic that positions are of, if the log is of messages."""
-    topic = position[0].name.rpartition("/position/")[0]
-    return [c for c in candidates if topic and _topic(c) == topic] or candidates
-
-
-def _topic(time: Column) -> str:
-    return time.name.rpartition("/")[0]
+def position_columns(coordinates: Sequence[Coordinate], columns: Sequence[str]) -> tuple[str, ...]:
+    """The position columns of a log whose other columns cannot be assigned; none if unknown."""
+    named = [c for c in map(Column, columns) if c.quantity == "position"]
+    by_joint = by_name(coordinates, named)
+    if len(by_joint) == len(coordinates):
+        return tuple(by_joint[c.name].name for c in coordinates)
+    groups = by_number(len(coordinates), named, [c.kind for c in coordinates])
+    return tuple(column.name for column in groups[0]) if groups else ()
 
 
 def _matched(
@@ -247,8 +245,8 @@ def _matched(
         ("efforts", effort, numbered_tau),
     ):
         if not groups:
-            beside = f": {len(like)} columns look like {what}" if like else ""
-            _give_up(f"none look like the {what} of {len(joints)} joints{beside}", columns)
+            seen = f": {len(like)} columns look like {what}" if like else ""
+            give_up(f"none look like the {what} of {len(joints)} joints{seen}", columns)
     alive = [g for g in numbered_tau if any(changes(c.name, values) for c in g)] or numbered_tau
     return joints, list(numbered_q[0]), list(alive[0]), "by their numbers"
 
@@ -262,44 +260,6 @@ def _velocity(
         return found if len(found) == len(joints) else ()
     groups = by_number(len(joints), columns, [c.kind for c in joints])
     return groups[0] if groups else ()
-
-
-def _time_unit(time: Column, values: Mapping[str, Array]) -> tuple[str, str]:
-    for unit, words in (
-        ("ms", ("ms", "msec", "millis")),
-        ("us", ("us", "usec", "micros")),
-        ("ns", ("ns", "nsec", "nanos")),
-        ("s", ("s", "sec", "seconds")),
-    ):
-        if time.has(*words):
-            return unit, "by its name"
-    steps = np.diff(values.get(time.name, np.zeros(0)))
-    step = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
-    if step == 0.0:
-        return "s", "by default"
-    unit = "s" if step < 0.5 else "ms" if step < 500.0 else "us" if step < 5e5 else "ns"
-    return unit, f"as its steps are {step:.4g}"
-
-
-def _position_unit(
-    columns: Sequence[Column], joints: Sequence[Coordinate], values: Mapping[str, Array]
-) -> tuple[Any, str]:
-    units, why = [], "in rad or m, by default"
-    for column, joint in zip(columns, joints, strict=True):
-        most = reach(column.name, values)
-        si, other = ("rad", "deg") if joint.kind == "revolute" else ("m", "mm")
-        if column.has(si, other, "degree", "degrees"):
-            units.append(si if column.has(si) else other)
-            why = "units by their names"
-        else:
-            limit = max(abs(joint.limits.lower), abs(joint.limits.upper))
-            far = 4.0 * np.pi if joint.kind == "revolute" else 10.0 * min(limit, 1.0)
-            units.append(other if most > far else si)
-            if most > 0.0:
-                why = f"in {units[-1]} by their range (up to {most:.3g})"
-    if set(units) <= {"rad", "m"}:
-        return None, why
-    return (units[0] if len(set(units)) == 1 else units), why
 
 
 def _short(columns: Sequence[Column], joints: Sequence[Coordinate]) -> Any:

@@ -10,9 +10,12 @@ from steelyard.robot_file.column_names import CURRENTS, TORQUES, Column
 
 TORQUE = (
     "torque by their names, which do not state the side of the gears: assumed joint torque "
-    'including rotor inertia; for sensors on the link side set kind = "link_torque" and remove '
+    'including rotor inertia; for sensors behind the gears set kind = "link_torque" and remove '
     "rotor_inertia from [model] terms"
 )
+BEYOND = 3.0
+"""Reach of torques over the joint's limit from which on their unit is another one."""
+OF_MOTORS = "torque of motors by their names: joint torque through the gears"
 OTHERS = 6
 """Effort-like columns that were not chosen and are listed."""
 COUNTS = ("count", "counts", "ticks", "adc", "lsb")
@@ -34,7 +37,7 @@ def effort_units(
             units.append(joint.effort_unit)
             unsaid.append(column)
     if len(unsaid) == len(columns):
-        return TORQUE, units
+        return OF_MOTORS if all(c.of_motor for c in columns) else TORQUE, units
     return "motor current by their names" + _unsaid(unsaid, units), units
 
 
@@ -51,6 +54,21 @@ def _is_current(column: Column) -> bool:
     if column.has("a", "amp", "amps"):
         return True
     return column.has(*CURRENTS) and not column.has(*TORQUES)
+
+
+def beyond_effort(
+    columns: Sequence[Column], joints: Sequence[Coordinate], values: Mapping[str, Array]
+) -> tuple[str, ...]:
+    """Torques far beyond the joints' limits, in words: their unit is another one."""
+    found = []
+    for column, joint in zip(columns, joints, strict=True):
+        far, limit = reach(column.name, values), joint.limits.effort
+        if np.isfinite(limit) and limit > 0.0 and far > BEYOND * limit:
+            found.append(
+                f"efforts of {joint.name} ({column.name}) reach {far:.3g}, its limit is "
+                f"{limit:g} {joint.effort_unit}: another unit (counts, mNm, %) or other columns"
+            )
+    return tuple(found)
 
 
 def changes(name: str, values: Mapping[str, Array]) -> bool:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from steelyard.arrays import Array
 from steelyard.robot_file.column_names import Column
 from steelyard.robot_file.signals import TIME_UNITS
+from steelyard.robot_file.template.give_up import listed
 
 LEAST_ROWS, LEAST_SECONDS, LEAST_RANGE = 200, 0.5, 0.05
 """Rows and length of a sample [s], and range of a joint [rad; m], from which on velocities can be
@@ -89,9 +90,9 @@ def judged(
         sample: Values of columns from the first row on.
     """
     names = [c.name for c in (*position, *velocity)]
-    listed = ", ".join(c.name for c in velocity)
+    shown = listed(velocity)
     if not velocity or not sample.keys() >= {*names, *([clock["time"]] if "time" in clock else [])}:
-        return (), f"velocities ({listed}) are left out, as they are often late"
+        return (), f"velocities ({shown}) are left out, as they are often late"
     values = [np.asarray(sample[name], dtype=np.float64) for name in names]
     rows = np.arange(len(values[0]), dtype=np.float64)
     t = rows / clock["rate"] if "rate" in clock else np.asarray(sample[clock["time"]], np.float64)
@@ -113,7 +114,7 @@ def judged(
             f"{found.noise:.2g} times the noise of differences of positions"
         )
     used = tuple(velocity) if found is not None and not found.faults else ()
-    return used, f"velocities ({listed}) are {why}"
+    return used, f"velocities ({shown}) are {why}"
 
 
 def rates(unit: Any) -> Any:

@@ -1,5 +1,12 @@
 """The sections of a new robot file that are comments: settings with what they mean."""
 
+from collections.abc import Sequence
+
+import numpy as np
+
+from steelyard.robot.robot import Coordinate
+from steelyard.robot_file.template.text import comment, toml_text
+
 SETTINGS = """\
 [processing]
 # The chain from rows to motion; defaults are chosen from the data and printed.
@@ -39,3 +46,31 @@ SETTINGS = """\
 [validation]
 # Low-pass through which measured and predicted effort are compared [Hz].
 # cutoff = 8.0"""
+
+
+def excitation_part(moving: Sequence[Coordinate]) -> str:
+    """Limits of motions that `steelyard excite` designs: those of the model."""
+    lines = [
+        "[excitation.limits]",
+        "# Motions of `steelyard excite`: the share of all limits that they may use.",
+        "share = 0.95",
+    ]
+    for name, unit in (("velocity", "rad/s; m/s"), ("effort", "Nm; N")):
+        limits = [getattr(c.limits, name) for c in moving]
+        missing = [c.name for c, x in zip(moving, limits, strict=True) if not np.isfinite(x)]
+        known = "; those of the model above, if left out."
+        if missing:
+            known = (
+                f"; the model has none for {', '.join(missing)}: state them, or defaults are used."
+            )
+        lines.append(comment(f"Greatest {name} [{unit}], by joint or a list{known}"))
+        values = [x if np.isfinite(x) else 1.0 for x in limits]
+        lines.append(f"# {name} = {toml_text(values)}")
+    lines += [
+        "# Greatest acceleration [rad/s²; m/s²]; models have none: 5 rad/s² (1 m/s²) if left out.",
+        f"# acceleration = {toml_text([1.0 if c.kind == 'prismatic' else 5.0 for c in moving])}",
+        "# Floor [m above the origin of the base], boxes and planes that the robot must not leave.",
+        "# [excitation.workspace]",
+        "# floor = 0.0",
+    ]
+    return "\n".join(lines)

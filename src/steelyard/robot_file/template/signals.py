@@ -3,51 +3,105 @@
 from collections.abc import Sequence
 
 from steelyard.robot.robot import Coordinate
-from steelyard.robot_file.sections import SignalsSection
+from steelyard.robot_file.sections import EffortSection, SignalsSection
 from steelyard.robot_file.signals import expanded
-from steelyard.robot_file.template.guess_columns import Guess
+from steelyard.robot_file.template.guess_columns import Guess, position_columns
+from steelyard.robot_file.template.known import Known, current_units, gains_of, needs_gains
 from steelyard.robot_file.template.text import comment, toml_text
 
 
-def signals_part(guess: Guess, moving: Sequence[Coordinate]) -> str:
-    """What the columns of the log seem to be, each guess with its reason."""
+def signals_part(guess: Guess, moving: Sequence[Coordinate], known: Known, file: str) -> str:
+    """What the columns of the log seem to be, each guess with its reason.
+
+    Args:
+        guess: The columns.
+        moving: The joints.
+        known: Gains, if any.
+        file: Name of the robot file, for commands.
+    """
     section, effort = guess.section, guess.section.effort
     reasons = "\n".join(comment(reason, "# * ") for reason in guess.reasons)
+    wrong = "".join(comment(f"CHECK, contradictory: {why}.") + "\n" for why in guess.contradictions)
     units = tuple(c.unit for c in moving)
+    beside = _side_lines(section, moving) + _velocity_lines(guess)
     position_unit = section.position_unit or (units if len(set(units)) > 1 else units[0])
-    gain = toml_text([1.0] * len(moving))
-    if effort.kind == "motor_current":
-        gain_lines = (
-            "# CHECK: Nm at the joint per A (N per A for a sliding joint), gear ratio included;\n"
-            "# the sign counts. 1.0 is a placeholder: a log does not determine it.\n"
-            f"gain = {gain}"
-        )
-    else:
-        gain_lines = (
-            "# Torque at the joint per logged unit, if not 1.0; -1.0 changes the sign.\n"
-            f"# gain = {gain}"
-        )
     return f"""\
 # CHECK: the columns of the log. Guessed as follows:
 {reasons}
-[signals]
+{wrong}[signals]
 {_clock_lines(section)}
 # One column per joint, or a pattern: "q{{}}" for q1, q2, ..., "{{joint}}_q" for the joints' names.
 position = {toml_text(section.position)}
 position_unit = {toml_text(position_unit)}  # "rad", "deg", "m" or "mm"; or one per joint
 # -1 for columns with the opposite sign of their joint.
-# position_sign = [{", ".join("1" * len(moving))}]{_velocity_lines(guess)}
+# position_sign = [{", ".join("1" * len(moving))}]{beside}
 
 [signals.effort]
 columns = {toml_text(effort.columns)}
 # CHECK: "joint_torque": at the joints, with rotors and gears; "link_torque": sensors
 # behind the gears; "motor_torque": from the motors; "motor_current"; or
 # "gravity_compensated_torque".
-kind = {toml_text(effort.kind)}
+kind = {toml_text(effort.kind)}{_effort_side(effort)}
 unit = {toml_text(effort.unit)}  # "A", "mA", "Nm", "N" or "%"; or one per joint
-{gain_lines}
+{_gain_lines(guess, known, file)}
 # Delay of efforts relative to positions [s].
 # delay = 0.0"""
+
+
+def _effort_side(effort: EffortSection) -> str:
+    """That efforts are the motors', if so."""
+    return '\nside = "motor"  # torques of the motors, through [robot.transmission]' * (
+        effort.side == "motor"
+    )
+
+
+def _side_lines(section: SignalsSection, moving: Sequence[Coordinate]) -> str:
+    """That positions are the motors', and where the joints are at their zeros."""
+    if section.coordinates == "joint":
+        return ""
+    zeros = toml_text([0.0] * len(moving))
+    return f"""
+coordinates = "motor"  # positions and velocities are the motors': see [robot.transmission]
+# CHECK: joint positions [rad; m] where the motors' positions are zero.
+# position_offset = {zeros}"""
+
+
+def _gain_lines(guess: Guess, known: Known, file: str) -> str:
+    """Gains with where they come from, or how to obtain them."""
+    gains = toml_text(gains_of(guess, known))
+    if not needs_gains(guess):
+        ones = toml_text([1.0] * len(guess.joints))
+        return (
+            "# Torque at the joint per logged unit, if not 1.0; -1.0 changes the sign.\n"
+            f"# gain = {ones}"
+        )
+    what = "Nm at the joint per A (N per A for a sliding joint), gear ratio included; its sign "
+    what += "counts."
+    if known.gains:
+        lines = [comment(f"{what} From {known.gains_source}.")]
+        if "identify" in known.gains:
+            lines.append(comment('"identify": relative to the others; a known value is better.'))
+        return "\n".join([*lines, f"gain = {gains}"])
+    return "\n".join(
+        [
+            comment(f"CHECK: {what} The log does not contain it. In this order of preference:"),
+            comment("(1) data sheet: torque constant times gear ratio, one number per joint;"),
+            comment('(2) a second log that carries a known mass: gain = "identify", then'),
+            f"#     steelyard identify {file} LOG --loaded LOADED_LOG --payload-mass KG",
+            comment(f"(3) as below: {scale_words(guess)}"),
+            f"gain = {gains}",
+        ]
+    )
+
+
+def scale_words(guess: Guess) -> str:
+    """What the gains without any further knowledge mean."""
+    if all(current_units(guess)):
+        return (
+            "one gain is set to 1.0 and the others are identified relative to it: errors in A are "
+            "valid; masses, inertias and torques are up to one common scale."
+        )
+    return "torques and forces are taken as logged, and gains of currents identified beside them."
 
 
 def _clock_lines(section: SignalsSection) -> str:
@@ -84,7 +138,8 @@ def signals_template(
     head = [comment(f"CHECK: {why}")]
     if columns:
         head.append(comment("The log's columns: " + ", ".join(toml_text(c) for c in columns)))
-    listed = toml_text(expanded("q{}", moving))
+    found = position_columns(moving, columns or ())
+    listed = toml_text(found or expanded("q{}", moving))
     ratios = toml_text([100.0] * len(moving))
     lines = [
         "[signals]",

@@ -1,23 +1,47 @@
 """The robot file that `steelyard init` writes: the best guess, with a comment on every key."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from steelyard.errors import LogError
-from steelyard.robot.model_notes import JointSpring, Listed
+from steelyard.robot.model_notes import Listed
 from steelyard.robot.robot import Coordinate, Robot
 from steelyard.robot.xml_reader import read_xml
 from steelyard.robot_file.column_names import like_finger
 from steelyard.robot_file.file import LoadedRobot
 from steelyard.robot_file.template.guess_columns import Guess, Sample, guess_columns
+from steelyard.robot_file.template.guess_motors import Gears, reductions
+from steelyard.robot_file.template.known import Known, with_effort
+from steelyard.robot_file.template.model import gears_part, model_part
 from steelyard.robot_file.template.proposal import Proposal
-from steelyard.robot_file.template.settings import SETTINGS
+from steelyard.robot_file.template.settings import SETTINGS, excitation_part
 from steelyard.robot_file.template.signals import signals_part, signals_template
 from steelyard.robot_file.template.text import comment, toml_key, toml_text
+
+_NOTHING = Known()
+
+
+@dataclass(frozen=True, eq=False)
+class Assignment:
+    """Joints of a proposed robot and the columns of a log that they have.
+
+    Attributes:
+        columns: Names of the log's columns; `None` without a log.
+        free: Joints that may be identified: all but those of hands.
+        moving: Joints that are identified.
+        guess: What the log's columns seem to be; `None` without a log, or where they are unknown.
+        problem: Why the columns are unknown; empty otherwise.
+    """
+
+    columns: tuple[str, ...] | None
+    free: tuple[Coordinate, ...]
+    moving: tuple[Coordinate, ...]
+    guess: Guess | None = None
+    problem: str = ""
 
 
 @dataclass(frozen=True)
@@ -28,65 +52,145 @@ class Draft:
         text: The robot file.
         identified: Joints that it identifies.
         hands: Joints that it locks because they are of a hand.
-        without_columns: Joints that it locks because the log has no columns for them.
+        without_columns: Joints that carry or are carried by identified ones, and are locked because
+            the log has no columns for them.
+        apart: Other joints without columns; their positions do not matter.
         guess: What the log's columns seem to be; `None` without a log, or where they are unknown.
-        problem: Why the columns are unknown; empty otherwise.
+        missing: What the file lacks and what to do, one pair each.
+        unreadable: Whether `load_robot` refuses the file until gear ratios are filled in.
     """
 
     text: str
     identified: tuple[str, ...]
     hands: tuple[str, ...]
     without_columns: tuple[str, ...]
+    apart: tuple[str, ...]
     guess: Guess | None
-    problem: str
+    missing: tuple[tuple[str, str], ...]
+    unreadable: bool
 
 
-def drafted(
+def assigned(
     proposal: Proposal,
     columns: Sequence[str] | None,
     sample: Sample | None,
-    output_path: Path,
     rate: float | None = None,
-) -> Draft:
-    """A commented robot file, which `load_robot` reads.
-
-    Joints of hands are locked, and so are joints that the log has no columns for. Where the
-    columns of the log cannot be told, `[signals]` is left as a comment that lists them.
+) -> Assignment:
+    """Joints to identify, and the columns of a log.
 
     Args:
         proposal: What `proposed` gave for the model file.
         columns: Names of the log's columns; `None` without a log.
         sample: Some values of the columns, for their units.
-        output_path: Where the text will be written: the model's path is given from there.
         rate: Of the log's rows [Hz], if it has no column of time.
     """
-    robot, springs = proposal.loaded.robot, proposal.loaded.springs
+    robot = proposal.loaded.robot
     hands = _hands(robot)
-    free = [c for c in robot.coordinates if c.name not in hands] or [*robot.coordinates]
-    guess, problem = None, ""
-    if columns is not None:
-        try:
-            guess = guess_columns(free, columns, sample, rate)
-        except LogError as error:
-            problem = error.wrong
-    moving = [c for c in free if guess is None or c.name in guess.joints]
+    free = tuple(c for c in robot.coordinates if c.name not in hands) or robot.coordinates
+    if columns is None:
+        return Assignment(None, free, free)
+    try:
+        guess = guess_columns(free, columns, sample, rate)
+    except LogError as error:
+        return Assignment(tuple(columns), free, free, None, error.wrong)
+    moving = tuple(c for c in free if c.name in guess.joints)
+    return Assignment(tuple(columns), free, moving, guess)
+
+
+def drafted(
+    proposal: Proposal, assignment: Assignment, output_path: Path, known: Known = _NOTHING
+) -> Draft:
+    """A commented robot file.
+
+    Joints of hands are locked, and so are joints that the log has no columns for. Where the
+    columns of the log are unknown, `[signals]` is left as a comment that lists them; where gears
+    are, `[robot.transmission]` is, and `load_robot` refuses the file until they are filled in.
+
+    Args:
+        proposal: What `proposed` gave for the model file.
+        assignment: What `assigned` gave for the log.
+        output_path: Where the text will be written: the model's path is given from there.
+        known: What is known beyond the columns.
+    """
+    robot, springs = proposal.loaded.robot, proposal.loaded.springs
+    free, moving = assignment.free, assignment.moving
+    guess = None if assignment.guess is None else with_effort(assignment.guess, known.effort)
     resting = [c for c in robot.coordinates if c not in moving]
+    gears = known.gears or (gears_of(proposal, moving, guess) if guess else None)
     parts = [
-        _robot_part(proposal, moving, output_path),
+        _robot_part(proposal, moving, output_path, known),
+        *([gears_part(gears, moving)] if guess and guess.motor_side else []),
         _locked_part(resting, proposal),
         _limits_part(moving),
-        _model_part({c.name: springs[c.name] for c in moving if c.name in springs}),
-        signals_part(guess, moving) if guess else signals_template(columns, problem, moving),
+        model_part(
+            {c.name: springs[c.name] for c in moving if c.name in springs}, guess, known, gears
+        ),
+        signals_part(guess, moving, known, output_path.name)
+        if guess
+        else signals_template(assignment.columns, assignment.problem, moving),
         SETTINGS,
+        excitation_part(moving),
     ]
+    without = [c.name for c in free if c not in moving]
+    near = _near(robot, {c.name for c in moving})
     return Draft(
         "\n\n".join(parts) + "\n",
         tuple(c.name for c in moving),
         tuple(c.name for c in robot.coordinates if c not in free),
-        tuple(c.name for c in free if c not in moving),
+        tuple(name for name in without if name in near),
+        tuple(name for name in without if name not in near),
         guess,
-        problem,
+        tuple(_missing(assignment, guess, gears)),
+        guess is not None and guess.motor_side and gears is None,
     )
+
+
+def gears_of(proposal: Proposal, moving: Sequence[Coordinate], guess: Guess) -> Gears | None:
+    """Gears that the log or the model file contains; `None` where signals are not of motors."""
+    if not guess.motor_side:
+        return None
+    model = read_xml(proposal.loaded.sources[0].path)
+    return guess.gears or reductions(model, [c.name for c in moving])
+
+
+def _missing(
+    assignment: Assignment, guess: Guess | None, gears: Gears | None
+) -> Iterator[tuple[str, str]]:
+    """What the file lacks, and what to do."""
+    if assignment.problem:
+        yield assignment.problem, "fill in [signals], which is commented out, and remove the #"
+    if guess is None:
+        return
+    if guess.motor_side and gears is None:
+        what = "positions" if guess.section.coordinates == "motor" else "efforts"
+        yield (
+            f"the gear ratios are unknown, and {what} are of the motors",
+            "fill in ratios below [robot.transmission] (data sheet) and remove the # of both; if a "
+            "motor turns with a second joint, also of coupling and the terms with motors; and "
+            "state position_offset, if joints are not at zero where motors are",
+        )
+    for why in guess.contradictions:
+        yield why, "correct the lines marked contradictory; `steelyard check` tests alternatives"
+
+
+def _near(robot: Robot, moving: set[str]) -> set[str]:
+    """Joints that carry a joint or are carried by one: their positions change its dynamics."""
+    above = [_carriers(robot, k) for k in range(len(robot.bodies))]
+    own = robot.joint_names
+    names = [own[b.coordinate] if b.coordinate < len(own) else b.joint for b in robot.bodies]
+    near: set[str] = set()
+    for k, carriers in enumerate(above):
+        chain = {names[j] for j in (k, *carriers)}
+        near |= chain if chain & moving else set()
+    return near
+
+
+def _carriers(robot: Robot, body: int) -> list[int]:
+    """Bodies between one and the base."""
+    found = []
+    while (body := robot.bodies[body].parent) >= 0:
+        found.append(body)
+    return found
 
 
 def notes_beside(bare: LoadedRobot, written: LoadedRobot) -> tuple[str, ...]:
@@ -143,8 +247,12 @@ def _xacro_lines(loaded: LoadedRobot) -> str:
 # xacro.packages = ["../src"]"""
 
 
-def _robot_part(proposal: Proposal, moving: Sequence[Coordinate], output_path: Path) -> str:
+def _robot_part(
+    proposal: Proposal, moving: Sequence[Coordinate], output_path: Path, known: Known
+) -> str:
     robot, model_path = proposal.loaded.robot, proposal.loaded.sources[0].path
+    gravity = known.gravity or tuple(robot.gravity.tolist())
+    mark = "Gravity, as answered," if known.gravity else "CHECK: gravity"
     kind = "mjcf" if read_xml(model_path).tag == "mujoco" else "urdf"
     names = "".join(f"  {toml_text(c.name)},\n" for c in moving)
     return f"""\
@@ -161,9 +269,9 @@ joints = [
 {names}]
 {_base_lines(proposal)}
 # tip = "tool0"
-# CHECK: gravity [m/s²] in the frame of the base. Change it for wall or ceiling mounting;
+# {mark} [m/s²] in the frame of the base. Change it for wall or ceiling mounting;
 # instead, mounting = {{roll = 0.0, pitch = 90.0, yaw = 0.0}} gives the base's rotation [deg].
-gravity = {toml_text(robot.gravity.tolist())}"""
+gravity = {toml_text(gravity)}"""
 
 
 def _base_lines(proposal: Proposal) -> str:
@@ -205,27 +313,3 @@ def _limits_part(moving: Sequence[Coordinate]) -> str:
         ]
         lines.append("\n".join([f"[robot.limits.{toml_key(c.name)}]", *given]))
     return "\n".join(lines)
-
-
-def _model_part(springs: Mapping[str, JointSpring]) -> str:
-    """The customary terms, and one for the springs of the model file."""
-    if not springs:
-        return _MODEL_PART + _CUSTOMARY + "]"
-    free = [round(spring.free, 12) for spring in springs.values()]
-    each = (
-        f"{name} {s.stiffness:g}{'' if s.linear else ' and higher powers'}"
-        for name, s in springs.items()
-    )
-    told = f"Springs of the model file, their stiffness there [Nm/rad; N/m]: {', '.join(each)}."
-    term = f'{{law = "spring", joints = {toml_text([*springs])}, free = {toml_text(free)}}}'
-    return f"{_MODEL_PART}\n  {_CUSTOMARY},\n{comment(told, '  # ')}\n  {term},\n]"
-
-
-_MODEL_PART = """\
-[model]
-# Torque terms. CHECK: motor torques and currents include "rotor_inertia"; torque sensors behind the
-# gears do not: remove it there, together with kind = "link_torque" below, which excludes it.
-# A table gives a law its settings: {law = "coulomb", smoothing = 0.005, joints = ["..."]}.
-terms = ["""
-
-_CUSTOMARY = '"rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"'

@@ -1,0 +1,150 @@
+"""`steelyard init` at a terminal: its questions, and what comes of the answers."""
+
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from cli.conftest import Command
+from cli.mistakes import LOG
+from steelyard.cli import ask
+from steelyard.robot.robot import Coordinate
+from steelyard.robot_file.file import load_robot
+from steelyard.robot_file.template.guess_columns import guess_columns
+from steelyard.robot_file.template.known import Effort, Known
+
+URDF = "../given/demo_arm.urdf"
+TWO = (Coordinate("joint1", "revolute"), Coordinate("joint2", "revolute"))
+TORQUES = guess_columns(TWO, ["t", "q1", "q2", "tau1", "tau2"])
+CURRENTS = guess_columns(TWO, ["t", "q1", "q2", "current1_A", "current2_A"])
+MOTORS = guess_columns(TWO, ["t", "q_motor1", "q_motor2", "tau_motor1", "tau_motor2"])
+
+
+def answers(*given: str) -> Callable[[str, str], str]:
+    left = list(given)
+
+    def answer(question: str, default: str) -> str:
+        return left.pop(0) or default
+
+    return answer
+
+
+def test_every_question_can_be_skipped() -> None:
+    assert ask.effort_of(TORQUES, answers("")) is None
+    assert ask.gears_of(MOTORS, TWO, answers("")) is None
+    assert ask.mounting_of(answers("")) is None
+    assert ask.with_gains(Known(), CURRENTS, TWO, answers("")) == Known()
+
+
+def test_answers_are_understood() -> None:
+    assert ask.effort_of(TORQUES, answers("6", "2")) == Effort("link_torque")
+    gears = ask.gears_of(MOTORS, TWO, answers("100", "100, zero", "100, -50"))
+    assert gears is not None and gears.ratios == (100.0, -50.0)
+    assert ask.mounting_of(answers("ceiling")) == (0.0, 0.0, 9.81)
+    assert ask.mounting_of(answers("wall", "0 0 0", "9.81,0,0")) == (9.81, 0.0, 0.0)
+    known = ask.with_gains(Known(), CURRENTS, TWO, answers("12 0", "12 -9.5"))
+    assert known.gains == (12.0, -9.5)
+
+
+def test_what_the_columns_contain_is_not_asked() -> None:
+    assert ask.effort_of(CURRENTS, answers()) is None
+    assert ask.effort_of(MOTORS, answers()) is None
+    known = Known(gains=(1.0, 2.0))
+    assert ask.with_gains(known, CURRENTS, TWO, answers()) == known
+    assert ask.with_gains(Known(), TORQUES, TWO, answers()) == Known()
+
+
+def at_terminal(command: Sequence[str], given: Sequence[str]) -> tuple[int, str]:
+    """Exit code and output of a command in a pseudo-terminal, answered line by line."""
+    import pty
+
+    process, terminal = pty.fork()
+    if process == 0:  # pragma: no cover
+        os.execv(sys.executable, [sys.executable, "-m", "steelyard", *command])
+    os.write(terminal, "".join(f"{line}\n" for line in given).encode())
+    said = b""
+    while True:
+        try:
+            part = os.read(terminal, 65536)
+        except OSError:
+            break
+        if not part:
+            break
+        said += part
+    return os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]), said.decode()
+
+
+@pytest.mark.usefixtures("command")
+@pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals")
+def test_at_a_terminal_answers_go_into_the_file(tmp_path: Path) -> None:
+    robot = tmp_path / "arm.toml"
+    given = ["3", "100,100,100,100,100,100", "ceiling"]
+    code, said = at_terminal(["init", str(URDF), str(LOG), "-o", str(robot)], given)
+    assert code == 0, said
+    assert "What do the effort columns contain?" in said and "(Enter: upright)" in said
+    loaded = load_robot(robot)
+    assert loaded.signals is not None and loaded.signals.effort_kind == "motor_current"
+    np.testing.assert_array_equal(loaded.signals.gains, 100.0)
+    np.testing.assert_array_equal(loaded.robot.gravity, [0.0, 0.0, 9.81])
+
+
+@pytest.mark.usefixtures("command")
+@pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals")
+def test_no_input_asks_nothing_at_a_terminal(tmp_path: Path) -> None:
+    words = ["init", str(URDF), str(LOG), "--no-input", "-o", str(tmp_path / "arm.toml")]
+    code, said = at_terminal(words, [])
+    assert code == 0 and "Enter:" not in said
+
+
+def test_currents_without_gains_are_up_to_one_scale(command: Command, tmp_path: Path) -> None:
+    rows = pl.read_parquet(LOG)
+    names = {f"tau{k}_Nm": f"current{k}_A" for k in range(1, 7)}
+    log, robot = tmp_path / "run 1.parquet", tmp_path / "arm.toml"
+    rows.rename(names).write_parquet(log)
+    shown = command("init", URDF, log, "-o", robot)
+    assert shown.exit_code == 0 and "Enter:" not in shown.stdout
+    assert "gains unknown: the log does not contain Nm per A" in shown.stdout
+    assert f"steelyard check {robot} '{log}'" in shown.stdout
+    loaded = load_robot(robot)
+    assert loaded.signals is not None and sum(loaded.signals.unknown_gains) == 5
+    assert not loaded.signals.unknown_gains[1]  # the shoulder carries the arm
+    assert "--loaded LOADED_LOG --payload-mass KG" in robot.read_text()
+
+
+def test_friction_is_chosen_where_the_logs_allow_it(command: Command, tmp_path: Path) -> None:
+    t = np.arange(0.0, 20.0, 0.01)
+    rows = {"t": t} | {f"q{k}": 0.3 * np.sin((0.5 + 0.1 * k) * t) for k in range(1, 7)}
+    rows |= {f"tau{k}": rows[f"q{k}"] for k in range(1, 7)}
+    pl.DataFrame(rows).write_csv(tmp_path / "long.csv")
+    shown = command("init", URDF, tmp_path / "long.csv", "-o", tmp_path / "long.toml")
+    assert 'friction  "auto"' in shown.stdout
+    assert load_robot(tmp_path / "long.toml").friction
+    short = command("init", URDF, LOG, "-o", tmp_path / "short.toml")
+    assert 'for "auto"' in short.stdout and "needed)" in short.stdout
+    loaded = load_robot(tmp_path / "short.toml")
+    assert not loaded.friction and loaded.terms is not None and len(loaded.terms) == 5
+
+
+def test_a_log_with_other_columns_is_refused(command: Command, tmp_path: Path) -> None:
+    other = tmp_path / "other.csv"
+    pl.read_parquet(LOG).drop("tau1_Nm").write_csv(other)
+    done = command("init", URDF, LOG, other, "-o", tmp_path / "arm.toml")
+    assert done.exit_code == 2 and "lacks columns of the first log: tau1_Nm" in done.stderr
+
+
+def test_limits_of_motions_are_those_of_the_model(command: Command, tmp_path: Path) -> None:
+    robot = tmp_path / "arm.toml"
+    command("init", URDF, LOG, "-o", robot)
+    text = robot.read_text()
+    part = text[text.index("[excitation.limits]") :]
+    for key in ("velocity", "effort", "acceleration"):
+        part = part.replace(f"# {key} = ", f"{key} = ")
+    robot.write_text(text[: text.index("[excitation.limits]")] + part)
+    loaded = load_robot(robot)
+    limits = loaded.excitation.limits
+    assert limits.velocity == tuple(c.limits.velocity for c in loaded.robot.coordinates)
+    assert limits.effort == tuple(c.limits.effort for c in loaded.robot.coordinates)
