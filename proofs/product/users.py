@@ -316,7 +316,7 @@ def error_of(robot: Path, fit: Sequence[str], unseen: str) -> float:
         done = run(
             "identify", robot, *fit, "--validate", unseen, "-o", Path(folder) / "out", "--json"
         )
-    if done.returncode not in (0, 1):
+    if not done.stdout:
         raise RuntimeError(done.stderr)
     score: dict[str, Any] = json.loads(done.stdout)["validation"][0]
     pooled = score["pooled_percent_moving"]

@@ -163,6 +163,13 @@ def test_position_unit_by_name_then_range(stem: str, reach: float, unit: str | N
     assert guess.section.position_unit == unit
 
 
+def test_efforts_that_state_no_quantity_are_named() -> None:
+    stated = guess_columns(TWO, ["t", *numbered("q#", "effort#_Nm")])
+    assert "side of the gears" in stated.reasons[2]
+    unstated = guess_columns(TWO, ["t", *numbered("q#", "effort#")])
+    assert "neither torque nor current" in unstated.reasons[2]
+
+
 def test_millimetres_by_range() -> None:
     sample = {"lift_q": np.linspace(0.0, 350.0, 50), "arm_1_q": np.linspace(0.0, 1.0, 50)}
     guess = guess_columns(MIXED[:2], ["t", *sample, "lift_tau", "arm_1_tau"], sample)

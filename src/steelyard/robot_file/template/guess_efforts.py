@@ -15,6 +15,10 @@ TORQUE = (
 )
 BEYOND = 3.0
 """Reach of torques over the joint's limit from which on their unit is another one."""
+UNSTATED = (
+    "their names state neither torque nor current: assumed joint torque in Nm or N; some drivers "
+    "(Universal Robots' for ROS) log A, which `steelyard check` finds out"
+)
 OF_MOTORS = "torque of motors by their names: joint torque through the gears"
 OTHERS = 6
 """Effort-like columns that were not chosen and are listed."""
@@ -37,8 +41,16 @@ def effort_units(
             units.append(joint.effort_unit)
             unsaid.append(column)
     if len(unsaid) == len(columns):
-        return OF_MOTORS if all(c.of_motor for c in columns) else TORQUE, units
+        return _torque_words(columns), units
     return "motor current by their names" + _unsaid(unsaid, units), units
+
+
+def _torque_words(columns: Sequence[Column]) -> str:
+    """What columns without currents hold, in words."""
+    if all(column.of_motor for column in columns):
+        return OF_MOTORS
+    stated = any(column.has(*TORQUES, "moment", "nm", "n", "force", "forces") for column in columns)
+    return TORQUE if stated else UNSTATED
 
 
 def _unsaid(columns: Sequence[Column], units: Sequence[str]) -> str:
