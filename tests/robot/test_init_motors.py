@@ -133,8 +133,8 @@ def test_values_that_contradict_the_limits_are_named(tmp_path: Path) -> None:
     draft, output = written(tmp_path, columns)
     whys = [why for why, _ in draft.missing]
     assert len(whys) == 2 and not draft.unreadable
-    assert "positions of joint1 (q1) reach 1.7 times" in whys[0]
-    assert "efforts of joint2 (tau2) reach" in whys[1] and "its limit is 50 Nm" in whys[1]
+    assert "up to 1.7 times for joint1 (q1):" in whys[0]
+    assert "for joint2 (tau2) with 50 Nm:" in whys[1]
     assert draft.text.count("CHECK, contradictory") == 2
     assert load_robot(output).signals is not None
 

@@ -71,16 +71,20 @@ def _is_current(column: Column) -> bool:
 def beyond_effort(
     columns: Sequence[Column], joints: Sequence[Coordinate], values: Mapping[str, Array]
 ) -> tuple[str, ...]:
-    """Torques far beyond the joints' limits, in words: their unit is another one."""
+    """That torques go far beyond the joints' limits, in one sentence: their unit is another one."""
     found = []
     for column, joint in zip(columns, joints, strict=True):
         far, limit = reach(column.name, values), joint.limits.effort
         if np.isfinite(limit) and limit > 0.0 and far > BEYOND * limit:
-            found.append(
-                f"efforts of {joint.name} ({column.name}) reach {far:.3g}, its limit is "
-                f"{limit:g} {joint.effort_unit}: another unit (counts, mNm, %) or other columns"
-            )
-    return tuple(found)
+            said = f"{far:.0f} for {joint.name} ({column.name}) with {limit:g} {joint.effort_unit}"
+            found.append((far / limit, said))
+    if not found:
+        return ()
+    more = f" (and {len(found) - 1} more joints)" * (len(found) > 1)
+    return (
+        f"efforts go beyond the limits of the model, up to {max(found)[1]}{more}: they are in "
+        "another unit (gain = 0.001 for mNm, a current, counts), or other columns",
+    )
 
 
 def changes(name: str, values: Mapping[str, Array]) -> bool:

@@ -69,13 +69,16 @@ def guess_positions(
         unit, unit_reason = _motor_unit(columns)
         why = f"up to {max(beyond):.3g} times the joints' limits: of motors, not of joints"
         return PositionGuess(unit, f"{why}; {unit_reason}", motors=True)
-    contradictions = tuple(
-        f"positions of {joint.name} ({column.name}) reach {x:.2g} times the joint's limit: unit, "
-        "columns or joint order are wrong, or the limits of the model file"
-        for column, joint, x in zip(columns, joints, beyond, strict=True)
-        if x > BEYOND
+    far = [(x, f"{j.name} ({c.name})") for c, j, x in zip(columns, joints, beyond, strict=True)]
+    far = [(x, name) for x, name in far if x > BEYOND]
+    if not far:
+        return PositionGuess(unit, reason)
+    more = f" (and {len(far) - 1} more joints)" * (len(far) > 1)
+    contradiction = (
+        f"positions go beyond the limits of the model, up to {max(far)[0]:.2g} times for "
+        f"{max(far)[1]}{more}: unit, columns or joint order are wrong, or the limits"
     )
-    return PositionGuess(unit, reason, contradictions=contradictions)
+    return PositionGuess(unit, reason, contradictions=(contradiction,))
 
 
 def _motor_unit(columns: Sequence[Column]) -> tuple[str | None, str]:

@@ -158,7 +158,11 @@ def _missing(
 ) -> Iterator[tuple[str, str]]:
     """What the file lacks, and what to do."""
     if assignment.problem:
-        yield assignment.problem, "fill in [signals], which is commented out, and remove the #"
+        yield (
+            assignment.problem,
+            "fill in [signals], which is commented out below the names of the log's columns, and "
+            "remove the #",
+        )
     if guess is None:
         return
     if guess.motor_side and gears is None:
