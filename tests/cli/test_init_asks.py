@@ -101,7 +101,7 @@ def test_no_input_asks_nothing_at_a_terminal(tmp_path: Path) -> None:
 
 
 def test_currents_without_gains_are_up_to_one_scale(command: Command, tmp_path: Path) -> None:
-    rows = pl.read_parquet(LOG)
+    rows = pl.read_csv(LOG)
     names = {f"tau{k}_Nm": f"current{k}_A" for k in range(1, 7)}
     log, robot = tmp_path / "run 1.parquet", tmp_path / "arm.toml"
     rows.rename(names).write_parquet(log)
@@ -131,7 +131,7 @@ def test_friction_is_chosen_where_the_logs_allow_it(command: Command, tmp_path: 
 
 def test_a_log_with_other_columns_is_refused(command: Command, tmp_path: Path) -> None:
     other = tmp_path / "other.csv"
-    pl.read_parquet(LOG).drop("tau1_Nm").write_csv(other)
+    pl.read_csv(LOG).drop("tau1_Nm").write_csv(other)
     done = command("init", URDF, LOG, other, "-o", tmp_path / "arm.toml")
     assert done.exit_code == 2 and "lacks columns of the first log: tau1_Nm" in done.stderr
 

@@ -111,7 +111,7 @@ def _friction(
         more = f", and so on for {len(missing) - 1} more" if len(missing) > 1 else ""
         return False, missing[0] + more
     fewest = min(motion.reversals for motion in motions)
-    return True, f"every joint reverses at least {fewest} times, at several speeds"
+    return True, f"every joint reverses, {fewest} times or more, and moves at several speeds"
 
 
 def _joints(columns: Array, signals: Signals) -> Array:

@@ -78,8 +78,8 @@ def _friction_lines(known: Known) -> str:
     return (
         comment(
             'Better with enough motion: friction = "auto", without "coulomb" and "viscous" in '
-            "terms, chooses friction laws from the logs by cross-validation. It needs several "
-            f"reversals of every joint at several speeds, in one long log or several.{why}"
+            "terms, chooses friction laws from the logs by cross-validation. It needs motion "
+            f"of every joint in both directions, at several speeds, in one log or more.{why}"
         )
         + '\n# friction = "auto"'
     )

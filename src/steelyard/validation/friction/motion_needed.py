@@ -1,8 +1,10 @@
 """Whether logs contain enough motion for `friction = "auto"`.
 
 Friction laws are compared by leaving out a fifth of the motion (or one run) in turn. Every part
-must have reversals of every joint, at several speeds, and travel over which laws with internal
-states become usable: three of their lengths.
+should have motion of every joint at several speeds, over a distance at which laws with internal
+states become usable (three of their lengths), and all parts together motion in both directions.
+With fewer data no laws can be distinguished; with these, the comparison itself keeps Coulomb
+friction unless another law is significantly better.
 """
 
 from collections.abc import Sequence
@@ -16,8 +18,6 @@ from steelyard.robot.robot import Coordinate
 from steelyard.validation.cross import FOLDS
 from steelyard.validation.friction.mixes import LEVER, WIDE
 
-REVERSALS = 3
-"""Reversals of a joint from which on both directions are left where one of `FOLDS` parts is not."""
 LENGTHS = 3.0
 """Lengths of a law's state that a joint travels until its samples are used."""
 SPEEDS = 2.0
@@ -74,10 +74,8 @@ def lacking(motions: Sequence[JointMotion], coordinates: Sequence[Coordinate]) -
     for motion, coordinate in zip(motions, coordinates, strict=True):
         size = LEVER if coordinate.kind == "prismatic" else 1.0
         least = FOLDS * LENGTHS * max(WIDE) * size
-        if motion.reversals < REVERSALS:
-            found.append(
-                f"{coordinate.name} reverses {motion.reversals} times ({REVERSALS} needed)"
-            )
+        if motion.reversals == 0:
+            found.append(f"{coordinate.name} moves in one direction only")
         elif motion.travel < least:
             found.append(
                 f"{coordinate.name} travels {motion.travel:.2g} {coordinate.unit} "
