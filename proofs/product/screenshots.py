@@ -33,7 +33,7 @@ DOCS_WIDTH = 1240
 
 def pages(folder: Path) -> Iterator[tuple[str, Path]]:
     """Make all pages in a folder; their names and files."""
-    robot, log = "demo/robot/demo_arm.toml", "demo/robot/identification.parquet"
+    robot, log = "demo/robot/demo_arm.toml", "demo/robot/identification.csv"
     yield "demo_motion", _made(folder / "demo", "motion/report.html", "demo")
     yield "demo_model", folder / "demo/results/report.html"
     yield "demo_compare", _made(folder / "compare", "compare.html", "compare", robot, log)
