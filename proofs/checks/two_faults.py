@@ -61,6 +61,16 @@ def effort_of(path: Path) -> dict[str, Any]:
     return found
 
 
+def of_one(robot: Path) -> Path:
+    """A robot file that `init` wrote with gains of 1 and the friction laws of the example."""
+    text = robot.read_text().replace('friction = "auto"\n', "")
+    text = text.replace(
+        '"rotor_inertia", "offset"', '"rotor_inertia", "coulomb", "viscous", "offset"'
+    )
+    robot.write_text(text)
+    return with_gain(robot, [1.0] * 6, "ones.toml")
+
+
 def with_gain(robot: Path, gain: object, name: str) -> Path:
     """A robot file with other gains."""
     lines = robot.read_text().split("\n")
@@ -83,8 +93,9 @@ def torques(folder: Path) -> np.ndarray:
 def currents(folder: Path) -> list[Claim]:
     """Currents, gains of 1."""
     urdf, logs = data_folder() / "ur10e" / "ur10e.urdf", [log_of(n) for n in LOGS]
-    robot, fixed = folder / "ur10e.toml", folder / "fixed.toml"
-    run("init", urdf, logs[0], "-o", robot)
+    drafted, fixed = folder / "ur10e.toml", folder / "fixed.toml"
+    run("init", urdf, logs[0], "-o", drafted)
+    robot = of_one(drafted)
     code, output = run("identify", robot, *logs, "-o", folder / "refused")
     run("check", robot, *logs, "--fix", fixed)
     gains = effort_of(fixed)["gain"]
@@ -120,8 +131,9 @@ def currents(folder: Path) -> list[Claim]:
 def ways(folder: Path) -> list[Claim]:
     """Without the controller's targets: nothing is written, and the ways lead to models."""
     logs = [without_targets(folder, n) for n in (*LOGS, UNLOADED, LOADED)]
-    robot, fixed = folder / "ur10e.toml", folder / "fixed.toml"
-    run("init", data_folder() / "ur10e" / "ur10e.urdf", logs[0], "-o", robot)
+    drafted, fixed = folder / "ur10e.toml", folder / "fixed.toml"
+    run("init", data_folder() / "ur10e" / "ur10e.urdf", logs[0], "-o", drafted)
+    robot = of_one(drafted)
     code, output = run("check", robot, *logs[:2], "--fix", fixed)
     unknown = with_gain(robot, "identify", "unknown.toml")
     loaded = ["--loaded", logs[3]]

@@ -3,9 +3,10 @@
 Random arms of 3 to 8 joints, some prismatic, with a model file whose masses, centres and inertias
 are off by 10 to 60 %. Friction is Coulomb and viscous, or has one law more that the default model
 does not know. Encoders, rates and noise of efforts are drawn too. "Zero code" is what `init` writes
-and `identify` makes of it; `auto` is that file with `friction = "auto"`; the best that is known is
-the same file with the true friction laws, or one of these two where it is better. Errors are of the
-measured efforts of another motion, mean over joints, as `identify --validate` prints them.
+with Coulomb and viscous friction; `auto` is that file with `friction = "auto"`; the best that is
+known is the same file with the true friction laws, or one of these two where it is better. Errors
+are of the measured efforts of another motion, mean over joints, as `identify --validate` prints
+them.
 """
 
 import sys
@@ -99,6 +100,7 @@ def one_of(folder: Path, number: int) -> Outcome:
         logged(motion, valued.torque(motion), rng, there / f"{name}.parquet")
     run("init", there / "arm.urdf", there / "fit.parquet", "-o", there / "zero.toml")
     text = (there / "zero.toml").read_text()
+    (there / "zero.toml").write_text(_with_terms(text, (*RIGID, *FRICTION[0]), ""))
 
     def error(file: str) -> float:
         found = identify(
@@ -124,7 +126,7 @@ def one_of(folder: Path, number: int) -> Outcome:
 def _with_terms(text: str, terms: Sequence[Term], more: str) -> str:
     """The robot file with other causes of torque."""
     described = ", ".join(_inline(term) for term in terms)
-    lines = [line for line in text.splitlines() if not line.startswith("terms = ")]
+    lines = [x for x in text.splitlines() if not x.startswith(("terms = ", "friction = "))]
     place = lines.index("[model]") + 1
     return "\n".join([*lines[:place], f"terms = [{described}]", more, *lines[place:]])
 
