@@ -1,10 +1,13 @@
 """The documents name what is there."""
 
 import re
+import shlex
 from pathlib import Path
 
 import pytest
+import typer.main
 
+from steelyard.cli.app import app
 from steelyard.robot_file.section import Section
 from steelyard.robot_file.sections import RobotFile
 from steelyard.robot_file.toml_check import checked
@@ -72,6 +75,36 @@ def test_snippets_are_of_a_robot_file(text: str) -> None:
     file = checked(Path("snippet.toml"), text, RobotFile)[0]
     for term in file.model.terms or () if file.model else ():
         finds_of(term_of(term, "snippet"))
+
+
+def commands() -> list[tuple[str, list[str]]]:
+    """Commands in the documents: where, and their words."""
+    lines = [
+        (path.name, line)
+        for path in sorted(DOCUMENTS)
+        for block in re.findall(r"^ *```sh\n(.*?)```", path.read_text("utf-8"), re.S | re.M)
+        for line in block.replace("\\\n", " ").splitlines()
+    ]
+    return [
+        (name, shlex.split(line, comments=True))
+        for name, line in lines
+        if re.match(r" *steelyard [a-z]", line)
+    ]
+
+
+def test_commands_and_options_exist() -> None:
+    top, wrong = typer.main.get_command(app), []
+    found = commands()
+    for name, (_, *words) in found:
+        command = top
+        while hasattr(command, "commands") and words and words[0] in command.commands:
+            command = command.commands[words.pop(0)]
+        options = {option for one in command.params for option in (*one.opts, *one.secondary_opts)}
+        given = [word.split("=")[0] for word in words if re.match(r"--?[a-z]", word)]
+        unknown = [option for option in given if option not in options]
+        if hasattr(command, "commands") or unknown:
+            wrong.append((name, command.name, *unknown))
+    assert wrong == [] and len(found) > 20
 
 
 def sections(base: type[Section] = Section) -> list[type[Section]]:

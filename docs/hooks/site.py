@@ -1,11 +1,13 @@
 """What the documentation site adds to the pages: the generated reference, and formulas as MathML.
 
 `reference/commands.md` comes from the command line, `reference/keys.md` from the tables of the
-robot file, `reference/python.md` from `steelyard.__all__`. CONTRIBUTING, the changelog and the
-robot files of `examples/` become pages and files of the site, so links to them work from disk.
+robot file, `reference/python.md` from `steelyard.__all__`, `tutorials/notebook.md` from the
+notebook. CONTRIBUTING, the changelog and the robot files of `examples/` become pages and files of
+the site, so links to them work from disk.
 """
 
 import inspect
+import json
 import re
 from collections.abc import Iterator
 from html import unescape
@@ -13,6 +15,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
+import notebook
 import typer.main
 from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
@@ -25,6 +28,7 @@ from steelyard.robot_file.section import Section
 from steelyard.robot_file.sections import RobotFile
 
 ROOT = Path(__file__).parents[2]
+NOTEBOOK = ROOT / "docs/tutorials/notebook.ipynb"
 PAGES = {"contributing.md": "CONTRIBUTING.md", "changelog.md": "CHANGELOG.md"}
 EDGES = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤"}
 
@@ -36,6 +40,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         "reference/commands.md": commands_page(),
         "reference/keys.md": keys_page(),
         "reference/python.md": python_page(),
+        "tutorials/notebook.md": notebook.page(json.loads(NOTEBOOK.read_text("utf-8"))),
     }
     for uri, text in pages.items():
         files.append(File.generated(config, uri, content=text))
