@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from closed_chains import five_bar
 from report.conftest import identified, robot
 from steelyard.estimation.estimate import Z95
 from steelyard.estimation.identified import IdentifiedModel
@@ -12,6 +13,8 @@ from steelyard.model import Model
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
 from steelyard.regression.base import base_parameters
+from steelyard.robot.loop_equations import loop_equations
+from steelyard.robot.robot import Robot
 from steelyard.terms.laws.coulomb import Coulomb
 from steelyard.terms.laws.presliding import Dahl
 from steelyard.terms.laws.rigid_body import RigidBody
@@ -23,9 +26,9 @@ POSTURES = np.array([[0.3, -0.4], [0.5, 0.6]])
 FASTEST = np.array([2.0, 0.5])
 
 
-def model_with(*friction: Term) -> IdentifiedModel:
+def model_with(*friction: Term, arm: Robot | None = None) -> IdentifiedModel:
     """All base parameters known, with correlated errors."""
-    model = Model(robot(), (RigidBody(), *friction))
+    model = Model(arm or robot(), (RigidBody(), *friction))
     base = base_parameters(model)
     rng = np.random.default_rng(4)
     spread = 0.05 * rng.normal(size=(len(base), len(base)))
@@ -93,3 +96,16 @@ def test_no_curve_where_no_friction_was_identified(lacks: str) -> None:
         )
         found = replace(found, estimate=estimate)
     assert friction_curves(found, POSTURES, fastest) == ()
+
+
+def test_a_robot_with_loops_has_curves_where_they_close() -> None:
+    found = model_with(Coulomb(), Viscous(), arm=five_bar())
+    n, values = found.model.robot.n, found.estimate.parameters.as_dict()
+    at_rest = np.tile(loop_equations(found.model.robot).assembly[:n], (n, 1))
+    curves = friction_curves(found, at_rest, np.ones(n))
+    assert [curve.joint for curve in curves] == list(found.joints)
+    for curve in curves:
+        coulomb, viscous = (values[f"{law}.{curve.joint}"] for law in ("coulomb", "viscous"))
+        expected = coulomb * np.sign(curve.speed) + viscous * curve.speed
+        np.testing.assert_allclose(curve.effort, expected, rtol=1e-9)
+    assert friction_curves(found, at_rest + [-1.5, 2.25], np.ones(n)) == ()

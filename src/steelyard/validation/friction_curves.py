@@ -50,6 +50,9 @@ def friction_curves(
 ) -> tuple[FrictionCurve, ...]:
     """The friction of every joint whose friction was identified.
 
+    Joints of closed loops that do not close at their posture, or on the travel that friction with
+    memory needs, have no curve.
+
     Args:
         identified: The model.
         postures: Positions of all independent joints, one row for each joint's curve, on which
@@ -60,19 +63,18 @@ def friction_curves(
     curves = []
     for j, joint in enumerate(identified.joints):
         speed = fastest[j] * np.linspace(1.0, 0.5 / GRID, GRID) ** DENSITY
-        sides = [_side(identified.valued, j, names, postures[j], sign * speed) for sign in (-1, 1)]
-        jacobian = np.concatenate([sides[0], sides[1][::-1]])
+        falling, rising = (
+            _side(identified.valued, j, names, postures[j], side) for side in (-speed, speed)
+        )
+        if falling is None or rising is None:
+            continue
+        jacobian = np.concatenate([falling, rising[::-1]])
         if fastest[j] > 0.0 and np.any(jacobian @ covariance):
             values = np.array([identified.valued.values[name] for name in names])
             variance = np.einsum("gp,pq,gq->g", jacobian, covariance, jacobian)
-            curves.append(
-                FrictionCurve(
-                    joint,
-                    np.concatenate([-speed, speed[::-1]]),
-                    jacobian @ values,
-                    Z95 * np.sqrt(np.maximum(variance, 0.0)),
-                )
-            )
+            half = Z95 * np.sqrt(np.maximum(variance, 0.0))
+            both = np.concatenate([-speed, speed[::-1]])
+            curves.append(FrictionCurve(joint, both, jacobian @ values, half))
     return tuple(curves)
 
 
@@ -96,10 +98,13 @@ def _friction(identified: IdentifiedModel) -> tuple[list[str], Array]:
     return names, padded[np.ix_(places, places)]
 
 
-def _side(valued: ValuedModel, j: int, names: Sequence[str], posture: Array, speed: Array) -> Array:
+def _side(
+    valued: ValuedModel, j: int, names: Sequence[str], posture: Array, speed: Array
+) -> Array | None:
     """Friction of joint `j` per unit of each parameter, shape `(G, p)`.
 
-    The first speed is held once before, so that memory has settled there too.
+    The first speed is held once before, so that memory has settled there too. `None` if the
+    robot's loops do not close on the way.
     """
     model, speed = valued.model, np.append(speed[:1], speed)
     q, dq = np.repeat(posture[:, None], len(speed), axis=1), np.zeros((len(posture), len(speed)))
@@ -107,7 +112,10 @@ def _side(valued: ValuedModel, j: int, names: Sequence[str], posture: Array, spe
     if any(isinstance(term, Presliding) for term in model.terms):
         q[j] += np.sign(speed) * TRAVEL * np.arange(len(speed))
     ddq = np.zeros_like(q)
-    channels = model.scan()(q, dq, ddq)
+    scan = model.scan(drop=True)
+    channels = scan(q, dq, ddq)
+    if not scan.closed.all():
+        return None
 
     def response(name: str) -> Array:
         unit = [float(own == name) for own in model.names]

@@ -15,7 +15,7 @@ from steelyard.report.html import packed
 from steelyard.report.parts import fitted_samples
 from steelyard.report.sections.model.bodies import Solid, solids
 from steelyard.report.sections.section import FigureSection, Numbers
-from steelyard.report.skeleton import all_joints, body_poses, sticks
+from steelyard.report.skeleton import body_poses, sticks
 from steelyard.report.text.words import significant
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.loop_equations import loop_equations
@@ -34,7 +34,8 @@ WORDS = (
 )
 
 NOTE = (
-    "Posture: the middle sample of the fitted runs. A surface larger than its wires has more "
+    "Posture: the middle sample of the fitted runs; of a robot with closed loops, their reference "
+    "configuration. A surface larger than its wires has more "
     "inertia per mass than in the model file. Links whose identified mass or inertia is not "
     "physically consistent are left out."
 )
@@ -78,12 +79,14 @@ def semi_axes(inertia: Inertia) -> tuple[Array, Array] | None:
 
 
 def _posture(robot: Robot, content: ReportContent) -> Array:
-    """Positions of all joints, shape `(n_joints,)`: the middle sample, else zero."""
+    """Positions of all joints, shape `(n_joints,)`: the middle sample, else zero.
+
+    Of a robot with loops their reference configuration, which is sure to be closed.
+    """
+    if robot.passive:
+        return np.array(loop_equations(robot).assembly)
     samples = fitted_samples(content)
-    if samples is not None:
-        q = samples[0].q
-        return np.asarray(all_joints(robot, q[len(q) // 2][None])[0])
-    return np.array(loop_equations(robot).assembly) if robot.passive else np.zeros(robot.n)
+    return np.zeros(robot.n) if samples is None else samples[0].q[len(samples[0].q) // 2]
 
 
 def _figure(robot: Robot, links: Sequence[Solid], joints: Array) -> Figure:
