@@ -146,7 +146,7 @@ def test_a_log_that_was_fitted_is_no_test(
     assert [run["fitted"] for run in runs] == [False, True]
     assert [run["verdict"]["level"] for run in runs] == ["good", "none"]
     shown = " ".join(command("validate", identified, f"{LOG}@1.5:4").stdout.split())
-    assert "Not validated on unseen motion" in shown and "(fitted, below" in shown
+    assert "Not validated on unseen motion" in shown and ", fitted (RMS below 5 Hz" in shown
     assert "identification@1.5:4 was fitted: its score does not validate the model" in shown
     out = tmp_path / "part"
     assert command("identify", ROBOT, f"{LOG}@0:3.5", "-o", out).exit_code == 0

@@ -8,7 +8,7 @@ import pytest
 from steelyard.arrays import Array
 from steelyard.diagnosis import Finding, Severity
 from steelyard.diagnosis.fitted.post_fit import FittedCase, examine_fit
-from steelyard.diagnosis.fitted.unseen_reason import UnseenReason, _one_file
+from steelyard.diagnosis.fitted.unseen_reason import UnseenReason, _one_file, excess
 from steelyard.robot.inertia import Inertia
 from steelyard.terms.laws.rigid_body import RigidBody
 from steelyard.validation.score import score
@@ -52,7 +52,7 @@ def test_a_load_is_named_with_its_mass(arm, mass):
         in found.says
     )
     assert found.check == UnseenReason.name and found.log == "log"
-    assert found.fix is not None and "steelyard payload" in found.fix.says
+    assert found.fix is not None and found.fix.command == "steelyard payload MODEL LOG"
 
 
 def test_another_robot_is_not_called_a_gain(arm):
@@ -104,6 +104,30 @@ def test_a_sign_is_a_reason(arm):
     (found,) = found_in(arm, table)
     assert "effort of 'shoulder_lift' has the opposite sign" in found.says
     assert found.joints == ("shoulder_lift",)
+
+
+def test_a_unit_is_a_reason(arm):
+    table = arm.table.copy()
+    table[:, arm.at("tau{}_Nm")] *= 1000.0
+    (found,) = found_in(arm, table)
+    assert "efforts are logged in a unit 1000 times smaller" in found.says
+    assert found.fix is not None
+    assert found.fix.command == "steelyard check ROBOT LOG --model MODEL"
+
+
+def test_a_log_in_which_joints_rest_is_not_judged_by_their_friction(arm):
+    """Efforts of joints at rest, and of logs without motion, lie anywhere in their dead zone."""
+    evidence = arm.case(arm.table).logs[0]
+    run, model = evidence.run, arm.reference
+    plain = score(model.valued, run, model.signals.gains, model.cutoffs.score)
+    stuck = [replace(joint, rmse=1e3 * joint.rmse) for joint in plain.joints]
+    scored = replace(plain, joints=tuple(stuck))
+    assert excess(model, scored) == excess(model, plain) < 2.0
+    far = [replace(joint, rmse_moving=1e3 * joint.rmse) for joint in plain.joints]
+    errors = replace(plain.errors, at_rest=True)
+    still = replace(plain, joints=tuple(far), errors=errors)
+    case = FittedCase(model, unseen=(run,), unseen_scores=(still,))
+    assert excess(model, still) > 2.0 and UnseenReason()(case) == ()
 
 
 def test_what_explains_nothing_is_no_reason_however_bad_the_fit(arm, monkeypatch):

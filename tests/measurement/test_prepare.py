@@ -252,6 +252,10 @@ def test_a_static_log(recording) -> None:
     for q in (np.ones((1500, 2)), 1e-5 * noise, np.round(3e-5 * noise, 4)):
         error = failing(recording(t, 0.5 + q, noise))
         assert error.wrong == "no joint moves in this log"
+        given = Processing(motion_cutoff=12.0, matched_cutoff=4.0)
+        run = prepare(recording(t, 0.5 + q, noise), given, at_rest=True)
+        assert not any(block.moving.any() for block in run.blocks())
+        assert run.duration == pytest.approx(15.0, abs=0.1)
 
 
 def test_a_log_of_broken_rows(recording, sines) -> None:

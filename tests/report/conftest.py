@@ -32,6 +32,7 @@ from steelyard.terms.laws.viscous import Viscous
 from steelyard.validation.comparison import Comparison, EstimatorScore, Failure
 from steelyard.validation.effort_scales import EffortScales
 from steelyard.validation.friction.friction import FrictionChoice, MixScore
+from steelyard.validation.headline import BandErrors, JointError
 from steelyard.validation.score import JointScore, RunScore, Traces
 from steelyard.validation.sensitivity import Sensitivity, Variation
 from steelyard.validation.torque_parts import TorqueParts
@@ -166,9 +167,14 @@ def run_score(
             100.0 * error * (k + 1.5),
             100.0 * error * (k + 1),
             0.1 * (k + 1),
+            0.08 * (k + 1),
             2.0 + k,
             1.0 + k,
         )
+        for k, joint in enumerate(joints)
+    )
+    errors = tuple(
+        JointError(joint, "Nm", 3000, True, 10.0 * error * (2.0 + k), 10.0 * (2.0 + k), 1.0, 50.0)
         for k, joint in enumerate(joints)
     )
     return RunScore(
@@ -177,6 +183,7 @@ def run_score(
         scores,
         100.0 * error * 1.8,
         100.0 * error,
+        BandErrors(5.0, False, errors),
         Traces(
             t,
             measured,
@@ -380,9 +387,11 @@ def nasty(usual: ReportContent) -> ReportContent:
         rmse=float("inf"),
         prior_rmse=None,
     )
+    lost = replace(score.errors.joints[0], error=float("nan"), used=0.0, rated=None)
     score = replace(
         score,
         joints=(bad, *score.joints[1:]),
+        errors=replace(score.errors, joints=(lost, *score.errors.joints[1:])),
         traces=replace(score.traces, predicted=broken, t=score.traces.t + 1.7e9),
         parts=broken_parts,
     )

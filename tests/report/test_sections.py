@@ -22,10 +22,15 @@ def shown(name: str, content: ReportContent) -> str:
     return section.show(numbers)
 
 
-def with_errors(content: ReportContent, **errors) -> ReportContent:
+def with_errors(content: ReportContent, *joints: int, **errors) -> ReportContent:
+    """The first run alone, with other errors of these joints, or of all."""
     score = content.scores[0]
-    joints = tuple(replace(joint, **errors) for joint in score.joints)
-    return replace(content, scores=(replace(score, joints=joints),))
+    changed = tuple(
+        replace(joint, **errors) if k in joints or not joints else joint
+        for k, joint in enumerate(score.errors.joints)
+    )
+    score = replace(score, errors=replace(score.errors, joints=changed))
+    return replace(content, scores=(score,))
 
 
 def test_the_verdict_comes_first_and_titles_differ():
@@ -33,72 +38,60 @@ def test_the_verdict_comes_first_and_titles_differ():
     assert len({s.name for s in SECTIONS}) == len({s.title for s in SECTIONS}) == len(SECTIONS)
 
 
-def test_the_headline_is_pooled_with_its_kind_and_its_band(usual):
+def test_the_headline_is_in_joint_effort_with_its_shares_and_its_band(usual):
     judged = verdict(replace(usual, scores=usual.scores[:1]))
     assert judged.headline == (
-        "Predicts unseen motion with an error of 5.0\u00a0% of the measured effort (RMS below "
-        "8 Hz, pooled over 2 joints, where they move)"
+        "Predicts unseen motion with an error of 1.3 Nm: 5.0\u00a0% of the effort used, "
+        "2.5\u00a0% of the rated effort (RMS below 5 Hz, pooled over 2 joints, where they move)"
     )
-    assert judged.detail == (
-        "9.0\u00a0% pooled, whole log; 7.5\u00a0% mean, where they move; 10.0\u00a0% mean, whole "
-        "log. Run points, not fitted. The band was chosen from the fitted runs; [validation] "
-        "cutoff in the robot file keeps it the same for every model."
+    assert judged.others == (
+        "Of the measured effort in the band of the fit, below 8 Hz: 5.0\u00a0% pooled, where they "
+        "move; 9.0\u00a0% pooled, whole log; 7.5\u00a0% mean, where they move; 10.0\u00a0% mean, "
+        "whole log."
     )
-    assert judged.level == "good"
-    assert "6.5\u00a0%" in verdict(usual).headline
-    assert "2 runs, none of them fitted" in verdict(usual).detail
+    assert judged.level == "good" and judged.detail == ""
+    assert judged.percent_of_used == pytest.approx(5.0)
+    assert "6.7\u00a0%" in verdict(usual).headline
 
 
-def test_a_band_that_the_robot_file_gives_is_not_said_to_be_chosen(usual):
-    given = replace(usual.identified.processing, matched_cutoff=8.0)
-    identified = replace(usual.identified, processing=given)
-    assert "chosen" not in verdict(replace(usual, identified=identified)).detail
-    scored = replace(usual.identified.cutoffs, score=5.0)
-    identified = replace(usual.identified, cutoffs=scored)
-    assert "chosen" not in verdict(replace(usual, identified=identified)).detail
+def test_a_joint_that_carries_nothing_does_not_rule(usual):
+    idle = with_errors(usual, 1, error=0.6, used=0.5, least=6.0)
+    judged = verdict(idle)
+    assert judged.level == "good" and "Poorly" not in judged.detail
+    poor = verdict(with_errors(usual, 1, error=3.0, used=0.5, least=6.0))
+    assert poor.detail == "Poorly predicted joints: elbow 3.0 Nm (50.0\u00a0%)."
 
 
-def test_a_joint_that_carries_nothing_is_named_and_does_not_rule(usual):
+def test_efforts_of_different_units_are_not_pooled(usual):
+    judged = verdict(with_errors(usual, 1, unit="N", error=6.0, rated=None))
+    assert (
+        "error of 1.0 Nm: 5.0\u00a0% of the effort used, 2.0\u00a0% of the rated effort; "
+        "6.0 N: 20.0\u00a0% of the effort used (" in judged.headline
+    )
+    assert judged.level == "fair" and len(judged.errors) == 2
+
+
+def test_joints_at_rest_are_not_counted_while_others_move(usual):
+    resting = verdict(with_errors(usual, 1, counted=False, error=90.0))
+    assert "pooled over the 1 of 2 joints that move, where they move" in resting.headline
+    assert "error of 1.0 Nm" in resting.headline and "Poorly" not in resting.detail
     score = usual.scores[0]
-    idle = replace(score.joints[1], relative_percent_moving=83.0, rmse=0.05)
-    judged = verdict(replace(usual, scores=(replace(score, joints=(score.joints[0], idle)),)))
-    assert "error of 5.0\u00a0%" in judged.headline and judged.level == "good"
-    assert "Poorly predicted joints: elbow 83.0\u00a0% (RMSE 0.050 A)." in judged.detail
-
-
-def test_where_units_differ_the_mean_is_in_front(usual):
-    score = replace(usual.scores[0], pooled_percent=None, pooled_percent_moving=None)
-    judged = verdict(replace(usual, scores=(score,)))
-    assert "error of 7.5\u00a0%" in judged.headline
-    assert "mean over 2 joints, where they move)" in judged.headline
-    assert "pooled" not in judged.detail
-
-
-def test_joints_that_never_move_are_not_counted(usual):
-    score = usual.scores[0]
-    still = replace(score.joints[1], relative_percent_moving=None)
-    content = replace(usual, scores=(replace(score, joints=(score.joints[0], still)),))
-    assert "pooled over the 1 of 2 joints that move, where they move" in verdict(content).headline
-    assert "5.0\u00a0% mean, where they move" in verdict(content).detail
-    joints = tuple(replace(j, relative_percent_moving=None) for j in score.joints)
-    motionless = replace(score, joints=joints, pooled_percent_moving=None)
-    headline = verdict(replace(usual, scores=(motionless,))).headline
-    assert "error of 9.0\u00a0%" in headline and "whole log" in headline
+    still = replace(score, errors=replace(score.errors, at_rest=True))
+    judged = verdict(replace(usual, scores=(still,)))
+    assert judged.headline.startswith("Predicts unseen postures with an error of 1.3 Nm")
+    assert "pooled over 2 joints, at rest" in judged.headline
 
 
 def test_a_useless_model_is_called_so(usual):
-    score = replace(usual.scores[0], pooled_percent_moving=130.0)
-    judged = verdict(replace(usual, scores=(score,)))
+    judged = verdict(with_errors(usual, error=33.0))
     assert "no better than predicting zero" in judged.headline
-    assert "130\u00a0%" in judged.headline
+    assert "33 Nm: 129\u00a0% of the effort used" in judged.headline
     assert judged.level == "poor"
 
 
-@pytest.mark.parametrize("strange", [float("nan"), float("inf")])
+@pytest.mark.parametrize("strange", [{"error": float("nan")}, {"used": 0.0, "least": 0.0}])
 def test_no_percentage_without_measured_effort(usual, strange):
-    content = with_errors(usual, relative_percent_moving=strange)
-    scores = (replace(content.scores[0], pooled_percent_moving=strange),)
-    judged = verdict(replace(content, scores=scores))
+    judged = verdict(with_errors(usual, **strange))
     assert judged.level == "none"
     assert "cannot be given" in judged.headline and "shoulder, elbow" in judged.detail
 
@@ -106,16 +99,15 @@ def test_no_percentage_without_measured_effort(usual, strange):
 def test_no_verdict_without_an_unseen_run(usual):
     judged = verdict(replace(usual, scores=()))
     assert judged.headline == "Not validated on unseen motion"
-    assert "1 fitted run with an error of 3.0\u00a0%" in judged.detail
-    assert "RMS below 8 Hz, pooled over 2 joints, where they move" in judged.detail
+    assert "1 fitted run with an error of 0.76 Nm: 3.0\u00a0% of the effort used" in judged.detail
+    assert "RMS below 5 Hz, pooled over 2 joints, where they move" in judged.detail
     assert "--validate OTHER_LOG" in judged.detail
     assert judged.level == "none"
 
 
 def test_a_poor_verdict_is_exit_code_1(usual):
-    poor = replace(usual.scores[0], pooled_percent_moving=31.0)
     untested = replace(usual, scores=())
-    bad = (replace(usual, scores=(poor,)), usual, untested)
+    bad = (with_errors(usual, error=8.0), usual, untested)
     assert [exit_code(content) for content in bad] == [1, 0, 0]
 
 

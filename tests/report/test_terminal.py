@@ -1,5 +1,6 @@
 import csv
 import io
+import re
 from dataclasses import replace
 
 from rich.console import Console
@@ -10,18 +11,41 @@ from steelyard.report.text.score_words import coverage_words
 from steelyard.report.text.verdict import verdict
 
 
-def printed(content: ReportContent, width: int = 120) -> str:
+def printed(content: ReportContent, width: int = 120, verbose: bool = False) -> str:
     console = Console(file=io.StringIO(), width=width)
-    summary(content, console)
+    summary(content, console, verbose)
     return console.file.getvalue()
 
 
+def row(text: str, name: str) -> list[str]:
+    """Cells of the first row of a table without lines."""
+    line = next(line for line in text.splitlines() if line.startswith(name))
+    return re.split(r" {2,}", line.strip())
+
+
 def test_the_summary_says_what_matters(usual):
-    text = printed(usual)
-    assert text.startswith("GOOD: Predicts") and verdict(usual).to_dict()["level"] == "good"
-    assert "Predicts unseen motion with an error of 6.5\u00a0% of the measured effort" in text
-    assert "points (not fitted, below 8 Hz)" in text and "run1" not in text
-    line = next(line for line in text.splitlines() if "elbow" in line)
+    one = replace(usual, scores=usual.scores[:1])
+    text = printed(one)
+    assert text.startswith("GOOD: Predicts") and verdict(one).to_dict()["level"] == "good"
+    assert "Predicts unseen motion with an error of 1.3 Nm" in text
+    assert "points, not fitted (RMS below 5 Hz, where each joint moves)" in text
+    assert "run1" not in text
+    assert row(text, "joint") == ["joint", "error", "of used", "of rated", "used", "rated"]
+    assert row(text, "elbow") == ["elbow", "1.50 Nm", "5.0\u00a0%", "3.0\u00a0%", "30.0", "50.0"]
+    assert row(text, "pooled") == ["pooled", "1.27 Nm", "5.0\u00a0%", "2.5\u00a0%"]
+    assert "13 base parameters: 9 well identified, 2 poorly identifiable, 1 mostly from" in text
+    assert "note: velocity: from positions" in text
+    for detail in ("condition number", "offset.elbow", "below 8 Hz", "95 % bands", "Hampel"):
+        assert detail not in text
+
+
+def test_the_details_are_printed_on_request(usual):
+    content = replace(usual, scores=usual.scores[:1], details=("Hampel threshold 15",))
+    text = printed(content, verbose=True)
+    assert text.startswith(printed(content).partition("note:")[0])
+    assert "points, in the band of the fit, below 8 Hz" in text
+    assert "9.0\u00a0% pooled, whole log" in text and "95 % bands" in text
+    line = next(line for line in text.splitlines() if "│ elbow" in line)
     assert [c.strip() for c in line.split("│")[1:-1]] == [
         "elbow",
         "10.0\u00a0%",
@@ -34,22 +58,46 @@ def test_the_summary_says_what_matters(usual):
     assert "13 base parameters, normalised condition number 41.5" in text
     assert "2 poorly identifiable: mz.link of shoulder, Iyy.link of shoulder" in text
     assert "1 not identifiable from these data: offset.elbow" in text
-    assert "note: velocity: from positions" in text
+    assert "note: Hampel threshold 15" in text
+
+
+def test_several_runs_have_one_row_each(usual):
+    text = printed(usual)
+    assert "2 runs, not fitted (RMS below 5 Hz, pooled over 2 joints, where they move)" in text
+    assert row(text, "circle") == [
+        "circle",
+        "2.04 Nm",
+        "8.0\u00a0%",
+        "4.1\u00a0%",
+        "elbow 8.0\u00a0%",
+    ]
+    assert not any(line.startswith("elbow") for line in text.splitlines())
+    assert "\nelbow" in printed(usual, verbose=True)
+
+
+def test_a_joint_at_rest_is_said_not_to_count(usual):
+    score = usual.scores[0]
+    joints = (score.errors.joints[0], replace(score.errors.joints[1], counted=False))
+    resting = replace(score, errors=replace(score.errors, joints=joints))
+    text = printed(replace(usual, scores=(resting,)))
+    assert row(text, "elbow")[-1] == "at rest, not counted"
+    assert row(text, "pooled")[1] == "1.00 Nm"
 
 
 def test_unseen_runs_alone_make_the_headline_where_others_repeat_a_motion(usual):
     again = replace(usual.scores[0], run="again", repeats="run1")
     both = printed(replace(usual, scores=(*usual.scores, again)))
-    assert "Predicts unseen motion with an error of 6.5" in both
-    assert "again (not fitted, repeats the motion of run1, below 8 Hz)" in both
+    assert "Predicts unseen motion with an error of 1.7 Nm: 6.7" in both
+    assert "again (repeats run1)" in both
     alone = replace(usual, scores=(again,))
     assert printed(alone).startswith("Predicts repeated motion with an error of")
+    assert "again, not fitted, repeats the motion of run1 (RMS below 5 Hz" in printed(alone)
     assert verdict(alone).level == "none" and verdict(usual).level == "good"
 
 
 def test_names_are_no_markup_and_numbers_may_be_none(nasty):
     text = printed(nasty, 400)
-    assert "Not validated on unseen motion" in text and "(fitted, below 8 Hz)" in text
+    assert "Not validated on unseen motion" in text and "8 runs, fitted (RMS" in text
     assert "<script>" in text
     bracket = ReportContent("t", "r", notes=("[bold]not bold[/bold]",))
     assert "note: [bold]not bold[/bold]" in printed(bracket)

@@ -24,7 +24,7 @@ def decoded(packed: dict[str, str]) -> np.ndarray:
 
 def printed(content: ReportContent) -> str:
     console = Console(file=io.StringIO(), width=200)
-    summary(content, console)
+    summary(content, console, verbose=True)
     return console.file.getvalue()
 
 

@@ -1,48 +1,13 @@
 """Scores on a run in memory, against numbers worked out by hand and by SciPy."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.signal import butter, sosfiltfilt
 
-from invented import single
-from steelyard.measurement import Processing, Recording, Run, prepare
-from steelyard.measurement.recording import LogInMemory
-from steelyard.model import Model, ValuedModel
+from steelyard.measurement import Run
 from steelyard.motion import Motion
-from steelyard.parameters import Parameters
-from steelyard.robot_file.signals import Signals
 from steelyard.validation.score import score
-
-MODEL = Model(single())
-GAIN = 2.5
-RATE = 200.0
-
-
-def valued(factor: float = 1.0) -> ValuedModel:
-    values = np.random.default_rng(0).normal(size=len(MODEL.names)) * factor
-    return MODEL.at(Parameters(MODEL.names, MODEL.units, values))
-
-
-def run_of(effort_of: object, rest: float = 0.0, pause: bool = False) -> Run:
-    """A log of one joint: rest, then a swing, with a pause from 5 to 8 s; effort in amperes."""
-    t = np.arange(0.0, 12.0, 1.0 / RATE)
-    phase = np.clip(t - rest, 0.0, None)
-    if pause:
-        ramp = np.clip(np.minimum(abs(t - 6.5) - 1.5, 0.5), 0.0, 0.5) / 0.5
-        phase = np.cumsum(ramp**2 * (3.0 - 2.0 * ramp)) / RATE
-    fade = np.clip(phase, 0.0, 1.0) ** 3
-    q = 0.8 * fade * np.sin(2.0 * phase)
-    dq, ddq = np.gradient(q, t), np.gradient(np.gradient(q, t), t)
-    effort = effort_of(Motion(t, q[:, None], dq[:, None], ddq[:, None]))  # type: ignore[operator]
-    one = np.ones(1)
-    signals = Signals(
-        "t", 1.0, ("q",), one, None, None, ("i",), one, "motor_current", ("A",), GAIN * one
-    )
-    table = np.column_stack([t, q, effort])
-    log = LogInMemory(Path("swing"), ("t", "q", "i"), table)
-    return prepare(Recording(log, signals), Processing(20.0, 5.0))
+from swinging import GAIN, MODEL, RATE, run_of, valued
 
 
 def test_the_true_model_has_next_to_no_error() -> None:
@@ -87,7 +52,10 @@ def test_rests_do_not_count_where_the_joint_moves() -> None:
     assert joint.relative_percent > 30.0
     assert joint.relative_percent_moving is not None
     assert joint.relative_percent_moving < 5.0
-    resting = ~found.traces.moving[:, 0]
+    moving = found.traces.moving[:, 0]
+    error = (found.traces.measured - found.traces.predicted)[moving, 0]
+    assert joint.rmse_moving == pytest.approx(np.sqrt(np.mean(error**2)))
+    resting = ~moving
     assert 2.0 < resting.sum() / RATE < 3.2
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from steelyard.cli.guard import guarded
-from steelyard.cli.options import LOG_HELP, FixedBase, Json, Output, RobotArgument, Threads
+from steelyard.cli.options import LOG_HELP, Details, FixedBase, Json, Output, RobotArgument, Threads
 
 if TYPE_CHECKING:
     from steelyard.identification.identify import Identification
@@ -63,6 +63,7 @@ def identify(
     ] = None,
     fixed_base: FixedBase = None,
     threads: Threads = None,
+    verbose: Details = False,
     as_json: Json = False,
 ) -> None:
     """Identify a robot's dynamics from logs of its motion.
@@ -74,6 +75,7 @@ def identify(
     from rich.console import Console
 
     from steelyard.cli.show import progress_bar
+    from steelyard.report.text.next_steps import next_steps, step_lines
     from steelyard.report.text.verdict import exit_code
 
     with progress_bar() as progress:
@@ -96,8 +98,10 @@ def identify(
     if as_json:
         typer.echo(json.dumps({"output": str(folder), **found.to_dict()}, allow_nan=False))
     else:
-        found.show(Console())
-        typer.echo(f"\nmodel   {folder / 'model.json'}\nreport  {folder / 'report.html'}")
+        found.show(Console(), verbose)
+        lines = step_lines(next_steps(found.content, robot, folder))
+        paths = f"model   {folder / 'model.json'}\nreport  {folder / 'report.html'}"
+        typer.echo("\n".join(["", *lines, paths]))
     raise typer.Exit(exit_code(found.content))
 
 

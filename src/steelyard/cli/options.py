@@ -9,6 +9,10 @@ Json = Annotated[bool, typer.Option("--json", help="Machine-readable results on 
 Verbose = Annotated[
     bool, typer.Option("--verbose", "-v", help="Print what each check found, ok ones too.")
 ]
+Details = Annotated[
+    bool,
+    typer.Option("--verbose", "-v", help="Print all errors, parameters and notes."),
+]
 Threads = Annotated[
     int | None, typer.Option(min=1, help="Threads for the pass over the data; all cores if unset.")
 ]

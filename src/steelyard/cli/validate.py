@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from steelyard.cli.guard import guarded
-from steelyard.cli.options import LOG_HELP, Json
+from steelyard.cli.options import LOG_HELP, Details, Json
 
 
 @guarded
@@ -21,12 +21,21 @@ def validate(
         Path | None,
         typer.Option("--output", "-o", help="Output folder for the report; none if unset."),
     ] = None,
+    max_error: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0,
+            help="Largest error, in % of the effort used; above it the exit code is 1.",
+            metavar="PERCENT",
+        ),
+    ] = None,
+    verbose: Details = False,
     as_json: Json = False,
 ) -> None:
     """Score an identified model on logs that it was not fitted to.
 
-    The exit code is 1 if the verdict is poor: the error is above 30 %, or a check of the model on
-    these logs finds something wrong. Otherwise it is 0.
+    Exit code 0: done, and the error is not too large. 1: the error is above --max-error, or the
+    verdict is poor: an error above 30 %, or something wrong with these logs. 2: not done.
 
     Example: steelyard validate steelyard-ur10e other_motion.csv
     """
@@ -37,7 +46,8 @@ def validate(
     from steelyard.files import whole_folder
     from steelyard.identification.logs import new_folder
     from steelyard.identification.validate import validate as validated
-    from steelyard.report.text.verdict import exit_code
+    from steelyard.report.text.next_steps import fixing, robot_file, step_lines
+    from steelyard.report.text.verdict import exit_code, over
 
     folder = None if output is None else new_folder(output, "")
     with progress_bar() as progress, ExitStack() as parts:
@@ -48,7 +58,13 @@ def validate(
     if as_json:
         typer.echo(json.dumps(found.to_dict()["logs"], allow_nan=False))
     else:
-        found.show(Console())
+        found.show(Console(), verbose)
+        lines = step_lines(fixing(found.content, model, robot_file(found.content)))
         if folder is not None:
-            typer.echo(f"\nreport  {folder / 'report.html'}")
-    raise typer.Exit(exit_code(found.content))
+            lines.append(f"report  {folder / 'report.html'}")
+        if lines:
+            typer.echo("\n".join(["", *lines]))
+    above = over(found.verdict, max_error)
+    if above and not as_json:
+        typer.echo(f"\n{above}")
+    raise typer.Exit(max(exit_code(found.content), int(bool(above))))

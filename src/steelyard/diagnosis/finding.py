@@ -44,11 +44,13 @@ class Fix:
         edits: What to change in the robot file; none where the file cannot correct it.
         jointly: Whether all such edits of a log were tried as one change: one without the others
             is untested, and none is written where another one cannot be.
+        command: A command that goes on from here, or none; MODEL, ROBOT and LOG stand for paths.
     """
 
     says: str
     edits: tuple[Edit, ...] = ()
     jointly: bool = False
+    command: str = ""
 
 
 @dataclass(frozen=True, eq=False)

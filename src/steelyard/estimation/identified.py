@@ -26,6 +26,10 @@ from steelyard.robot_file.signals import Signals, signals_from_dict, signals_to_
 SCHEMA = "steelyard.model"
 SCHEMA_VERSION = 4
 
+BAND = 5.0
+"""Band of errors that are compared between models [Hz]: the motions of arms lie below it, their
+elastic modes mostly above."""
+
 
 @dataclass(frozen=True)
 class Provenance:
@@ -46,11 +50,19 @@ class Provenance:
 
 @dataclass(frozen=True)
 class Cutoffs:
-    """Cut-off frequencies [Hz] of the fit and of the score."""
+    """Cut-off frequencies [Hz] of the fit and of the score.
+
+    Attributes:
+        motion: Of positions, velocities and accelerations.
+        matched: Of regressor and effort alike.
+        score: Of measured and predicted effort in the band of the fit.
+        headline: The same for the errors that are compared between models; a fixed number.
+    """
 
     motion: float
     matched: float
     score: float
+    headline: float = BAND
 
 
 @dataclass(frozen=True, eq=False, repr=False)

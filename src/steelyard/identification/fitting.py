@@ -11,7 +11,7 @@ from steelyard.arrays import Array
 from steelyard.estimation.consistent.consistent import Consistent
 from steelyard.estimation.estimate import Z95, Estimate, Estimator
 from steelyard.estimation.fields.fields import Finding
-from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
+from steelyard.estimation.identified import BAND, Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimation.knowledge import Knowledge, Row
 from steelyard.estimation.least_squares.least_squares import (
     OrdinaryLeastSquares,
@@ -155,6 +155,7 @@ def fit(
             motion=runs[0].motion_cutoff,
             matched=runs[0].matched_cutoff,
             score=loaded_robot.validation.cutoff or runs[0].matched_cutoff,
+            headline=loaded_robot.validation.cutoff or BAND,
         ),
         processing=wanted_by(loaded_robot),
         motions=motion_samples([*runs, *carrying]),

@@ -86,9 +86,9 @@ class Identification(Result):
         (folder / "parameters.csv").write_text(parameters_csv(self.model), encoding="utf-8")
         (folder / "report.html").write_text(self.report(), encoding="utf-8")
 
-    def show(self, console: Console) -> None:
-        """Print the verdict, the errors of every joint, and what could not be identified."""
-        summary(self.content, console)
+    def show(self, console: Console, verbose: bool = False) -> None:
+        """Print the verdict and the errors of every joint; with `verbose` all details."""
+        summary(self.content, console, verbose)
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers as JSON values, as `steelyard identify --json` prints them."""
@@ -179,8 +179,16 @@ def identify(
         refuse_absurd(found.identified, file.reference)
     found = calibrated(found, cores, progress)
     unseen = tuple(found.alike(run) for run in unseen)
-    notes += (*found.notes, *dropped(model, (*clean, *unseen)))
-    content = _content(found, unseen, (*clean, *unseen), notes, progress)
+    details = (*notes_of((*clean, *unseen)), *found.notes, *dropped(model, (*clean, *unseen)))
+    notes = (*file.notes, *reasons, *unresolved)
+    content = _content(found, unseen, (*clean, *unseen), progress)
+    files = [*known, *carrying, *unknown]
+    content = replace(
+        content,
+        notes=notes,
+        details=details,
+        logs={run.name: log.text for run, log in zip((*clean, *unseen), files, strict=True)},
+    )
     content = replace(content, diagnosis=found_out)
     limits = _limitations(found, unseen, content, progress)
     limits += of_base(file, () if found_out is None else found_out.findings)
@@ -196,7 +204,6 @@ def _content(
     fit: Fit,
     unseen: Sequence[Run],
     logs: Sequence[Run],
-    notes: tuple[str, ...],
     progress: Progress,
 ) -> ReportContent:
     """Score the model on all runs; what the report shows."""
@@ -211,7 +218,6 @@ def _content(
         scores=fresh,
         fitted=scores[: len(fitted)],
         qualities=tuple((run.name, run.quality.rows_of_text) for run in logs),
-        notes=notes,
         settings=settings(identified),
         friction=fit.choice,
         findings=fit.findings,

@@ -26,6 +26,7 @@ from steelyard.terms.laws.viscous import Viscous
 from steelyard.terms.register import DEFAULT_TERMS, refuse_unfit, term_of
 from steelyard.terms.term import Term
 from steelyard.validation.bands import Bands
+from steelyard.validation.headline import effort_reference
 from steelyard.validation.score import RunScore, score
 from steelyard.validation.torque_parts import TorqueSplit
 
@@ -189,13 +190,20 @@ def processing_of(identified: IdentifiedModel) -> Processing:
 
 
 def prepared(
-    recordings: Sequence[Recording], wanted: Processing, progress: Progress
+    recordings: Sequence[Recording],
+    wanted: Processing,
+    progress: Progress,
+    *,
+    at_rest: bool = False,
 ) -> tuple[Run, ...]:
-    """Clean runs with common cut-offs: those wanted, or the widest that a run's motion needs."""
+    """Clean runs with common cut-offs: those wanted, or the widest that a run's motion needs.
+
+    Logs in which no joint moves are refused, unless they may be `at_rest`.
+    """
     runs = []
     for number, recording in enumerate(recordings):
         tell(progress, "reading logs", number, len(recordings))
-        runs.append(prepare(recording, wanted))
+        runs.append(prepare(recording, wanted, at_rest=at_rest))
     if not runs:
         return ()
     common = processing_used(wanted, runs)
@@ -204,7 +212,7 @@ def prepared(
             run
             if (run.motion_cutoff, run.matched_cutoff)
             == (common.motion_cutoff, common.matched_cutoff)
-            else prepare(recording, common)
+            else prepare(recording, common, at_rest=at_rest)
             for run, recording in zip(runs, recordings, strict=True)
         ]
     )
@@ -222,7 +230,7 @@ def runs_of(
     clean = prepared([recording_of(log, signals) for log in fitted], wanted, progress)
     fresh = [recording_of(log, signals) for log in unseen]
     once = replace(processing_used(wanted, clean), repetitions=None)
-    runs = distinct([*clean, *prepared(fresh, once, progress)])
+    runs = distinct([*clean, *prepared(fresh, once, progress, at_rest=True)])
     return runs[: len(clean)], runs[len(clean) :]
 
 
@@ -263,12 +271,11 @@ def scored(
 ) -> tuple[RunScore, ...]:
     """Scores of a model on runs, with the nominal model beside it."""
     gains, cutoff, bands = identified.signals.gains, identified.cutoffs.score, Bands.of(identified)
-    split = TorqueSplit(identified.valued)
-    scores = []
+    prior, reference = identified.model.prior, effort_reference(identified)
+    split, scores = TorqueSplit(identified.valued), []
     for number, run in enumerate(runs):
         tell(progress, "validating", number, len(runs))
-        prior = identified.model.prior
-        scores.append(score(identified.valued, run, gains, cutoff, prior, bands, split))
+        scores.append(score(identified.valued, run, gains, cutoff, prior, bands, split, reference))
     return tuple(scores)
 
 

@@ -61,9 +61,9 @@ class Validation(Result):
         """Write `report.html`."""
         (folder / "report.html").write_text(self.report(), encoding="utf-8")
 
-    def show(self, console: Console) -> None:
-        """Print the verdict and the errors of every joint."""
-        summary(self.content, console)
+    def show(self, console: Console, verbose: bool = False) -> None:
+        """Print the verdict and the errors of every joint; with `verbose` the other errors too."""
+        summary(self.content, console, verbose)
 
     def to_dict(self) -> dict[str, Any]:
         """The verdict, and under `logs` the scores of each log, in the order of the logs."""
@@ -113,13 +113,16 @@ def validate(
     identified = load_model(model)
     files = log_files(paths_of(logs, least=1))
     recordings = [recording_of(log, identified.signals) for log in files]
-    runs = prepared(recordings, processing_of(identified), progress)
+    runs = prepared(recordings, processing_of(identified), progress, at_rest=True)
     scores = marked_repeats(identified, runs, scored(identified, runs, progress))
     known = [
         fitted_before(identified, log) or holds_fitted_rows(identified, run)
         for log, run in zip(files, runs, strict=True)
     ]
     content = _content(identified, runs, scores, known)
+    content = replace(
+        content, logs={run.name: log.text for run, log in zip(runs, files, strict=True)}
+    )
     return Validation(replace(content, limitations=_limitations(identified, runs, scores, known)))
 
 
@@ -138,12 +141,12 @@ def _content(
         scores=tuple(score for score, old in zip(scores, known, strict=True) if not old),
         fitted=again,
         qualities=tuple((run.name, run.quality.rows_of_text) for run in runs),
-        notes=(
-            *notes_of(runs),
-            *dropped(identified.model, runs),
-            *(f"{score.run} was fitted: its score does not validate the model" for score in again),
+        notes=tuple(
+            f"{score.run} was fitted: its score does not validate the model" for score in again
         ),
+        details=(*notes_of(runs), *dropped(identified.model, runs)),
         settings=settings(identified),
+        only_errors=True,
     )
 
 

@@ -17,6 +17,7 @@ from steelyard.measurement.defaults import (
     given_rest_speed,
 )
 from steelyard.measurement.inspection import Survey, survey
+from steelyard.measurement.methods.butterworth import Butterworth
 from steelyard.measurement.methods.protocols import Choosing, Method
 from steelyard.measurement.methods.response import noise_gain, responses
 from steelyard.measurement.processing import Processing
@@ -37,12 +38,15 @@ SAME_TIME = 1e-6
 """Difference up to which two times are one, in samples."""
 
 
-def prepare(recording: Recording, processing: Processing | None = None) -> Run:
+def prepare(
+    recording: Recording, processing: Processing | None = None, *, at_rest: bool = False
+) -> Run:
     """Look through a recording and decide how to read it.
 
     Args:
         recording: Raw rows.
         processing: What is not left to the data.
+        at_rest: Whether a log in which no joint moves is used, from its first row to its last.
 
     Raises:
         LogError: The log holds no motion that can be used; the message says why.
@@ -53,7 +57,7 @@ def prepare(recording: Recording, processing: Processing | None = None) -> Run:
         return prepare_mean(mean, recording.name, processing)
     loaded = recording.in_memory()
     found = survey(loaded, processing)
-    if found.band.frequency == 0.0:
+    if found.band.frequency == 0.0 and not at_rest:
         raise _static(recording)
     band = found.band
     cut = cutoffs(processing, band.frequency, found.rate, recording.where, band.floor)
@@ -67,13 +71,17 @@ def prepare(recording: Recording, processing: Processing | None = None) -> Run:
     speeds = _speeds(loaded, found, chain, segments, given, marking)
     if given is None:
         given = speeds.edge_above(_rest_speed(recording, found, chain, speeds.quantile(0.99)))
+    span = speeds.moving(DEPARTED * given)
+    if span is None and at_rest:
+        span = found.segments[0].start, found.segments[-1].stop
+        given = np.full_like(given, np.inf)
     return Run(
         recording=replace(loaded, log=recording.log),
         name=recording.name,
         chain=replace(chain, flagged=marking.found.efforts > 0),
         segments=segments,
         rest_speed=frozen(given),
-        span=_span(recording, cut, speeds, given),
+        span=_long_span(recording, cut, span),
         quality=_quality(recording, found, chain, requested, given, speeds.highest, marking.found),
     )
 
@@ -94,7 +102,9 @@ def prepare_mean(mean: MeanMotion, name: str, processing: Processing | None = No
 
 
 def _chosen(method: Method, recording: Recording, found: Survey) -> Method:
-    """The method with what it leaves to the log found there."""
+    """The method with what it leaves to the log found there; a log at rest has nothing to find."""
+    if found.band.frequency == 0.0:
+        return Butterworth()
     if not isinstance(method, Choosing):
         return method
     c, even = recording.channels, found.even
@@ -149,11 +159,10 @@ def _speeds(
     return speeds
 
 
-def _span(
-    recording: Recording, cut: Cutoffs, speeds: SpeedHistogram, rest_speed: Array
+def _long_span(
+    recording: Recording, cut: Cutoffs, span: tuple[float, float] | None
 ) -> tuple[float, float]:
-    """Times of the first and last motion of any joint."""
-    span = speeds.moving(DEPARTED * rest_speed)
+    """Times of the first and last motion of any joint, which must be long enough."""
     if span is None:
         raise _static(recording)
     need = SHORTEST / cut.matched

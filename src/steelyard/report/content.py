@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -37,7 +37,8 @@ class ReportContent:
         scores: Scores on runs that were not fitted.
         fitted: Scores on the runs that were.
         qualities: Per run its name and what was found in its log.
-        notes: What was decided on the way, for people to read.
+        notes: What was assumed or is doubtful, for people to read.
+        details: What else was decided on the way, such as cut-offs and corrected rows.
         settings: What the results depend on.
         friction: How the friction laws were chosen, if they were.
         findings: Fields of terms that were found.
@@ -52,7 +53,9 @@ class ReportContent:
         design: A motion, if one was designed.
         truth: All standard parameters of a simulated robot; `None` of a real one.
         workspace: Where its tool may be, drawn with its path; `None` if nobody said.
+        logs: The log of each run, as it was given.
         files: What was written beside the page, and the files' names.
+        only_errors: Whether the model's errors on logs are reported, and not its fit.
     """
 
     title: str
@@ -62,6 +65,7 @@ class ReportContent:
     fitted: tuple[RunScore, ...] = ()
     qualities: tuple[tuple[str, Rows], ...] = ()
     notes: tuple[str, ...] = ()
+    details: tuple[str, ...] = ()
     settings: tuple[tuple[str, str], ...] = ()
     friction: FrictionChoice | None = None
     findings: tuple[FieldFinding, ...] = ()
@@ -76,4 +80,6 @@ class ReportContent:
     design: Designed | None = None
     truth: Parameters | None = None
     workspace: WorkspaceSection | None = None
+    logs: Mapping[str, str] = field(default_factory=dict)
     files: Rows = ()
+    only_errors: bool = False

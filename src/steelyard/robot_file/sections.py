@@ -405,8 +405,8 @@ class ValidationSection(Section):
     """How scores are formed.
 
     Attributes:
-        cutoff: Cut-off of the low-pass of measured and predicted efforts [Hz]; that of the parallel
-            filter if left out.
+        cutoff: Cut-off of the low-pass of measured and predicted efforts [Hz]; if left out, 5 Hz
+            for the headline and that of the parallel filter for the other errors.
     """
 
     cutoff: Positive | None = None

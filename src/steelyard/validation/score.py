@@ -7,7 +7,7 @@ joint moves.
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import groupby, tee
+from itertools import groupby, tee, zip_longest
 from math import isfinite, sqrt
 from typing import Any
 
@@ -21,6 +21,7 @@ from steelyard.measurement.run import Block, Run
 from steelyard.model import ValuedModel
 from steelyard.regression.gather import Mask, along
 from steelyard.validation.bands import Bands
+from steelyard.validation.headline import BandErrors, EffortReference, band_errors, band_of
 from steelyard.validation.torque_parts import MOST_KEPT, PARTS, TorqueParts, TorqueSplit
 from steelyard.validation.traces import MOST_DRAWN, Signals, Sure, Thinned, traces_of
 from steelyard.validation.traces import Traces as Traces
@@ -35,7 +36,8 @@ class JointScore:
         unit: `A`, `Nm` or `N`.
         relative_percent: Error relative to the measured effort, all samples [%].
         relative_percent_moving: The same where the joint moves; `None` if it never does.
-        rmse: Root mean square error.
+        rmse: Root mean square error, all samples.
+        rmse_moving: The same where the joint moves; `None` if it never does.
         predict_zero: RMSE of predicting zero: the measured effort's own root mean square.
         prior_rmse: RMSE of the nominal model of the robot's file; `None` if there is none.
     """
@@ -45,6 +47,7 @@ class JointScore:
     relative_percent: float
     relative_percent_moving: float | None
     rmse: float
+    rmse_moving: float | None
     predict_zero: float
     prior_rmse: float | None
 
@@ -59,6 +62,7 @@ class RunScore:
         joints: One score per joint.
         pooled_percent: Norms taken over all joints together [%]; `None` if units differ.
         pooled_percent_moving: The same where each joint moves.
+        errors: Errors in the band that is fixed for all models.
         traces: The compared signals.
         repeats: The fitted run whose motion it repeats; empty if its motion is another one.
         parts: Efforts by their causes, if they were wanted.
@@ -69,6 +73,7 @@ class RunScore:
     joints: tuple[JointScore, ...]
     pooled_percent: float | None
     pooled_percent_moving: float | None
+    errors: BandErrors
     traces: Traces
     repeats: str = ""
     parts: TorqueParts | None = None
@@ -105,7 +110,10 @@ class RunScore:
             "pooled_percent_moving": self.pooled_percent_moving,
             "band_coverage_percent": self.coverage_percent,
         }
-        return _finite(figures) | {"joints": [_finite(vars(joint)) for joint in self.joints]}
+        return _finite(figures) | {
+            "headline": self.errors.to_dict(),
+            "joints": [_finite(vars(joint)) for joint in self.joints],
+        }
 
 
 def score(
@@ -116,6 +124,7 @@ def score(
     prior: ValuedModel | None = None,
     bands: Bands | None = None,
     split: TorqueSplit | None = None,
+    reference: EffortReference | None = None,
 ) -> RunScore:
     """Compare a model with a run, block by block, in constant memory.
 
@@ -127,6 +136,7 @@ def score(
         prior: The same model with nominal values, to be scored beside it.
         bands: How sure the model is, for the traces.
         split: What splits the predicted efforts by cause, if they are wanted.
+        reference: What the errors in the fixed band are related to; unknown if `None`.
 
     Raises:
         LogError: The cut-off is too high for the run's rate.
@@ -134,15 +144,25 @@ def score(
     """
     require_fitting(cutoff, run.rate)
     models = (valued,) if prior is None else (valued, prior)
-    squares, thinned, kept = _Squares(), Thinned(MOST_DRAWN), Thinned(MOST_KEPT)
+    reference = EffortReference() if reference is None else reference
+    squares, fixed = _Squares(), _Squares()
+    thinned, kept = Thinned(MOST_DRAWN), Thinned(MOST_KEPT)
+    predictions = _predictions(models, split, gains)
+    alone, band = _predictions((valued,), None, gains), band_of(reference, run.rate)
     blocks = along(run.blocks(), valued.model)
     for _, of_segment in groupby(blocks, key=lambda block: block.segment):
         sure, known = None, np.empty((0, len(gains), 0))
+        once, again, *beside = tee(of_segment, 2 if bands is None else 3)
         if bands is not None:
-            of_segment, beside = tee(of_segment)
-            sure = Sure(beside, bands, gains, cutoff, run.rate)
-        predictions = _predictions(models, split, gains)
-        for (t, moving, q, dq), efforts in _filtered(of_segment, predictions, cutoff, run.rate):
+            sure = Sure(beside[0], bands, gains, cutoff, run.rate)
+        own = _filtered(once, predictions, cutoff, run.rate)
+        in_band = _filtered(again, alone, band, run.rate)
+        for part, banded in zip_longest(own, in_band):
+            if banded is not None:
+                fixed.add(banded[1], banded[0][1])
+            if part is None:
+                continue
+            (t, moving, q, dq), efforts = part
             compared = efforts[: 1 + len(models)]
             squares.add(compared, moving)
             beside_them = known if sure is None else sure.next(len(t))
@@ -171,6 +191,14 @@ def score(
             _percent(error_moving, size_moving)
             if comparable and squares.samples_moving.any()
             else None
+        ),
+        errors=band_errors(
+            run,
+            [(c.name, c.effort_unit) for c in valued.model.robot.coordinates],
+            gains,
+            reference,
+            (fixed.all, fixed.samples),
+            (fixed.moving, fixed.samples_moving),
         ),
         traces=traces_of(thinned, None if bands is None else bands.sigma / np.abs(gains)),
         parts=None if split is None else _parts(kept, gains),
@@ -263,6 +291,9 @@ class _Squares:
                 _percent(*self.moving[:2, j]) if self.samples_moving[j] else None
             ),
             rmse=float(root[0]),
+            rmse_moving=(
+                sqrt(self.moving[0, j] / self.samples_moving[j]) if self.samples_moving[j] else None
+            ),
             predict_zero=float(root[1]),
             prior_rmse=float(root[2]) if len(root) > 2 else None,
         )

@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.decision.verdict import Verdict, verdict
@@ -48,9 +49,15 @@ BODIES = 30.0
 TRIED = "payload, signs, order, units, gains, delay, mounting, friction and offsets"
 
 ADVICE = {
-    "payload": "identify it with `steelyard payload`, or validate on a log without payload",
+    "payload": Fix(
+        "identify it with `steelyard payload`, or validate on a log without payload",
+        command="steelyard payload MODEL LOG",
+    ),
 }
 """What to do about an explanation, by its cause."""
+
+COMPARED = "steelyard check ROBOT LOG --model MODEL"
+"""What shows the comparison of explanations."""
 
 
 class UnseenReason:
@@ -62,6 +69,8 @@ class UnseenReason:
         """At most one finding per unseen run."""
         found = []
         for run, score in zip(case.unseen, case.unseen_scores, strict=True):
+            if score.errors.at_rest:
+                continue
             ratio = excess(case.identified, score)
             if ratio > ABOVE:
                 found.append(_reason(case, run, score, ratio))
@@ -69,11 +78,14 @@ class UnseenReason:
 
 
 def excess(identified: IdentifiedModel, score: RunScore) -> float:
-    """RMS error of a run over the residuals of the fit, root mean square over joints that moved."""
+    """RMS error of a run over the residuals of the fit, root mean square over joints that moved.
+
+    Both are of the samples where a joint moves: at rest, friction has any value.
+    """
     gains = np.abs(np.asarray(identified.signals.gains))
     sigma = np.asarray(identified.estimate.sigma) / gains
-    rmse = np.array([joint.rmse for joint in score.joints])
-    seen = sigma > RESTING * sigma.max(initial=0.0)
+    rmse = np.array([np.nan if j.rmse_moving is None else j.rmse_moving for j in score.joints])
+    seen = (sigma > RESTING * sigma.max(initial=0.0)) & _moving(score)
     return float(np.sqrt(np.mean(np.square(rmse[seen] / sigma[seen])))) if seen.any() else 0.0
 
 
@@ -112,7 +124,7 @@ def _explains(decision: Verdict, own: float) -> bool:
 def _unexplained(fit: FittedCase, run: Run, left: float, figure: str) -> Finding:
     """That no cause was found, and what is to be looked at first."""
     says = f"no cause of the error was found; tested: {TRIED} ({left:.1f} % remain with the last)"
-    fix = Fix("`steelyard check ROBOT LOG --model MODEL` shows what was compared")
+    fix = Fix(f"`{COMPARED}` shows what was compared", command=COMPARED)
     same = any(_one_file(run.name, name) for name in _fitted_names(fit))
     if fit.unresolved:
         finding = fit.unresolved[0]
@@ -138,9 +150,14 @@ def _one_file(one: str, other: str) -> bool:
 
 
 def _own(identified: IdentifiedModel, score: RunScore) -> float:
-    """Typical misfit [%] that the fit left of its own runs, relative to this run's efforts."""
+    """Typical misfit [%] that the fit left of its own runs, relative to this run's efforts.
+
+    These are the smaller of measured and predicted ones: efforts may be logged in another unit.
+    """
     gains = np.abs(np.asarray(identified.signals.gains))
-    size = np.array([max(joint.predict_zero, 1e-12) for joint in score.joints])
+    predicted = np.sqrt(np.mean(np.square(score.traces.predicted), axis=0))
+    measured = np.array([joint.predict_zero for joint in score.joints])
+    size = np.maximum(np.minimum(measured, predicted), 1e-12)
     shares = np.asarray(identified.estimate.sigma) / gains / size
     return 100.0 * float(np.exp(np.mean(np.log(np.maximum(shares, 1e-6)))))
 
@@ -167,7 +184,7 @@ def _explained(fit: FittedCase, run: Run, decision: Verdict) -> Finding:
         reason,
         f"misfit {before.percent:.1f} %, with this explanation {after.percent:.1f} %",
         tuple(names[j] for j in causes[0].joints),
-        Fix(ADVICE.get(first, f"`steelyard check ROBOT LOG --model MODEL` shows the {first}")),
+        ADVICE.get(first, Fix(f"`{COMPARED}` shows the {first}", command=COMPARED)),
     )
 
 
@@ -183,9 +200,18 @@ def _with_other_friction(likelihood: Likelihood) -> float:
 
 
 def _typical(score: RunScore) -> float:
-    """Geometric mean over joints of the relative error [%]: as a misfit of `check` is."""
-    errors = [max(joint.relative_percent, 1e-4) for joint in score.joints]
+    """Geometric mean over joints that move of their relative error [%]: a misfit of `check`."""
+    errors = [
+        max(joint.relative_percent_moving or 0.0, 1e-4)
+        for joint, moves in zip(score.joints, _moving(score), strict=True)
+        if moves
+    ]
     return float(np.exp(np.mean(np.log(errors))))
+
+
+def _moving(score: RunScore) -> NDArray[np.bool_]:
+    """Which joints move long enough to be compared, shape `(n,)`."""
+    return np.array([joint.counted for joint in score.errors.joints])
 
 
 def _case_of(identified: IdentifiedModel, run: Run) -> tuple[Case, Evidence]:

@@ -62,6 +62,17 @@ SECTIONS: tuple[Section, ...] = (
     SettingsSection(),
 )
 
+ERROR_SECTIONS: tuple[Section, ...] = (
+    VerdictSection(),
+    EffortSection(),
+    TorqueSplitSection(),
+    ResidualsSection(),
+    CheckSection(),
+    QualitySection(),
+    SettingsSection(),
+)
+"""Sections about the errors of a model on logs, without its fit."""
+
 DESIGN_SECTIONS: tuple[Section, ...] = (
     DesignVerdictSection(),
     DesignJointsSection(),
@@ -77,6 +88,8 @@ DESIGN_SECTIONS: tuple[Section, ...] = (
 
 def sections_of(content: ReportContent) -> tuple[Section, ...]:
     """The sections of a page; one about a motion alone has no verdict on a model."""
+    if content.only_errors:
+        return ERROR_SECTIONS
     if content.design is None:
         return SECTIONS
     if content.identified is None:

@@ -45,12 +45,16 @@ class Section(ABC):
         """What the terminal shows, an empty line before each."""
         return ()
 
+    def detailed(self, content: ReportContent) -> Iterable[RenderableType]:
+        """What the terminal shows below that with `--verbose`."""
+        return ()
+
 
 class TableSection(Section):
     """A section that is plain tables."""
 
     in_terminal: ClassVar[bool] = False
-    """Whether the terminal shows them too."""
+    """Whether the terminal shows them with `--verbose`."""
 
     @abstractmethod
     def tables(self, content: ReportContent) -> Sequence[PlainTable]:
@@ -65,7 +69,7 @@ class TableSection(Section):
         """The tables as safe HTML."""
         return fill("tables.html", numbers)
 
-    def printed(self, content: ReportContent) -> Iterable[RenderableType]:
+    def detailed(self, content: ReportContent) -> Iterable[RenderableType]:
         """The tables, if the terminal shows them."""
         if self.in_terminal:
             yield from (text_table(table, self.title) for table in self.tables(content))

@@ -32,21 +32,25 @@ CSV_COLUMNS = (
 )
 
 
-def summary(content: ReportContent, console: Console) -> None:
+def summary(content: ReportContent, console: Console, verbose: bool = False) -> None:
     """Print what the sections have for a terminal, and the notes.
 
     Args:
         content: The report.
         console: Where to print.
+        verbose: Whether to print the details too.
     """
     from rich.text import Text
 
-    shown = (part for section in sections_of(content) for part in section.printed(content))
+    sections = sections_of(content)
+    shown = [part for section in sections for part in section.printed(content)]
+    if verbose:
+        shown += [part for section in sections for part in section.detailed(content)]
     for number, part in enumerate(shown):
         if number:
             console.print()
         console.print(part)
-    for note in content.notes:
+    for note in (*content.notes, *(content.details if verbose else ())):
         console.print(Text(f"note: {note}"))
 
 

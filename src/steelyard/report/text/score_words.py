@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from math import isfinite
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from math import inf, isfinite
 from statistics import fmean
 from typing import TYPE_CHECKING
 
 from steelyard.report.text.words import count, percent, significant
+from steelyard.validation.headline import PooledError, pooled
 
 if TYPE_CHECKING:
-    from steelyard.estimation.identified import IdentifiedModel
     from steelyard.validation.score import JointScore, RunScore
 
 MOVING, WHOLE = "where they move", "whole log"
@@ -75,34 +75,72 @@ def relative_errors(scores: Sequence[RunScore]) -> list[RelativeError]:
 
 
 def band(scores: Sequence[RunScore]) -> str:
-    """Like `below 8 Hz`: the low-pass of both sides of the comparison."""
-    return f"below {' and '.join(f'{c:g}' for c in sorted({run.cutoff for run in scores}))} Hz"
+    """Like `below 8 Hz`: the low-pass of both sides of the comparison in the band of the fit."""
+    return _below(run.cutoff for run in scores)
 
 
-def band_origin(identified: IdentifiedModel | None) -> str:
-    """Where the band comes from, if another identification may come to another one; or nothing."""
-    if identified is None or identified.processing.matched_cutoff is not None:
-        return ""
-    if identified.cutoffs.score != identified.cutoffs.matched:
-        return ""
-    return (
-        "The band was chosen from the fitted runs; [validation] cutoff in the robot file keeps it "
-        "the same for every model"
+def error_words(errors: Sequence[PooledError]) -> str:
+    """Like `2.1 Nm: 3.8 % of the effort used, 1.0 % of the rated effort`."""
+    return "; ".join(
+        f"{significant(one.error, 2)} {one.unit}: {percent(one.percent_of_used)} of the effort used"
+        + (
+            ""
+            if one.percent_of_rated is None
+            else f", {percent(one.percent_of_rated)} of the rated effort"
+        )
+        for one in errors
     )
 
 
+def basis_words(scores: Sequence[RunScore]) -> str:
+    """Like `RMS below 5 Hz, pooled over 6 joints, where they move`."""
+    n_joints = len(scores[0].joints)
+    moving = {j.joint for run in scores for j in run.errors.joints if j.counted}
+    joints = (
+        count(n_joints, "joint")
+        if len(moving) == n_joints
+        else f"the {len(moving)} of {n_joints} joints that move"
+    )
+    still = [run.errors.at_rest for run in scores]
+    where = "at rest" if all(still) else f"{MOVING}, or all rest" if any(still) else MOVING
+    return f"RMS {_below(run.errors.cutoff for run in scores)}, pooled over {joints}, {where}"
+
+
+def joint_errors(scores: Sequence[RunScore]) -> tuple[PooledError | None, ...]:
+    """Error of each joint over runs; `None` of one that rests in all of them while others move."""
+    own = (
+        [replace(run.errors, joints=(run.errors.joints[number],)) for run in scores]
+        for number in range(len(scores[0].joints))
+    )
+    return tuple(next(iter(pooled(runs)), None) for runs in own)
+
+
 def poorly_predicted(scores: Sequence[RunScore], limit: float) -> str:
-    """Joints with a mean relative error above `limit` [%], with their RMSE; or nothing."""
+    """Joints with an error above `limit` [% of the effort used]; or nothing."""
     listed = []
-    for number, joint in enumerate(scores[0].joints):
-        own = [run.joints[number] for run in scores]
-        error = fmean(relative(one) for one in own)
-        if isfinite(error) and error > limit:
-            rmse = significant(fmean(one.rmse for one in own), 2)
-            listed.append((error, f"{joint.joint} {percent(error)} (RMSE {rmse} {joint.unit})"))
+    for joint, error in zip(scores[0].joints, joint_errors(scores), strict=True):
+        if error is not None and limit < error.percent_of_used < inf:
+            size = f"{significant(error.error, 2)} {error.unit}"
+            words = f"{joint.joint} {size} ({percent(error.percent_of_used)})"
+            listed.append((error.percent_of_used, words))
     listed.sort(reverse=True)
     more = f" and {len(listed) - NAMED} more" if len(listed) > NAMED else ""
     return ", ".join(words for _, words in listed[:NAMED]) + more
+
+
+def without_percentage(scores: Sequence[RunScore]) -> list[str]:
+    """Joints without a relative error: their measured effort is zero, or no number."""
+    return [
+        joint.joint
+        for joint, error in zip(scores[0].joints, joint_errors(scores), strict=True)
+        if error is not None and not isfinite(error.percent_of_used)
+    ]
+
+
+def other_errors(scores: Sequence[RunScore]) -> str:
+    """The relative errors in the band of the fit, as one sentence."""
+    words = "; ".join(error.words for error in relative_errors(scores))
+    return f"Of the measured effort in the band of the fit, {band(scores)}: {words}."
 
 
 def coverage_words(inside: float, unseen: bool) -> str:
@@ -115,6 +153,10 @@ def relative(joint: JointScore) -> float:
     """The error a joint is judged by: where it moves, or else over all samples [%]."""
     moving = joint.relative_percent_moving
     return joint.relative_percent if moving is None else moving
+
+
+def _below(cutoffs: Iterable[float]) -> str:
+    return f"below {' and '.join(f'{c:g}' for c in sorted(set(cutoffs)))} Hz"
 
 
 def _moving(scores: Sequence[RunScore]) -> str:

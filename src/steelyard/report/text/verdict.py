@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import isfinite
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from steelyard.report.content import ReportContent
 from steelyard.report.text.score_words import (
-    RelativeError,
-    band,
-    band_origin,
+    basis_words,
+    error_words,
+    other_errors,
     poorly_predicted,
-    relative,
-    relative_errors,
+    without_percentage,
 )
 from steelyard.report.text.words import count, percent
+from steelyard.validation.headline import PooledError, pooled
 
 if TYPE_CHECKING:
     from steelyard.diagnosis import Finding
@@ -39,6 +39,11 @@ COLOURS: dict[Level, str] = {"good": "green", "fair": "yellow", "poor": "red", "
 LIMITED: dict[str, Level] = {"ok": "none", "doubtful": "fair", "wrong": "poor"}
 """The best level that a limitation of this severity leaves; one that is ok leaves every level."""
 
+AT_REST = (
+    "At rest, friction has any value up to the breakaway friction, which the error includes: it "
+    "validates gravity only"
+)
+
 HOW_TO_VALIDATE = "steelyard identify ROBOT LOG... --validate OTHER_LOG"
 
 
@@ -51,21 +56,35 @@ class Verdict:
         detail: What it was computed from.
         level: No better than the worst limitation allows.
         limitations: Sentence and level of everything that was found against the model.
+        errors: Errors of the headline, one per unit of effort; none without an unseen run.
+        others: The relative errors in the band of the fit, as a sentence; or nothing.
     """
 
     headline: str
     detail: str
     level: Level
     limitations: tuple[tuple[str, Level], ...] = ()
+    errors: tuple[PooledError, ...] = ()
+    others: str = ""
+
+    @property
+    def percent_of_used(self) -> float | None:
+        """The error that the level is of, the largest over units of effort [%]."""
+        return max((one.percent_of_used for one in self.errors), default=None)
 
     @property
     def line(self) -> str:
         """The headline behind its level in capitals; alone where there is nothing to judge by."""
         return self.headline if self.level == "none" else f"{self.level.upper()}: {self.headline}"
 
-    def to_dict(self) -> dict[str, str]:
+    def to_dict(self) -> dict[str, Any]:
         """As JSON values, without the limitations."""
-        return {"level": self.level, "headline": self.headline, "detail": self.detail}
+        return {
+            "level": self.level,
+            "headline": self.headline,
+            "detail": self.detail,
+            "errors": [one.to_dict() for one in self.errors],
+        }
 
 
 def level_of(relative_percent: float | None) -> Level:
@@ -88,6 +107,21 @@ def exit_code(content: ReportContent) -> int:
     return int(verdict(content).level == "poor")
 
 
+def over(judged: Verdict, most: float | None) -> str:
+    """That an error is above a limit [% of the effort used]; empty if it is not.
+
+    Without an error nothing is below the limit either.
+    """
+    if most is None:
+        return ""
+    error = judged.percent_of_used
+    if error is None:
+        return f"No error on unseen motion to compare with --max-error {most:g} %"
+    if error <= most:
+        return ""
+    return f"The error of {percent(error)} is above --max-error {most:g} %"
+
+
 def _sentence(finding: Finding) -> str:
     """What was found, where, and the evidence."""
     where = f"{finding.log}: " if finding.log else ""
@@ -101,45 +135,50 @@ def _of_scores(content: ReportContent) -> Verdict:
     if not content.scores:
         return _untested(content)
     scores = [run for run in content.scores if not run.repeats] or list(content.scores)
-    motion = "repeated motion" if scores[0].repeats else "unseen motion"
-    first, *others = relative_errors(scores)
-    detail = _detail(content, scores, others)
-    if not isfinite(first.value):
-        strange = [j.joint for run in scores for j in run.joints if not isfinite(relative(j))]
-        return Verdict(
-            f"The error on {motion} cannot be given as a percentage",
-            f"No relative error of {', '.join(dict.fromkeys(strange))}: its measured effort is "
-            f"zero or not a number. See the table. {detail}",
-            "none",
+    errors = pooled(run.errors for run in scores)
+    plain = Verdict("", _detail(scores), "none", errors=errors, others=other_errors(scores))
+    motion = _motion(scores)
+    worst = plain.percent_of_used
+    if worst is None or not isfinite(worst):
+        strange = ", ".join(without_percentage(scores))
+        return replace(
+            plain,
+            headline=f"The error on {motion} cannot be given as a percentage",
+            detail=f"No relative error of {strange}: its measured effort is zero or not a number. "
+            f"See the table. {plain.detail}".rstrip(),
         )
-    error = f"{percent(first.value)} of the measured effort (RMS {band(scores)}, {first.kind})"
-    if first.value >= 100.0:
-        return Verdict(
-            f"Predicts {motion} no better than predicting zero: the error is {error}",
-            detail,
-            "poor",
-        )
-    level = level_of(first.value)
+    error = f"{error_words(errors)} ({basis_words(scores)})"
+    if worst >= 100.0:
+        headline = f"Predicts {motion} no better than predicting zero: the error is {error}"
+        return replace(plain, headline=headline, level="poor")
+    level = level_of(worst)
     if scores[0].repeats:
         level = max(level, "none", key=SEVERITY.index)
-    return Verdict(f"Predicts {motion} with an error of {error}", detail, level)
+    return replace(plain, headline=f"Predicts {motion} with an error of {error}", level=level)
+
+
+def _motion(scores: Sequence[RunScore]) -> str:
+    """What was predicted."""
+    if scores[0].repeats:
+        return "repeated motion"
+    return "unseen postures" if all(run.errors.at_rest for run in scores) else "unseen motion"
 
 
 def _untested(content: ReportContent) -> Verdict:
     """Without a run that was kept aside nothing is known about other motions."""
-    fitted = content.fitted
-    fit = relative_errors(fitted)[0] if fitted else None
-    described = (
-        ""
-        if fit is None or not isfinite(fit.value)
-        else f"The model describes {count(len(fitted), 'fitted run')} with an error of "
-        f"{percent(fit.value)} of the measured effort (RMS {band(fitted)}, {fit.kind}), which is "
-        "no evidence for other motions. "
-    )
+    fitted, described = content.fitted, ""
+    errors = pooled(run.errors for run in fitted)
+    if errors and all(isfinite(one.percent_of_used) for one in errors):
+        described = (
+            f"The model describes {count(len(fitted), 'fitted run')} with an error of "
+            f"{error_words(errors)} ({basis_words(fitted)}), which is no evidence for other "
+            "motions. "
+        )
     return Verdict(
         "Not validated on unseen motion",
         f"{described}To validate it, log another motion and run: {HOW_TO_VALIDATE}",
         "none",
+        others=other_errors(fitted) if fitted else "",
     )
 
 
@@ -153,18 +192,13 @@ def _repeated(scores: Sequence[RunScore]) -> str:
     )
 
 
-def _detail(
-    content: ReportContent, scores: Sequence[RunScore], others: Sequence[RelativeError]
-) -> str:
-    """The other errors, the joints that are predicted poorly, the runs, where the band is from."""
-    one = len(scores) == 1
-    runs = f"Run {scores[0].run}, not fitted" if one else f"{len(scores)} runs, none of them fitted"
-    poor = poorly_predicted(scores, FAIR)
+def _detail(scores: Sequence[RunScore]) -> str:
+    """The joints that are predicted poorly, which motions are repeated, and friction at rest."""
+    still = [run.errors.at_rest for run in scores]
+    poor = "" if all(still) else poorly_predicted(scores, FAIR)
     sentences = (
-        "; ".join(error.words for error in others),
         f"Poorly predicted joints: {poor}" if poor else "",
-        runs,
         _repeated(scores),
-        band_origin(content.identified),
+        AT_REST if any(still) else "",
     )
     return " ".join(f"{sentence}." for sentence in sentences if sentence)

@@ -1,12 +1,18 @@
 """Drive gains that were identified, and the payload that fixed their scale."""
 
-from typing import Any, ClassVar
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from steelyard.estimation.payload.gains import GainEstimate
 from steelyard.report.content import ReportContent
 from steelyard.report.sections.section import TableSection
 from steelyard.report.sections.tables import PlainTable, Row
 from steelyard.report.text.words import significant
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
 
 
 class DrivesSection(TableSection):
@@ -20,6 +26,17 @@ class DrivesSection(TableSection):
     def tables(self, content: ReportContent) -> list[PlainTable]:
         """One table, if gains were identified."""
         return [] if content.gains is None else [_gains(content.gains)]
+
+    def printed(self, content: ReportContent) -> Iterable[RenderableType]:
+        """The gains in one line."""
+        from rich.text import Text
+
+        if content.gains is not None:
+            gains = (
+                f"{joint} {significant(gain)} {unit}"
+                for joint, gain, _, unit, *_ in content.gains.each
+            )
+            yield Text(f"drive gains: {', '.join(gains)}")
 
     def to_dict(self, content: ReportContent) -> dict[str, Any]:
         """The gains."""

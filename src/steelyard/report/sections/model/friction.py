@@ -1,13 +1,19 @@
 """How the friction laws, and what they are not linear in, were found."""
 
-from typing import Any, ClassVar
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from steelyard.estimation.fields.fields import Finding
 from steelyard.report.content import ReportContent
 from steelyard.report.sections.section import TableSection
 from steelyard.report.sections.tables import PlainTable, Row
-from steelyard.report.text.words import significant
+from steelyard.report.text.words import count, significant
 from steelyard.validation.friction.friction import FrictionChoice
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
 
 ERROR = (
     "geometric mean of a typical joint's and of all joints' together, behind the parallel filter"
@@ -28,12 +34,31 @@ class FrictionSection(TableSection):
         mixes = [] if content.friction is None else [_mixes(content.friction)]
         return [*mixes, *([_fields(content.findings)] if content.findings else [])]
 
+    def printed(self, content: ReportContent) -> Iterable[RenderableType]:
+        """The laws that were chosen, and how much of the error they take away."""
+        from rich.text import Text
+
+        if content.friction is not None:
+            yield Text(_chosen(content.friction))
+
     def to_dict(self, content: ReportContent) -> dict[str, Any]:
         """The choice of laws, and the fields."""
         return {
             "friction": None if content.friction is None else content.friction.to_dict(),
             "fields": [finding.to_dict() for finding in content.findings],
         }
+
+
+def _chosen(choice: FrictionChoice) -> str:
+    """The chosen laws beside the first row of the table."""
+    first, best = choice.table[0], next(mix for mix in choice.table if mix.chosen)
+    compared = f"{count(len(choice.table), 'combination')} of laws compared"
+    if best is first:
+        return f"friction laws: {best.name} ({compared}, none is significantly better)"
+    return (
+        f"friction laws: {best.name} ({compared}; error on motion left out {best.error:.2f} %, "
+        f"with {first.name} {first.error:.2f} %)"
+    )
 
 
 def _mixes(choice: FrictionChoice) -> PlainTable:

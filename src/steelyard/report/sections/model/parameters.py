@@ -10,7 +10,7 @@ import numpy as np
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill
 from steelyard.report.sections.section import Numbers, Section
-from steelyard.report.text.table import LEARNED, WEAK, Row, rows
+from steelyard.report.text.table import LEARNED, WEAK, Grade, Row, rows
 from steelyard.report.text.words import count, significant
 from steelyard.terms.register import description_of
 
@@ -18,6 +18,15 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from steelyard.estimation.identified import IdentifiedModel
+
+GRADES: tuple[tuple[str, tuple[Grade, ...]], ...] = (
+    ("well identified", ("sure",)),
+    ("poorly identifiable", ("weak", "zero")),
+    ("at a bound", ("bound",)),
+    ("mostly from the prior", ("prior",)),
+    ("not identifiable from these data", ("unseen",)),
+)
+"""How the line of the terminal counts the parameters."""
 
 NAMED = 8
 """Most parameters that a line of the terminal names."""
@@ -75,7 +84,18 @@ class ParametersSection(Section):
         }
 
     def printed(self, content: ReportContent) -> Iterable[RenderableType]:
-        """How many parameters there are, and which the data show poorly or not at all."""
+        """How many parameters there are, and how many the data show poorly or not at all."""
+        if content.identified is None:
+            return
+        from rich.text import Text
+
+        table = rows(content.identified)
+        grades = [(words, sum(row.grade in of for row in table)) for words, of in GRADES]
+        named = ", ".join(f"{number} {words}" for words, number in grades if number)
+        yield Text(f"{count(len(table), 'base parameter')}: {named}")
+
+    def detailed(self, content: ReportContent) -> Iterable[RenderableType]:
+        """Which the data show poorly or not at all."""
         if content.identified is None:
             return
         from rich.text import Text

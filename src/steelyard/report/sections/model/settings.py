@@ -30,7 +30,7 @@ class SettingsSection(Section):
 
 def notes_of(content: ReportContent) -> tuple[str, ...]:
     """What was decided and assumed, each note once; what a motion does not cover is its verdict."""
-    notes = content.notes
+    notes = (*content.notes, *content.details)
     if content.identified is not None:
         notes += content.identified.provenance.notes
     if (designed := content.design) is not None:

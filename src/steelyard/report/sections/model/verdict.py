@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill
@@ -11,15 +11,16 @@ from steelyard.report.sections.model.effort import band_text
 from steelyard.report.sections.section import Numbers, Section
 from steelyard.report.text.findings import finding_dict
 from steelyard.report.text.score_words import (
-    RelativeError,
-    band,
+    basis_words,
     coverage_words,
+    error_words,
     relative,
     relative_errors,
 )
 from steelyard.report.text.table import rows
 from steelyard.report.text.verdict import COLOURS, FAIR, GOOD, level_of, verdict
-from steelyard.report.text.words import percent, significant
+from steelyard.report.text.words import NONE, percent, significant
+from steelyard.validation.headline import JointError, PooledError, pooled
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -62,37 +63,56 @@ class VerdictSection(Section):
             "validation": [score.to_dict() for score in content.scores],
             "identification": [score.to_dict() | {"motion": "fitted"} for score in content.fitted],
             "limitations": [finding_dict(finding) for finding in content.limitations],
-            "notes": list(content.notes),
+            "notes": [*content.notes, *content.details],
         }
 
     def printed(self, content: ReportContent) -> Iterable[RenderableType]:
-        """The verdict with its limitations, and the scores of every joint."""
+        """The verdict with its limitations, and the errors of every joint, or of every run."""
         from rich.console import Group
         from rich.text import Text
 
         judged = verdict(content)
         yield Group(
             Text(judged.line, style=f"bold {COLOURS[judged.level]}"),
-            Text(judged.detail),
+            *([Text(judged.detail)] if judged.detail else []),
             *(Text(f"! {said}", style=COLOURS[level]) for said, level in judged.limitations),
         )
-        for score in content.scores or content.fitted:
-            table = _table(score, bool(content.scores))
-            if score.coverage_percent is None:
-                yield table
-                continue
-            inside = coverage_words(score.coverage_percent, bool(content.scores))
-            bands = Text(f"95 % bands {band_text(content.identified)}; {inside}")
-            yield Group(table, bands)
+        scores = content.scores or content.fitted
+        if len(scores) > 1:
+            yield _runs_table(scores, bool(content.scores))
+        elif scores:
+            yield _joints_table(scores[0], bool(content.scores))
+
+    def detailed(self, content: ReportContent) -> Iterable[RenderableType]:
+        """The errors of every joint in every run, in the fixed band and in that of the fit."""
+        from rich.console import Group
+        from rich.text import Text
+
+        judged, unseen = verdict(content), bool(content.scores)
+        if judged.others:
+            yield Text(judged.others)
+        scores = content.scores or content.fitted
+        for score in scores:
+            if len(scores) > 1:
+                yield _joints_table(score, unseen)
+            parts: list[RenderableType] = [_fit_table(score)]
+            if score.coverage_percent is not None:
+                inside = coverage_words(score.coverage_percent, unseen)
+                parts.append(Text(f"95 % bands {band_text(content.identified)}; {inside}"))
+            yield Group(*parts)
 
 
 def _facts(content: ReportContent) -> list[tuple[str, str]]:
     """Values and labels of the key figures."""
-    facts = [_fact(error, content.scores, "") for error in relative_errors(content.scores)[1:]]
+    facts = [
+        (percent(error.value), f"error {error.kind}, in the band of the fit")
+        for error in relative_errors(content.scores)
+    ]
     if content.fitted:
-        facts.append(
-            _fact(relative_errors(content.fitted)[0], content.fitted, "on the fitted runs: ")
-        )
+        facts += [
+            (percent(error.percent_of_used), f"error on the fitted runs, {error.unit}")
+            for error in pooled(score.errors for score in content.fitted)
+        ]
     if content.identified is not None:
         table = rows(content.identified)
         sure = sum(row.grade == "sure" for row in table)
@@ -102,18 +122,28 @@ def _facts(content: ReportContent) -> list[tuple[str, str]]:
     return facts
 
 
-def _fact(error: RelativeError, scores: Sequence[RunScore], where: str) -> tuple[str, str]:
-    """Value and label of an error."""
-    return percent(error.value), f"error {where}{error.kind}, {band(scores)}"
-
-
 def _run(score: RunScore) -> dict[str, Any]:
     return {
         "run": score.run,
         "repeats": score.repeats,
         "cutoff": score.cutoff,
-        "figures": [error.words for error in relative_errors([score])],
+        "band": score.errors.cutoff,
+        "figures": error_words(pooled([score.errors])),
+        "basis": basis_words([score]),
+        "errors": [_error(joint) for joint in score.errors.joints],
         "joints": [_joint(joint) for joint in score.joints],
+    }
+
+
+def _error(joint: JointError) -> dict[str, Any]:
+    """A joint's error in the fixed band; one that rests while others move has no level."""
+    share = joint.percent_of_used
+    return {
+        **vars(joint),
+        "share": share,
+        "of_rated": joint.percent_of_rated,
+        "level": level_of(share) if joint.counted else "none",
+        "bar": min(share, 100.0) if share == share else 0.0,
     }
 
 
@@ -125,14 +155,82 @@ def _joint(joint: JointScore) -> dict[str, Any]:
     }
 
 
-def _table(score: RunScore, unseen: bool) -> Table:
-    from rich.table import Table
+def _runs_table(scores: Sequence[RunScore], unseen: bool) -> RenderableType:
+    """One row per run: its error, and its worst joint."""
+    from rich.console import Group
+    from rich.text import Text
+
+    title = f"{len(scores)} runs, {'not fitted' if unseen else 'fitted'} ({basis_words(scores)})"
+    table = _plain_table(("run", "error", "of used", "of rated", "worst joint"), (0, 4))
+    for score in scores:
+        for error in pooled([score.errors]):
+            name = f"{score.run} (repeats {score.repeats})" if score.repeats else score.run
+            _add(table, name, error, _worst(score))
+    return Group(Text(title), table)
+
+
+def _worst(score: RunScore) -> str:
+    """The joint with the largest error relative to the effort it used."""
+    counted = [
+        j for j in score.errors.joints if j.counted and j.percent_of_used == j.percent_of_used
+    ]
+    if not counted:
+        return NONE
+    worst = max(counted, key=lambda joint: joint.percent_of_used)
+    return f"{worst.joint} {percent(worst.percent_of_used)}"
+
+
+def _joints_table(score: RunScore, unseen: bool) -> RenderableType:
+    """One row per joint: its error in the fixed band, beside what it uses and is rated for."""
+    from rich.console import Group
     from rich.text import Text
 
     again = f"not fitted, repeats the motion of {score.repeats}" if score.repeats else "not fitted"
-    kind = again if unseen else "fitted"
+    where = "whole log" if score.errors.at_rest else "where each joint moves"
+    basis = f"RMS below {score.errors.cutoff:g} Hz, {where}"
+    headings = ("joint", "error", "of used", "of rated", "used", "rated", "")
+    table = _plain_table(headings, (0, 6))
+    for joint in score.errors.joints:
+        effort = significant(joint.used), significant(joint.rated)
+        _add(table, joint.joint, joint, *effort, "" if joint.counted else "at rest, not counted")
+    several = len(pooled([score.errors])) > 1
+    for error in pooled([score.errors]):
+        _add(table, f"pooled, {error.unit}" if several else "pooled", error)
+    return Group(Text(f"{score.run}, {again if unseen else 'fitted'} ({basis})"), table)
+
+
+def _plain_table(headings: Sequence[str], left: Sequence[int]) -> Table:
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+
+    table = Table(box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
+    for number, heading in enumerate(headings):
+        side: Literal["left", "right"] = "left" if number in left else "right"
+        table.add_column(heading, justify=side, overflow="fold")
+    return table
+
+
+def _add(table: Table, name: str, error: JointError | PooledError, *more: str) -> None:
+    """A row: error with its unit, and relative to what is used and rated."""
+    from rich.text import Text
+
+    counted = not isinstance(error, JointError) or error.counted
+    style = COLOURS[level_of(error.percent_of_used)] if counted else "dim"
+    table.add_row(
+        Text(name),
+        f"{significant(error.error)} {error.unit}",
+        Text(percent(error.percent_of_used), style=style),
+        percent(error.percent_of_rated),
+        *(Text(cell) for cell in more),
+    )
+
+
+def _fit_table(score: RunScore) -> Table:
+    from rich.table import Table
+    from rich.text import Text
+
     table = Table(
-        title=Text(f"{score.run} ({kind}, below {score.cutoff:g} Hz)"),
+        title=Text(f"{score.run}, in the band of the fit, below {score.cutoff:g} Hz"),
         title_justify="left",
         caption=CAPTION,
         caption_justify="left",

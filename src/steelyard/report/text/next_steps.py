@@ -1,0 +1,83 @@
+"""What to do with a model next, as commands with the paths at hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from steelyard.report.text.table import rows
+from steelyard.report.text.verdict import verdict
+
+if TYPE_CHECKING:
+    from steelyard.report.content import ReportContent
+
+MODEL_ERROR = "model error"
+"""The check that compares residuals with noise."""
+
+MANY = 1.0 / 3.0
+"""Share of the base parameters that are not well identified, from which on a motion is advised."""
+
+Step = tuple[str, str]
+"""A command, or a line of the robot file, and what it is for."""
+
+
+def next_steps(content: ReportContent, robot: str, model: Path) -> tuple[Step, ...]:
+    """Steps after an identification, the most urgent first.
+
+    Args:
+        content: Of its report.
+        robot: The robot file as it was given.
+        model: The folder with the model.
+    """
+    steps = list(fixing(content, str(model), robot))
+    if not content.scores:
+        steps.append((f"steelyard validate {model} OTHER_LOG", "error on another motion"))
+    elif verdict(content).level == "poor" and not steps:
+        logs = " ".join(content.logs.values())
+        steps.append((f"steelyard check {robot} {logs}", "errors in the logs or the robot file"))
+    if content.friction is None and any(
+        found.check == MODEL_ERROR and not found.severity for found in content.limitations
+    ):
+        steps.append((f'friction = "auto" in {robot}, [model]', "laws chosen from the logs"))
+    if content.identified is not None and _weak(content) > MANY:
+        command = f"steelyard excite {robot} --earlier {model} --still-unknown"
+        steps.append((command, "a motion for the rest"))
+    if verdict(content).level == "good":
+        steps.append((f"steelyard export {model} --to urdf", "use the model elsewhere"))
+    return tuple(steps)
+
+
+def fixing(content: ReportContent, model: str, robot: str = "ROBOT") -> tuple[Step, ...]:
+    """The commands that go on from what limits the verdict."""
+    found = {}
+    for one in content.limitations:
+        if one.severity and one.fix is not None and one.fix.command:
+            paths = {"MODEL": model, "ROBOT": robot, "LOG": content.logs.get(one.log, "LOG")}
+            words = (paths.get(word, word) for word in one.fix.command.split(" "))
+            found[" ".join(words)] = ""
+    return tuple(found.items())
+
+
+def robot_file(content: ReportContent) -> str:
+    """The robot file that the model was identified with, if it lies here; else `ROBOT`."""
+    inputs = {} if content.identified is None else content.identified.provenance.inputs
+    names = (role.removeprefix("robot ") for role in inputs if role.startswith("robot "))
+    return next(
+        (name for name in names if name.endswith(".toml") and Path(name).is_file()), "ROBOT"
+    )
+
+
+def step_lines(steps: tuple[Step, ...]) -> list[str]:
+    """The steps as lines of a terminal, none without."""
+    width = max((len(step) for step, _ in steps), default=0)
+    heads = ("next    ", *["        "] * (len(steps) - 1))
+    return [
+        f"{head}{step:{width}}  {purpose}".rstrip()
+        for head, (step, purpose) in zip(heads, steps, strict=False)
+    ]
+
+
+def _weak(content: ReportContent) -> float:
+    """Share of the base parameters that are not well identified."""
+    table = () if content.identified is None else rows(content.identified)
+    return sum(row.grade in ("weak", "zero", "unseen") for row in table) / max(len(table), 1)

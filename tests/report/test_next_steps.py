@@ -1,0 +1,82 @@
+"""The commands that are proposed behind an identification."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from steelyard.diagnosis import Finding, Fix, Severity
+from steelyard.report import ReportContent
+from steelyard.report.text.next_steps import fixing, next_steps, robot_file, step_lines
+
+MODEL = Path("out")
+INCOMPLETE = Finding("model error", "", Severity.OK, "residuals", "", headline=True)
+LOADED = Finding(
+    "unseen log",
+    "points",
+    Severity.WRONG,
+    "a payload",
+    "",
+    fix=Fix("identify it", command="steelyard payload MODEL LOG"),
+)
+
+
+def commands(content: ReportContent) -> list[str]:
+    return [command for command, _ in next_steps(content, "arm.toml", MODEL)]
+
+
+def test_a_good_model_is_to_be_used(usual):
+    assert commands(usual) == ["steelyard export out --to urdf"]
+
+
+def test_without_a_run_that_was_not_fitted_one_is_to_be_logged(usual):
+    assert commands(replace(usual, scores=())) == ["steelyard validate out OTHER_LOG"]
+
+
+def test_friction_is_to_be_chosen_where_residuals_are_no_noise_and_it_was_not(usual):
+    content = replace(usual, limitations=(INCOMPLETE,))
+    assert commands(content) == commands(usual)
+    assert commands(replace(content, friction=None))[0] == 'friction = "auto" in arm.toml, [model]'
+
+
+def test_what_is_wrong_with_a_log_comes_first_with_its_path(usual):
+    content = replace(usual, limitations=(LOADED,), logs={"points": "logs/points.csv@0:5"})
+    assert commands(content) == ["steelyard payload out logs/points.csv@0:5"]
+    assert fixing(replace(content, logs={}), "out") == (("steelyard payload out LOG", ""),)
+
+
+def test_where_much_is_unknown_another_motion_is_proposed(usual):
+    loose = replace(
+        usual.identified.estimate, covariance=1e6 * usual.identified.estimate.covariance
+    )
+    content = replace(usual, identified=replace(usual.identified, estimate=loose))
+    assert commands(content)[0] == "steelyard excite arm.toml --earlier out --still-unknown"
+
+
+def test_a_poor_error_without_a_reason_is_to_be_checked(usual):
+    score = usual.scores[0]
+    joints = tuple(replace(joint, error=joint.used) for joint in score.errors.joints)
+    bad = replace(score, errors=replace(score.errors, joints=joints))
+    content = replace(usual, scores=(bad,), logs={"run1": "run1.csv", "points": "points.csv"})
+    assert commands(content) == ["steelyard check arm.toml run1.csv points.csv"]
+
+
+def test_steps_stand_below_each_other():
+    assert step_lines((("one", "first"), ("another", ""))) == [
+        "next    one      first",
+        "        another",
+    ]
+    assert step_lines(()) == []
+
+
+@pytest.mark.parametrize(("there", "named"), [(True, "arm.toml"), (False, "ROBOT")])
+def test_the_robot_file_is_named_where_it_lies_here(
+    usual, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, there: bool, named: str
+):
+    monkeypatch.chdir(tmp_path)
+    if there:
+        (tmp_path / "arm.toml").touch()
+    inputs = {"robot arm.toml": "", "robot arm.urdf": "", "log run1.csv": ""}
+    origin = replace(usual.identified.provenance, inputs=inputs)
+    content = replace(usual, identified=replace(usual.identified, provenance=origin))
+    assert robot_file(content) == named
