@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from steelyard.identification.parts import model_of as model_of
     from steelyard.identification.parts import read_trajectory as read_trajectory
     from steelyard.identification.payload import identify_payload as identify_payload
+    from steelyard.identification.reduce import reduce as reduce
+    from steelyard.identification.reduction_loop import reduction_loop as reduction_loop
     from steelyard.identification.simulate import simulate as simulate
     from steelyard.identification.validate import validate as validate
     from steelyard.measurement.run import Run as Run
@@ -70,6 +72,8 @@ _HOMES = {
     "model_of": "identification.parts",
     "open_log": "formats.register",
     "read_trajectory": "identification.parts",
+    "reduce": "identification.reduce",
+    "reduction_loop": "identification.reduction_loop",
     "simulate": "identification.simulate",
     "terms": "",
     "validate": "identification.validate",

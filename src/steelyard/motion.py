@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -119,6 +119,7 @@ class Trajectory(Protocol):
         ...
 
 
+@runtime_checkable
 class Rig(Protocol):
     """A robot, real or virtual, that follows trajectories and writes logs of it."""
 

@@ -56,6 +56,14 @@ class Parameters:
         except ValueError:
             raise KeyError(name) from None
 
+    def of(self, places: Sequence[int]) -> "Parameters":
+        """Some of the parameters, by their places."""
+        return Parameters(
+            [self.names[k] for k in places],
+            [self.units[k] for k in places],
+            self.values[list(places)],
+        )
+
     def as_dict(self) -> dict[str, float]:
         """Name to value."""
         return dict(zip(self.names, self.values.tolist(), strict=True))

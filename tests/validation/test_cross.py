@@ -8,6 +8,7 @@ import pytest
 
 from invented import single, tree
 from steelyard.errors import DataError
+from steelyard.estimation.fold_errors import FOLDS, logarithms
 from steelyard.estimation.least_squares.least_squares import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
@@ -21,12 +22,10 @@ from steelyard.regression.information import Information, Signature, Window
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot_file.signals import Signals
 from steelyard.validation.cross import (
-    FOLDS,
     Folding,
     folding,
     folds_of,
     left_out_errors,
-    logarithms,
     longest_window,
     per_fold,
     values_by,

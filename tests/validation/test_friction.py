@@ -10,6 +10,7 @@ import pytest
 from invented import single
 from steelyard.errors import DataError
 from steelyard.estimation.fields.fields import information_from
+from steelyard.estimation.fold_errors import logarithms
 from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
 from steelyard.measurement import Processing, Recording, Run, prepare
 from steelyard.measurement.recording import LogInMemory
@@ -27,7 +28,6 @@ from steelyard.terms.laws.rigid_body import RigidBody
 from steelyard.terms.laws.stribeck import Stribeck
 from steelyard.terms.laws.viscous import Viscous
 from steelyard.terms.term import Term
-from steelyard.validation.cross import logarithms
 from steelyard.validation.friction.friction import FrictionChoice, _staged, choose_friction
 from steelyard.validation.friction.mixes import mix_name, remembers
 

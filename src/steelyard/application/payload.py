@@ -90,6 +90,7 @@ def identify_payload(
         [run.scaled(gains, units) for run in loaded],
         first_deviates=True,
         drifts=drift > 0.0,
+        zero={one.name for one in identified.estimate.removed},
     )
     mean, precision = _prior(identified, case, bool(unloaded), drift)
     fit = _fitted(case.information, mean, precision)

@@ -15,6 +15,7 @@ from steelyard.cli.identify import identify
 from steelyard.cli.init import init
 from steelyard.cli.log import log
 from steelyard.cli.payload import payload
+from steelyard.cli.reduce import reduce
 from steelyard.cli.replay import replay
 from steelyard.cli.simulate import simulate
 from steelyard.cli.validate import validate
@@ -35,6 +36,7 @@ for command in (
     identify,
     validate,
     compare,
+    reduce,
     payload,
     export,
     simulate,
@@ -46,7 +48,16 @@ for command in (
 
 app.add_typer(log)
 
-MANY = ("--validate", "--format", "--loaded", "--unloaded", "--columns", "--estimators")
+MANY = (
+    "--validate",
+    "--format",
+    "--loaded",
+    "--unloaded",
+    "--columns",
+    "--estimators",
+    "--keep",
+    "--drop",
+)
 """Options that take all that follows up to the next option."""
 
 

@@ -58,6 +58,14 @@ def excite(
             metavar="MODEL",
         ),
     ] = None,
+    start: Annotated[
+        Path | None,
+        typer.Option(
+            help="trajectory.json of a motion of the same kind, such as the last one: it is "
+            "improved beside new ones.",
+            metavar="MOTION",
+        ),
+    ] = None,
     still_unknown: Annotated[
         bool,
         typer.Option(
@@ -126,6 +134,7 @@ def excite(
     task = design_task(
         robot,
         earlier=earlier,
+        start=start,
         formats=formats or (),
         rate=rate,
         fixed_base=fixed_base,

@@ -46,6 +46,21 @@ class Unidentifiable:
     tied_to: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True)
+class Removed:
+    """A base parameter that a reduction removed: it is known to be zero, not unknown.
+
+    Attributes:
+        name: The parameter.
+        step: Number of the step that removed it, from 1 on.
+        cost: Rise of chi-squared by its removal, residuals counted by their correlation.
+    """
+
+    name: str
+    step: int
+    cost: float
+
+
 @dataclass(frozen=True, eq=False)
 class RunParameters:
     """Parameters that one run has for itself.
@@ -105,6 +120,8 @@ class Estimate:
         at_bound: Those of `parameters` that a bound of a law or of the user holds: the data would
             have them beyond it.
         notes: What was decided on the way, for people to read.
+        removed: Parameters that the model was reduced by, in the order of their removal; they are
+            zero, and in none of the other lists.
 
     Example:
         >>> estimate = load_model("arm-model").estimate
@@ -125,6 +142,7 @@ class Estimate:
     learned: Array | None = None
     at_bound: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    removed: tuple[Removed, ...] = ()
 
     def __repr__(self) -> str:
         return f"Estimate({self.estimator}: {len(self.parameters)} parameters)"
@@ -171,6 +189,7 @@ class Estimate:
             "learned": None if self.learned is None else self.learned.tolist(),
             "at_bound": list(self.at_bound),
             "notes": list(self.notes),
+            "removed": [vars(removed) for removed in self.removed],
         }
 
     @classmethod
@@ -202,6 +221,10 @@ class Estimate:
             learned=None if data["learned"] is None else frozen(data["learned"], (size,)),
             at_bound=tuple(data["at_bound"]),
             notes=tuple(data["notes"]),
+            removed=tuple(
+                Removed(str(r["name"]), int(r["step"]), float(r["cost"]))
+                for r in data.get("removed", ())
+            ),
         )
 
 

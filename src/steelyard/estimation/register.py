@@ -122,6 +122,13 @@ def _ridge(context: Context) -> Estimator[Any]:
     return Ridge.nominal(context.regressor.base, context.knowledge, context.per_run)
 
 
+def _reduced(context: Context) -> Estimator[Any]:
+    from steelyard.estimation.reduction.reduce import Reduced
+
+    _refuse_own(context)
+    return Reduced()
+
+
 def _recursive(context: Context) -> Estimator[Any]:
     from steelyard.estimation.least_squares.recursive import Recursive
 
@@ -204,6 +211,12 @@ ESTIMATORS: tuple[Offer, ...] = (
         "information",
         _ridge,
         uses=(PRIOR,),
+    ),
+    Offer(
+        "reduced",
+        "weighted least squares of the parameters that left-out data need",
+        "information",
+        _reduced,
     ),
     Offer("RLS", "recursive least squares, forgetting 1 % per second", "information", _recursive),
     Offer("Huber", "least squares with lower weights for large residuals", "samples", _huber),

@@ -7,7 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from steelyard.arrays import Array, frozen
+from steelyard.errors import DataError
 from steelyard.excitation.advice import Advice, advice, samples_of
+from steelyard.excitation.bases.basis import coefficients_of
 from steelyard.excitation.bases.families import FAMILIES
 from steelyard.excitation.constraints.certificate import certify
 from steelyard.excitation.constraints.constraint import Constraint
@@ -35,7 +37,7 @@ from steelyard.excitation.workspace_tables import tool_of
 from steelyard.kernel.quantities.kinematics import points_on
 from steelyard.model import Model
 from steelyard.progress import Progress, silent
-from steelyard.regression.base import base_parameters
+from steelyard.regression.base import base_parameters, clear_map
 from steelyard.robot_file.file import LoadedRobot
 
 NOISE = 0.01
@@ -77,6 +79,7 @@ def design(
     effort: SearchBudget,
     *,
     earlier: Earlier | None = None,
+    start: ExactTrajectory | None = None,
     progress: Progress = silent,
     since: float | None = None,
 ) -> Designed:
@@ -87,6 +90,8 @@ def design(
         model: What the motion is to show.
         effort: How much is searched; its seconds are those of the whole design.
         earlier: What an earlier identification of the robot knows.
+        start: A motion of the same kind, such as the last one that was run: it is improved beside
+            what is searched, so that the criterion does not rise above its own.
         progress: Receives events of progress; when it requests a stop, it gets the best so far.
         since: When the time began to count, of `time.monotonic`; now if `None`.
 
@@ -97,9 +102,32 @@ def design(
     """
     begun = time.monotonic() if since is None else since
     kind = loaded.excitation.motion.kind
-    make = _searched if kind in FAMILIES else _planned
-    motion = make(loaded, model, effort, earlier, progress, begun)
+    if kind in FAMILIES:
+        motion = _searched(loaded, model, effort, earlier, start, progress, begun)
+    else:
+        if start is not None:
+            raise _not_of_kind(kind)
+        motion = _planned(loaded, model, effort, earlier, progress, begun)
     return _described(loaded, motion, earlier, begun)
+
+
+def condition_of_motion(
+    loaded: LoadedRobot, model: Model, trajectory: ExactTrajectory, earlier: Earlier | None
+) -> float:
+    """Condition number of the regressor along a motion, for the parameters that a model has."""
+    section = loaded.excitation
+    plain, _ = memoryless(model)
+    cases = cases_of(section, plain, limits_of(loaded.robot, section.limits), earlier)
+    samples = _samples(trajectory, section.samples)
+    return shown(trajectory, cases, np.ones(loaded.robot.n), samples).raw
+
+
+def _not_of_kind(kind: str) -> DataError:
+    return DataError(
+        f"the motion to start from is no motion of kind '{kind}' with these numbers",
+        where="motion to start from",
+        fix="give one that was designed with the same period and number of harmonics",
+    )
 
 
 def _searched(
@@ -107,12 +135,16 @@ def _searched(
     model: Model,
     effort: SearchBudget,
     earlier: Earlier | None,
+    start: ExactTrajectory | None,
     progress: Progress,
     begun: float,
 ) -> _Motion:
     method_of(loaded.excitation.search.method)
     pace = Pace()
     problem = build(loaded, model, earlier)
+    first = None if start is None else coefficients_of(problem.basis, start)
+    if start is not None and first is None:
+        raise _not_of_kind(loaded.excitation.motion.kind)
     refuse_impossible(problem, loaded)
     deadline = begun + effort.seconds - time_after(problem, effort.seconds, pace)
     left = deadline - max(FINISH * effort.seconds, 1.0) - time.monotonic()
@@ -126,7 +158,7 @@ def _searched(
         )
         if harvest.stopped:
             deadline = min(deadline, time.monotonic() + HURRY)
-        best = finished(problem, _candidates(problem, harvest), deadline)
+        best = finished(problem, _candidates(problem, harvest, first), deadline)
     except NoMotion as error:
         raise explained(problem, error) from None
     notes = (*problem.notes, *_limbs(problem))
@@ -144,9 +176,9 @@ def _searched(
     )
 
 
-def _candidates(problem: Problem, harvest: SearchResult) -> list[Array]:
+def _candidates(problem: Problem, harvest: SearchResult, first: Array | None) -> list[Array]:
     """The best motions and one of the best of every limb, best first: time may end after one."""
-    found = [one.x for one in harvest.best]
+    found = [one.x for one in harvest.best] + ([] if first is None else [first])
     *_, mixed = composed(problem.objective, problem.inequalities, problem.limbs, found)
     every = found if any(mixed is x for x in found) else [mixed, *found]
     return sorted(every, key=problem.criterion_value)
@@ -205,7 +237,7 @@ def _described(
     base = shows.base
     prior = None
     if earlier is not None and section.criterion.after_earlier:
-        prior = earlier.information(base)
+        prior = earlier.information(base, shows.absent)
     harvest = motion.harvest
     return Designed(
         robot=robot,
@@ -228,7 +260,8 @@ def _described(
         notes=(*loaded.notes, *notes, *motion.hints),
         constraints=tuple(motion.constraints),
         chosen=motion.cases[0].chosen,
-        faint=len(base_parameters(shows.model)) - len(base),
+        faint=len(base_parameters(shows.model)) - len(clear_map(shows.model)),
+        absent=shows.absent,
     )
 
 

@@ -24,7 +24,7 @@ from steelyard.excitation.previous_model import Earlier
 from steelyard.excitation.problem import Problem
 from steelyard.excitation.uncovered import Declined, Gap
 from steelyard.model import Model
-from steelyard.regression.base import FAINT, base_parameters, clear_map
+from steelyard.regression.base import FAINT, BaseMap, base_parameters, clear_map
 from steelyard.regression.information_gradient import InformationEvaluator
 from steelyard.robot.robot import Robot
 from steelyard.robot_file.excitation_sections import (
@@ -219,18 +219,18 @@ def cases_of(
             where="[excitation.criterion] kind",
             fix=advice(wanted.kind, KINDS, "criteria"),
         )
-    shows = InformationEvaluator(
-        model, weights_of(wanted, model.robot, earlier), SOFTNESS * limits.velocity
-    )
-    chosen = None if wanted.chosen is None else _chosen(wanted.chosen, model)
+    absent = absent_of(wanted, model, earlier)
+    weights = weights_of(wanted, model.robot, earlier)
+    shows = InformationEvaluator(model, weights, SOFTNESS * limits.velocity, absent)
+    chosen = None if wanted.chosen is None else _chosen(wanted.chosen, model, shows.base)
     prior = None
     if wanted.after_earlier:
-        prior = _needed(earlier, "after_earlier").information(shows.base)
+        prior = _needed(earlier, "after_earlier").information(shows.base, absent)
     if not wanted.relative:
         return (Case(shows, Measure(KINDS[wanted.kind], prior, chosen)),)
     known = _needed(earlier, "relative")
     loads = (None, *section.loads)
-    sizes = [sizes_of(known, model, load) for load in loads]
+    sizes = [sizes_of(known, model, shows.base, load) for load in loads]
     return tuple(Case(shows, Measure(KINDS[wanted.kind], prior, chosen, s)) for s in sizes)
 
 
@@ -258,9 +258,28 @@ def weights_of(wanted: CriterionSection, robot: Robot, earlier: Earlier | None) 
     return np.ones(robot.n)
 
 
-def sizes_of(earlier: Earlier, model: Model, load: LoadSection | None) -> Array:
-    """Sizes of the base parameters with a load, no smaller than twice their uncertainty, `(b,)`."""
+def absent_of(wanted: CriterionSection, model: Model, earlier: Earlier | None) -> tuple[str, ...]:
+    """Base parameters that the model does without.
+
+    Raises:
+        DataError: A name is none of the model's, or nothing would be left.
+    """
     base = clear_map(model)
+    if wanted.without is None:
+        removed = () if earlier is None else earlier.removed
+        return tuple(name for name in base.base_names if name in removed)
+    found = _named(wanted.without, model, base, "without")
+    if found >= set(base.base_names):
+        raise DataError(
+            "the model would do without all of its parameters",
+            where="[excitation.criterion] without",
+            fix="name fewer laws or parameters",
+        )
+    return tuple(name for name in base.base_names if name in found)
+
+
+def sizes_of(earlier: Earlier, model: Model, base: BaseMap, load: LoadSection | None) -> Array:
+    """Sizes of the base parameters with a load, no smaller than twice their uncertainty, `(b,)`."""
     standard = np.array([earlier.standard.get(name, 0.0) for name in model.names])
     if load is not None:
         for name, value in load_numbers(load, model.robot).items():
@@ -290,9 +309,12 @@ def _needed(earlier: Earlier | None, key: str) -> Earlier:
     return earlier
 
 
-def _chosen(wanted: Sequence[str], model: Model) -> tuple[int, ...]:
-    """Columns of laws or parameters that matter."""
-    base = clear_map(model)
+def _named(wanted: Sequence[str], model: Model, base: BaseMap, key: str) -> set[str]:
+    """Names of base parameters that are named, or belong to a law that is.
+
+    Raises:
+        DataError: A name is neither.
+    """
     first, laws = 0, dict[str, set[str]]()
     for term in model.terms:
         count = len(term.parameters(model.robot))
@@ -303,14 +325,22 @@ def _chosen(wanted: Sequence[str], model: Model) -> tuple[int, ...]:
         if name not in laws and name not in base.base_names:
             raise DataError(
                 f"'{name}' is neither a law nor a base parameter of the model",
-                where="[excitation.criterion] chosen",
+                where=f"[excitation.criterion] {key}",
                 fix=advice(name, [*laws, *base.base_names], "laws and parameters"),
             )
         found |= laws.get(name, {name})
+    return found
+
+
+def _chosen(wanted: Sequence[str], model: Model, base: BaseMap) -> tuple[int, ...]:
+    """Columns of laws or parameters that matter."""
+    found = _named(wanted, model, base, "chosen")
     if not found & set(base.base_names):
+        laws = [term.law for term in model.terms]
         raise DataError(
             f"none of the chosen parameters is identifiable from torque: {list(wanted)}",
             where="[excitation.criterion] chosen",
-            fix="choose laws or parameters among " + ", ".join([*laws, *base.base_names]),
+            fix="choose laws or parameters among "
+            + ", ".join(dict.fromkeys([*laws, *base.base_names])),
         )
     return tuple(k for k, name in enumerate(base.base_names) if name in found)

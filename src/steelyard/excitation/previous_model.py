@@ -1,6 +1,6 @@
 """What an earlier identification of the robot knows: its noise, its values, its information."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,6 +25,7 @@ class Earlier:
         values: Their values, shape `(p,)`.
         covariance: Shape `(p, p)`.
         standard: Values of standard parameters, by name.
+        removed: Base parameters that the earlier model was reduced by: they are zero.
     """
 
     noise: Array
@@ -33,6 +34,7 @@ class Earlier:
     values: Array
     covariance: Array
     standard: Mapping[str, float]
+    removed: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "noise", frozen(self.noise, (None,)))
@@ -51,19 +53,23 @@ class Earlier:
         """Information that a second holds, per squared regressor entry, shape `(n,)`."""
         return np.asarray(self.independent_rate / self.noise**2)
 
-    def information(self, base: BaseMap) -> Array:
+    def information(self, base: BaseMap, absent: Collection[str] = ()) -> Array:
         """Information on a model's base parameters; none on those that were not estimated.
 
-        Shape `(b, b)`.
+        Args:
+            base: The base parameters.
+            absent: Parameters that the model does without; they are known to be zero.
+
+        Returns:
+            Shape `(b, b)`.
         """
-        own = np.linalg.pinv(self.covariance, hermitian=True)
         place = {name: k for k, name in enumerate(base.base_names)}
-        known = [k for k, name in enumerate(self.names) if name in place]
-        targets = [place[self.names[k]] for k in known]
+        known = [k for k, name in enumerate(self.names) if name in place or name in absent]
+        own = np.linalg.pinv(self.covariance[np.ix_(known, known)], hermitian=True)
+        left = [k for k, name in enumerate(self.names[j] for j in known) if name in place]
+        targets = [place[self.names[known[k]]] for k in left]
         full = np.zeros((len(base), len(base)))
-        if len(known) < len(self.names):
-            own = np.linalg.pinv(self.covariance[np.ix_(known, known)], hermitian=True)
-        full[np.ix_(targets, targets)] = own
+        full[np.ix_(targets, targets)] = own[np.ix_(left, left)]
         return full
 
     def to_dict(self) -> dict[str, Any]:
@@ -75,6 +81,7 @@ class Earlier:
             "values": self.values.tolist(),
             "covariance": self.covariance.tolist(),
             "standard": dict(self.standard),
+            "removed": list(self.removed),
         }
 
     @classmethod
@@ -87,4 +94,5 @@ class Earlier:
             data["values"],
             data["covariance"],
             dict(data["standard"]),
+            tuple(data["removed"]),
         )

@@ -41,6 +41,7 @@ class Designed:
         constraints: What the certificate's proofs are of, in their order.
         chosen: Base parameters that matter; all if `None`.
         faint: How many base parameters no motion shows apart from others: they are left out.
+        absent: Base parameters that the model does without.
     """
 
     robot: Robot
@@ -64,6 +65,7 @@ class Designed:
     constraints: tuple[Constraint, ...] = ()
     chosen: tuple[int, ...] | None = None
     faint: int = 0
+    absent: tuple[str, ...] = ()
 
     @property
     def chosen_parameters(self) -> tuple[int, ...]:

@@ -20,7 +20,7 @@ from steelyard.excitation.previous_model import Earlier
 from steelyard.excitation.result import Designed
 from steelyard.excitation.search.parallel_search import SearchBudget
 from steelyard.excitation.trajectories.exact import ExactTrajectory
-from steelyard.excitation.trajectories.files import write_motion
+from steelyard.excitation.trajectories.files import read_motion, write_motion
 from steelyard.identification.defaults import DESIGN_BUDGET_S
 from steelyard.identification.excitation_inputs import (
     earlier_of,
@@ -142,6 +142,7 @@ class DesignTask:
         earlier: The model identified from a previous log, if any.
         formats: Formats of the motion's files.
         rate: Points a second in those files; each format's own if `None`.
+        start: Motion to start from, if any.
     """
 
     loaded: LoadedRobot
@@ -149,6 +150,7 @@ class DesignTask:
     earlier: Earlier | None
     formats: tuple[str, ...]
     rate: float | None
+    start: ExactTrajectory | None = None
 
     @property
     def searched(self) -> bool:
@@ -164,6 +166,7 @@ class DesignTask:
             self.model,
             effort,
             earlier=self.earlier,
+            start=self.start,
             progress=progress,
             since=since,
         )
@@ -175,6 +178,7 @@ def design_task(
     robot: str | Path | LoadedRobot,
     *,
     earlier: str | Path | IdentifiedModel | None = None,
+    start: str | Path | None = None,
     formats: Sequence[str] = (),
     rate: float | None = None,
     fixed_base: str | None = None,
@@ -193,7 +197,8 @@ def design_task(
     forms = ("csv", *formats)
     refuse_formats(loaded, forms, rate)
     before = None if known is None else earlier_of(known)
-    return DesignTask(loaded, model, before, forms, rate)
+    first = None if start is None else read_motion(Path(start), loaded.robot)
+    return DesignTask(loaded, model, before, forms, rate, first)
 
 
 @checked(budget=0.0, rate=1.0, searches=1, processes=1, seed=0)
@@ -208,6 +213,7 @@ def design_excitation(
     method: str | None = None,
     still_unknown: bool = False,
     earlier: str | Path | IdentifiedModel | None = None,
+    start: str | Path | None = None,
     formats: Sequence[str] = (),
     rate: float | None = None,
     fixed_base: str | None = None,
@@ -228,7 +234,9 @@ def design_excitation(
         criterion: What is minimised, likewise.
         method: Search method, likewise.
         still_unknown: Whether the information of `earlier` is added to that of the motion.
-        earlier: Model identified from a previous log, its `model.json`, or its folder.
+        earlier: Model identified from a previous log, its `model.json`, or its folder. Parameters
+            that it was reduced by are absent.
+        start: `trajectory.json` of a motion of the same kind, which is improved as well.
         formats: Formats of files beside CSV; see `steelyard excite --help`.
         rate: Points a second in those files.
         fixed_base: Link to fix to the world, for a model file; `None` for its root.
@@ -249,6 +257,7 @@ def design_excitation(
     task = design_task(
         robot,
         earlier=earlier,
+        start=start,
         formats=formats,
         rate=rate,
         fixed_base=fixed_base,

@@ -63,6 +63,7 @@ def earlier_of(identified: IdentifiedModel) -> Earlier:
         estimate.parameters.values,
         estimate.covariance,
         estimate.values.as_dict(),
+        tuple(one.name for one in estimate.removed),
     )
 
 

@@ -7,8 +7,8 @@ well-conditioned, so groupings come out the customary way: a link's mass joins t
 links before it.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -92,6 +92,15 @@ class BaseMap:
             self.dependent,
             self.unseen,
             np.vstack([self.coefficients, np.zeros((n, len(self.dependent)))]),
+        )
+
+    def without(self, names: Collection[str]) -> "BaseMap":
+        """The map of a model whose base parameters of these names are zero."""
+        left = [k for k, name in enumerate(self.base_names) if name not in names]
+        return replace(
+            self,
+            independent=tuple(self.independent[k] for k in left),
+            coefficients=frozen(self.coefficients[left]),
         )
 
     def grouping(self, base: int) -> str:

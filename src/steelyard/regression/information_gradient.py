@@ -55,16 +55,18 @@ class InformationEvaluator:
         weights: Of the efforts' squares over a second, such as independent samples a second over
             the variance of their noise, shape `(n,)`.
         widths: Speeds within which jumps turn, shape `(n,)` [rad/s; m/s].
+        absent: Base parameters that the model does without: they are zero, not unknown.
     """
 
     model: Model
     weights: Array
     widths: Array
+    absent: tuple[str, ...] = ()
 
     @cached_property
     def base(self) -> BaseMap:
         """The model's base parameters that motions can show, one per column."""
-        return clear_map(self.model)
+        return clear_map(self.model).without(self.absent)
 
     def at(self, q: Array, dq: Array, ddq: Array, *, step: float = 1.0) -> SampledInformation:
         """The information of samples of shape `(n, N)`, each of which counts `step` times.

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from steelyard.estimation.identified import IdentifiedModel
     from steelyard.estimation.least_squares.bootstrap import Bootstrap
     from steelyard.estimation.payload.gains import GainEstimate
+    from steelyard.estimation.reduction.reduce import Reduction
     from steelyard.estimation.zero_offset import ZeroOffsets
     from steelyard.excitation.result import Designed
     from steelyard.parameters import Parameters
@@ -50,6 +51,7 @@ class ReportContent:
         sensitivity: Fits with other cut-offs, if they were asked for.
         bootstrap: Estimates of windows drawn again, if they were asked for.
         comparison: Estimators beside each other, if they were compared.
+        reduction: How a model was made smaller, if it was.
         design: A motion, if one was designed.
         truth: All standard parameters of a simulated robot; `None` of a real one.
         workspace: Where its tool may be, drawn with its path; `None` if nobody said.
@@ -77,6 +79,7 @@ class ReportContent:
     sensitivity: Sensitivity | None = None
     bootstrap: Bootstrap | None = None
     comparison: Comparison | None = None
+    reduction: Reduction | None = None
     design: Designed | None = None
     truth: Parameters | None = None
     workspace: WorkspaceSection | None = None

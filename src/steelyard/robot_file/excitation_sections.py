@@ -121,6 +121,8 @@ class CriterionSection(Section):
     Attributes:
         kind: Criterion, such as `d_optimal`.
         chosen: Laws or base parameters of interest; all if left out.
+        without: Laws or base parameters that the model does without: zero, not unknown. Those that
+            an earlier model was reduced by if left out.
         weights: Weights of the joints: `equal`, by the `noise` of an earlier log, or numbers.
         relative: Whether variances are relative to the parameters' earlier values.
         after_earlier: Whether the information of earlier runs is added.
@@ -128,6 +130,7 @@ class CriterionSection(Section):
 
     kind: Name = "d_optimal"
     chosen: Names | None = None
+    without: Names | None = None
     weights: Literal["equal", "noise"] | Numbers = "equal"
     relative: bool = False
     after_earlier: bool = False

@@ -16,13 +16,13 @@ from steelyard.errors import DataError, LogError
 from steelyard.estimation.calibration import BINS, EDGES, Calibration, Kind, bins
 from steelyard.estimation.estimate import Z95, Estimate, Estimator
 from steelyard.estimation.fields.fields import information_from
+from steelyard.estimation.fold_errors import FOLDS
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.measurement.run import Run
 from steelyard.progress import Progress, silent, tell
 from steelyard.regression.information import Information
 from steelyard.regression.regressor import base_regressor
 from steelyard.validation.bands import Bands
-from steelyard.validation.cross import FOLDS
 from steelyard.validation.friction.mixes import remembers
 from steelyard.validation.left_out import LeftOut, runs_left_out, stretches_left_out
 from steelyard.validation.score import score

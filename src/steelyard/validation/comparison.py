@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
-from steelyard.validation.cross import standard_error
+from steelyard.estimation.fold_errors import standard_error
 
 ALIKE = 0.02
 """Loss against the best, relative to its error, that is not worth a choice."""

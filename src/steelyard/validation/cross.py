@@ -9,20 +9,15 @@ import numpy as np
 from steelyard.arrays import Array, frozen
 from steelyard.errors import DataError
 from steelyard.estimation.estimate import Estimator
+from steelyard.estimation.fold_errors import FEWEST, FOLDS
 from steelyard.measurement.run import Run
 from steelyard.regression.information import Information, Window
-
-FOLDS = 5
-"""Stretches that a single run is divided into."""
 
 LEAST = 0.005
 """Gain of an error that is worth another parameter, relative to it."""
 
 STILL = 0.05
 """Speed of a joint in a run, over its greatest in any, up to which it does not move there."""
-
-FEWEST = 2
-"""Parts that must be left out."""
 
 Fold = Callable[[Window], bool]
 """Whether a window belongs to a fold."""
@@ -184,31 +179,6 @@ def left_out_errors(
         shares = left_out.residual_squares(known) / np.where(sizes > 0.0, sizes, np.inf)
         errors[place] = 100.0 * np.sqrt(shares)
     return frozen(errors)
-
-
-def logarithms(errors: Array, sizes: Array) -> Array:
-    """One figure per fold: between the typical joint's error and that of all joints together.
-
-    The former alone would let joints that carry next to nothing decide, the latter would leave
-    all but the strongest out.
-
-    Args:
-        errors: Relative errors, shape `(folds, rows)`.
-        sizes: Squares of the efforts, shape `(folds, rows)`; zero of rows that do not count.
-
-    Returns:
-        Logarithms of relative errors, shape `(folds,)`.
-    """
-    least, known = 1e-12, sizes > 0.0
-    each = np.where(known, np.log(np.maximum(errors, least)), 0.0)
-    typical = each.sum(axis=1) / np.maximum(known.sum(axis=1), 1)
-    pooled = np.sqrt((np.square(errors) * sizes).sum(axis=1) / sizes.sum(axis=1))
-    return np.asarray(0.5 * (typical + np.log(np.maximum(pooled, least))))
-
-
-def standard_error(values: Array) -> float:
-    """Standard error of a mean."""
-    return float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else 0.0
 
 
 def _of_run(name: str) -> Fold:

@@ -16,9 +16,10 @@ from steelyard.errors import DataError
 from steelyard.estimation.consistent.consistent import Consistent
 from steelyard.estimation.effort_scales import DEVIATION, Scaled, Scales
 from steelyard.estimation.estimate import Z95
+from steelyard.estimation.fold_errors import FEWEST, FOLDS, logarithms
 from steelyard.progress import Progress, silent, tell
 from steelyard.regression.information import Information
-from steelyard.validation.cross import FEWEST, FOLDS, LEAST, logarithms
+from steelyard.validation.cross import LEAST
 
 BEFORE = f"known to ± {100.0 * Z95 * DEVIATION:.0f} % a priori (95 % interval)"
 """How well a scale is known without them, for people to read."""

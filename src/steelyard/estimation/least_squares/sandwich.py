@@ -128,11 +128,15 @@ def honest_covariance(
     Returns:
         Over the columns `fit.solution.kept`.
     """
-    factors = scatter(fit) if factors is None else factors
+    middle = score_covariance(fit, scatter(fit) if factors is None else factors)
+    return _symmetric(inverse @ (middle if prior is None else middle + prior) @ inverse)
+
+
+def score_covariance(fit: Fit, factors: Array) -> Array:
+    r"""Covariance of the normal vector, $\sum_j \varphi_j G_j + s s^T$, see `honest_covariance`."""
     middle = scores_of(fit.data, fit.solution.locals, fit.solution.kept, factors / fit.variances)
     shift = moved_scores(fit, 1.0 / fit.variances, middle)
-    middle += np.outer(shift, shift)
-    return _symmetric(inverse @ (middle if prior is None else middle + prior) @ inverse)
+    return np.asarray(middle + np.outer(shift, shift))
 
 
 def sandwich(fit: Fit) -> Array:

@@ -5,7 +5,7 @@ The payload's numbers, moved to the frame of the body that carries it, add to th
 ten columns of the body times the move.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -133,6 +133,7 @@ def load_case(
     *,
     first_deviates: bool,
     drifts: bool = True,
+    zero: Collection[str] = (),
 ) -> LoadCase:
     """Put runs together.
 
@@ -144,30 +145,31 @@ def load_case(
         loaded: Runs with it.
         first_deviates: Whether the first run deviates from the arm's friction too.
         drifts: Whether friction and offset are each run's own.
+        zero: Base parameters of the arm that are known to be zero; a payload adds to them too.
     """
     runs = tuple(run.merged(WINDOWS) for run in (*unloaded, *loaded))
     layout = runs[0].layout
-    n_arm, drift = len(layout.columns), drifting(model, layout.columns) if drifts else ()
+    arm = [k for k, name in enumerate(layout.columns) if name not in zero]
+    names, units = ([some[k] for k in arm] for some in (layout.columns, layout.units))
+    n_arm, drift = len(arm), drifting(model, names) if drifts else ()
     deviating = range(0 if first_deviates else 1, len(runs))
     place = {name: k for k, name in enumerate(base.base_names)}
     lift = payload_lift(model.robot, base, frame)[[place[name] for name in layout.columns]]
     size = n_arm + len(drift) * len(deviating) + 10
     parts = []
     for number, run in enumerate(runs):
-        transform = np.zeros((n_arm, size))
-        transform[:, :n_arm] = np.eye(n_arm)
+        transform = np.zeros((len(layout.columns), size))
+        transform[arm, range(n_arm)] = 1.0
         if number in deviating:
             start = n_arm + len(drift) * deviating.index(number)
-            transform[list(drift), range(start, start + len(drift))] = 1.0
+            transform[[arm[k] for k in drift], range(start, start + len(drift))] = 1.0
         if number >= len(unloaded):
             transform[:, -10:] = lift
         pieces = [run.of([k]) for k in range(len(run.windows))] or [run]
         parts += [Part(piece, transform) for piece in pieces]
-    own = [
-        (f"{layout.columns[k]} of run {r + 1}", layout.units[k]) for r in deviating for k in drift
-    ]
+    own = [(f"{names[k]} of run {r + 1}", units[k]) for r in deviating for k in drift]
     ten = zip((f"{name}.payload" for name in INERTIAL_NAMES), INERTIAL_UNITS, strict=True)
-    named = [*zip(layout.columns, layout.units, strict=True), *own, *ten]
+    named = [*zip(names, units, strict=True), *own, *ten]
     return LoadCase(joined(parts, [n for n, _ in named], [u for _, u in named]), n_arm, drift)
 
 

@@ -2,10 +2,14 @@
 
 from typing import Protocol
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.arrays import Array
 from steelyard.excitation.trajectories.exact import ExactTrajectory
+
+SAME = 1e-6
+"""Relative difference up to which two motions are one."""
 
 
 class Basis(Protocol):
@@ -56,3 +60,24 @@ class Basis(Protocol):
     def motion(self, x: Array) -> ExactTrajectory:
         """The motion of coefficients `x`, shape `(n, m)`."""
         ...
+
+
+def coefficients_of(basis: Basis, trajectory: ExactTrajectory) -> Array | None:
+    """Coefficients, shape `(n, m)`, of a motion; `None` if it is none of the basis.
+
+    Args:
+        basis: The family.
+        trajectory: The motion.
+    """
+    if abs(trajectory.duration - basis.duration) > SAME * basis.duration:
+        return None
+    samples = int(np.ceil(8.0 * max(basis.highest * basis.duration, basis.count))) + 1
+    t = np.linspace(0.0, basis.duration, samples)
+    q = trajectory.derivative(t, 0)
+    if q.shape[1] != basis.joints:
+        return None
+    shapes, rest = basis.shapes(t, 0), q - basis.offset(t, 0)
+    found = np.linalg.lstsq(shapes, rest, rcond=None)[0]
+    if np.abs(shapes @ found - rest).max() > SAME * max(1.0, float(np.abs(q).max())):
+        return None
+    return np.asarray(found.T)

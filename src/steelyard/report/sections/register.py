@@ -17,6 +17,7 @@ from steelyard.report.sections.model.masses import MassesSection
 from steelyard.report.sections.model.parameters import ParametersSection
 from steelyard.report.sections.model.per_run import PerRunSection
 from steelyard.report.sections.model.quality import QualitySection
+from steelyard.report.sections.model.reduction import ReductionSection, RemovalsSection
 from steelyard.report.sections.model.residuals import ResidualsSection
 from steelyard.report.sections.model.sensitivity import SensitivitySection
 from steelyard.report.sections.model.settings import SettingsSection
@@ -37,6 +38,7 @@ from steelyard.report.sections.section import Section
 
 SECTIONS: tuple[Section, ...] = (
     VerdictSection(),
+    ReductionSection(),
     EffortSection(),
     TorqueSplitSection(),
     FrictionCurvesSection(),
@@ -46,6 +48,7 @@ SECTIONS: tuple[Section, ...] = (
     EffortScalesSection(),
     ZeroOffsetsSection(),
     TruthSection(),
+    RemovalsSection(),
     ParametersSection(),
     MassesSection(),
     EllipsoidsSection(),

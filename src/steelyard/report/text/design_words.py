@@ -259,6 +259,8 @@ def headline(designed: Designed) -> str:
     shows = f"Identifies all {every} base parameters"
     if missing or designed.faint:
         shows = f"Identifies {every - missing - designed.faint} of {every} base parameters"
+    if designed.absent:
+        shows += f" of a model reduced by {len(designed.absent)}"
     if hardly := int(hidden(designed).sum()) - missing:
         shows += f", {hardly} of them poorly"
     if unended(designed):

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from steelyard.estimation.estimate import Z95
+from steelyard.estimation.estimate import Z95, Unidentifiable
 
 if TYPE_CHECKING:
-    from steelyard.estimation.estimate import Unidentifiable
     from steelyard.estimation.identified import IdentifiedModel
 
 WEAK = 20.0
@@ -24,7 +23,7 @@ HELD = 0.01
 LEARNED = 20.0
 """Share from data [%] below which a parameter is called known from the prior."""
 
-Grade = Literal["sure", "weak", "zero", "prior", "bound", "unseen"]
+Grade = Literal["sure", "weak", "zero", "prior", "bound", "unseen", "removed"]
 
 
 @dataclass(frozen=True)
@@ -43,7 +42,7 @@ class Row:
         nominal: Value in the robot's file; `None` if unknown.
         grade: `sure`, `weak` (relative standard deviation above 20 %), `zero` (the interval holds
             zero), `prior` (less than 20 % of it are from the data), `bound` (a bound holds it, so
-            that it has no interval) or `unseen`.
+            that it has no interval), `unseen`, or `removed` (the model was reduced by it: zero).
         status: The same in words.
         learned_percent: Share that comes from the data [%]; `None` without a prior.
     """
@@ -86,7 +85,16 @@ def rows(identified: IdentifiedModel) -> tuple[Row, ...]:
     for name in estimate.at_bound:
         seen[name] = _held(seen[name], bounds.get(seen[name].group, ()))
     blind = {b.name: _blind(b, groups, units, nominal.get(b.name)) for b in estimate.blind}
-    found = seen | blind
+    removed = {
+        r.name: replace(
+            _blind(Unidentifiable(r.name), groups, units, nominal.get(r.name)),
+            value=0.0,
+            grade="removed",
+            status=f"removed in step {r.step}: zero",
+        )
+        for r in estimate.removed
+    }
+    found = seen | blind | removed
     order = [name for name in groups if name in found]
     order += [name for name in found if name not in groups]
     return tuple(found[name] for name in order)

@@ -20,12 +20,13 @@ from steelyard.errors import ModelError
 from steelyard.estimation.estimate import Estimator
 from steelyard.estimation.fields.fields import information_from
 from steelyard.estimation.fields.load_friction_reference import reference_of
+from steelyard.estimation.fold_errors import standard_error
 from steelyard.measurement.run import Run
 from steelyard.model import Model
 from steelyard.progress import Progress, silent
 from steelyard.regression.information import Information
 from steelyard.terms.term import Term
-from steelyard.validation.cross import LEAST, folding, per_fold, standard_error
+from steelyard.validation.cross import LEAST, folding, per_fold
 from steelyard.validation.friction.candidates import Candidates
 from steelyard.validation.friction.mix_errors import ConsistentOf, FrictionMixErrors
 from steelyard.validation.friction.mixes import DIRECTION, LOAD, SPEED, mix_name, stages_of

@@ -10,13 +10,14 @@ from steelyard.arrays import Array
 from steelyard.errors import DataError
 from steelyard.estimation.consistent.consistent import Consistent
 from steelyard.estimation.estimate import Estimator
+from steelyard.estimation.fold_errors import logarithms
 from steelyard.model import Model
 from steelyard.progress import Progress, silent, tell
 from steelyard.regression.base import BaseMap
 from steelyard.regression.information import Information
 from steelyard.terms.laws.presliding import Dahl
 from steelyard.terms.term import Term
-from steelyard.validation.cross import left_out_errors, logarithms, too_short, values_by
+from steelyard.validation.cross import left_out_errors, too_short, values_by
 from steelyard.validation.friction.candidates import Candidates, length_of, same_lengths
 from steelyard.validation.friction.mixes import remembers
 

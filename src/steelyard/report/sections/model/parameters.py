@@ -79,6 +79,7 @@ class ParametersSection(Section):
             "parameters": [{"name": n, "unit": u, "value": v, "std": s} for n, u, v, s in values],
             "terms": [description_of(term) for term in content.identified.model.terms],
             "not_seen": [blind.name for blind in estimate.blind],
+            "removed": [one.name for one in estimate.removed],
             "condition": estimate.condition,
             "condition_normalised": estimate.condition_normalised,
         }
@@ -113,7 +114,11 @@ def _parameters(identified: IdentifiedModel) -> list[str]:
     """What is known of the parameters, in a few lines."""
     table = rows(identified)
     condition = significant(identified.estimate.condition_normalised)
-    lines = [f"{count(len(table), 'base parameter')}, normalised condition number {condition}"]
+    removed = [row for row in table if row.grade == "removed"]
+    left = count(len(table) - len(removed), "base parameter")
+    lines = [f"{left}, normalised condition number {condition}"]
+    if removed:
+        lines.append(f"{len(removed)} removed, known to be zero: {_some(removed)}")
     weak = [row for row in table if row.grade in ("weak", "zero")]
     if weak:
         lines.append(f"{len(weak)} poorly identifiable: {_some(weak)}")

@@ -1,0 +1,150 @@
+"""`steelyard reduce`: a smaller model that predicts as well on motion it has not seen."""
+
+import json
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from steelyard.cli.guard import guarded
+from steelyard.cli.options import LOG_HELP, Json, Output, Threads
+from steelyard.identification.defaults import DESIGN_BUDGET_S
+
+
+@guarded
+def reduce(
+    model: Annotated[
+        str, typer.Argument(help="model.json, or the folder that contains it.", metavar="MODEL")
+    ],
+    logs: Annotated[list[str], typer.Argument(help=LOG_HELP, metavar="LOG...")],
+    validate: Annotated[
+        list[str] | None,
+        typer.Option("--validate", help="Logs of other motions, for validation.", metavar="LOG..."),
+    ] = None,
+    criterion: Annotated[
+        str,
+        typer.Option(
+            help="What a parameter is worth: loss, contribution, mean_column or deviation.",
+            metavar="NAME",
+        ),
+    ] = "loss",
+    stop: Annotated[
+        str,
+        typer.Option(
+            help="Stopping rule: one_standard_error, tolerance=5 (percent), bic, condition=30, "
+            "ratio=30, count=25, one_fewer or refit (removes nothing more).",
+            metavar="RULE",
+        ),
+    ] = "one_standard_error",
+    keep: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--keep",
+            help="Base parameters that stay, such as 'viscous.*'; with tolerance, friction of "
+            "joints that move stays too.",
+            metavar="NAME...",
+        ),
+    ] = None,
+    drop: Annotated[
+        list[str] | None,
+        typer.Option("--drop", help="Base parameters that are removed first.", metavar="NAME..."),
+    ] = None,
+    robot: Annotated[
+        str | None,
+        typer.Option("--robot", help="Robot file; --bodies and --next need it.", metavar="ROBOT"),
+    ] = None,
+    bodies: Annotated[
+        bool,
+        typer.Option(
+            "--bodies",
+            help="Estimate bodies that can exist, with the removed parameters equal to zero; "
+            "such a model can be exported.",
+        ),
+    ] = False,
+    following: Annotated[
+        Path | None,
+        typer.Option(
+            "--next",
+            help="Also design the motion that shows the smaller model best, into this folder.",
+            metavar="DIR",
+        ),
+    ] = None,
+    last: Annotated[
+        Path | None,
+        typer.Option(
+            "--last",
+            help="trajectory.json of the motion that was logged: the next one is improved from it.",
+            metavar="MOTION",
+        ),
+    ] = None,
+    budget: Annotated[
+        float, typer.Option(min=1.0, help="Time limit of that design in seconds.")
+    ] = DESIGN_BUDGET_S,
+    output: Output = None,
+    threads: Threads = None,
+    as_json: Json = False,
+) -> None:
+    """Remove parameters that the data can do without.
+
+    Removed parameters are zero, and the others are estimated again. The smaller model describes
+    the speeds and postures of the logs; elsewhere a removed parameter may matter. The estimate with
+    a prior (`steelyard identify`) often predicts as well without removing anything.
+
+    Example: steelyard reduce steelyard-ur10e run1.parquet run2.parquet --validate run3.parquet
+    """
+    from rich.console import Console
+
+    from steelyard.cli import interrupt
+    from steelyard.cli.show import progress_bar
+    from steelyard.errors import ModelError
+    from steelyard.files import whole_folder
+    from steelyard.identification.design import design_excitation
+    from steelyard.identification.logs import new_folder
+    from steelyard.identification.reduce import reduce as reduced
+    from steelyard.report.text.verdict import exit_code
+
+    asking = {"--bodies": bodies, "--next": following is not None}
+    if robot is None and any(asking.values()):
+        raise ModelError(
+            f"{' and '.join(name for name, given in asking.items() if given)} without a robot file",
+            where="--robot",
+            fix="give the robot file that the model was identified with: --robot ROBOT",
+        )
+    if last is not None and following is None:
+        raise ModelError(
+            "--last is given, but no motion is designed",
+            where="--last",
+            fix="add --next DIR, or leave --last out",
+        )
+    folder = new_folder(output, "steelyard-reduced")
+    motion_folder = None if following is None else new_folder(following, "")
+    with progress_bar() as progress, ExitStack() as parts:
+        found = reduced(
+            model,
+            logs,
+            validate or (),
+            criterion=criterion,
+            stop=stop,
+            keep=keep or (),
+            drop=drop or (),
+            bodies=robot if bodies else None,
+            threads=threads,
+            progress=progress,
+        )
+        found.write(parts.enter_context(whole_folder(folder)))
+        if motion_folder is not None and robot is not None:
+            motion = design_excitation(
+                robot, earlier=found.model, start=last, budget=budget, progress=progress
+            )
+            motion.write(parts.enter_context(whole_folder(motion_folder)))
+        interrupt.too_late()
+    if as_json:
+        written = {"output": str(folder), "motion": motion_folder and str(motion_folder)}
+        typer.echo(json.dumps({**found.to_dict(), **written}, allow_nan=False))
+    else:
+        found.show(Console())
+        typer.echo(f"\nmodel   {folder / 'model.json'}\nreport  {folder / 'report.html'}")
+        if motion_folder is not None:
+            typer.echo(f"motion  {motion_folder / 'trajectory.json'}")
+    raise typer.Exit(exit_code(found.content))

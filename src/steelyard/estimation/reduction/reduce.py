@@ -1,0 +1,101 @@
+"""From the data of a full model to a smaller one: path, left-out errors, choice, estimate."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+from steelyard.arrays import Array, frozen
+from steelyard.errors import DataError
+from steelyard.estimation.estimate import Estimate, Removed
+from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimation.reduction.criteria import CRITERIA, Criterion
+from steelyard.estimation.reduction.left_out import LeftOutErrors, left_out_errors, path_errors
+from steelyard.estimation.reduction.path import Path, backward
+from steelyard.estimation.reduction.rules import OneStandardError, StoppingRule
+from steelyard.estimation.reduction.state import FullModel, State
+from steelyard.regression.information import Information
+
+
+@dataclass(frozen=True, eq=False)
+class Reduction:
+    """A reduced model, and the path it lies on.
+
+    Attributes:
+        path: All models.
+        chosen: Place of the one that was taken.
+        left_out: Errors on left-out data; `None` where there are too few windows for them.
+        estimate: Its values and their covariance, given the choice.
+        unseen: Errors of all models on other data, shape `(states, rows)` [%]; `None` without.
+    """
+
+    path: Path
+    chosen: int
+    left_out: LeftOutErrors | None
+    estimate: Estimate
+    unseen: Array | None = None
+
+    @property
+    def state(self) -> State:
+        """The model that was taken."""
+        return self.path.states[self.chosen]
+
+
+def reduce(
+    information: Information,
+    criterion: Criterion = CRITERIA[0],
+    rule: StoppingRule | None = None,
+    *,
+    keep: Sequence[str] = (),
+    drop: Sequence[str] = (),
+    unseen: Information | None = None,
+) -> Reduction:
+    """Remove parameters one by one, and take the model that the stopping rule chooses.
+
+    Args:
+        information: Data in the base columns of the full model.
+        criterion: What a parameter is worth.
+        rule: Stopping rule; `OneStandardError` if `None`.
+        keep: Parameters that stay.
+        drop: Parameters that are removed first.
+        unseen: Other data, on which the models are scored and nothing is chosen.
+
+    Raises:
+        DataError: The data show no parameter, or no model is as the rule wants it.
+    """
+    rule = OneStandardError() if rule is None else rule
+    follow = partial(backward, criterion=criterion, keep=keep, drop=drop, accepts=rule.accepts)
+    full = FullModel.of(information)
+    left_out: LeftOutErrors | None = None
+    try:
+        left_out = left_out_errors(information, follow)
+    except DataError:
+        if rule.needs_left_out:
+            raise
+    path = follow(full)
+    place = rule.choose(path, left_out)
+    errors = None if unseen is None else frozen(path_errors(path, unseen)[0])
+    return Reduction(path, place, left_out, estimated(path, place), errors)
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """The reduction as an estimator, with the default criterion and stopping rule."""
+
+    def __call__(self, information: Information) -> Estimate:
+        """Estimate the parameters that left-out data need."""
+        return reduce(information).estimate
+
+
+def estimated(path: Path, place: int) -> Estimate:
+    """The estimate of a model of a path; what it lacks is known to be zero."""
+    state, full = path.states[place], path.full
+    found = WeightedLeastSquares()(full.information.select(state.names))
+    return replace(
+        found,
+        estimator=f"reduced weighted least squares ({len(full.names)} to {len(state.active)})",
+        blind=full.blind,
+        removed=tuple(
+            Removed(step.name, number, step.cost)
+            for number, step in enumerate(path.steps[:place], start=1)
+        ),
+    )

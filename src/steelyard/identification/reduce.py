@@ -1,0 +1,397 @@
+"""A smaller model that predicts as well: what `steelyard reduce` does."""
+
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.console import Console
+
+from steelyard.arguments import checked
+from steelyard.arrays import frozen
+from steelyard.errors import DataError, ModelError
+from steelyard.estimation.consistent.consistent import Consistent
+from steelyard.estimation.consistent.infeasibility import contradictions, refuse_contradictions
+from steelyard.estimation.estimate import Estimate, StandardEstimate
+from steelyard.estimation.fields.fields import information_from
+from steelyard.estimation.identified import IdentifiedModel, load_model
+from steelyard.estimation.knowledge import Row
+from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimation.per_run import own_columns
+from steelyard.estimation.prior.register import knowledge_of
+from steelyard.estimation.reduction.reduce import Reduction
+from steelyard.estimation.reduction.reduce import reduce as reduced_by
+from steelyard.estimation.reduction.register import criterion_of, rule_of
+from steelyard.estimation.reduction.rules import Tolerance
+from steelyard.identification.descriptions import dropped, notes_of, settings
+from steelyard.identification.logs import (
+    log_files,
+    prepared,
+    processing_of,
+    recording_of,
+    refuse_overlaps,
+    scored,
+    sha256,
+)
+from steelyard.identification.repeated_rows import marked_repeats
+from steelyard.identification.result import Result, paths_of, scores_frame
+from steelyard.measurement import Run
+from steelyard.measurement.motion_samples import motion_samples
+from steelyard.measurement.run import fastest_of
+from steelyard.model import Model
+from steelyard.progress import Progress, silent
+from steelyard.regression.base import BaseMap, base_parameters
+from steelyard.regression.information import Information
+from steelyard.regression.regressor import base_regressor
+from steelyard.report import ReportContent, parameters_csv, render, summary
+from steelyard.report.sections.register import SECTIONS
+from steelyard.report.text.verdict import Verdict, verdict
+from steelyard.robot_file.file import load_robot
+from steelyard.robot_file.loaded import LoadedRobot
+from steelyard.suggest import advice
+from steelyard.terms.term import Term
+from steelyard.validation.calibrate import calibrate
+from steelyard.validation.friction.mixes import remembers
+
+if TYPE_CHECKING:
+    from polars import DataFrame
+
+STILL = 0.05
+"""Speed of a joint over that of the fastest one of its kind, up to which it hardly moves."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ReducedModel(Result):
+    """A reduced model, the path it lies on, and how well it predicts.
+
+    Attributes:
+        model: The reduced model.
+        reduction: The path, the errors along it and the choice.
+        content: All that the report shows.
+    """
+
+    model: IdentifiedModel
+    reduction: Reduction
+    content: ReportContent
+
+    @property
+    def verdict(self) -> Verdict:
+        """The headline, its level, and findings that limit it."""
+        return verdict(self.content)
+
+    @property
+    def kept(self) -> tuple[str, ...]:
+        """Names of the base parameters that are left."""
+        return self.model.estimate.parameters.names
+
+    @property
+    def scores(self) -> "DataFrame":
+        """Errors of predicted efforts, one row per joint of each log, fitted or not."""
+        return scores_frame(self.content)
+
+    def report(self) -> str:
+        """The report as one self-contained HTML page."""
+        return render(self.content)
+
+    def write(self, folder: Path) -> None:
+        """Write `model.json`, `parameters.csv` and `report.html`."""
+        (folder / "model.json").write_text(self.model.text(), encoding="utf-8")
+        (folder / "parameters.csv").write_text(parameters_csv(self.model), encoding="utf-8")
+        (folder / "report.html").write_text(self.report(), encoding="utf-8")
+
+    def show(self, console: Console) -> None:
+        """Print the choice, the verdict and the errors of every joint."""
+        summary(self.content, console)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers as JSON values, as `steelyard reduce --json` prints them."""
+        return {
+            field: value
+            for section in SECTIONS
+            for field, value in section.to_dict(self.content).items()
+        }
+
+
+@checked(threads=1)
+def reduce(
+    model: str | Path | IdentifiedModel,
+    logs: str | Path | Iterable[str | Path],
+    validate: str | Path | Iterable[str | Path] = (),
+    *,
+    criterion: str = "loss",
+    stop: str = "one_standard_error",
+    keep: Iterable[str] = (),
+    drop: Iterable[str] = (),
+    bodies: str | Path | LoadedRobot | None = None,
+    threads: int | None = None,
+    progress: Progress = silent,
+) -> ReducedModel:
+    """Make an identified model smaller without making it worse on motion that it has not seen.
+
+    One base parameter after the other is removed, the one that is worth least first, and the
+    others are refitted; removed parameters are zero. The smaller model describes the speeds and
+    postures of the logs; elsewhere a removed parameter may matter.
+
+    Args:
+        model: The model, its `model.json`, or the folder that contains it; a reduced one is reduced
+            further.
+        logs: Logs to fit, such as those that the model was identified from.
+        validate: Logs of other motions, to be predicted.
+        criterion: What a parameter is worth: `loss`, `contribution`, `mean_column`, `deviation`.
+        stop: Stopping rule: `one_standard_error`, `tolerance=5`, `bic`, `condition=30`,
+            `ratio=30`, `count=25`, `one_fewer`; `refit` removes nothing more.
+        keep: Names of base parameters that stay; `*` stands for any letters. With `tolerance`,
+            friction of joints that move stays too.
+        drop: Names of base parameters that are removed first.
+        bodies: Robot file; then the values are those of bodies that can exist, with its priors,
+            and the model can be exported.
+        threads: Native threads; as many as the machine has cores if `None`.
+        progress: Receives events of progress; an exception from it stops the work.
+
+    Raises:
+        SteelyardError: A file cannot be used, or no model is as the stopping rule wants it.
+
+    Example:
+        >>> smaller = reduce("arm-model", "fit.parquet", validate="other.parquet")
+        >>> len(smaller.kept) < len(load_model("arm-model").estimate.parameters)
+        True
+    """
+    identified = load_model(model)
+    refuse_own(identified)
+    measure, rule = criterion_of(criterion), rule_of(stop)
+    known, unknown = log_files(paths_of(logs, least=1)), log_files(paths_of(validate))
+    refuse_overlaps(known, unknown)
+    recordings = [recording_of(log, identified.signals) for log in (*known, *unknown)]
+    every = prepared(recordings, processing_of(identified), progress)
+    runs, unseen = every[: len(known)], every[len(known) :]
+    cores = threads or os.cpu_count() or 1
+    regressor = base_regressor(identified.model)
+
+    def information_of(some: Sequence[Run]) -> Information:
+        rests = remembers(identified.model.terms)
+        return information_from(some, rests=rests, threads=cores, progress=progress)(regressor)
+
+    information = information_of(runs)
+    kept = matching(keep, information.layout.columns, "--keep")
+    if isinstance(rule, Tolerance):
+        kept += moving_friction(identified.model, runs, information.layout.columns)
+    before = tuple(one.name for one in identified.estimate.removed)
+    columns = [name for name in information.layout.columns if name not in before]
+    dropped_first = matching(drop, columns, "--drop")
+    refuse_contradiction(kept, (*before, *dropped_first), information.layout.columns)
+    found = reduced_by(
+        information,
+        measure,
+        rule,
+        keep=kept,
+        drop=(*before, *dropped_first),
+        unseen=information_of(unseen) if unseen else None,
+    )
+    estimate = _continued(found.estimate, identified.estimate)
+    found = replace(found, estimate=estimate)
+    if bodies is not None:
+        estimate = _with_bodies(identified, bodies, runs, information, found)
+    smaller = replace(
+        _without_empty_terms(replace(identified, estimate=estimate)),
+        reference=(WeightedLeastSquares()(information),),
+        motions=motion_samples(runs),
+        provenance=replace(
+            identified.provenance,
+            runs=tuple(run.name for run in runs),
+            inputs={
+                **{f"identification {n}": sha256(log.path) for n, log in enumerate(known, 1)},
+                **{f"validation {n}": sha256(log.path) for n, log in enumerate(unknown, 1)},
+            },
+        ),
+    )
+    names = estimate.parameters.names
+    smaller = replace(
+        smaller,
+        calibration=calibrate(
+            smaller,
+            runs,
+            information.select(names),
+            lambda part: WeightedLeastSquares()(part.select(names)),
+            threads=cores,
+            progress=progress,
+        ),
+    )
+    content = _content(smaller, found, runs, unseen, progress)
+    return ReducedModel(smaller, found, content)
+
+
+def _content(
+    smaller: IdentifiedModel,
+    found: Reduction,
+    runs: Sequence[Run],
+    unseen: Sequence[Run],
+    progress: Progress,
+) -> ReportContent:
+    """What the report shows."""
+    robot = smaller.model.robot.name
+    return ReportContent(
+        title=f"{robot}: reduced model",
+        robot=robot,
+        identified=smaller,
+        scores=marked_repeats(smaller, unseen, scored(smaller, unseen, progress)),
+        fitted=scored(smaller, runs, progress),
+        qualities=tuple((run.name, run.quality.rows_of_text) for run in (*runs, *unseen)),
+        notes=(*notes_of((*runs, *unseen)), *dropped(smaller.model, (*runs, *unseen))),
+        settings=settings(smaller),
+        reduction=found,
+    )
+
+
+def refuse_own(identified: IdentifiedModel) -> None:
+    """Refuse a model with parameters of single runs.
+
+    Raises:
+        ModelError: It has some.
+    """
+    if own := own_columns(identified.model):
+        raise ModelError(
+            f"every run has a '{own[0]}' of its own, which cannot be removed",
+            where=identified.model.robot.name,
+            fix="identify without per_run = true, and reduce that model",
+        )
+
+
+def matching(patterns: Iterable[str], names: Sequence[str], option: str) -> tuple[str, ...]:
+    """Names that match a pattern, in the order of the names.
+
+    Raises:
+        ModelError: A pattern matches none.
+    """
+    found: set[str] = set()
+    for pattern in (patterns,) if isinstance(patterns, str) else patterns:
+        mine = {name for name in names if fnmatchcase(name, pattern)}
+        if not mine:
+            raise ModelError(
+                f"no base parameter matches '{pattern}'",
+                where=option,
+                fix=advice(pattern, names, "base parameters"),
+            )
+        found |= mine
+    return tuple(name for name in names if name in found)
+
+
+def refuse_contradiction(keep: Sequence[str], drop: Sequence[str], names: Sequence[str]) -> None:
+    """Refuse parameters that are to stay and to go, and to keep them all.
+
+    Raises:
+        ModelError: There is one, or nothing may be removed.
+    """
+    if both := sorted(set(keep) & set(drop)):
+        raise ModelError(
+            f"'{both[0]}' is to be kept and to be removed",
+            where="--keep and --drop",
+            fix="name it once",
+        )
+    if set(names) <= set(keep):
+        raise DataError(
+            f"all {len(names)} parameters are kept: there is nothing to remove",
+            where="--keep",
+            fix="name fewer parameters",
+        )
+
+
+def moving_friction(model: Model, runs: Sequence[Run], columns: Sequence[str]) -> tuple[str, ...]:
+    """Friction parameters of joints that move, essential from the start [Volkmann]."""
+    fastest, units = fastest_of(runs), np.array(model.robot.effort_units)
+    greatest = np.array([fastest[units == unit].max() for unit in units])
+    names = zip(model.robot.joint_names, fastest > STILL * greatest, strict=True)
+    moving = {name for name, moves in names if moves}
+    mine = {
+        parameter.name
+        for term in model.terms
+        if term.cause == "friction"
+        for parameter in term.parameters(model.robot)
+        if parameter.name.rpartition(".")[2] in moving
+    }
+    return tuple(name for name in columns if name in mine)
+
+
+def _continued(estimate: Estimate, before: Estimate) -> Estimate:
+    """The estimate with what was removed before in front, as it was removed then."""
+    old = {one.name for one in before.removed}
+    new = [one for one in estimate.removed if one.name not in old]
+    numbered = (replace(one, step=len(old) + k) for k, one in enumerate(new, start=1))
+    return replace(estimate, removed=(*before.removed, *numbered))
+
+
+def _with_bodies(
+    identified: IdentifiedModel,
+    robot_file: str | Path | LoadedRobot,
+    runs: Sequence[Run],
+    information: Information,
+    found: Reduction,
+) -> Estimate:
+    """The consistent estimate with the removed base parameters equal to zero."""
+    base = base_parameters(identified.model)
+    knowledge = knowledge_of(identified.model, load_robot(robot_file), fastest_of(runs))
+    zeros = {
+        one.name: _zero(base, base.base_names.index(one.name)) for one in found.estimate.removed
+    }
+    possible = dict(zeros)
+    while labels := contradictions(replace(knowledge, rows=(*knowledge.rows, *possible.values()))):
+        clashing = [name for name, row in possible.items() if row.label in labels]
+        if not clashing:
+            refuse_contradictions(knowledge)
+            break
+        del possible[clashing[-1]]
+    rows = (*knowledge.rows, *possible.values())
+    estimate = Consistent(base, replace(knowledge, rows=rows))(information)
+    names = estimate.parameters.names
+    at = [k for k, name in enumerate(names) if name not in possible]
+    learned = estimate.learned
+    positive = [name for name in zeros if name not in possible]
+    notes = (f"zero for no body that can exist, so estimated: {', '.join(positive)}",)
+    return replace(
+        estimate,
+        estimator=f"reduced {estimate.estimator}",
+        parameters=estimate.parameters.of(at),
+        covariance=frozen(estimate.covariance[np.ix_(at, at)]),
+        learned=None if learned is None else frozen(learned[at]),
+        at_bound=tuple(name for name in estimate.at_bound if name not in possible),
+        removed=tuple(one for one in found.estimate.removed if one.name in possible),
+        notes=(*estimate.notes, *(notes if positive else ())),
+    )
+
+
+def _zero(base: BaseMap, number: int) -> Row:
+    """A base parameter that is zero, over standard parameters."""
+    weights = base.lift[number]
+    coefficients = {base.names[k]: float(weights[k]) for k in np.flatnonzero(weights)}
+    return Row(f"removed: {base.grouping(number)} = 0", coefficients, 0.0, 0.0)
+
+
+def _without_empty_terms(identified: IdentifiedModel) -> IdentifiedModel:
+    """The model without terms of which nothing is left, where base parameters stay the same."""
+    model, estimate = identified.model, identified.estimate
+    removed = {one.name for one in estimate.removed} | {one.name for one in estimate.blind}
+
+    def empty(term: Term) -> bool:
+        names = {parameter.name for parameter in term.parameters(model.robot)}
+        return term.role != "body" and bool(names) and names <= removed
+
+    smaller = Model(model.robot, tuple(term for term in model.terms if not empty(term)))
+    if smaller.terms == model.terms or not smaller.terms:
+        return identified
+    base, names = base_parameters(smaller), set(smaller.names)
+    gone = set(model.names) - names
+    if base.base_names != tuple(n for n in identified.base.base_names if n not in gone):
+        return identified
+    standard = estimate.standard
+    if standard is not None:
+        at = [k for k, name in enumerate(standard.parameters.names) if name in names]
+        standard = StandardEstimate(
+            standard.parameters.of(at),
+            frozen(standard.covariance[np.ix_(at, at)]),
+            frozen(standard.learned[at]),
+        )
+    return replace(
+        identified, model=smaller, base=base, estimate=replace(estimate, standard=standard)
+    )

@@ -1,0 +1,187 @@
+"""`steelyard reduce`: what it prints, writes and refuses."""
+
+import json
+from pathlib import Path
+from shutil import copytree
+
+import numpy as np
+import pytest
+
+from cli.conftest import Command
+from steelyard.application.export.export import exported
+from steelyard.application.payload import identify_payload
+from steelyard.estimation.identified import load_model
+from steelyard.identification.parts import information, load_runs
+from steelyard.robot_file.file import load_robot
+from steelyard.virtual.invent import random_truth
+from steelyard.virtual.robot import VirtualRobot
+from steelyard.virtual.simulate import customary_sensors
+
+
+@pytest.fixture
+def robot(work: Path) -> Path:
+    return work.parent / "given" / "demo_arm.toml"
+
+
+@pytest.fixture
+def log(work: Path) -> Path:
+    return work.parent / "given" / "identification.parquet"
+
+
+@pytest.fixture
+def other(work: Path) -> Path:
+    return work.parent / "given" / "validation.parquet"
+
+
+def test_what_is_kept_and_removed(
+    identified: Path, log: Path, other: Path, command: Command, work: Path
+) -> None:
+    done = command("reduce", identified, log, "--validate", other, "-o", work / "small", "--json")
+    assert done.exit_code == 0, done.output
+    found = json.loads(done.stdout)
+    before, after = load_model(identified), load_model(work / "small")
+    assert found["kept"] == list(after.estimate.parameters.names)
+    assert [one["name"] for one in found["removed"]] == [r.name for r in after.estimate.removed]
+    assert len(found["kept"]) + len(found["removed"]) == len(before.estimate.parameters)
+    assert 0 < len(found["removed"])
+    chosen = next(m for m in found["models"] if m["parameters"] == len(found["kept"]))
+    full = found["models"][0]
+    assert chosen["condition"] <= full["condition"]
+    assert chosen["unseen_percent"] < 1.05 * full["unseen_percent"]
+    assert {p.name for p in (work / "small").iterdir()} == {
+        "model.json",
+        "parameters.csv",
+        "report.html",
+    }
+    gone = found["removed"][0]["name"]
+    assert f"{gone}," in (work / "small" / "parameters.csv").read_text()
+
+
+def test_a_removed_parameter_is_zero_and_not_unknown(
+    identified: Path, robot: Path, log: Path, command: Command, work: Path
+) -> None:
+    assert command("reduce", identified, log, "-o", work / "small").exit_code == 0
+    small = load_model(work / "small")
+    removed = {one.name for one in small.estimate.removed}
+    assert not removed & {one.name for one in small.estimate.blind}
+    runs = [information(small.model, [one]) for one in load_runs(robot, log)]
+    weight = identify_payload(small, runs)
+    assert abs(weight.mass) < 2.0 * weight.half_width[0]
+
+
+def test_bodies_that_can_exist(
+    identified: Path, robot: Path, log: Path, command: Command, work: Path
+) -> None:
+    options = ("--bodies", "--robot", robot, "-o", work / "small")
+    assert command("reduce", identified, log, *options).exit_code == 0
+    small = load_model(work / "small")
+    estimate, base = small.estimate, small.base
+    assert estimate.standard is not None and estimate.removed
+    lifted = dict(
+        zip(base.base_names, base.lift @ estimate.standard.parameters.values, strict=True)
+    )
+    scale = np.abs(list(lifted.values())).max()
+    for one in estimate.removed:
+        if one.name in lifted:
+            assert abs(lifted[one.name]) < 1e-6 * scale
+    assert exported(small, "urdf").text
+
+
+def test_friction_of_moving_joints_stays_with_a_tolerance(
+    identified: Path, log: Path, command: Command
+) -> None:
+    done = command("reduce", identified, log, "--stop", "tolerance=300", "--json")
+    assert done.exit_code in (0, 1), done.output
+    kept = set(json.loads(done.stdout)["kept"])
+    names = load_model(identified).estimate.parameters.names
+    friction = {name for name in names if name.startswith(("coulomb", "viscous"))}
+    assert friction and friction <= kept
+
+
+def test_keep_and_drop_by_pattern(identified: Path, log: Path, command: Command) -> None:
+    names = load_model(identified).estimate.parameters.names
+    offsets = [name for name in names if name.startswith("offset")]
+    done = command(
+        *("reduce", identified, log, "--drop", "offset.*", "--stop", f"count={len(names) - 8}"),
+        *("--keep", "viscous.*", "coulomb.*", "--json"),
+    )
+    assert done.exit_code == 0, done.output
+    removed = [one["name"] for one in json.loads(done.stdout)["removed"]]
+    assert set(removed[: len(offsets)]) == set(offsets)
+    terms = [term.law for term in load_model("steelyard-reduced").model.terms]
+    assert "offset" not in terms
+
+
+def test_a_reduced_model_is_reduced_further(
+    identified: Path, log: Path, command: Command, work: Path
+) -> None:
+    first = command("reduce", identified, log, "--stop", "one_fewer", "-o", "a", "--json")
+    second = command("reduce", "a", log, "--stop", "one_fewer", "-o", "b", "--json")
+    again = command("reduce", "b", log, "--stop", "refit", "-o", "c", "--json")
+    one, two, three = (json.loads(done.stdout)["removed"] for done in (first, second, again))
+    assert two[:1] == one and three == two
+    assert [entry["step"] for entry in two] == [1, 2]
+
+
+def test_the_next_motion_is_of_the_smaller_model(
+    identified: Path, robot: Path, log: Path, command: Command, work: Path
+) -> None:
+    options = ("--robot", robot, "--next", "motion", "--budget", 3, "--stop", "one_fewer")
+    done = command("reduce", identified, log, *options, "-o", "small")
+    assert done.exit_code == 0, done.output
+    assert "motion/trajectory.json" in done.stdout
+    again = ("--robot", robot, "--next", "motion2", "--last", "motion/trajectory.json")
+    done = command(
+        "reduce", "small", log, *again, "--budget", 3, "--stop", "one_fewer", "-o", "smaller"
+    )
+    assert done.exit_code == 0, done.output
+    assert load_robot(robot).robot.n == load_model("smaller").model.robot.n
+
+
+def test_the_loop_goes_on_where_it_was_interrupted(
+    robot: Path, work: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from steelyard.identification.reduction_loop import reduction_loop
+
+    arm = load_robot(robot).robot
+    truth = random_truth(arm, 0)
+    rig = VirtualRobot(arm, truth, customary_sensors(arm, truth))
+    options = {"limit": 1.0, "budget": 5.0, "searches": 1, "processes": 1}
+    rounds = reduction_loop(robot, rig, work / "rounds", rounds=2, **options)
+    assert [len(one.removed) for one in rounds] == [0, 1]
+    assert rounds[1].condition <= rounds[0].condition
+
+    class Broken:
+        def send(self, trajectory: object) -> None:
+            raise AssertionError("the robot was run again")
+
+        record = rig.record
+
+    copytree(work / "rounds", work / "again")
+    again = reduction_loop(robot, Broken(), work / "again", rounds=2, **options)
+    assert [one.condition for one in again] == [one.condition for one in rounds]
+    assert again[1].removed == rounds[1].removed
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--keep", "vicous.*"), "no base parameter matches 'vicous.*'"),
+        (("--drop", "nothing"), "no base parameter matches 'nothing'"),
+        (("--keep", "*"), "there is nothing to remove"),
+        (("--keep", "viscous.*", "--drop", "viscous.*"), "is to be kept and to be removed"),
+        (("--stop", "tolerance=-1"), "is no number that stopping rule"),
+        (("--stop", "condition=0.5"), "no model has a condition number"),
+        (("--criterion", "los"), "there is no criterion 'los'"),
+        (("--bodies",), "--bodies without a robot file"),
+        (("--last", "x.json"), "--last is given, but no motion is designed"),
+    ],
+)
+def test_bad_input(
+    options: tuple[str, ...], words: str, identified: Path, log: Path, command: Command, work: Path
+) -> None:
+    done = command("reduce", identified, log, *options, "-o", work / "small")
+    assert done.exit_code == 2
+    assert words in " ".join(done.output.split())
+    assert "fix" in done.output
+    assert not (work / "small").exists()
