@@ -17,6 +17,7 @@ from steelyard.excitation.search.finish import Finished, finished
 from steelyard.excitation.search.parallel_search import SearchBudget
 from steelyard.excitation.search.starts import NoMotion, random_starts
 from steelyard.excitation.search.widening import explained
+from steelyard.excitation.trajectories.exact import ExactTrajectory
 from steelyard.identification.logs import model_of as model_with_rigid_bodies
 from steelyard.identification.logs import with_friction
 from steelyard.model import Model
@@ -62,13 +63,14 @@ def designed(
     tables: str = "",
     *,
     earlier: Earlier | None = None,
+    start: ExactTrajectory | None = None,
     seed: int = 0,
     seconds: float = 60.0,
 ) -> Designed:
     """A short design of tables."""
     loaded = arm(folder, tables)
     effort = SearchBudget(seconds, searches=1, processes=1, seed=seed)
-    return design(loaded, model_of(loaded), effort, earlier=earlier)
+    return design(loaded, model_of(loaded), effort, earlier=earlier, start=start)
 
 
 def some_motion(folder: Path, tables: str) -> Finished:

@@ -114,6 +114,73 @@ def test_chosen_parameters(tmp_path: Path, chosen: str, count: int) -> None:
     assert problem.criterion_value(x) == pytest.approx(np.trace(covariance[np.ix_(wanted, wanted)]))
 
 
+@pytest.mark.parametrize("kind", FIGURES)
+def test_what_the_model_does_without_is_absent(tmp_path: Path, kind: str) -> None:
+    """Absent columns are left out of the information; those not chosen would still be unknown."""
+    criterion = f'[excitation.criterion]\nkind = "{kind}"\nwithout = ["viscous", "mx.boom"]\n'
+    problem = problem_of(tmp_path, ANY + QUICK + criterion)
+    whole = problem_of(tmp_path, ANY + QUICK)
+    x, names = drawn(problem), whole.cases[0].shows.base.base_names
+    left = [k for k, n in enumerate(names) if "viscous" not in n and n != "mx.boom"]
+    assert problem.cases[0].shows.base.base_names == tuple(names[k] for k in left)
+    assert len(left) == len(names) - 4
+    gram = gram_of(whole, x, np.ones(3))[np.ix_(left, left)]
+    assert problem.criterion_value(x) == pytest.approx(FIGURES[kind](gram), rel=1e-6)
+
+
+def test_parameters_that_an_earlier_model_was_reduced_by_are_absent(tmp_path: Path) -> None:
+    known = earlier(tmp_path)
+    names = known.names
+    small = replace(
+        known,
+        names=names[:-2],
+        values=known.values[:-2],
+        covariance=known.covariance[:-2, :-2],
+        removed=names[-2:],
+    )
+    criterion = '[excitation.criterion]\nkind = "a_optimal"\nafter_earlier = true\n'
+    problem = problem_of(tmp_path, ANY + QUICK + criterion, small)
+    assert problem.cases[0].shows.base.base_names == names[:-2]
+    x = drawn(problem)
+    gram = gram_of(problem, x, known.independent_rate / known.noise**2)
+    wanted = np.trace(np.linalg.inv(gram + np.linalg.inv(small.covariance)))
+    assert problem.criterion_value(x) == pytest.approx(wanted, rel=1e-6)
+    all_of_them = problem_of(tmp_path, ANY + QUICK + f"{criterion}without = []\n", small)
+    assert all_of_them.cases[0].shows.base.base_names == names
+
+
+def test_known_zeros_of_a_full_earlier_model_are_given(tmp_path: Path) -> None:
+    """A parameter that is zero conditions the others; one that is unknown would be integrated."""
+    known = earlier(tmp_path)
+    problem = problem_of(tmp_path, ANY + QUICK)
+    base = problem.cases[0].shows.base.without(known.names[-1:])
+    given = np.linalg.inv(known.covariance)[:-1, :-1]
+    np.testing.assert_allclose(known.information(base, known.names[-1:]), given, rtol=1e-9)
+    unknown = np.linalg.inv(known.covariance[:-1, :-1])
+    np.testing.assert_allclose(known.information(base), unknown, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("without", "words"),
+    [('["nothing"]', "neither a law nor"), ('["rigid_body", "viscous"]', "do without all")],
+)
+def test_what_cannot_be_absent(tmp_path: Path, without: str, words: str) -> None:
+    with pytest.raises(DataError, match=words):
+        problem_of(tmp_path, f"{ANY}[excitation.criterion]\nwithout = {without}\n")
+
+
+def test_a_motion_to_start_from_is_not_made_worse(tmp_path: Path) -> None:
+    criterion = '[excitation.criterion]\nkind = "condition"\n'
+    first = designed(tmp_path, ANY + QUICK + criterion)
+    less = f'{criterion}without = ["viscous"]\n'
+    second = designed(tmp_path, ANY + QUICK + less, seed=5, start=first.trajectory)
+    assert second.shown.raw <= first.shown.raw
+    assert second.absent == ("viscous.tower_joint", "viscous.boom_joint", "viscous.stick_joint")
+    with pytest.raises(DataError, match="is no motion of kind 'fourier'"):
+        longer = QUICK.replace("4.0", "5.0")
+        designed(tmp_path, ANY + longer + criterion, start=first.trajectory)
+
+
 def test_after_earlier(tmp_path: Path) -> None:
     known = earlier(tmp_path, blind=2)
     criterion = '[excitation.criterion]\nkind = "a_optimal"\nafter_earlier = true\n'
