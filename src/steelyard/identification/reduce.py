@@ -330,8 +330,16 @@ def _with_bodies(
     found: Reduction,
 ) -> Estimate:
     """The consistent estimate with the removed base parameters equal to zero."""
-    base = base_parameters(identified.model)
-    knowledge = knowledge_of(identified.model, load_robot(robot_file), fastest_of(runs))
+    base, loaded = base_parameters(identified.model), load_robot(robot_file)
+    theirs = [body.name for body in loaded.robot.bodies]
+    ours = [body.name for body in identified.model.robot.bodies]
+    if theirs != ours:
+        raise ModelError(
+            f"the robot file moves the links {', '.join(theirs)}, the model {', '.join(ours)}",
+            where=loaded.reference,
+            fix="give the robot file that the model was identified with",
+        )
+    knowledge = knowledge_of(identified.model, loaded, fastest_of(runs))
     zeros = {
         one.name: _zero(base, base.base_names.index(one.name)) for one in found.estimate.removed
     }
