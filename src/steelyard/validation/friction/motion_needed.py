@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
+from steelyard.estimation.fold_errors import FOLDS
 from steelyard.robot.robot import Coordinate
-from steelyard.validation.cross import FOLDS
 from steelyard.validation.friction.mixes import LEVER, WIDE
 
 LENGTHS = 3.0
