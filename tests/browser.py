@@ -5,9 +5,10 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
@@ -187,6 +188,7 @@ def running(program: str, folder: Path) -> Iterator[Tab]:
         pass_fds=(reads, says),
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
+        start_new_session=True,
     )
     os.close(reads)
     os.close(says)
@@ -202,6 +204,8 @@ def running(program: str, folder: Path) -> Iterator[Tab]:
             yield tab
             tab.session = ""
             tab.send("Browser.close")
+            process.wait(timeout=60)
     finally:
-        process.kill()
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
         process.wait()

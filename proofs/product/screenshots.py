@@ -22,7 +22,7 @@ from browser import Tab, chromium, running  # noqa: E402
 WIDTHS = (1400, 420)
 
 DOCS = {
-    "demo_model": ("report.png", ("verdict", "effort"), 1200),
+    "demo_model": ("report.png", ("verdict", "effort"), 1240),
     "demo_motion": ("motion.png", ("design", "design-tool"), 1300),
     "ar5_check": ("check.png", ("verdict", "evidence"), 860),
 }
@@ -72,9 +72,9 @@ def faults(tab: Tab, name: str, page: Path, pictures: Path) -> list[str]:
 
 
 def _for_docs(tab: Tab, file: str, sections: Sequence[str], height: int, pictures: Path) -> None:
-    """Take a picture of some sections of the page, of a verdict without what is below its facts."""
+    """Take a picture of some sections of the page, of a verdict only the beginning."""
     others = "".join(f":not(#{section})" for section in sections)
-    unwanted = f"main > section{others}, .facts ~ *"
+    unwanted = f"main > section{others}, .facts ~ *, #verdict > details ~ *"
     tab.run(f"document.querySelectorAll('{unwanted}').forEach(one => one.remove())")
     tab.show(DOCS_WIDTH)
     tab.run("drawn()")
@@ -87,7 +87,7 @@ def main(kept: Path | None = None) -> list[Claim]:
     program = chromium()
     if program is None:
         return [Claim("a browser to look with", "none found", "Chromium", False)]
-    with tempfile.TemporaryDirectory() as name:
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as name:
         folder = Path(name)
         pictures = kept or folder / "pictures"
         pictures.mkdir(parents=True, exist_ok=True)
