@@ -22,7 +22,7 @@ from browser import Tab, chromium, running  # noqa: E402
 WIDTHS = (1400, 420)
 
 DOCS = {
-    "demo_model": ("report.png", ("verdict", "effort"), 1240),
+    "demo_model": ("report.png", ("verdict", "effort"), 1400),
     "demo_motion": ("motion.png", ("design", "design-tool"), 1300),
     "ar5_check": ("check.png", ("verdict", "evidence"), 860),
 }
