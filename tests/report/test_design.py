@@ -204,8 +204,10 @@ def test_the_ball_of_the_tool_and_what_limits_it_are_named(designed: Designed) -
     ball = replace(designed, tool=Marker("tip", radius=0.05))
     words = text(render(replace(content(ball), workspace=room)))
     assert "'tip' (ball of radius 50 mm): x from" in words
-    assert "which stays its radius, 50 mm, away from every limit" in words
+    assert "which stays its radius, 50 mm, away from the limits of the workspace" in words
     assert "box of the tool, plane 1, floorforbidden box" in words
+    bare = text(render(replace(content(ball), workspace=None)))
+    assert "stays its radius" not in bare
     bare = text(render(replace(content(designed), workspace=None)))
     assert "radius" not in bare and "forbidden box" not in bare and "floor" not in bare
 
