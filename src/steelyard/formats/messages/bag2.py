@@ -7,6 +7,7 @@ was cut off and a file whose folder has no `metadata.yaml`.
 
 import re
 import sqlite3
+import sys
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass
@@ -85,7 +86,8 @@ class SqliteFile:
         base = sqlite3.connect(address, uri=True)
         try:
             base.text_factory = lambda text: text.decode(errors="replace")
-            base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, 4 * LARGEST)
+            if sys.version_info >= (3, 11):  # Python 3.10 keeps SQLite's own limit of 1 GB
+                base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, 4 * LARGEST)
             base.execute("PRAGMA trusted_schema = OFF")
             tables = base.execute(
                 "SELECT name FROM sqlite_master WHERE type = 'table' AND rootpage > 0 "
