@@ -25,12 +25,12 @@ def robot(work: Path) -> Path:
 
 @pytest.fixture
 def log(work: Path) -> Path:
-    return work.parent / "given" / "identification.parquet"
+    return work.parent / "given" / "identification.csv"
 
 
 @pytest.fixture
 def other(work: Path) -> Path:
-    return work.parent / "given" / "validation.parquet"
+    return work.parent / "given" / "validation.csv"
 
 
 def test_what_is_kept_and_removed(

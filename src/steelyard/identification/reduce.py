@@ -155,7 +155,7 @@ def reduce(
         SteelyardError: A file cannot be used, or no model is as the stopping rule wants it.
 
     Example:
-        >>> smaller = reduce("arm-model", "fit.parquet", validate="other.parquet")
+        >>> smaller = reduce("arm-model", "fit.csv", validate="other.csv")
         >>> len(smaller.kept) < len(load_model("arm-model").estimate.parameters)
         True
     """

@@ -27,7 +27,7 @@ class Round:
 
     Attributes:
         number: From 0 on.
-        folder: Folder with `motion`, `log.parquet` and `model`.
+        folder: Folder with `motion`, `log.csv` and `model`.
         condition: Condition number of the motion for the parameters that the model has.
         removed: Base parameters that the model does without, in the order of their removal.
         model: The model, identified from this round's log alone.
@@ -105,7 +105,7 @@ def reduction_loop(
         place = Path(folder) / f"round_{len(done):02d}"
         smaller = _smaller(done[-1], criterion, progress) if done else None
         condition = _motion(loaded, place, smaller, done, effort, progress)
-        log = place / "log.parquet"
+        log = place / "log.csv"
         if not log.exists():
             run(rig, read_trajectory(_motion_file(place), loaded), log)
         model = _model(loaded, place, smaller, progress)
@@ -122,7 +122,7 @@ def _smaller(last: Round, criterion: str, progress: Progress) -> IdentifiedModel
     """The last round's model without the parameter that its log shows to be worth least."""
     folder = last.folder / "smaller"
     if not folder.exists():
-        log = last.folder / "log.parquet"
+        log = last.folder / "log.csv"
         reduce(last.model, log, criterion=criterion, stop="one_fewer", progress=progress).save(
             folder
         )
@@ -154,7 +154,7 @@ def _model(
     loaded: LoadedRobot, place: Path, smaller: IdentifiedModel | None, progress: Progress
 ) -> IdentifiedModel:
     """The round's model, from its log alone."""
-    folder, log = place / "model", place / "log.parquet"
+    folder, log = place / "model", place / "log.csv"
     if not folder.exists():
         if smaller is None:
             identify(loaded, log, method="WLS", progress=progress).save(folder)
