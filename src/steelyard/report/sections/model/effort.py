@@ -25,8 +25,8 @@ POINTS = 2000
 FEWEST = 200
 """Points of one line below which rather a whole run is left out."""
 
-BUDGET = 200_000
-"""Points of all lines together: about 2.2 MB of the page."""
+BUDGET = 170_000
+"""Points of all lines together: about 1.9 MB of the page."""
 
 DRAWN = 6
 """Lines and outlines of a plot: measured, predicted, their difference, three bands."""
