@@ -155,9 +155,10 @@ def reduce(
         SteelyardError: A file cannot be used, or no model is as the stopping rule wants it.
 
     Example:
-        >>> smaller = reduce("arm-model", "fit.csv", validate="other.csv")
-        >>> len(smaller.kept) < len(load_model("arm-model").estimate.parameters)
-        True
+        >>> smaller = reduce("arm-model", "fit.csv", validate="other.csv", stop="one_fewer")
+        >>> full = smaller.reduction.path.full.names
+        >>> len(full) - len(smaller.kept)
+        1
     """
     identified = load_model(model)
     refuse_own(identified)
