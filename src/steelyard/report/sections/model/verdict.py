@@ -26,12 +26,16 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.table import Table
 
-    from steelyard.validation.score import JointScore, RunScore
+    from steelyard.validation.score import RunScore
 
 CAPTION = (
     "moving, all: relative error where the joint moves, and of the whole log; pooled: norms over "
     "all joints together; zero, nominal: RMSE of predicting zero, and of the nominal model"
 )
+
+
+MOST_OTHERS = 8
+"""Runs whose errors in the band of the fit the page lists."""
 
 
 class VerdictSection(Section):
@@ -50,6 +54,7 @@ class VerdictSection(Section):
             "fitted": [_run(score) for score in content.fitted],
             "good": GOOD,
             "fair": FAIR,
+            "most_others": MOST_OTHERS,
         }
 
     def show(self, numbers: Numbers) -> str:
@@ -131,7 +136,7 @@ def _run(score: RunScore) -> dict[str, Any]:
         "figures": error_words(pooled([score.errors])),
         "basis": basis_words([score]),
         "errors": [_error(joint) for joint in score.errors.joints],
-        "joints": [_joint(joint) for joint in score.joints],
+        "joints": score.joints,
     }
 
 
@@ -144,14 +149,6 @@ def _error(joint: JointError) -> dict[str, Any]:
         "of_rated": joint.percent_of_rated,
         "level": level_of(share) if joint.counted else "none",
         "bar": min(share, 100.0) if share == share else 0.0,
-    }
-
-
-def _joint(joint: JointScore) -> dict[str, Any]:
-    share = relative(joint)
-    return vars(joint) | {
-        "level": level_of(share),
-        "bar": min(share, 100.0) if share is not None and share == share else 0.0,
     }
 
 
