@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from invented import single
-from moving import channels
+from invented import single, tree
+from moving import channels, cycles
+from steelyard.kernel.equations.dynamics import JointState
 from steelyard.model import Model
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
+from steelyard.terms.laws.load_dependent import LoadDependent
 from steelyard.terms.laws.presliding import Dahl, LuGre, MaxwellSlip
+from steelyard.terms.memory import Presliding
 from steelyard.terms.term import Term
 
 AMPLITUDE, REVERSALS = 0.05, 6
@@ -148,3 +151,25 @@ def test_steps_equal_the_whole_run(term: Term) -> None:
     stepper = valued.start()
     steps = [stepper.step(*state[:, :, k]) for k in range(len(t))]
     assert np.abs(np.array(steps) - torque).max() < 1e-12 * np.abs(torque).max()
+
+
+LOADED = LoadDependent(length=1e-3, along=(("sum", (("trunk_joint", 1.0), ("left_joint", -2.0))),))
+
+
+@pytest.mark.parametrize(
+    "term", [Dahl(), MaxwellSlip(), MaxwellSlip(relaxing=True), LuGre(), LOADED]
+)
+def test_steps_of_one_sample_are_those_along_a_log(term: Presliding) -> None:
+    """A motion that begins at some speed, so that its first states are not zero."""
+    robot, state = tree(), 0.01 * cycles(4, 1, 200)
+    whole, memory, found = channels(term, robot, state), None, []
+    for q, dq, ddq in state.transpose(2, 0, 1):
+        sample = JointState(q, dq, ddq)
+        memory = term.started(robot, sample) if memory is None else memory
+        assert len(memory) == term.n_memory(robot)
+        memory, now = term.stepped(robot, sample, memory)
+        found.append(now)
+    assert np.abs(whole[:, 0]).max() > 0.1
+    np.testing.assert_allclose(
+        np.transpose(found), whole, rtol=0.0, atol=1e-12 * np.abs(whole).max()
+    )

@@ -1,8 +1,8 @@
 r"""Friction with memory: states that follow the position, a step at a time.
 
 Over every monotone step between samples a state becomes $\operatorname{clip}(a\,s + b, \pm c)$;
-states are handed on from block to block. A law gives $a, b, c$ over arrays or symbols: along a log
-and in the machine code of the virtual robot it is the same step.
+states are handed on from block to block. A law gives $a, b, c$ over arrays or symbols: along a log,
+sample by sample, in the virtual robot and in exported C code it is the same step.
 """
 
 from abc import abstractmethod
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.kernel.equations.dynamics import JointState, Scalar
+from steelyard.kernel.equations.dynamics import JointState, Scalar, inverse_dynamics
 from steelyard.kernel.native.recurrence import recurrence
 from steelyard.robot.robot import Robot
 from steelyard.terms.acting import ActsOnAxes
@@ -82,6 +82,43 @@ class Presliding(ActsOnAxes, StatefulTerm):
         """One per state."""
         return len(self.lengths_of(self.axes(robot)))
 
+    def n_memory(self, robot: Robot) -> int:
+        """Entries of the memory between two steps: positions along the axes, then states."""
+        axes = self.axes(robot)
+        return len(axes) + len(self.lengths_of(axes))
+
+    def started(self, robot: Robot, state: JointState) -> list[Scalar]:
+        """Memory before the first step of a motion, see `remember`.
+
+        Args:
+            robot: The robot.
+            state: All joints at the first sample.
+        """
+        axes = self.axes(robot)
+        here, speeds = ([axis.of(x) for axis in axes] for x in (state.q, state.dq))
+        return [*here, *_begun(speeds, self.lengths_of(axes))]
+
+    def stepped(
+        self, robot: Robot, state: JointState, memory: Sequence[Scalar]
+    ) -> tuple[list[Scalar], list[Scalar]]:
+        """Memory and channels after one step.
+
+        Args:
+            robot: The robot.
+            state: All joints at the step's end.
+            memory: Before the step.
+        """
+        axes = self.axes(robot)
+        here, speeds = ([axis.of(x) for axis in axes] for x in (state.q, state.dq))
+        moved = [x - last for x, last in zip(here, memory[: len(axes)], strict=True)]
+        steps = self.steps(axes, moved, speeds)
+        states = [after(*x) for x in zip(memory[len(axes) :], steps, strict=True)]
+
+        def torque(tens: Array) -> Iterable[Scalar]:
+            return inverse_dynamics(robot, state, tens.reshape(-1, 10).tolist())
+
+        return [*here, *states], self.channels(robot, state, states, torque)
+
     def warm_up(self, robot: Robot) -> Array:
         """Three lengths, the longest of all axes that load a joint."""
         axes = self.axes(robot)
@@ -102,10 +139,7 @@ class Presliding(ActsOnAxes, StatefulTerm):
         rows = np.array([axis.row for axis in axes])
         q, speeds = rows @ samples.q, rows @ samples.dq
         if memory is None:
-            lengths = np.array(self.lengths_of(axes))
-            speed = np.resize(speeds[:, 0], len(lengths))
-            begun = np.sign(speed) * (1.0 - np.exp(-np.abs(speed) * BEFORE / lengths))
-            memory = Memory(q[:, 0], begun)
+            memory = Memory(q[:, 0], np.array(_begun(speeds[:, 0], self.lengths_of(axes))))
         moved = np.diff(q, axis=1, prepend=memory.q[:, None])
         steps = self.steps(axes, list(moved), list(speeds))
         shape = len(steps), q.shape[1]
@@ -116,6 +150,12 @@ class Presliding(ActsOnAxes, StatefulTerm):
         state = JointState(list(samples.q), list(samples.dq), list(samples.ddq), [])
         channels = self.channels(robot, state, list(states), samples.rigid_torque)
         return np.array(channels), Memory(q[:, -1].copy(), last)
+
+
+def _begun(speeds: Sequence[Scalar], lengths: Sequence[float]) -> list[Scalar]:
+    """States after a stretch of `BEFORE` at the first speed along each axis."""
+    pairs = [(speeds[k % len(speeds)], length) for k, length in enumerate(lengths)]
+    return [np.sign(v) * (1.0 - np.exp(-np.abs(v) * BEFORE / x)) for v, x in pairs]
 
 
 def relaxed(moved: Scalar, length: float, level: Scalar = 1.0, bound: Scalar = 1.0) -> Step:

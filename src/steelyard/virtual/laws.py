@@ -8,19 +8,19 @@ jump at zero speed are softened, see `kernel.program.smoothing`.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.kernel.equations.dynamics import JointState, Scalar, inverse_dynamics
+from steelyard.kernel.equations.dynamics import JointState, Scalar
 from steelyard.kernel.native.compiled import Code, compiled
 from steelyard.kernel.program.program import Array as Input
 from steelyard.kernel.program.program import Program
 from steelyard.kernel.program.smoothing import softened
 from steelyard.model import Model
 from steelyard.robot.robot import Robot
-from steelyard.terms.memory import Presliding, after
+from steelyard.terms.memory import Presliding
 from steelyard.terms.term import Samples, StatefulTerm, Term, channels_of
 from steelyard.virtual.mujoco_model import MujocoModel
 
@@ -73,7 +73,7 @@ class Laws:
             found.append(Placed(term, first, memory, at, channel))
             first += len(term.parameters(self.robot))
             if memory is not None:
-                at += self._rows(memory)
+                at += memory.n_memory(self.robot)
             else:
                 channel += channels_of(term, self.robot)
         return tuple(found)
@@ -81,12 +81,8 @@ class Laws:
     @property
     def n_memory(self) -> int:
         """Rows of the memory."""
-        return sum(self._rows(p.memory) for p in self.placed if p.memory is not None)
-
-    def _rows(self, memory: Presliding) -> int:
-        """Rows of a term's memory: positions along its axes, then states."""
-        axes = memory.axes(self.robot)
-        return len(axes) + len(memory.lengths_of(axes))
+        memories = (p.memory for p in self.placed)
+        return sum(memory.n_memory(self.robot) for memory in memories if memory is not None)
 
     @property
     def scanned(self) -> tuple[Placed, ...]:
@@ -163,7 +159,8 @@ class Laws:
         for placed in self.placed:
             mine = channels[placed.channel : placed.channel + channels_of(placed.term, self.robot)]
             if placed.memory is not None:
-                rows, mine = self._advanced(placed, JointState(q, dq, ddq), before)
+                last = before[placed.at : placed.at + placed.memory.n_memory(self.robot)]
+                rows, mine = placed.memory.stepped(self.robot, JointState(q, dq, ddq), last)
                 memory += rows
             state = JointState(q, dq, ddq, mine)
             for (row, column), entry in placed.term.columns(self.robot, state).items():
@@ -176,23 +173,6 @@ class Laws:
         behind = sorted(brakes)
         rows = [*forces, *(brakes[row] for row in behind), *memory]
         return rows, {"loads": loads, "brakes": behind}
-
-    def _advanced(
-        self, placed: Placed, state: JointState, before: Sequence[Scalar]
-    ) -> tuple[list[Scalar], list[Scalar]]:
-        """Memory and channels of a term after the step."""
-        memory = cast(Presliding, placed.memory)
-        axes = memory.axes(self.robot)
-        now, speeds = ([axis.of(x) for axis in axes] for x in (state.q, state.dq))
-        rows = before[placed.at : placed.at + self._rows(memory)]
-        moved = [x - last for x, last in zip(now, rows[: len(axes)], strict=True)]
-        steps = memory.steps(axes, moved, speeds)
-        states = [after(*x) for x in zip(rows[len(axes) :], steps, strict=True)]
-
-        def loads(tens: Array) -> Sequence[Scalar]:
-            return inverse_dynamics(self.robot, state, tens.reshape(-1, 10).tolist())
-
-        return [*now, *states], memory.channels(self.robot, state, states, loads)
 
 
 class LawsInUse:
