@@ -65,6 +65,20 @@ def test_ctrl_c_comes_too_late_once_results_take_their_place(work: Path, tmp_pat
     assert sorted(p.name for p in out.iterdir()) == ["model.json", "parameters.csv", "report.html"]
 
 
+def test_the_reduced_model_stays_when_the_next_motion_is_stopped(
+    work: Path, tmp_path: Path
+) -> None:
+    code, errors, _ = pressed("x.y", (*IDENTIFY, "-o", str(tmp_path / "full")), work)
+    assert (code, errors) == (0, "")
+    options = ("--robot", IDENTIFY[1], "--next", str(tmp_path / "motion"), "--stop", "one_fewer")
+    arguments = ("reduce", str(tmp_path / "full"), IDENTIFY[2], "-o", str(tmp_path / "small"))
+    code, errors, entered = pressed("design.design_excitation", (*arguments, *options), work)
+    assert "design.design_excitation" in entered
+    assert (code, errors) == (130, f"stopped: {tmp_path / 'small'} is written, nothing else\n")
+    assert (tmp_path / "small" / "model.json").exists()
+    assert not (tmp_path / "motion").exists()
+
+
 def test_ctrl_c_from_outside_while_it_works(work: Path) -> None:
     process = subprocess.Popen(
         [sys.executable, "-m", "steelyard", "simulate", ROBOT, "--period", "200"],

@@ -1,6 +1,7 @@
 """`steelyard reduce`: what it prints, writes and refuses."""
 
 import json
+from collections import Counter
 from pathlib import Path
 from shutil import copytree
 
@@ -10,8 +11,11 @@ import pytest
 from cli.conftest import Command
 from steelyard.application.export.export import exported
 from steelyard.application.payload import identify_payload
+from steelyard.errors import ModelError
 from steelyard.estimation.identified import load_model
 from steelyard.identification.parts import information, load_runs
+from steelyard.identification.reduce import matching, reduce
+from steelyard.report.sections.register import SECTIONS
 from steelyard.robot_file.file import load_robot
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.robot import VirtualRobot
@@ -40,8 +44,8 @@ def test_what_is_kept_and_removed(
     assert done.exit_code == 0, done.output
     found = json.loads(done.stdout)
     before, after = load_model(identified), load_model(work / "small")
+    assert found["removed"] == [vars(one) for one in after.estimate.removed]
     assert found["kept"] == list(after.estimate.parameters.names)
-    assert [one["name"] for one in found["removed"]] == [r.name for r in after.estimate.removed]
     assert len(found["kept"]) + len(found["removed"]) == len(before.estimate.parameters)
     assert 0 < len(found["removed"])
     chosen = next(m for m in found["models"] if m["parameters"] == len(found["kept"]))
@@ -123,6 +127,72 @@ def test_a_reduced_model_is_reduced_further(
     assert [entry["step"] for entry in two] == [1, 2]
 
 
+@pytest.mark.parametrize(
+    "stop", ["one_standard_error", "bic", "tolerance=300", "condition=1e9", "ratio=1e9", "refit"]
+)
+def test_what_was_removed_before_stays_removed(
+    stop: str, identified: Path, log: Path, command: Command
+) -> None:
+    names = load_model(identified).estimate.parameters.names
+    few = f"count={len(names) - 6}"
+    first = command("reduce", identified, log, "--stop", few, "-o", "a", "--json")
+    second = command("reduce", "a", log, "--stop", stop, "-o", "b", "--json")
+    one, two = (json.loads(done.stdout) for done in (first, second))
+    assert second.exit_code in (0, 1), second.output
+    removed = [entry["name"] for entry in two["removed"]]
+    assert removed[:6] == [entry["name"] for entry in one["removed"]]
+    assert not set(removed) & set(two["kept"])
+    assert sorted([*removed, *two["kept"]]) == sorted(names)
+    assert two["models"][0]["parameters"] == len(one["kept"])
+
+
+@pytest.mark.parametrize("stop", ["one_standard_error", "condition=1e9", "refit"])
+def test_what_is_to_be_dropped_is_dropped(
+    stop: str, identified: Path, log: Path, command: Command
+) -> None:
+    done = command(
+        "reduce", identified, log, "--drop", "viscous.elbow", "--stop", stop, "-o", "a", "--json"
+    )
+    found = json.loads(done.stdout)
+    assert found["removed"][0]["name"] == "viscous.elbow"
+    assert "viscous.elbow" not in found["kept"]
+    assert found["models"][0]["parameters"] == len(found["kept"]) + len(found["removed"]) - 1
+
+
+def test_every_field_of_the_json_output_has_one_section(identified: Path, log: Path) -> None:
+    content = reduce(identified, log, stop="one_fewer").content
+    fields = Counter(field for section in SECTIONS for field in section.to_dict(content))
+    assert {"kept", "removed", "models"} <= fields.keys()
+    assert [field for field, number in fields.items() if number > 1] == []
+
+
+def test_only_a_star_stands_for_letters() -> None:
+    names = ("mass[1]", "mass1", "mass2")
+    assert matching(["mass[1]"], names, "--keep") == ("mass[1]",)
+    assert matching(["mass*"], names, "--keep") == names
+    with pytest.raises(ModelError, match=r"no base parameter matches 'mass\?'"):
+        matching(["mass?"], names, "--keep")
+
+
+def test_a_model_of_one_parameter_is_small_enough(
+    identified: Path, log: Path, command: Command
+) -> None:
+    assert command("reduce", identified, log, "--stop", "count=1", "-o", "a").exit_code in (0, 1)
+    done = command("reduce", "a", log, "--stop", "one_fewer", "-o", "b")
+    assert done.exit_code == 2 and "it has one parameter" in done.output
+
+
+def test_the_terminal_counts_what_is_left(identified: Path, log: Path, command: Command) -> None:
+    names = load_model(identified).estimate.parameters.names
+    command("reduce", identified, log, "--stop", f"count={len(names) - 2}", "-o", "a")
+    done = command("reduce", "a", log, "--stop", "one_fewer", "-o", "b")
+    words = " ".join(done.stdout.split())
+    left = len(names) - 2
+    assert f"{left - 1} of {left} parameters kept, 1 removed (2 more before)" in words
+    assert f"{left - 1} base parameters: " in words
+    assert "; 3 removed, known to be zero" in words
+
+
 def test_the_next_motion_is_of_the_smaller_model(
     identified: Path, robot: Path, log: Path, command: Command, work: Path
 ) -> None:
@@ -169,6 +239,8 @@ def test_the_loop_goes_on_where_it_was_interrupted(
         (("--keep", "vicous.*"), "no base parameter matches 'vicous.*'"),
         (("--drop", "nothing"), "no base parameter matches 'nothing'"),
         (("--keep", "*"), "there is nothing to remove"),
+        (("--drop", "*"), "all parameters that the data show are to be removed"),
+        (("--drop", "viscous.*", "--stop", "count=500"), "no model has 500 parameters"),
         (("--keep", "viscous.*", "--drop", "viscous.*"), "is to be kept and to be removed"),
         (("--stop", "tolerance=-1"), "is no number that stopping rule"),
         (("--stop", "condition=0.5"), "no model has a condition number"),

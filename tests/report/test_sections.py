@@ -1,5 +1,6 @@
 """What the sections say."""
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -31,6 +32,11 @@ def with_errors(content: ReportContent, *joints: int, **errors) -> ReportContent
     )
     score = replace(score, errors=replace(score.errors, joints=changed))
     return replace(content, scores=(score,))
+
+
+def test_every_field_of_the_json_output_has_one_section(usual: ReportContent) -> None:
+    fields = Counter(field for section in SECTIONS for field in section.to_dict(usual))
+    assert [field for field, number in fields.items() if number > 1] == []
 
 
 def test_the_verdict_comes_first_and_titles_differ():

@@ -26,6 +26,7 @@ class _State:
     installed: bool = False
     requests: int = 0
     quiet: bool = False
+    finished: str = ""
 
 
 _state = _State()
@@ -71,6 +72,11 @@ def answered() -> None:
     _state.requests, _state.quiet = max(_state.requests - 1, 0), False
 
 
+def finished(what: str) -> None:
+    """A part of the results is in its place and stays there if Ctrl-C stops what follows."""
+    _state.finished = what
+
+
 def too_late() -> None:
     """The last chance to stop: after this, the results take their place and Ctrl-C does nothing.
 
@@ -99,7 +105,8 @@ def leave() -> None:
     files = sys.modules.get("steelyard.files")
     if files is not None and hasattr(files, "remove_unfinished"):
         files.remove_unfinished()
-    print("stopped: nothing was written", file=sys.stderr)
+    written = f"{_state.finished} is written, nothing else" if _state.finished else ""
+    print(f"stopped: {written or 'nothing was written'}", file=sys.stderr)
     raise SystemExit(INTERRUPTED) from None
 
 

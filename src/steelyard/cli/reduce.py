@@ -1,7 +1,6 @@
 """`steelyard reduce`: a smaller model that predicts as well on motion it has not seen."""
 
 import json
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated
 
@@ -119,7 +118,7 @@ def reduce(
         )
     folder = new_folder(output, "steelyard-reduced")
     motion_folder = None if following is None else new_folder(following, "")
-    with progress_bar() as progress, ExitStack() as parts:
+    with progress_bar() as progress:
         found = reduced(
             model,
             logs,
@@ -132,19 +131,24 @@ def reduce(
             threads=threads,
             progress=progress,
         )
-        found.write(parts.enter_context(whole_folder(folder)))
-        if motion_folder is not None and robot is not None:
+        with whole_folder(folder) as place:
+            found.write(place)
+            if motion_folder is None:
+                interrupt.too_late()
+    interrupt.finished(str(folder))
+    if not as_json:
+        found.show(Console())
+        typer.echo(f"\nmodel   {folder / 'model.json'}\nreport  {folder / 'report.html'}")
+    if motion_folder is not None and robot is not None:
+        with progress_bar() as progress, whole_folder(motion_folder) as place:
             motion = design_excitation(
                 robot, earlier=found.model, start=last, budget=budget, progress=progress
             )
-            motion.write(parts.enter_context(whole_folder(motion_folder)))
-        interrupt.too_late()
+            motion.write(place)
+            interrupt.too_late()
+        if not as_json:
+            typer.echo(f"motion  {motion_folder / 'trajectory.json'}")
     if as_json:
         written = {"output": str(folder), "motion": motion_folder and str(motion_folder)}
         typer.echo(json.dumps({**found.to_dict(), **written}, allow_nan=False))
-    else:
-        found.show(Console())
-        typer.echo(f"\nmodel   {folder / 'model.json'}\nreport  {folder / 'report.html'}")
-        if motion_folder is not None:
-            typer.echo(f"motion  {motion_folder / 'trajectory.json'}")
     raise typer.Exit(exit_code(found.content))

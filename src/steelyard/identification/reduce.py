@@ -1,9 +1,9 @@
 """A smaller model that predicts as well: what `steelyard reduce` does."""
 
 import os
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -175,26 +175,29 @@ def reduce(
         rests = remembers(identified.model.terms)
         return information_from(some, rests=rests, threads=cores, progress=progress)(regressor)
 
-    information = information_of(runs)
-    kept = matching(keep, information.layout.columns, "--keep")
+    before = identified.estimate.removed
+    gone = {one.name for one in before}
+    every_column = regressor.layout.columns
+    columns = [name for name in every_column if name not in gone]
+    kept, dropped_first = matching(keep, columns, "--keep"), matching(drop, columns, "--drop")
+    refuse_contradiction(kept, dropped_first, columns)
     if isinstance(rule, Tolerance):
-        kept += moving_friction(identified.model, runs, information.layout.columns)
-    before = tuple(one.name for one in identified.estimate.removed)
-    columns = [name for name in information.layout.columns if name not in before]
-    dropped_first = matching(drop, columns, "--drop")
-    refuse_contradiction(kept, (*before, *dropped_first), information.layout.columns)
+        friction = moving_friction(identified.model, runs, columns)
+        kept += tuple(name for name in friction if name not in dropped_first)
+    everything = information_of(runs)
+    information = everything.select(columns)
     found = reduced_by(
         information,
         measure,
         rule,
         keep=kept,
-        drop=(*before, *dropped_first),
-        unseen=information_of(unseen) if unseen else None,
+        drop=dropped_first,
+        unseen=information_of(unseen).select(columns) if unseen else None,
     )
-    estimate = _continued(found.estimate, identified.estimate)
-    found = replace(found, estimate=estimate)
+    found = found.after(before)
+    estimate = found.estimate
     if bodies is not None:
-        estimate = _with_bodies(identified, bodies, runs, information, found)
+        estimate = _with_bodies(identified, bodies, runs, everything, found)
     smaller = replace(
         _without_empty_terms(replace(identified, estimate=estimate)),
         reference=(WeightedLeastSquares()(information),),
@@ -268,7 +271,8 @@ def matching(patterns: Iterable[str], names: Sequence[str], option: str) -> tupl
     """
     found: set[str] = set()
     for pattern in (patterns,) if isinstance(patterns, str) else patterns:
-        mine = {name for name in names if fnmatchcase(name, pattern)}
+        wanted = re.compile(".*".join(map(re.escape, pattern.split("*"))))
+        mine = {name for name in names if wanted.fullmatch(name)}
         if not mine:
             raise ModelError(
                 f"no base parameter matches '{pattern}'",
@@ -315,14 +319,6 @@ def moving_friction(model: Model, runs: Sequence[Run], columns: Sequence[str]) -
     return tuple(name for name in columns if name in mine)
 
 
-def _continued(estimate: Estimate, before: Estimate) -> Estimate:
-    """The estimate with what was removed before in front, as it was removed then."""
-    old = {one.name for one in before.removed}
-    new = [one for one in estimate.removed if one.name not in old]
-    numbered = (replace(one, step=len(old) + k) for k, one in enumerate(new, start=1))
-    return replace(estimate, removed=(*before.removed, *numbered))
-
-
 def _with_bodies(
     identified: IdentifiedModel,
     robot_file: str | Path | LoadedRobot,
@@ -342,7 +338,9 @@ def _with_bodies(
         )
     knowledge = knowledge_of(identified.model, loaded, fastest_of(runs))
     zeros = {
-        one.name: _zero(base, base.base_names.index(one.name)) for one in found.estimate.removed
+        one.name: _zero(base, base.base_names.index(one.name))
+        for one in found.estimate.removed
+        if one.name in base.base_names
     }
     possible = dict(zeros)
     while labels := contradictions(replace(knowledge, rows=(*knowledge.rows, *possible.values()))):
@@ -365,7 +363,7 @@ def _with_bodies(
         covariance=frozen(estimate.covariance[np.ix_(at, at)]),
         learned=None if learned is None else frozen(learned[at]),
         at_bound=tuple(name for name in estimate.at_bound if name not in possible),
-        removed=tuple(one for one in found.estimate.removed if one.name in possible),
+        removed=tuple(one for one in found.estimate.removed if one.name not in positive),
         notes=(*estimate.notes, *(notes if positive else ())),
     )
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
+from steelyard.errors import DataError
 from steelyard.estimation.reduction.criteria import Criterion
 from steelyard.estimation.reduction.state import FullModel, State
 
@@ -25,19 +26,19 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """Models from the full one to the smallest.
+    """Models from the first one, without what was requested to go, to the smallest.
 
     Attributes:
         states: The models; each has one parameter less than the one before.
         steps: What was removed from each but the last.
         essential: Parameters without which a model was refused, or that had to stay.
-        requested: How many of the first steps were requested, whatever the parameter is worth.
+        requested: What the first model lacks already, whatever it is worth.
     """
 
     states: tuple[State, ...]
     steps: tuple[Step, ...]
     essential: tuple[str, ...]
-    requested: int = 0
+    requested: tuple[Step, ...] = ()
 
     @property
     def full(self) -> FullModel:
@@ -68,27 +69,41 @@ def backward(
         full: The full model.
         criterion: What a parameter is worth.
         keep: Parameters that are essential from the start.
-        drop: Parameters that are removed first, whatever they are worth.
+        drop: Parameters that the first model of the path lacks, whatever they are worth.
         accepts: Whether a model may be one of the path.
+
+    Raises:
+        DataError: No parameter is left without those to drop.
     """
-    first = state = full.state(range(len(full.names)))
-    essential = dict.fromkeys(keep)
-    states, steps, requested = [first], list[Step](), 0
-    wanted = [full.names.index(name) for name in drop if name in full.names]
+    complete = state = full.state(range(len(full.names)))
+    essential, wanted = dict.fromkeys(keep), set(drop)
+    if wanted.issuperset(full.names):
+        raise DataError(
+            "all parameters that the data show are to be removed",
+            where=", ".join(full.names[:4]),
+            fix="remove fewer",
+        )
+    requested, steps = list[Step](), list[Step]()
+    while free := [name for name in state.names if name in wanted]:
+        step, state = _without_least(state, free, criterion)
+        requested.append(step)
+    states = [state]
     while len(state.active) > 1:
-        free = [k for k, name in enumerate(state.names) if name not in essential]
-        asked = [k for k in free if state.active[k] in wanted]
-        if not free:
+        if not (free := [name for name in state.names if name not in essential]):
             break
-        worth = criterion.worth(state)
-        place = min(asked or free, key=lambda k: worth[k])
-        name, cost = state.names[place], float(state.losses[place])
-        smaller = state.without(state.active[place])
-        if not asked and not accepts(first, smaller):
-            essential[name] = None
-            continue
-        state = smaller
-        states.append(state)
-        steps.append(Step(name, cost))
-        requested += bool(asked)
-    return Path(tuple(states), tuple(steps), tuple(essential), requested)
+        step, smaller = _without_least(state, free, criterion)
+        if accepts(complete, smaller):
+            state = smaller
+            states.append(state)
+            steps.append(step)
+        else:
+            essential[step.name] = None
+    return Path(tuple(states), tuple(steps), tuple(essential), tuple(requested))
+
+
+def _without_least(state: State, free: Collection[str], criterion: Criterion) -> tuple[Step, State]:
+    """The removal of the parameter that is worth least of some, and the model without it."""
+    worth = criterion.worth(state)
+    place = min((state.names.index(name) for name in free), key=lambda k: worth[k])
+    step = Step(state.names[place], float(state.losses[place]))
+    return step, state.without(state.active[place])

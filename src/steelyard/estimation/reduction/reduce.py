@@ -10,7 +10,7 @@ from steelyard.estimation.estimate import Estimate, Removed
 from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
 from steelyard.estimation.reduction.criteria import CRITERIA, Criterion
 from steelyard.estimation.reduction.left_out import LeftOutErrors, left_out_errors, path_errors
-from steelyard.estimation.reduction.path import Path, backward
+from steelyard.estimation.reduction.path import Path, Step, backward
 from steelyard.estimation.reduction.rules import OneStandardError, StoppingRule
 from steelyard.estimation.reduction.state import FullModel, State
 from steelyard.regression.information import Information
@@ -39,6 +39,11 @@ class Reduction:
         """The model that was taken."""
         return self.path.states[self.chosen]
 
+    def after(self, before: Sequence[Removed]) -> "Reduction":
+        """The reduction of a model that was reduced before: earlier removals are listed first."""
+        later = (replace(one, step=len(before) + one.step) for one in self.estimate.removed)
+        return replace(self, estimate=replace(self.estimate, removed=(*before, *later)))
+
 
 def reduce(
     information: Information,
@@ -56,7 +61,7 @@ def reduce(
         criterion: What a parameter is worth.
         rule: Stopping rule; `OneStandardError` if `None`.
         keep: Parameters that stay.
-        drop: Parameters that are removed first.
+        drop: Parameters that are removed first, and in any case.
         unseen: Other data, on which the models are scored and nothing is chosen.
 
     Raises:
@@ -74,7 +79,7 @@ def reduce(
     path = follow(full)
     place = rule.choose(path, left_out)
     errors = None if unseen is None else frozen(path_errors(path, unseen)[0])
-    return Reduction(path, place, left_out, estimated(path, place), errors)
+    return Reduction(path, place, left_out, estimated(path, place, drop), errors)
 
 
 @dataclass(frozen=True)
@@ -86,16 +91,20 @@ class Reduced:
         return reduce(information).estimate
 
 
-def estimated(path: Path, place: int) -> Estimate:
-    """The estimate of a model of a path; what it lacks is known to be zero."""
+def estimated(path: Path, place: int, drop: Sequence[str] = ()) -> Estimate:
+    """The estimate of a model of a path; what it lacks is known to be zero.
+
+    Parameters to drop that the data do not show are known to be zero as well.
+    """
     state, full = path.states[place], path.full
+    hidden = (Step(one.name, 0.0) for one in full.blind if one.name in drop)
+    steps = (*path.requested, *hidden, *path.steps[:place])
     found = WeightedLeastSquares()(full.information.select(state.names))
     return replace(
         found,
         estimator=f"reduced weighted least squares ({len(full.names)} to {len(state.active)})",
-        blind=full.blind,
+        blind=tuple(one for one in full.blind if one.name not in drop),
         removed=tuple(
-            Removed(step.name, number, step.cost)
-            for number, step in enumerate(path.steps[:place], start=1)
+            Removed(step.name, number, step.cost) for number, step in enumerate(steps, start=1)
         ),
     )

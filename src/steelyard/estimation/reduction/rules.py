@@ -200,7 +200,9 @@ class Count(StoppingRule):
             raise DataError(
                 f"no model has {self.parameters} parameters",
                 where=WHERE,
-                fix=f"give a number from {path.sizes[-1]} to {path.sizes[0]}",
+                fix=f"give a number from {path.sizes[-1]} to {path.sizes[0]}"
+                if path.steps
+                else f"give {path.sizes[0]}, or keep fewer parameters",
             )
         return path.sizes.index(self.parameters)
 
@@ -214,13 +216,14 @@ class OneFewer(StoppingRule):
 
     def choose(self, path: Path, left_out: LeftOutErrors | None) -> int:
         """See `StoppingRule`."""
-        if path.requested + 1 >= len(path.states):
+        if not path.steps:
+            one = len(path.states[0].active) == 1
             raise DataError(
                 "no parameter is left that could be removed",
                 where=WHERE,
-                fix="keep fewer parameters",
+                fix="use this model: it has one parameter" if one else "keep fewer parameters",
             )
-        return path.requested + 1
+        return 1
 
 
 @dataclass(frozen=True)
@@ -232,7 +235,7 @@ class Refit(StoppingRule):
 
     def choose(self, path: Path, left_out: LeftOutErrors | None) -> int:
         """See `StoppingRule`."""
-        return path.requested
+        return 0
 
 
 def _first_below(values: list[float], limit: float, what: str) -> int:

@@ -79,7 +79,7 @@ class ParametersSection(Section):
             "parameters": [{"name": n, "unit": u, "value": v, "std": s} for n, u, v, s in values],
             "terms": [description_of(term) for term in content.identified.model.terms],
             "not_seen": [blind.name for blind in estimate.blind],
-            "removed": [one.name for one in estimate.removed],
+            "removed": [vars(one) for one in estimate.removed],
             "condition": estimate.condition,
             "condition_normalised": estimate.condition_normalised,
         }
@@ -93,7 +93,9 @@ class ParametersSection(Section):
         table = rows(content.identified)
         grades = [(words, sum(row.grade in of for row in table)) for words, of in GRADES]
         named = ", ".join(f"{number} {words}" for words, number in grades if number)
-        yield Text(f"{count(len(table), 'base parameter')}: {named}")
+        removed = sum(row.grade == "removed" for row in table)
+        known = f"; {removed} removed, known to be zero" if removed else ""
+        yield Text(f"{count(len(table) - removed, 'base parameter')}: {named}{known}")
 
     def detailed(self, content: ReportContent) -> Iterable[RenderableType]:
         """Which the data show poorly or not at all."""

@@ -46,7 +46,7 @@ class ReductionSection(FigureSection):
         }
 
     def to_dict(self, content: ReportContent) -> dict[str, Any]:
-        """What was kept and removed, and the errors along the path."""
+        """What was kept, and the errors along the path."""
         found = content.reduction
         if found is None:
             return {}
@@ -54,7 +54,6 @@ class ReductionSection(FigureSection):
         unseen = None if found.unseen is None else found.unseen.mean(axis=1).tolist()
         return {
             "kept": list(found.estimate.parameters.names),
-            "removed": [vars(one) for one in found.estimate.removed],
             "models": [
                 {
                     "parameters": len(state.active),
@@ -91,18 +90,18 @@ class RemovalsSection(TableSection):
 
 def _summary(found: Reduction) -> str:
     """What was removed, and what it changes."""
-    full, state = found.path.full, found.state
+    full, first, state = found.path.full, found.path.states[0], found.state
     size, place = len(state.active), found.chosen
+    removed = len(full.names) - size
+    earlier = len(found.estimate.removed) - removed
     sentences = [
-        f"{size} of {count(len(full.names), 'parameter')} kept, {len(full.names) - size} removed: "
-        f"condition number {significant(found.path.states[0].condition)} to "
-        f"{significant(state.condition)}"
+        f"{size} of {count(len(full.names), 'parameter')} kept, {removed} removed"
+        + (f" ({earlier} more before)" if earlier > 0 else "")
+        + f": condition number {significant(first.condition)} to {significant(state.condition)}"
     ]
-    left = {} if found.left_out is None else _by_size(found)
-    if size in left and len(full.names) in left:
-        sentences.append(
-            f"error on left-out data {_fine(left[len(full.names)])} to {_fine(left[size])}"
-        )
+    left, most = _by_size(found), len(first.active)
+    if size in left and most in left:
+        sentences.append(f"error on left-out data {_fine(left[most])} to {_fine(left[size])}")
     if found.unseen is not None:
         before, after = (float(found.unseen[k].mean()) for k in (0, place))
         sentences.append(f"on unseen motion {_fine(before)} to {_fine(after)}")
@@ -182,10 +181,11 @@ def _removals(found: Reduction) -> PlainTable:
     left = found.left_out
     size = len(found.state.active)
     folds = None if left is None or size not in left.sizes else left.sizes.index(size)
+    chosen = {step.name for step in found.path.steps}
     rows = []
     for one in found.estimate.removed:
         stable = ""
-        if left is not None and folds is not None:
+        if left is not None and folds is not None and one.name in chosen:
             stable = f"{left.removed[folds][one.name]} of {len(left.folds)}"
         rows.append(Row((str(one.step), one.name, significant(one.cost), stable)))
     return PlainTable(
