@@ -74,20 +74,20 @@ def main() -> list[Claim]:
             inside += int(np.sum(np.abs(errors) < Z95 * rest.std))
             counted += len(errors)
         share = 100.0 * gone / significant
-        told = (
+        value = (
             f"{share:.2f} % of {significant}; {100.0 * removed / zero:.0f} % of true zeros removed"
         )
         claims.append(
-            Claim(f"{label}: removed above 5 standard deviations", told, "< 1 %", share < 1.0)
+            Claim(f"{label}: removed above 5 standard deviations", value, "< 1 %", share < 1.0)
         )
-        held = 100.0 * inside / counted
-        told = f"{held:.1f} % of {counted}"
+        inside_percent = 100.0 * inside / counted
+        value = f"{inside_percent:.1f} % of {counted}"
         claims.append(
             Claim(
                 f"{label}: 95 % intervals, chosen on one half of the runs, estimated on the other",
-                told,
+                value,
                 "90 to 98 %",
-                90.0 <= held <= 98.0,
+                90.0 <= inside_percent <= 98.0,
             )
         )
     return claims

@@ -62,15 +62,20 @@ def main() -> list[Claim]:
             for rule, reduced in found.items():
                 count, whole = len(reduced.kept), len(reduced.reduction.path.full.names)
                 ends = unseen(reduced)
-                told = f"{count} of {whole} kept, unseen {ends:.2f} % (full {full:.2f} %)"
+                value = f"{count} of {whole} kept, unseen {ends:.2f} % (full {full:.2f} %)"
+                same = reduced.reduction.unseen
+                assert same is not None
+                filtered = [float(same[k].mean()) for k in (0, reduced.reduction.chosen)]
+                value += f"; behind the filter of the fit {filtered[1]:.2f} % ({filtered[0]:.2f} %)"
                 bound, holds = "printed", True
                 if rule.startswith("ours") and some is logs:
-                    bound, holds = "<= 30 kept, <= 5.75 %", count <= 30 and ends <= 5.75
+                    bound = "<= 30 kept, <= 5.75 % behind the filter"
+                    holds = count <= 30 and filtered[1] <= 5.75
                 elif rule.startswith("ours"):
                     bound, holds = "<= 7.0 %", ends <= 7.0
-                claims.append(Claim(f"{name}: {rule}", told, bound, holds))
-            told = f"unseen {bodies:.2f} %, nothing removed"
-            claims.append(Claim(f"{name}: consistent estimate", told, "printed", True))
+                claims.append(Claim(f"{name}: {rule}", value, bound, holds))
+            value = f"unseen {bodies:.2f} %, nothing removed"
+            claims.append(Claim(f"{name}: consistent estimate", value, "printed", True))
             if some is logs:
                 claims.append(_left_out(found[RULES[0][0]]))
                 claims.append(_path_time(found[RULES[0][0]].reduction.path.full))
@@ -81,9 +86,9 @@ def _left_out(reduced: ReducedModel) -> Claim:
     left = reduced.reduction.left_out
     assert left is not None
     ours, full = left.mean[left.sizes.index(len(reduced.kept))], left.mean[0]
-    told = f"{ours:.2f} % (full {full:.2f} %)"
+    value = f"{ours:.2f} % (full {full:.2f} %)"
     return Claim(
-        "seven runs: error on left-out runs, chosen in the others", told, "<= 6.12 %", ours <= 6.12
+        "seven runs: error on left-out runs, chosen in the others", value, "<= 6.12 %", ours <= 6.12
     )
 
 
@@ -93,8 +98,8 @@ def _path_time(full: FullModel) -> Claim:
         start = time.perf_counter()
         path = backward(full, CRITERIA[0])
         times.append(time.perf_counter() - start)
-    told = f"{1e3 * min(times):.0f} ms for {len(path.steps)} steps"
-    return Claim("time of a whole path", told, "<= 200 ms", min(times) <= 0.2)
+    value = f"{1e3 * min(times):.0f} ms for {len(path.steps)} steps"
+    return Claim("time of a whole path", value, "<= 200 ms", min(times) <= 0.2)
 
 
 if __name__ == "__main__":
