@@ -19,7 +19,8 @@ def test_everything_is_there_and_named_with_its_version(command: Command) -> Non
     found = lines(command)
     assert all(line["ok"] for line in found.values())
     packages = str(found["packages"]["says"])
-    assert all(name in packages for name in ("numpy 2", "mujoco ", "llvmlite ", "polars "))
+    assert all(name in packages for name in ("numpy 2", "mujoco", "llvmlite ", "tomlkit "))
+    assert "polars " not in packages and "polars " in str(found["extra polars"]["says"])
     assert "viser" in str(found["extra replay"]["says"]) and "llvmlite" in str(
         found["compiler"]["says"]
     )

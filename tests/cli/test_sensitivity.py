@@ -57,7 +57,7 @@ def test_the_terminal_shows_it(command, given: Path, tmp_path: Path) -> None:
 
 
 def test_the_chain_is_noted_and_kept_by_the_model(identified: Path) -> None:
-    terminal = (identified.parent / "terminal.txt").read_text()
-    assert "processing: Hampel threshold 15 scaled MAD" in " ".join(terminal.split())
+    page = (identified / "report.html").read_text()
+    assert "processing: Hampel threshold 15 scaled MAD" in " ".join(page.split())
     model = json.loads((identified / "model.json").read_text())
     assert model["processing"]["outliers"] == 15.0 and model["processing"]["motion"]["method"]

@@ -74,8 +74,11 @@ def test_a_log_without_motion_validates_gravity(
     shown = " ".join(command("validate", identified, "still.csv").stdout.split())
     assert "GOOD: Predicts unseen postures with an error of" in shown
     assert "pooled over 6 joints, at rest)" in shown and "it validates gravity only" in shown
-    refused = command("identify", "../given/demo_arm.toml", "still.csv", "-o", "out")
+    robot = "../given/demo_arm.toml"
+    refused = command("identify", robot, "still.csv", "-o", "out")
     assert refused.exit_code == 2
+    fitted = command("identify", robot, f"{LOG}@0:4", "--validate", "still.csv", "-o", "out")
+    assert fitted.exit_code == 0 and "Predicts unseen postures" in fitted.stdout
 
 
 def test_validate_does_not_report_on_the_fit(

@@ -80,5 +80,7 @@ def test_the_best_motion_is_finished_first(tmp_path: Path, monkeypatch: pytest.M
         Found(k, x, problem.criterion_value(x), 1.0, True) for k, x in enumerate((best, middle))
     )
     monkeypatch.setattr(designs, "composed", lambda *arguments: iter([worst]))
-    first, *rest = designs._candidates(problem, SearchResult(found, 2, (), False))
+    first, *rest = designs._candidates(problem, SearchResult(found, 2, (), False), None)
     assert first is best and len(rest) == 2
+    given = designs._candidates(problem, SearchResult(found[1:], 2, (), False), best)
+    assert given[0] is best and len(given) == 3

@@ -60,7 +60,8 @@ def test_a_model_comes_of_every_estimator(folder: Path, offer, tmp_path: Path) -
     estimate = result.model.estimate
     assert (estimate.standard is not None) == (offer.name in BODIES)
     assert result.scores["relative_percent"].max() < 2.0
-    notes = [note for note in result.content.notes if note.startswith("estimated by")]
+    details = result.content.details
+    notes = [note for note in details if note.startswith("estimated by")]
     if offer.name == "consistent":
         assert not notes
     else:
@@ -69,7 +70,7 @@ def test_a_model_comes_of_every_estimator(folder: Path, offer, tmp_path: Path) -
         assert ("invalid" in note) == (offer.name not in BODIES)
     calibrated = result.model.calibration is not None
     assert calibrated == (offer.needs != "experiment")
-    bands = [note for note in result.content.notes if "95 % bands" in note]
+    bands = [note for note in details if "95 % bands" in note]
     assert bool(bands) != calibrated and all(f"{offer.name} needs whole runs" in b for b in bands)
     again = steelyard.load_model(result.save(tmp_path / "out"))
     assert again.estimate.estimator == estimate.estimator

@@ -34,7 +34,7 @@ def cells(table: PlainTable) -> list[tuple[str, ...]]:
 def printed(content: ReportContent) -> str:
     console = Console(file=io.StringIO(), width=110)
     for section in NEW:
-        for part in section.printed(content):
+        for part in (*section.printed(content), *section.detailed(content)):
             console.print(part)
     return console.file.getvalue()  # type: ignore[attr-defined]
 
@@ -43,7 +43,7 @@ def printed(content: ReportContent) -> str:
 def test_nothing_found_shows_no_section(section: Section, usual: ReportContent) -> None:
     assert section.numbers(ReportContent("title", "arm")) is None
     plain = replace(usual, friction=None, findings=(), gains=None, identified=None)
-    assert section.numbers(plain) is None and not list(section.printed(plain))
+    assert section.numbers(plain) is None and not printed(plain)
 
 
 @pytest.mark.parametrize("section", NEW, ids=lambda section: section.name)

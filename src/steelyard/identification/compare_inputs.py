@@ -8,7 +8,7 @@ from steelyard.errors import ModelError
 from steelyard.estimation.fields.fields import information_from
 from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
 from steelyard.estimation.register import ESTIMATORS, Context, Offer, offer_of
-from steelyard.identification.descriptions import dropped, notes_of
+from steelyard.identification.descriptions import dropped, dropped_rows, notes_of
 from steelyard.identification.logs import log_files, model_of, refuse_overlaps, runs_of, signals_of
 from steelyard.identification.method import Sources, context_of, method_of
 from steelyard.identification.precheck import passed, prechecked
@@ -117,6 +117,7 @@ def comparison_inputs(
     notes = (
         *file.notes,
         *reasons,
+        *dropped_rows(runs),
         *notes_of(runs),
         *unresolved,
         *ground.notes,

@@ -49,8 +49,13 @@ def settings(identified: IdentifiedModel) -> tuple[tuple[str, str], ...]:
     )
 
 
+def dropped_rows(runs: Sequence[Run]) -> tuple[str, ...]:
+    """One line for each run with invalid rows."""
+    return tuple(f"{run.name}: {words}" for run in runs if (words := run.quality.dropped_rows))
+
+
 def notes_of(runs: Sequence[Run]) -> tuple[str, ...]:
-    """The cut-offs, the chain, and one line for whatever of each run could not be used."""
+    """The cut-offs, the chain, and one line for whatever else of each run could not be used."""
     first = runs[0]
     cut = f"cut-offs: motion {first.motion_cutoff:g} Hz, regression {first.matched_cutoff:g} Hz"
     chains = {f"processing: {run.chain.words}": run.name for run in runs}

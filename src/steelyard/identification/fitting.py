@@ -62,6 +62,7 @@ class Fit:
         offsets: Zero offsets that were estimated, if any.
         scales: Scales of the efforts that were estimated, if any.
         notes: What was decided, for people to read.
+        ignored: What the robot file requests without effect.
         information: What the runs say about the model's columns.
         method: The estimator.
         estimating: Makes it for these runs, or for others of the same model.
@@ -75,6 +76,7 @@ class Fit:
     offsets: ZeroOffsets | None
     scales: EffortScales | None
     notes: tuple[str, ...]
+    ignored: tuple[str, ...]
     information: Information
     method: Offer
     estimating: EstimatorOf
@@ -137,11 +139,11 @@ def fit(
         estimating = partial(_with_scales, scales)
     estimate = estimating(runs, information)(information)
     reference = _of_runs(LEAST[other if method.name == plain else plain], model)(information)
+    ignored = (*_unused(loaded_robot, method, why), *_in_vain(loaded_robot, unscaled))
     notes = (
         *ground.notes,
-        *_chosen(loaded_robot, method, why, estimate),
+        *_chosen(method, why, estimate),
         *([] if scales is None else [scales.note]),
-        *_in_vain(loaded_robot, unscaled),
         *estimate.notes,
         *_beyond(model, context.knowledge, estimate if method.name == plain else reference),
     )
@@ -159,7 +161,7 @@ def fit(
         ),
         processing=wanted_by(loaded_robot),
         motions=motion_samples([*runs, *carrying]),
-        provenance=replace(origin, notes=(*origin.notes, *notes)),
+        provenance=replace(origin, notes=(*origin.notes, *notes, *ignored)),
         effort_scales=None if scales is None else scales.found.known,
     )
     return Fit(
@@ -171,6 +173,7 @@ def fit(
         ground.offsets,
         scales,
         notes,
+        ignored,
         information,
         method,
         estimating,
@@ -263,11 +266,18 @@ def _scaled(run: Run, scales: Array) -> Run:
     return replace(run, recording=replace(run.recording, signals=signals))
 
 
-def _chosen(loaded: LoadedRobot, method: Offer, why: str, estimate: Estimate) -> tuple[str, ...]:
-    """Notes on an estimator that is not the default one, and on what it does not use."""
+def _chosen(method: Offer, why: str, estimate: Estimate) -> tuple[str, ...]:
+    """A note on an estimator that is not the default one."""
     if not why:
         return ()
     bodies = ": inertias may be invalid" if estimate.standard is None else ""
+    return (f"estimated by {method.name} ({method.about}), {why}{bodies}",)
+
+
+def _unused(loaded: LoadedRobot, method: Offer, why: str) -> tuple[str, ...]:
+    """A note on what an estimator that is not the default one does not use."""
+    if not why:
+        return ()
     given = {
         PRIOR: loaded.prior != PriorSection(),
         KNOWLEDGE: bool(loaded.knowledge),
@@ -275,8 +285,7 @@ def _chosen(loaded: LoadedRobot, method: Offer, why: str, estimate: Estimate) ->
         and method.name != LEAST_SQUARES[loaded.estimation.weights],
     }
     idle = " and ".join(name for name, there in given.items() if there and name not in method.uses)
-    unheard = (f"{method.name} does not use {idle}",) if idle else ()
-    return (f"estimated by {method.name} ({method.about}), {why}{bodies}", *unheard)
+    return (f"{method.name} does not use {idle}",) if idle else ()
 
 
 def _of_runs(estimator: LeastSquares, model: Model) -> Estimator[Information]:

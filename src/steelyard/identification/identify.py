@@ -16,7 +16,13 @@ from steelyard.diagnosis.fitted.post_fit import FittedCase, examine_fit
 from steelyard.diagnosis.signals.moving_base import of_base
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.identification.bootstrap import drawn_again
-from steelyard.identification.descriptions import dropped, notes_of, provenance, settings
+from steelyard.identification.descriptions import (
+    dropped,
+    dropped_rows,
+    notes_of,
+    provenance,
+    settings,
+)
 from steelyard.identification.fitting import Fit, Payload, calibrated, fit
 from steelyard.identification.logs import (
     log_files,
@@ -169,7 +175,8 @@ def identify(
         found_out = prechecked(file.reference, given, (*known, *unknown), progress)
     clean, unseen = runs_of(file, signals, [*known, *carrying], unknown, progress)
     unresolved = () if found_out is None else passed(found_out, file.reference)
-    notes = (*file.notes, *reasons, *notes_of((*clean, *unseen)), *unresolved)
+    lost = dropped_rows((*clean, *unseen))
+    notes = (*file.notes, *reasons, *lost, *notes_of((*clean, *unseen)), *unresolved)
     refuse_same_rows(clean, unseen)
     fitted, loaded_runs = clean[: len(known)], clean[len(known) :]
     origin = provenance(file, known, carrying, unknown, fitted, notes)
@@ -180,7 +187,7 @@ def identify(
     found = calibrated(found, cores, progress)
     unseen = tuple(found.alike(run) for run in unseen)
     details = (*notes_of((*clean, *unseen)), *found.notes, *dropped(model, (*clean, *unseen)))
-    notes = (*file.notes, *reasons, *unresolved)
+    notes = (*file.notes, *reasons, *lost, *found.ignored, *unresolved)
     content = _content(found, unseen, (*clean, *unseen), progress)
     files = [*known, *carrying, *unknown]
     content = replace(

@@ -26,7 +26,7 @@ from steelyard.estimation.reduction.reduce import Reduction
 from steelyard.estimation.reduction.reduce import reduce as reduced_by
 from steelyard.estimation.reduction.register import criterion_of, rule_of
 from steelyard.estimation.reduction.rules import Tolerance
-from steelyard.identification.descriptions import dropped, notes_of, settings
+from steelyard.identification.descriptions import dropped, dropped_rows, notes_of, settings
 from steelyard.identification.logs import (
     log_files,
     prepared,
@@ -235,15 +235,15 @@ def _content(
     progress: Progress,
 ) -> ReportContent:
     """What the report shows."""
-    robot = smaller.model.robot.name
+    robot, logs = smaller.model.robot.name, (*runs, *unseen)
     return ReportContent(
         title=f"{robot}: reduced model",
         robot=robot,
         identified=smaller,
         scores=marked_repeats(smaller, unseen, scored(smaller, unseen, progress)),
         fitted=scored(smaller, runs, progress),
-        qualities=tuple((run.name, run.quality.rows_of_text) for run in (*runs, *unseen)),
-        notes=(*notes_of((*runs, *unseen)), *dropped(smaller.model, (*runs, *unseen))),
+        qualities=tuple((run.name, run.quality.rows_of_text) for run in logs),
+        notes=(*dropped_rows(logs), *notes_of(logs), *dropped(smaller.model, logs)),
         settings=settings(smaller),
         reduction=found,
     )

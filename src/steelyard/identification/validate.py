@@ -11,7 +11,7 @@ from steelyard.arguments import checked
 from steelyard.diagnosis import Finding
 from steelyard.diagnosis.fitted.post_fit import FittedCase, examine_fit
 from steelyard.estimation.identified import IdentifiedModel, load_model
-from steelyard.identification.descriptions import dropped, notes_of, settings
+from steelyard.identification.descriptions import dropped, dropped_rows, notes_of, settings
 from steelyard.identification.logs import (
     fitted_before,
     log_files,
@@ -141,8 +141,9 @@ def _content(
         scores=tuple(score for score, old in zip(scores, known, strict=True) if not old),
         fitted=again,
         qualities=tuple((run.name, run.quality.rows_of_text) for run in runs),
-        notes=tuple(
-            f"{score.run} was fitted: its score does not validate the model" for score in again
+        notes=(
+            *dropped_rows(runs),
+            *(f"{score.run} was fitted: its score does not validate the model" for score in again),
         ),
         details=(*notes_of(runs), *dropped(identified.model, runs)),
         settings=settings(identified),

@@ -274,14 +274,8 @@ def _unwrapped(recording: Recording) -> tuple[str, ...]:
 
 
 def _losses(found: Survey, segments: tuple[Segment, ...], marked: Marked) -> tuple[str, ...]:
-    """What of the log could not be used."""
+    """What of the log could not be used, dropped rows apart."""
     losses = []
-    dropped = [(v, found.counts[v]) for v in Verdict if v != Verdict.KEPT and found.counts[v]]
-    if dropped:
-        losses.append(
-            f"dropped {sum(n for _, n in dropped)} of {sum(found.counts)} rows: "
-            + ", ".join(f"{n} with {v.reason}" for v, n in dropped)
-        )
     if len(found.segments) > 1:
         at = ", ".join(f"{s.stop:.2f} s" for s in found.segments[:5][: len(found.segments) - 1])
         losses.append(f"{len(found.segments) - 1} gaps split the run, the first after {at}")

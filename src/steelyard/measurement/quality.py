@@ -44,7 +44,7 @@ class Quality:
         resolution: Smallest step of each position, shape `(n,)` [rad; m].
         effort_resolution: Smallest step of each effort, shape `(n,)`.
         max_speed: Fastest motion of each joint, shape `(n,)` [rad/s; m/s].
-        losses: What could not be used, in sentences.
+        losses: What else could not be used, in sentences.
         notes: What was decided from the data, in sentences.
         marked: What was bridged, or does not count.
     """
@@ -72,10 +72,9 @@ class Quality:
     @property
     def rows_of_text(self) -> tuple[tuple[str, str], ...]:
         """Label and value, for tables."""
-        dropped = ", ".join(f"{count} with {reason}" for reason, count in self.dropped.items())
         return (
             ("rows", f"{self.kept} of {self.rows} used"),
-            ("dropped", dropped or "none"),
+            ("dropped", self._reasons or "none"),
             ("corrected", self.marked.words or "none"),
             ("duration", f"{self.duration:.2f} s"),
             ("clock", self.clock_text),
@@ -86,6 +85,17 @@ class Quality:
             ("maximum speed", _numbers(self.max_speed)),
             ("processing", "; ".join(self.notes)),
         )
+
+    @property
+    def dropped_rows(self) -> str:
+        """How many rows were dropped and why, as a sentence; empty if none."""
+        if not self.dropped:
+            return ""
+        return f"dropped {self.rows - self.kept} of {self.rows} rows: {self._reasons}"
+
+    @property
+    def _reasons(self) -> str:
+        return ", ".join(f"{count} with {reason}" for reason, count in self.dropped.items())
 
     @property
     def clock_text(self) -> str:
