@@ -210,6 +210,14 @@ class Oracle:
         self._constraints(q)
         return float(np.abs(self.data.efc_pos).max())
 
+    def basis(self, q: Array) -> Array:
+        """Speeds of all joints per speed of the independent ones, `(n_joints, n)`, at all joints.
+
+        MuJoCo's data are at these positions afterwards.
+        """
+        n, slope = self.robot.n, self._constraints(q)
+        return np.vstack([np.eye(n), -np.linalg.pinv(slope[:, n:]) @ slope[:, :n]])
+
     def torque(self, q: Array, dq: Array, ddq: Array) -> tuple[Array, Array, Array]:
         """Efforts, and velocity and acceleration of all joints, from MuJoCo's own constraints.
 
@@ -219,7 +227,7 @@ class Oracle:
         """
         n, data = self.robot.n, self.data
         slope = self._constraints(q)
-        basis = np.vstack([np.eye(n), -np.linalg.pinv(slope[:, n:]) @ slope[:, :n]])
+        basis = self.basis(q)
         all_dq = basis @ dq
         data.qvel[:] = self.map @ all_dq
         step = 1e-6

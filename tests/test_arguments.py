@@ -125,11 +125,11 @@ MODEL_WRONG: dict[str, tuple[Callable[[Any], Any], str]] = {
     "words": (lambda m: m.gravity("ab"), "'q' is no array"),
     "no number": (lambda m: m.mass_matrix([NAN, 0.0]), "'q' holds"),
     "two shapes": (lambda m: m.bias(np.zeros((4, 2)), [0.0, 0.0]), "'dq' has shape"),
-    "overflow": (lambda m: m.bias([0.0, 0.0], [1e200, 0.0]), "efforts of the model is not finite"),
-    "an array": (lambda m: m.torque(np.zeros((4, 2))), "ndarray is no motion"),
+    "overflow": (lambda m: m.bias([0.0, 0.0], [1e200, 0.0]), "a value of the bias is not finite"),
+    "an array": (lambda m: m.torque(np.zeros((4, 2))), "ndarray alone is no motion"),
     "step without a number": (
         lambda m: m.start().step([0.0, 0.0], [NAN, 0.0], [0.0, 0.0]),
-        "velocities and accelerations is not finite",
+        "'dq' holds a value that is not finite",
     ),
     "step of words": (lambda m: m.start().step(["a", "b"], [0, 0], [0, 0]), "type <U1"),
 }

@@ -1,6 +1,7 @@
 """The Python interface: every name has an example, and every example does what it says."""
 
 import doctest
+import operator
 import re
 import types
 from pathlib import Path
@@ -45,14 +46,25 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-@pytest.mark.parametrize("name", [n for n in steelyard.__all__ if n != "terms"])
+QUANTITIES = sorted(
+    name
+    for name in vars(steelyard.Dynamics)
+    if name[0] != "_" and name not in steelyard.Dynamics.__abstractmethods__
+)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [n for n in steelyard.__all__ if n != "terms"] + [f"Dynamics.{n}" for n in QUANTITIES],
+)
 def test_every_name_has_an_example_that_holds(
     name: str, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(folder)
     names = {each: getattr(steelyard, each) for each in steelyard.__all__}
+    documented = operator.attrgetter(name)(steelyard)
     found = doctest.DocTestParser().get_doctest(
-        names[name].__doc__ or "", dict(names), name, None, 0
+        documented.__doc__ or "", dict(names), name, None, 0
     )
     assert found.examples, f"{name} has no example"
     runner = doctest.DocTestRunner(optionflags=doctest.REPORT_NDIFF)

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from invented import single, tree
+from steelyard.dynamics.compiled import BLOCK
 from steelyard.errors import DataError, ModelError
 from steelyard.kernel.native.vector_ir import MAX_ANGLE
-from steelyard.model import BLOCK, Model, ValuedModel
+from steelyard.model import Model, ValuedModel
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
 from steelyard.robot.robot import Robot

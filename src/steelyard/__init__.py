@@ -18,6 +18,8 @@ from steelyard.errors import SteelyardError as SteelyardError
 
 if TYPE_CHECKING:
     from steelyard import terms as terms
+    from steelyard.dynamics.dynamics import Dynamics as Dynamics
+    from steelyard.dynamics.stepper import Stepper as Stepper
     from steelyard.estimation.estimate import Estimate as Estimate
     from steelyard.estimation.identified import IdentifiedModel as IdentifiedModel
     from steelyard.estimation.identified import load_model as load_model
@@ -49,6 +51,7 @@ if TYPE_CHECKING:
     __version__: str
 
 _HOMES = {
+    "Dynamics": "dynamics.dynamics",
     "Estimate": "estimation.estimate",
     "IdentifiedModel": "estimation.identified",
     "Information": "regression.information",
@@ -57,6 +60,7 @@ _HOMES = {
     "Motion": "motion",
     "Robot": "robot.robot",
     "Run": "measurement.run",
+    "Stepper": "dynamics.stepper",
     "base_parameters": "regression.base",
     "check": "identification.check",
     "compare": "identification.compare",

@@ -9,7 +9,7 @@ import pytest
 from closed_chains import five_bar
 from invented import ROBOTS, tree, turned
 from oracles import body_map, body_positions, pinocchio_model
-from steelyard.errors import ModelError
+from steelyard.errors import DataError, ModelError
 from steelyard.kernel.quantities.kinematics import frame_kinematics, frame_of, points_on
 from steelyard.robot.robot import Frame, Robot
 
@@ -73,10 +73,21 @@ def test_a_name_that_is_not_there() -> None:
     assert "'tip'" in caught.value.fix
 
 
-def test_frames_behind_passive_joints_are_refused() -> None:
+def test_points_behind_passive_joints_are_refused() -> None:
     robot = five_bar()
-    assert frame_kinematics(robot, "left").pose(np.zeros((1, 2)))[0].shape == (1, 3)
+    assert points_on(robot, [0], [PLACE]).positions(np.zeros((1, 2))).shape == (1, 1, 3)
     with pytest.raises(ModelError, match="'left_fore_joint', which a closed loop determines"):
-        frame_kinematics(robot, "left_fore")
-    with pytest.raises(ModelError, match="closed loop"):
         points_on(robot, [1], [PLACE])
+
+
+def test_frames_behind_passive_joints_follow_the_driven_ones() -> None:
+    robot = five_bar()
+    q = np.array([[2.4, 0.6], [2.3, 0.7]])
+    ends = []
+    for body, point in zip(robot.loops[0].bodies, robot.loops[0].points, strict=True):
+        kinematics = frame_kinematics(robot, Frame("pin", body, np.eye(3), point))
+        ends.append((kinematics.pose(q)[0], kinematics.jacobian(q)[:, :3]))
+    np.testing.assert_allclose(ends[0][0], ends[1][0], atol=1e-9)
+    np.testing.assert_allclose(ends[0][1], ends[1][1], atol=1e-9)
+    with pytest.raises(DataError, match="loop 'tip' does not close"):
+        frame_kinematics(robot, "left_fore").pose(np.array([[1.2437, 2.1515]]))

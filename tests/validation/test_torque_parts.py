@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from invented import single, tree
-from steelyard import dynamics
 from steelyard.measurement.run import Block
 from steelyard.model import Model, ValuedModel
 from steelyard.motion import Motion
@@ -48,12 +47,12 @@ def test_parts_are_the_quantities_of_the_dynamics() -> None:
     block, motion = block_of(model.model)
     parts = dict(zip(PARTS, TorqueSplit(model).block(block).swapaxes(1, 2), strict=True))
     q, dq, ddq = motion.q, motion.dq, motion.ddq
-    gravity = dynamics.gravity(model, q)
+    gravity = model.gravity(q)
     np.testing.assert_allclose(parts["gravity"], gravity, atol=1e-10)
-    np.testing.assert_allclose(parts["coriolis"], dynamics.bias(model, q, dq) - gravity, atol=1e-10)
-    inertia = np.einsum("kij,kj->ki", dynamics.mass_matrix(model, q), ddq)
+    np.testing.assert_allclose(parts["coriolis"], model.bias(q, dq) - gravity, atol=1e-10)
+    inertia = np.einsum("kij,kj->ki", model.mass_matrix(q), ddq)
     np.testing.assert_allclose(parts["inertia"], inertia, atol=1e-9)
-    np.testing.assert_allclose(parts["friction"], dynamics.friction(model, motion), atol=1e-10)
+    np.testing.assert_allclose(parts["friction"], model.friction(motion), atol=1e-10)
     named = model.values.as_dict()
     joints = model.model.robot.joint_names
     springs = np.column_stack(

@@ -9,18 +9,20 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from steelyard import dynamics
 from steelyard.arguments import checked
 from steelyard.arrays import Array
+from steelyard.dynamics.dynamics import Dynamics
+from steelyard.dynamics.quantity import Quantity
+from steelyard.dynamics.stepper import Stepper
 from steelyard.errors import ModelError
 from steelyard.estimation.calibration import Calibration
 from steelyard.estimation.estimate import Estimate
 from steelyard.estimation.known_scales import KnownScales
 from steelyard.measurement.motion_samples import MotionSamples
 from steelyard.measurement.processing import Processing
-from steelyard.model import Model, Stepper, ValuedModel
-from steelyard.motion import Motion
+from steelyard.model import Model, ValuedModel
 from steelyard.regression.base import BaseMap
+from steelyard.robot.robot import Robot
 from steelyard.robot_file.signals import Signals, signals_from_dict, signals_to_dict
 
 SCHEMA = "steelyard.model"
@@ -66,7 +68,7 @@ class Cutoffs:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class IdentifiedModel:
+class IdentifiedModel(Dynamics):
     """A model with estimated values, and how to read logs of its robot.
 
     Attributes:
@@ -126,29 +128,18 @@ class IdentifiedModel:
         return self.model.at(self.estimate.values)
 
     @property
+    def robot(self) -> Robot:
+        """The robot."""
+        return self.model.robot
+
+    @property
     def joints(self) -> tuple[str, ...]:
         """Names of the joints, in the order of all arrays."""
         return self.model.robot.joint_names
 
-    def torque(self, motion: Motion) -> Array:
-        """Joint efforts along a motion, shape `(N, n)` [Nm; N]."""
-        return self.valued.torque(motion)
-
-    def gravity(self, q: ArrayLike) -> Array:
-        """Efforts that hold the bodies at rest at `q`, `(n,)` or `(N, n)`; its shape [Nm; N]."""
-        return dynamics.gravity(self.valued, q)
-
-    def bias(self, q: ArrayLike, dq: ArrayLike) -> Array:
-        """Coriolis, centrifugal and gravity efforts at `q`, `dq`; their shape [Nm; N]."""
-        return dynamics.bias(self.valued, q, dq)
-
-    def mass_matrix(self, q: ArrayLike) -> Array:
-        """Inertia of bodies and rotors, `(n, n)` or `(N, n, n)` [kg m²; kg m; kg]."""
-        return dynamics.mass_matrix(self.valued, q)
-
-    def friction(self, motion: Motion) -> Array:
-        """Efforts of the friction laws along a motion, shape `(N, n)` [Nm; N]."""
-        return dynamics.friction(self.valued, motion)
+    def evaluate(self, quantity: Quantity, *arguments: ArrayLike, t: Array | None = None) -> Array:
+        """A quantity at one configuration or along samples; see `Dynamics.evaluate`."""
+        return self.valued.evaluate(quantity, *arguments, t=t)
 
     def start(self) -> Stepper:
         """Begin to evaluate sample by sample: `start().step(q, dq, ddq)`."""

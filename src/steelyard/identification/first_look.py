@@ -8,7 +8,6 @@ from steelyard.arrays import Array
 from steelyard.diagnosis.case import Evidence
 from steelyard.diagnosis.hypotheses.controller_gains import ControllerGains, gains_of_logs
 from steelyard.diagnosis.likelihood.excerpt import Excerpt, excerpt_of
-from steelyard.dynamics import gravity
 from steelyard.errors import LogError
 from steelyard.formats import open_log
 from steelyard.identification.logs import LogArgument, recording_of
@@ -134,7 +133,7 @@ def _heaviest(
     q = np.zeros((sum(len(x.t) for x in excerpts), robot.n))
     places = [robot.joint_names.index(c.name) for c in moving]
     q[:, places] = np.concatenate([_joints(x.z, signals) for x in excerpts], axis=1).T
-    return int(np.argmax(gravity(nominal, q)[:, places].std(axis=0)))
+    return int(np.argmax(nominal.gravity(q)[:, places].std(axis=0)))
 
 
 def _source(gains: ControllerGains, names: Sequence[str]) -> str:

@@ -8,9 +8,9 @@ from math import lcm
 import numpy as np
 
 from steelyard.arrays import Array
+from steelyard.dynamics.compiled import check_angles
 from steelyard.kernel.native.compiled import Loops, loops
 from steelyard.kernel.native.native_loops import FIR_OUTPUTS, TILE_COLUMNS, TILE_ROWS
-from steelyard.model import check_angles
 from steelyard.regression.parallel_filter import ParallelFilter
 from steelyard.regression.regressor import Regressor
 from steelyard.regression.tiling import Tiling

@@ -23,6 +23,7 @@ from steelyard.diagnosis.knowledge import AXES, Knowledge
 from steelyard.diagnosis.likelihood.interpretation import Interpretation
 from steelyard.diagnosis.likelihood.likelihood import FLOOR, Likelihood, Score, regressors, score_of
 from steelyard.diagnosis.likelihood.nuisance import NUISANCES
+from steelyard.dynamics.compiled import check_angles
 from steelyard.errors import DataError
 from steelyard.estimation.consistent.conic import solved
 from steelyard.estimation.consistent.consistency_penalties import Entropic
@@ -30,7 +31,7 @@ from steelyard.estimation.consistent.program import ConicConstraints, Program
 from steelyard.estimation.consistent.unknowns import Unknowns, ten_map
 from steelyard.estimation.payload.load_case import carrier
 from steelyard.estimation.prior.prior import model_prior
-from steelyard.model import Model, check_angles
+from steelyard.model import Model
 from steelyard.regression.base import base_parameters
 from steelyard.regression.regressor import Regressor, chosen_regressor
 

@@ -19,7 +19,7 @@ from steelyard.arrays import Array, frozen
 from steelyard.errors import ModelError
 from steelyard.excitation.limits import MotionLimits
 from steelyard.excitation.planned.attitudes import AnyAttitude, Attitude
-from steelyard.kernel.quantities.kinematics import frame_kinematics
+from steelyard.kernel.quantities.kinematics import frame_kinematics, refuse_passive
 from steelyard.robot.robot import Robot
 
 REACHED = 1e-8
@@ -90,6 +90,7 @@ class InverseKinematics:
             ModelError: The robot has no such frame, it does not move, or loops decide where it is.
         """
         kinematics = frame_kinematics(robot, frame)
+        refuse_passive(robot, kinematics.frame.body, frame)
         if kinematics.frame.body < 0:
             raise ModelError(
                 f"frame '{frame}' does not move: it is fixed to the base",

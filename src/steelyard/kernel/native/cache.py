@@ -30,7 +30,7 @@ def _sources() -> str:
     """Hash of the package's files that programs are made from: an edited law is a new program."""
     package = Path(__file__).parents[2]
     digest = hashlib.sha256()
-    for room in ("kernel", "terms", "robot", "regression", "model.py"):
+    for room in ("kernel", "terms", "robot", "dynamics", "regression", "model.py"):
         place = package / room
         for file in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
             digest.update(file.relative_to(package).as_posix().encode() + file.read_bytes())

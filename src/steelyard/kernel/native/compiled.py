@@ -11,7 +11,7 @@ from steelyard.arrays import Array
 from steelyard.kernel.native import cache, machine, native_loops
 from steelyard.kernel.program.program import Program
 
-ENGINE = 2
+ENGINE = 3
 """Raised whenever emitted code changes its meaning: old cache entries are then not used."""
 
 
@@ -26,6 +26,7 @@ class Code:
         lanes: Samples per vector instruction; sample counts of `raw` are multiples of it.
         raw: `raw(N, x0, ld0, ..., y, ldy)`, addresses and strides in numbers of doubles.
         fused: `fused(N, x0, ld0, ..., B, y, ldy, tiles, n_tiles, sums, rows, absolute)`.
+        sample: `sample(arguments)`: the address of the arguments of `raw`, 64 bits each.
     """
 
     about: dict[str, Any]
@@ -34,6 +35,7 @@ class Code:
     lanes: int
     raw: Any
     fused: Any
+    sample: Any
 
     def __call__(self, inputs: Sequence[Array], shared: Sequence[bool] | None = None) -> Array:
         """Evaluate at any number of samples.
@@ -86,7 +88,7 @@ def compiled(description: Any, build: Callable[[], tuple[Program, dict[str, Any]
         cache.store(key, about, code)
     else:
         about, code = entry
-    library = machine.Library(code, ["program", "fused"])
+    library = machine.Library(code, ["program", "fused", "sample"])
     n_inputs = int(about["n_inputs"])
     return Code(
         about=about,
@@ -95,6 +97,7 @@ def compiled(description: Any, build: Callable[[], tuple[Program, dict[str, Any]
         lanes=lanes,
         raw=library.function("program", 2 * n_inputs + 3),
         fused=library.function("fused", 2 * n_inputs + 9),
+        sample=library.function("sample", 1, alone=False),
     )
 
 
@@ -144,6 +147,7 @@ def _module(program: Program, lanes: int) -> str:
         native_loops.gram(lanes),
         native_loops.absolute_sums(lanes),
         native_loops.fused(len(program.inputs)),
+        native_loops.sample(len(program.inputs)),
     )
 
 

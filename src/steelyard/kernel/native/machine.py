@@ -47,7 +47,7 @@ def compile_code(text: str, optimisation: int = 1) -> bytes:
 
 
 class Library:
-    """Loaded machine code; its functions are called without the interpreter's lock."""
+    """Loaded machine code."""
 
     def __init__(self, code: bytes, symbols: Sequence[str]) -> None:
         with _LOCK:
@@ -57,9 +57,17 @@ class Library:
             self._tracker = builder.link(_compiler(), f"steelyard{next(_NUMBER)}")
             self._addresses = {symbol: int(self._tracker[symbol]) for symbol in symbols}
 
-    def function(self, symbol: str, n_arguments: int) -> Any:
-        """A callable of 64-bit integers and addresses."""
-        prototype = ctypes.CFUNCTYPE(None, *[ctypes.c_int64] * n_arguments)
+    def function(self, symbol: str, n_arguments: int, alone: bool = True) -> Any:
+        """A callable of 64-bit integers and addresses.
+
+        Args:
+            symbol: Name of the function.
+            n_arguments: Number of its arguments.
+            alone: Whether it runs without the interpreter's lock, so that other threads do too;
+                to give the lock away takes longer than a function of a microsecond.
+        """
+        prototypes = ctypes.CFUNCTYPE if alone else ctypes.PYFUNCTYPE
+        prototype = prototypes(None, *[ctypes.c_int64] * n_arguments)
         function = prototype(self._addresses[symbol])
         function.loaded_from = self  # type: ignore[attr-defined]
         return function

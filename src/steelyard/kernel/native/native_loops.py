@@ -225,6 +225,25 @@ ret void
 """
 
 
+def sample(n_inputs: int, name: str = "sample") -> str:
+    """The program with its arguments from memory: calls from Python cost least with one argument.
+
+    `void sample(arguments)`, 64-bit integers and addresses in the order of those of `program`.
+    """
+    kinds = ["i64", *["ptr", "i64"] * (n_inputs + 1)]
+    loads = "\n".join(
+        f"%p{k} = getelementptr i64, ptr %a, i64 {k}\n%v{k} = load {kind}, ptr %p{k}"
+        for k, kind in enumerate(kinds)
+    )
+    passed = ", ".join(f"{kind} %v{k}" for k, kind in enumerate(kinds))
+    return f"""define void @{name}(ptr %a) {{
+{loads}
+call void @program({passed})
+ret void
+}}
+"""
+
+
 def recurrence(name: str = "recurrence") -> str:
     """Bounded linear recurrences, `y_k = max(-c_k, min(c_k, a_k y_{k-1} + b_k))`, row by row.
 

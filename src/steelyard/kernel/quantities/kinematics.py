@@ -1,8 +1,8 @@
 r"""Where frames and points of a robot are, and how joints move them, as machine code.
 
-Everything is expressed in the base frame, for trees of independent joints. The linear part of a
-Jacobian is the derivative of a point's position, the angular part maps joint speeds to the angular
-velocity: $\omega = J_\omega \dot q$.
+Everything is expressed in the base frame. The linear part of a Jacobian is the derivative of a
+point's position, the angular part maps joint speeds to the angular velocity:
+$\omega = J_\omega \dot q$.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,9 @@ from numpy.typing import ArrayLike
 
 from steelyard.arrays import Array, frozen
 from steelyard.errors import ModelError
+from steelyard.kernel.equations.closed_chains import completed
 from steelyard.kernel.equations.dynamics import (
+    JointState,
     Matrix,
     Scalar,
     Vector,
@@ -27,6 +29,7 @@ from steelyard.kernel.native.compiled import Code, compiled
 from steelyard.kernel.program.json import program_from_json, program_to_json
 from steelyard.kernel.program.program import Array as Input
 from steelyard.kernel.program.program import Program
+from steelyard.kernel.quantities.passive_joints import passive_positions
 from steelyard.robot.json import robot_to_dict
 from steelyard.robot.robot import Frame, Robot
 from steelyard.suggest import advice
@@ -79,7 +82,7 @@ class FrameKinematics:
     Attributes:
         robot: The robot.
         frame: The frame.
-        code: Input `q`; outputs position, rotation and Jacobian, row by row.
+        code: Inputs `q` and the positions of passive joints; outputs as `frame_outputs`.
     """
 
     robot: Robot
@@ -87,8 +90,12 @@ class FrameKinematics:
     code: Code
 
     def __call__(self, q: Array) -> tuple[Array, Array, Array]:
-        """Position `(N, 3)`, rotation `(N, 3, 3)` and Jacobian `(N, 6, n)` at `q`, `(N, n)`."""
-        values = self.code([q.T]).T
+        """Position `(N, 3)`, rotation `(N, 3, 3)` and Jacobian `(N, 6, n)` at `q`, `(N, n)`.
+
+        Raises:
+            DataError: A loop cannot close.
+        """
+        values = self.code([q.T, passive_positions(self.robot, q.T)]).T
         count = len(q)
         jacobian = values[:, 12:].reshape(count, 6, self.robot.n)
         return values[:, :3], values[:, 3:12].reshape(count, 3, 3), jacobian
@@ -147,25 +154,44 @@ def frame_kinematics(robot: Robot, frame: str | Frame) -> FrameKinematics:
         frame: The frame, or its name.
 
     Raises:
-        ModelError: There is none of that name, or loops decide where it is.
+        ModelError: There is none of that name.
     """
     chosen = frame_of(robot, frame) if isinstance(frame, str) else frame
-    refuse_passive(robot, chosen.body, chosen.name)
 
     def build() -> tuple[Program, dict[str, Any]]:
         from steelyard.kernel.program.trace import symbolic
 
-        def outputs(q: Sequence[Scalar]) -> list[Scalar]:
-            position, slopes = carried_point(robot, q, chosen.body, chosen.position)
-            rotation, axes = _turned(robot, q, chosen)
-            linear = _rows(slopes, robot.n)
-            return [*position, *rotation.ravel(), *linear, *_rows(axes, robot.n)]
-
-        return symbolic(outputs, [Input("q", robot.n)]), {}
+        inputs = [Input("q", robot.n), Input("passive", len(robot.passive))]
+        return symbolic(lambda *x: frame_outputs(robot, chosen, *x), inputs), {}
 
     place = [chosen.body, chosen.rotation.tolist(), chosen.position.tolist()]
     code = compiled(["frame", robot_to_dict(robot), place], build)
     return FrameKinematics(robot, chosen, code)
+
+
+def frame_outputs(
+    robot: Robot, frame: Frame, q: Sequence[Scalar], passive: Sequence[Scalar]
+) -> list[Scalar]:
+    r"""Position, rotation and Jacobian of a frame, row by row.
+
+    Passive joints follow the independent ones with $\dot q_p = G \dot q_a$, so that a frame behind
+    them has the Jacobian $J_a + J_p G$.
+
+    Args:
+        robot: The robot.
+        frame: The frame.
+        q: Independent joints.
+        passive: Passive joints, where the loops are closed.
+    """
+    positions = [*q, *passive]
+    position, slopes = carried_point(robot, positions, frame.body, frame.position)
+    rotation, axes = _turned(robot, positions, frame)
+    outputs = [*position, *rotation.ravel()]
+    if max([*slopes, *axes], default=-1) >= robot.n:
+        rest = [0.0] * robot.n
+        _, torque_map = completed(robot, JointState(q, rest, rest, passive))
+        slopes, axes = (_followed(x, torque_map, robot.n) for x in (slopes, axes))
+    return [*outputs, *_rows(slopes, robot.n), *_rows(axes, robot.n)]
 
 
 def points_on(robot: Robot, carriers: Sequence[int], places: ArrayLike) -> Points:
@@ -223,7 +249,7 @@ def _moving_points(robot: Robot, carriers: Sequence[int], points: Array) -> dict
 
 
 def refuse_passive(robot: Robot, body: int, name: str) -> None:
-    """Frames here hang on independent joints only.
+    """Points with programs of their motion hang on independent joints only.
 
     Raises:
         ModelError: A joint that loops determine carries the body.
@@ -234,8 +260,8 @@ def refuse_passive(robot: Robot, body: int, name: str) -> None:
             raise ModelError(
                 f"frame '{name}' hangs on joint '{link.joint}', which a closed loop determines",
                 where=f"robot '{robot.name}'",
-                fix="name a frame that hangs on driven joints only; frames behind passive "
-                "joints are not computed",
+                fix="name a frame that hangs on driven joints only: the motion of frames behind "
+                "passive joints has no bounds between samples",
             )
         body = link.parent
 
@@ -255,6 +281,16 @@ def _turned(robot: Robot, q: Sequence[Scalar], frame: Frame) -> tuple[Matrix, di
         turned, _ = _placement(link, link.ratio * q[link.coordinate] + link.offset)
         rotation = rotation @ turned
     return rotation @ _constant(frame.rotation), axes
+
+
+def _followed(columns: dict[int, Vector], torque_map: Any, n: int) -> dict[int, Vector]:
+    """Columns of all joints as columns of the independent ones, which the others follow."""
+    totals = {joint: column for joint, column in columns.items() if joint < n}
+    for joint in (joint for joint in columns if joint >= n):
+        for k, gain in enumerate(torque_map[joint - n]):
+            if gain is not None:
+                totals[k] = _times(columns[joint], gain) + totals.get(k, 0.0)
+    return totals
 
 
 def _rows(columns: dict[int, Vector], n: int) -> list[Scalar]:

@@ -128,6 +128,25 @@ def open_loop(
     )
 
 
+def passive_positions(robot: Robot, q: Array) -> Array:
+    """Positions of the passive joints of consecutive samples, shape `(n_passive, N)`.
+
+    Args:
+        robot: The robot.
+        q: Independent joints, shape `(n, N)`.
+
+    Raises:
+        DataError: A loop cannot close.
+    """
+    if not robot.passive:
+        return np.empty((0, q.shape[1]))
+    follower = Follower(robot)
+    passive, closed = follower(q, stop=True)
+    if not closed.all():
+        raise open_loop(follower, q, closed, None)
+    return passive
+
+
 def all_joints(
     robot: Robot, q: Array, dq: Array, ddq: Array, passive: Array
 ) -> tuple[Array, Array, Array]:

@@ -5,7 +5,6 @@ import pytest
 
 from law_cases import CASES, LawCase, name_of
 from moving import geared
-from steelyard import dynamics
 from steelyard.model import Model
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
@@ -31,4 +30,4 @@ def test_efforts_of_friction_are_those_of_all_its_laws(case: LawCase) -> None:
     rates = np.array([2.0, 3.0, 4.0, 5.0])
     wave = np.sin(rates * t), rates * np.cos(rates * t), -rates * rates * np.sin(rates * t)
     motion = Motion(t[:, 0], *wave)
-    np.testing.assert_allclose(dynamics.friction(valued, motion), expected.torque(motion))
+    np.testing.assert_allclose(valued.friction(motion), expected.torque(motion))

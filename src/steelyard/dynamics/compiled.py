@@ -1,0 +1,121 @@
+"""A quantity of a model as machine code, evaluated along whole motions."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from steelyard.arrays import Array
+from steelyard.dynamics.equations import Equations
+from steelyard.dynamics.quantity import Quantity
+from steelyard.errors import DataError
+from steelyard.kernel.native.compiled import Code
+from steelyard.kernel.native.vector_ir import MAX_ANGLE
+from steelyard.motion import numbers
+from steelyard.terms.scan import Scan
+
+BLOCK = 4096
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledQuantity:
+    """A quantity of a model.
+
+    Attributes:
+        quantity: The quantity.
+        part: The equations of the terms that enter it.
+        columns: Places of their parameters among those of the model.
+        code: Inputs are the arguments, channels, and the shared parameters.
+    """
+
+    quantity: Quantity
+    part: Equations
+    columns: Sequence[int]
+    code: Code
+
+    @classmethod
+    def of(cls, quantity: Quantity, equations: Equations) -> "CompiledQuantity":
+        """Compile, or load from the cache."""
+        part, place = quantity.part(equations), {n: k for k, n in enumerate(equations.names)}
+        return cls(quantity, part, [place[n] for n in part.names], quantity.code(part))
+
+    def along(self, values: Array, arguments: Sequence[ArrayLike], t: Array | None = None) -> Array:
+        """Entries at one configuration, or along samples; see `Dynamics.evaluate`.
+
+        Args:
+            values: Parameters of the whole model.
+            arguments: Each of shape `(n,)` or `(N, n)`.
+            t: Times, for messages, shape `(N,)`.
+        """
+        n, names = self.part.robot.n, self.quantity.arguments
+        first = numbers(names[0], arguments[0], [(n,), (None, n)])
+        rest = zip(names[1:], arguments[1:], strict=True)
+        given = [first, *(numbers(name, x, [first.shape]) for name, x in rest)]
+        check_angles(first)
+        rows = [np.atleast_2d(x).T for x in given]
+        shape = self.quantity.shape(self.part)
+        result = np.empty((rows[0].shape[1], *shape))
+        scan, shared = self.part.scan(), [*(False for _ in names), False, True]
+        for start in range(0, len(result), BLOCK):
+            part = slice(start, start + BLOCK)
+            block = [x[:, part] for x in rows]
+            channels = self.channels(scan, block, None if t is None else t[part])
+            entries = self.code([*block, channels, values[self.columns]], shared)
+            result[part] = entries.T.reshape(-1, *shape)
+        self.check(first.reshape(-1, n), result)
+        return result.reshape(*first.shape[:-1], *shape)
+
+    def channels(self, scan: Scan, block: Sequence[Array], t: Array | None = None) -> Array:
+        """Channels of consecutive samples; velocities and accelerations not given are zero.
+
+        Args:
+            scan: What the samples before left behind.
+            block: The arguments, each of shape `(n, N)`.
+            t: Times, for messages, shape `(N,)`.
+        """
+        given, rest = (
+            dict(zip(self.quantity.arguments, block, strict=True)),
+            np.zeros_like(block[0]),
+        )
+        return scan(block[0], given.get("dq", rest), given.get("ddq", rest), t)
+
+    def check(self, q: Array, entries: Array) -> None:
+        """No silent NaN, and no mass matrix that no mechanism has.
+
+        Args:
+            q: Positions, shape `(N, n)`.
+            entries: The quantity there, the first axis of `N`.
+
+        Raises:
+            DataError: A value is not finite, or a mass matrix not positive definite.
+        """
+        if self.quantity.pivot and not (possible := entries[:, -1] > 0.0).all():
+            posture = ", ".join(f"{x:.4g}" for x in q[int(np.argmin(possible))])
+            raise DataError(
+                f"the mass matrix is not positive definite at q = [{posture}]",
+                where=f"model of '{self.part.robot.name}'",
+                fix='identify with method = "consistent", which allows only bodies that can '
+                "exist, or add rotor_inertia to the terms",
+            )
+        if np.isfinite(entries).all():
+            return
+        raise DataError(
+            f"a value of the {self.quantity.name} is not finite",
+            where="velocities `dq`, accelerations `ddq` and efforts `tau`",
+            fix="check their units, and leave out samples without a number",
+        )
+
+
+def check_angles(q: Array) -> None:
+    """Machine code reduces angles exactly only up to a limit.
+
+    Raises:
+        DataError: A position lies beyond it, or is not a number.
+    """
+    if q.size and not np.abs(q).max() <= MAX_ANGLE:
+        raise DataError(
+            f"a joint position lies beyond {MAX_ANGLE:g} rad or is not finite",
+            where="positions `q`",
+            fix="check the unit of the position columns (rad, not encoder counts)",
+        )

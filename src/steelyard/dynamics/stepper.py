@@ -1,0 +1,137 @@
+"""Quantities of a model one sample at a time, for controllers and streams."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from steelyard.arrays import Array
+from steelyard.dynamics.compiled import CompiledQuantity, check_angles
+from steelyard.dynamics.dynamics import Dynamics
+from steelyard.dynamics.quantity import TORQUE, Quantity
+from steelyard.errors import DataError
+from steelyard.kernel.native.vector_ir import MAX_ANGLE
+from steelyard.motion import numbers
+from steelyard.robot.robot import Robot
+
+_SMALL = MAX_ANGLE**2
+"""Sum of squares below which no position is too large for the machine code."""
+
+
+class Stepper(Dynamics):
+    """Sample-by-sample evaluation of a model with values; results have no axis of samples.
+
+    Buffers are made once, and checks are few: a step of seven joints with friction takes some
+    microseconds. Friction with memory and closed chains remember the steps before, of each quantity
+    on its own; a new motion needs a new stepper, and so does every thread.
+
+    Example:
+        >>> model = load_model("arm-model")
+        >>> stepper = model.start()
+        >>> q, dq, ddq = [0.3, 0.5], [1.0, -0.5], [2.0, 0.0]
+        >>> bool(abs(stepper.step(q, dq, ddq) - model.torque(q, dq, ddq)).max() < 1e-9)
+        True
+        >>> stepper.mass_matrix(q).shape
+        (2, 2)
+    """
+
+    def __init__(
+        self, robot: Robot, compiled: Callable[[Quantity], CompiledQuantity], values: Array
+    ) -> None:
+        """Begin.
+
+        Args:
+            robot: The robot.
+            compiled: Machine code of a quantity.
+            values: All parameters of the model.
+        """
+        self._robot, self._compiled, self._values = robot, compiled, values
+        self._samples: dict[Quantity, _Sample] = {}
+
+    @property
+    def robot(self) -> Robot:
+        """The robot."""
+        return self._robot
+
+    def evaluate(self, quantity: Quantity, *arguments: ArrayLike, t: Array | None = None) -> Array:
+        """A quantity at one sample, each argument of shape `(n,)`; see `Dynamics.evaluate`."""
+        found = self._samples.get(quantity)
+        if found is None:
+            found = _Sample(self._compiled(quantity), self._values)
+            self._samples[quantity] = found
+        return found(arguments, t)
+
+    def start(self) -> "Stepper":
+        """Begin anew: a stepper that remembers no steps."""
+        return Stepper(self._robot, self._compiled, self._values)
+
+    def step(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
+        """Joint efforts of all terms at the next sample, shape `(n,)`, as `torque`.
+
+        Raises:
+            DataError: An argument has another shape, or a position lies beyond 1e5 rad.
+        """
+        return self.evaluate(TORQUE, q, dq, ddq)
+
+
+class _Sample:
+    """One quantity with its buffers.
+
+    The machine code reads and writes vectors of several samples; here entries of arguments lie
+    side by side, so that only the first lane is of this sample.
+    """
+
+    def __init__(self, compiled: CompiledQuantity, values: Array) -> None:
+        code, part, quantity = compiled.code, compiled.part, compiled.quantity
+        n, count = part.robot.n, len(quantity.arguments)
+        spare = code.lanes - 1
+        self._compiled, self._code, self._pivot = compiled, code, quantity.pivot
+        self._given = np.zeros(count * n + spare)
+        self._rows = [self._given[k * n : (k + 1) * n] for k in range(count)]
+        self._joints, self._shape = (n,), quantity.shape(part)
+        self._channels = np.zeros(part.n_channels + spare)
+        self._seen = self._channels[: part.n_channels]
+        self._scan = part.scan() if part.n_channels else None
+        self._parameters = np.ascontiguousarray(values[compiled.columns])
+        self._output = np.zeros((code.n_outputs, code.lanes))
+        self._entries = self._output[:, 0]
+        self._addresses = np.array(
+            [
+                code.lanes,
+                *(x for row in self._rows for x in (row.ctypes.data, 1)),
+                *(self._channels.ctypes.data, 1, self._parameters.ctypes.data, 0),
+                *(self._output.ctypes.data, code.lanes),
+            ],
+            dtype=np.int64,
+        )
+        self._call, self._place = code.sample, self._addresses.ctypes.data
+
+    def __call__(self, arguments: Sequence[ArrayLike], t: Array | None) -> Array:
+        for row, values in zip(self._rows, arguments, strict=True):
+            given = np.asarray(values)
+            if given.shape != self._joints or given.dtype.kind not in "iuf":
+                raise self._misfit(given)
+            row[:] = given
+        if not self._given.dot(self._given) < _SMALL:
+            self._check()
+        if self._scan is not None:
+            block = [row[:, None] for row in self._rows]
+            self._seen[:] = self._compiled.channels(self._scan, block, t)[:, 0]
+        self._call(self._place)
+        found = self._entries.copy()
+        if not found.dot(found) < np.inf or self._pivot and not found[-1] > 0.0:
+            self._compiled.check(self._rows[0][None], found[None])
+        return found.reshape(self._shape)
+
+    def _check(self) -> None:
+        """Name the argument that is too large or not finite."""
+        check_angles(self._rows[0])
+        for name, row in zip(self._compiled.quantity.arguments, self._rows, strict=True):
+            numbers(name, row, [self._joints])
+
+    def _misfit(self, given: Array) -> DataError:
+        return DataError(
+            f"values of shape {given.shape}, type {given.dtype}, for {self._joints[0]} joints",
+            where=", ".join(self._compiled.quantity.arguments),
+            fix="give one number per joint in each",
+        )
