@@ -134,7 +134,7 @@ def test_what_the_data_do_not_see_is_named() -> None:
     seen = LOAD.moved(TOOL.rotation, TOOL.position).ten
     assert "Ixx" in found.not_seen and "mass" not in found.remarks[0]
     kept = ~np.isnan(found.ten)
-    assert np.abs(found.ten[kept] - seen[kept]).max(initial=0.0) < 1e-6
+    assert kept[0] and np.all(np.abs(found.ten - seen)[kept] < 0.1 * found.half_width[kept])
     assert found.remarks[0].startswith("not identifiable from these data: ")
     assert None in found.to_dict()["ten"]
 
@@ -154,7 +154,7 @@ def test_intervals_hold_the_error_of_the_gains() -> None:
         model = model_of(run(2 * seed + 100, noise=0.01), gains=wrong)
         loaded = [run(2 * seed + 101, LOAD, noise=0.01)]
         found, naive = (identify_payload(model, loaded, "tool", gain=g) for g in (0.02, 0.0))
-        assert found.mass == naive.mass
+        assert abs(found.mass - naive.mass) < 0.5 * found.half_width[0]
         inside.append(abs(found.mass - LOAD.mass) <= found.half_width[0])
         exact.append(abs(found.mass - LOAD.mass) <= naive.half_width[0])
     assert np.mean(inside) >= 0.87 and np.mean(exact) < 0.6
@@ -175,12 +175,13 @@ def test_intervals_hold_the_error_of_scales_of_any_unit(together: bool) -> None:
         loaded = [run(3 * seed + 101, LOAD, noise=0.01)]
         unloaded = [run(3 * seed + 102, noise=0.01)] if together else []
         found, naive = (
-            identify_payload(some, loaded, "tool", unloaded=unloaded) for some in (scaled, model)
+            identify_payload(some, loaded, "tool", unloaded=unloaded, gain=gain)
+            for some, gain in ((scaled, None), (model, 0.0))
         )
-        assert found.mass == naive.mass
+        assert abs(found.mass - naive.mass) < 0.5 * found.half_width[0]
         inside.append(abs(found.mass - LOAD.mass) <= found.half_width[0])
         exact.append(abs(found.mass - LOAD.mass) <= naive.half_width[0])
-        assert "common scale error of all effort sensors" in naive.notes[-1]
+        assert "a common scale error of 1 %" in naive.notes[-1]
         assert f"± {found.half_width[0]:.2g} kg" in found.notes[-1]
     assert np.mean(inside) >= 0.88 and np.mean(exact) < 0.6
 
@@ -224,6 +225,21 @@ def test_a_body_that_cannot_be_is_reported() -> None:
     )
     assert found.to_dict()["possible_body"] is False and found.to_dict()["flaw"] == found.flaw
     assert identify_payload(EXACT, [run(2, LOAD)], "tool").to_dict()["possible_body"] is True
+
+
+def test_a_noisy_payload_is_a_body_that_can_exist() -> None:
+    found = identify_payload(model_of(run(1, noise=2.0)), [run(2, LOAD, noise=2.0)], "tool")
+    assert found.flaw is None and found.to_dict()["possible_body"] is True
+    assert found.chi_squared > 0.0
+
+
+def test_a_large_cost_of_the_physical_constraint_is_reported() -> None:
+    """No noise explains what errors of a model do to moments of inertia."""
+    odd = Inertia.about_com(LOAD.mass, LOAD.com, -0.3 * np.eye(3))
+    found = identify_payload(EXACT, [run(2, odd, noise=0.05)], "tool", gain=0.0)
+    assert found.flaw is None
+    assert found.chi_squared > 18.3 and "raises χ²" in found.remarks[-1]
+    assert found.to_dict()["chi_squared_rise"] == found.chi_squared
 
 
 @pytest.mark.parametrize(

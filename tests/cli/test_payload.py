@@ -1,6 +1,7 @@
 """`steelyard payload`: what it prints, writes and refuses."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,8 +9,10 @@ import pytest
 
 from cli.conftest import Command
 from cli.mistakes import leftovers
-from steelyard.estimation.payload.load import PayloadEstimate
+from steelyard.errors import DataError
+from steelyard.estimation.identified import load_model
 from steelyard.excitation.trajectories.random_fourier import random_fourier
+from steelyard.identification.payload import identify_payload
 from steelyard.motion import run
 from steelyard.robot.inertia import Inertia
 from steelyard.robot_file.file import load_robot
@@ -91,6 +94,10 @@ def test_a_log_that_the_model_knows_is_reported(
         (("--unloaded", "../given/nothing.csv"), "no such log"),
         (("--unloaded", "{log}"), "is fitted twice"),
         (("-o", "../given"), "exists already"),
+        (("--mass", "9"), "the data contradict the known mass of 9 kg"),
+        (("--com", "0", "0", "0.5"), "the data contradict the known centre of mass"),
+        (("--box", "0.1", "0.1", "0"), "the dimensions of the box are 0.1, 0.1, 0"),
+        (("--sphere", "0.1", "--cylinder", "0.1", "0.2"), "give one of box, cylinder and sphere"),
     ],
 )
 def test_mistakes(
@@ -122,16 +129,45 @@ def test_help_shows_an_example(command: Command) -> None:
     assert "Example: steelyard payload" in command("payload", "--help").stdout
 
 
-def test_an_impossible_body_is_the_headline(
-    loaded: Path, identified: Path, command: Command, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    ten = np.array([1.0, 0.0, 0.0, 0.0, -0.1, 0.0, 0.2, 0.0, 0.0, 0.2])
-    wrong = PayloadEstimate("tool", "tip", ten, 1e-6 * np.eye(10), np.ones(6), np.ones(6))
-    monkeypatch.setattr("steelyard.identification.payload.PayloadTask.done", lambda *_: wrong)
-    done = command("payload", identified, loaded)
-    assert done.exit_code == 0, done.output
-    assert done.stdout.startswith(
-        "NOT PHYSICALLY CONSISTENT: a principal moment of inertia is negative"
+def test_what_is_known_of_the_load_counts(loaded: Path, identified: Path, command: Command) -> None:
+    options = ["--mass", LOAD.mass, "--com", *LOAD.com, "--sphere", 0.2309]
+    free, known = (
+        json.loads(command("payload", identified, loaded, *some, "--json").stdout)
+        for some in ([], options)
     )
-    printed = json.loads(command("payload", identified, loaded, "--json").stdout)
-    assert printed["possible_body"] is False and "negative" in printed["flaw"]
+    assert known["possible_body"] is True and free["possible_body"] is True
+    assert known["mass_half_width"] < 0.005 and known["mass"] == pytest.approx(1.5, rel=3e-3)
+    assert np.abs(np.array(known["centre"]) - LOAD.com).max() < 2e-3
+    widths = [np.diag(some["inertia_com_half_width"]) for some in (free, known)]
+    assert np.all(widths[1] <= widths[0] + 1e-12)
+    assert "known: mass 1.5 kg (± 0.1 %)" in known["notes"]
+    assert any("sphere of 0.2309 m diameter" in note for note in known["notes"])
+
+
+def test_the_uncertainty_of_gains_counts_for_torques_too(
+    loaded: Path, identified: Path, command: Command
+) -> None:
+    exact, unsure = (
+        json.loads(
+            command("payload", identified, loaded, "--gain-uncertainty", gain, "--json").stdout
+        )
+        for gain in (0.0, 0.05)
+    )
+    assert unsure["mass_half_width"] > 2.0 * exact["mass_half_width"]
+
+
+def test_gravity_compensated_efforts_are_refused(identified: Path, loaded: Path) -> None:
+    model = load_model(identified)
+    kind = replace(model.signals, effort_kind="gravity_compensated_torque")
+    with pytest.raises(DataError, match="gravity-compensated"):
+        identify_payload(replace(model, signals=kind), loaded)
+
+
+def test_numbers_of_what_is_known_are_counted(identified: Path, loaded: Path) -> None:
+    for words, options in (
+        ("'box' has 2 numbers", {"box": [0.1, 0.2]}),
+        ("'com' has 4 numbers", {"com": [0.0, 0.1, 0.2, 0.3]}),
+        ("'cylinder' has 1 numbers", {"cylinder": [0.1]}),
+    ):
+        with pytest.raises(DataError, match=words):
+            identify_payload(identified, loaded, **options)  # type: ignore[arg-type]

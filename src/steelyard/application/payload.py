@@ -1,52 +1,21 @@
-r"""The payload of a robot from loaded runs and an identified model.
-
-All parameters are estimated together: the arm's, starting from what the model knows of them, each
-run's friction and offset, which drift from day to day, and the payload's ten,
-
-$$ \min \sum_j \frac{\|r_j\|^2}{\sigma_j^2} + \|\phi - \hat\phi\|^2_{\Sigma^{-1}}
-   + \sum_r \|\delta_r\|^2_{D^{-1}} $$
-
-so the payload's intervals hold the model's uncertainty and that of friction. What the model lacks
-shows as residuals that are alike within windows of time and runs: they widen the covariance as they
-do a model's (see `sandwich`). Where efforts are currents, an error $\epsilon_j$ of the gain of a
-joint scales what the payload adds to its effort, $\epsilon_j B_j \phi_L$; fitted, it moves the
-payload by $\epsilon_j v_j$, and the covariance grows by $\sum_j s^2 v_j v_j^T$ with the gains'
-relative deviation $s$. The arm's own part was identified with the same gains. Scales of the efforts
-that were identified with the model are of any unit, and correlated: with the covariance $C$ of
-their logarithms it grows by $\sum_{jk} C_{jk} v_j v_k^T$ instead. Where the arm is found from the
-runs alone, its part of the efforts scales too.
-"""
+"""The payload of a robot from loaded runs and an identified model."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
-import numpy as np
-
-from steelyard.arrays import Array
 from steelyard.errors import DataError
-from steelyard.estimation.estimate import Z95
 from steelyard.estimation.identified import IdentifiedModel
-from steelyard.estimation.payload.load import PayloadEstimate, payload_of
-from steelyard.estimation.payload.load_case import LoadCase, carrier, load_case, refuse_foreign
-from steelyard.estimation.payload.stacked_information import covariance_of, inverse
+from steelyard.estimation.payload.load import PayloadEstimate
+from steelyard.estimation.payload.load_case import carrier, load_case, refuse_foreign
+from steelyard.estimation.payload.possible_body import PayloadKnowledge
+from steelyard.estimation.payload.weighing import fitted_case, weighed
 from steelyard.regression.information import Information
-from steelyard.robot_file.efforts import WITHOUT_TORQUE
+from steelyard.robot_file.efforts import MOTOR_KINDS
 
 DRIFT = 0.5
 """Drift of friction and offset from run to run, relative to the effort they make in each joint."""
 
 GAIN = 0.02
-"""Relative standard deviation of drive gains that are given without one."""
-
-FREEDOM = 2.0
-"""Expected squares of scores below which they are too few."""
-
-ROUND_OFF = float(np.finfo(np.float64).eps)
-"""Variance of residuals over the greatest mean square of efforts that sums of squares resolve."""
-
-ROUNDS = 50
-TOLERANCE = 1e-6
-"""Relative change of the rows' variances at which they have converged."""
+"""Relative standard deviation of the gains of motors' efforts that are given without one."""
 
 
 def identify_payload(
@@ -57,8 +26,9 @@ def identify_payload(
     unloaded: Sequence[Information] = (),
     drift: float = DRIFT,
     gain: float | None = None,
+    known: PayloadKnowledge | None = None,
 ) -> PayloadEstimate:
-    """Weigh what a robot carries.
+    """Weigh what a robot carries: a body that can exist.
 
     Args:
         identified: The robot without the payload. Its covariance says how far its parameters may
@@ -68,17 +38,16 @@ def identify_payload(
         unloaded: What runs without the payload say, one by one.
         drift: Standard deviation of each run's friction and offset, relative to the effort that
             they make together in a joint; with 0 they are those of the model.
-        gain: Relative standard deviation of each drive gain, where efforts are currents; if `None`,
-            `GAIN`, or nothing beside scales that were identified with the model.
+        gain: Relative standard deviation of each gain of the efforts; if `None`, `GAIN` where
+            efforts are currents, or nothing beside scales that were identified with the model.
+        known: What is known of the payload beside.
 
     Raises:
         ModelError: There is no such frame, or it does not move.
         DataError: The runs were gathered with another model, or see nothing of the payload.
     """
-    scales = identified.effort_scales
-    if gain is None:
-        gain = GAIN if scales is None else 0.0
-    _refuse_unanswerable(loaded, drift, gain)
+    share = _gain_share(identified, gain)
+    _refuse_unanswerable(loaded, drift, share)
     refuse_foreign(identified.model, (*unloaded, *loaded))
     carries = carrier(identified.model.robot, frame)
     gains, units = identified.signals.gains, identified.model.robot.effort_units
@@ -92,28 +61,20 @@ def identify_payload(
         drifts=drift > 0.0,
         zero={one.name for one in identified.estimate.removed},
     )
-    mean, precision = _prior(identified, case, bool(unloaded), drift)
-    fit = _fitted(case.information, mean, precision)
-    currents = not WITHOUT_TORQUE.keys().isdisjoint(identified.signals.effort_units)
-    covariance = covariance_of(fit.matrix, case.payload) + _of_model(case, fit)
-    moved = _by_scale(case, fit, bool(unloaded))
-    if currents:
-        covariance = covariance + gain**2 * moved @ moved.T
-    of_scales = None if scales is None else moved @ scales.covariance @ moved.T
-    if of_scales is not None:
-        covariance = covariance + of_scales
-    return payload_of(
-        carries,
-        identified.model.robot,
-        fit.values[-10:],
-        covariance,
-        np.sqrt(fit.variances),
-        case.information.n_samples,
-        (
-            *_notes(bool(unloaded), drift),
-            *_scale_notes(gain if currents else None, of_scales, covariance),
-        ),
-    )
+    fit = fitted_case(identified, case, bool(unloaded), drift)
+    some = PayloadKnowledge() if known is None else known
+    return weighed(identified, case, fit, case.payload, carries, bool(unloaded), drift, share, some)
+
+
+def _gain_share(identified: IdentifiedModel, stated: float | None) -> float:
+    """Relative standard deviation of each gain.
+
+    Efforts of motors are currents times a constant, whatever their unit.
+    """
+    if stated is not None:
+        return stated
+    of_motors = identified.signals.effort_kind in MOTOR_KINDS
+    return GAIN if of_motors and identified.effort_scales is None else 0.0
 
 
 def _refuse_unanswerable(loaded: Sequence[Information], drift: float, gain: float) -> None:
@@ -135,177 +96,3 @@ def _refuse_unanswerable(loaded: Sequence[Information], drift: float, gain: floa
             where="identification of a payload",
             fix="give 0 for exact gains, or a share such as 0.02",
         )
-
-
-def _prior(
-    identified: IdentifiedModel, case: LoadCase, jointly: bool, drift: float
-) -> tuple[Array, Array]:
-    """What is known before the runs speak: values, and the inverse of their covariance."""
-    mean, precision = np.zeros(case.size), np.zeros((case.size, case.size))
-    values, known = _knowledge(identified, case)
-    if not jointly:
-        mean[: case.n_arm], precision[: case.n_arm, : case.n_arm] = values, known
-    allowed = drift * _friction(identified, case, values)
-    for run in case.deviations:
-        precision[run, run] = 1.0 / np.square(allowed)
-    return mean, precision
-
-
-def _notes(jointly: bool, drift: float) -> tuple[str, ...]:
-    """What the numbers rest on, but for the scale of the efforts."""
-    return (
-        "arm and payload are identified together from the unloaded and loaded runs"
-        if jointly
-        else "the arm's parameters are the model's, within its uncertainty",
-        f"friction and offsets are estimated per run, within {100.0 * drift:g} % of the model's"
-        if drift
-        else "friction and offset are those of the model",
-    )
-
-
-def _scale_notes(gain: float | None, of_scales: Array | None, covariance: Array) -> tuple[str, ...]:
-    """How well the scale of the efforts is known.
-
-    Args:
-        gain: Relative standard deviation of the gains; `None` where efforts are no currents.
-        of_scales: Covariance of the payload by the model's scales; `None` of a model without.
-        covariance: All of it.
-    """
-    if of_scales is not None:
-        half, all_of_it = (Z95 * np.sqrt(matrix[0, 0]) for matrix in (of_scales, covariance))
-        note = (
-            "efforts are corrected by the scales identified with the model; their uncertainty "
-            f"contributes ± {half:.2g} kg to the mass's 95 % interval of ± {all_of_it:.2g} kg"
-        )
-        more = f"; each drive gain has a further uncertainty of {100.0 * gain:g} %" if gain else ""
-        return (note + more,)
-    if gain is None:
-        return (
-            "a common scale error of all effort sensors is not in the intervals: 1 % changes "
-            "the mass by 1 %",
-        )
-    if not gain:
-        return ("drive gains are assumed exact: a gain error of 1 % changes the mass by about 1 %",)
-    return (
-        f"drive gains are assumed known within {100.0 * gain:g} % each (one standard deviation); "
-        "if they are less accurate, state --gain-uncertainty, or the interval of the mass is too "
-        "narrow",
-    )
-
-
-def _knowledge(identified: IdentifiedModel, case: LoadCase) -> tuple[Array, Array]:
-    """The model's values of the arm's columns, and the inverse of their covariance.
-
-    Nothing is known of what the model's data did not see.
-    """
-    estimate = identified.estimate
-    columns = case.information.layout.columns[: case.n_arm]
-    place = {name: k for k, name in enumerate(estimate.parameters.names)}
-    mine = [k for k, name in enumerate(columns) if name in place]
-    theirs = [place[columns[k]] for k in mine]
-    values, precision = np.zeros(case.n_arm), np.zeros((case.n_arm, case.n_arm))
-    values[mine] = estimate.parameters.values[theirs]
-    precision[np.ix_(mine, mine)] = inverse(estimate.covariance[np.ix_(theirs, theirs)])
-    return values, precision
-
-
-def _friction(identified: IdentifiedModel, case: LoadCase, values: Array) -> Array:
-    """Per drifting column the value with which it alone makes all friction of its joints.
-
-    Noise counts as friction, so that a joint without friction may get some.
-    """
-    information, drift = case.information, list(case.drift)
-    own, makes = np.zeros(case.n_arm), np.zeros(case.n_arm)
-    for row, seen in enumerate(information.layout.sees):
-        mine = [k for k, column in enumerate(seen) if column in drift]
-        columns = [seen[k] for k in mine]
-        gram = information.row_gram(row)[np.ix_(mine, mine)]
-        made = values[columns] @ gram @ values[columns]
-        made += information.n_samples[row] * identified.estimate.sigma[row] ** 2
-        own[columns] += np.diag(gram)
-        makes[columns] += made
-    free = np.full(case.n_arm, np.inf)
-    largest = np.sqrt(np.divide(makes, own, out=free, where=own > 0.0))
-    return np.asarray(largest[drift])
-
-
-@dataclass(frozen=True, eq=False)
-class _Fit:
-    """Values, their information matrix, and the variance of each row's residuals."""
-
-    values: Array
-    matrix: Array
-    variances: Array
-
-
-def _fitted(information: Information, mean: Array, precision: Array) -> _Fit:
-    """Weighted least squares with prior knowledge; every row weighs by its own residuals."""
-    counts, energy = information.n_samples, information.effort_squares()
-    powers = energy / np.maximum(counts, 1.0)
-    floor = ROUND_OFF * max(float(powers.max()), 1e-300)
-    variances = np.maximum(powers, floor)
-    for _ in range(ROUNDS):
-        matrix, vector, _square = information.normal(1.0 / variances)
-        matrix += precision
-        covariance = inverse(matrix)
-        values = covariance @ (vector + precision @ mean)
-        values += covariance @ (vector + precision @ mean - matrix @ values)
-        used = [_used(information, row, covariance) for row in range(len(counts))] / variances
-        squares = information.residual_squares(values)
-        updated = np.maximum(squares / np.maximum(counts - used, 1.0), floor)
-        change = np.abs(updated / variances - 1.0).max()
-        variances = updated
-        if change < TOLERANCE:
-            break
-    return _Fit(values, matrix, variances)
-
-
-def _of_model(case: LoadCase, fit: _Fit) -> Array:
-    """Covariance of the payload by residuals alike for longer than the filter, `(10, 10)`."""
-    information, covariance = case.information, inverse(fit.matrix)
-    factors = _scatter(information, fit, covariance)
-    runs = information.merged(1)
-    if len(runs.windows) > 1:
-        factors = np.maximum(factors, _scatter(runs, fit, covariance))
-    more, _vector, _square = information.normal((np.maximum(factors, 1.0) - 1.0) / fit.variances)
-    some = covariance[list(case.payload)]
-    return np.asarray(some @ more @ some.T)
-
-
-def _scatter(windows: Information, fit: _Fit, covariance: Array) -> Array:
-    """How many times more scores of windows scatter than by white residuals, shape `(rows,)`."""
-    factors = np.ones(len(fit.variances))
-    for row, seen in enumerate(windows.layout.sees):
-        columns = list(seen)
-        grams = windows.row_grams(row) / fit.variances[row]
-        scores = grams[:, :-1] @ np.append(-fit.values[columns], 1.0)
-        inner = covariance[np.ix_(columns, columns)]
-        taken = inner @ grams[:, :-1, :-1]
-        expected = np.trace(taken, axis1=1, axis2=2).sum() - np.sum(taken * taken.swapaxes(1, 2))
-        if expected >= FREEDOM:
-            factors[row] = np.sum((scores @ inner) * scores) / expected
-    return factors
-
-
-def _by_scale(case: LoadCase, fit: _Fit, jointly: bool) -> Array:
-    """Derivatives of the payload by the logarithm of each row's scale, shape `(10, rows)`.
-
-    The model's part of the efforts was identified with the same scales.
-    """
-    information, payload = case.information, list(case.payload)
-    values, covariance = fit.values.copy(), inverse(fit.matrix)
-    if not jointly:
-        values[: -len(payload)] = 0.0
-    moved = np.empty((len(payload), len(information.layout.sees)))
-    for row, seen in enumerate(information.layout.sees):
-        columns = list(seen)
-        gram = information.row_gram(row)[:-1, :-1] / fit.variances[row]
-        moved[:, row] = covariance[np.ix_(payload, columns)] @ (gram @ values[columns])
-    return moved
-
-
-def _used(information: Information, row: int, covariance: Array) -> float:
-    """Degrees of freedom that a fit takes from a row, per weight."""
-    seen = list(information.layout.sees[row])
-    gram = information.row_gram(row)[:-1, :-1]
-    return float(np.sum(gram * covariance[np.ix_(seen, seen)]))

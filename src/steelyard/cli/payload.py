@@ -16,12 +16,6 @@ if TYPE_CHECKING:
     from steelyard.estimation.payload.load import PayloadEstimate
 
 
-IMPOSSIBLE = (
-    "Mass and centre of mass are usable within their intervals; do not use the inertia: its "
-    "interval includes bodies that are not physically consistent."
-)
-
-
 @guarded
 def payload(
     model: Annotated[
@@ -48,10 +42,35 @@ def payload(
         typer.Option(
             min=0.0,
             max=0.5,
-            help="Relative standard deviation of each drive gain, if efforts are currents; if "
-            "unset 0.02, or 0 if scales of the efforts were identified with the model.",
+            help="Relative standard deviation of each gain of the efforts; if unset 0.02 for "
+            "efforts of motors, or 0 if scales of the efforts were identified with the model.",
             metavar="SHARE",
         ),
+    ] = None,
+    mass: Annotated[
+        float | None, typer.Option(min=1e-6, help="Known mass, in kg.", metavar="KG")
+    ] = None,
+    com: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(help="Known centre of mass in the frame, in m.", metavar="X Y Z"),
+    ] = None,
+    box: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(
+            help="Prior of the inertia: a box with these edges along the frame's axes, in m.",
+            metavar="X Y Z",
+        ),
+    ] = None,
+    cylinder: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            help="Prior of the inertia: a cylinder along z, diameter and length in m.",
+            metavar="D L",
+        ),
+    ] = None,
+    sphere: Annotated[
+        float | None,
+        typer.Option(help="Prior of the inertia: a sphere, diameter in m.", metavar="D"),
     ] = None,
     output: Annotated[
         Path | None,
@@ -59,9 +78,9 @@ def payload(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Identify a payload: mass, centre of mass and inertia, with 95 % intervals.
+    """Identify a payload: mass, centre and inertia of a body that can exist, with 95 % intervals.
 
-    Example: steelyard payload steelyard-ur10e loaded.csv --frame tool0
+    Example: steelyard payload steelyard-ur10e loaded.csv --frame tool0 --box 0.2 0.1 0.1
     """
     from rich.console import Console
     from rich.text import Text
@@ -70,9 +89,10 @@ def payload(
     from steelyard.cli.show import progress_bar
     from steelyard.files import whole_folder, write_json
     from steelyard.identification.logs import new_folder
-    from steelyard.identification.payload import payload_inputs
+    from steelyard.identification.payload import known_of, payload_inputs
 
-    task = payload_inputs(model, logs, frame, unloaded or ())
+    known = known_of(mass, com, box, cylinder, sphere)
+    task = payload_inputs(model, logs, frame, unloaded or (), known)
     folder = None if output is None else new_folder(output, "")
     with progress_bar() as progress:
         estimate = task.done(gain_uncertainty, progress)
@@ -85,9 +105,6 @@ def payload(
         typer.echo(json.dumps(result, allow_nan=False))
         return
     console = Console()
-    if estimate.flaw is not None:
-        console.print(Text(f"NOT PHYSICALLY CONSISTENT: {estimate.flaw}", style="bold yellow"))
-        console.print(Text(IMPOSSIBLE))
     console.print(_table(estimate))
     for line in estimate.remarks:
         console.print(Text(line))

@@ -1,15 +1,17 @@
 """What a robot carries, from logs and an identified model: what `steelyard payload` does."""
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from steelyard.application.payload import identify_payload as payload_of
 from steelyard.arguments import checked
+from steelyard.errors import DataError
 from steelyard.estimation.identified import IdentifiedModel, load_model
 from steelyard.estimation.payload.load import PayloadEstimate
 from steelyard.estimation.payload.load_case import carrier
+from steelyard.estimation.payload.possible_body import PayloadKnowledge, Shape
 from steelyard.identification.descriptions import dropped
 from steelyard.identification.logs import (
     LogArgument,
@@ -36,12 +38,14 @@ class PayloadTask:
         loaded: Logs with the payload.
         unloaded: Logs without it.
         frame: Frame of the results; that of the last link if `None`.
+        known: What is known of the payload.
     """
 
     identified: IdentifiedModel
     loaded: list[LogArgument]
     unloaded: list[LogArgument]
     frame: str | None
+    known: PayloadKnowledge = PayloadKnowledge()
 
     def done(self, gain_uncertainty: float | None, progress: Progress) -> PayloadEstimate:
         """The estimate, with the model's cut-off frequencies."""
@@ -56,7 +60,12 @@ class PayloadTask:
             gather(regressor, run, rests=rests, threads=threads, progress=progress) for run in runs
         ]
         found = payload_of(
-            identified, of_runs[:count], self.frame, unloaded=of_runs[count:], gain=gain_uncertainty
+            identified,
+            of_runs[:count],
+            self.frame,
+            unloaded=of_runs[count:],
+            gain=gain_uncertainty,
+            known=self.known,
         )
         notes = (*found.notes, *dropped(identified.model, runs), *self._fitted_before())
         return replace(found, notes=notes)
@@ -75,16 +84,68 @@ def payload_inputs(
     logs: str | Path | Iterable[str | Path],
     frame: str | None,
     unloaded: str | Path | Iterable[str | Path],
+    known: PayloadKnowledge,
 ) -> PayloadTask:
     """The model and the logs; the arguments and errors are those of `identify_payload`."""
     identified = load_model(model)
     carrier(identified.model.robot, frame)
+    if identified.signals.effort_kind == "gravity_compensated_torque":
+        raise DataError(
+            "the efforts of this model are gravity-compensated: they do not contain the weight of "
+            "what the controller compensates",
+            where=f"robot '{identified.model.robot.name}', [signals.effort] kind",
+            fix="log efforts with gravity (currents or joint torques), and identify from these",
+        )
     with_it, without = log_files(paths_of(logs, least=1)), log_files(paths_of(unloaded))
     refuse_overlaps([*with_it, *without], [])
-    return PayloadTask(identified, with_it, without, frame)
+    return PayloadTask(identified, with_it, without, frame, known)
 
 
-@checked()
+def known_of(
+    mass: float | None,
+    com: Sequence[float] | None,
+    box: Sequence[float] | None,
+    cylinder: Sequence[float] | None,
+    sphere: float | None,
+) -> PayloadKnowledge:
+    """What is known of a payload; the arguments and errors are those of `identify_payload`."""
+    shapes = []
+    if box is not None:
+        x, y, z = counted("box", box, 3)
+        shapes.append(Shape.box((x, y, z)))
+    if cylinder is not None:
+        shapes.append(Shape.cylinder(*counted("cylinder", cylinder, 2)))
+    if sphere is not None:
+        shapes.append(Shape.sphere(sphere))
+    if len(shapes) > 1:
+        raise DataError(
+            f"the payload is {' and '.join(shape.words for shape in shapes)}",
+            where="what is known of the payload",
+            fix="give one of box, cylinder and sphere",
+        )
+    centre = None
+    if com is not None:
+        x, y, z = counted("com", com, 3)
+        centre = (x, y, z)
+    return PayloadKnowledge(mass, centre, shapes[0] if shapes else None)
+
+
+def counted(name: str, given: Sequence[float], count: int) -> list[float]:
+    """The numbers of an argument that has so many.
+
+    Raises:
+        DataError: It has not.
+    """
+    if len(given) != count:
+        raise DataError(
+            f"'{name}' has {len(given)} numbers",
+            where="what is known of the payload",
+            fix=f"give {count}, in metres",
+        )
+    return list(given)
+
+
+@checked(gain_uncertainty=0.0)
 def identify_payload(
     model: str | Path | IdentifiedModel,
     logs: str | Path | Iterable[str | Path],
@@ -92,17 +153,28 @@ def identify_payload(
     *,
     unloaded: str | Path | Iterable[str | Path] = (),
     gain_uncertainty: float | None = None,
+    mass: float | None = None,
+    com: Sequence[float] | None = None,
+    box: Sequence[float] | None = None,
+    cylinder: Sequence[float] | None = None,
+    sphere: float | None = None,
     progress: Progress = silent,
 ) -> PayloadEstimate:
-    """Identify a payload: mass, centre of mass and inertia, with 95 % intervals.
+    """Identify a payload: mass, centre and inertia of a body that can exist, with 95 % intervals.
 
     Args:
         model: The model, its `model.json`, or the folder that contains it.
         logs: Logs with the payload.
         frame: Frame of the results; that of the last link if `None`.
         unloaded: Logs without the payload: arm and payload are then identified together.
-        gain_uncertainty: Relative standard deviation of each drive gain; if `None`, 0.02 for
-            currents, or 0 if effort scales were identified with the model.
+        gain_uncertainty: Relative standard deviation of each gain of the efforts; if `None`, 0.02
+            for efforts of motors, or 0 for others and if effort scales were identified with the
+            model.
+        mass: Known mass [kg].
+        com: Known centre of mass in the frame, x, y and z [m].
+        box: Edges of a box along the frame's axes, x, y and z [m]: a prior of the inertia.
+        cylinder: Diameter and length of a cylinder along z [m], likewise.
+        sphere: Diameter of a sphere [m], likewise.
         progress: Receives events of progress; an exception from it stops the work.
 
     Raises:
@@ -113,4 +185,5 @@ def identify_payload(
         >>> abs(carried.mass) < 0.1
         True
     """
-    return payload_inputs(model, logs, frame, unloaded).done(gain_uncertainty, progress)
+    known = known_of(mass, com, box, cylinder, sphere)
+    return payload_inputs(model, logs, frame, unloaded, known).done(gain_uncertainty, progress)

@@ -11,6 +11,9 @@ from steelyard.estimation.estimate import Z95
 from steelyard.robot.inertia import INERTIAL_NAMES, INERTIAL_UNITS, Inertia, skew
 from steelyard.robot.robot import Frame, Robot
 
+NOISE = 18.3
+"""95 % quantile of the rise of χ² that noise explains: that of ten degrees of freedom."""
+
 
 @dataclass(frozen=True, eq=False)
 class PayloadEstimate:
@@ -26,6 +29,7 @@ class PayloadEstimate:
         sigma: Standard deviation of the filtered residuals per effort row, shape `(rows,)`.
         n_samples: Filtered samples per effort row, shape `(rows,)`.
         notes: What was taken for granted, for people to read.
+        chi_squared: Rise of the weighted squares by the constraint that the body can exist.
     """
 
     frame: str
@@ -35,6 +39,7 @@ class PayloadEstimate:
     sigma: Array
     n_samples: Array
     notes: tuple[str, ...] = ()
+    chi_squared: float = 0.0
 
     @property
     def inertia(self) -> Inertia:
@@ -113,6 +118,11 @@ class PayloadEstimate:
             if weak
             else "the inertia is identified: no interval of a moment of inertia contains zero"
         )
+        if self.chi_squared > NOISE:
+            found.append(
+                f"the constraint that the body can exist raises χ² by {self.chi_squared:.0f} "
+                f"(up to {NOISE:.0f} is within noise): the inertia contains model error"
+            )
         return tuple(found)
 
     def to_dict(self) -> dict[str, Any]:
@@ -136,6 +146,7 @@ class PayloadEstimate:
             "not_seen": list(self.not_seen),
             "possible_body": self.flaw is None if seen and not self.not_seen else None,
             "flaw": self.flaw,
+            "chi_squared_rise": self.chi_squared,
             "remarks": list(self.remarks),
             "notes": list(self.notes),
         }
@@ -178,19 +189,15 @@ def payload_of(
     sigma: Array,
     n_samples: Array,
     notes: tuple[str, ...],
+    chi_squared: float = 0.0,
 ) -> PayloadEstimate:
     """The estimate, with what the covariance knows nothing of taken out of the values.
 
     Raises:
         DataError: The data see none of the payload's numbers.
     """
+    refuse_unseen(covariance, frame)
     blind = np.isnan(np.diag(covariance))
-    if blind.all():
-        raise DataError(
-            "no parameter of the payload is identifiable from the data",
-            where=f"frame '{frame.name}'",
-            fix="log a motion that turns the payload against gravity, with and without it",
-        )
     return PayloadEstimate(
         frame.name,
         robot.bodies[frame.body].name,
@@ -199,7 +206,22 @@ def payload_of(
         frozen(sigma),
         frozen(n_samples),
         notes,
+        chi_squared,
     )
+
+
+def refuse_unseen(covariance: Array, frame: Frame) -> None:
+    """Data that see none of the payload's numbers weigh nothing.
+
+    Raises:
+        DataError: No number has a variance.
+    """
+    if np.isnan(np.diag(covariance)).all():
+        raise DataError(
+            "no parameter of the payload is identifiable from the data",
+            where=f"frame '{frame.name}'",
+            fix="log a motion that turns the payload against gravity, with and without it",
+        )
 
 
 def _plain(value: Any) -> Any:

@@ -94,17 +94,19 @@ class LoadCase:
     """Runs with and without a payload as one linear problem.
 
     The parameters are those of the arm, then what each run's friction and offset deviate from
-    them, then the payload's ten.
+    them, then the ten of each payload.
 
     Attributes:
         information: About all of these.
         n_arm: How many parameters the arm has.
         drift: Columns of the arm that deviate per run.
+        n_loads: Number of payloads.
     """
 
     information: Information
     n_arm: int
     drift: tuple[int, ...]
+    n_loads: int = 1
 
     @property
     def size(self) -> int:
@@ -113,14 +115,20 @@ class LoadCase:
 
     @property
     def payload(self) -> tuple[int, ...]:
-        """Numbers of the payload's ten parameters."""
-        return tuple(range(self.size - 10, self.size))
+        """Numbers of the last payload's ten parameters."""
+        return self.payloads[-1]
+
+    @property
+    def payloads(self) -> tuple[tuple[int, ...], ...]:
+        """Numbers of each payload's ten parameters."""
+        starts = range(self.size - 10 * self.n_loads, self.size, 10)
+        return tuple(tuple(range(start, start + 10)) for start in starts)
 
     @property
     def deviations(self) -> tuple[tuple[int, ...], ...]:
         """Numbers of the parameters that deviate, per run that does."""
         width = max(len(self.drift), 1)
-        inner = range(self.n_arm, self.size - 10)
+        inner = range(self.n_arm, self.payloads[0][0])
         return tuple(tuple(inner[k : k + width]) for k in range(0, len(inner), width))
 
 
