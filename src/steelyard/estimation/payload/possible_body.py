@@ -285,7 +285,7 @@ def _optimum(matrix: Array, vector: Array) -> tuple[Array, float]:
     """
     u, count = np.linalg.lstsq(matrix, vector)[0], matrix.shape[1]
     if np.linalg.eigvalsh(np.tensordot(u[:10], BASIS, axes=1))[0] >= FORM.margin:
-        return u[:10], 0.0
+        return np.asarray(u[:10], dtype=np.float64), 0.0
     unit = float(np.linalg.norm(matrix, 2))
     part, rows = FORM.part(LOOSE / unit**2), len(vector)
     between = np.zeros(count - 10)
@@ -301,7 +301,7 @@ def _optimum(matrix: Array, vector: Array) -> tuple[Array, float]:
     )
     best = solved(program, "the payload as a body that can exist")[:count]
     rise = np.square(matrix @ best - vector).sum() - np.square(matrix @ u - vector).sum()
-    return best[:10], max(0.0, float(rise))
+    return np.asarray(best[:10]), max(0.0, float(rise))
 
 
 def _lengths(kind: str, lengths: tuple[float, ...]) -> tuple[float, ...]:

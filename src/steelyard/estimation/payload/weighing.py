@@ -258,7 +258,8 @@ def _left_out(identified: IdentifiedModel) -> Array:
     """How many times more residuals of moving joints are in left-out runs, at least one, `(n,)`."""
     if identified.calibration is None:
         return np.ones(identified.model.robot.n)
-    return np.maximum(np.square(identified.calibration.factors[:, 1:] / Z95).mean(axis=1), 1.0)
+    ratios = np.square(identified.calibration.factors[:, 1:] / Z95)
+    return np.asarray(np.maximum(ratios.mean(axis=1), 1.0))
 
 
 def _scatter(windows: Information, fit: CaseFit, covariance: Array) -> Array:
