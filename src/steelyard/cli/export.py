@@ -1,4 +1,4 @@
-"""`steelyard export`: an identified model as URDF or MJCF."""
+"""`steelyard export`: an identified model as URDF, MJCF or code for controllers."""
 
 import json
 from pathlib import Path
@@ -10,14 +10,22 @@ from steelyard.cli.guard import guarded
 from steelyard.cli.options import Json
 
 if TYPE_CHECKING:
+    from steelyard.application.controller.export import Written
     from steelyard.application.export.content import Format
     from steelyard.application.export.export import Exported
 
-ENDINGS: "dict[str, Format]" = {".urdf": "urdf", ".mjcf": "mjcf", ".xml": "mjcf"}
+Kind = Literal["urdf", "mjcf", "c", "python"]
+CODE: tuple[Kind, ...] = ("c", "python")
+ENDINGS: dict[str, Kind] = {
+    ".urdf": "urdf",
+    ".mjcf": "mjcf",
+    ".xml": "mjcf",
+    ".py": "python",
+}
 FEW = 0.5
 """Share of a link's mass from the data below which the terminal names the link."""
 
-USUAL: "dict[Format, str]" = {"urdf": ".urdf", "mjcf": ".xml"}
+USUAL: dict[Kind, str] = {"urdf": ".urdf", "mjcf": ".xml", "c": "-c", "python": ".py"}
 
 
 @guarded
@@ -26,7 +34,7 @@ def export(
         str, typer.Argument(help="model.json, or the folder that contains it.", metavar="MODEL")
     ],
     to: Annotated[
-        Literal["urdf", "mjcf"] | None,
+        Kind | None,
         typer.Option(help="Format; if unset, from the suffix of --output."),
     ] = None,
     original: Annotated[
@@ -43,18 +51,40 @@ def export(
         typer.Option(
             "--output",
             "-o",
-            help="Output file; must not exist. If unset, in the current folder and named after "
-            "the robot.",
+            help="Output file, of C a folder; must not exist. If unset, in the current folder and "
+            "named after the robot.",
+        ),
+    ] = None,
+    precision: Annotated[
+        Literal["double", "float"] | None,
+        typer.Option(help="Type of numbers in C; double if unset."),
+    ] = None,
+    functions: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--function",
+            help="Function of the C or Python code, for each one: torque, gravity, bias, friction, "
+            "mass, regressor (all of these if unset), momentum, momentum_rate, forward_dynamics.",
+            metavar="NAME",
+        ),
+    ] = None,
+    frames: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--frame",
+            help="Frame whose pose and Jacobian are in the C or Python code, for each one; if "
+            "unset, those at the robot's ends.",
+            metavar="NAME",
         ),
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Write the masses, inertias and friction of an identified model as URDF or MJCF.
+    """Write an identified model as URDF or MJCF, or as C or Python code for controllers.
 
-    Terminal and file header list what the format cannot represent, and what comes from the prior
-    instead of the data.
+    Of URDF and MJCF, terminal and file header list what the format cannot represent, and what
+    comes from the prior instead of the data.
 
-    Example: steelyard export steelyard-ur10e --to mjcf -o ur10e.xml
+    Example: steelyard export steelyard-ur10e --to c -o ur10e-c
     """
     from steelyard.application.export.export import exported, refuse_changed
     from steelyard.cli import interrupt
@@ -64,6 +94,16 @@ def export(
     form = _format(to, output)
     identified = load_model(model)
     path = _new_file(output, f"{identified.model.robot.name}{USUAL[form]}")
+    if form == "c" or form == "python":
+        _refuse(form, {"--model": original, "--precision": form == "python" and precision})
+        from steelyard.application.controller.export import write_code
+
+        written = write_code(
+            identified, path, form, precision or "double", functions or (), frames or ()
+        )
+        _tell_code(path, form, written, as_json)
+        return
+    _refuse(form, {"--precision": precision, "--function": functions, "--frame": frames})
     made = exported(identified, form, original)
     with whole_file(path) as part:
         part.write_text(made.text, encoding="utf-8", newline="")
@@ -83,7 +123,7 @@ def export(
     _tell(path, made)
 
 
-def _format(to: "Format | None", output: Path | None) -> "Format":
+def _format(to: Kind | None, output: Path | None) -> Kind:
     """The format that is asked for, by name or by the file's ending.
 
     Raises:
@@ -97,15 +137,33 @@ def _format(to: "Format | None", output: Path | None) -> "Format":
         raise OutputError(
             "no format is named",
             where="--to" if output is None else str(output),
-            fix="give --to urdf or --to mjcf, or end the name of --output in .urdf or .xml",
+            fix="give --to urdf, mjcf, c or python, or end the name of --output in .urdf, .xml or "
+            ".py",
         )
-    if ending in (".urdf", ".mjcf") and ENDINGS[ending] != form:
+    if ending in (".urdf", ".mjcf", ".py") and ENDINGS[ending] != form:
         raise OutputError(
             f"the file would be {form.upper()}, but its name ends in '{ending}'",
             where=str(output),
             fix=f"end its name in '{USUAL[form]}', or give --to {ENDINGS[ending]}",
         )
     return form
+
+
+def _refuse(form: Kind, given: dict[str, object]) -> None:
+    """Refuse options that a format has no use for.
+
+    Raises:
+        OutputError: One of them is given.
+    """
+    from steelyard.errors import OutputError
+
+    for option, value in given.items():
+        if value:
+            raise OutputError(
+                f"{option} does not apply to {form.upper()}",
+                where=option,
+                fix="leave it out" if form != "python" else "leave it out, or give --to c",
+            )
 
 
 def _new_file(output: Path | None, default: str) -> Path:
@@ -151,3 +209,38 @@ def _tell(path: Path, made: "Exported") -> None:
     ):
         for line in listed_under(heading, sentences):
             console.print(Text(line))
+
+
+def _tell_code(path: Path, form: Kind, written: "Written", as_json: bool) -> None:
+    """What was written, names that became others, and functions that there cannot be."""
+    from rich.console import Console
+    from rich.text import Text
+
+    names = [function.name for function in written.controller.functions if function.public]
+    if written.controller.memories:
+        names += ["start", "step"]
+    if as_json:
+        told = {
+            "file": str(path),
+            "format": form,
+            "files": list(written.files),
+            "functions": names,
+            "absent": list(written.absent),
+            "identifiers": written.renamed,
+            "stack_bytes": written.stack,
+        }
+        typer.echo(json.dumps(told))
+        return
+    lines = [f"{path}: {', '.join(written.files)}", f"functions: {', '.join(names)}"]
+    if written.stack is not None:
+        lines.append(f"local variables: at most {written.stack} bytes a function")
+    if written.absent:
+        lines.append(
+            f"without {', '.join(written.absent)}: friction with memory needs the state of start "
+            "and step"
+        )
+    if written.renamed:
+        pairs = ", ".join(f"{name} as {plain}" for name, plain in written.renamed.items())
+        lines.append(f"identifiers: {pairs}")
+    for line in lines:
+        Console().print(Text(line), soft_wrap=True)

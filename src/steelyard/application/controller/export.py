@@ -1,0 +1,83 @@
+"""An identified model as code for controllers, on disk."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from steelyard.application.controller.c_code import CCode
+from steelyard.application.controller.c_files import c_files
+from steelyard.application.controller.functions import Controller
+from steelyard.application.controller.identifiers import identifier, identifiers
+from steelyard.application.controller.prepare import absent, controller_of, origin_of
+from steelyard.application.controller.python_code import python_code
+from steelyard.estimation.identified import IdentifiedModel
+from steelyard.files import whole_file, whole_folder
+from steelyard.kernel.native.c99 import Precision
+
+CodeFormat = Literal["c", "python"]
+SUFFIXES: dict[CodeFormat, str] = {"c": "-c", "python": ".py"}
+"""What follows the robot's name in the usual name of the folder or file."""
+
+
+@dataclass(frozen=True, eq=False)
+class Written:
+    """What was written.
+
+    Attributes:
+        controller: The model and what was wanted of it.
+        files: Names of the files.
+        renamed: Names of joints and the robot whose identifier differs from the name.
+        absent: Functions that are wanted but need the memory of friction.
+        stack: Bytes of local variables of the function with most of them; C only.
+    """
+
+    controller: Controller
+    files: tuple[str, ...]
+    renamed: dict[str, str]
+    absent: tuple[str, ...]
+    stack: int | None = None
+
+
+def write_code(
+    identified: IdentifiedModel,
+    path: Path,
+    form: CodeFormat,
+    precision: Precision = "double",
+    functions: Sequence[str] = (),
+    frames: Sequence[str] = (),
+) -> Written:
+    """Write a model as code.
+
+    Args:
+        identified: The model.
+        path: Folder (C) or file (Python) to make; it must not exist.
+        form: The language.
+        precision: Type of numbers in C.
+        functions: Names of functions; the usual ones if empty.
+        frames: Names of frames whose pose and Jacobian are wanted; those at the ends if empty.
+
+    Raises:
+        SteelyardError: The model is not of use to controllers, there is no such function or
+            frame, or the files cannot be written.
+    """
+    controller = controller_of(identified, functions, frames)
+    lacking, origin = absent(controller), origin_of(identified)
+    renamed = _renamed(controller)
+    if form == "python":
+        with whole_file(path) as part:
+            part.write_text(python_code(controller, origin), encoding="utf-8")
+        return Written(controller, (path.name,), renamed, lacking)
+    code = CCode(controller, precision, origin)
+    files = c_files(code)
+    with whole_folder(path) as part:
+        for name, text in files.items():
+            (part / name).write_text(text, encoding="utf-8", newline="\n")
+    return Written(controller, tuple(files), renamed, lacking, code.stack)
+
+
+def _renamed(controller: Controller) -> dict[str, str]:
+    robot = controller.model.robot
+    pairs = {robot.name: identifier(robot.name, "robot")}
+    pairs |= dict(zip(robot.joint_names, identifiers(robot.joint_names, "joint"), strict=True))
+    return {name: plain for name, plain in pairs.items() if name.lower() != plain}

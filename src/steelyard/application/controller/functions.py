@@ -1,0 +1,283 @@
+"""What controllers compute of a model, as programs with the model's numbers in them."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from steelyard.application.controller.regrouped import regrouped
+from steelyard.arrays import Array
+from steelyard.dynamics.equations import Equations
+from steelyard.dynamics.quantity import (
+    BIAS,
+    FORWARD_DYNAMICS,
+    FRICTION,
+    GRAVITY,
+    MASS_MATRIX,
+    MOMENTUM,
+    MOMENTUM_RATE,
+    TORQUE,
+    Quantity,
+    frame_quantity,
+)
+from steelyard.kernel.equations.closed_chains import completed, corrected
+from steelyard.kernel.equations.dynamics import JointState, Scalar
+from steelyard.kernel.program.program import Array as Input
+from steelyard.kernel.program.program import Program
+from steelyard.kernel.program.trace import symbolic
+from steelyard.model import Model
+from steelyard.parameters import Parameters
+from steelyard.regression.base import base_parameters
+from steelyard.terms.memory import Presliding
+from steelyard.terms.term import Term, channels_of
+
+Outputs = tuple[tuple[str, tuple[int, ...]], ...]
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A function that can be exported.
+
+    Attributes:
+        quantity: What it computes; `None` for the regressor of base parameters.
+        arguments: Arrays that it reads.
+        output: Name of its result.
+        meaning: What the result is, with units.
+    """
+
+    quantity: Quantity | None
+    arguments: tuple[str, ...]
+    output: str
+    meaning: str
+
+
+EFFORTS = "[Nm; N]"
+FUNCTIONS = {
+    "torque": Wanted(TORQUE, ("q", "dq", "ddq"), "tau", f"efforts of the whole model {EFFORTS}"),
+    "gravity": Wanted(GRAVITY, ("q",), "tau", f"efforts that hold the bodies at rest {EFFORTS}"),
+    "bias": Wanted(
+        BIAS, ("q", "dq"), "tau", f"Coriolis, centrifugal and gravity efforts {EFFORTS}"
+    ),
+    "friction": Wanted(FRICTION, ("q", "dq"), "tau", f"efforts of the friction laws {EFFORTS}"),
+    "mass": Wanted(
+        MASS_MATRIX, ("q",), "matrix", "mass matrix of bodies and rotors [kg m^2; kg m; kg]"
+    ),
+    "regressor": Wanted(
+        None, ("q", "dq", "ddq"), "columns", "efforts per unit of each base parameter"
+    ),
+    "momentum": Wanted(MOMENTUM, ("q", "dq"), "p", "generalised momentum [kg m^2/s; kg m/s]"),
+    "momentum_rate": Wanted(
+        MOMENTUM_RATE, ("q", "dq"), "rate", f"rate of the momentum without efforts {EFFORTS}"
+    ),
+    "forward_dynamics": Wanted(
+        FORWARD_DYNAMICS,
+        ("q", "dq", "tau"),
+        "ddq",
+        "accelerations under efforts [rad/s^2; m/s^2], then the least pivot of the mass matrix, "
+        "which is positive where the matrix is positive definite",
+    ),
+}
+"""By the names that `--function` takes; frames have functions of their own."""
+
+USUAL = ("torque", "gravity", "bias", "friction", "mass", "regressor")
+OF_ALL_TERMS = ("torque", "friction", "regressor", "forward_dynamics")
+"""Functions that need the memory of friction, if there is some."""
+
+
+@dataclass(frozen=True, eq=False)
+class Function:
+    """A function of the joints' state.
+
+    Attributes:
+        name: Its name.
+        program: Inputs are arrays among `q`, `passive`, `dq`, `ddq`, `tau` and `memory`.
+        outputs: Names and shapes of its results, in the order of the program's outputs.
+        meaning: What it computes, with units.
+        public: Whether others call it.
+    """
+
+    name: str
+    program: Program
+    outputs: Outputs
+    meaning: str
+    public: bool = True
+
+    @property
+    def sizes(self) -> tuple[tuple[str, int], ...]:
+        """Names and entries of the results."""
+        return tuple((name, int(np.prod(shape))) for name, shape in self.outputs)
+
+
+@dataclass(frozen=True, eq=False)
+class Controller:
+    """A model with its numbers, for controllers.
+
+    Attributes:
+        model: The model.
+        values: Its standard parameters.
+        names: Names of the functions that are wanted, of `FUNCTIONS`.
+        frames: Names of the frames whose poses and Jacobians are wanted.
+    """
+
+    model: Model
+    values: Parameters
+    names: tuple[str, ...] = USUAL
+    frames: tuple[str, ...] = ()
+
+    @cached_property
+    def equations(self) -> Equations:
+        """The robot with its terms."""
+        return Equations(self.model.robot, self.model.terms)
+
+    @property
+    def memories(self) -> tuple[Presliding, ...]:
+        """Terms with memory."""
+        return tuple(term for term in self.model.terms if isinstance(term, Presliding))
+
+    @property
+    def n_memory(self) -> int:
+        """Entries of the memory of all terms."""
+        return sum(term.n_memory(self.model.robot) for term in self.memories)
+
+    @cached_property
+    def parameters(self) -> Parameters:
+        """The base parameters that are not zero: those that the regressor has columns for."""
+        base = base_parameters(self.model)
+        found = Parameters(base.base_names, base.base_units, base.base_values(self.values.values))
+        return found.of(np.flatnonzero(found.values).tolist())
+
+    @cached_property
+    def functions(self) -> tuple[Function, ...]:
+        """All functions; those of all terms only where friction has no memory."""
+        wanted = [name for name in self.names if not (self.memories and name in OF_ALL_TERMS)]
+        found = [self._function(name) for name in wanted]
+        found += [f for frame in self.frames for f in self._of_frame(frame)]
+        if self.model.robot.passive:
+            found.append(self._newton())
+        return (*found, *((self._begun(), self._stepped()) if self.memories else ()))
+
+    @cached_property
+    def numbers(self) -> Array:
+        """The standard parameters with bodies' as few as possible."""
+        numbers, start = self.values.values.copy(), 0
+        for term in self.model.terms:
+            count = len(term.parameters(self.model.robot))
+            if term.role == "body":
+                tens = numbers[start : start + count].reshape(-1, 10)
+                numbers[start : start + count] = regrouped(self.model.robot, tens).ravel()
+            start += count
+        return numbers
+
+    def _function(self, name: str) -> Function:
+        wanted = FUNCTIONS[name]
+        n = self.model.robot.n
+        if wanted.quantity is None:
+            program = self._traced(wanted.arguments, self._regressor)
+            shape: tuple[int, ...] = (n, len(self.parameters))
+        else:
+            quantity = replace(wanted.quantity, arguments=wanted.arguments)
+            program, shape = self._program(quantity), quantity.shape(self.equations)
+        return Function(name, program, ((wanted.output, shape),), wanted.meaning)
+
+    def _program(self, quantity: Quantity) -> Program:
+        """A quantity with the model's numbers."""
+        part = quantity.part(self.equations)
+        places = {name: k for k, name in enumerate(self.equations.names)}
+        numbers = [float(self.numbers[places[name]]) for name in part.names]
+
+        def build(q: Any, passive: Any, *rest: Any) -> Sequence[Scalar]:
+            given = dict(zip(quantity.arguments, (q, *rest), strict=True))
+            return quantity.build(part, {**given, "channels": passive, "parameters": numbers})
+
+        return self._traced(quantity.arguments, build)
+
+    def _traced(self, arguments: Sequence[str], build: Callable[..., Sequence[Scalar]]) -> Program:
+        """Equations over positions, those of passive joints, and other arguments."""
+        robot = self.model.robot
+        sizes = {"memory": self.n_memory}
+        rest = [Input(name, sizes.get(name, robot.n)) for name in arguments[1:]]
+        inputs = [Input("q", robot.n), Input("passive", len(robot.passive)), *rest]
+        program = symbolic(build, inputs)
+        return program if robot.passive else _without(program, 1)
+
+    def _regressor(self, q: Any, passive: Any, dq: Any, ddq: Any) -> list[Scalar]:
+        entries = self.equations.columns(JointState(q, dq, ddq, passive))
+        columns = [self.equations.names.index(name) for name in self.parameters]
+        return [entries.get((row, k), 0.0) for row in range(self.model.robot.n) for k in columns]
+
+    def _of_frame(self, frame: str) -> tuple[Function, Function]:
+        program = self._program(frame_quantity(self.model.robot, frame))
+        n = self.model.robot.n
+        pose, jacobian = (
+            Program(program.inputs, program.steps, program.outputs[part]).pruned()
+            for part in (slice(12), slice(12, None))
+        )
+        own = frame if len(self.frames) > 1 else ""
+        return (
+            Function(
+                f"pose {own}".strip(),
+                pose,
+                (("position", (3,)), ("rotation", (3, 3))),
+                f"origin [m] and axes of frame '{frame}' in the base frame; axes are columns",
+            ),
+            Function(
+                f"jacobian {own}".strip(),
+                jacobian,
+                (("columns", (6, n)),),
+                f"joint speeds to the velocity of the origin of frame '{frame}' (3 rows) and its "
+                "angular velocity (3 rows), in the base frame's axes",
+            ),
+        )
+
+    def _newton(self) -> Function:
+        """One Newton step of the passive joints."""
+        robot = self.model.robot
+        program = self._traced(("q",), lambda q, passive: corrected(robot, q, passive))
+        outputs = (("nearer", (len(robot.passive),)), ("gaps", (len(robot.loops),)))
+        return Function("newton", program, outputs, "a Newton step; squared gaps [m^2]", False)
+
+    def _begun(self) -> Function:
+        def build(q: Any, passive: Any, dq: Any) -> list[Scalar]:
+            full = self._completed(q, passive, dq, [0.0] * len(dq))
+            return [x for term in self.memories for x in term.started(self.model.robot, full)]
+
+        outputs = (("after", (self.n_memory,)),)
+        program = self._traced(("q", "dq"), build)
+        return Function("begun", program, outputs, "memory where a motion starts", False)
+
+    def _stepped(self) -> Function:
+        robot, part = self.model.robot, self.equations
+        numbers = self.numbers.tolist()
+
+        def build(q: Any, passive: Any, dq: Any, ddq: Any, memory: Any) -> list[Scalar]:
+            full = self._completed(q, passive, dq, ddq)
+            after: list[Scalar] = []
+            channels = list(passive)
+            for term in self.model.terms:
+                if isinstance(term, Presliding):
+                    last = memory[len(after) : len(after) + term.n_memory(robot)]
+                    rows, mine = term.stepped(robot, full, last)
+                    after += rows
+                    channels += mine
+            return [*part.torque_of(JointState(q, dq, ddq, channels), numbers), *after]
+
+        outputs = (("tau", (robot.n,)), ("after", (self.n_memory,)))
+        program = self._traced(("q", "dq", "ddq", "memory"), build)
+        return Function("stepped", program, outputs, "efforts, and memory after a step", False)
+
+    def _completed(self, q: Any, passive: Any, dq: Any, ddq: Any) -> JointState:
+        return completed(self.model.robot, JointState(q, dq, ddq, passive))[0]
+
+
+def _without(program: Program, array: int) -> Program:
+    """The program without an input array that has no entries."""
+    steps = [
+        step._replace(arguments=(step.arguments[0] - 1, step.arguments[1]))
+        if step.operation == "input" and step.arguments[0] > array
+        else step
+        for step in program.steps
+    ]
+    inputs = (*program.inputs[:array], *program.inputs[array + 1 :])
+    return Program(inputs, tuple(steps), program.outputs)

@@ -1,0 +1,149 @@
+"""A model as one Python file that needs NumPy alone."""
+
+from steelyard.application.controller.c_code import joint_lines
+from steelyard.application.controller.c_state import CONVERGED, STRETCHES
+from steelyard.application.controller.functions import Controller, Function
+from steelyard.application.controller.identifiers import commented, identifiers
+from steelyard.kernel.program.program import Program
+from steelyard.kernel.program.source import Syntax, source_of
+from steelyard.kernel.quantities.passive_joints import ITERATIONS
+from steelyard.robot.loop_equations import loop_equations
+
+SYNTAX = Syntax(
+    {
+        "add": "{0} + {1}",
+        "sub": "{0} - {1}",
+        "mul": "{0} * {1}",
+        "div": "{0} / {1}",
+        "neg": "-{0}",
+        "less": "1.0 * ({0} < {1})",
+        "less_equal": "1.0 * ({0} <= {1})",
+        "minimum": "np.minimum({0}, {1})",
+        "maximum": "np.maximum({0}, {1})",
+        "atan": "np.arctan({0})",
+        **{name: f"np.{name}({{0}})" for name in ("sqrt", "abs", "sign", "sin", "cos", "exp")},
+        "tanh": "np.tanh({0})",
+    },
+    lambda value: repr(value) if value >= 0.0 else f"({value!r})",
+    "    {0} = {1}",
+)
+
+
+def python_code(controller: Controller, origin: tuple[str, ...]) -> str:
+    """The file's text.
+
+    Args:
+        controller: The model and what is wanted of it.
+        origin: Where the model comes from, one line each.
+    """
+    robot = controller.model.robot
+    listed = controller.functions
+    names = identifiers([function.name for function in listed], "function")
+    laws = ", ".join(term.law for term in controller.model.terms)
+    head = [
+        f"Dynamics of robot '{robot.name}', written by steelyard; needs NumPy alone.",
+        "",
+        *origin,
+        f"Terms: {laws}.",
+        "Joints in the order of all arrays, units of position and effort:",
+        *joint_lines(robot.coordinates),
+        "",
+        "Arguments are one state, shape (n,), or one a row, (N, n); results have the same first axis.",
+    ]
+    parts = [
+        '"""' + "\n".join(_spaced(line) for line in head).strip() + '\n"""',
+        "import numpy as np",
+        f"JOINTS = {robot.joint_names!r}".encode("ascii", "backslashreplace").decode(),
+        *(_function(name, f) for name, f in zip(names, listed, strict=True)),
+    ]
+    if "regressor" in names:
+        known = controller.parameters
+        pairs = [f"    {n!r}: {x!r}," for n, x in known.as_dict().items()]
+        parts.append("PARAMETERS = {\n" + "\n".join(pairs) + "\n}")
+        parts.append('"""Base parameters in the order of the regressor\'s columns."""')
+    if robot.passive:
+        parts.append(_closing(controller))
+    if controller.memories:
+        parts.append(_state(controller))
+    return "\n\n\n".join(parts) + "\n"
+
+
+def _function(name: str, function: Function) -> str:
+    arguments = [x.name for x in function.program.inputs]
+    sizes = [size for _, size in function.sizes]
+    places = [f"found[{k}]" for k in range(sum(sizes))]
+    lines = source_of(function.program, places, SYNTAX).lines
+    moved = "\n".join(f"    {x} = np.moveaxis(np.asarray({x}, dtype=float), -1, 0)" for x in arguments)
+    results, first = [], 0
+    for (_, shape), size in zip(function.outputs, sizes, strict=True):
+        part = f"np.moveaxis(found[{first}:{first + size}], 0, -1)"
+        if len(shape) > 1:
+            part += f".reshape(*q.shape[1:], {', '.join(map(str, shape))})"
+        results.append(part)
+        first += size
+    shapes = ", ".join(f"{x} {shape}" for x, shape in function.outputs)
+    hidden = "" if function.public else "_"
+    return f"""\
+def {hidden}{name}({", ".join(arguments)}):
+    \"\"\"{commented(function.meaning)}: {commented(shapes)}.\"\"\"
+{moved}
+    found = np.zeros(({sum(sizes)}, *q.shape[1:]))
+{chr(10).join(_nonzero(function.program, lines))}
+    return {", ".join(results)}"""
+
+
+def _nonzero(program: Program, lines: tuple[str, ...]) -> list[str]:
+    """Lines without those that store a zero where zeros are."""
+    return [line for line in lines if not (line.startswith("    found[") and line.endswith("= 0.0"))]
+
+
+def _closing(controller: Controller) -> str:
+    robot = controller.model.robot
+    reference = loop_equations(robot).assembly
+    n = robot.n
+    return f"""\
+def close(q, passive):
+    \"\"\"Passive joints (shape of passive) at q (n,) from those nearby, and the closure error [m].\"\"\"
+    passive = np.asarray(passive, dtype=float)
+    for _ in range({ITERATIONS}):
+        nearer, _ = _newton(q, passive)
+        moved = np.abs(nearer - passive).max()
+        passive = nearer
+        if moved < {CONVERGED["double"]!r}:
+            break
+    return passive, float(np.sqrt(_newton(q, passive)[1].max()))
+
+
+def follow(q):
+    \"\"\"Passive joints at q (n,), straight from the reference configuration, and the closure error.\"\"\"
+    start, passive, gap = np.array({reference[:n].tolist()!r}), np.array({reference[n:].tolist()!r}), 0.0
+    for share in np.arange(1, {STRETCHES + 1}) / {STRETCHES}.0:
+        passive, gap = close(start + share * (np.asarray(q, dtype=float) - start), passive)
+    return passive, gap"""
+
+
+def _state(controller: Controller) -> str:
+    closed = bool(controller.model.robot.passive)
+    passive = "self.passive, " if closed else ""
+    followed, nearer = (
+        f"        self.passive, self.gap = {call}\n" if closed else ""
+        for call in ("follow(q)", "close(q, self.passive)")
+    )
+    return f"""\
+class State:
+    \"\"\"Efforts of the whole model [Nm; N] at consecutive samples: its friction remembers the motion.
+
+    Start with the first sample, then step with every sample, the first one included.
+    \"\"\"
+
+    def __init__(self, q, dq):
+{followed}        self.memory = _begun(q, {passive}dq)
+
+    def step(self, q, dq, ddq):
+        \"\"\"Efforts at the next sample, shape (n,).\"\"\"
+{nearer}        tau, self.memory = _stepped(q, {passive}dq, ddq, self.memory)
+        return tau"""
+
+
+def _spaced(line: str) -> str:
+    return " " * (len(line) - len(line.lstrip())) + commented(line)

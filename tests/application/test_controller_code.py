@@ -1,0 +1,261 @@
+"""C code of identified models: it computes what Python computes, on any compiler."""
+
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from closed_chains import CHAINS, five_bar
+from in_c import (
+    LIBM,
+    STRICT,
+    Library,
+    apart,
+    code_of,
+    compiler,
+    controller_on,
+    run_compiler,
+    self_tested,
+    written,
+)
+from invented import tree
+from law_cases import CASES
+from moving import cycles, geared
+from steelyard.application.controller.c_code import CCode
+from steelyard.application.controller.functions import FUNCTIONS, Controller
+from steelyard.application.controller.identifiers import commented, identifiers
+from steelyard.application.controller.regrouped import regrouped
+from steelyard.arrays import Array
+from steelyard.model import Model
+from steelyard.motion import Motion
+from steelyard.parameters import Parameters
+from steelyard.robot.robot import Robot
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.presliding import Dahl
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.register import DEFAULT_TERMS
+
+LAWS = {f"law_{k}": case for k, case in enumerate(CASES)}
+REMEMBERING = (*DEFAULT_TERMS, Dahl(length=2e-3))
+PRECISIONS = {"double": 1e-12, "float": 1e-5}
+
+
+def states(robot: Robot, count: int = 20, seed: int = 3) -> Motion:
+    """Rest at zero, rest at half turns, then anything."""
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(-np.pi, np.pi, (count, robot.n))
+    dq, ddq = rng.normal(size=(2, *q.shape)) * np.array([1.0, 3.0])[:, None, None]
+    q[0], q[1], q[2] = 0.0, np.pi, -np.pi
+    dq[:3] = ddq[:3] = 0.0
+    return Motion(np.arange(count), *(x.astype(np.float32) for x in (q, dq, ddq)))
+
+
+def wander(robot: Robot, count: int = 60) -> Motion:
+    """Consecutive samples that begin at some speed and reverse."""
+    q, dq, ddq = 0.01 * cycles(robot.n, 1, count)
+    return Motion(0.001 * np.arange(count), *(x.T.astype(np.float32) for x in (q, dq, ddq)))
+
+
+def torque_of(controller: Controller, motion: Motion) -> Array:
+    return controller.model.at(controller.values).torque(motion)
+
+
+def along(library: Library, name: str, arrays: list[Array], sizes: list[int]) -> Array:
+    """Results of a function at samples, shape `(N, entries)`."""
+    return np.array([library.call(name, list(row), sizes) for row in zip(*arrays, strict=True)])
+
+
+@pytest.fixture(scope="module", params=PRECISIONS)
+def laws(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple:
+    """Every law on the robot with gears: its controllers, and one library of their code."""
+    robot, folder = geared(), tmp_path_factory.mktemp("laws")
+    controllers = {
+        name: controller_on(robot.changed(name=name), (case.on(robot),), ["torque"], seed=k)
+        for k, (name, case) in enumerate(LAWS.items())
+    }
+    sources = [written(code_of(c, request.param), folder) for c in controllers.values()]
+    return controllers, Library(sources, folder, request.param), PRECISIONS[request.param]
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_every_law_is_that_of_python(name: str, laws: tuple) -> None:
+    controllers, library, tolerance = laws
+    controller = controllers[name]
+    if controller.memories:
+        motion = wander(controller.model.robot)
+        found = library.along(name, controller.n_memory, motion.q, motion.dq, motion.ddq)
+    else:
+        motion = states(controller.model.robot)
+        found = along(library, f"{name}_torque", [motion.q, motion.dq, motion.ddq], [4])
+    wanted = torque_of(controller, motion)
+    assert np.abs(wanted).max() > 0.01
+    if tolerance > 1e-6 and LAWS[name].law == "lugre":
+        tolerance *= 10.0  # a bristle's rate is a small difference of large numbers
+    assert apart(found, wanted) < tolerance
+
+
+def compiled(controller: Controller, folder: Path) -> tuple[CCode, Library]:
+    code = code_of(controller)
+    return code, Library([written(code, folder)], folder, "double")
+
+
+@pytest.mark.parametrize("name", ["tree", *CHAINS])
+def test_every_function_is_that_of_python(name: str, tmp_path: Path) -> None:
+    robot = tree() if name == "tree" else CHAINS[name]()
+    frame = robot.bodies[-1].name
+    controller = controller_on(robot, DEFAULT_TERMS, tuple(FUNCTIONS), [frame])
+    code, library = compiled(controller, tmp_path)
+    model = controller.model.at(controller.values)
+    if robot.passive:
+        rng = np.random.default_rng(1)
+        path = robot.assembly[: robot.n] + np.cumsum(rng.uniform(-0.03, 0.03, (9, robot.n)), axis=0)
+        motion = Motion(np.arange(9), path, *rng.normal(size=(2, *path.shape)))
+    else:
+        motion = states(robot, 9)
+    q, dq, ddq = motion.q, motion.dq, motion.ddq
+    tau, n, b = 5.0 * dq, robot.n, len(controller.parameters)
+    closed = []
+    if robot.passive:
+        count = len(robot.passive)
+        closed = [np.array([library.call(f"{code.name}_follow", [x], [count]) for x in q])]
+    numbers = library.call(f"{code.name}_parameters", [], [b])
+    accelerations = model.forward_dynamics(q, dq, tau)
+    position, rotation = model.pose(q, frame)
+    wanted = {
+        "torque": ([dq, ddq], model.torque(motion)),
+        "gravity": ([], model.gravity(q)),
+        "bias": ([dq], model.bias(q, dq)),
+        "friction": ([dq], model.friction(motion)),
+        "mass": ([], model.mass_matrix(q)),
+        "momentum": ([dq], model.momentum(q, dq)),
+        "momentum_rate": ([dq], model.momentum_rate(q, dq)),
+        "pose": ([], np.concatenate([position, rotation.reshape(-1, 9)], axis=1)),
+        "jacobian": ([], model.jacobian(q, frame)),
+    }
+    for function, (arguments, value) in wanted.items():
+        sizes = [size for _, size in code.functions[function][0].sizes]
+        found = along(library, f"{code.name}_{function}", [q, *closed, *arguments], sizes)
+        assert apart(found, value.reshape(len(q), -1)) < 1e-12, function
+    columns = along(library, f"{code.name}_regressor", [q, *closed, dq, ddq], [n * b])
+    assert apart(columns.reshape(-1, n, b) @ numbers, model.torque(motion)) < 1e-9
+    found = along(library, f"{code.name}_forward_dynamics", [q, *closed, dq, tau], [n + 1])
+    assert apart(found[:, :n], accelerations) < 1e-9 and found[:, n].min() > 0.0
+
+
+def test_memory_on_a_closed_chain(tmp_path: Path) -> None:
+    robot = five_bar()
+    controller = controller_on(robot, REMEMBERING)
+    code, library = compiled(controller, tmp_path)
+    motion = wander(robot)
+    shifted = Motion(motion.t, motion.q + robot.assembly[:2], motion.dq, motion.ddq)
+    size = 2 + controller.n_memory
+    found = library.along(code.name, size, shifted.q, shifted.dq, shifted.ddq)
+    assert apart(found, torque_of(controller, shifted)) < 1e-12
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+@pytest.mark.parametrize("robot", [tree(), five_bar()], ids=lambda robot: robot.name)
+def test_compilers_and_sanitizers_find_nothing(
+    robot: Robot, precision: str, tmp_path: Path
+) -> None:
+    code = code_of(controller_on(robot, REMEMBERING, tuple(FUNCTIONS)), precision)  # type: ignore[arg-type]
+    source = written(code, tmp_path)
+    checked = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+    for command in (
+        (compiler(), "-std=c99", *STRICT, "-O2"),
+        (compiler("g++"), "-x", "c++", "-std=c++11", *STRICT),
+        (compiler(), "-std=c99", *STRICT, *checked),
+    ):
+        done = self_tested(source, *command)
+        assert done.returncode == 0 and not done.stderr, done.stdout + done.stderr
+        assert "0 values beyond" in done.stdout
+
+
+def test_the_self_test_finds_another_number(tmp_path: Path) -> None:
+    code = code_of(controller_on(tree(), DEFAULT_TERMS))
+    source = written(code, tmp_path)
+    text = source.read_text()
+    number = repr(float(code.controller.numbers[-1]))
+    assert number in text
+    source.write_text(text.replace(number, repr(1.001 * float(number))))
+    done = self_tested(source, compiler(), "-std=c99")
+    assert done.returncode == 1 and " 0 values beyond" not in done.stdout
+
+
+def test_only_the_mathematical_library_is_needed(tmp_path: Path) -> None:
+    source = written(code_of(controller_on(five_bar(), REMEMBERING)), tmp_path)
+    run_compiler(compiler(), "-std=c99", "-O2", "-c", source, "-o", tmp_path / "code.o")
+    command = ["nm", "-P", str(tmp_path / "code.o")]
+    lines = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+    symbols = [line.split()[:2] for line in lines]
+    assert {name for name, kind in symbols if kind == "U"} <= LIBM
+    assert {kind for _, kind in symbols} <= {"T", "t", "U", "r"}, "no variables outside functions"
+
+
+def test_values_of_variables_live_as_long_as_they_are_read() -> None:
+    from steelyard.kernel.program.program import Array as Input
+    from steelyard.kernel.program.source import variables_of
+    from steelyard.kernel.program.trace import symbolic
+
+    def chain(x: list) -> list:
+        total = x[0] * x[1]
+        for _ in range(50):
+            total = total * x[0] + x[1]
+        return [total]
+
+    program = symbolic(chain, [Input("x", 2)])
+    assert program.n_operations > 90 and variables_of(program)[1] == 1
+
+
+ODD = {
+    "robot": '2 "arms"*/ int main(){}??/',
+    "joints": ["Gelenk-1", "gelenk 1", "élbow\n/*", "关节"],
+}
+
+
+def test_odd_names_become_identifiers(tmp_path: Path) -> None:
+    robot = tree()
+    names = zip(ODD["joints"], robot.coordinates, strict=True)
+    odd = robot.changed(
+        name=ODD["robot"], coordinates=tuple(replace(c, name=name) for name, c in names)
+    )
+    code = code_of(controller_on(odd, DEFAULT_TERMS))
+    assert code.name == "robot_2_arms_int_main"
+    assert code.joints == ("gelenk_1", "gelenk_1_2", "elbow", "joint")
+    done = self_tested(written(code, tmp_path), compiler(), "-std=c99", *STRICT)
+    assert done.returncode == 0, done.stdout
+    assert code.header().isascii() and "Gelenk-1 [rad, Nm]" in code.header()
+
+
+def test_identifiers_differ_and_comments_stay_closed() -> None:
+    assert identifiers(["a", "A", "a_2", "a"], "x") == ("a", "a_2", "a_2_2", "a_3")
+    assert identifiers(["7", "", "--"], "joint") == ("joint_7", "joint", "joint_2")
+    assert commented("a */ b /* c ??/ \\ d\n") == "a * / b / * c ? ?/ / d"
+
+
+@pytest.mark.parametrize("make", [tree, geared, five_bar], ids=lambda make: make.__name__)
+def test_regrouped_bodies_make_the_same_torque(make: object) -> None:
+    robot = make()  # type: ignore[operator]
+    open_chain = robot.changed(coordinates=robot.joints, passive=(), loops=(), transmission=None)
+    model, motion = Model(open_chain, (RigidBody(),)), states(open_chain)
+    tens = robot.nominal
+    found = regrouped(robot, tens)
+    pair = [
+        model.at(Parameters(model.names, model.units, x.ravel())).torque(motion)
+        for x in (tens, found)
+    ]
+    assert apart(*pair) < 1e-12
+    assert (found != 0.0).sum() <= (tens != 0.0).sum() - 3 * len(robot.bodies)
+
+
+def test_removed_parameters_need_no_operations() -> None:
+    controller = controller_on(tree(), (RigidBody(), Coulomb()), ["torque"])
+    values = controller.values.as_dict() | {f"coulomb.{c.name}": 0.0 for c in tree().coordinates}
+    names, units = controller.values.names, controller.values.units
+    without = replace(controller, values=Parameters(names, units, [values[n] for n in names]))
+    bodies = controller_on(tree(), (RigidBody(),), ["torque"])
+    counts = [c.functions[0].program.n_operations for c in (without, bodies, controller)]
+    assert counts[0] == counts[1] < counts[2]
+    assert not any(name.startswith("coulomb") for name in without.parameters)
