@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from steelyard.identification.design import design_excitation as design_excitation
     from steelyard.identification.identify import identify as identify
     from steelyard.identification.parts import export as export
+    from steelyard.identification.parts import export_code as export_code
     from steelyard.identification.parts import information as information
     from steelyard.identification.parts import load_runs as load_runs
     from steelyard.identification.parts import model_of as model_of
@@ -67,6 +68,7 @@ _HOMES = {
     "design_excitation": "identification.design",
     "estimators": "estimation.register",
     "export": "identification.parts",
+    "export_code": "identification.parts",
     "identify": "identification.identify",
     "identify_payload": "identification.payload",
     "information": "identification.parts",

@@ -75,7 +75,9 @@ def test_an_open_chain_shows_in_the_closure_error(tmp_path: Path) -> None:
 
 
 def test_the_folder_of_c_says_what_it_is(tmp_path: Path) -> None:
-    written = write_code(identified_of(tree(), REMEMBERING), tmp_path / "c", "c", "float", (), ["tip"])
+    written = write_code(
+        identified_of(tree(), REMEMBERING), tmp_path / "c", "c", "float", (), ["tip"]
+    )
     assert sorted(path.name for path in (tmp_path / "c").iterdir()) == sorted(written.files)
     assert written.absent == ("torque", "friction", "regressor")
     header, readme = ((tmp_path / "c" / n).read_text() for n in ("tree.h", "README.md"))

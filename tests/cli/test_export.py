@@ -103,6 +103,24 @@ def test_numbers_go_into_the_original(
     assert text != original and "identified with steelyard 9.9.9" in text
 
 
+def test_code_for_controllers(
+    model: Path, command: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = command("export", model, "--to", "c", "--function", "mass", "--function", "torque")
+    assert done.exit_code == 0, done.output
+    name = "steelyard_demo_arm"
+    words = " ".join(done.stdout.split())
+    assert f"{name}-c: {name}.h, {name}.c, {name}_test.c, CMakeLists.txt, README.md" in words
+    assert "functions: mass, torque, pose, jacobian local variables: at most" in words
+    assert "double tau[6]);" in (tmp_path / f"{name}-c" / f"{name}.h").read_text()
+    done = command("export", model, "-o", tmp_path / "arm.py", "--json", "--frame", "forearm")
+    printed = json.loads(done.stdout)
+    assert printed["format"] == "python" and printed["files"] == ["arm.py"]
+    assert printed["functions"][-2:] == ["pose", "jacobian"] and printed["absent"] == []
+    compile((tmp_path / "arm.py").read_text(), "arm.py", "exec")
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -113,6 +131,13 @@ def test_numbers_go_into_the_original(
         (["--to", "mjcf", "--model", "demo_arm.toml", "-o", "a.xml"], "not into MJCF"),
         (["--to", "urdf", "--model", "nowhere.urdf", "-o", "a.urdf"], "no such file"),
         (["--to", "urdf", "-o", "nowhere/a.urdf"], "cannot be written"),
+        (["--to", "c", "-o", "a.py"], "would be C, but its name ends in '.py'"),
+        (["--to", "c", "--model", "demo_arm.toml"], "--model does not apply to C"),
+        (["-o", "a.py", "--precision", "float"], "--precision does not apply to Python"),
+        (["-o", "a.urdf", "--frame", "tool"], "--frame does not apply to URDF"),
+        (["-o", "a.xml", "--function", "mass"], "--function does not apply to MJCF"),
+        (["--to", "c", "--function", "masses"], "there is no function 'masses'"),
+        (["--to", "c", "--frame", "claw"], "there is no frame 'claw'"),
     ],
 )
 def test_mistakes_are_explained(

@@ -11,7 +11,6 @@ from steelyard.cli.options import Json
 
 if TYPE_CHECKING:
     from steelyard.application.controller.export import Written
-    from steelyard.application.export.content import Format
     from steelyard.application.export.export import Exported
 
 Kind = Literal["urdf", "mjcf", "c", "python"]
@@ -160,7 +159,7 @@ def _refuse(form: Kind, given: dict[str, object]) -> None:
     for option, value in given.items():
         if value:
             raise OutputError(
-                f"{option} does not apply to {form.upper()}",
+                f"{option} does not apply to {form.upper() if form != 'python' else 'Python'}",
                 where=option,
                 fix="leave it out" if form != "python" else "leave it out, or give --to c",
             )
@@ -216,22 +215,19 @@ def _tell_code(path: Path, form: Kind, written: "Written", as_json: bool) -> Non
     from rich.console import Console
     from rich.text import Text
 
-    names = [function.name for function in written.controller.functions if function.public]
-    if written.controller.memories:
-        names += ["start", "step"]
     if as_json:
         told = {
             "file": str(path),
             "format": form,
             "files": list(written.files),
-            "functions": names,
+            "functions": list(written.functions),
             "absent": list(written.absent),
             "identifiers": written.renamed,
             "stack_bytes": written.stack,
         }
         typer.echo(json.dumps(told))
         return
-    lines = [f"{path}: {', '.join(written.files)}", f"functions: {', '.join(names)}"]
+    lines = [f"{path}: {', '.join(written.files)}", f"functions: {', '.join(written.functions)}"]
     if written.stack is not None:
         lines.append(f"local variables: at most {written.stack} bytes a function")
     if written.absent:

@@ -4,6 +4,7 @@ import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from steelyard.application.controller.export import CodeFormat, write_code
 from steelyard.application.export.export import exported, refuse_changed
 from steelyard.arguments import checked
 from steelyard.errors import DataError, OutputError
@@ -15,6 +16,7 @@ from steelyard.files import whole_file
 from steelyard.identification.logs import log_files, runs_of, signals_of, with_friction
 from steelyard.identification.logs import model_of as model_with_open_friction
 from steelyard.identification.result import paths_of
+from steelyard.kernel.native.c99 import Precision
 from steelyard.measurement import Run
 from steelyard.model import Model
 from steelyard.progress import Progress, silent
@@ -159,3 +161,38 @@ def export(
         part.write_text(made.text, encoding="utf-8", newline="")
         refuse_changed(part, made)
     return tuple(made.unsupported)
+
+
+@checked()
+def export_code(
+    model: str | Path | IdentifiedModel,
+    path: str | Path,
+    to: CodeFormat = "c",
+    *,
+    precision: Precision = "double",
+    functions: Sequence[str] = (),
+    frames: Sequence[str] = (),
+) -> tuple[str, ...]:
+    """Write an identified model as code for controllers.
+
+    Args:
+        model: The model, its `model.json`, or the folder that holds it.
+        path: Folder (C) or file (Python) to make; it must not exist.
+        to: `c` or `python`, a file that needs NumPy alone.
+        precision: Type of numbers in C.
+        functions: Names of functions, such as `torque` and `mass`; the usual ones if empty.
+        frames: Names of frames whose pose and Jacobian are wanted; those at the ends if empty.
+
+    Returns:
+        Names of the functions.
+
+    Raises:
+        SteelyardError: Drive gains are unknown, the model lacks the weight, there is no such
+            function or frame, or the path exists.
+
+    Example:
+        >>> export_code(load_model("arm-model"), "arm-c", functions=["torque"])
+        ('torque', 'pose', 'jacobian')
+    """
+    written = write_code(load_model(model), Path(path), to, precision, functions, frames)
+    return written.functions

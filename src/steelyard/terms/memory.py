@@ -139,7 +139,7 @@ class Presliding(ActsOnAxes, StatefulTerm):
         rows = np.array([axis.row for axis in axes])
         q, speeds = rows @ samples.q, rows @ samples.dq
         if memory is None:
-            memory = Memory(q[:, 0], np.array(_begun(speeds[:, 0], self.lengths_of(axes))))
+            memory = Memory(q[:, 0], np.array(_begun(list(speeds[:, 0]), self.lengths_of(axes))))
         moved = np.diff(q, axis=1, prepend=memory.q[:, None])
         steps = self.steps(axes, list(moved), list(speeds))
         shape = len(steps), q.shape[1]

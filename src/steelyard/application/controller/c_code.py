@@ -120,7 +120,9 @@ class CCode:
 
     def _joint_numbers(self) -> list[str]:
         upper = self.name.upper()
-        numbers = [f"    {upper}_JOINT_{joint.upper()} = {k}" for k, joint in enumerate(self.joints)]
+        numbers = [
+            f"    {upper}_JOINT_{joint.upper()} = {k}" for k, joint in enumerate(self.joints)
+        ]
         return [
             f"#define {upper}_JOINTS {len(self.joints)}",
             "",

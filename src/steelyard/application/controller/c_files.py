@@ -58,8 +58,8 @@ def _readme(code: CCode) -> str:
     return f"""\
 # Dynamics of {commented(robot.name)} in C
 
-{name}.h and {name}.c compute in {real} precision what the identified model computes. They are C99 and
-C++, need `<math.h>` only, allocate no memory and keep no variables between calls.
+{name}.h and {name}.c compute in {real} precision what the identified model computes. They are C99
+and C++, need `<math.h>` only, allocate no memory and keep no variables between calls.
 
     cmake -B build && cmake --build build && ctest --test-dir build
     cc -std=c99 -O2 {name}.c {name}_test.c -lm -o {name}_test && ./{name}_test
@@ -77,14 +77,15 @@ mathematical libraries differ in theirs: compare with a tolerance, as the test d
 |---|---|---|---|
 {functions}
 
-- Angles are in rad, prismatic positions in m, velocities and accelerations in the same units per s and
-  s²; efforts in Nm and N. Matrices are stored row by row. Results must not overlap arguments.
-- Arguments are not checked. Angles beyond 1e5 rad lose digits in any implementation of sine and cosine
-  that does not reduce them exactly, and Python refuses them; a number that is not finite gives results
-  that are not finite.
-- Base parameters that are zero, removed or not identified, are left out; the header lists the others.
-- Feedforward takes friction from the desired velocity: friction of the measured velocity changes sign
-  with its noise.
+- Angles are in rad, prismatic positions in m, velocities and accelerations in the same units per s
+  and s²; efforts in Nm and N. Matrices are stored row by row. Results must not overlap arguments.
+- Arguments are not checked. Beyond 1e5 rad sine and cosine lose digits where a library does not
+  reduce angles exactly; Python refuses such angles. A number that is not finite gives results that
+  are not finite.
+- Base parameters that are zero, removed or not identified, are left out; the header lists the
+  others.
+- Feedforward takes friction from the desired velocity: friction of the measured velocity changes
+  sign with its noise.
 {_closed(code)}{_memory(code)}"""
 
 
@@ -92,17 +93,24 @@ def _closed(code: CCode) -> str:
     if not code.state.passive:
         return ""
     return f"""\
-- Closed chains: positions are those of the driven joints. `{code.name}_follow` finds the passive joints at
-  the first sample, `{code.name}_close` at every further one, from those of the sample before; both
-  return the closure error. A passive joint must not move by more than about 0.5 rad between two samples.
+- Closed chains: positions are those of the driven joints. `{code.name}_follow` finds the passive
+  joints at the first sample, `{code.name}_close` at every further one, from those of the sample
+  before; both return the closure error. A passive joint must not move by more than about 0.5 rad
+  between two samples.
 """
 
 
 def _memory(code: CCode) -> str:
     if not code.state.memory:
         return ""
+    rounding = ""
+    if code.precision == "float":
+        rounding = (
+            "\n  In single precision the rate of a bristle (LuGre) is a small difference of large "
+            "numbers,\n  good to some 1e-5."
+        )
     return f"""\
-- Friction remembers the motion: `{code.name}_start` and `{code.name}_step` compute the efforts of consecutive
-  samples. There is no function of one sample alone for the torque of all terms, for friction and for
-  the regressor: without the state they are not defined.
+- Friction remembers the motion: `{code.name}_start` and `{code.name}_step` compute the efforts of
+  consecutive samples. There is no function of one sample alone for the torque of all terms, for
+  friction and for the regressor: without the state they are not defined.{rounding}
 """

@@ -53,10 +53,8 @@ class StateCode:
 
     def _closing_signatures(self) -> tuple[str, str]:
         real, q = self.precision, f"const {self.precision} q[{self.n}]"
-        return tuple(  # type: ignore[return-value]
-            f"{real} {self.name}_{what}({q}, {real} passive[{self.passive}])"
-            for what in ("close", "follow")
-        )
+        arguments = f"({q}, {real} passive[{self.passive}])"
+        return f"{real} {self.name}_close{arguments}", f"{real} {self.name}_follow{arguments}"
 
     def _closing_declared(self) -> list[str]:
         if not self.passive:

@@ -73,8 +73,8 @@ static void compare(const {real} *found, const {real} *expected, int count)
 int main(void)
 {{
     int k;
-{"".join(checks)}    printf("{name}: %d values beyond %.3g, largest error %.3g\\n", wrong, (double)allowed,
-           (double)worst);
+{"".join(checks)}    printf("{name}: %d values beyond %.3g, largest error %.3g\\n",
+           wrong, (double)allowed, (double)worst);
     return wrong == 0 ? 0 : 1;
 }}
 """
@@ -129,9 +129,8 @@ def _table(code: CCode, name: str, array: Array) -> str:
     """Rows of samples of an array of shape `(entries, N)`."""
     rows = [", ".join(literal(float(x), code.precision) for x in row) for row in array.T]
     body = ",\n".join(f"    {{{row}}}" for row in rows)
-    return (
-        f"static const {code.precision} {name}[{array.shape[1]}][{len(array)}] = {{\n{body}\n}};\n\n"
-    )
+    head = f"static const {code.precision} {name}[{array.shape[1]}][{len(array)}]"
+    return f"{head} = {{\n{body}\n}};\n\n"
 
 
 def _zero(code: CCode) -> str:

@@ -11,6 +11,7 @@ from steelyard.application.controller.functions import Controller
 from steelyard.application.controller.identifiers import identifier, identifiers
 from steelyard.application.controller.prepare import absent, controller_of, origin_of
 from steelyard.application.controller.python_code import python_code
+from steelyard.errors import OutputError
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.files import whole_file, whole_folder
 from steelyard.kernel.native.c99 import Precision
@@ -38,6 +39,12 @@ class Written:
     absent: tuple[str, ...]
     stack: int | None = None
 
+    @property
+    def functions(self) -> tuple[str, ...]:
+        """Names of the functions; `start` and `step` where friction has memory."""
+        names = (function.name for function in self.controller.functions if function.public)
+        return (*names, *(("start", "step") if self.controller.memories else ()))
+
 
 def write_code(
     identified: IdentifiedModel,
@@ -61,6 +68,12 @@ def write_code(
         SteelyardError: The model is not of use to controllers, there is no such function or
             frame, or the files cannot be written.
     """
+    if path.exists():
+        raise OutputError(
+            "the file exists already",
+            where=str(path),
+            fix="name another one, or remove it",
+        )
     controller = controller_of(identified, functions, frames)
     lacking, origin = absent(controller), origin_of(identified)
     renamed = _renamed(controller)

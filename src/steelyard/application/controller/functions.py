@@ -31,7 +31,6 @@ from steelyard.model import Model
 from steelyard.parameters import Parameters
 from steelyard.regression.base import base_parameters
 from steelyard.terms.memory import Presliding
-from steelyard.terms.term import Term, channels_of
 
 Outputs = tuple[tuple[str, tuple[int, ...]], ...]
 

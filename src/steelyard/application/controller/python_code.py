@@ -4,7 +4,6 @@ from steelyard.application.controller.c_code import joint_lines
 from steelyard.application.controller.c_state import CONVERGED, STRETCHES
 from steelyard.application.controller.functions import Controller, Function
 from steelyard.application.controller.identifiers import commented, identifiers
-from steelyard.kernel.program.program import Program
 from steelyard.kernel.program.source import Syntax, source_of
 from steelyard.kernel.quantities.passive_joints import ITERATIONS
 from steelyard.robot.loop_equations import loop_equations
@@ -48,12 +47,12 @@ def python_code(controller: Controller, origin: tuple[str, ...]) -> str:
         "Joints in the order of all arrays, units of position and effort:",
         *joint_lines(robot.coordinates),
         "",
-        "Arguments are one state, shape (n,), or one a row, (N, n); results have the same first axis.",
+        "Arguments are one state, shape (n,), or one a row, (N, n); results likewise.",
     ]
     parts = [
         '"""' + "\n".join(_spaced(line) for line in head).strip() + '\n"""',
         "import numpy as np",
-        f"JOINTS = {robot.joint_names!r}".encode("ascii", "backslashreplace").decode(),
+        f"JOINTS = {robot.joint_names!r}",
         *(_function(name, f) for name, f in zip(names, listed, strict=True)),
     ]
     if "regressor" in names:
@@ -73,7 +72,9 @@ def _function(name: str, function: Function) -> str:
     sizes = [size for _, size in function.sizes]
     places = [f"found[{k}]" for k in range(sum(sizes))]
     lines = source_of(function.program, places, SYNTAX).lines
-    moved = "\n".join(f"    {x} = np.moveaxis(np.asarray({x}, dtype=float), -1, 0)" for x in arguments)
+    moved = "\n".join(
+        f"    {x} = np.moveaxis(np.asarray({x}, dtype=float), -1, 0)" for x in arguments
+    )
     results, first = [], 0
     for (_, shape), size in zip(function.outputs, sizes, strict=True):
         part = f"np.moveaxis(found[{first}:{first + size}], 0, -1)"
@@ -88,13 +89,15 @@ def {hidden}{name}({", ".join(arguments)}):
     \"\"\"{commented(function.meaning)}: {commented(shapes)}.\"\"\"
 {moved}
     found = np.zeros(({sum(sizes)}, *q.shape[1:]))
-{chr(10).join(_nonzero(function.program, lines))}
+{chr(10).join(_nonzero(lines))}
     return {", ".join(results)}"""
 
 
-def _nonzero(program: Program, lines: tuple[str, ...]) -> list[str]:
+def _nonzero(lines: tuple[str, ...]) -> list[str]:
     """Lines without those that store a zero where zeros are."""
-    return [line for line in lines if not (line.startswith("    found[") and line.endswith("= 0.0"))]
+    return [
+        line for line in lines if not (line.startswith("    found[") and line.endswith("= 0.0"))
+    ]
 
 
 def _closing(controller: Controller) -> str:
@@ -103,7 +106,7 @@ def _closing(controller: Controller) -> str:
     n = robot.n
     return f"""\
 def close(q, passive):
-    \"\"\"Passive joints (shape of passive) at q (n,) from those nearby, and the closure error [m].\"\"\"
+    \"\"\"Passive joints at q (n,) from those nearby, and the closure error [m].\"\"\"
     passive = np.asarray(passive, dtype=float)
     for _ in range({ITERATIONS}):
         nearer, _ = _newton(q, passive)
@@ -115,8 +118,8 @@ def close(q, passive):
 
 
 def follow(q):
-    \"\"\"Passive joints at q (n,), straight from the reference configuration, and the closure error.\"\"\"
-    start, passive, gap = np.array({reference[:n].tolist()!r}), np.array({reference[n:].tolist()!r}), 0.0
+    \"\"\"Passive joints at q (n,), from the reference configuration, and the closure error.\"\"\"
+    start, passive = np.array({reference[:n].tolist()!r}), np.array({reference[n:].tolist()!r})
     for share in np.arange(1, {STRETCHES + 1}) / {STRETCHES}.0:
         passive, gap = close(start + share * (np.asarray(q, dtype=float) - start), passive)
     return passive, gap"""
@@ -131,7 +134,7 @@ def _state(controller: Controller) -> str:
     )
     return f"""\
 class State:
-    \"\"\"Efforts of the whole model [Nm; N] at consecutive samples: its friction remembers the motion.
+    \"\"\"Efforts of the whole model [Nm; N] at consecutive samples: friction remembers the motion.
 
     Start with the first sample, then step with every sample, the first one included.
     \"\"\"
