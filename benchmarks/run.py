@@ -51,6 +51,7 @@ from steelyard.terms.laws.viscous import Viscous  # noqa: E402
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 from design import designs  # noqa: E402
+from quantities import quantities  # noqa: E402
 
 from cvxpy_oracle import cvxpy_problem, solved  # noqa: E402
 from oracles import pinocchio_model  # noqa: E402
@@ -371,6 +372,7 @@ def main() -> int:
     found = base_regressor(seven_joints())
     rows = [
         *cold_rows(),
+        *quantities(best, found.model),
         *regressor_rows(found),
         *solution_rows(found, 5_000),
         *solution_rows(found, 100_000),

@@ -64,8 +64,15 @@ def numbers(name: str, values: ArrayLike, shapes: Sequence[tuple[int | None, ...
     Raises:
         DataError: It has none of them, or holds what is no finite number.
     """
+    array = frozen(shaped(name, values, shapes))
+    check_finite(name, array)
+    return array
+
+
+def shaped(name: str, values: ArrayLike, shapes: Sequence[tuple[int | None, ...]]) -> Array:
+    """As `numbers`, of any numbers, and no copy of what is an array of them already."""
     try:
-        array = frozen(values)
+        array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise DataError(
             f"'{name}' is no array of numbers: {error}",
@@ -84,13 +91,21 @@ def numbers(name: str, values: ArrayLike, shapes: Sequence[tuple[int | None, ...
             where="samples of a motion",
             fix=f"give {accepted} numbers: rows are samples, columns are joints",
         )
+    return array
+
+
+def check_finite(name: str, array: Array) -> None:
+    """No NaN and no infinity in samples of a motion.
+
+    Raises:
+        DataError: There is one.
+    """
     if not np.isfinite(array).all():
         raise DataError(
             f"'{name}' holds a value that is not finite",
             where="samples of a motion",
             fix="leave out samples without a number",
         )
-    return array
 
 
 def sample_times(t: ArrayLike) -> Array:

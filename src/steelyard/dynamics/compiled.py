@@ -12,7 +12,7 @@ from steelyard.dynamics.quantity import Quantity
 from steelyard.errors import DataError
 from steelyard.kernel.native.compiled import Code
 from steelyard.kernel.native.vector_ir import MAX_ANGLE
-from steelyard.motion import numbers
+from steelyard.motion import check_finite, shaped
 from steelyard.terms.scan import Scan
 
 BLOCK = 4096
@@ -49,22 +49,32 @@ class CompiledQuantity:
             t: Times, for messages, shape `(N,)`.
         """
         n, names = self.part.robot.n, self.quantity.arguments
-        first = numbers(names[0], arguments[0], [(n,), (None, n)])
+        first = shaped(names[0], arguments[0], [(n,), (None, n)])
         rest = zip(names[1:], arguments[1:], strict=True)
-        given = [first, *(numbers(name, x, [first.shape]) for name, x in rest)]
-        check_angles(first)
-        rows = [np.atleast_2d(x).T for x in given]
-        shape = self.quantity.shape(self.part)
-        result = np.empty((rows[0].shape[1], *shape))
+        given = [first, *(shaped(name, x, [first.shape]) for name, x in rest)]
+        rows = [np.atleast_2d(x) for x in given]
+        result = np.empty((len(rows[0]), self.code.n_outputs))
         scan, shared = self.part.scan(), [*(False for _ in names), False, True]
+        parameters = values[self.columns]
         for start in range(0, len(result), BLOCK):
             part = slice(start, start + BLOCK)
-            block = [x[:, part] for x in rows]
+            self.check_arguments([x[part] for x in rows])
+            block = [x[part].T for x in rows]
             channels = self.channels(scan, block, None if t is None else t[part])
-            entries = self.code([*block, channels, values[self.columns]], shared)
-            result[part] = entries.T.reshape(-1, *shape)
-        self.check(first.reshape(-1, n), result)
-        return result.reshape(*first.shape[:-1], *shape)
+            entries = self.code([*block, channels, parameters], shared)
+            self.check(rows[0][part], entries.T)
+            result[part] = entries.T
+        return result.reshape(*first.shape[:-1], *self.quantity.shape(self.part))
+
+    def check_arguments(self, arguments: Sequence[Array]) -> None:
+        """No argument is beyond what the machine code computes with.
+
+        Raises:
+            DataError: A value is not finite, or a position beyond 1e5 rad.
+        """
+        for name, x in zip(self.quantity.arguments, arguments, strict=True):
+            check_finite(name, x)
+        check_angles(arguments[0])
 
     def channels(self, scan: Scan, block: Sequence[Array], t: Array | None = None) -> Array:
         """Channels of consecutive samples; velocities and accelerations not given are zero.
@@ -85,7 +95,7 @@ class CompiledQuantity:
 
         Args:
             q: Positions, shape `(N, n)`.
-            entries: The quantity there, the first axis of `N`.
+            entries: The quantity there, shape `(N, entries)`.
 
         Raises:
             DataError: A value is not finite, or a mass matrix not positive definite.

@@ -6,15 +6,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.arrays import Array
-from steelyard.dynamics.compiled import CompiledQuantity, check_angles
+from steelyard.dynamics.compiled import CompiledQuantity
 from steelyard.dynamics.dynamics import Dynamics
 from steelyard.dynamics.quantity import TORQUE, Quantity
 from steelyard.errors import DataError
 from steelyard.kernel.native.vector_ir import MAX_ANGLE
-from steelyard.motion import numbers
 from steelyard.robot.robot import Robot
 
-_SMALL = MAX_ANGLE**2
+_SMALL = np.float64(MAX_ANGLE**2)
 """Sum of squares below which no position is too large for the machine code."""
 
 
@@ -83,51 +82,42 @@ class _Sample:
 
     def __init__(self, compiled: CompiledQuantity, values: Array) -> None:
         code, part, quantity = compiled.code, compiled.part, compiled.quantity
-        n, count = part.robot.n, len(quantity.arguments)
-        spare = code.lanes - 1
-        self._compiled, self._code, self._pivot = compiled, code, quantity.pivot
+        n, count, spare = part.robot.n, len(quantity.arguments), code.lanes - 1
+        self._compiled, self._joints, self._pivot = compiled, (n,), quantity.pivot
         self._given = np.zeros(count * n + spare)
         self._rows = [self._given[k * n : (k + 1) * n] for k in range(count)]
-        self._joints, self._shape = (n,), quantity.shape(part)
         self._channels = np.zeros(part.n_channels + spare)
-        self._seen = self._channels[: part.n_channels]
         self._scan = part.scan() if part.n_channels else None
+        self._result = np.zeros(quantity.shape(part))
+        self._lanes = np.zeros((code.n_outputs, code.lanes))
         self._parameters = np.ascontiguousarray(values[compiled.columns])
-        self._output = np.zeros((code.n_outputs, code.lanes))
-        self._entries = self._output[:, 0]
         self._addresses = np.array(
             [
                 code.lanes,
                 *(x for row in self._rows for x in (row.ctypes.data, 1)),
                 *(self._channels.ctypes.data, 1, self._parameters.ctypes.data, 0),
-                *(self._output.ctypes.data, code.lanes),
-            ],
-            dtype=np.int64,
+                *(self._lanes.ctypes.data, code.lanes, self._given.ctypes.data, count * n),
+                *(self._result.ctypes.data, code.n_outputs, _SMALL.view(np.int64)),
+            ]
         )
-        self._call, self._place = code.sample, self._addresses.ctypes.data
+        self._place, self._call = self._addresses.ctypes.data, code.sample
 
     def __call__(self, arguments: Sequence[ArrayLike], t: Array | None) -> Array:
         for row, values in zip(self._rows, arguments, strict=True):
-            given = np.asarray(values)
-            if given.shape != self._joints or given.dtype.kind not in "iuf":
-                raise self._misfit(given)
-            row[:] = given
-        if not self._given.dot(self._given) < _SMALL:
-            self._check()
+            x = np.asarray(values)
+            if x.shape != self._joints or x.dtype.kind not in "iuf":
+                raise self._misfit(x)
+            row[...] = x
         if self._scan is not None:
+            if not self._given.dot(self._given) < _SMALL:
+                self._compiled.check_arguments(self._rows)
             block = [row[:, None] for row in self._rows]
-            self._seen[:] = self._compiled.channels(self._scan, block, t)[:, 0]
-        self._call(self._place)
-        found = self._entries.copy()
-        if not found.dot(found) < np.inf or self._pivot and not found[-1] > 0.0:
-            self._compiled.check(self._rows[0][None], found[None])
-        return found.reshape(self._shape)
-
-    def _check(self) -> None:
-        """Name the argument that is too large or not finite."""
-        check_angles(self._rows[0])
-        for name, row in zip(self._compiled.quantity.arguments, self._rows, strict=True):
-            numbers(name, row, [self._joints])
+            channels = self._compiled.channels(self._scan, block, t)[:, 0]
+            self._channels[: len(channels)] = channels
+        if not self._call(self._place) or self._pivot and not self._result[-1] > 0.0:
+            self._compiled.check_arguments(self._rows)
+            self._compiled.check(self._rows[0][None], self._result.reshape(1, -1))
+        return self._result.copy()
 
     def _misfit(self, given: Array) -> DataError:
         return DataError(

@@ -26,7 +26,7 @@ class Code:
         lanes: Samples per vector instruction; sample counts of `raw` are multiples of it.
         raw: `raw(N, x0, ld0, ..., y, ldy)`, addresses and strides in numbers of doubles.
         fused: `fused(N, x0, ld0, ..., B, y, ldy, tiles, n_tiles, sums, rows, absolute)`.
-        sample: `sample(arguments)`: the address of the arguments of `raw`, 64 bits each.
+        sample: `sample(arguments)`, see `native_loops.sample`.
     """
 
     about: dict[str, Any]
@@ -97,7 +97,7 @@ def compiled(description: Any, build: Callable[[], tuple[Program, dict[str, Any]
         lanes=lanes,
         raw=library.function("program", 2 * n_inputs + 3),
         fused=library.function("fused", 2 * n_inputs + 9),
-        sample=library.function("sample", 1, alone=False),
+        sample=library.function("sample", 1, answers=True),
     )
 
 

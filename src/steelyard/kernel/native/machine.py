@@ -57,17 +57,22 @@ class Library:
             self._tracker = builder.link(_compiler(), f"steelyard{next(_NUMBER)}")
             self._addresses = {symbol: int(self._tracker[symbol]) for symbol in symbols}
 
-    def function(self, symbol: str, n_arguments: int, alone: bool = True) -> Any:
+    def function(self, symbol: str, n_arguments: int, answers: bool = False) -> Any:
         """A callable of 64-bit integers and addresses.
 
         Args:
             symbol: Name of the function.
             n_arguments: Number of its arguments.
-            alone: Whether it runs without the interpreter's lock, so that other threads do too;
-                to give the lock away takes longer than a function of a microsecond.
+            answers: Whether it returns an integer; it keeps the interpreter's lock then, which
+                takes longer to give away than a function of a microsecond. Others run beside other
+                threads.
         """
-        prototypes = ctypes.CFUNCTYPE if alone else ctypes.PYFUNCTYPE
-        prototype = prototypes(None, *[ctypes.c_int64] * n_arguments)
+        arguments = [ctypes.c_int64] * n_arguments
+        prototype = (
+            ctypes.PYFUNCTYPE(ctypes.c_int64, *arguments)
+            if answers
+            else ctypes.CFUNCTYPE(None, *arguments)
+        )
         function = prototype(self._addresses[symbol])
         function.loaded_from = self  # type: ignore[attr-defined]
         return function

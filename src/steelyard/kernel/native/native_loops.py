@@ -226,20 +226,60 @@ ret void
 
 
 def sample(n_inputs: int, name: str = "sample") -> str:
-    """The program with its arguments from memory: calls from Python cost least with one argument.
+    """The program at one sample, with its arguments from memory, and a look at the numbers.
 
-    `void sample(arguments)`, 64-bit integers and addresses in the order of those of `program`.
+    `i64 sample(arguments)`, 64 bits each: the arguments of `program`; all numbers that are given
+    and how many; where the output's first lane goes and its length; the largest sum of squares of
+    the given numbers. Returns whether that sum is smaller and all results are finite: from Python
+    one call of one argument costs least.
     """
     kinds = ["i64", *["ptr", "i64"] * (n_inputs + 1)]
     loads = "\n".join(
         f"%p{k} = getelementptr i64, ptr %a, i64 {k}\n%v{k} = load {kind}, ptr %p{k}"
-        for k, kind in enumerate(kinds)
+        for k, kind in enumerate([*kinds, "ptr", "i64", "ptr", "i64", "double"])
     )
     passed = ", ".join(f"{kind} %v{k}" for k, kind in enumerate(kinds))
-    return f"""define void @{name}(ptr %a) {{
+    y, ly, given, n_given, result, n_result, limit = (
+        f"%v{k}" for k in range(len(kinds) - 2, len(kinds) + 5)
+    )
+    return f"""define i64 @{name}(ptr %a) {{
+entry:
 {loads}
 call void @program({passed})
-ret void
+br label %in
+in:
+%i = phi i64 [0, %entry], [%i1, %add]
+%s = phi double [0.0, %entry], [%s1, %add]
+%more = icmp slt i64 %i, {n_given}
+br i1 %more, label %add, label %out
+add:
+%gi = getelementptr double, ptr {given}, i64 %i
+%g = load double, ptr %gi
+%gg = fmul double %g, %g
+%s1 = fadd double %s, %gg
+%i1 = add i64 %i, 1
+br label %in
+out:
+%k = phi i64 [0, %in], [%k1, %copy]
+%t = phi double [0.0, %in], [%t1, %copy]
+%left = icmp slt i64 %k, {n_result}
+br i1 %left, label %copy, label %done
+copy:
+%ky = mul i64 %k, {ly}
+%yk = getelementptr double, ptr {y}, i64 %ky
+%r = load double, ptr %yk
+%rk = getelementptr double, ptr {result}, i64 %k
+store double %r, ptr %rk
+%rr = fmul double %r, %r
+%t1 = fadd double %t, %rr
+%k1 = add i64 %k, 1
+br label %out
+done:
+%small = fcmp olt double %s, {limit}
+%finite = fcmp olt double %t, 0x7FF0000000000000
+%sound = and i1 %small, %finite
+%answer = zext i1 %sound to i64
+ret i64 %answer
 }}
 """
 
