@@ -71,19 +71,19 @@ def motions(best: Best, valued: ValuedModel) -> list[Row]:
     oracle = pinocchio_model(valued.robot)
     data = oracle.createData()
     q, dq, ddq = np.random.default_rng(2).normal(size=(3, SAMPLES, valued.robot.n))
+    samples = list(zip(q, dq, ddq, strict=True))
+
+    def loop(call: Callable[..., object], count: int) -> Callable[[], None]:
+        def work() -> None:
+            for sample in samples:
+                call(oracle, data, *sample[:count])
+
+        return work
+
     pairs = {
-        "torque": (
-            lambda: valued.torque(q, dq, ddq),
-            lambda: [pin.rnea(oracle, data, *x) for x in zip(q, dq, ddq, strict=True)],
-        ),
-        "mass matrix": (
-            lambda: valued.mass_matrix(q),
-            lambda: [pin.crba(oracle, data, x) for x in q],
-        ),
-        "forward dynamics": (
-            lambda: valued.forward_dynamics(q, dq, ddq),
-            lambda: [pin.aba(oracle, data, *x) for x in zip(q, dq, ddq, strict=True)],
-        ),
+        "torque": (lambda: valued.torque(q, dq, ddq), loop(pin.rnea, 3)),
+        "mass matrix": (lambda: valued.mass_matrix(q), loop(pin.crba, 1)),
+        "forward dynamics": (lambda: valued.forward_dynamics(q, dq, ddq), loop(pin.aba, 3)),
     }
     rows: list[Row] = []
     for name, (ours, theirs) in pairs.items():

@@ -15,7 +15,9 @@ from steelyard.kernel.native.vector_ir import MAX_ANGLE
 from steelyard.motion import check_finite, shaped
 from steelyard.terms.scan import Scan
 
-BLOCK = 4096
+BLOCK = 2040
+"""Samples computed at once: an odd number of cache lines, or all rows would share a few places of
+the cache."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -71,6 +71,8 @@ class Cutoffs:
 class IdentifiedModel(Dynamics):
     """A model with estimated values, and how to read logs of its robot.
 
+    It computes all quantities of `Dynamics`, such as `torque(motion)` and `mass_matrix(q)`.
+
     Attributes:
         model: Robot and terms.
         base: Structural base parameters.
