@@ -38,6 +38,7 @@ ORDER = (
     ("validation",),
     ("diagnosis",),
     ("application",),
+    ("control",),
     ("virtual",),
     ("report",),
     ("identification",),

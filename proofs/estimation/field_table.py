@@ -28,6 +28,7 @@ from time import perf_counter
 import numpy as np
 from proofs.support.claims import Claim, main_of
 
+from steelyard.arrays import Array
 from steelyard.errors import DataError
 from steelyard.estimation.closed_loop.experiment import Experiment, Loop
 from steelyard.estimation.estimate import Estimate
@@ -161,7 +162,12 @@ def scores(
     """All estimators on one log."""
     here = bench()
     run, motion = prepared(recording, cutoff), random_fourier(here.robot, seed=seed, period=PERIOD)
-    loop = Loop(here.rig.control, lambda t: here.rig.wanted(motion, t))
+
+    def wanted(t: Array) -> tuple[Array, Array]:
+        goal = here.rig.wanted(motion, t)
+        return goal.q, goal.dq
+
+    loop = Loop(here.rig.tuned, wanted)
     experiment = Experiment.of_runs(here.regressor, [run], [loop])
     data = {
         "information": experiment.information,

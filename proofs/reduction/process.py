@@ -27,10 +27,12 @@ from steelyard.estimation.reduction.rules import Tolerance
 from steelyard.estimation.reduction.state import State
 from steelyard.excitation.from_tables import limits_of
 from steelyard.excitation.planned.plans import planned
+from steelyard.excitation.trajectories.exact import ExactTrajectory
 from steelyard.identification.parts import model_of
 from steelyard.regression.regressor import Regressor, base_regressor
 from steelyard.regression.samples import Samples
 from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
+from steelyard.robot.robot import Robot
 from steelyard.robot_file.file import load_robot
 
 PICK = """kind = "pick_and_place"
@@ -59,13 +61,11 @@ where the paper's error is above that of predicting zero."""
 LENGTHS = (0.3, 0.75, 0.3, 0.6, 0.15, 0.1)
 
 
-@cache
-def columns() -> tuple[Regressor, Array, tuple[str, ...]]:
-    """Columns of the arm, true base values, and names of those that symmetry leaves."""
-    regressor = base_regressor(model_of(PROBLEMS / "welder_full.toml"))
+def true_values(robot: Robot) -> dict[str, float]:
+    """True standard parameters of the arm, by name."""
     random = np.random.default_rng(7)
-    standard = dict.fromkeys(regressor.base.names, 0.0)
-    bodies = [body.name for body in regressor.model.robot.bodies]
+    standard: dict[str, float] = {}
+    bodies = [body.name for body in robot.bodies]
     for number, (name, mass, length) in enumerate(zip(bodies, MASSES, LENGTHS, strict=True)):
         com = np.array([0.4 * length, 0.0, 0.1 * length]) * random.uniform(0.6, 1.2, 3)
         spread = mass * length**2 / 12.0 * random.uniform(0.5, 1.2, 3) + 0.01
@@ -77,13 +77,40 @@ def columns() -> tuple[Regressor, Array, tuple[str, ...]]:
         for kind, value in zip(INERTIAL_NAMES, ten, strict=True):
             standard[f"{kind}.{name}"] = float(value)
     effort = np.array([70.0, 110.0, 45.0, 8.0, 5.0, 3.0])
-    for joint, size in zip(regressor.layout.rows, effort, strict=True):
+    for joint, size in zip(robot.joint_names, effort, strict=True):
         standard[f"coulomb.{joint}"] = 0.5 * size
         standard[f"viscous.{joint}"] = 0.4 * size
+    return standard
+
+
+@cache
+def columns() -> tuple[Regressor, Array, tuple[str, ...]]:
+    """Columns of the arm, true base values, and names of those that symmetry leaves."""
+    regressor = base_regressor(model_of(PROBLEMS / "welder_full.toml"))
+    standard = true_values(regressor.model.robot)
     values = regressor.base.base_values([standard[name] for name in regressor.base.names])
     names = regressor.layout.columns
     left = tuple(n for n, value in zip(names, values, strict=True) if abs(value) > 1e-9)
     return regressor, values, left
+
+
+def planned_motion(motion: str, seed: int) -> ExactTrajectory:
+    """The motion of a process.
+
+    Args:
+        motion: Table of the motion.
+        seed: Same seed, same points.
+    """
+    text = (PROBLEMS / "welder_full.toml").read_text(encoding="utf-8")
+    head, _, tail = text.partition("[excitation.motion]\n")
+    rest = tail[tail.index("\n[") + 1 :]
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "process.toml"
+        file.write_text(f"{head}[excitation.motion]\n{motion}\n{rest}", encoding="utf-8")
+        loaded = load_robot(file)
+        limits = limits_of(loaded.robot, loaded.excitation.limits)
+        trajectory, _notes = planned(loaded, limits, seed)
+    return trajectory
 
 
 def recorded(motion: str, shares: tuple[float, ...], seed: int) -> Samples:
@@ -95,15 +122,7 @@ def recorded(motion: str, shares: tuple[float, ...], seed: int) -> Samples:
         seed: Same seed, same points and noise.
     """
     regressor, values, _ = columns()
-    text = (PROBLEMS / "welder_full.toml").read_text(encoding="utf-8")
-    head, _, tail = text.partition("[excitation.motion]\n")
-    rest = tail[tail.index("\n[") + 1 :]
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "process.toml"
-        file.write_text(f"{head}[excitation.motion]\n{motion}\n{rest}", encoding="utf-8")
-        loaded = load_robot(file)
-        limits = limits_of(loaded.robot, loaded.excitation.limits)
-        trajectory, _notes = planned(loaded, limits, seed)
+    trajectory = planned_motion(motion, seed)
     found = trajectory.sample(np.arange(0.0, trajectory.duration, STEP))
     states = np.array([found.q.T, found.dq.T, found.ddq.T])
     exact = regressor.dense(*states) @ values

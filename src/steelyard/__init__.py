@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from steelyard.identification.check import check as check
     from steelyard.identification.compare import compare as compare
     from steelyard.identification.design import design_excitation as design_excitation
+    from steelyard.identification.feedforward import feedforward as feedforward
     from steelyard.identification.identify import identify as identify
     from steelyard.identification.parts import export as export
     from steelyard.identification.parts import export_code as export_code
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from steelyard.identification.reduce import reduce as reduce
     from steelyard.identification.reduction_loop import reduction_loop as reduction_loop
     from steelyard.identification.simulate import simulate as simulate
+    from steelyard.identification.track import track as track
     from steelyard.identification.validate import validate as validate
     from steelyard.measurement.run import Run as Run
     from steelyard.model import Model as Model
@@ -69,6 +71,7 @@ _HOMES = {
     "estimators": "estimation.register",
     "export": "identification.parts",
     "export_code": "identification.parts",
+    "feedforward": "identification.feedforward",
     "identify": "identification.identify",
     "identify_payload": "identification.payload",
     "information": "identification.parts",
@@ -82,6 +85,7 @@ _HOMES = {
     "reduction_loop": "identification.reduction_loop",
     "simulate": "identification.simulate",
     "terms": "",
+    "track": "identification.track",
     "validate": "identification.validate",
 }
 """Where names live: a module, and behind a colon the name there if it is another one."""

@@ -13,12 +13,14 @@ from report.designed import designed_for
 from report.test_design import content as motion_content
 from report.test_findings import content as check_content
 from report.test_page import own_html
+from report.test_tracking import tracking_content
 from steelyard.report import ReportContent, render
 from steelyard.report.check_page import render_check
 from steelyard.report.compare_page import render_comparison
 from steelyard.report.html import TEMPLATES
+from steelyard.report.track_page import render_tracking
 
-PAGES = ("identification", "strange names", "comparison", "check", "motion")
+PAGES = ("identification", "strange names", "comparison", "check", "motion", "tracking")
 WIDTHS = (1400, 420)
 
 
@@ -30,6 +32,7 @@ def pages(usual: ReportContent, nasty: ReportContent) -> dict[str, str]:
         "comparison": render_comparison(usual),
         "check": render_check(check_content("arm")),
         "motion": render(motion_content(designed_for(robot()))),
+        "tracking": render_tracking(tracking_content(robot())),
     }
 
 

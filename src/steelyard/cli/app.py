@@ -11,6 +11,7 @@ from steelyard.cli.demo import demo
 from steelyard.cli.doctor import doctor
 from steelyard.cli.excite import excite
 from steelyard.cli.export import export
+from steelyard.cli.feedforward import feedforward
 from steelyard.cli.identify import identify
 from steelyard.cli.init import init
 from steelyard.cli.log import log
@@ -18,6 +19,7 @@ from steelyard.cli.payload import payload
 from steelyard.cli.reduce import reduce
 from steelyard.cli.replay import replay
 from steelyard.cli.simulate import simulate
+from steelyard.cli.track import track
 from steelyard.cli.validate import validate
 
 app = typer.Typer(
@@ -39,7 +41,9 @@ for command in (
     reduce,
     payload,
     export,
+    feedforward,
     simulate,
+    track,
     replay,
     demo,
     doctor,

@@ -46,6 +46,50 @@ def simulate(
         float,
         typer.Option(min=0.0, help="Time in seconds at which it is released; never if unset."),
     ] = float("inf"),
+    truth: Annotated[
+        Path | None,
+        typer.Option(
+            help="truth.json of another simulation: the same robot again.", metavar="FILE"
+        ),
+    ] = None,
+    friction_drift: Annotated[
+        float, typer.Option(min=0.0, help="Factor on the true friction, such as 1.2.")
+    ] = 1.0,
+    rate: Annotated[
+        float | None,
+        typer.Option(help="Rows per second of the log; 250 if unset, or as the robot file says."),
+    ] = None,
+    control: Annotated[
+        str | None,
+        typer.Option(
+            help="pd, pid, cascade or computed_torque, with encoders, delay and lag of real "
+            "drives; gains follow: cascade,kv=20. If unset, joint PD control with perfect ones.",
+            metavar="KIND",
+        ),
+    ] = None,
+    model: Annotated[
+        str | None,
+        typer.Option(
+            "--model",
+            help="Identified model for torque feedforward or computed_torque: model.json, or the "
+            "folder that contains it.",
+            metavar="MODEL",
+        ),
+    ] = None,
+    wrench: Annotated[
+        Path | None,
+        typer.Option(
+            help="Table of an outside wrench, each row until the next one: time_s, fx_N, fy_N, "
+            "fz_N, tx_Nm, ty_Nm, tz_Nm.",
+            metavar="FILE",
+        ),
+    ] = None,
+    wrench_frame: Annotated[
+        str | None, typer.Option(help="Frame that it acts on; that of the last link if unset.")
+    ] = None,
+    wrench_axes: Annotated[
+        str, typer.Option(help="Axes of the table: base or frame.", metavar="NAME")
+    ] = "base",
     fixed_base: FixedBase = None,
     seed: Seed = 0,
     output: Output = None,
@@ -56,6 +100,8 @@ def simulate(
     Follows any motion written by excite or simulate, or a table of positions; --dry-run slows it
     down. Torque terms are those of the robot file, with Coulomb and viscous friction if its
     friction is "auto". Writes log.csv, trajectory.json and truth.json (the true parameters).
+    With --control or --model the log has the desired motion and the commanded torques too, with
+    --wrench what a force and torque sensor says, along the axes of its frame.
     The seed determines the robot and its random motion: give --motion for another motion of the
     same robot.
 
@@ -82,6 +128,14 @@ def simulate(
             payload_frame=payload_frame,
             attach=attach,
             release=release,
+            truth=truth,
+            friction_drift=friction_drift,
+            rate=rate,
+            control=control,
+            model=model,
+            wrench=wrench,
+            wrench_frame=wrench_frame,
+            wrench_axes=wrench_axes,
             fixed_base=fixed_base,
             seed=seed,
             progress=progress,
@@ -98,6 +152,8 @@ def simulate(
     typer.echo(
         f"robot       seed {seed} (another seed is another robot); for another motion of this "
         "robot give --motion"
+        if truth is None
+        else f"robot       {truth}"
     )
     for name, path in written.items():
         typer.echo(f"{name:<11} {path}")

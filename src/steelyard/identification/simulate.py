@@ -4,22 +4,33 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from steelyard.arguments import checked
+from steelyard.arrays import Array
+from steelyard.control.pd import PD
+from steelyard.control.protocol import Control
+from steelyard.control.register import control_of
+from steelyard.control.usable import refuse_other_robot, refuse_unknown_gains
 from steelyard.errors import DataError, ModelError
+from steelyard.estimation.identified import IdentifiedModel, load_model
 from steelyard.excitation.trajectories.chained import repeated
 from steelyard.excitation.trajectories.exact import ExactTrajectory
 from steelyard.excitation.trajectories.files import read_motion
 from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.excitation.trajectories.slowed import SlowedMotion
 from steelyard.identification.logs import model_of, with_friction
+from steelyard.kernel.quantities.kinematics import last_frame
 from steelyard.progress import Progress, silent
 from steelyard.robot.robot import Robot
 from steelyard.robot_file.file import load_robot
 from steelyard.robot_file.loaded import LoadedRobot
 from steelyard.robot_file.signals import ROW
+from steelyard.virtual.drives import customary_drives
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.payload import Payload
+from steelyard.virtual.sensors import Sensors
 from steelyard.virtual.simulate import SimulatedFiles, customary_sensors
 from steelyard.virtual.simulate import simulate as simulate_robot
+from steelyard.virtual.truth import Truth, read_truth
+from steelyard.virtual.wrench import AppliedWrench, Axes, read_wrench
 
 PERIOD = 10.0
 """Length of a random motion [s], if none is given."""
@@ -46,7 +57,16 @@ class SimulatedRun:
     seconds: float
 
 
-@checked(period=0.5, periods=1, noise=0.0, payload_mass=1e-3, attach=0.0, release=0.0, seed=0)
+@checked(
+    period=0.5,
+    periods=1,
+    noise=0.0,
+    payload_mass=1e-3,
+    attach=0.0,
+    release=0.0,
+    friction_drift=0.0,
+    seed=0,
+)
 def simulate(
     robot: str | Path | LoadedRobot,
     folder: str | Path,
@@ -60,11 +80,23 @@ def simulate(
     payload_frame: str | None = None,
     attach: float = 0.0,
     release: float = float("inf"),
+    truth: str | Path | None = None,
+    friction_drift: float = 1.0,
+    rate: float | None = None,
+    control: str | None = None,
+    model: str | Path | IdentifiedModel | None = None,
+    wrench: str | Path | None = None,
+    wrench_frame: str | None = None,
+    wrench_axes: str = "base",
     fixed_base: str | None = None,
     seed: int = 0,
     progress: Progress = silent,
 ) -> SimulatedRun:
     """Simulate a robot with random true parameters near the nominal ones, and log it.
+
+    With `control` or `model`, drives with encoders, delay and lag lie between the controller and
+    the joints, and the log has columns of the desired motion and the commanded torques
+    (`q_cmd1_rad`, `dq_cmd1_rad_s`, `tau_cmd1_Nm`).
 
     Args:
         robot: Robot file (TOML), URDF, xacro or MJCF, or what `load_robot` made of it.
@@ -79,6 +111,16 @@ def simulate(
         payload_frame: Frame of the payload; that of the last link if `None`.
         attach: Time at which it is attached [s].
         release: Time at which it is released [s].
+        truth: `truth.json` of another simulation: the same robot again.
+        friction_drift: Factor on the true friction.
+        rate: Rows per second of the log [Hz]; 250 if `None`, or as the robot file says.
+        control: `pd`, `pid`, `cascade` or `computed_torque`, with gains as in `pd,kp=400`; joint PD
+            control with perfect sensors and drives if `None`.
+        model: Identified model: torque feedforward, or that of `computed_torque`.
+        wrench: Table of an outside wrench: `time_s`, `fx_N` to `fz_N`, `tx_Nm` to `tz_Nm`, each
+            row until the next one. The log gets these columns, along the axes of the frame.
+        wrench_frame: Frame that it acts on; that of the last link if `None`.
+        wrench_axes: Axes of the table: `base` or `frame`.
         fixed_base: Link to fix to the world, for a model file; `None` for its root.
         seed: Same seed, same robot and same random motion.
         progress: Receives events of progress; when it requests a stop, nothing is written.
@@ -97,26 +139,114 @@ def simulate(
     once = _once(loaded.robot, motion, period, periods, dry_run, seed)
     _check_length(once.duration, periods, dry_run)
     trajectory = _slowed(_repeated(once, loaded.robot, periods), dry_run)
-    terms = with_friction(model_of(loaded), loaded).terms
-    truth = random_truth(loaded.robot, seed, terms=terms)
-    sensors = customary_sensors(loaded.robot, truth, noise)
-    if loaded.signals is not None and any(loaded.signals.unknown_gains):
-        sensors = sensors.with_random_gains(loaded.robot.n, seed)
-    if loaded.signals is not None and loaded.signals.time == ROW:
-        sensors = sensors.with_even_rows(1.0 / loaded.signals.time_scale)
+    real, gains = true_robot(loaded, truth, friction_drift, seed)
+    sensors = _sensors(loaded, real, noise, rate, gains, seed)
+    controller = _controller(loaded.robot, control, model)
+    if controller is not None:
+        sensors = sensors.with_commands()
     load = _payload(loaded.robot, payload_mass, payload_frame, attach, release)
     files = simulate_robot(
         loaded.robot,
-        truth,
+        real,
         trajectory,
         sensors,
         Path(folder),
         seed=seed,
         signals=loaded.signals,
         payload=load,
+        control=controller,
+        drives=None if controller is None else customary_drives(loaded.robot),
+        wrench=_wrench(loaded.robot, wrench, wrench_frame, wrench_axes),
         progress=progress,
     )
     return SimulatedRun(files, loaded.notes, once.duration)
+
+
+def true_robot(
+    loaded: LoadedRobot, truth: str | Path | None, friction_drift: float, seed: int
+) -> tuple[Truth, Array | None]:
+    """What a robot really is, and its drive gains, shape `(n,)`, if the truth has some.
+
+    Args:
+        loaded: The robot.
+        truth: File of the truth; random values near the nominal ones if `None`.
+        friction_drift: Factor on its friction.
+        seed: Seed of the random values.
+    """
+    if truth is None:
+        terms = with_friction(model_of(loaded), loaded).terms
+        return random_truth(loaded.robot, seed, terms=terms).drifted(friction_drift), None
+    real, gains = read_truth(Path(truth), loaded.robot)
+    return real.drifted(friction_drift), gains
+
+
+def _sensors(
+    loaded: LoadedRobot,
+    truth: Truth,
+    noise: float,
+    rate: float | None,
+    gains: Array | None,
+    seed: int,
+) -> Sensors:
+    """Customary sensors, with the rate and the gains that are requested or declared.
+
+    Raises:
+        DataError: The rate is not the one that the robot file declares for its rows.
+    """
+    sensors = customary_sensors(loaded.robot, truth, noise)
+    signals = loaded.signals
+    if signals is not None and any(signals.unknown_gains):
+        if gains is None:
+            sensors = sensors.with_random_gains(loaded.robot.n, seed)
+        else:
+            sensors = sensors.with_gains(gains)
+    if signals is not None and signals.time == ROW:
+        declared = 1.0 / signals.time_scale
+        if rate is not None and abs(rate - declared) > 1e-9 * declared:
+            raise DataError(
+                f"the log is to have {rate:g} rows a second, but the robot file declares "
+                f"{declared:g}",
+                where="--rate",
+                fix="leave it out, or change the robot file",
+            )
+        return sensors.with_even_rows(declared)
+    return sensors if rate is None else sensors.with_rate(rate)
+
+
+def _controller(
+    robot: Robot, control: str | None, model: str | Path | IdentifiedModel | None
+) -> Control | None:
+    """The controller that the options describe; `None` for the default one."""
+    if model is None:
+        return None if control is None else control_of(control)
+    identified = load_model(model)
+    refuse_unknown_gains(identified)
+    refuse_other_robot(identified, robot)
+    return control_of(PD.kind if control is None else control, identified.valued)
+
+
+def _wrench(
+    robot: Robot, file: str | Path | None, frame: str | None, axes: str
+) -> AppliedWrench | None:
+    """The outside wrench that the options describe.
+
+    Raises:
+        ModelError: A frame or axes are given without a table, or axes have no such name.
+    """
+    if file is None:
+        if frame is None and axes == "base":
+            return None
+        raise ModelError(
+            "a frame or axes of a wrench are given, but no wrench",
+            where="--wrench-frame or --wrench-axes",
+            fix="add --wrench FILE",
+        )
+    if axes not in ("base", "frame"):
+        raise ModelError(
+            f"there are no axes '{axes}'", where="--wrench-axes", fix="give base or frame"
+        )
+    chosen: Axes = "base" if axes == "base" else "frame"
+    return read_wrench(Path(file), last_frame(robot) if frame is None else frame, chosen)
 
 
 def _once(

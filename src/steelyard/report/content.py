@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from steelyard.validation.friction.friction import FrictionChoice
     from steelyard.validation.score import RunScore
     from steelyard.validation.sensitivity import Sensitivity
+    from steelyard.virtual.tracking import Tracking
 
 Rows = Sequence[tuple[str, str]]
 """Labels and values, ready to be read."""
@@ -53,6 +54,7 @@ class ReportContent:
         comparison: Estimators beside each other, if they were compared.
         reduction: How a model was made smaller, if it was.
         design: A motion, if one was designed.
+        tracking: A motion run under several controllers, if it was.
         truth: All standard parameters of a simulated robot; `None` of a real one.
         workspace: Where its tool may be, drawn with its path; `None` if nobody said.
         logs: The log of each run, as it was given.
@@ -81,6 +83,7 @@ class ReportContent:
     comparison: Comparison | None = None
     reduction: Reduction | None = None
     design: Designed | None = None
+    tracking: Tracking | None = None
     truth: Parameters | None = None
     workspace: WorkspaceSection | None = None
     logs: Mapping[str, str] = field(default_factory=dict)

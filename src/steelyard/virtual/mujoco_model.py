@@ -167,6 +167,34 @@ def new_data(model: MujocoModel) -> Any:
     return mujoco.MjData(model.compiled)
 
 
+def push(compiled: Any, data: Any, name: str, wrench: Array, place: Array) -> None:
+    """Let a wrench act on a body from the next step on; call `body_pose` before.
+
+    Args:
+        compiled: The `mujoco.MjModel` that is stepped.
+        data: Its state.
+        name: The body's name in the model, see `body_name`.
+        wrench: Force and torque in the base frame's axes, shape `(6,)` [N, Nm].
+        place: Where the force acts, in the base frame, shape `(3,)` [m].
+    """
+    number = compiled.body(name).id
+    arm = place - data.xipos[number]
+    data.xfrc_applied[number, :3] = wrench[:3]
+    data.xfrc_applied[number, 3:] = wrench[3:] + np.cross(arm, wrench[:3])
+
+
+def body_pose(compiled: Any, data: Any, name: str) -> tuple[Array, Array]:
+    """Axes `(3, 3)` and origin `(3,)` [m] of a body where its joints are now."""
+    mujoco.mj_kinematics(compiled, data)
+    number = compiled.body(name).id
+    return np.array(data.xmat[number]).reshape(3, 3), np.array(data.xpos[number])
+
+
+def body_name(robot: Robot, index: int) -> str:
+    """Name of a body of the robot in its MuJoCo model."""
+    return f"{index} {robot.bodies[index].name}"
+
+
 def _carriers(robot: Robot) -> tuple[int, ...]:
     """Per joint the first body that it moves."""
     first: dict[int, int] = {}

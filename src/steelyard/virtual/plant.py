@@ -5,9 +5,18 @@ from numpy.typing import ArrayLike
 
 from steelyard.arrays import Array, frozen
 from steelyard.errors import DataError, ModelError
-from steelyard.robot.robot import Robot
+from steelyard.kernel.quantities.kinematics import frame_of
+from steelyard.robot.robot import Frame, Robot
 from steelyard.virtual.laws import Laws, LawsInUse
-from steelyard.virtual.mujoco_model import ADVANCE, MujocoModel, build, new_data
+from steelyard.virtual.mujoco_model import (
+    ADVANCE,
+    MujocoModel,
+    body_name,
+    body_pose,
+    build,
+    new_data,
+    push,
+)
 from steelyard.virtual.payload import Payload
 from steelyard.virtual.scales import closed
 from steelyard.virtual.stability import stable_timestep
@@ -80,6 +89,26 @@ class MujocoPlant:
         """Take the payload, or let it go; motion goes on from the same velocities."""
         self._loaded = loaded
 
+    def push(self, frame: Frame, wrench: Array, in_base: bool) -> Array:
+        """Let a wrench act at a frame's origin until the next call.
+
+        Args:
+            frame: A frame of a moving body, see `moving_frame`.
+            wrench: Force and torque, shape `(6,)` [N, Nm].
+            in_base: Whether it is along the axes of the base, not of the frame.
+
+        Returns:
+            The wrench along the axes of the frame, shape `(6,)`.
+        """
+        name = body_name(self._robot, frame.body)
+        compiled = self._compiled[self._loaded]
+        axes, origin = body_pose(compiled, self._data, name)
+        turned = axes @ frame.rotation
+        given = wrench.reshape(2, 3)
+        base, own = (given, given @ turned) if in_base else (given @ turned.T, given)
+        push(compiled, self._data, name, base.ravel(), origin + axes @ frame.position)
+        return own.ravel()
+
     def state(self) -> tuple[Array, Array]:
         """Position and velocity of the independent joints, each `(n,)`."""
         dq = self._data.qvel[self._carriers] / self._ratios
@@ -110,6 +139,22 @@ class MujocoPlant:
                 fix="give smaller torques, or a true robot with more inertia",
             )
         return q, dq
+
+
+def moving_frame(robot: Robot, name: str) -> Frame:
+    """The frame of that name, on a body that moves.
+
+    Raises:
+        ModelError: The robot has none, or it is fixed to the base.
+    """
+    frame = frame_of(robot, name)
+    if frame.body < 0:
+        raise ModelError(
+            f"frame '{name}' is fixed to the base: a wrench there moves nothing",
+            where=f"robot '{robot.name}'",
+            fix="name a frame of a moving link",
+        )
+    return frame
 
 
 def _check_robot(robot: Robot, truth: Truth) -> None:

@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.arrays import Array, frozen
+from steelyard.control.pd import PD
+from steelyard.control.protocol import Control, ControlTask
 from steelyard.errors import DataError
-from steelyard.estimation.closed_loop.controller import Controller, tuned_pd
+from steelyard.estimation.closed_loop.controller import Controller, joint_inertia, tuned_pd
 from steelyard.files import write_table
 from steelyard.model import Model
 from steelyard.motion import Motion, Trajectory
@@ -18,15 +20,20 @@ from steelyard.progress import Progress, silent, tell
 from steelyard.robot.robot import Robot
 from steelyard.robot_file.signals import Signals
 from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.virtual.drives import Drives
 from steelyard.virtual.naming import as_declared
 from steelyard.virtual.payload import Payload
-from steelyard.virtual.plant import MujocoPlant
+from steelyard.virtual.plant import MujocoPlant, moving_frame
 from steelyard.virtual.scales import closed, typical_masses
 from steelyard.virtual.sensors import CONTROL_RATE, Sensors, TrueRun
 from steelyard.virtual.truth import Truth
+from steelyard.virtual.wrench import AppliedWrench
 
 _TICK = 1.0 / CONTROL_RATE
 _SETTLING = 0.5
+_PHASE = 0.25
+"""Phase that dead time may take at the natural frequency of a joint's error [rad]."""
+
 _TICKS_PER_EVENT = 250
 _TICKS_PER_CLOSURE = 20
 
@@ -34,9 +41,9 @@ _TICKS_PER_CLOSURE = 20
 class VirtualRobot:
     """A simulated robot: implements `Rig`.
 
-    A joint PD controller at 1 kHz follows the motion from true positions and velocities, without
-    feedforward: it sags under gravity by some milliradians, as a soft controller does. The robot
-    stands still for `rest` seconds before and after the motion.
+    A controller at 1 kHz follows the motion; the robot stands still for `rest` seconds before and
+    after it. By default that is joint PD control from true positions and velocities, without
+    feedforward: it sags under gravity by some milliradians, as a soft controller does.
 
     Attributes:
         robot: The robot; its nominal inertias play no part.
@@ -47,6 +54,9 @@ class VirtualRobot:
             `None`.
         payload: What it carries for a while, if anything.
         control: Its joint controller.
+        drives: What lies between controller and joints.
+        wrench: What acts on it from outside, if anything.
+        tuned: Gains of the default controller.
     """
 
     def __init__(
@@ -59,13 +69,20 @@ class VirtualRobot:
         rest: float = 1.0,
         signals: Signals | None = None,
         payload: Payload | None = None,
+        control: Control | None = None,
+        drives: Drives | None = None,
+        wrench: AppliedWrench | None = None,
         progress: Progress = silent,
     ) -> None:
         self.robot, self.truth, self.rest, self.signals = robot, truth, rest, signals
         self.sensors = Sensors() if sensors is None else sensors
         self.payload = payload
         self._plant = MujocoPlant(robot, truth, payload)
-        self.control: Controller = tuned_pd(typical_masses(robot, self._plant.model))
+        self.control: Control = PD() if control is None else control
+        self.drives, self.wrench = Drives() if drives is None else drives, wrench
+        self._frame = None if wrench is None else moving_frame(robot, wrench.frame)
+        self._masses = typical_masses(robot, self._plant.model)
+        self.tuned: Controller = tuned_pd(self._masses)
         self._noise = np.random.default_rng(seed)
         self._progress = progress
         self._recorded: list[TrueRun] | None = None
@@ -127,7 +144,7 @@ class VirtualRobot:
             return
         reading = sensors.measure(run, self._noise, self.signals.effort_kind)
         columns = as_declared(reading, self.signals, velocity=sensors.velocity, gains=sensors.gains)
-        write_table(log, columns)
+        write_table(log, columns | reading.further(self.robot))
 
     def ticks(self, trajectory: Trajectory) -> int:
         """Ticks of the controller along a trajectory, rests included."""
@@ -142,8 +159,8 @@ class VirtualRobot:
         """
         ticks = self.ticks(trajectory)
         t = frozen(np.arange(ticks) * _TICK)
-        goal, speed = self.wanted(trajectory, t)
-        self._check_loops(t, goal)
+        goal = self.wanted(trajectory, t)
+        self._check_loops(t, goal.q)
         loaded = np.zeros(ticks, bool) if self.payload is None else self.payload.carried(t)
         if self.payload is not None and not loaded.any():
             raise DataError(
@@ -153,29 +170,64 @@ class VirtualRobot:
                 fix="attach it earlier, or make the motion longer",
             )
         self._plant.load(bool(loaded[0]))
-        self.place(goal[0])
-        tau = self._settle(goal[0])
-        q, dq, effort, friction = (np.zeros_like(goal) for _ in range(4))
-        aim = goal - np.broadcast_to(felt, goal.shape)
+        self.place(goal.q[0])
+        felt = np.broadcast_to(felt, goal.q.shape)
+        pushed = None if self.wrench is None else self.wrench.at(t)
+        settling = round(_SETTLING * CONTROL_RATE)
+        loop = self.control.start(self._task(goal, settling))
+        q, dq, effort, friction, command = (np.zeros_like(goal.q) for _ in range(5))
         q[0], dq[0] = self._plant.state()
+        drives = self.drives.start(_TICK, q[0])
+        tau = np.zeros(self.robot.n)
+        for k in range(settling):
+            tau = drives.actuate(loop.torque(k, *drives.sense(q[0], dq[0])))
+            q[0], dq[0] = self._plant.step(tau, _TICK)
         for k in range(ticks):
             if k % _TICKS_PER_EVENT == 0:
                 tell(self._progress, "simulation", t[k], float(t[-1]))
             before = tau
-            tau = self.control.torque(aim[k] - q[k], speed[k] - dq[k])
-            effort[k] = 0.5 * (before + tau)
+            seen, speed = drives.sense(q[k] + felt[k], dq[k])
+            tau = drives.actuate(loop.torque(settling + k, seen, speed))
+            effort[k], command[k] = 0.5 * (before + tau), drives.command
             friction[k] = self._plant.motor_friction()
+            if pushed is not None and self._frame is not None and self.wrench is not None:
+                pushed[k] = self._plant.push(self._frame, pushed[k], self.wrench.axes == "base")
             if k + 1 < ticks:
                 self._plant.load(bool(loaded[k]))
                 q[k + 1], dq[k + 1] = self._plant.step(tau, _TICK)
         tell(self._progress, "simulation", t[-1], t[-1])
-        return TrueRun(t, q, dq, effort, friction + self._rotors(dq), self._gravity(t, q))
+        return TrueRun(
+            t,
+            q,
+            dq,
+            effort,
+            friction + self._rotors(dq),
+            self._gravity(t, q),
+            np.array([goal.q, goal.dq, command]),
+            pushed,
+        )
 
-    def wanted(self, trajectory: Trajectory, t: Array) -> tuple[Array, Array]:
-        """The controller's setpoints at times `t` of the log [s], each `(N, n)`."""
+    def _task(self, goal: Motion, settling: int) -> ControlTask:
+        """Rest at the first posture for some ticks, and the motion."""
+        before = np.repeat(goal.q[:1], settling, axis=0)
+        still = np.zeros_like(before)
+        motion = Motion(
+            np.concatenate([goal.t[0] - _TICK * np.arange(settling, 0, -1), goal.t]),
+            np.concatenate([before, goal.q]),
+            np.concatenate([still, goal.dq]),
+            np.concatenate([still, goal.ddq]),
+        )
+        inertia, fastest = joint_inertia(self._masses, CONTROL_RATE)
+        if self.drives.dead_time > 0.0:
+            fastest = min(fastest, _PHASE / self.drives.dead_time)
+        limits = np.broadcast_to(self.drives.limits, inertia.shape)
+        return ControlTask(motion, self.drives.seen(motion), _TICK, inertia, fastest, limits)
+
+    def wanted(self, trajectory: Trajectory, t: Array) -> Motion:
+        """The controller's setpoints at times `t` of the log [s], shape `(N,)`."""
         goal = trajectory.sample(np.clip(t - self.rest, 0.0, trajectory.duration))
         moving = ((t >= self.rest) & (t <= self.rest + trajectory.duration))[:, None]
-        return goal.q, np.where(moving, goal.dq, 0.0)
+        return Motion(t, goal.q, np.where(moving, goal.dq, 0.0), np.where(moving, goal.ddq, 0.0))
 
     def _rotors(self, dq: Array) -> Array:
         """Torque of the rotors that turn with the independent joints, shape `(N, n)`.
@@ -205,12 +257,3 @@ class VirtualRobot:
                     where=f"motion of robot '{self.robot.name}'",
                     fix="give a motion, or limits of the joints, within which the loops close",
                 )
-
-    def _settle(self, goal: Array) -> Array:
-        """Hold a posture until it sags no more; the last torque, shape `(n,)`."""
-        q, dq = self._plant.state()
-        tau = np.zeros(self.robot.n)
-        for _ in range(round(_SETTLING * CONTROL_RATE)):
-            tau = self.control.torque(goal - q, -dq)
-            q, dq = self._plant.step(tau, _TICK)
-        return tau

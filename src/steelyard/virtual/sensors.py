@@ -10,6 +10,7 @@ from steelyard.arrays import Array, frozen
 from steelyard.errors import DataError, ModelError
 from steelyard.robot.robot import Robot
 from steelyard.robot_file.sections import EffortKind
+from steelyard.virtual.wrench import COLUMNS
 
 CONTROL_RATE = 1000.0
 """Ticks of the joint controller per second [1/s]."""
@@ -28,6 +29,10 @@ class TrueRun:
         motor_side: The part of it that rotors and friction of motors take, shape `(N, n)`; zero if
             not given.
         gravity: The part of it that holds the bodies against gravity, without payload, likewise.
+        commanded: Desired positions and velocities and commanded torques, shape `(3, N, n)`; empty
+            if not given.
+        wrench: Outside force and torque on a frame along its axes, shape `(N, 6)` [N, Nm];
+            `None` if there is none.
     """
 
     t: Array
@@ -36,6 +41,8 @@ class TrueRun:
     tau: Array
     motor_side: Array = field(default_factory=lambda: np.zeros((0, 0)))
     gravity: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    commanded: Array = field(default_factory=lambda: np.zeros((3, 0, 0)))
+    wrench: Array | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "t", frozen(self.t, (None,)))
@@ -45,6 +52,9 @@ class TrueRun:
             given = getattr(self, name)
             part = given if np.size(given) else np.zeros_like(self.tau)
             object.__setattr__(self, name, frozen(part, self.tau.shape))
+        object.__setattr__(self, "commanded", frozen(self.commanded, (3, None, None)))
+        if self.wrench is not None:
+            object.__setattr__(self, "wrench", frozen(self.wrench, (len(self.t), 6)))
 
     def effort(self, kind: EffortKind) -> Array:
         """The effort that a sensor of a kind feels, as joint torques, shape `(N, n)`."""
@@ -64,12 +74,32 @@ class Reading:
         q: Positions, shape `(N, n)`.
         dq: Velocities, shape `(N, n)`.
         effort: Efforts as joint torques, shape `(N, n)`.
+        commanded: As of `TrueRun`.
+        wrench: What a force and torque sensor says, shape `(N, 6)` [N, Nm]; `None` without one.
     """
 
     t: Array
     q: Array
     dq: Array
     effort: Array
+    commanded: Array
+    wrench: Array | None
+
+    def further(self, robot: Robot) -> dict[str, Array]:
+        """Columns that no robot file declares: of the controller, and of the wrench."""
+        columns = {}
+        joints = robot.coordinates if self.commanded.size else ()
+        for name, values, unit in zip(
+            ("q_cmd", "dq_cmd", "tau_cmd"),
+            self.commanded,
+            ("{0.unit}", "{0.unit}_s", "{0.effort_unit}"),
+            strict=True,
+        ):
+            for j, joint in enumerate(joints):
+                columns[f"{name}{j + 1}_{unit.format(joint)}"] = values[:, j]
+        if self.wrench is not None:
+            columns |= dict(zip(COLUMNS, self.wrench.T, strict=True))
+        return columns
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -84,6 +114,9 @@ class Sensors:
         torque_noise: Standard deviation of white noise on torques [Nm; N].
         clock_jitter: Standard deviation of each time stamp [s]; a stamp is never wrong by more than
             0.45 of the distance of two rows, so time always advances.
+        wrench_noise: Standard deviation of white noise on an outside wrench, one for all or shape
+            `(6,)` [N, Nm].
+        commanded: Whether the log has columns of the desired motion and the commanded torques.
         velocity: Whether the log has velocity columns.
         gains: Torque per ampere [Nm/A; N/A]; given, the log has motor currents and no torques,
             unless a robot file says what it has.
@@ -96,6 +129,8 @@ class Sensors:
     velocity_noise: Array
     torque_noise: Array
     clock_jitter: float
+    wrench_noise: Array
+    commanded: bool
     velocity: bool
     gains: Array | None
     effort: EffortKind
@@ -109,6 +144,8 @@ class Sensors:
         velocity_noise: ArrayLike = 0.0,
         torque_noise: ArrayLike = 0.0,
         clock_jitter: float = 0.0,
+        wrench_noise: ArrayLike = 0.0,
+        commanded: bool = False,
         velocity: bool = True,
         gains: ArrayLike | None = None,
         effort: EffortKind = "joint_torque",
@@ -121,12 +158,14 @@ class Sensors:
             ("velocity_noise", velocity_noise),
             ("torque_noise", torque_noise),
             ("clock_jitter", clock_jitter),
+            ("wrench_noise", wrench_noise),
         ):
             sizes = frozen(values)
             if not np.all(sizes >= 0.0):
                 raise ValueError(f"{name} is negative")
             object.__setattr__(self, name, sizes)
         object.__setattr__(self, "clock_jitter", float(clock_jitter))
+        object.__setattr__(self, "commanded", commanded)
         object.__setattr__(self, "velocity", velocity)
         object.__setattr__(self, "gains", None if gains is None else frozen(gains))
         object.__setattr__(self, "effort", effort)
@@ -135,9 +174,17 @@ class Sensors:
 
     def with_random_gains(self, n: int, seed: int) -> "Sensors":
         """The same sensors with drive gains of 5 to 15 Nm/A, for `n` joints."""
+        return self.with_gains(np.random.default_rng(seed).uniform(5.0, 15.0, n))
+
+    def with_rate(self, rate: float) -> "Sensors":
+        """The same sensors at a rate.
+
+        Raises:
+            DataError: The rate does not divide the controller's.
+        """
+        _check_rate(rate)
         changed = copy(self)
-        gains = frozen(np.random.default_rng(seed).uniform(5.0, 15.0, n))
-        object.__setattr__(changed, "gains", gains)
+        object.__setattr__(changed, "rate", float(rate))
         return changed
 
     def with_even_rows(self, rate: float) -> "Sensors":
@@ -146,10 +193,20 @@ class Sensors:
         Raises:
             DataError: The rate does not divide the controller's.
         """
-        _check_rate(rate)
-        changed = copy(self)
-        object.__setattr__(changed, "rate", float(rate))
+        changed = self.with_rate(rate)
         object.__setattr__(changed, "clock_jitter", 0.0)
+        return changed
+
+    def with_commands(self) -> "Sensors":
+        """The same sensors, with columns of the desired motion and the commanded torques."""
+        changed = copy(self)
+        object.__setattr__(changed, "commanded", True)
+        return changed
+
+    def with_gains(self, gains: ArrayLike) -> "Sensors":
+        """The same sensors with drive gains, shape `(n,)` [Nm/A; N/A]."""
+        changed = copy(self)
+        object.__setattr__(changed, "gains", frozen(gains))
         return changed
 
     def measure(
@@ -168,12 +225,17 @@ class Sensors:
         noise_t, noise_q, noise_dq, noise_tau = (
             rng.standard_normal(values.shape) for values in (t, q, dq, effort)
         )
+        wrench = None if run.wrench is None else run.wrench[rows]
+        if wrench is not None:
+            wrench = wrench + self.wrench_noise * rng.standard_normal(wrench.shape)
         bound = 0.45 / self.rate
         return Reading(
             t + np.clip(self.clock_jitter * noise_t, -bound, bound),
             _stepped(q + self.position_noise * noise_q, self.resolution),
             dq + self.velocity_noise * noise_dq,
             effort + self.torque_noise * noise_tau,
+            run.commanded[:, rows if self.commanded else slice(0)],
+            wrench,
         )
 
     def read(self, run: TrueRun, robot: Robot, rng: np.random.Generator) -> dict[str, Array]:
@@ -190,7 +252,7 @@ class Sensors:
             columns[f"q{j + 1}_{joint.unit}"] = reading.q[:, j]
         for j, joint in enumerate(robot.coordinates if self.velocity else ()):
             columns[f"dq{j + 1}_{joint.unit}_s"] = reading.dq[:, j]
-        return columns | self._efforts(reading.effort, robot)
+        return columns | self._efforts(reading.effort, robot) | reading.further(robot)
 
     def _efforts(self, effort: Array, robot: Robot) -> dict[str, Array]:
         if self.gains is not None:

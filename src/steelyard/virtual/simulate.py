@@ -4,6 +4,9 @@ from dataclasses import dataclass
 from math import pi
 from pathlib import Path
 
+import numpy as np
+
+from steelyard.control.protocol import Control
 from steelyard.excitation.trajectories.exact import ExactTrajectory
 from steelyard.excitation.trajectories.files import write_motion
 from steelyard.files import whole_folder, write_json
@@ -11,12 +14,14 @@ from steelyard.motion import Rig, run
 from steelyard.progress import Progress, silent
 from steelyard.robot.robot import Robot
 from steelyard.robot_file.signals import Signals
+from steelyard.virtual.drives import Drives
 from steelyard.virtual.mujoco_model import build
 from steelyard.virtual.payload import Payload
 from steelyard.virtual.robot import VirtualRobot
 from steelyard.virtual.scales import typical_torque
 from steelyard.virtual.sensors import Sensors
 from steelyard.virtual.truth import Truth
+from steelyard.virtual.wrench import AppliedWrench
 
 
 @dataclass(frozen=True)
@@ -38,7 +43,8 @@ def customary_sensors(robot: Robot, truth: Truth, noise: float = 1.0) -> Sensors
     """Sensors as good as those of a usual arm, at 250 rows a second.
 
     Encoders of 17 bits a turn (prismatic joints: 10 µm), white noise of 1 % of the typical torque
-    and of 1 mrad/s (1 mm/s) on velocities, a clock that jitters by 50 µs.
+    and of 1 mrad/s (1 mm/s) on velocities, of 0.2 N and 0.01 Nm on an outside wrench, a clock that
+    jitters by 50 µs.
 
     Args:
         robot: The robot.
@@ -51,6 +57,7 @@ def customary_sensors(robot: Robot, truth: Truth, noise: float = 1.0) -> Sensors
         resolution=[noise * steps[c.kind] for c in robot.coordinates],
         velocity_noise=noise * 1e-3,
         torque_noise=noise * 0.01 * torque,
+        wrench_noise=noise * np.repeat([0.2, 0.01], 3),
         clock_jitter=noise * 5e-5,
     )
 
@@ -65,6 +72,9 @@ def simulate(
     seed: int = 0,
     signals: Signals | None = None,
     payload: Payload | None = None,
+    control: Control | None = None,
+    drives: Drives | None = None,
+    wrench: AppliedWrench | None = None,
     progress: Progress = silent,
 ) -> SimulatedFiles:
     """Send the virtual robot along a trajectory and write its log, its truth and the motion.
@@ -80,6 +90,9 @@ def simulate(
         seed: Seed of the noise.
         signals: Names, units and gains of the log's columns; customary ones if `None`.
         payload: What the robot carries for a while, if anything.
+        control: The joint controller; that of `VirtualRobot` if `None`.
+        drives: What lies between controller and joints; perfect if `None`.
+        wrench: What acts on the robot from outside, if anything.
         progress: Told how far the simulation is.
 
     Raises:
@@ -94,6 +107,9 @@ def simulate(
             seed=seed,
             signals=signals,
             payload=payload,
+            control=control,
+            drives=drives,
+            wrench=wrench,
             progress=progress,
         )
         run(rig, trajectory, part / "log.csv")

@@ -5,9 +5,11 @@ jump at zero speed would make an integration with fixed steps chatter; the plant
 smoothing speed of some thousandths of the working speed.
 """
 
+import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -109,6 +111,16 @@ class Truth:
         parameters = Parameters(list(full), [units.get(n, "") for n in full], list(full.values()))
         return Truth(self.model, parameters, self.smoothing)
 
+    def drifted(self, factor: float) -> "Truth":
+        """The same truth with the parameters of all friction laws times a factor."""
+        friction = {
+            p.name
+            for term in self.model.terms
+            if term.cause == "friction"
+            for p in term.parameters(self.robot)
+        }
+        return self.changed(**{n: factor * self.values[n] for n in friction})
+
     def to_dict(self) -> dict[str, Any]:
         """As values for JSON, by the names of parameters and joints; the robot by its name."""
         names, units, values = self.values.names, self.values.units, self.values.values.tolist()
@@ -154,6 +166,27 @@ class Truth:
             Parameters(model.names, model.units, values),
             frozen([speeds[c.name] for c in robot.joints]),
         )
+
+
+def read_truth(path: Path, robot: Robot) -> tuple[Truth, Array | None]:
+    """The truth in a file that a simulation wrote, and its drive gains, shape `(n,)`, if any.
+
+    Raises:
+        ModelError: The file cannot be read, or is no truth of this robot.
+    """
+    fix = "give the truth.json of a simulation of this robot"
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+        truth = Truth.from_dict(data, robot)
+        gains = data.get("drive_gains")
+        return truth, None if gains is None else frozen([gains[j] for j in robot.joint_names])
+    except OSError as error:
+        raise ModelError(
+            f"the truth cannot be read ({error.strerror})", where=str(path), fix=fix
+        ) from None
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        lacking = f"it has no {error}" if isinstance(error, KeyError) else str(error)
+        raise ModelError(f"the file is no truth: {lacking}", where=str(path), fix=fix) from None
 
 
 def _unusable(wrong: str, fix: str) -> ModelError:

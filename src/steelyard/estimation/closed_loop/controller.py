@@ -52,7 +52,18 @@ def tuned_pd(masses: Array, bandwidth: float = 20.0, rate: float = 1000.0) -> Jo
         bandwidth: Natural frequency of a joint's error [Hz].
         rate: Ticks of the controller per second, `f` [1/s].
     """
+    own, fastest = joint_inertia(masses, rate)
+    omega = min(2.0 * np.pi * bandwidth, fastest)
+    return JointPD(omega**2 * own, 2.0 * omega * own)
+
+
+def joint_inertia(masses: Array, rate: float = 1000.0) -> tuple[Array, float]:
+    """Mean inertia of each joint, `(n,)`, and the largest stable natural frequency [rad/s].
+
+    Args:
+        masses: Mass matrices at some postures, shape `(K, n, n)`.
+        rate: Ticks of the controller per second [1/s].
+    """
     own = np.diagonal(masses, axis1=1, axis2=2).mean(axis=0)
     coupling = float(np.abs(np.linalg.eigvals(np.linalg.solve(masses, np.diag(own)[None]))).max())
-    omega = min(2.0 * np.pi * bandwidth, rate / (4.0 * coupling))
-    return JointPD(omega**2 * own, 2.0 * omega * own)
+    return own, rate / (4.0 * coupling)

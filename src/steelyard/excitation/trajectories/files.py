@@ -88,11 +88,19 @@ def write_motion(path: Path, motion: ExactTrajectory, robot: Robot) -> None:
     write_json(path, {"joints": list(robot.joint_names), **motion.to_dict()})
 
 
-def _read_json(path: Path, robot: Robot) -> ExactTrajectory:
-    """A motion that this package wrote."""
+def read_named(path: Path) -> tuple[ExactTrajectory, list[str] | None]:
+    """The motion in a `trajectory.json`, and the names of its joints if it has them.
+
+    Raises:
+        DataError: The file is missing, or is not a motion.
+    """
     try:
         values = json.loads(path.read_text(encoding="utf-8"))
         motion, joints = trajectory_from_dict(values), values.get("joints")
+    except OSError as error:
+        raise _refused(
+            path, f"the motion cannot be read ({error.strerror})", "check its name and folder"
+        ) from None
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         lacking = f"it has no {error}" if isinstance(error, KeyError) else str(error)
         raise _refused(
@@ -100,6 +108,12 @@ def _read_json(path: Path, robot: Robot) -> ExactTrajectory:
             f"the file is not a steelyard motion: {lacking}",
             "give a trajectory.json that steelyard wrote, or a .csv or .parquet table",
         ) from error
+    return motion, joints
+
+
+def _read_json(path: Path, robot: Robot) -> ExactTrajectory:
+    """A motion of a robot that this package wrote."""
+    motion, joints = read_named(path)
     if joints is not None and joints != list(robot.joint_names):
         raise _refused(
             path,

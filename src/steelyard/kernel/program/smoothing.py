@@ -22,7 +22,7 @@ class _Softener(Writer):
         number: Old step to new step.
     """
 
-    def __init__(self, program: Program, velocity: int, widths: int) -> None:
+    def __init__(self, program: Program, velocity: int, widths: int | float) -> None:
         super().__init__()
         self.program, self._velocity, self._widths = program, velocity, widths
         self.number: list[int] = []
@@ -59,9 +59,14 @@ class _Softener(Writer):
         total = -1
         for joint, coefficient in speed.items():
             scale = self.push("constant", value=abs(coefficient))
-            part = self.push("mul", scale, self.push("input", self._widths, joint))
+            part = self.push("mul", scale, self._width_of(joint))
             total = part if total < 0 else self.push("add", total, part)
         return total
+
+    def _width_of(self, joint: int) -> int:
+        if isinstance(self._widths, float):
+            return self.push("constant", value=self._widths)
+        return self.push("input", self._widths, joint)
 
     def _slope(self, step: Step) -> Linear:
         """The step's value as a combination of velocities, if it is one."""
@@ -85,13 +90,14 @@ class _Softener(Writer):
         return {}
 
 
-def softened(program: Program, velocity: int, widths: int) -> Program:
+def softened(program: Program, velocity: int, widths: int | float) -> Program:
     """The program with jumps at zero speed spread over the widths.
 
     Args:
         program: The program.
         velocity: Number of its input array of velocities.
-        widths: Number of its input array of widths, one per velocity.
+        widths: Number of its input array of widths, one per velocity; or a width for all, a
+            float.
     """
     writer = _Softener(program, velocity, widths)
     for step in program.steps:

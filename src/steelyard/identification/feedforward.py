@@ -1,0 +1,145 @@
+"""Torques of an identified model along a motion: what `steelyard feedforward` does."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from steelyard.arguments import checked
+from steelyard.arrays import Array
+from steelyard.control.feedforward import SMOOTHING, feedforward_torque
+from steelyard.control.joint_order import ordered
+from steelyard.control.usable import refuse_unknown_gains, remarks
+from steelyard.errors import DataError
+from steelyard.estimation.identified import IdentifiedModel, load_model
+from steelyard.excitation.export.points import grid_times
+from steelyard.excitation.trajectories.files import read_motion, read_named
+from steelyard.files import write_table
+from steelyard.motion import Motion
+from steelyard.robot.robot import Coordinate, Robot
+
+RATE = 250.0
+"""Rows a second of the table, if none is given."""
+
+
+@dataclass(frozen=True, eq=False)
+class FeedforwardTorques:
+    """Torques along a motion.
+
+    Attributes:
+        joints: The joints, in the order of the columns.
+        motion: The desired motion, `N` samples.
+        torque: Shape `(N, n)` [Nm; N].
+        notes: What the torques leave out.
+    """
+
+    joints: tuple[Coordinate, ...]
+    motion: Motion
+    torque: Array
+    notes: tuple[str, ...] = ()
+
+    @property
+    def peaks(self) -> Array:
+        """Largest torque of each joint, shape `(n,)` [Nm; N]."""
+        return np.asarray(np.abs(self.torque).max(axis=0))
+
+    @property
+    def rms(self) -> Array:
+        """Root mean square torque of each joint, shape `(n,)` [Nm; N]."""
+        return np.asarray(np.sqrt(np.mean(self.torque**2, axis=0)))
+
+    def write(self, path: str | Path) -> None:
+        """Write a table: `time_s`, then `q_NAME`, `dq_NAME`, `ddq_NAME` and `tau_NAME`, SI units.
+
+        Args:
+            path: A name that ends in `.csv` or `.parquet`.
+
+        Raises:
+            OutputError: It cannot be written.
+        """
+        motion = self.motion
+        columns = {"time_s": motion.t}
+        for what, values in (
+            ("q", motion.q),
+            ("dq", motion.dq),
+            ("ddq", motion.ddq),
+            ("tau", self.torque),
+        ):
+            for joint, column in zip(self.joints, values.T, strict=True):
+                columns[f"{what}_{joint.name}"] = column
+        write_table(Path(path), columns)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values, without the samples."""
+        return {
+            "duration_s": float(self.motion.t[-1] - self.motion.t[0]),
+            "samples": len(self.motion),
+            "joints": [
+                {"name": joint.name, "unit": joint.effort_unit, "rms": rms, "peak": peak}
+                for joint, rms, peak in zip(
+                    self.joints, self.rms.tolist(), self.peaks.tolist(), strict=True
+                )
+            ],
+            "notes": list(self.notes),
+        }
+
+
+@checked(rate=1.0, smoothing=0.0)
+def feedforward(
+    model: str | Path | IdentifiedModel,
+    motion: str | Path | Motion,
+    *,
+    joints: Sequence[str] | None = None,
+    rate: float = RATE,
+    smoothing: float = SMOOTHING,
+) -> FeedforwardTorques:
+    """Torques along a desired motion, for a controller that adds them to its own.
+
+    Friction is that of the desired velocity. Laws with a smoothing in the robot file keep it;
+    others that jump at zero velocity turn within `smoothing`.
+
+    Args:
+        model: The model, its `model.json`, or the folder that contains it.
+        motion: `trajectory.json`, a table of times and positions, or samples.
+        joints: Names of the columns of samples; those of the model in its order if `None`.
+        rate: Samples per second along a file [Hz].
+        smoothing: Speed within which friction by the plain sign turns [rad/s; m/s]; 0 for the sign.
+
+    Raises:
+        SteelyardError: A file cannot be used, a joint is missing, or the model's efforts are no
+            torques.
+
+    Example:
+        >>> ahead = feedforward("arm-model", "fit/trajectory.json", rate=100.0)
+        >>> ahead.torque.shape == ahead.motion.q.shape
+        True
+    """
+    identified = load_model(model)
+    refuse_unknown_gains(identified)
+    robot = identified.model.robot
+    samples = _samples(motion, joints, robot, rate)
+    torque = feedforward_torque(identified.valued, samples, smoothing)
+    return FeedforwardTorques(robot.coordinates, samples, torque, remarks(identified))
+
+
+def _samples(
+    motion: str | Path | Motion, joints: Sequence[str] | None, robot: Robot, rate: float
+) -> Motion:
+    """The motion of the robot's joints, in their order."""
+    if isinstance(motion, Motion):
+        return ordered(motion, joints, robot, "samples of the motion")
+    if joints is not None:
+        raise DataError(
+            "names of joints are given together with a file, which has its own",
+            where="joints",
+            fix="leave them out",
+        )
+    path = Path(motion)
+    if path.suffix != ".json":
+        trajectory = read_motion(path, robot)
+        return trajectory.sample(grid_times(trajectory.duration, rate))
+    trajectory, names = read_named(path)
+    found = trajectory.sample(grid_times(trajectory.duration, rate))
+    return ordered(found, names, robot, str(path))

@@ -1,0 +1,1 @@
+"""Sections about a motion run under several controllers."""

@@ -1,0 +1,253 @@
+"""`steelyard feedforward`, `steelyard track`, and control in `steelyard simulate`."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+import steelyard
+from cli.conftest import Command
+from cli.mistakes import ROBOT
+from steelyard.control.usable import remarks
+from steelyard.excitation.trajectories.files import read_motion
+from steelyard.files import write_json
+from steelyard.identification.feedforward import feedforward
+from steelyard.robot_file.file import load_robot
+from steelyard.terms.laws.presliding import Dahl
+
+SHORT = ("simulate", ROBOT, "--period", "1.0")
+
+
+@pytest.fixture(scope="module")
+def motion(given: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A short motion of the demo arm."""
+    folder = tmp_path_factory.mktemp("motion") / "run"
+    made = steelyard.simulate(given / "demo_arm.toml", folder, period=1.0, seed=5)
+    return made.files.trajectory
+
+
+def test_feedforward_writes_the_torques_of_the_model(
+    command: Command, identified: Path, motion: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "torques.csv"
+    done = command("feedforward", identified, motion, "--rate", "100", "-o", out, "--json")
+    assert done.exit_code == 0, done.stderr
+    told = json.loads(done.stdout)
+    model = steelyard.load_model(identified)
+    table = pl.read_csv(out)
+    assert table.columns[0] == "time_s" and len(table) == told["samples"] == 101
+    parts = [
+        table.select([f"{what}_{name}" for name in model.joints]).to_numpy()
+        for what in ("q", "dq", "ddq", "tau")
+    ]
+    samples = steelyard.Motion(table["time_s"].to_numpy(), *parts[:3])
+    moving = np.abs(parts[1]).min(axis=1) > 0.02
+    np.testing.assert_allclose(parts[3][moving], model.torque(samples)[moving], rtol=1e-6)
+    assert [joint["peak"] for joint in told["joints"]] == pytest.approx(
+        np.abs(parts[3]).max(axis=0).tolist()
+    )
+    done = command("feedforward", identified, motion, "-o", tmp_path / "t.parquet")
+    assert done.exit_code == 0 and model.joints[0] in done.stdout and "251 rows" in done.stdout
+    assert pl.read_parquet(tmp_path / "t.parquet").columns == table.columns
+
+
+def test_joints_of_a_motion_are_matched_by_name(
+    identified: Path, motion: Path, tmp_path: Path
+) -> None:
+    values = json.loads(motion.read_text())
+    trajectory = read_motion(motion, steelyard.load_model(identified).model.robot)
+    expected = feedforward(identified, motion)
+    t = expected.motion.t
+    table = {"time_s": t.tolist(), "q": trajectory.sample(t).q[:, ::-1].tolist()}
+    turned = {"joints": values["joints"][::-1], "kind": "sampled", **table}
+    write_json(tmp_path / "turned.json", turned)
+    found = feedforward(identified, tmp_path / "turned.json")
+    assert [joint.name for joint in found.joints] == values["joints"]
+    np.testing.assert_allclose(found.motion.q, expected.motion.q, atol=1e-9)
+    rows = {f"q_{n}": expected.motion.q[:, k] for k, n in enumerate(values["joints"])}
+    order = ["time_s", *reversed(list(rows))]
+    pl.DataFrame({"time_s": t, **rows}).select(order).write_csv(tmp_path / "turned.csv")
+    found = feedforward(identified, tmp_path / "turned.csv")
+    np.testing.assert_allclose(found.motion.q, expected.motion.q, atol=1e-9)
+
+
+def test_motions_that_lack_joints_are_refused(
+    command: Command, identified: Path, motion: Path, tmp_path: Path
+) -> None:
+    robot = steelyard.load_model(identified).model.robot
+    sampled = read_motion(motion, robot).sample(np.linspace(0.0, 1.0, 50))
+    table = {"kind": "sampled", "time_s": sampled.t.tolist(), "q": sampled.q[:, :-1].tolist()}
+    for joints, words in (
+        (list(robot.joint_names[:-1]), f"the motion has no joint '{robot.joint_names[-1]}'"),
+        (None, "the motion has 5 joints without names, the model 6"),
+    ):
+        named = table if joints is None else {"joints": joints, **table}
+        write_json(tmp_path / "less.json", named)
+        done = command("feedforward", identified, tmp_path / "less.json")
+        assert done.exit_code == 2 and words in done.stderr
+    columns = {f"q_{n}": sampled.q[:, k] for k, n in enumerate(robot.joint_names[1:], start=1)}
+    pl.DataFrame({"time_s": sampled.t, **columns}).write_csv(tmp_path / "less.csv")
+    done = command("feedforward", identified, tmp_path / "less.csv")
+    assert done.exit_code == 2 and f"no column for joint '{robot.joint_names[0]}'" in done.stderr
+    done = command("feedforward", identified, tmp_path / "none.json")
+    assert done.exit_code == 2 and "cannot be read" in done.stderr
+    with pytest.raises(steelyard.SteelyardError, match="together with a file"):
+        feedforward(identified, motion, joints=["a"])
+
+
+def changed(identified: Path, folder: Path, **signals: object) -> Path:
+    """The model with other signals."""
+    data = json.loads((identified / "model.json").read_text())
+    data["signals"] |= signals
+    folder.mkdir()
+    write_json(folder / "model.json", data)
+    return folder
+
+
+def test_efforts_that_are_no_torques_are_refused(
+    command: Command, identified: Path, motion: Path, tmp_path: Path
+) -> None:
+    unknown = changed(identified, tmp_path / "unknown", unknown_gains=[False] * 5 + [True])
+    amperes = changed(identified, tmp_path / "amperes", effort_units=["A"] * 6)
+    for model in (unknown, amperes):
+        for words in (
+            ("feedforward", model, motion),
+            ("track", ROBOT, motion, "--model", model),
+            (*SHORT, "--model", model, "-o", tmp_path / "o"),
+        ):
+            done = command(*words)
+            assert done.exit_code == 2 and "the model's efforts are no torques" in done.stderr
+    assert not (tmp_path / "o").exists()
+
+
+def test_gravity_compensated_efforts_are_noted_or_refused(
+    command: Command, identified: Path, motion: Path, tmp_path: Path
+) -> None:
+    model = changed(identified, tmp_path / "light", effort_kind="gravity_compensated_torque")
+    data = json.loads((model / "model.json").read_text())
+    data["model"]["robot"]["gravity"] = [0.0, 0.0, 0.0]
+    write_json(model / "model.json", data)
+    done = command("feedforward", model, motion)
+    assert done.exit_code == 0 and "torques are without gravity" in done.stdout
+    done = command("track", ROBOT, motion, "--model", model)
+    assert done.exit_code == 2 and "identified from gravity-compensated efforts" in done.stderr
+
+
+def test_torques_behind_the_gears_are_noted(identified: Path, motion: Path, tmp_path: Path) -> None:
+    model = changed(identified, tmp_path / "behind", effort_kind="link_torque")
+    (note,) = feedforward(model, motion).notes
+    assert "behind the gears" in note and not feedforward(identified, motion).notes
+
+
+def test_friction_with_memory_is_noted(identified: Path) -> None:
+    model = steelyard.load_model(identified)
+    terms = (*model.model.terms, Dahl(length=1e-3))
+    (note,) = remarks(replace(model, model=steelyard.Model(model.robot, terms)))
+    assert "begins relaxed" in note
+
+
+def test_track_compares_with_and_without_the_model(
+    command: Command, given: Path, identified: Path, motion: Path, tmp_path: Path
+) -> None:
+    truth = given / "truth.json"
+    out = tmp_path / "tracked"
+    words = ("track", ROBOT, motion, "--model", identified, "--truth", truth)
+    done = command(*words, "--friction-drift", "1.2", "-o", out)
+    assert done.exit_code == 0, done.stderr
+    assert "cascade + feedforward" in done.stdout and str(out / "tracking.html") in done.stdout
+    told = json.loads((out / "tracking.json").read_text())
+    bare, model = told["controllers"]
+    assert bare["name"] == "cascade" and told["settings"]["factor on true friction"] == "1.2"
+    assert np.mean([joint["ratio"] for joint in model["joints"]]) < 0.6
+    assert model["tool"]["rms"] < 0.6 * bare["tool"]["rms"] and bare["tool"]["frame"] == "tool"
+    assert "Path of the tool" in (out / "tracking.html").read_text()
+    done = command(*words, "--control", "pd,kp=400", "--tool", "forearm", "--lag", "0",
+                   "--json", "-o", tmp_path / "second")  # fmt: skip
+    assert done.exit_code == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert told["controllers"][0]["tool"]["frame"] == "forearm" and len(told["controllers"]) == 2
+    assert told["settings"]["lag of the drives' torque"] == "0 ms"
+
+
+def test_a_model_of_other_joints_is_refused(
+    command: Command, identified: Path, motion: Path, tmp_path: Path
+) -> None:
+    data = json.loads((identified / "model.json").read_text())
+    data["model"]["robot"]["coordinates"][0]["name"] = "hip"
+    (tmp_path / "other").mkdir()
+    write_json(tmp_path / "other" / "model.json", data)
+    done = command("track", ROBOT, motion, "--model", tmp_path / "other")
+    assert done.exit_code == 2 and "the model has the joints hip" in done.stderr
+
+
+def test_simulate_has_controllers_a_truth_a_rate_and_a_wrench(
+    command: Command, given: Path, identified: Path, motion: Path, tmp_path: Path
+) -> None:
+    push = tmp_path / "push.csv"
+    push.write_text("time_s,fx_N,fy_N,fz_N,tx_Nm,ty_Nm,tz_Nm\n1.2,5,0,-10,0,0,1\n1.4,0,0,0,0,0,0\n")
+    words = (
+        "simulate", ROBOT, "--motion", motion, "--truth", given / "truth.json", "--rate", "500",
+        "--control", "cascade", "--model", identified, "--wrench", push, "--wrench-axes", "frame",
+        "--wrench-frame", "tool", "--noise", "0",
+    )  # fmt: skip
+    done = command(*words, "-o", tmp_path / "run")
+    assert done.exit_code == 0, done.stderr
+    assert str(given / "truth.json") in done.stdout
+    assert (tmp_path / "run" / "truth.json").read_text() == (given / "truth.json").read_text()
+    log = pl.read_csv(tmp_path / "run" / "log.csv")
+    np.testing.assert_allclose(np.diff(log["time_s"]), 2e-3, atol=1e-9)
+    names = [f"{what}{k}_{unit}" for what, unit in (("q_cmd", "rad"), ("dq_cmd", "rad_s"),
+             ("tau_cmd", "Nm")) for k in range(1, 7)]  # fmt: skip
+    assert log.columns[-24:] == [*names, "fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm"]
+    pushed = (log["time_s"] >= 1.2 - 1e-6) & (log["time_s"] < 1.4 - 1e-6)
+    np.testing.assert_allclose(log["fz_N"], np.where(pushed, -10.0, 0.0), atol=1e-9)
+    robot = load_robot(given / "demo_arm.toml").robot
+    goal = read_motion(motion, robot).sample(np.clip(log["time_s"] - 1.0, 0.0, 1.0))
+    np.testing.assert_allclose(log.select(names[:6]).to_numpy(), goal.q, atol=1e-6)
+    assert np.abs(log.select([f"q{k}_rad" for k in range(1, 7)]).to_numpy() - goal.q).max() < 0.02
+
+
+def test_a_log_with_commands_is_read_as_any_other(command: Command, tmp_path: Path) -> None:
+    for name, more in (("plain", ()), ("commanded", ("--control", "pd"))):
+        done = command(*SHORT, *more, "-o", tmp_path / name)
+        assert done.exit_code == 0, done.stderr
+    log, file = tmp_path / "commanded" / "log.csv", tmp_path / "arm.toml"
+    command("init", "../given/demo_arm.urdf", log, "--no-input", "-o", file)
+    signals = load_robot(file).signals
+    assert signals is not None
+    assert (signals.position[0], signals.effort[0]) == ("q1_rad", "tau1_Nm")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--truth", "none.json"), "the truth cannot be read"),
+        (("--truth", ROBOT), "the file is no truth"),
+        (("--rate", "300"), "a log cannot have 300 rows a second"),
+        (("--control", "bang"), "there is no controller 'bang'"),
+        (("--control", "computed_torque"), "computes with a model"),
+        (("--wrench-frame", "tool"), "add --wrench FILE"),
+        (("--wrench", "none.csv"), "none.csv"),
+    ],
+)
+def test_unusable_options_of_simulate(
+    command: Command, tmp_path: Path, options: tuple[str, ...], words: str
+) -> None:
+    done = command(*SHORT, *options, "-o", tmp_path / "o")
+    assert done.exit_code == 2 and words in done.stderr
+    assert not (tmp_path / "o").exists()
+
+
+def test_friction_drift_is_in_the_truth(command: Command, tmp_path: Path) -> None:
+    found = {}
+    for factor in ("1", "1.5"):
+        done = command(*SHORT, "--friction-drift", factor, "-o", tmp_path / factor)
+        assert done.exit_code == 0
+        truth = json.loads((tmp_path / factor / "truth.json").read_text())["parameters"]
+        found[factor] = {name: one["value"] for name, one in truth.items()}
+    for name, value in found["1"].items():
+        factor = 1.5 if name.split(".")[0] in ("coulomb", "viscous") else 1.0
+        assert found["1.5"][name] == pytest.approx(factor * value)

@@ -1,0 +1,48 @@
+"""A robot with values, a motion of it, and the task of following it."""
+
+import numpy as np
+import pytest
+
+from invented import tree
+from steelyard.control.protocol import ControlTask
+from steelyard.model import Model, ValuedModel
+from steelyard.motion import Motion
+from steelyard.parameters import Parameters
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.laws.rotor_inertia import RotorInertia
+from steelyard.terms.laws.viscous import Viscous
+from steelyard.terms.term import Term
+
+TICK = 1e-3
+
+
+def valued_of(*terms: Term) -> ValuedModel:
+    """The bodies of a tree, and other terms with all parameters 0.5."""
+    model = Model(tree(), (RigidBody(), *terms))
+    known = [0.5 if p.prior is None else p.prior for p in model.parameters]
+    return model.at(Parameters(model.names, model.units, known))
+
+
+@pytest.fixture
+def valued() -> ValuedModel:
+    return valued_of(RotorInertia(), Coulomb(), Viscous())
+
+
+@pytest.fixture
+def motion(valued: ValuedModel) -> Motion:
+    n = valued.model.robot.n
+    t = TICK * np.arange(300)[:, None]
+    rates, sizes = 5.0 + np.arange(n), np.linspace(0.2, 0.4, n)
+    return Motion(
+        t[:, 0],
+        sizes * np.sin(rates * t),
+        sizes * rates * np.cos(rates * t),
+        -sizes * rates**2 * np.sin(rates * t),
+    )
+
+
+@pytest.fixture
+def task(motion: Motion) -> ControlTask:
+    n = motion.n_joints
+    return ControlTask(motion, motion, TICK, np.linspace(1.0, 2.0, n), 60.0, np.full(n, 3.0))
