@@ -17,8 +17,11 @@ STATUS = Path("/proc/self/status")
 def pytest_configure(config: pytest.Config) -> None:
     """A kernel cache of our own, so that tests neither use nor fill the user's.
 
-    Set before tests are collected: some modules make a regressor when they are imported.
+    Set before tests are collected: some modules make a regressor when they are imported. Parallel
+    workers inherit that of the process that started them.
     """
+    if hasattr(config, "workerinput"):
+        return
     folder = tempfile.TemporaryDirectory(prefix="steelyard-tests-")
     os.environ["STEELYARD_CACHE"] = folder.name
     config.add_cleanup(folder.cleanup)
