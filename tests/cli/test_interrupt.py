@@ -5,14 +5,73 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from shutil import copy
 
 import pytest
+from typer.testing import CliRunner
 
+import steelyard
+from cli.interrupted_at import press_at
 from cli.mistakes import LOG, ROBOT, leftovers
+from identification.test_method import ARM
+from steelyard.cli import interrupt
+from steelyard.cli.app import app
+from steelyard.cli.main import main
 
 DRIVER = Path(__file__).parent / "interrupted_at.py"
-CHECK = ("check", "../given/clock.toml", LOG, "--fix", "fixed.toml", "-o", "out")
-IDENTIFY = ("identify", ROBOT, LOG, "--validate", "../given/validation.csv")
+SMALL, FIRST, SECOND = "../given/arm.toml", "../given/first.csv", "../given/second.csv"
+CHECK = ("check", "../given/arm_ms.toml", FIRST, "--quick", "--fix", "fixed.toml")
+IDENTIFY = ("identify", SMALL, FIRST, "--validate", SECOND)
+SIMULATE = ("simulate", SMALL, "--period", "1")
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A robot with two joints, a robot file for it with a wrong unit, and two short logs."""
+    folder = tmp_path_factory.mktemp("small")
+    (folder / "arm.urdf").write_text(ARM)
+    (folder / "arm.toml").write_text('[robot]\nurdf = "arm.urdf"\n')
+    robot = folder / "arm.toml"
+    steelyard.simulate(robot, folder / "first", period=5.0, seed=0)
+    steelyard.simulate(robot, folder / "drawn", period=5.0, seed=1)
+    steelyard.simulate(robot, folder / "second", folder / "drawn/trajectory.json", seed=0)
+    for name in ("first", "second"):
+        (folder / name / "log.csv").rename(folder / f"{name}.csv")
+    drafted = folder / "arm_ms.toml"
+    arguments = [str(folder / "arm.urdf"), str(folder / "first.csv"), "-o", str(drafted)]
+    made = CliRunner().invoke(app, ["init", *arguments])
+    assert made.exit_code == 0, made.output
+    text = drafted.read_text()
+    assert text.count('time_unit = "s"') == 1
+    drafted.write_text(text.replace('time_unit = "s"', 'time_unit = "ms"'))
+    return folder
+
+
+@pytest.fixture
+def work(work: Path, small: Path) -> Path:
+    """A fresh folder beside these files."""
+    for file in small.glob("*.*"):
+        copy(file, work.parent / "given")
+    return work
+
+
+def pressed_here(
+    function: str, arguments: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> tuple[object, list[str]]:
+    """Exit code of a command stopped at a function, in this process, and what it entered."""
+    monkeypatch.setattr(sys, "argv", ["steelyard", *arguments])
+    monkeypatch.setattr(sys, "unraisablehook", sys.unraisablehook)
+    monkeypatch.setattr(interrupt, "_state", interrupt._State())
+    before, entered = signal.getsignal(signal.SIGINT), dict[str, None]()
+    press_at(function, entered)
+    try:
+        main()
+    except SystemExit as end:
+        return end.code, list(entered)
+    finally:
+        sys.setprofile(None)
+        signal.signal(signal.SIGINT, before)
+    raise AssertionError("a command ends with an exit code")
 
 
 def pressed(function: str, arguments: tuple[str, ...], work: Path) -> tuple[int, str, list[str]]:
@@ -28,55 +87,73 @@ def pressed(function: str, arguments: tuple[str, ...], work: Path) -> tuple[int,
     return done.returncode, done.stderr, report.read_text().splitlines()
 
 
-@pytest.mark.parametrize(
-    ("function", "arguments"),
-    [
-        ("app.expanded", IDENTIFY),
-        ("identify.<module>", IDENTIFY),
-        ("files._beside", IDENTIFY),
-        ("gather.gather", IDENTIFY),
-        ("show.progress_bar.<locals>.watch", IDENTIFY),
-        ("identify.Identification.write", IDENTIFY),
-        ("page.render", IDENTIFY),
-        ("files.write_table", ("simulate", ROBOT, "--period", "1")),
-        ("files.write_json", ("simulate", ROBOT, "--period", "1")),
-        ("examine.examine", IDENTIFY),
-        ("check_page.render_check", CHECK),
-        ("files.whole_folder", CHECK),
-        ("files.whole_file", CHECK),
-        ("edits.edited", CHECK),
-        ("files._remove", ("simulate", ROBOT, "--period", "1")),
-        ("template.drafted", ("init", "../given/demo_arm.urdf")),
-        ("files.whole_file", ("init", "../given/demo_arm.urdf")),
-    ],
-)
-def test_ctrl_c_leaves_nothing(function: str, arguments: tuple[str, ...], work: Path) -> None:
-    code, errors, entered = pressed(function, arguments, work)
+@pytest.mark.parametrize("function", ["app.expanded", "identify.<module>"])
+def test_ctrl_c_at_the_start_leaves_nothing(function: str, work: Path) -> None:
+    code, errors, entered = pressed(function, IDENTIFY, work)
     assert function in entered
     assert (code, errors) == (130, "stopped: nothing was written\n")
     assert leftovers(work) == []
 
 
-def test_ctrl_c_comes_too_late_once_results_take_their_place(work: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    code, errors, entered = pressed("terminal.summary", (*IDENTIFY, "-o", str(out)), work)
+@pytest.mark.parametrize(
+    ("function", "arguments"),
+    [
+        ("files._beside", IDENTIFY),
+        ("gather.gather", IDENTIFY),
+        ("show.progress_bar.<locals>.watch", IDENTIFY),
+        ("identify.Identification.write", IDENTIFY),
+        ("page.render", IDENTIFY),
+        ("files.write_table", SIMULATE),
+        ("files.write_json", SIMULATE),
+        ("files._remove", SIMULATE),
+        ("examine.examine", CHECK),
+        ("check_page.render_check", (*CHECK, "-o", "out")),
+        ("files.whole_folder", (*CHECK, "-o", "out")),
+        ("files.whole_file", CHECK),
+        ("edits.edited", CHECK),
+        ("template.drafted", ("init", "../given/demo_arm.urdf")),
+        ("files.whole_file", ("init", "../given/demo_arm.urdf")),
+    ],
+)
+def test_ctrl_c_leaves_nothing(
+    function: str,
+    arguments: tuple[str, ...],
+    work: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(work)
+    code, entered = pressed_here(function, arguments, monkeypatch)
+    assert function in entered
+    assert (code, capsys.readouterr().err) == (130, "stopped: nothing was written\n")
+    assert leftovers(work) == []
+
+
+def test_ctrl_c_comes_too_late_once_results_take_their_place(
+    work: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(work)
+    arguments = (*IDENTIFY, "-o", "out")
+    code, entered = pressed_here("terminal.summary", arguments, monkeypatch)
     assert "terminal.summary" in entered
-    assert (code, errors) == (0, "")
-    assert sorted(p.name for p in out.iterdir()) == ["model.json", "parameters.csv", "report.html"]
+    assert (code, capsys.readouterr().err) == (0, "")
+    names = sorted(p.name for p in Path("out").iterdir())
+    assert names == ["model.json", "parameters.csv", "report.html"]
 
 
 def test_the_reduced_model_stays_when_the_next_motion_is_stopped(
-    work: Path, tmp_path: Path
+    identified: Path,
+    work: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    code, errors, _ = pressed("x.y", (*IDENTIFY, "-o", str(tmp_path / "full")), work)
-    assert (code, errors) == (0, "")
-    options = ("--robot", IDENTIFY[1], "--next", str(tmp_path / "motion"), "--stop", "one_fewer")
-    arguments = ("reduce", str(tmp_path / "full"), IDENTIFY[2], "-o", str(tmp_path / "small"))
-    code, errors, entered = pressed("design.design_excitation", (*arguments, *options), work)
+    monkeypatch.chdir(work)
+    options = ("--robot", ROBOT, "--next", "motion", "--stop", "one_fewer", "-o", "small")
+    arguments = ("reduce", str(identified), LOG, *options)
+    code, entered = pressed_here("design.design_excitation", arguments, monkeypatch)
     assert "design.design_excitation" in entered
-    assert (code, errors) == (130, f"stopped: {tmp_path / 'small'} is written, nothing else\n")
-    assert (tmp_path / "small" / "model.json").exists()
-    assert not (tmp_path / "motion").exists()
+    assert (code, capsys.readouterr().err) == (130, "stopped: small is written, nothing else\n")
+    assert Path("small/model.json").exists() and not Path("motion").exists()
 
 
 def test_ctrl_c_from_outside_while_it_works(work: Path) -> None:
@@ -96,7 +173,9 @@ def test_ctrl_c_from_outside_while_it_works(work: Path) -> None:
 
 SWALLOWED = """
 import os, signal, sys
+from identification.test_method import ARM
 from steelyard.cli import interrupt
+from steelyard.cli.app import app
 from steelyard.cli.main import main
 from steelyard.cli import app as commands
 
