@@ -106,7 +106,8 @@ def test_friction_that_drives_is_named(
 ) -> None:
     reversed_efforts = ('unit = "Nm"', 'unit = "Nm"\ngain = -1.0')
     robot = edited(given, tmp_path, reversed_efforts)
-    done = command("identify", robot, given / "identification.csv", "-o", tmp_path / "no")
+    log = f"{given / 'identification.csv'}@0:5"
+    done = command("identify", robot, log, "-o", tmp_path / "no")
     assert done.exit_code == 2 and "all efforts have the opposite sign" in done.stderr
     assert not (tmp_path / "no").exists()
     driven, _ = identified(reversed_efforts, options=("--no-check",))

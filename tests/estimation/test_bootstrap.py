@@ -51,7 +51,7 @@ def test_the_scatter_is_that_of_block_means(spread: float) -> None:
 
 
 def test_few_windows_are_not_taken_for_sure() -> None:
-    stds = [bootstrap(OrdinaryLeastSquares(), windows(k, 3), draws=200).std[0] for k in range(60)]
+    stds = [bootstrap(OrdinaryLeastSquares(), windows(k, 3), draws=20).std[0] for k in range(60)]
     wanted = np.sqrt(1.0 / 150)
     assert np.sqrt(np.mean(np.square(stds))) == pytest.approx(wanted, rel=0.15)
 

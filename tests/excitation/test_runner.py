@@ -58,10 +58,10 @@ def _nobody_stays() -> Iterator[None]:
 
 def test_the_seed_alone_decides(tmp_path: Path) -> None:
     one, two, other = (
-        harvest(tmp_path, SearchBudget(60.0, searches=3, processes=count, seed=seed))
-        for count, seed in ((1, 0), (2, 0), (2, 1))
+        harvest(tmp_path, SearchBudget(60.0, searches, processes, seed))
+        for searches, processes, seed in ((2, 1, 0), (2, 2, 0), (1, 1, 1))
     )
-    assert one.searches == two.searches == 3 and not one.stopped
+    assert one.searches == two.searches == 2 and not one.stopped
     for mine, theirs in zip(one.best, two.best, strict=True):
         assert (mine.number, mine.criterion_value) == (theirs.number, theirs.criterion_value)
         np.testing.assert_array_equal(mine.x, theirs.x)
