@@ -54,24 +54,25 @@ function ratio(a, b) {
   return (high + 0.05) / (low + 0.05);
 }
 
-// The colour behind an element, shape (3,), and its opacity: layers from the page up to it.
-function behind(element) {
-  const layers = [];
-  let opacity = 1;
-  for (let one = element; one; one = one.parentElement) {
-    const style = getComputedStyle(one);
-    opacity *= Number(style.opacity);
-    const found = channels(style.backgroundColor);
-    if (found && found.alpha > 0) layers.unshift(found);
+// The colour behind an element, shape (3,), and its opacity: that of its parent, kept in `known`,
+// and its own layer.
+function behind(element, known) {
+  if (!element) return { rgb: [255, 255, 255], opacity: 1 };
+  if (!known.has(element)) {
+    const below = behind(element.parentElement, known);
+    const style = getComputedStyle(element);
+    const own = channels(style.backgroundColor);
+    const rgb = own && own.alpha > 0 ? over(own.rgb, own.alpha, below.rgb) : below.rgb;
+    known.set(element, { rgb, opacity: below.opacity * Number(style.opacity) });
   }
-  const rgb = layers.reduce((below, layer) => over(layer.rgb, layer.alpha, below), [255, 255, 255]);
-  return { rgb, opacity };
+  return known.get(element);
 }
 
 // Texts with less contrast than WCAG 2 AA: 4.5, large ones 3.
 function contrast() {
   const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
   const wrong = new Map();
+  const known = new Map();
   while (walker.nextNode()) {
     const element = walker.currentNode.parentElement;
     if (!walker.currentNode.data.trim() || element.closest("script, style, noscript")) continue;
@@ -80,7 +81,7 @@ function contrast() {
     const svg = element instanceof SVGElement;
     const ink = channels(svg ? style.fill : style.color);
     if (!ink) continue;
-    const { rgb, opacity } = behind(element);
+    const { rgb, opacity } = behind(element, known);
     if (opacity === 0) continue;
     const seen = over(ink.rgb, ink.alpha * opacity * (svg ? Number(style.fillOpacity) : 1), rgb);
     const size = parseFloat(style.fontSize);
