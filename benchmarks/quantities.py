@@ -13,6 +13,7 @@ from oracles import pinocchio_model
 from steelyard.kernel.quantities.kinematics import last_frame
 from steelyard.model import Model, ValuedModel
 from steelyard.parameters import Parameters
+from steelyard.terms.laws.presliding import Dahl
 
 STEPS, SAMPLES = 100, 50_000
 Best = Callable[[Callable[[], object], int], float]
@@ -51,9 +52,11 @@ def steps(best: Best, valued: ValuedModel) -> list[Row]:
 
     torque, theirs = each(stepper.step), each(lambda *x: pin.rnea(oracle, data, *x))
     mass = each(lambda q, dq, ddq: stepper.mass_matrix(q))
+    slipping = each(_slipping(valued).start().step)
     forward, observer = each(stepper.forward_dynamics), each(observed)
     return [
         ("torque, sample by sample", f"{torque:.1f} µs a step", "<= 5 µs", torque <= 5.0),
+        ("with Dahl's friction", f"{slipping:.1f} µs a step", "<= 5 µs", slipping <= 5.0),
         ("rnea of Pinocchio, sample by sample", f"{theirs:.1f} µs a step", "", True),
         ("mass matrix, sample by sample", f"{mass:.1f} µs a step", "", True),
         ("forward dynamics, sample by sample", f"{forward:.1f} µs a step", "", True),
@@ -64,6 +67,13 @@ def steps(best: Best, valued: ValuedModel) -> list[Row]:
             observer <= 20.0,
         ),
     ]
+
+
+def _slipping(valued: ValuedModel) -> ValuedModel:
+    """The same bodies with friction that has memory."""
+    terms = tuple(Dahl() if term.law == "coulomb" else term for term in valued.model.terms)
+    model = Model(valued.robot, terms)
+    return model.at(Parameters(model.names, model.units, valued.values.values))
 
 
 def motions(best: Best, valued: ValuedModel) -> list[Row]:

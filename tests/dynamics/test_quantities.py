@@ -18,8 +18,10 @@ from steelyard.model import Model, ValuedModel
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
 from steelyard.robot.robot import Frame, Robot
+from steelyard.terms.errors.reading_errors import Misread
 from steelyard.terms.laws.coulomb import Coulomb
 from steelyard.terms.laws.offset import Offset
+from steelyard.terms.laws.presliding import Dahl
 from steelyard.terms.laws.rigid_body import RigidBody
 from steelyard.terms.laws.rotor_inertia import RotorInertia
 from steelyard.terms.laws.viscous import Viscous
@@ -237,6 +239,34 @@ def test_friction_with_memory_remembers_along_a_motion_and_from_step_to_step(law
             slipping.forward_dynamics(q, dq, torque)
     else:
         np.testing.assert_allclose(slipping.forward_dynamics(q, dq, torque), ddq, atol=1e-7)
+
+
+def test_friction_with_memory_in_a_closed_chain_goes_from_step_to_step() -> None:
+    robot = CHAINS["palletizer"]()
+    model = Model(robot, (RigidBody(), Viscous(), Dahl(length=0.02)))
+    numbers = np.concatenate([robot.nominal.ravel(), np.full(2 * robot.n, 0.3)])
+    slipping = model.at(Parameters(model.names, model.units, numbers))
+    q = independent_path(robot, 200, 0.25).T
+    dq = np.gradient(q, axis=0)
+    torque, stepper = slipping.torque(q, dq, 0.0 * q), slipping.start()
+    for k in range(len(q)):
+        np.testing.assert_allclose(stepper.step(q[k], dq[k], 0.0 * q[k]), torque[k], atol=1e-9)
+    again = stepper.start()
+    np.testing.assert_allclose(again.step(q[0], dq[0], 0.0 * q[0]), torque[0], atol=1e-9)
+
+
+def test_terms_without_one_step_equations_are_stepped_by_their_scan() -> None:
+    robot = tree()
+    names = Model(robot, (RigidBody(),)).names
+    reference = tuple(zip(names, robot.nominal.ravel().tolist(), strict=True))
+    model = Model(robot, (Misread(reference), Dahl()))
+    misread = model.at(Parameters(model.names, model.units, np.full(len(model.names), 0.1)))
+    q, dq, ddq = np.random.default_rng(7).normal(size=(3, 9, 4))
+    torque, stepper = misread.torque(q, dq, ddq), misread.start()
+    for k in range(len(q)):
+        np.testing.assert_allclose(stepper.step(q[k], dq[k], ddq[k]), torque[k], atol=1e-9)
+    with pytest.raises(ModelError, match="'misread' depends on the acceleration"):
+        misread.forward_dynamics(q, dq, torque)
 
 
 def test_a_mass_matrix_that_no_mechanism_has_is_named_with_its_posture() -> None:

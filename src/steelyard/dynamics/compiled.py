@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -41,6 +42,11 @@ class CompiledQuantity:
         """Compile, or load from the cache."""
         part, place = quantity.part(equations), {n: k for k, n in enumerate(equations.names)}
         return cls(quantity, part, [place[n] for n in part.names], quantity.code(part))
+
+    @cached_property
+    def step_code(self) -> Code:
+        """Machine code of one step, see `Quantity.step_program`."""
+        return self.quantity.step_code(self.part)
 
     def along(self, values: Array, arguments: Sequence[ArrayLike], t: Array | None = None) -> Array:
         """Entries at one configuration, or along samples; see `Dynamics.evaluate`.

@@ -17,6 +17,7 @@ from steelyard.parameters import Parameter
 from steelyard.robot.json import robot_to_dict
 from steelyard.robot.robot import Robot
 from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.terms.memory import Presliding
 from steelyard.terms.register import description_of
 from steelyard.terms.scan import Scan
 from steelyard.terms.term import Columns, StatefulTerm, Term, channels_of
@@ -58,6 +59,49 @@ class Equations:
         """Channels that are computed along a motion, see `Scan`."""
         terms = sum(channels_of(term, self.robot) for term in self.terms)
         return len(self.robot.passive) + terms
+
+    @property
+    def n_memory(self) -> int:
+        """Entries of the memory of friction between two steps."""
+        return sum(term.n_memory(self.robot) for term in self._remembering)
+
+    @property
+    def steps(self) -> bool:
+        """Whether `stepped` gives all channels but passive joints: friction with memory does."""
+        channels = [term for term in self.terms if isinstance(term, StatefulTerm)]
+        return len(channels) == len(self._remembering)
+
+    @property
+    def _remembering(self) -> list[Presliding]:
+        return [term for term in self.terms if isinstance(term, Presliding)]
+
+    def started(self, state: JointState) -> list[Scalar]:
+        """Memory of friction before the first step of a motion.
+
+        Args:
+            state: Independent joints at the first sample; channels are the passive positions.
+        """
+        full, _ = completed(self.robot, state)
+        return [x for term in self._remembering for x in term.started(self.robot, full)]
+
+    def stepped(
+        self, state: JointState, memory: Sequence[Scalar]
+    ) -> tuple[list[Scalar], list[Scalar]]:
+        """Memory of friction after one step, and all channels there.
+
+        Args:
+            state: Independent joints at the step's end; channels are the passive positions.
+            memory: Before the step.
+        """
+        full, _ = completed(self.robot, state)
+        after: list[Scalar] = []
+        channels = list(state.channels)
+        for term in self._remembering:
+            last = memory[len(after) : len(after) + term.n_memory(self.robot)]
+            rows, mine = term.stepped(self.robot, full, last)
+            after += rows
+            channels += mine
+        return after, channels
 
     def columns(self, state: JointState) -> Columns:
         """Regressor entries `(effort row, standard parameter)` over symbols.

@@ -22,7 +22,8 @@ from steelyard.kernel.program.program import Program
 from steelyard.kernel.quantities.forward_dynamics import accelerations
 from steelyard.kernel.quantities.kinematics import frame_of, frame_outputs
 from steelyard.robot.robot import Frame, Robot
-from steelyard.terms.term import Term
+from steelyard.terms.memory import Presliding
+from steelyard.terms.term import StatefulTerm, Term
 
 Given = Mapping[str, Sequence[Scalar]]
 """Symbols of the arguments, of `channels` and of `parameters`, by name."""
@@ -56,7 +57,7 @@ class Quantity:
         Raises:
             ModelError: Accelerations are asked for, and a term depends on them beside the inertia.
         """
-        loaded = [term.law for term in equations.terms if term.needs_reference]
+        loaded = [t.law for t in equations.terms if t.needs_reference or _is_unstepped(t)]
         if loaded and "tau" in self.arguments:
             raise ModelError(
                 f"{self.name}: '{loaded[0]}' depends on the acceleration that is looked for",
@@ -81,6 +82,39 @@ class Quantity:
         """The program as machine code."""
         description = [self.name, *self.key, part.program_key]
         return compiled(description, lambda: (self.program(part), {}))
+
+    def step_program(self, part: Equations) -> Program:
+        """As `program`, with friction's memory before a step, and after it behind the entries.
+
+        Inputs are the arguments, passive positions, memory, and shared parameters.
+        """
+        from steelyard.kernel.program.trace import symbolic
+
+        n, rest = part.robot.n, [0.0] * part.robot.n
+        inputs = (
+            *(Input(name, n) for name in self.arguments),
+            Input("passive", len(part.robot.passive)),
+            Input("memory", part.n_memory),
+            Input("parameters", len(part.parameters), shared=True),
+        )
+
+        def build(*x: Sequence[Scalar]) -> list[Scalar]:
+            given = dict(zip([array.name for array in inputs], x, strict=True))
+            dq, ddq = given.get("dq", rest), given.get("ddq", rest)
+            state = JointState(given["q"], dq, ddq, given["passive"])
+            memory, channels = part.stepped(state, given["memory"])
+            return [*self.build(part, {**given, "channels": channels}), *memory]
+
+        return symbolic(build, inputs)
+
+    def step_code(self, part: Equations) -> Code:
+        """The program of a step as machine code."""
+        description = ["step", self.name, *self.key, part.to_dict()]
+        return compiled(description, lambda: (self.step_program(part), {}))
+
+
+def _is_unstepped(term: Term) -> bool:
+    return isinstance(term, StatefulTerm) and not isinstance(term, Presliding)
 
 
 def _efforts(part: Equations, given: Given) -> list[Scalar]:

@@ -1,5 +1,6 @@
 """Quantities of a model one sample at a time, for controllers and streams."""
 
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -8,10 +9,13 @@ from numpy.typing import ArrayLike
 from steelyard.arrays import Array
 from steelyard.dynamics.compiled import CompiledQuantity
 from steelyard.dynamics.dynamics import Dynamics
+from steelyard.dynamics.equations import Equations
 from steelyard.dynamics.quantity import TORQUE, Quantity
 from steelyard.errors import DataError
+from steelyard.kernel.equations.dynamics import JointState
 from steelyard.kernel.native.vector_ir import MAX_ANGLE
 from steelyard.robot.robot import Robot
+from steelyard.terms.scan import Scan
 
 _SMALL = np.float64(MAX_ANGLE**2)
 """Sum of squares below which no position is too large for the machine code."""
@@ -81,23 +85,31 @@ class _Sample:
     """
 
     def __init__(self, compiled: CompiledQuantity, values: Array) -> None:
-        code, part, quantity = compiled.code, compiled.part, compiled.quantity
+        part, quantity = compiled.part, compiled.quantity
+        stepped = part.n_memory > 0 and part.steps
+        code = compiled.step_code if stepped else compiled.code
         n, count, spare = part.robot.n, len(quantity.arguments), code.lanes - 1
         self._compiled, self._joints, self._pivot = compiled, (n,), quantity.pivot
         self._given = np.zeros(count * n + spare)
         self._rows = [self._given[k * n : (k + 1) * n] for k in range(count)]
-        self._channels = np.zeros(part.n_channels + spare)
-        self._scan = part.scan() if part.n_channels else None
-        self._result = np.zeros(quantity.shape(part))
+        scanned = Equations(part.robot, ()) if stepped else part
+        self._scan = scanned.scan() if scanned.n_channels else None
+        self._channels = np.zeros(scanned.n_channels + spare)
+        self._memory = np.zeros(part.n_memory + spare)
+        self._stepped, self._begun = stepped, False
         self._lanes = np.zeros((code.n_outputs, code.lanes))
+        self._outputs = np.zeros(code.n_outputs)
+        shape = quantity.shape(part)
+        self._result = self._outputs[: math.prod(shape)].reshape(shape)
         self._parameters = np.ascontiguousarray(values[compiled.columns])
+        inputs = [*self._rows, self._channels, *([self._memory] if stepped else [])]
         self._addresses = np.array(
             [
                 code.lanes,
-                *(x for row in self._rows for x in (row.ctypes.data, 1)),
-                *(self._channels.ctypes.data, 1, self._parameters.ctypes.data, 0),
-                *(self._lanes.ctypes.data, code.lanes, self._given.ctypes.data, count * n),
-                *(self._result.ctypes.data, code.n_outputs, _SMALL.view(np.int64)),
+                *(x for array in inputs for x in (array.ctypes.data, 1)),
+                *(self._parameters.ctypes.data, 0, self._lanes.ctypes.data, code.lanes),
+                *(self._given.ctypes.data, count * n),
+                *(self._outputs.ctypes.data, code.n_outputs, _SMALL.view(np.int64)),
             ]
         )
         self._place, self._call = self._addresses.ctypes.data, code.sample
@@ -109,15 +121,34 @@ class _Sample:
                 raise self._misfit(x)
             row[...] = x
         if self._scan is not None:
-            if not self._given.dot(self._given) < _SMALL:
-                self._compiled.check_arguments(self._rows)
-            block = [row[:, None] for row in self._rows]
-            channels = self._compiled.channels(self._scan, block, t)[:, 0]
-            self._channels[: len(channels)] = channels
+            self._look(self._scan, t)
+        if self._stepped and not self._begun:
+            self._begin()
         if not self._call(self._place) or self._pivot and not self._result[-1] > 0.0:
             self._compiled.check_arguments(self._rows)
             self._compiled.check(self._rows[0][None], self._result.reshape(1, -1))
+        if self._stepped:
+            after = self._outputs[self._result.size :]
+            self._memory[: len(after)] = after
         return self._result.copy()
+
+    def _look(self, scan: Scan, t: Array | None) -> None:
+        """Channels that need the samples before."""
+        if not self._given.dot(self._given) < _SMALL:
+            self._compiled.check_arguments(self._rows)
+        block = [row[:, None] for row in self._rows]
+        channels = self._compiled.channels(scan, block, t)[:, 0]
+        self._channels[: len(channels)] = channels
+
+    def _begin(self) -> None:
+        """The memory of friction before the first sample."""
+        self._compiled.check_arguments(self._rows)
+        part, given = self._compiled.part, self._compiled.quantity.arguments
+        q, dq = (dict(zip(given, self._rows, strict=True))[name].tolist() for name in ("q", "dq"))
+        passive = self._channels[: len(part.robot.passive)].tolist()
+        state = JointState(q, dq, [0.0] * len(q), passive)
+        self._memory[: part.n_memory] = part.started(state)
+        self._begun = True
 
     def _misfit(self, given: Array) -> DataError:
         return DataError(

@@ -22,7 +22,7 @@ from steelyard.dynamics.quantity import (
     Quantity,
     frame_quantity,
 )
-from steelyard.kernel.equations.closed_chains import completed, corrected
+from steelyard.kernel.equations.closed_chains import corrected
 from steelyard.kernel.equations.dynamics import JointState, Scalar
 from steelyard.kernel.program.program import Array as Input
 from steelyard.kernel.program.program import Program
@@ -138,7 +138,7 @@ class Controller:
     @property
     def n_memory(self) -> int:
         """Entries of the memory of all terms."""
-        return sum(term.n_memory(self.model.robot) for term in self.memories)
+        return self.equations.n_memory
 
     @cached_property
     def parameters(self) -> Parameters:
@@ -239,35 +239,22 @@ class Controller:
 
     def _begun(self) -> Function:
         def build(q: Any, passive: Any, dq: Any) -> list[Scalar]:
-            full = self._completed(q, passive, dq, [0.0] * len(dq))
-            return [x for term in self.memories for x in term.started(self.model.robot, full)]
+            return self.equations.started(JointState(q, dq, [0.0] * len(dq), passive))
 
         outputs = (("after", (self.n_memory,)),)
         program = self._traced(("q", "dq"), build)
         return Function("begun", program, outputs, "memory where a motion starts", False)
 
     def _stepped(self) -> Function:
-        robot, part = self.model.robot, self.equations
-        numbers = self.numbers.tolist()
+        part, numbers = self.equations, self.numbers.tolist()
 
         def build(q: Any, passive: Any, dq: Any, ddq: Any, memory: Any) -> list[Scalar]:
-            full = self._completed(q, passive, dq, ddq)
-            after: list[Scalar] = []
-            channels = list(passive)
-            for term in self.model.terms:
-                if isinstance(term, Presliding):
-                    last = memory[len(after) : len(after) + term.n_memory(robot)]
-                    rows, mine = term.stepped(robot, full, last)
-                    after += rows
-                    channels += mine
+            after, channels = part.stepped(JointState(q, dq, ddq, passive), memory)
             return [*part.torque_of(JointState(q, dq, ddq, channels), numbers), *after]
 
-        outputs = (("tau", (robot.n,)), ("after", (self.n_memory,)))
+        outputs = (("tau", (part.robot.n,)), ("after", (part.n_memory,)))
         program = self._traced(("q", "dq", "ddq", "memory"), build)
         return Function("stepped", program, outputs, "efforts, and memory after a step", False)
-
-    def _completed(self, q: Any, passive: Any, dq: Any, ddq: Any) -> JointState:
-        return completed(self.model.robot, JointState(q, dq, ddq, passive))[0]
 
 
 def _without(program: Program, array: int) -> Program:
