@@ -11,6 +11,7 @@ import pytest
 import steelyard
 from cli.conftest import Command
 from cli.mistakes import ROBOT
+from cli.river_files import edited
 from steelyard.control.usable import remarks
 from steelyard.excitation.trajectories.files import read_motion
 from steelyard.files import write_json
@@ -239,6 +240,31 @@ def test_unusable_options_of_simulate(
     done = command(*SHORT, *options, "-o", tmp_path / "o")
     assert done.exit_code == 2 and words in done.stderr
     assert not (tmp_path / "o").exists()
+
+
+def test_a_truth_keeps_its_drive_gains(given: Path, command: Command, tmp_path: Path) -> None:
+    joint = 'kind = "joint_torque"\nunit = "Nm"\n'
+    current = 'kind = "motor_current"\nunit = "A"\ngain = "identify"\n'
+    robot = edited(given, tmp_path, ('"tau{}_Nm"', '"i{}_A"'), (joint, current))
+    first, again = tmp_path / "first", tmp_path / "again"
+    assert command("simulate", robot, "--period", "1", "--seed", "3", "-o", first).exit_code == 0
+    truth = first / "truth.json"
+    words = ("simulate", robot, "--period", "1", "--seed", "4", "--truth", truth, "-o", again)
+    done = command(*words)
+    assert done.exit_code == 0, done.stderr
+    told = [json.loads((folder / "truth.json").read_text()) for folder in (first, again)]
+    assert told[0]["drive_gains"] and told[0] == told[1]
+
+
+def test_a_rate_that_the_robot_file_contradicts_is_refused(
+    given: Path, command: Command, tmp_path: Path
+) -> None:
+    robot = edited(given, tmp_path, ('time = "time_s"', "rate = 200.0"))
+    words = ("simulate", robot, "--period", "1", "--rate")
+    done = command(*words, "250", "-o", tmp_path / "o")
+    assert done.exit_code == 2 and "the robot file declares 200" in done.stderr
+    done = command(*words, "200", "-o", tmp_path / "o")
+    assert done.exit_code == 0, done.stderr
 
 
 def test_friction_drift_is_in_the_truth(command: Command, tmp_path: Path) -> None:
