@@ -1,10 +1,12 @@
 """The cache of machine code: found again, checked, and never trusted blindly."""
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import steelyard
 from steelyard.kernel.native import cache, compiled, machine
 from steelyard.kernel.program.program import Array, Program, Step
 
@@ -79,3 +81,16 @@ def test_edited_equations_are_a_new_program(folder: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(cache, "_sources", lambda: "edited")
     assert run() == 1
     assert run() == 0
+
+
+def test_all_files_that_make_programs_are_part_of_the_key() -> None:
+    """An edited file must not run the machine code of the file before it."""
+    package = Path(steelyard.__file__).parent
+    users = [
+        file.relative_to(package).as_posix()
+        for file in package.rglob("*.py")
+        if re.search(r"\b(compiled|key_of)\(\s*\[", file.read_text("utf-8"))
+    ]
+    assert len(users) > 10
+    assert [f for f in users if not any(f"{f}/".startswith(f"{s}/") for s in cache.SOURCES)] == []
+    assert all((package / source).exists() for source in cache.SOURCES)

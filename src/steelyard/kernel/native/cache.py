@@ -18,6 +18,18 @@ from platformdirs import user_cache_dir
 
 FORMAT = 1
 
+SOURCES = (
+    "kernel",
+    "terms",
+    "robot",
+    "regression",
+    "dynamics",
+    "estimation/closed_loop",
+    "virtual/laws.py",
+    "model.py",
+)
+"""Folders and files of the package that programs are made from."""
+
 
 def key_of(description: Any) -> str:
     """Hash of anything JSON can write, and of the equations as they stand in the package."""
@@ -27,11 +39,11 @@ def key_of(description: Any) -> str:
 
 @cache
 def _sources() -> str:
-    """Hash of the package's files that programs are made from: an edited law is a new program."""
+    """Hash of those files: an edited law is a new program."""
     package = Path(__file__).parents[2]
     digest = hashlib.sha256()
-    for room in ("kernel", "terms", "robot", "dynamics", "regression", "model.py"):
-        place = package / room
+    for source in SOURCES:
+        place = package / source
         for file in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
             digest.update(file.relative_to(package).as_posix().encode() + file.read_bytes())
     return digest.hexdigest()
