@@ -50,6 +50,7 @@ from steelyard.terms.laws.rigid_body import RigidBody  # noqa: E402
 from steelyard.terms.laws.viscous import Viscous  # noqa: E402
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+from controller_code import controller_code  # noqa: E402
 from design import designs  # noqa: E402
 from quantities import quantities  # noqa: E402
 
@@ -373,6 +374,7 @@ def main() -> int:
     rows = [
         *cold_rows(),
         *quantities(best, found.model),
+        *controller_code(best, found.model),
         *regressor_rows(found),
         *solution_rows(found, 5_000),
         *solution_rows(found, 100_000),

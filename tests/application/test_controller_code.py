@@ -13,6 +13,7 @@ from in_c import (
     STRICT,
     Library,
     apart,
+    apart_in_sample,
     code_of,
     compiler,
     controller_on,
@@ -91,9 +92,8 @@ def test_every_law_is_that_of_python(name: str, laws: tuple) -> None:
         found = along(library, f"{name}_torque", [motion.q, motion.dq, motion.ddq], [4])
     wanted = torque_of(controller, motion)
     assert np.abs(wanted).max() > 0.01
-    if tolerance > 1e-6 and LAWS[name].law == "lugre":
-        tolerance *= 10.0  # a bristle's rate is a small difference of large numbers
-    assert apart(found, wanted) < tolerance
+    error = apart if tolerance < 1e-6 else apart_in_sample
+    assert error(found, wanted) < tolerance
 
 
 def compiled(controller: Controller, folder: Path) -> tuple[CCode, Library]:

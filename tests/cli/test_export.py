@@ -119,6 +119,9 @@ def test_code_for_controllers(
     assert printed["format"] == "python" and printed["files"] == ["arm.py"]
     assert printed["functions"][-2:] == ["pose", "jacobian"] and printed["absent"] == []
     compile((tmp_path / "arm.py").read_text(), "arm.py", "exec")
+    done = command("export", model, "-o", tmp_path / "arm.fmu")
+    assert done.exit_code == 0 and "functions: torque" in done.output
+    assert f"sources/{name}_fmi2.c" in " ".join(done.output.split())
 
 
 @pytest.mark.parametrize(
@@ -133,9 +136,11 @@ def test_code_for_controllers(
         (["--to", "urdf", "-o", "nowhere/a.urdf"], "cannot be written"),
         (["--to", "c", "-o", "a.py"], "would be C, but its name ends in '.py'"),
         (["--to", "c", "--model", "demo_arm.toml"], "--model does not apply to C"),
-        (["-o", "a.py", "--precision", "float"], "--precision does not apply to Python"),
+        (["-o", "a.py", "--precision", "float"], "precision cannot be chosen for Python"),
         (["-o", "a.urdf", "--frame", "tool"], "--frame does not apply to URDF"),
         (["-o", "a.xml", "--function", "mass"], "--function does not apply to MJCF"),
+        (["-o", "a.fmu", "--precision", "float"], "precision cannot be chosen for an FMU"),
+        (["-o", "a.fmu", "--frame", "tool"], "frames cannot be chosen for an FMU"),
         (["--to", "c", "--function", "masses"], "there is no function 'masses'"),
         (["--to", "c", "--frame", "claw"], "there is no frame 'claw'"),
     ],

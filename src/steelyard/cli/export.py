@@ -13,18 +13,31 @@ if TYPE_CHECKING:
     from steelyard.application.controller.export import Written
     from steelyard.application.export.export import Exported
 
-Kind = Literal["urdf", "mjcf", "c", "python"]
-CODE: tuple[Kind, ...] = ("c", "python")
+Kind = Literal["urdf", "mjcf", "c", "python", "fmu"]
 ENDINGS: dict[str, Kind] = {
     ".urdf": "urdf",
     ".mjcf": "mjcf",
     ".xml": "mjcf",
     ".py": "python",
+    ".fmu": "fmu",
+}
+NAMES: dict[Kind, str] = {
+    "urdf": "URDF",
+    "mjcf": "MJCF",
+    "c": "C",
+    "python": "Python",
+    "fmu": "an FMU",
 }
 FEW = 0.5
 """Share of a link's mass from the data below which the terminal names the link."""
 
-USUAL: dict[Kind, str] = {"urdf": ".urdf", "mjcf": ".xml", "c": "-c", "python": ".py"}
+USUAL: dict[Kind, str] = {
+    "urdf": ".urdf",
+    "mjcf": ".xml",
+    "c": "-c",
+    "python": ".py",
+    "fmu": ".fmu",
+}
 
 
 @guarded
@@ -78,7 +91,7 @@ def export(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Write an identified model as URDF or MJCF, or as C or Python code for controllers.
+    """Write an identified model as URDF or MJCF, or as C, Python or FMU for controllers.
 
     Of URDF and MJCF, terminal and file header list what the format cannot represent, and what
     comes from the prior instead of the data.
@@ -93,8 +106,8 @@ def export(
     form = _format(to, output)
     identified = load_model(model)
     path = _new_file(output, f"{identified.model.robot.name}{USUAL[form]}")
-    if form == "c" or form == "python":
-        _refuse(form, {"--model": original, "--precision": form == "python" and precision})
+    if form == "c" or form == "python" or form == "fmu":
+        _refuse(form, {"--model": original})
         from steelyard.application.controller.export import write_code
 
         written = write_code(
@@ -136,14 +149,15 @@ def _format(to: Kind | None, output: Path | None) -> Kind:
         raise OutputError(
             "no format is named",
             where="--to" if output is None else str(output),
-            fix="give --to urdf, mjcf, c or python, or end the name of --output in .urdf, .xml or "
-            ".py",
+            fix="give --to urdf, mjcf, c, python or fmu, or end the name of --output in .urdf, "
+            ".xml, .py or .fmu",
         )
-    if ending in (".urdf", ".mjcf", ".py") and ENDINGS[ending] != form:
+    if ending in (".urdf", ".mjcf", ".py", ".fmu") and ENDINGS[ending] != form:
         raise OutputError(
-            f"the file would be {form.upper()}, but its name ends in '{ending}'",
+            f"the file would be {NAMES[form]}, but its name ends in '{ending}'",
             where=str(output),
-            fix=f"end its name in '{USUAL[form]}', or give --to {ENDINGS[ending]}",
+            fix=f"{'name a folder' if form == 'c' else f'end its name in {USUAL[form]!r}'}, or "
+            f"give --to {ENDINGS[ending]}",
         )
     return form
 
@@ -159,9 +173,9 @@ def _refuse(form: Kind, given: dict[str, object]) -> None:
     for option, value in given.items():
         if value:
             raise OutputError(
-                f"{option} does not apply to {form.upper() if form != 'python' else 'Python'}",
+                f"{option} does not apply to {NAMES[form]}",
                 where=option,
-                fix="leave it out" if form != "python" else "leave it out, or give --to c",
+                fix=f"leave it out, or give --to {'urdf' if option == '--model' else 'c'}",
             )
 
 

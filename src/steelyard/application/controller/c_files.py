@@ -103,14 +103,8 @@ def _closed(code: CCode) -> str:
 def _memory(code: CCode) -> str:
     if not code.state.memory:
         return ""
-    rounding = ""
-    if code.precision == "float":
-        rounding = (
-            "\n  In single precision the rate of a bristle (LuGre) is a small difference of large "
-            "numbers,\n  good to some 1e-5."
-        )
     return f"""\
 - Friction remembers the motion: `{code.name}_start` and `{code.name}_step` compute the efforts of
   consecutive samples. There is no function of one sample alone for the torque of all terms, for
-  friction and for the regressor: without the state they are not defined.{rounding}
+  friction and for the regressor: without the state they are not defined.
 """

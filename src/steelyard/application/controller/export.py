@@ -1,12 +1,13 @@
 """An identified model as code for controllers, on disk."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 from steelyard.application.controller.c_code import CCode
 from steelyard.application.controller.c_files import c_files
+from steelyard.application.controller.fmu import write_fmu
 from steelyard.application.controller.functions import Controller
 from steelyard.application.controller.identifiers import identifier, identifiers
 from steelyard.application.controller.prepare import absent, controller_of, origin_of
@@ -16,9 +17,7 @@ from steelyard.estimation.identified import IdentifiedModel
 from steelyard.files import whole_file, whole_folder
 from steelyard.kernel.native.c99 import Precision
 
-CodeFormat = Literal["c", "python"]
-SUFFIXES: dict[CodeFormat, str] = {"c": "-c", "python": ".py"}
-"""What follows the robot's name in the usual name of the folder or file."""
+CodeFormat = Literal["c", "python", "fmu"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,35 +57,63 @@ def write_code(
 
     Args:
         identified: The model.
-        path: Folder (C) or file (Python) to make; it must not exist.
+        path: Folder (C) or file (Python, FMU) to make; it must not exist.
         form: The language.
         precision: Type of numbers in C.
-        functions: Names of functions; the usual ones if empty.
-        frames: Names of frames whose pose and Jacobian are wanted; those at the ends if empty.
+        functions: Names of functions in C or Python; the usual ones if empty.
+        frames: Names of frames whose pose and Jacobian are wanted there; those at the ends if
+            empty.
 
     Raises:
         SteelyardError: The model is not of use to controllers, there is no such function or
             frame, or the files cannot be written.
     """
+    _refuse_needless(form, precision, functions, frames)
     if path.exists():
         raise OutputError(
             "the file exists already",
             where=str(path),
             fix="name another one, or remove it",
         )
-    controller = controller_of(identified, functions, frames)
-    lacking, origin = absent(controller), origin_of(identified)
-    renamed = _renamed(controller)
+    controller, origin = controller_of(identified, functions, frames), origin_of(identified)
+    if form == "fmu":
+        # one unit computes the efforts, with memory or without
+        controller = replace(controller, names=("torque",), frames=())
+    renamed, lacking = _renamed(controller), absent(controller)
     if form == "python":
         with whole_file(path) as part:
             part.write_text(python_code(controller, origin), encoding="utf-8")
         return Written(controller, (path.name,), renamed, lacking)
     code = CCode(controller, precision, origin)
+    if form == "fmu":
+        with whole_file(path) as part:
+            return Written(controller, write_fmu(code, part), renamed, (), code.stack)
     files = c_files(code)
     with whole_folder(path) as part:
         for name, text in files.items():
             (part / name).write_text(text, encoding="utf-8", newline="\n")
     return Written(controller, tuple(files), renamed, lacking, code.stack)
+
+
+def _refuse_needless(
+    form: CodeFormat, precision: Precision, functions: Sequence[str], frames: Sequence[str]
+) -> None:
+    """Refuse what a format has no use for.
+
+    Raises:
+        OutputError: Something of it is given.
+    """
+    given = {
+        "precision": form != "c" and precision != "double",
+        "functions": form == "fmu" and bool(functions),
+        "frames": form == "fmu" and bool(frames),
+    }
+    for what in (name for name, needless in given.items() if needless):
+        raise OutputError(
+            f"{what} cannot be chosen for {'an FMU' if form == 'fmu' else 'Python'}",
+            where=f"export of code, {what}",
+            fix="leave it out, or write C",
+        )
 
 
 def _renamed(controller: Controller) -> dict[str, str]:
