@@ -171,14 +171,14 @@ def law_claims(folder: Path, precision: Precision) -> list[Claim]:
     errors: dict[str, list[float]] = {"static": [], "memory": []}
     for name, controller in controllers.items():
         model = controller.model.at(controller.values)
-        if controller.memories:
+        if controller.n_memory:
             motion = wander(robot)
             found = library.along(name, controller.n_memory, motion.q, motion.dq, motion.ddq)
         else:
             motion, _ = motion_of(robot)
             found = along(library, f"{name}_torque", [motion.q, motion.dq, motion.ddq], [robot.n])
         error = apart if precision == "double" else apart_in_sample
-        kind = "memory" if controller.memories else "static"
+        kind = "memory" if controller.n_memory else "static"
         errors[kind].append(error(found, model.torque(motion)))
     claims = []
     for kind, found in errors.items():

@@ -84,7 +84,7 @@ def laws(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 def test_every_law_is_that_of_python(name: str, laws: tuple) -> None:
     controllers, library, tolerance = laws
     controller = controllers[name]
-    if controller.memories:
+    if controller.n_memory:
         motion = wander(controller.model.robot)
         found = library.along(name, controller.n_memory, motion.q, motion.dq, motion.ddq)
     else:

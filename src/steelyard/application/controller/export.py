@@ -42,7 +42,7 @@ class Written:
     def functions(self) -> tuple[str, ...]:
         """Names of the functions; `start` and `step` where friction has memory."""
         names = (function.name for function in self.controller.functions if function.public)
-        return (*names, *(("start", "step") if self.controller.memories else ()))
+        return (*names, *(("start", "step") if self.controller.n_memory else ()))
 
 
 def write_code(

@@ -30,7 +30,6 @@ from steelyard.kernel.program.trace import symbolic
 from steelyard.model import Model
 from steelyard.parameters import Parameters
 from steelyard.regression.base import base_parameters
-from steelyard.terms.memory import Presliding
 
 Outputs = tuple[tuple[str, tuple[int, ...]], ...]
 
@@ -131,13 +130,8 @@ class Controller:
         return Equations(self.model.robot, self.model.terms)
 
     @property
-    def memories(self) -> tuple[Presliding, ...]:
-        """Terms with memory."""
-        return tuple(term for term in self.model.terms if isinstance(term, Presliding))
-
-    @property
     def n_memory(self) -> int:
-        """Entries of the memory of all terms."""
+        """Entries of the memory of friction; zero without."""
         return self.equations.n_memory
 
     @cached_property
@@ -150,12 +144,12 @@ class Controller:
     @cached_property
     def functions(self) -> tuple[Function, ...]:
         """All functions; those of all terms only where friction has no memory."""
-        wanted = [name for name in self.names if not (self.memories and name in OF_ALL_TERMS)]
+        wanted = [name for name in self.names if not (self.n_memory and name in OF_ALL_TERMS)]
         found = [self._function(name) for name in wanted]
         found += [f for frame in self.frames for f in self._of_frame(frame)]
         if self.model.robot.passive:
             found.append(self._newton())
-        return (*found, *((self._begun(), self._stepped()) if self.memories else ()))
+        return (*found, *((self._begun(), self._stepped()) if self.n_memory else ()))
 
     @cached_property
     def numbers(self) -> Array:
@@ -246,13 +240,13 @@ class Controller:
         return Function("begun", program, outputs, "memory where a motion starts", False)
 
     def _stepped(self) -> Function:
-        part, numbers = self.equations, self.numbers.tolist()
+        numbers = self.numbers.tolist()
 
         def build(q: Any, passive: Any, dq: Any, ddq: Any, memory: Any) -> list[Scalar]:
-            after, channels = part.stepped(JointState(q, dq, ddq, passive), memory)
-            return [*part.torque_of(JointState(q, dq, ddq, channels), numbers), *after]
+            after, channels = self.equations.stepped(JointState(q, dq, ddq, passive), memory)
+            return [*self.equations.torque_of(JointState(q, dq, ddq, channels), numbers), *after]
 
-        outputs = (("tau", (part.robot.n,)), ("after", (part.n_memory,)))
+        outputs = (("tau", (self.model.robot.n,)), ("after", (self.n_memory,)))
         program = self._traced(("q", "dq", "ddq", "memory"), build)
         return Function("stepped", program, outputs, "efforts, and memory after a step", False)
 

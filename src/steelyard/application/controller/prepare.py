@@ -53,7 +53,7 @@ def end_frames(robot: Robot) -> tuple[str, ...]:
 
 def absent(controller: Controller) -> tuple[str, ...]:
     """Functions that are wanted but need the memory of friction."""
-    return tuple(n for n in controller.names if controller.memories and n in OF_ALL_TERMS)
+    return tuple(n for n in controller.names if controller.n_memory and n in OF_ALL_TERMS)
 
 
 def origin_of(identified: IdentifiedModel) -> tuple[str, ...]:

@@ -62,7 +62,7 @@ def python_code(controller: Controller, origin: tuple[str, ...]) -> str:
         parts.append('"""Base parameters in the order of the regressor\'s columns."""')
     if robot.passive:
         parts.append(_closing(controller))
-    if controller.memories:
+    if controller.n_memory:
         parts.append(_state(controller))
     return "\n\n\n".join(parts) + "\n"
 
