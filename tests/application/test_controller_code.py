@@ -233,6 +233,7 @@ def test_identifiers_differ_and_comments_stay_closed() -> None:
     assert identifiers(["a", "A", "a_2", "a"], "x") == ("a", "a_2", "a_2_2", "a_3")
     assert identifiers(["7", "", "--"], "joint") == ("joint_7", "joint", "joint_2")
     assert commented("a */ b /* c ??/ \\ d\n") == "a * / b / * c ? ?/ / d"
+    assert commented("N/(rad/s)³, kg m², 关") == "N/(rad/s)^3, kg m^2, /u5173"
 
 
 @pytest.mark.parametrize("make", [tree, geared, five_bar], ids=lambda make: make.__name__)

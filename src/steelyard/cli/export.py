@@ -75,8 +75,9 @@ def export(
         list[str] | None,
         typer.Option(
             "--function",
-            help="Function of the C or Python code, for each one: torque, gravity, bias, friction, "
-            "mass, regressor (all of these if unset), momentum, momentum_rate, forward_dynamics.",
+            help="Function in the C or Python code; repeat for several: torque, gravity, bias, "
+            "friction, mass, regressor (all of these if unset), momentum, momentum_rate, "
+            "forward_dynamics.",
             metavar="NAME",
         ),
     ] = None,
@@ -84,8 +85,8 @@ def export(
         list[str] | None,
         typer.Option(
             "--frame",
-            help="Frame whose pose and Jacobian are in the C or Python code, for each one; if "
-            "unset, those at the robot's ends.",
+            help="Frame whose pose and Jacobian are in the C or Python code; repeat for several; "
+            "if unset, those at the robot's ends.",
             metavar="NAME",
         ),
     ] = None,

@@ -3,12 +3,16 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from textwrap import wrap
 
 from steelyard.application.controller.c_state import StateCode
 from steelyard.application.controller.functions import Controller, Function
 from steelyard.application.controller.identifiers import commented, identifier, identifiers
 from steelyard.kernel.native.c99 import CFunction, Precision, c_function, literal
 from steelyard.robot.robot import Coordinate
+
+WIDTH = 94
+"""Columns of text in comments."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +65,8 @@ class CCode:
         declared = []
         for function, c in self.functions.values():
             if function.public:
-                note = f"{function.meaning}; {c.operations} operations, {c.stack} bytes of stack."
+                meaning = function.meaning[0].upper() + function.meaning[1:]
+                note = f"{meaning}; {c.operations} operations, {c.stack} bytes of stack."
                 declared += [comment([note]), f"{c.signature};", ""]
         parts = (
             comment(self._head()),
@@ -166,6 +171,10 @@ def joint_lines(coordinates: Sequence[Coordinate]) -> list[str]:
 
 def comment(lines: Sequence[str]) -> str:
     """Lines of a comment in C."""
-    spaces = (len(line) - len(line.lstrip()) for line in lines)
-    rows = (f" * {' ' * n}{commented(x)}".rstrip() for n, x in zip(spaces, lines, strict=True))
-    return "\n".join(["/*", *rows, " */"])
+    rows: list[str] = []
+    for line in lines:
+        indent = " " * (len(line) - len(line.lstrip()))
+        rows += wrap(commented(line), WIDTH, initial_indent=indent, subsequent_indent=indent) or [
+            ""
+        ]
+    return "\n".join(["/*", *(f" * {row}".rstrip() for row in rows), " */"])

@@ -4,6 +4,9 @@ import re
 import unicodedata
 from collections.abc import Sequence
 
+_SIGNS = str.maketrans({"²": "^2", "³": "^3", "√": "sqrt "})
+"""Signs of units."""
+
 
 def identifier(text: str, otherwise: str) -> str:
     """Letters, digits and single underscores of a name, with a letter first; never empty.
@@ -32,7 +35,7 @@ def identifiers(names: Sequence[str], otherwise: str) -> tuple[str, ...]:
 
 def commented(text: str) -> str:
     """Text that ends no comment of C and no docstring, in ASCII and on one line."""
-    plain = text.encode("ascii", "backslashreplace").decode()
+    plain = text.translate(_SIGNS).encode("ascii", "backslashreplace").decode()
     for risky, safe in (("\\", "/"), ("*/", "* /"), ("/*", "/ *"), ("??", "? ?"), ('"', "'")):
         plain = plain.replace(risky, safe)
     return " ".join(plain.split())
