@@ -30,6 +30,15 @@ function overflow() {
     ...out.slice(0, 5).map(named)];
 }
 
+// Figures that are not as large as their place, which cuts what does not fit.
+function cut() {
+  return [...document.querySelectorAll(".plot, .picture")].filter((one) => {
+    const figure = one.checkVisibility() && one.querySelector(".main-svg");
+    return figure && (Math.abs(figure.clientWidth - one.clientWidth) > 1
+      || Math.abs(figure.clientHeight - one.clientHeight) > 1);
+  }).map((one) => `${named(one)} is ${one.clientWidth} px wide, its figure ${one.querySelector(".main-svg").clientWidth} px`);
+}
+
 function channels(colour) {
   const found = colour.match(/^rgba?\(([^)]*)\)$/);
   if (!found) return null;

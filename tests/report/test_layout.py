@@ -64,6 +64,7 @@ def test_every_page_fits_is_readable_and_reached_by_the_keyboard(
             tab.show(width, dark)
             tab.run("drawn()")
             assert tab.run("overflow()") == [], (width, dark)
+            assert tab.run("cut()") == [], (width, dark)
             assert tab.run("contrast()") == [], (width, dark)
     tab.show(1400)
     tab.run("drawn()")

@@ -1,20 +1,13 @@
 """`steelyard payload`: what a robot carries, from logs with the payload and an identified model."""
 
 import json
-from math import floor, isfinite, log10
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from steelyard.cli.guard import guarded
 from steelyard.cli.options import LOG_HELP, Json
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from steelyard.estimation.payload.load import PayloadEstimate
-
 
 @guarded
 def payload(
@@ -83,13 +76,13 @@ def payload(
     Example: steelyard payload steelyard-ur10e loaded.csv --frame tool0 --box 0.2 0.1 0.1
     """
     from rich.console import Console
-    from rich.text import Text
 
     from steelyard.cli import interrupt
     from steelyard.cli.show import progress_bar
     from steelyard.files import whole_folder, write_json
     from steelyard.identification.logs import new_folder
     from steelyard.identification.payload import known_of, payload_inputs
+    from steelyard.report.terminal.payload import payload_lines
 
     known = known_of(mass, com, box, cylinder, sphere)
     task = payload_inputs(model, logs, frame, unloaded or (), known)
@@ -104,43 +97,6 @@ def payload(
     if as_json:
         typer.echo(json.dumps(result, allow_nan=False))
         return
-    console = Console()
-    console.print(_table(estimate))
-    for line in estimate.remarks:
-        console.print(Text(line))
-    for note in estimate.notes:
-        console.print(Text(f"note: {note}"))
+    payload_lines(estimate, Console())
     if folder is not None:
         typer.echo(f"\npayload  {folder / 'payload.json'}")
-
-
-def _table(estimate: "PayloadEstimate") -> "Table":
-    from rich.table import Table
-    from rich.text import Text
-
-    carried = "" if estimate.frame == estimate.body else f", on link '{estimate.body}'"
-    table = Table(title=Text(f"payload in frame '{estimate.frame}'{carried}"), title_justify="left")
-    table.add_column("")
-    for heading in ("value", "± 95 %"):
-        table.add_column(heading, justify="right")
-    table.add_column("unit")
-    rows = [("mass", estimate.mass, estimate.half_width[0], "kg")]
-    if estimate.weighs:
-        centre, width = estimate.com, estimate.com_half_width
-        rows += [(f"centre {axis}", centre[k], width[k], "m") for k, axis in enumerate("xyz")]
-        inertia, around = estimate.inertia_com, estimate.inertia_com_half_width
-        rows += [
-            (f"I{'xyz'[i]}{'xyz'[j]} about the centre", inertia[i, j], around[i, j], "kg m²")
-            for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-        ]
-    for name, value, half, unit in rows:
-        table.add_row(name, *_rounded(float(value), float(half)), unit)
-    return table
-
-
-def _rounded(value: float, half: float) -> tuple[str, str]:
-    """A value and its half-width, to two digits of the half-width."""
-    if not (isfinite(value) and isfinite(half)):
-        return "not identifiable", ""
-    digits = min(12, max(0, 1 - floor(log10(half)))) if half > 0.0 else 6
-    return f"{value:.{digits}f}", f"{half:.{digits}f}"

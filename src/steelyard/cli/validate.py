@@ -59,7 +59,10 @@ def validate(
         typer.echo(json.dumps(found.to_dict()["logs"], allow_nan=False))
     else:
         found.show(Console(), verbose)
-        lines = step_lines(fixing(found.content, model, robot_file(found.content)))
+        steps = fixing(found.content, model, robot_file(found.content))
+        if not found.content.scores:
+            steps = (*steps, (f"steelyard validate {model} OTHER_LOG", "error on another motion"))
+        lines = step_lines(steps)
         if folder is not None:
             lines.append(f"report  {folder / 'report.html'}")
         if lines:

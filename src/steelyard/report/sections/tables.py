@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -44,6 +44,18 @@ class PlainTable:
     rows: Sequence[Row]
     text: Sequence[int] = (0,)
     note: str = ""
+
+
+def light_table(headings: Sequence[str], left: Sequence[int] = (0,)) -> Table:
+    """An empty table of the terminal without frame; columns of words are `left`-aligned."""
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+
+    table = Table(box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
+    for number, heading in enumerate(headings):
+        side: Literal["left", "right"] = "left" if number in left else "right"
+        table.add_column(heading, justify=side, overflow="fold")
+    return table
 
 
 def text_table(table: PlainTable, title: str) -> Table:

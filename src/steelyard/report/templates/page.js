@@ -140,7 +140,7 @@ function drawPlots() {
     return {
       ...basis(), showlegend: false, hovermode: "x unified",
       xaxis: { ...GRID, anchor: "y2", zeroline: false, title: { text: figure.time, standoff: 6 } },
-      yaxis: { ...GRID, domain: [0.38, 1], title: { text: figure.unit, standoff: 4 } },
+      yaxis: { ...GRID, domain: [0.38, 1], title: { text: `effort [${figure.unit}]`, standoff: 4 } },
       yaxis2: { ...GRID, domain: [0, 0.28], nticks: 4 },
       shapes: figure.rests.map(([from, to]) => ({
         type: "rect", xref: "x", yref: "paper", x0: from, x1: to, y0: 0, y1: 1,

@@ -44,7 +44,7 @@ AT_REST = (
     "validates gravity only"
 )
 
-HOW_TO_VALIDATE = "steelyard identify ROBOT LOG... --validate OTHER_LOG"
+HOW_TO_VALIDATE = "steelyard validate MODEL OTHER_LOG"
 
 
 @dataclass(frozen=True)

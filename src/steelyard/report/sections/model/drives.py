@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from steelyard.estimation.payload.gains import GainEstimate
+from steelyard.estimation.payload.gains import DriveGain, GainEstimate
 from steelyard.report.content import ReportContent
 from steelyard.report.sections.section import TableSection
 from steelyard.report.sections.tables import PlainTable, Row
@@ -32,11 +32,7 @@ class DrivesSection(TableSection):
         from rich.text import Text
 
         if content.gains is not None:
-            gains = (
-                f"{joint} {significant(gain)} {unit}"
-                for joint, gain, _, unit, *_ in content.gains.each
-            )
-            yield Text(f"drive gains: {', '.join(gains)}")
+            yield Text(f"drive gains (± 95 %): {', '.join(map(_words, content.gains.each))}")
 
     def to_dict(self, content: ReportContent) -> dict[str, Any]:
         """The gains."""
@@ -52,6 +48,14 @@ def _gains(gains: GainEstimate) -> PlainTable:
         for joint, gain, half, unit, known, assumed in gains.each
     ]
     return PlainTable("", words, ("Joint", "Gain", "95 % interval", "Unit"), rows, (0, 3))
+
+
+def _words(gain: DriveGain) -> str:
+    """Like `elbow 9.97 ± 0.17 Nm/A`, or where the gain is from instead of its interval."""
+    value = f"{gain.joint} {significant(gain.gain)}"
+    if gain.known or gain.assumed:
+        return f"{value} {gain.unit} ({'given' if gain.known else 'assumed'})"
+    return f"{value} ± {significant(gain.half_width, 2)} {gain.unit}"
 
 
 def _how(known: bool, assumed: bool, half: float) -> str:

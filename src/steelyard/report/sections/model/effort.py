@@ -11,7 +11,6 @@ from steelyard.estimation.estimate import Z95
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill, packed, rounded, script_json
 from steelyard.report.sections.section import Numbers, Section
-from steelyard.report.text.score_words import relative
 from steelyard.report.text.words import percent, significant
 from steelyard.report.thin import drawn, outline
 
@@ -92,11 +91,9 @@ def _figure(score: RunScore, joint: int, points: int) -> dict[str, Any]:
     origin = float(traces.t[0]) if len(traces.t) and abs(traces.t[-1]) > 1e5 else 0.0
     t = traces.t - origin
     measured, predicted = traces.measured[:, joint], traces.predicted[:, joint]
-    rmse, size = significant(numbers.rmse), significant(numbers.predict_zero)
-    caption = f"error {percent(relative(numbers))} · RMSE {rmse} of {size} {numbers.unit}"
     held = _held(traces, joint)
     return {
-        "caption": caption,
+        "caption": _caption(score, joint),
         "held": "" if held is None else f"{percent(held)} in the band",
         "few": held is not None and held < FEW,
         "unit": numbers.unit,
@@ -107,6 +104,17 @@ def _figure(score: RunScore, joint: int, points: int) -> dict[str, Any]:
         "bands": _bands(t, traces, joint, points),
         "rests": _rests(t, traces, joint),
     }
+
+
+def _caption(score: RunScore, joint: int) -> str:
+    """The error of a joint as in the table of the verdict, with its unit and band."""
+    error = score.errors.joints[joint]
+    size = f"error {significant(error.error, 2)} {error.unit}"
+    if not error.counted:
+        return f"at rest: {size} below {score.errors.cutoff:g} Hz, not counted"
+    where = "" if score.errors.at_rest else " where it moves"
+    share = f"{percent(error.percent_of_used)} of the effort used"
+    return f"{size}: {share}{where}, below {score.errors.cutoff:g} Hz"
 
 
 def _held(traces: Traces, joint: int) -> float | None:

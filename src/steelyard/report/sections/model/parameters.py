@@ -28,6 +28,12 @@ GRADES: tuple[tuple[str, tuple[Grade, ...]], ...] = (
 )
 """How the line of the terminal counts the parameters."""
 
+ONE_BY_ONE = (
+    "The error is that of predicted effort, for which the parameters count together; as single "
+    "values use the well identified ones."
+)
+"""What a small error does not say."""
+
 NAMED = 8
 """Most parameters that a line of the terminal names."""
 
@@ -90,12 +96,7 @@ class ParametersSection(Section):
             return
         from rich.text import Text
 
-        table = rows(content.identified)
-        grades = [(words, sum(row.grade in of for row in table)) for words, of in GRADES]
-        named = ", ".join(f"{number} {words}" for words, number in grades if number)
-        removed = sum(row.grade == "removed" for row in table)
-        known = f"; {removed} removed, known to be zero" if removed else ""
-        yield Text(f"{count(len(table) - removed, 'base parameter')}: {named}{known}")
+        yield Text("\n".join(usable(content.identified)))
 
     def detailed(self, content: ReportContent) -> Iterable[RenderableType]:
         """Which the data show poorly or not at all."""
@@ -104,6 +105,19 @@ class ParametersSection(Section):
         from rich.text import Text
 
         yield Text("\n".join(_parameters(content.identified)))
+
+
+def usable(identified: IdentifiedModel) -> tuple[str, ...]:
+    """How many parameters there are of each grade; and, unless all are good, what to use them for.
+    """
+    table = rows(identified)
+    grades = [(words, sum(row.grade in of for row in table)) for words, of in GRADES]
+    named = ", ".join(f"{number} {words}" for words, number in grades if number)
+    removed = sum(row.grade == "removed" for row in table)
+    known = f"; {removed} removed, known to be zero" if removed else ""
+    all_good = all(row.grade in ("sure", "removed") for row in table)
+    words = f"{count(len(table) - removed, 'base parameter')}: {named}{known}"
+    return words, *(() if all_good else (ONE_BY_ONE,))
 
 
 def _shown(row: Row, members: int) -> dict[str, Any]:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill
 from steelyard.report.sections.model.effort import band_text
+from steelyard.report.sections.model.parameters import usable
 from steelyard.report.sections.section import Numbers, Section
+from steelyard.report.sections.tables import light_table
 from steelyard.report.text.findings import finding_dict
 from steelyard.report.text.score_words import (
     basis_words,
@@ -48,6 +50,7 @@ class VerdictSection(Section):
         """Verdict, key figures and scores."""
         return {
             "verdict": verdict(content),
+            "usable": _usable(content),
             "facts": _facts(content),
             "runs": [_run(score) for score in content.scores if not score.repeats],
             "repeated": [_run(score) for score in content.scores if score.repeats],
@@ -107,6 +110,13 @@ class VerdictSection(Section):
             yield Group(*parts)
 
 
+def _usable(content: ReportContent) -> str:
+    """What the parameters are good for, beside the error; empty of a validation alone."""
+    if content.identified is None or content.only_errors:
+        return ""
+    return ". ".join(usable(content.identified))
+
+
 def _facts(content: ReportContent) -> list[tuple[str, str]]:
     """Values and labels of the key figures."""
     facts = [
@@ -114,9 +124,14 @@ def _facts(content: ReportContent) -> list[tuple[str, str]]:
         for error in relative_errors(content.scores)
     ]
     if content.fitted:
+        errors = pooled(score.errors for score in content.fitted)
         facts += [
-            (percent(error.percent_of_used), f"error on the fitted runs, {error.unit}")
-            for error in pooled(score.errors for score in content.fitted)
+            (
+                percent(error.percent_of_used),
+                "error on the fitted runs, of the effort used"
+                + (f" (joints in {error.unit})" if len(errors) > 1 else ""),
+            )
+            for error in errors
         ]
     if content.identified is not None:
         table = rows(content.identified)
@@ -159,7 +174,7 @@ def _runs_table(scores: Sequence[RunScore], unseen: bool) -> RenderableType:
     from rich.text import Text
 
     title = f"{len(scores)} runs, {'not fitted' if unseen else 'fitted'} ({basis_words(scores)})"
-    table = _plain_table(("run", "error", "of used", "of rated", "worst joint"), (0, 4))
+    table = light_table(("run", "error", "of used", "of rated", "worst joint"), (0, 4))
     for score in scores:
         for error in pooled([score.errors]):
             name = f"{score.run} (repeats {score.repeats})" if score.repeats else score.run
@@ -186,26 +201,17 @@ def _joints_table(score: RunScore, unseen: bool) -> RenderableType:
     again = f"not fitted, repeats the motion of {score.repeats}" if score.repeats else "not fitted"
     where = "whole log" if score.errors.at_rest else "where each joint moves"
     basis = f"RMS below {score.errors.cutoff:g} Hz, {where}"
+    if not all(joint.counted for joint in score.errors.joints):
+        basis += "; joints at rest do not count"
     headings = ("joint", "error", "of used", "of rated", "used", "rated", "")
-    table = _plain_table(headings, (0, 6))
+    table = light_table(headings, (0, 6))
     for joint in score.errors.joints:
         effort = significant(joint.used), significant(joint.rated)
-        _add(table, joint.joint, joint, *effort, "" if joint.counted else "at rest, not counted")
+        _add(table, joint.joint, joint, *effort, "" if joint.counted else "at rest")
     several = len(pooled([score.errors])) > 1
     for error in pooled([score.errors]):
         _add(table, f"pooled, {error.unit}" if several else "pooled", error)
     return Group(Text(f"{score.run}, {again if unseen else 'fitted'} ({basis})"), table)
-
-
-def _plain_table(headings: Sequence[str], left: Sequence[int]) -> Table:
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
-
-    table = Table(box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
-    for number, heading in enumerate(headings):
-        side: Literal["left", "right"] = "left" if number in left else "right"
-        table.add_column(heading, justify=side, overflow="fold")
-    return table
 
 
 def _add(table: Table, name: str, error: JointError | PooledError, *more: str) -> None:

@@ -1,0 +1,69 @@
+"""A payload in a terminal: the mass in front, then the table and what limits it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import floor, isfinite, log10
+from typing import TYPE_CHECKING
+
+from steelyard.report.sections.tables import light_table
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from steelyard.estimation.payload.load import PayloadEstimate
+
+Number = tuple[str, float, float, str]
+"""Name, value, half-width of its 95 % interval, unit."""
+
+
+def payload_lines(estimate: PayloadEstimate, console: Console) -> None:
+    """Print the mass in one line, the table and how far it can be trusted.
+
+    Args:
+        estimate: The payload.
+        console: Where to print.
+    """
+    from rich.text import Text
+
+    console.print(Text(headline(estimate), style="bold green" if estimate.weighs else "bold"))
+    carried = "" if estimate.frame == estimate.body else f", on link '{estimate.body}'"
+    console.print()
+    console.print(Text(f"payload in frame '{estimate.frame}'{carried}"))
+    table = light_table(("", "value", "± 95 %", "unit"), (0, 3))
+    for name, value, half, unit in _numbers(estimate):
+        table.add_row(name, *rounded(value, half), unit)
+    console.print(table)
+    for line in (*estimate.remarks, *(f"note: {note}" for note in estimate.notes)):
+        console.print(Text(line))
+
+
+def headline(estimate: PayloadEstimate) -> str:
+    """The mass with its interval, or that there is none, in a sentence."""
+    mass, half = rounded(estimate.mass, float(estimate.half_width[0]))
+    if not half:
+        return "The mass of the payload is not identifiable from these logs"
+    found = f"{mass} ± {half} kg (95 % interval)"
+    return f"Payload: {found}" if estimate.weighs else f"No payload detected: {found}"
+
+
+def rounded(value: float, half: float) -> tuple[str, str]:
+    """A value and its half-width, to two digits of the half-width; the latter empty without."""
+    if not (isfinite(value) and isfinite(half)):
+        return "not identifiable", ""
+    digits = min(12, max(0, 1 - floor(log10(half)))) if half > 0.0 else 6
+    return f"{value:.{digits}f}", f"{half:.{digits}f}"
+
+
+def _numbers(estimate: PayloadEstimate) -> Iterator[Number]:
+    """The rows: mass, centre and inertia."""
+    yield "mass", estimate.mass, float(estimate.half_width[0]), "kg"
+    if not estimate.weighs:
+        return
+    centre, width = estimate.com, estimate.com_half_width
+    for k, axis in enumerate("xyz"):
+        yield f"centre {axis}", float(centre[k]), float(width[k]), "m"
+    inertia, around = estimate.inertia_com, estimate.inertia_com_half_width
+    for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)):
+        name = f"I{'xyz'[i]}{'xyz'[j]} about the centre"
+        yield name, float(inertia[i, j]), float(around[i, j]), "kg m²"
