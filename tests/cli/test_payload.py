@@ -1,6 +1,7 @@
 """`steelyard payload`: what it prints, writes and refuses."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -60,6 +61,7 @@ def test_the_table_names_frame_numbers_and_units(
 ) -> None:
     done = command("payload", identified, loaded)
     assert done.exit_code == 0, done.output
+    assert re.match(r"Payload: 1\.[45]\d* ± 0\.0\d+ kg \(95 % interval\)\n", done.stdout)
     last = load_robot_of(identified)
     words = " ".join(done.stdout.split())
     assert f"payload in frame '{last}'" in words
@@ -83,7 +85,7 @@ def test_a_log_that_the_model_knows_is_reported(
     assert done.exit_code == 0, done.output
     words = " ".join(done.stdout.split())
     assert "the interval of the mass contains zero: no payload is detected" in words
-    assert "centre" not in words
+    assert "centre" not in words and words.startswith("No payload detected: ")
     assert "the model was identified from identification.csv" in words
 
 

@@ -84,6 +84,12 @@ def test_a_missing_column_is_named_with_its_neighbours(log: Log) -> None:
     assert caught.value.where == str(log.path)
 
 
+def test_several_missing_columns_are_counted(log: Log) -> None:
+    with pytest.raises(LogError) as caught:
+        list(log.parts(("time_s", "a", "b", "c")))
+    assert caught.value.wrong == "the log has no column 'a' (nor 2 others of 4)"
+
+
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_what_cannot_be_read_is_reported(tmp_path: Path, suffix: str) -> None:
     missing = tmp_path / f"runn{suffix}"
@@ -92,6 +98,13 @@ def test_what_cannot_be_read_is_reported(tmp_path: Path, suffix: str) -> None:
     with pytest.raises(LogError, match="no such log file") as caught:
         open_log(missing)
     assert f"run{suffix}" in caught.value.fix
+    (tmp_path / "model.urdf").write_text("no log")
+    with pytest.raises(LogError) as caught:
+        open_log(tmp_path / f"2026-11-23_17-05-42{suffix}")
+    assert caught.value.fix == f"the logs there are folder{suffix}, run{suffix}"
+    with pytest.raises(LogError) as caught:
+        open_log(tmp_path / "none" / f"run{suffix}")
+    assert "there is no folder" in caught.value.fix
     with pytest.raises(LogError, match="is empty"):
         open_log(tmp_path / f"run{suffix}")
     with pytest.raises(LogError, match="the folder holds no log"):

@@ -27,9 +27,9 @@ def section(content: ReportContent) -> str:
     return str(CompareSection().show(numbers)).replace("\u00a0", " ")
 
 
-def printed(content: ReportContent, width: int = 100) -> str:
+def printed(content: ReportContent, width: int = 100, verbose: bool = False) -> str:
     stream = io.StringIO()
-    comparison_lines(content, Console(file=stream, width=width, no_color=True))
+    comparison_lines(content, Console(file=stream, width=width, no_color=True), verbose)
     return stream.getvalue().replace("\u00a0", " ")
 
 
@@ -119,18 +119,29 @@ def test_the_terminal_says_the_same(usual: ReportContent) -> None:
     assert "never failed (every fit): too few [data] ; log longer" in text
     assert "Recommended: consistent\nconsistent: " in text
     assert "stopped: 5 of 6 estimators compared; not tried: genetic" in text
-    assert "note: joint 'wrist' is locked at 0.3 rad" in text
+    note = "note: joint 'wrist' is locked at 0.3 rad"
+    assert note not in text and note in printed(usual, verbose=True)
     assert all(len(line) <= 80 for line in printed(usual, 80).splitlines())
 
 
 def test_columns_of_the_terminal_are_explained(usual: ReportContent) -> None:
     assert usual.comparison is not None
-    text = " ".join(printed(usual).split())
+    text = " ".join(printed(usual, verbose=True).split())
     assert "χ²: squared residuals over the noise variance by WLS" in text
     assert "Condition" not in text
     apart = tuple(replace(one, condition=10.0**k) for k, one in enumerate(usual.comparison.scores))
-    text = printed(replace(usual, comparison=replace(usual.comparison, scores=apart)))
+    text = printed(replace(usual, comparison=replace(usual.comparison, scores=apart)), verbose=True)
     assert "Condition" in text and "number of the whitened regressor" in text
+
+
+def test_the_terminal_shows_ten_estimators_and_names_the_others(usual: ReportContent) -> None:
+    assert usual.comparison is not None
+    first = usual.comparison.scores[0]
+    twelve = tuple(replace(first, name=f"number {k}") for k in range(12))
+    many = replace(usual, comparison=replace(usual.comparison, scores=twelve))
+    assert "and 2 more: number 10, number 11 (-v)" in printed(many)
+    rows = [line for line in printed(many).splitlines() if "not estimated" in line]
+    assert len(rows) == 10 and "more: " not in printed(many, verbose=True)
 
 
 def test_a_joint_that_does_not_move_has_a_dash(usual: ReportContent) -> None:

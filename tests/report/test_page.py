@@ -53,8 +53,8 @@ def test_the_menu_shows_another_run(browse, usual):
     assert seen.drawn == 2 and seen.console == ()
     captions = re.findall(r'caption" data-joint="\d">([^<]*<span class="">[^<]*)<', seen.dom)
     assert [re.sub("<.*?>", "", one).replace("&nbsp;", " ") for one in captions] == [
-        "error 3.0 % · RMSE 0.100 of 2.00 A · 100 % in the band",
-        "error 6.0 % · RMSE 0.200 of 3.00 A · 100 % in the band",
+        "error 0.60 Nm: 3.0 % of the effort used where it moves, below 5 Hz · 100 % in the band",
+        "error 0.90 Nm: 3.0 % of the effort used where it moves, below 5 Hz · 100 % in the band",
     ]
 
 

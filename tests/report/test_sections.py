@@ -107,7 +107,7 @@ def test_no_verdict_without_an_unseen_run(usual):
     assert judged.headline == "Not validated on unseen motion"
     assert "1 fitted run with an error of 0.76 Nm: 3.0\u00a0% of the effort used" in judged.detail
     assert "RMS below 5 Hz, pooled over 2 joints, where they move" in judged.detail
-    assert "--validate OTHER_LOG" in judged.detail
+    assert "steelyard validate MODEL OTHER_LOG" in judged.detail
     assert judged.level == "none"
 
 

@@ -238,7 +238,7 @@ def test_a_column_beside_currents_without_a_unit_is_named() -> None:
         (["t", *numbered("q#")], "none look like the efforts of 2 joints"),
         (
             ["t", *numbered("q#", "tau#", count=3)],
-            "none look like the positions of 2 joints: 3 columns look like positions",
+            "3 columns look like positions (q1, q2, q3), but the robot model has 2 joints (",
         ),
         (
             ["t", *numbered("q#", "torque_counts#")],

@@ -81,7 +81,7 @@ def test_names_of_joints_with_units() -> None:
     ids=["of another joint", "twice"],
 )
 def test_units_that_are_not_those_of_the_joints_are_not_taken(position: list[str]) -> None:
-    with pytest.raises(LogError, match="none look like the positions of 4 joints"):
+    with pytest.raises(LogError, match="look like positions .*, but the robot model has 4 joints"):
         guess_columns(SCARA, columns(position))
 
 

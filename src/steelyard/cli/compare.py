@@ -9,7 +9,7 @@ import typer
 
 from steelyard.cli import interrupt
 from steelyard.cli.guard import guarded
-from steelyard.cli.options import LOG_HELP, FixedBase, Json, RobotArgument, Threads
+from steelyard.cli.options import LOG_HELP, Details, FixedBase, Json, RobotArgument, Threads
 
 
 @guarded
@@ -41,6 +41,7 @@ def compare(
     ] = False,
     fixed_base: FixedBase = None,
     threads: Threads = None,
+    verbose: Details = False,
     as_json: Json = False,
 ) -> None:
     """Compare estimators by cross-validation: fit all logs but one and predict it.
@@ -78,7 +79,7 @@ def compare(
         told = {**found.to_dict(), "output": folder and str(folder)}
         typer.echo(json.dumps(told, allow_nan=False))
     else:
-        found.show(Console())
+        found.show(Console(), verbose)
         if folder is not None:
             typer.echo(f"\npage  {folder / 'compare.html'}\nJSON  {folder / 'compare.json'}")
     if found.untried:

@@ -7,10 +7,14 @@ from typing import TYPE_CHECKING
 import typer
 
 from steelyard.cli.guard import guarded
-from steelyard.cli.options import Json, Output, Seed
+from steelyard.cli.options import Details, Json, Output, Seed
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from steelyard.excitation.trajectories.exact import ExactTrajectory
+    from steelyard.identification.design import DesignedMotion
+    from steelyard.identification.identify import Identification
     from steelyard.robot_file.file import LoadedRobot
 
 SEARCHES = 2
@@ -21,7 +25,9 @@ DESIGN = 120.0
 
 
 @guarded
-def demo(output: Output = None, seed: Seed = 0, as_json: Json = False) -> None:
+def demo(
+    output: Output = None, seed: Seed = 0, verbose: Details = False, as_json: Json = False
+) -> None:
     """Demonstration on a simulated arm: design a motion, identify, validate.
 
     Example: steelyard demo -o first-try
@@ -63,12 +69,36 @@ def demo(output: Output = None, seed: Seed = 0, as_json: Json = False) -> None:
         typer.echo(json.dumps(told, allow_nan=False))
         return
     console = Console()
-    found[0].show(console)
-    identified.show(console)
+    if verbose:
+        found[0].show(console, verbose)
+        console.print()
+        identified.show(console, verbose)
+    else:
+        _show(found[0], identified, console)
     typer.echo(
         "\nyour own robot: steelyard init URDF LOG, steelyard check ROBOT LOG..., then identify\n"
-        f"\nrobot file, logs, true parameters      {folder / 'robot'}\n"
+        f"robot file, logs, true parameters      {folder / 'robot'}\n"
         f"designed motion and its report         {folder / 'motion' / 'report.html'}\n"
         f"model                                  {folder / 'results' / 'model.json'}\n"
         f"report                                 {folder / 'results' / 'report.html'}"
     )
+
+
+def _show(motion: "DesignedMotion", found: "Identification", console: "Console") -> None:
+    """Print whether the motion is safe, the error of the model, and how near it is to the truth."""
+    from rich.text import Text
+
+    from steelyard.report.sections.model.truth import TruthSection
+    from steelyard.report.sections.model.verdict import VerdictSection
+    from steelyard.report.text.design_words import headline
+
+    console.print(Text(headline(motion.designed)))
+    parts = [
+        part
+        for section in (VerdictSection(), TruthSection())
+        for part in section.printed(found.content)
+    ]
+    for number, part in enumerate(parts):
+        if number:
+            console.print()
+        console.print(part)

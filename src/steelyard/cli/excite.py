@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from steelyard.cli.guard import guarded
-from steelyard.cli.options import FixedBase, Json, Output, RobotArgument, Seed
+from steelyard.cli.options import Details, FixedBase, Json, Output, RobotArgument, Seed
 from steelyard.identification.defaults import DESIGN_BUDGET_S
 
 if TYPE_CHECKING:
@@ -104,6 +104,7 @@ def excite(
     fixed_base: FixedBase = None,
     seed: Seed = 0,
     output: Output = None,
+    verbose: Details = False,
     as_json: Json = False,
 ) -> None:
     """Design an excitation motion, and prove that it keeps all limits.
@@ -162,7 +163,7 @@ def excite(
     if as_json:
         typer.echo(json.dumps(found.to_dict() | {"files": written}, allow_nan=False))
     else:
-        found.show(Console())
+        found.show(Console(), verbose)
         typer.echo("")
         for name, path in written.items():
             typer.echo(f"{name:<12} {path}")

@@ -242,7 +242,10 @@ def next_steps(draft: "Draft", named: Sequence[str]) -> list[str]:
         named: Model file, robot file and logs, as they were given.
     """
     target = shlex.quote(named[1])
-    given = " ".join(shlex.quote(log) for log in named[2:]) or "LOG..."
+    logs = [shlex.quote(log) for log in named[2:]]
+    given = " ".join(logs) or "LOG..."
+    held_out = f"{' '.join(logs[:-1])} --validate {logs[-1]}"
+    why = "the last log" if len(logs) > 1 else "--validate OTHER_LOG"
     lines = []
     if not named[2:]:
         lines += [
@@ -257,5 +260,6 @@ def next_steps(draft: "Draft", named: Sequence[str]) -> list[str]:
     return [
         *lines,
         f"      steelyard check {target} {given}",
-        f"      if no error is found:  steelyard identify {target} {given}",
+        f"      if no error is found, identify; {why} validates the model:",
+        f"      steelyard identify {target} {held_out if len(logs) > 1 else given}",
     ]

@@ -9,6 +9,7 @@ import typer
 from steelyard.cli.guard import guarded
 from steelyard.cli.options import LOG_HELP, Json
 
+
 @guarded
 def payload(
     model: Annotated[

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from steelyard.cli.guard import guarded
-from steelyard.cli.options import LOG_HELP, Json, Output, Threads
+from steelyard.cli.options import LOG_HELP, Details, Json, Output, Threads
 from steelyard.identification.defaults import DESIGN_BUDGET_S
 
 
@@ -82,6 +82,7 @@ def reduce(
     ] = DESIGN_BUDGET_S,
     output: Output = None,
     threads: Threads = None,
+    verbose: Details = False,
     as_json: Json = False,
 ) -> None:
     """Remove parameters that the data can do without.
@@ -137,7 +138,7 @@ def reduce(
                 interrupt.too_late()
     interrupt.finished(str(folder))
     if not as_json:
-        found.show(Console())
+        found.show(Console(), verbose)
         typer.echo(f"\nmodel   {folder / 'model.json'}\nreport  {folder / 'report.html'}")
     if motion_folder is not None and robot is not None:
         with progress_bar() as progress, whole_folder(motion_folder) as place:

@@ -95,6 +95,15 @@ def clean_runs(case: Case) -> list[Run]:
     return common
 
 
+def longest_run(case: Case) -> Run | None:
+    """The clean run of the longest log that can be read; `None` without one."""
+    runs = [(e.run.duration, k) for k, e in enumerate(case.logs) if isinstance(e.run, Run)]
+    if not runs:
+        return None
+    (run,) = clean_runs(replace(case, logs=(case.logs[max(runs)[1]],)))
+    return run
+
+
 def customary_model(case: Case) -> Model:
     """The model that is to be identified; Coulomb and viscous friction where that is left open."""
     if case.reference is not None and case.reference.model.robot.joint_names == case.joints:

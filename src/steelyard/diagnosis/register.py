@@ -13,6 +13,7 @@ from steelyard.diagnosis.decision.checks import (
     POSITION_SIGN,
 )
 from steelyard.diagnosis.drift import Drift
+from steelyard.diagnosis.gear_side import GearSide
 from steelyard.diagnosis.identifiability import Identifiability
 from steelyard.diagnosis.joint_zeros import JointZeros
 from steelyard.diagnosis.signals.clock import Clock
@@ -43,6 +44,7 @@ CHECKS: tuple[Check, ...] = (
     EFFORT_SIGN,
     EFFORT_UNIT,
     EFFORT_KIND,
+    GearSide(),
     GAIN,
     EFFORT_DELAY,
     JointZeros(),

@@ -6,7 +6,7 @@ from typing import Protocol
 
 from steelyard.arrays import Array
 from steelyard.errors import LogError
-from steelyard.suggest import advice
+from steelyard.suggest import advice, nearest
 
 PART = 50_000
 """Rows of a part. Twice as many need 15 MiB more, half as many take twice the time."""
@@ -48,11 +48,13 @@ def require_columns(path: Path, known: Sequence[str], wanted: Sequence[str]) -> 
         LogError: One is missing or ambiguous.
     """
     fix = "name the columns of the log under [signals] of the robot file"
+    missing = [column for column in dict.fromkeys(wanted) if column not in known]
     for column in wanted:
         count = list(known).count(column)
         if count == 0:
+            others = f" (nor {len(missing) - 1} others of {len(wanted)})" * (len(missing) > 1)
             raise LogError(
-                f"the log has no column '{column}'",
+                f"the log has no column '{column}'{others}",
                 where=str(path),
                 fix=f"{advice(column, known, 'columns')}; {fix}",
             )
@@ -75,8 +77,17 @@ def require_file(path: Path) -> None:
             "the log is a folder, not a file", where=str(path), fix="name one log file in it"
         )
     if not path.exists():
-        siblings = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
-        hint = advice(path.name, siblings, "files there") if siblings else "check the path"
-        raise LogError("there is no such log file", where=str(path), fix=hint)
+        raise LogError("there is no such log file", where=str(path), fix=_beside(path))
     if path.stat().st_size == 0:
         raise LogError("the log file is empty", where=str(path), fix="record or copy it again")
+
+
+def _beside(path: Path) -> str:
+    """Files beside a missing one that may be meant: of a similar name, or of the same kind."""
+    if not path.parent.is_dir():
+        return f"check the path: there is no folder '{path.parent}'"
+    names = sorted(one.name for one in path.parent.iterdir())
+    alike = [name for name in names if Path(name).suffix.lower() == path.suffix.lower()]
+    if nearest(path.name, names) or alike:
+        return advice(path.name, names if nearest(path.name, names) else alike, "logs there")
+    return f"check the path: no file in '{path.parent}' has a similar name or ends in {path.suffix}"

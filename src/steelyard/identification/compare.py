@@ -60,9 +60,9 @@ class EstimatorComparison(Result):
         """The numbers as JSON values, as `steelyard compare --json` prints them."""
         return {**self.comparison.to_dict(), "notes": list(self.content.notes)}
 
-    def show(self, console: Console) -> None:
-        """Print the table and the advice."""
-        comparison_lines(self.content, console)
+    def show(self, console: Console, verbose: bool = False) -> None:
+        """Print the advice and the table; with `verbose` all of it, and the notes."""
+        comparison_lines(self.content, console, verbose)
 
 
 @checked(threads=1)

@@ -96,9 +96,9 @@ class DesignedMotion(Result):
         )
         return render(content)
 
-    def show(self, console: Console) -> None:
-        """Print the predicted accuracy, and which limits are proven."""
-        design_summary(self.designed, console)
+    def show(self, console: Console, verbose: bool = False) -> None:
+        """Print the predicted accuracy, and which limits are proven; with `verbose` all of it."""
+        design_summary(self.designed, console, verbose)
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers as JSON values, as `steelyard excite --json` prints them."""

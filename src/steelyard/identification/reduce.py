@@ -102,9 +102,9 @@ class ReducedModel(Result):
         (folder / "parameters.csv").write_text(parameters_csv(self.model), encoding="utf-8")
         (folder / "report.html").write_text(self.report(), encoding="utf-8")
 
-    def show(self, console: Console) -> None:
-        """Print the choice, the verdict and the errors of every joint."""
-        summary(self.content, console)
+    def show(self, console: Console, verbose: bool = False) -> None:
+        """Print the verdict, the errors of every joint and the choice; with `verbose` all."""
+        summary(self.content, console, verbose)
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers as JSON values, as `steelyard reduce --json` prints them."""
@@ -243,7 +243,8 @@ def _content(
         scores=marked_repeats(smaller, unseen, scored(smaller, unseen, progress)),
         fitted=scored(smaller, runs, progress),
         qualities=tuple((run.name, run.quality.rows_of_text) for run in logs),
-        notes=(*dropped_rows(logs), *notes_of(logs), *dropped(smaller.model, logs)),
+        notes=dropped_rows(logs),
+        details=(*notes_of(logs), *dropped(smaller.model, logs)),
         settings=settings(smaller),
         reduction=found,
     )

@@ -8,8 +8,8 @@ from typing import ClassVar
 
 from steelyard.diagnosis.finding import Finding, Fix, Severity
 from steelyard.diagnosis.fitted.fitted_case import FittedCase
-from steelyard.terms.laws.rotor_inertia import RotorInertia
-from steelyard.terms.register import law_of
+from steelyard.diagnosis.fitted.rotors_at_zero import rotors_at_zero
+from steelyard.diagnosis.gear_side import INSTEAD
 from steelyard.validation.score import JointScore, RunScore
 
 WORSE = 1.2
@@ -17,9 +17,6 @@ WORSE = 1.2
 
 LOADED = 0.25
 """Effort of a joint over the largest of its unit, root mean square, from which on it has load."""
-
-FEW = 0.5
-"""Share of rotor inertias that a bound holds, from which on the side of the gears is doubtful."""
 
 
 class BelowNominal:
@@ -53,14 +50,11 @@ def _worse(score: RunScore) -> tuple[JointScore, ...]:
 
 def _advice(case: FittedCase) -> Fix:
     """What to try first."""
-    identified = case.identified
-    names = [n for n in identified.estimate.parameters.names if law_of(n) is RotorInertia]
-    at_bound = [name for name in identified.estimate.at_bound if name in names]
-    at_joints = identified.signals.effort_kind == "joint_torque"
-    if at_joints and names and len(at_bound) >= FEW * len(names):
+    zero, every = rotors_at_zero(case.identified)
+    if zero:
         return Fix(
-            f"{len(at_bound)} of {len(names)} rotor inertias are zero: torques may be from sensors "
-            'on the link side; try kind = "link_torque" without rotor_inertia first'
+            f"{len(zero)} of {every} rotor inertias are zero: torques may be those of sensors "
+            f"behind the gears; try {INSTEAD} first"
         )
     return Fix("Review the terms, and the check of this joint's effort")
 

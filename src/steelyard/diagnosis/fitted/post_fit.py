@@ -15,6 +15,7 @@ from steelyard.diagnosis.fitted.fitted_case import FittedCase as FittedCase
 from steelyard.diagnosis.fitted.fitted_case import PostFitCheck as PostFitCheck
 from steelyard.diagnosis.fitted.last_link import LastLink
 from steelyard.diagnosis.fitted.model_error import ModelError
+from steelyard.diagnosis.fitted.rotors_at_zero import RotorsAtZero
 from steelyard.diagnosis.fitted.runs_disagree import RunsDisagree
 from steelyard.diagnosis.fitted.scaled_efforts import ScaledEfforts
 from steelyard.diagnosis.fitted.unseen_reason import UnseenReason
@@ -26,6 +27,7 @@ POST_FIT: tuple[PostFitCheck, ...] = (
     ChangeInRun(),
     ModelError(),
     ScaledEfforts(),
+    RotorsAtZero(),
     LastLink(),
     BelowNominal(),
     UnseenReason(),

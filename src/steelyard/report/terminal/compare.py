@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from steelyard.report.content import ReportContent
 from steelyard.report.sections.model.compare import (
@@ -12,14 +12,19 @@ from steelyard.report.sections.model.compare import (
     main_table,
     stopped,
 )
-from steelyard.report.sections.tables import PlainTable
+from steelyard.report.sections.tables import PlainTable, light_table
 from steelyard.report.text.words import NONE
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from steelyard.validation.comparison import Comparison
+
 SHOWN = (0, 1, 2, 4, 7)
 """Columns of the main table for which a terminal has room."""
+
+MOST = 10
+"""Estimators that are shown, the best first; with `--verbose` all of them."""
 
 CONDITION = 6
 """The column that is shown where the condition numbers differ."""
@@ -35,52 +40,59 @@ ABOUT = {
 """What columns say that do not speak for themselves."""
 
 
-def comparison_lines(content: ReportContent, console: Console) -> None:
-    """Print the table, what failed, the advice and the notes.
+def comparison_lines(content: ReportContent, console: Console, verbose: bool = False) -> None:
+    """Print the recommendation with its reason, the table, and what failed.
 
     Args:
         content: A report with a comparison.
         console: Where to print.
+        verbose: Whether to print all estimators, what the columns say, and the notes.
     """
-    from rich.table import Table
     from rich.text import Text
 
     comparison = content.comparison
     if comparison is None:
         return
+    console.print(Text(headline(comparison), style="bold"))
+    for line in _advice(comparison):
+        console.print(Text(line))
+    if stopped(comparison):
+        console.print(Text(stopped(comparison), style="bold yellow"))
+    console.print()
     shown = main_table(comparison)
-    table = Table(title=Text(shown.caption), title_justify="left")
+    most = len(shown.rows) if verbose else MOST
     columns = _columns(shown)
-    for number in columns:
-        side: Literal["left", "right"] = "left" if number in shown.text else "right"
-        table.add_column(shown.headings[number], justify=side)
-    for row in shown.rows:
+    table = light_table(
+        [shown.headings[k] for k in columns], [k for k, c in enumerate(columns) if c in shown.text]
+    )
+    for row in shown.rows[:most]:
         cells = (Text(row.cells[number]) for number in columns)
         table.add_row(*cells, style="bold" if row.marked else "")
-    console.print(Text(comparison.words))
-    console.print()
+    console.print(Text(f"{shown.caption}. {comparison.words}"))
     console.print(table)
-    for number in columns:
-        if shown.headings[number] in ABOUT:
-            heading = shown.headings[number]
-            console.print(Text(f"{heading}: {ABOUT[heading]}"))
+    if rest := [row.cells[0] for row in shown.rows[most:]]:
+        console.print(Text(f"and {len(rest)} more: {', '.join(rest)} (-v)"))
+    if verbose:
+        for number in columns:
+            if shown.headings[number] in ABOUT:
+                heading = shown.headings[number]
+                console.print(Text(f"{heading}: {ABOUT[heading]}"))
     for score in in_order(comparison):
         for when, reason, fix in failure_words(score.failures, len(comparison.parts)):
             console.print(Text(f"{score.name} failed ({when}): {reason}; {fix}", style="yellow"))
-    console.print()
-    advice = comparison.advice
-    console.print(Text(headline(comparison), style="bold"))
-    if advice is not None:
-        for score in comparison.scores:
-            if score.name == advice.name:
-                console.print(Text(f"{score.name}: {score.about}"))
-        console.print(Text(advice.why))
-    if comparison.setting:
-        console.print(Text(f"in the robot file: {comparison.setting}"))
-    if stopped(comparison):
-        console.print(Text(stopped(comparison), style="bold yellow"))
-    for note in content.notes:
+    for note in content.notes if verbose else ():
         console.print(Text(f"note: {note}"))
+
+
+def _advice(comparison: Comparison) -> list[str]:
+    """What the recommended estimator is, why, and how to use it."""
+    advice, lines = comparison.advice, []
+    if advice is not None:
+        lines += [f"{s.name}: {s.about}" for s in comparison.scores if s.name == advice.name]
+        lines.append(advice.why)
+    if comparison.setting:
+        lines.append(f"in the robot file: {comparison.setting}")
+    return lines
 
 
 def _columns(shown: PlainTable) -> tuple[int, ...]:

@@ -6,6 +6,7 @@ from math import isfinite
 from typing import TYPE_CHECKING
 
 from steelyard.excitation.constraints.certificate import COVERS
+from steelyard.report.sections.tables import light_table
 from steelyard.report.text.design_words import (
     brings,
     capital,
@@ -39,19 +40,18 @@ FAILED = 5
 """Most lines about what is not proven."""
 
 
-def design_summary(designed: Designed, console: Console) -> None:
-    """Print the figure, what is tight, the worst shown parameters, and what else would help.
+def design_summary(designed: Designed, console: Console, verbose: bool = False) -> None:
+    """Print the verdict, what is not covered, the tightest limit, the least accurate parameters.
 
     Args:
         designed: The motion.
         console: Where to print.
+        verbose: Whether to print scopes, all tight limits, all advice and the notes too.
     """
     from rich.text import Text
 
-    shown = designed.shown
+    shown, tight = designed.shown, tightest(designed)
     console.print(Text(headline(designed), style=f"bold {COLOURS[level(designed)]}"))
-    if scope := scopes(designed):
-        console.print(Text(f"limits: {scope}"))
     console.print(Text(detail(designed)))
     figures = f"condition {significant(shown.raw)}, normalised {significant(shown.normalised)}"
     console.print(Text(f"{figures}, {count(len(shown.names), 'base parameter')}"))
@@ -63,47 +63,49 @@ def design_summary(designed: Designed, console: Console) -> None:
     console.print(Text(f"covered: {COVERS}"))
     for line in uncovered(designed):
         console.print(Text(f"not covered: {line}", style="yellow"))
-    for line in tightest(designed):
+    for line in tight if verbose else tight[:1]:
         console.print(Text(f"smallest margins: {line}"))
     console.print()
+    console.print(Text("least accurate parameters"))
     console.print(_worst(designed))
-    console.print(
-        Text("inflation: std divided by its value with all other parameters known (√VIF)")
-    )
     missing = unseen(designed)
     if missing:
         console.print(
             Text(f"{count(missing, 'parameter')} will not be identifiable", style="yellow")
         )
-    console.print(Text(f"noise: {designed.noise_from}"))
     console.print()
-    for one in helpful(designed.advice)[:ADVISED]:
+    advice = helpful(designed.advice)[:ADVISED]
+    for one in advice if verbose else advice[:1]:
         console.print(
             Text(
                 f"{capital(one.what)} ({one.seconds:.3g} s) reduces the std of "
                 f"{brings(designed, one, 1)}"
             )
         )
-    for note in designed.notes:
-        if note in uncovered(designed):
-            continue
-        console.print(Text(f"note: {note}"))
+    if verbose:
+        for line in _details(designed):
+            console.print(Text(line))
+
+
+def _details(designed: Designed) -> list[str]:
+    """What the verdict is about, what columns and deviations mean, and the notes."""
+    scope = scopes(designed)
+    return [
+        *([f"limits: {scope}"] if scope else []),
+        "inflation: std divided by its value with all other parameters known (√VIF)",
+        f"noise: {designed.noise_from}",
+        *(f"note: {note}" for note in designed.notes if note not in uncovered(designed)),
+    ]
 
 
 def _worst(designed: Designed) -> Table:
-    """The parameters that are least accurate parameters."""
-    from rich.table import Table
+    """The parameters that are least accurate."""
     from rich.text import Text
 
     rows = expected(designed)[:WORST]
     valued = any(one.relative_percent is not None for one in rows)
-    table = Table(title=Text("least accurate parameters"), title_justify="left")
-    table.add_column("parameter", overflow="fold")
-    table.add_column("std", justify="right")
-    table.add_column("unit")
-    if valued:
-        table.add_column("of value", justify="right")
-    table.add_column("inflation", justify="right")
+    of_value = ("of value",) if valued else ()
+    table = light_table(("parameter", "std", "unit", *of_value, "inflation"), (0, 2))
     for one in rows:
         std = significant(one.std, 2) if isfinite(one.std) else "not identifiable"
         share = [relative(one.relative_percent)] if valued else []

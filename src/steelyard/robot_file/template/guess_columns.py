@@ -245,10 +245,21 @@ def _matched(
         ("efforts", effort, numbered_tau),
     ):
         if not groups:
-            seen = f": {len(like)} columns look like {what}" if like else ""
-            give_up(f"none look like the {what} of {len(joints)} joints{seen}", columns)
+            give_up(_unlike(what, like, joints), columns)
     alive = [g for g in numbered_tau if any(changes(c.name, values) for c in g)] or numbered_tau
     return joints, list(numbered_q[0]), list(alive[0]), "by their numbers"
+
+
+def _unlike(what: str, like: Sequence[Column], joints: Sequence[Coordinate]) -> str:
+    """Why no columns are assigned: none like them, or not one for each joint."""
+    if not like:
+        return f"none look like the {what} of {len(joints)} joints"
+    names = ", ".join(joint.name for joint in joints)
+    return (
+        f"{len(like)} columns look like {what} ({listed(like)}), but the robot model has "
+        f"{len(joints)} joints ({names}): log or model file of another robot, or joints that are "
+        "not logged"
+    )
 
 
 def _velocity(

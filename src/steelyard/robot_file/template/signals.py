@@ -3,11 +3,22 @@
 from collections.abc import Sequence
 
 from steelyard.robot.robot import Coordinate
+from steelyard.robot_file.column_names import Column
 from steelyard.robot_file.sections import EffortSection, SignalsSection
 from steelyard.robot_file.signals import expanded
 from steelyard.robot_file.template.guess_columns import Guess, position_columns
 from steelyard.robot_file.template.known import Known, current_units, gains_of, needs_gains
 from steelyard.robot_file.template.text import comment, toml_text
+
+TO_FILL = "?"
+"""Stands for a column of the log that the user names."""
+
+KINDS = (
+    '"joint_torque": at the joints, with rotors and gears; "link_torque": sensors',
+    'behind the gears (then remove rotor_inertia from terms); "motor_torque": from the',
+    'motors; "motor_current"; or "gravity_compensated_torque".',
+)
+"""Kinds of efforts, as a comment says them."""
 
 
 def signals_part(guess: Guess, moving: Sequence[Coordinate], known: Known, file: str) -> str:
@@ -38,9 +49,9 @@ position_unit = {toml_text(position_unit)}  # "rad", "deg", "m" or "mm"; or one 
 
 [signals.effort]
 columns = {toml_text(effort.columns)}
-# CHECK: "joint_torque": at the joints, with rotors and gears; "link_torque": sensors
-# behind the gears; "motor_torque": from the motors; "motor_current"; or
-# "gravity_compensated_torque".
+# CHECK: {KINDS[0]}
+# {KINDS[1]}
+# {KINDS[2]}
 kind = {toml_text(effort.kind)}{_effort_side(effort)}
 unit = {toml_text(effort.unit)}  # "A", "mA", "Nm", "N" or "%"; or one per joint
 {_gain_lines(guess, known, file)}
@@ -139,11 +150,18 @@ def signals_template(
     if columns:
         head.append(comment("The log's columns: " + ", ".join(toml_text(c) for c in columns)))
     found = position_columns(moving, columns or ())
-    listed = toml_text(found or expanded("q{}", moving))
+    clock = next((c for c in columns or () if Column(c).quantity == "time"), "time")
+    if columns is None:
+        listed, efforts = toml_text(expanded("q{}", moving)), toml_text(expanded("tau{}", moving))
+    else:
+        listed, efforts = (
+            toml_text(found or [TO_FILL] * len(moving)),
+            toml_text([TO_FILL] * len(moving)),
+        )
     ratios = toml_text([100.0] * len(moving))
     lines = [
         "[signals]",
-        'time = "time"',
+        f"time = {toml_text(clock)}",
         'time_unit = "s"  # "s", "ms", "us" or "ns"; or rate = 100.0 [Hz] instead of both',
         f'position = {listed}  # or a pattern: "q{{}}", "{{joint}}_q"',
         f'position_unit = {toml_text([c.unit for c in moving])}  # "rad", "deg", "m" or "mm"',
@@ -151,8 +169,9 @@ def signals_template(
         "# [robot.transmission]",
         f"# ratios = {ratios}  # turns of each motor per turn of its joint",
         "[signals.effort]",
-        f"columns = {toml_text(expanded('tau{}', moving))}",
-        'kind = "joint_torque"  # or "motor_torque", "motor_current"',
+        f"columns = {efforts}",
+        f'kind = "joint_torque"  # {KINDS[0]}',
+        *(f"# {line}" for line in KINDS[1:]),
         f'unit = {toml_text([c.effort_unit for c in moving])}  # "A", "mA", "Nm" or "N"',
         f"gain = {toml_text([1.0] * len(moving))}  # torque at the joint per logged unit",
     ]

@@ -108,8 +108,7 @@ class ParametersSection(Section):
 
 
 def usable(identified: IdentifiedModel) -> tuple[str, ...]:
-    """How many parameters there are of each grade; and, unless all are good, what to use them for.
-    """
+    """Counts of the parameters by grade; unless all are good, what to use them for."""
     table = rows(identified)
     grades = [(words, sum(row.grade in of for row in table)) for words, of in GRADES]
     named = ", ".join(f"{number} {words}" for words, number in grades if number)

@@ -11,7 +11,10 @@ from steelyard.report.content import ReportContent
 from steelyard.report.figures import Figure, Group, Key, area, line, points
 from steelyard.report.sections.section import FigureSection, Numbers, TableSection
 from steelyard.report.sections.tables import PlainTable, Row
+from steelyard.report.text.score_words import MOVING, WHOLE
 from steelyard.report.text.words import count, significant
+from steelyard.terms.register import law_of
+from steelyard.terms.term import StatefulTerm
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -105,7 +108,13 @@ def _summary(found: Reduction) -> str:
     if found.unseen is not None:
         before, after = (float(found.unseen[k].mean()) for k in (0, place))
         sentences.append(f"on unseen motion {_fine(before)} to {_fine(after)}")
-    return f"{'; '.join(sentences)} (mean over joints where they move)."
+    return f"{'; '.join(sentences)} (mean over joints, {_samples(found)})."
+
+
+def _samples(found: Reduction) -> str:
+    """Which samples count: all of a log, if a law of the model knows friction at rest."""
+    laws = (law_of(name) for name in found.path.full.names)
+    return WHOLE if any(issubclass(law, StatefulTerm) for law in laws) else MOVING
 
 
 def _fine(value: float) -> str:

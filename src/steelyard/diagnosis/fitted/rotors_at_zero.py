@@ -1,0 +1,47 @@
+"""Rotor inertias that a fit puts to zero: the torques may be of sensors behind the gears."""
+
+from typing import ClassVar
+
+from steelyard.diagnosis.finding import Finding, Fix, Severity
+from steelyard.diagnosis.fitted.fitted_case import FittedCase
+from steelyard.diagnosis.gear_side import INSTEAD, rotors_of
+from steelyard.estimation.identified import IdentifiedModel
+
+FEW = 0.5
+"""Share of rotor inertias at zero from which on the side of the gears is doubtful."""
+
+LEAST = 2
+"""Rotor inertias at zero from which on it is."""
+
+
+class RotorsAtZero:
+    """A remark where most rotor inertias of joint torques are zero."""
+
+    name: ClassVar[str] = "gear side"
+
+    def __call__(self, case: FittedCase) -> tuple[Finding, ...]:
+        """One remark, with what to change, after a fit."""
+        zero, every = rotors_at_zero(case.identified)
+        if not case.fitted or not zero:
+            return ()
+        says = (
+            f"{len(zero)} of {every} rotor inertias are zero: torques may be those of sensors "
+            "behind the gears, which do not contain the rotors'"
+        )
+        joints = tuple(name.partition(".")[2] for name in zero)
+        fix = Fix(f"If they are, set {INSTEAD} in [model] terms, and identify again")
+        return (Finding(self.name, "", Severity.OK, says, "", joints, fix, headline=True),)
+
+
+def rotors_at_zero(identified: IdentifiedModel) -> tuple[tuple[str, ...], int]:
+    """Rotor inertias at or below zero, and how many there are; none where they are the fewer.
+
+    Of torques that are declared as those at the joints.
+    """
+    estimate = identified.estimate
+    rotors = rotors_of(estimate)
+    values = dict(zip(estimate.parameters.names, estimate.parameters.values, strict=True))
+    zero = tuple(name for name in rotors if name in estimate.at_bound or values[name] <= 0.0)
+    many = len(zero) >= max(LEAST, FEW * len(rotors))
+    at_joints = identified.signals.effort_kind == "joint_torque"
+    return (zero if many and at_joints else ()), len(rotors)
