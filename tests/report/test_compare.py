@@ -119,8 +119,9 @@ def test_the_terminal_says_the_same(usual: ReportContent) -> None:
     assert "never failed (every fit): too few [data] ; log longer" in text
     assert "Recommended: consistent\nconsistent: " in text
     assert "stopped: 5 of 6 estimators compared; not tried: genetic" in text
-    note = "note: joint 'wrist' is locked at 0.3 rad"
-    assert note not in text and note in printed(usual, verbose=True)
+    assert "note: joint 'wrist' is locked at 0.3 rad" in text
+    detailed = replace(usual, details=("cut-offs: motion 12 Hz",))
+    assert "cut-offs" not in printed(detailed) and "cut-offs" in printed(detailed, verbose=True)
     assert all(len(line) <= 80 for line in printed(usual, 80).splitlines())
 
 

@@ -58,7 +58,7 @@ class EstimatorComparison(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers as JSON values, as `steelyard compare --json` prints them."""
-        return {**self.comparison.to_dict(), "notes": list(self.content.notes)}
+        return {**self.comparison.to_dict(), "notes": [*self.content.notes, *self.content.details]}
 
     def show(self, console: Console, verbose: bool = False) -> None:
         """Print the advice and the table; with `verbose` all of it, and the notes."""

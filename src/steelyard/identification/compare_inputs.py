@@ -37,7 +37,8 @@ class ComparisonInputs:
         context: What they are made from.
         parts: What they look at.
         ground: The model and its runs.
-        notes: What was decided on the way.
+        notes: What is missing, assumed or doubtful.
+        details: What else was decided on the way.
         lines: What to write into the robot file for estimators that it does not choose now.
     """
 
@@ -45,6 +46,7 @@ class ComparisonInputs:
     parts: Parts
     ground: Ground
     notes: tuple[str, ...]
+    details: tuple[str, ...]
     lines: Mapping[str, str]
 
     def content(self, comparison: Comparison) -> ReportContent:
@@ -55,6 +57,7 @@ class ComparisonInputs:
             robot=name,
             qualities=tuple((run.name, run.quality.rows_of_text) for run in self.ground.runs),
             notes=self.notes,
+            details=self.details,
             friction=self.ground.choice,
             findings=self.ground.findings,
             gains=self.ground.gains,
@@ -114,20 +117,18 @@ def comparison_inputs(
     runs = runs_of(file, signals, files, (), progress)[0]
     unresolved = () if found_out is None else passed(found_out, file.reference)
     ground = grounded(model, file, runs, (), Payload(), WeightedLeastSquares(), threads, progress)
-    notes = (
-        *file.notes,
-        *reasons,
-        *dropped_rows(runs),
-        *notes_of(runs),
-        *unresolved,
-        *ground.notes,
-        *dropped(model, runs),
-    )
-    return _given(ground, file, notes, threads, progress)
+    notes = (*file.notes, *reasons, *dropped_rows(runs), *unresolved)
+    details = (*notes_of(runs), *ground.notes, *dropped(model, runs))
+    return _given(ground, file, notes, details, threads, progress)
 
 
 def _given(
-    ground: Ground, file: LoadedRobot, notes: tuple[str, ...], threads: int, progress: Progress
+    ground: Ground,
+    file: LoadedRobot,
+    notes: tuple[str, ...],
+    details: tuple[str, ...],
+    threads: int,
+    progress: Progress,
 ) -> ComparisonInputs:
     """One more pass, in windows that parts can be made of."""
     model, runs = ground.model, ground.runs
@@ -150,7 +151,7 @@ def _given(
         {"experiment": ONE_RUN},
     )
     return ComparisonInputs(
-        context, parts, ground, (*notes, *context.knowledge.notes), lines_of(file)
+        context, parts, ground, notes, (*details, *context.knowledge.notes), lines_of(file)
     )
 
 

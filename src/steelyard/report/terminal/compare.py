@@ -80,7 +80,7 @@ def comparison_lines(content: ReportContent, console: Console, verbose: bool = F
     for score in in_order(comparison):
         for when, reason, fix in failure_words(score.failures, len(comparison.parts)):
             console.print(Text(f"{score.name} failed ({when}): {reason}; {fix}", style="yellow"))
-    for note in content.notes if verbose else ():
+    for note in (*content.notes, *(content.details if verbose else ())):
         console.print(Text(f"note: {note}"))
 
 
