@@ -136,6 +136,33 @@ def test_a_log_with_other_columns_is_refused(command: Command, tmp_path: Path) -
     assert done.exit_code == 2 and "lacks columns of the first log: tau1_Nm" in done.stderr
 
 
+def test_the_last_of_several_logs_validates(command: Command, tmp_path: Path) -> None:
+    robot, other = tmp_path / "arm.toml", "../given/validation.csv"
+    shown = command("init", URDF, LOG, other, "-o", robot).stdout
+    assert f"      steelyard check {robot} {LOG} {other}\n" in shown
+    assert (
+        f"identify; the last log validates the model:\n      steelyard identify {robot} " in shown
+    )
+    assert shown.endswith(f"{LOG} --validate {other}\n")
+    one = command("init", URDF, LOG, "-o", tmp_path / "one.toml").stdout
+    assert "--validate OTHER_LOG validates the model:" in one
+    assert one.endswith(f"steelyard identify {tmp_path / 'one.toml'} {LOG}\n")
+
+
+def test_a_template_names_no_columns_that_the_log_lacks(command: Command, tmp_path: Path) -> None:
+    robot = tmp_path / "arm.toml"
+    pl.read_csv(LOG).drop("q1_rad").write_csv(tmp_path / "five.csv")
+    shown = command("init", URDF, tmp_path / "five.csv", "-o", robot)
+    assert shown.exit_code == 1
+    assert "5 columns look like positions" in shown.stdout
+    assert "but the robot model has 6 joints (" in shown.stdout
+    lines = [line.removeprefix("# ") for line in robot.read_text().splitlines()]
+    unknown = str(["?"] * 6).replace("'", '"')
+    assert 'time = "time_s"' in lines and f"columns = {unknown}" in lines
+    assert any(line.startswith(f"position = {unknown}") for line in lines)
+    assert '"link_torque": sensors' in robot.read_text()
+
+
 def test_limits_of_motions_are_those_of_the_model(command: Command, tmp_path: Path) -> None:
     robot = tmp_path / "arm.toml"
     command("init", URDF, LOG, "-o", robot)

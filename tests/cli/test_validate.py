@@ -33,6 +33,13 @@ def test_the_limit_decides_the_exit_code(identified: Path, command: Command) -> 
     assert command("validate", identified, OTHER, "--max-error", 0.0, "--json").exit_code == 1
 
 
+def test_a_fitted_log_leads_to_another_one(identified: Path, command: Command) -> None:
+    said = " ".join(command("validate", identified, f"{LOG}@1.5:4").stdout.split())
+    assert "log another motion and run: steelyard validate MODEL OTHER_LOG" in said
+    assert f"next steelyard validate {identified} OTHER_LOG" in said
+    assert "next " not in command("validate", identified, OTHER).stdout
+
+
 def test_a_limit_needs_a_run_that_was_not_fitted(identified: Path, command: Command) -> None:
     assert command("validate", identified, f"{LOG}@1.5:4").exit_code == 0
     done = command("validate", identified, f"{LOG}@1.5:4", "--max-error", 50)

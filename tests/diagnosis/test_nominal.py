@@ -25,6 +25,7 @@ from steelyard.diagnosis.hypotheses.alternatives import _listed
 from steelyard.diagnosis.knowledge import knowledge_of
 from steelyard.diagnosis.likelihood.evidence_kept import keeps_evidence
 from steelyard.diagnosis.likelihood.possible import possible
+from steelyard.model import Model
 from steelyard.report.text.findings import headline
 from steelyard.robot_file.edits import edited
 
@@ -272,3 +273,20 @@ def test_efforts_of_no_size_end_in_a_finding(arm, size):
     table[:, arm.at(TAU)] *= size
     found = arm.examined(table, known=False)
     assert not found.edits and found.severity
+
+
+@pytest.mark.parametrize("lean", [0.0, 1.5])
+def test_a_mounting_that_leans_is_proposed_as_it_is(arm, lean):
+    tilt = np.deg2rad(lean)
+    true = 9.81 * np.array([np.sin(tilt), 0.0, -np.cos(tilt)])
+    robot = replace(arm.truth.robot, gravity=true)
+    torque = Model(robot, arm.truth.model.terms).at(arm.truth.values).torque(arm.motion)
+    noise = np.random.default_rng(0).standard_normal(torque.shape)
+    table = arm.table.copy()
+    table[:, arm.at(TAU)] = torque + 0.01 * torque.std(axis=0) * noise
+    text = arm.text.replace("[robot]", "[robot]\ngravity = [0.0, 9.81, 0.0]", 1)
+    found = np.array(edits(arm.examined(table, text, known=False))["robot.gravity"])
+    if lean == 0.0:
+        np.testing.assert_array_equal(found, [0.0, 0.0, -9.81])
+    else:
+        np.testing.assert_allclose(found, true, atol=0.02)

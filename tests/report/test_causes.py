@@ -137,6 +137,14 @@ def test_the_terminal_has_the_same_tables(usual: ReportContent) -> None:
     assert ["elbow", "9.83", "assumed: not identifiable, mean of the others", "Nm/A"] in lines
 
 
+def test_gains_in_the_terminal_have_intervals_or_an_origin(usual: ReportContent) -> None:
+    words = " ".join(printed(usual).split())
+    assert "drive gains (± 95 %): shoulder 12.0 ± 0.20 Nm/A, elbow 9.83 Nm/A (given)" in words
+    assert usual.gains is not None
+    lacking = replace(usual.gains, known=(False, False), assumed=(False, True))
+    assert "elbow 9.83 Nm/A (assumed)" in printed(replace(usual, gains=lacking))
+
+
 def test_names_in_the_terminal_are_no_markup(usual: ReportContent) -> None:
     assert usual.gains is not None
     assert usual.friction is not None

@@ -2,12 +2,16 @@
 
 from collections import Counter
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
+from steelyard.estimation.reduction.reduce import Reduction
 from steelyard.parameters import Parameters
 from steelyard.report import ReportContent
+from steelyard.report.sections.model.reduction import samples_of
 from steelyard.report.sections.register import SECTIONS
 from steelyard.report.sections.section import Section
 from steelyard.report.text.table import rows
@@ -37,6 +41,36 @@ def with_errors(content: ReportContent, *joints: int, **errors) -> ReportContent
 def test_every_field_of_the_json_output_has_one_section(usual: ReportContent) -> None:
     fields = Counter(field for section in SECTIONS for field in section.to_dict(usual))
     assert [field for field, number in fields.items() if number > 1] == []
+
+
+def test_the_page_has_the_level_and_what_parameters_are_good_for(usual: ReportContent) -> None:
+    words = shown("verdict", replace(usual, scores=usual.scores[:1]))
+    assert '<p class="headline">GOOD: Predicts unseen motion' in words
+    assert "13 base parameters: 9 well identified" in words
+    assert "as single values use the well identified ones." in words
+    assert "well identified" not in shown("verdict", replace(usual, only_errors=True)).replace(
+        "base parameters, 9 of them well identified", ""
+    )
+
+
+def test_errors_of_fitted_runs_are_shares_of_the_effort_used(usual: ReportContent) -> None:
+    words = shown("verdict", usual)
+    assert "<dt>error on the fitted runs, of the effort used</dt>" in words
+    assert "the fitted runs, Nm" not in words
+
+
+@pytest.mark.parametrize(
+    ("names", "samples"),
+    [
+        (("m.link", "viscous.elbow"), "where they move"),
+        (("m.link", "maxwell_slip1.elbow"), "whole log"),
+    ],
+)
+def test_errors_of_a_reduction_are_over_the_samples_that_were_fitted(
+    names: tuple[str, ...], samples: str
+) -> None:
+    path = SimpleNamespace(full=SimpleNamespace(names=names))
+    assert samples_of(cast(Reduction, SimpleNamespace(path=path))) == samples
 
 
 def test_the_verdict_comes_first_and_titles_differ():

@@ -130,7 +130,7 @@ MOUNTING = HypothesisCheck(
     "mounting",
     "Is the direction of gravity that of the robot file?",
     "gravity has the direction of the robot file",
-    "state the direction of gravity in the base frame",
+    "state the direction of gravity in the base frame as the log fits it best",
 )
 PAYLOAD = HypothesisCheck(
     "payload",

@@ -7,6 +7,7 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.diagnosis.finding import Edit
 from steelyard.diagnosis.hypotheses.by_effort import PERCENT
+from steelyard.diagnosis.hypotheses.by_mounting import refined_gravity
 from steelyard.diagnosis.likelihood.accuracy import spread_of
 from steelyard.diagnosis.likelihood.interpretation import Interpretation
 from steelyard.diagnosis.likelihood.likelihood import Likelihood
@@ -36,7 +37,8 @@ def edits_of(
     if cause == "effort delay":
         return (Edit((*EFFORT, "delay"), round(interpretation.delay, 4)),)
     if cause == "mounting":
-        gravity = [round(float(x), 4) + 0.0 for x in interpretation.gravity]
+        refined = refined_gravity(likelihood, interpretation)
+        gravity = [round(float(x), 4) + 0.0 for x in refined]
         return (Edit(("robot", "gravity"), gravity), Edit(("robot", "mounting"), None))
     if cause in ("effort sign", "effort unit", "effort kind", "gain"):
         return _effort(cause, likelihood, interpretation, loaded)

@@ -6,6 +6,7 @@ alone, and is minimised from every axis. The likeliest directions are then compa
 that can exist.
 """
 
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +22,14 @@ FEW = 3
 """Directions that are compared with bodies that can exist."""
 RIDGE = 1e-4
 """What keeps columns that a motion does not excite at zero, relative to their length."""
+FLOOR = 1e-4
+"""Least residual of a row, over its effort: logs without noise have none."""
+REWEIGHTED = 4
+"""How often rows are weighed by the residuals of the last direction."""
+LEAST_TILT = np.deg2rad(0.5)
+"""Tilt of gravity from a proposed direction from which on it is proposed too [rad]."""
+INDEPENDENT, SIGNIFICANT = 100.0, 20.0
+"""Independent samples of a joint at most, and the rise of the log-likelihood that a tilt needs."""
 
 
 def mounting_hypotheses(
@@ -67,6 +76,31 @@ def _directions(likelihood: Likelihood, now: Interpretation) -> list[Array]:
     return found
 
 
+def refined_gravity(likelihood: Likelihood, found: Interpretation) -> Array:
+    """Gravity as the log fits it best near a direction, or that direction, shape `(3,)` [m/s²].
+
+    Rows weigh by their residuals, which are estimated again with the direction. It stays as it is
+    where no tilt of more than `LEAST_TILT` is significant.
+
+    Args:
+        likelihood: The log.
+        found: Its interpretation, gravity along an axis for example.
+    """
+    from scipy.optimize import least_squares
+
+    thin = replace(likelihood, excerpt=likelihood.excerpt.thinned(SAMPLES))
+    start = found.gravity / max(float(np.linalg.norm(found.gravity)), 1e-12)
+    left = _Left(thin, found)
+    direction, known = start, left.sigma(start)
+    for _ in range(REWEIGHTED):
+        fit = least_squares(left.weighted(left.sigma(direction)), direction, max_nfev=30)
+        direction = fit.x / np.linalg.norm(fit.x)
+    gain = INDEPENDENT * float(np.sum(np.log(known / left.sigma(direction))))
+    tilt = float(np.arccos(np.clip(start @ direction, -1.0, 1.0)))
+    significant = gain > SIGNIFICANT and LEAST_TILT < tilt < NEAR
+    return np.asarray(np.linalg.norm(found.gravity) * direction) if significant else found.gravity
+
+
 class _Left:
     """What is left of the efforts under a direction of gravity, any bodies taken."""
 
@@ -76,20 +110,46 @@ class _Left:
         pulls = [
             rows_of(likelihood, now.changed(gravity=size * axis))[0] - free for axis in np.eye(3)
         ]
-        whole = np.sqrt(np.maximum(np.mean(np.square(efforts), axis=1), 1e-30))
-        blocks = np.concatenate((free, *pulls, efforts[..., None]), axis=-1) / whole[:, None, None]
-        triangle = np.asarray(np.linalg.qr(blocks.reshape(-1, blocks.shape[-1]), mode="r"))
+        self._whole = np.sqrt(np.maximum(np.mean(np.square(efforts), axis=1), 1e-30))
         self._k = free.shape[-1]
+        self._blocks = np.concatenate((free, *pulls, efforts[..., None]), axis=-1)
+        self._weigh(self._whole)
+
+    def _weigh(self, scales: Array) -> None:
+        blocks = self._blocks / scales[:, None, None]
+        triangle = np.asarray(np.linalg.qr(blocks.reshape(-1, blocks.shape[-1]), mode="r"))
         self._columns, self._efforts = triangle[:, :-1], triangle[:, -1]
+
+    def weighted(self, scales: Array) -> "_Left":
+        """The same with rows over `scales`, shape `(n,)`."""
+        other = copy(self)
+        other._weigh(scales)
+        return other
 
     def __call__(self, v: Array) -> Array:
         """Residuals; the length of `v` is of no account, and kept near 1."""
         length = float(np.linalg.norm(v))
-        parts = self._columns.reshape(len(self._columns), 4, self._k)
-        columns = parts[:, 0] + np.einsum("a,rak->rk", v / length, parts[:, 1:])
+        wide, right, solution = self._solved(v / length)
+        return np.concatenate((right - wide @ solution, [length - 1.0]))
+
+    def sigma(self, direction: Array) -> Array:
+        """Root mean square residual of each row under a direction, shape `(n,)`."""
+        solution = self._solved(direction)[2]
+        columns = self._under(direction, self._blocks[..., :-1])
+        residuals = self._blocks[..., -1] - columns @ solution
+        return np.maximum(np.sqrt(np.mean(np.square(residuals), axis=1)), FLOOR * self._whole)
+
+    def _under(self, direction: Array, blocks: Array) -> Array:
+        """Columns under a direction of gravity, from those without and along the axes."""
+        parts = blocks.reshape(*blocks.shape[:-1], 4, self._k)
+        columns: Array = parts[..., 0, :] + np.einsum("a,...ak->...k", direction, parts[..., 1:, :])
+        return columns
+
+    def _solved(self, direction: Array) -> tuple[Array, Array, Array]:
+        """Columns and efforts with the ridge, and their least squares solution."""
+        columns = self._under(direction, self._columns)
         lengths = np.linalg.norm(columns, axis=0)
         ridge = np.diag(RIDGE * np.maximum(lengths, 1e-6 * lengths.max()))
         wide: Array = np.concatenate((columns, ridge))
         right: Array = np.concatenate((self._efforts, np.zeros(self._k)))
-        solution = np.linalg.lstsq(wide, right, rcond=None)[0]
-        return np.concatenate((right - wide @ solution, [length - 1.0]))
+        return wide, right, np.linalg.lstsq(wide, right, rcond=None)[0]

@@ -27,6 +27,9 @@ FEWEST = 200
 BUDGET = 170_000
 """Points of all lines together: about 1.9 MB of the page."""
 
+COARSER = 3
+"""Points of a line over those of the outline of a band, which is smooth."""
+
 DRAWN = 6
 """Lines and outlines of a plot: measured, predicted, their difference, three bands."""
 
@@ -136,7 +139,8 @@ def _bands(t: Array, traces: Traces, joint: int, points: int) -> list[dict[str, 
     predicted, half = traces.predicted[:, joint], traces.band[:, joint]
     sure = Z95 * traces.model_std[:, joint]
     sides = ((predicted, half), (predicted, sure), (np.zeros_like(half), half))
-    outlines = [outline(t, middle - away, middle + away, points) for middle, away in sides]
+    most = max(points // COARSER, FEWEST)
+    outlines = [outline(t, middle - away, middle + away, most) for middle, away in sides]
     return [{"x": packed(x), "y": packed(y)} for x, y in outlines]
 
 

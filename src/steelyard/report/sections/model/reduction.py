@@ -108,10 +108,10 @@ def _summary(found: Reduction) -> str:
     if found.unseen is not None:
         before, after = (float(found.unseen[k].mean()) for k in (0, place))
         sentences.append(f"on unseen motion {_fine(before)} to {_fine(after)}")
-    return f"{'; '.join(sentences)} (mean over joints, {_samples(found)})."
+    return f"{'; '.join(sentences)} (mean over joints, {samples_of(found)})."
 
 
-def _samples(found: Reduction) -> str:
+def samples_of(found: Reduction) -> str:
     """Which samples count: all of a log, if a law of the model knows friction at rest."""
     laws = (law_of(name) for name in found.path.full.names)
     return WHOLE if any(issubclass(law, StatefulTerm) for law in laws) else MOVING
