@@ -109,9 +109,11 @@ def test_the_worst_judgement_is_the_exit_code(
     good = command("check", ROBOT, LOG, OTHER, "-v")
     assert good.exit_code == 0 and good.stderr == ""
     assert "ok position unit identification (and 1 more): within a turn" in words(good.stdout)
-    assert good.stdout.rstrip().endswith("Ok: no error was found  (2 findings: 2 ok)")
+    step = f"next        steelyard identify {ROBOT} {LOG} --validate {OTHER}"
+    assert good.stdout.rstrip().endswith(f"Ok: no error was found  (2 findings: 2 ok)\n\n{step}")
     short = words(command("check", ROBOT, LOG, OTHER).stdout)
-    assert short == "ok 1 check position unit Ok: no error was found (2 findings: 2 ok)"
+    said = "ok 1 check position unit Ok: no error was found (2 findings: 2 ok)"
+    assert short == f"{said} {words(step)}"
     both = words(command("check", ROBOT, degrees, LOG).stdout)
     assert (severity.word == "wrong") == ("give this one a robot file of its own" in both)
     assert f"(2 findings: 1 {severity.word}, 1 ok)" in both
@@ -121,6 +123,7 @@ def test_the_worst_judgement_is_the_exit_code(
     assert f"{severity.word} position unit degrees: shoulder_turn: positions go around" in shown
     assert 'they are in degrees [signals] position_unit = "deg"' in shown
     assert "--fix writes a new robot file" in shown and "-o FOLDER" in shown
+    assert "steelyard identify" not in shown
     assert not any(work.iterdir())
 
 
@@ -139,7 +142,8 @@ def test_fix_writes_a_new_robot_file_and_checks_again(
     change = '[signals] position_unit = "deg" position unit, degrees: shoulder_turn: positions go'
     assert f"differs: {change}" in shown and "Checked again with" in shown
     assert shown.index("Wrong: position unit") < shown.index("Ok: no error")
-    assert shown.endswith(f"robot file {fixed} -o FOLDER writes a page with the plots")
+    hints = f"robot file {fixed} -o FOLDER writes a page with the plots"
+    assert shown.endswith(f"{hints} next steelyard identify {fixed} {degrees}")
     assert command("check", fixed, degrees).exit_code == 0
     again = command("check", robot, degrees, "--fix")
     assert again.exit_code == 2 and "the robot file to write exists already" in again.stderr

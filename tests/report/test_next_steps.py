@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from steelyard.diagnosis import Finding, Fix, Severity
+from steelyard.diagnosis.fitted.rotors_at_zero import RotorsAtZero
 from steelyard.report import ReportContent
 from steelyard.report.text.next_steps import fixing, next_steps, robot_file, step_lines
 
@@ -37,6 +38,12 @@ def test_friction_is_to_be_chosen_where_residuals_are_no_noise_and_it_was_not(us
     content = replace(usual, limitations=(INCOMPLETE,))
     assert commands(content) == commands(usual)
     assert commands(replace(content, friction=None))[0] == 'friction = "auto" in arm.toml, [model]'
+
+
+def test_rotor_inertias_at_zero_propose_sensors_behind_the_gears(usual):
+    zero = Finding(RotorsAtZero.name, "", Severity.OK, "rotors", "", headline=True)
+    steps = commands(replace(usual, limitations=(zero,)))
+    assert steps[0] == 'kind = "link_torque" in arm.toml, no rotor_inertia in terms'
 
 
 def test_what_is_wrong_with_a_log_comes_first_with_its_path(usual):

@@ -1,6 +1,7 @@
 """`steelyard check`: what is wrong with logs, or with what the robot file says of them."""
 
 import json
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -87,21 +88,32 @@ def check(
     else:
         console = Console()
         found.show(console, verbose)
-        for line in hints(found, folder):
+        for line in hints(found, folder, [] if model else [robot, *logs]):
             console.print(Text(line), soft_wrap=True)
     if found.last.severity:
         raise typer.Exit(int(found.last.severity))
 
 
-def hints(found: "CheckResult", folder: Path | None) -> list[str]:
-    """Where things are written, or how to have them written."""
-    lines = [""]
+def hints(found: "CheckResult", folder: Path | None, named: Sequence[str]) -> list[str]:
+    """Where things are written, or how to have them written; and what to do next.
+
+    Args:
+        found: What was found.
+        folder: Of the page, if there is one.
+        named: Robot file and logs as they were given, to be identified from; else empty.
+    """
+    from steelyard.report.text.next_steps import identifying
+
+    lines, used = [""], list(named)
     if found.fixed is not None and found.fixed.changes:
         lines.append(f"robot file  {found.fixed.subject.path}")
+        used[:1] = [str(found.fixed.subject.path)]
     if folder is not None:
         lines += [f"page        {folder / 'check.html'}", f"JSON        {folder / 'check.json'}"]
     if found.fixed is None and found.content.diagnosis.edits:
         lines.append("--fix       writes a new robot file with these lines, and checks again")
     if folder is None and found.content.diagnosis.severity:
         lines.append("-o FOLDER   writes a page with the plots")
+    if named and not found.last.severity:
+        lines.append(f"next        {identifying(used[0], used[1:])}")
     return lines if len(lines) > 1 else []

@@ -241,11 +241,11 @@ def next_steps(draft: "Draft", named: Sequence[str]) -> list[str]:
         draft: The robot file.
         named: Model file, robot file and logs, as they were given.
     """
+    from steelyard.report.text.next_steps import identifying
+
     target = shlex.quote(named[1])
-    logs = [shlex.quote(log) for log in named[2:]]
-    given = " ".join(logs) or "LOG..."
-    held_out = f"{' '.join(logs[:-1])} --validate {logs[-1]}"
-    why = "the last log" if len(logs) > 1 else "--validate OTHER_LOG"
+    given = " ".join(shlex.quote(log) for log in named[2:]) or "LOG..."
+    why = "the last log" if len(named) > 3 else "--validate OTHER_LOG"
     lines = []
     if not named[2:]:
         lines += [
@@ -261,5 +261,5 @@ def next_steps(draft: "Draft", named: Sequence[str]) -> list[str]:
         *lines,
         f"      steelyard check {target} {given}",
         f"      if no error is found, identify; {why} validates the model:",
-        f"      steelyard identify {target} {held_out if len(logs) > 1 else given}",
+        f"      {identifying(named[1], named[2:] or ('LOG...',))}",
     ]

@@ -29,7 +29,7 @@ class RotorsAtZero:
             "behind the gears, which do not contain the rotors'"
         )
         joints = tuple(name.partition(".")[2] for name in zero)
-        fix = Fix(f"If they are, set {INSTEAD} in [model] terms, and identify again")
+        fix = Fix(f"If so, use {INSTEAD} in [model] terms")
         return (Finding(self.name, "", Severity.OK, says, "", joints, fix, headline=True),)
 
 

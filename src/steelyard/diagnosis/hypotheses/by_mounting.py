@@ -137,7 +137,8 @@ class _Left:
         solution = self._solved(direction)[2]
         columns = self._under(direction, self._blocks[..., :-1])
         residuals = self._blocks[..., -1] - columns @ solution
-        return np.maximum(np.sqrt(np.mean(np.square(residuals), axis=1)), FLOOR * self._whole)
+        size = np.sqrt(np.mean(np.square(residuals), axis=1))
+        return np.asarray(np.maximum(size, FLOOR * self._whole))
 
     def _under(self, direction: Array, blocks: Array) -> Array:
         """Columns under a direction of gravity, from those without and along the axes."""
@@ -152,4 +153,5 @@ class _Left:
         ridge = np.diag(RIDGE * np.maximum(lengths, 1e-6 * lengths.max()))
         wide: Array = np.concatenate((columns, ridge))
         right: Array = np.concatenate((self._efforts, np.zeros(self._k)))
-        return wide, right, np.linalg.lstsq(wide, right, rcond=None)[0]
+        solution = np.asarray(np.linalg.lstsq(wide, right, rcond=None)[0], dtype=np.float64)
+        return wide, right, solution

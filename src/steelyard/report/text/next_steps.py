@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +15,9 @@ if TYPE_CHECKING:
 
 MODEL_ERROR = "model error"
 """The check that compares residuals with noise."""
+
+GEAR_SIDE = "gear side"
+"""The check of rotor inertias at zero."""
 
 MANY = 1.0 / 3.0
 """Share of the base parameters that are not well identified, from which on a motion is advised."""
@@ -39,12 +44,23 @@ def next_steps(content: ReportContent, robot: str, model: Path) -> tuple[Step, .
         found.check == MODEL_ERROR and not found.severity for found in content.limitations
     ):
         steps.append((f'friction = "auto" in {robot}, [model]', "laws chosen from the logs"))
+    if any(found.check == GEAR_SIDE for found in content.limitations):
+        edit = f'kind = "link_torque" in {robot}, no rotor_inertia in terms'
+        steps.append((edit, "if sensors are behind the gears"))
     if content.identified is not None and _weak(content) > MANY:
         command = f"steelyard excite {robot} --earlier {model} --still-unknown"
         steps.append((command, "a motion for the rest"))
     if verdict(content).level == "good":
         steps.append((f"steelyard export {model} --to urdf", "use the model elsewhere"))
     return tuple(steps)
+
+
+def identifying(robot: str, logs: Sequence[str]) -> str:
+    """The command that identifies from all logs but the last one, which validates; or from one."""
+    words = [shlex.quote(log) for log in logs]
+    if len(words) > 1:
+        words.insert(-1, "--validate")
+    return " ".join(["steelyard", "identify", shlex.quote(robot), *words])
 
 
 def fixing(content: ReportContent, model: str, robot: str = "ROBOT") -> tuple[Step, ...]:
