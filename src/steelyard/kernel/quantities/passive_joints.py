@@ -77,7 +77,7 @@ class Follower:
         """Follow the loops to one more sample, shape `(n,)`; whether they close there."""
         last = self.closed[1]
         found = self._newton(q, last + self._drift)
-        if found is None or np.abs(found - last).max() > STRIDE:
+        if found is None or _largest(found - last) > STRIDE:
             found = self._towards(*self.closed, q, HALVINGS)
         if found is None:
             self._drift = np.zeros_like(self._drift)
@@ -97,7 +97,7 @@ class Follower:
     def _towards(self, start: Array, passive: Array, q: Array, halvings: int) -> Array | None:
         """Passive positions at `q`, found on a straight way that begins at closed loops."""
         found = self._newton(q, passive)
-        if found is not None and np.abs(found - passive).max() <= STRIDE:
+        if found is not None and _largest(found - passive) <= STRIDE:
             return found
         if not halvings:
             return None
@@ -208,37 +208,40 @@ def _speed(robot: Robot, q: Array, passive: Array) -> float:
 
 
 class _Newton:
-    """Newton's method for the passive positions of one sample."""
+    """Newton's method for the passive positions of one sample, see `native_loops.sample`."""
 
     def __init__(self, robot: Robot) -> None:
-        code = newton_code(robot)
-        count = len(robot.passive)
-        self._count, self._lanes, self._raw = count, code.lanes, code.raw
-        self._q = np.zeros((robot.n, code.lanes))
-        self._passive = np.zeros((count, code.lanes))
-        self._result = np.zeros((code.n_outputs, code.lanes))
-        self._code = code
-        self._addresses = [
-            number
-            for x in (self._q, self._passive, self._result)
-            for number in (x.ctypes.data, code.lanes)
-        ]
+        code, n, count = newton_code(robot), robot.n, len(robot.passive)
+        given = np.zeros(n + count + code.lanes - 1)
+        self._q, self._passive = given[:n], given[n : n + count]
+        self._lanes, result = np.zeros((code.n_outputs, code.lanes)), np.zeros(code.n_outputs)
+        self._new, self._gaps = result[:count], result[count:]
+        self._addresses = np.array(
+            [
+                code.lanes,
+                *(x for array in (self._q, self._passive) for x in (array.ctypes.data, 1)),
+                *(self._lanes.ctypes.data, code.lanes, given.ctypes.data, n + count),
+                *(result.ctypes.data, len(result), np.float64(np.inf).view(np.int64)),
+            ]
+        )
+        self._place, self._call = self._addresses.ctypes.data, code.sample
 
     def __call__(self, q: Array, start: Array) -> Array | None:
         """Passive positions where the loops close, from a start nearby; `None` if they do not."""
-        count, result = self._count, self._result
-        self._q[:] = q[:, None]
-        self._passive[:] = start[:, None]
+        self._q[:], self._passive[:] = q, start
         for _ in range(ITERATIONS):
-            self._raw(self._lanes, *self._addresses)
-            step = float(np.abs(result[:count, 0] - self._passive[:, 0]).max())
-            if not step < np.inf:
+            if not self._call(self._place):
                 return None
-            self._passive[:] = result[:count]
+            step = _largest(self._new - self._passive)
+            self._passive[:] = self._new
             if step < _TOLERANCE:
-                gap = float(result[count:, 0].max())
-                return self._passive[:, 0].copy() if gap <= CLOSED**2 else None
+                return self._new.copy() if _largest(self._gaps) <= CLOSED**2 else None
         return None
+
+
+def _largest(values: Array) -> float:
+    """Largest size of some finite values; of a few, faster than with NumPy."""
+    return float(max(map(abs, values.tolist())))
 
 
 def newton_code(robot: Robot) -> Code:
