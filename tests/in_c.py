@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from steelyard.application.controller.c_code import CCode
-from steelyard.application.controller.c_files import c_files
+from steelyard.application.controller.c_test import self_test
 from steelyard.application.controller.functions import USUAL, Controller
 from steelyard.arrays import Array
 from steelyard.kernel.native.c99 import Precision
@@ -52,11 +52,12 @@ def controller_on(
 
 
 def written(code: CCode, folder: Path) -> Path:
-    """The files of a C export; the path of its source."""
+    """Header and source of a C export; the path of the source."""
     folder.mkdir(parents=True, exist_ok=True)
-    for name, text in c_files(code).items():
-        (folder / name).write_text(text)
-    return folder / f"{code.name}.c"
+    (folder / f"{code.name}.h").write_text(code.header())
+    source = folder / f"{code.name}.c"
+    source.write_text(code.source())
+    return source
 
 
 def run_compiler(*arguments: object) -> None:
@@ -65,10 +66,11 @@ def run_compiler(*arguments: object) -> None:
     assert done.returncode == 0 and not done.stderr, done.stderr[:2000]
 
 
-def self_tested(source: Path, *command: str) -> subprocess.CompletedProcess[str]:
-    """The self-test beside a source, compiled by a command and run."""
+def self_tested(code: CCode, source: Path, *command: str) -> subprocess.CompletedProcess[str]:
+    """The self-test of a code with its source, compiled by a command and run."""
     program = source.with_suffix("")
     test = source.with_name(f"{source.stem}_test.c")
+    test.write_text(self_test(code))
     run_compiler(*command, source, test, "-o", program, "-lm")
     return subprocess.run([str(program)], capture_output=True, text=True)
 

@@ -272,7 +272,8 @@ def compiler_claims(folder: Path) -> list[Claim]:
         controller = controller_of(robot, (*terms, Dahl(length=2e-3)), tuple(FUNCTIONS))
         for precision in BOUNDS:
             place = folder / f"{name}_{precision}".replace(" ", "_")
-            source = written(code_of(controller, precision), place)
+            code = code_of(controller, precision)
+            source = written(code, place)
             run_compiler(compiler(), "-std=c99", "-O2", *STRICT, "-c", source, "-o", place / "a.o")
             lines = subprocess.run(
                 ["nm", "-P", str(place / "a.o")], capture_output=True, text=True, check=True
@@ -282,7 +283,7 @@ def compiler_claims(folder: Path) -> list[Claim]:
                 (compiler("g++"), "-x", "c++", "-std=c++11", *STRICT),
                 (compiler(), "-std=c99", *STRICT, *sanitizers),
             ):
-                done = self_tested(source, *command)
+                done = self_tested(code, source, *command)
                 clean += done.returncode == 0 and not done.stderr
                 count += 1
     known = LIBM | {f"{name}f" for name in LIBM}

@@ -168,7 +168,7 @@ def test_compilers_and_sanitizers_find_nothing(
         (compiler("g++"), "-x", "c++", "-std=c++11", *STRICT),
         (compiler(), "-std=c99", *STRICT, *checked),
     ):
-        done = self_tested(source, *command)
+        done = self_tested(code, source, *command)
         assert done.returncode == 0 and not done.stderr, done.stdout + done.stderr
         assert "0 values beyond" in done.stdout
 
@@ -180,7 +180,7 @@ def test_the_self_test_finds_another_number(tmp_path: Path) -> None:
     number = repr(float(code.controller.numbers[-1]))
     assert number in text
     source.write_text(text.replace(number, repr(1.001 * float(number))))
-    done = self_tested(source, compiler(), "-std=c99")
+    done = self_tested(code, source, compiler(), "-std=c99")
     assert done.returncode == 1 and " 0 values beyond" not in done.stdout
 
 
@@ -224,7 +224,7 @@ def test_odd_names_become_identifiers(tmp_path: Path) -> None:
     code = code_of(controller_on(odd, DEFAULT_TERMS))
     assert code.name == "robot_2_arms_int_main"
     assert code.joints == ("gelenk_1", "gelenk_1_2", "elbow", "joint")
-    done = self_tested(written(code, tmp_path), compiler(), "-std=c99", *STRICT)
+    done = self_tested(code, written(code, tmp_path), compiler(), "-std=c99", *STRICT)
     assert done.returncode == 0, done.stdout
     assert code.header().isascii() and "Gelenk-1 [rad, Nm]" in code.header()
 
