@@ -7,6 +7,7 @@ import typer
 
 from steelyard.cli.check import check
 from steelyard.cli.compare import compare
+from steelyard.cli.contact import contact
 from steelyard.cli.demo import demo
 from steelyard.cli.doctor import doctor
 from steelyard.cli.excite import excite
@@ -40,6 +41,7 @@ for command in (
     compare,
     reduce,
     payload,
+    contact,
     export,
     feedforward,
     simulate,
@@ -58,6 +60,7 @@ MANY = (
     "--loaded",
     "--unloaded",
     "--columns",
+    "--calibrate",
     "--estimators",
     "--keep",
     "--drop",

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array, frozen
+from steelyard.estimation.residual_peaks import ResidualPeaks
 
 Kind = Literal["runs", "stretches"]
 
@@ -35,12 +36,15 @@ class Calibration:
         factors: Half-width in standard deviations at rest, slow, medium and fast, shape `(n, 4)`;
             1.96 of a joint that no left-out motion could test. What parameters leave open counts
             with 1.96 at least.
+        peaks: Largest residuals of the left-out motion, from which thresholds of contact follow;
+            `None` in models of versions before there were any.
     """
 
     kind: Kind
     count: int
     edges: Array
     factors: Array
+    peaks: ResidualPeaks | None = None
 
     def __post_init__(self) -> None:
         n = len(self.edges)
@@ -70,6 +74,7 @@ class Calibration:
             "count": self.count,
             "speed_edges": self.edges.tolist(),
             "factors": self.factors.tolist(),
+            "peaks": None if self.peaks is None else self.peaks.to_dict(),
         }
 
     @classmethod
@@ -80,7 +85,14 @@ class Calibration:
             raise ValueError("a factor of the band's calibration is not a number above zero")
         if data["left_out"] not in ("runs", "stretches"):
             raise ValueError(f"a band cannot be calibrated on left-out '{data['left_out']}'")
-        return cls(data["left_out"], int(data["count"]), np.array(data["speed_edges"]), factors)
+        peaks = data.get("peaks")
+        return cls(
+            data["left_out"],
+            int(data["count"]),
+            np.array(data["speed_edges"]),
+            factors,
+            None if peaks is None else ResidualPeaks.from_dict(peaks),
+        )
 
 
 def bins(speed: Array, moving: NDArray[np.bool_], edges: Array) -> NDArray[np.intp]:

@@ -18,6 +18,7 @@ from steelyard.estimation.estimate import Z95, Estimate, Estimator
 from steelyard.estimation.fields.fields import information_from
 from steelyard.estimation.fold_errors import FOLDS
 from steelyard.estimation.identified import IdentifiedModel
+from steelyard.estimation.residual_peaks import ResidualPeaks
 from steelyard.measurement.run import Run
 from steelyard.progress import Progress, silent, tell
 from steelyard.regression.information import Information
@@ -25,6 +26,7 @@ from steelyard.regression.regressor import base_regressor
 from steelyard.validation.bands import Bands
 from steelyard.validation.friction.mixes import remembers
 from steelyard.validation.left_out import LeftOut, runs_left_out, stretches_left_out
+from steelyard.validation.residual_traces import ResidualTrace, residual_cutoff, residual_trace
 from steelyard.validation.score import score
 
 LEVEL = 0.95
@@ -73,12 +75,26 @@ def calibrate(
     if len(chosen) < FEWEST:
         kind, information = "stretches", _shorter(identified, runs, threads, progress)
         chosen = stretches_left_out(runs, information)
-    found = []
+    found, cutoff = [], residual_cutoff(identified, runs)
     for number, one in enumerate(chosen):
         tell(progress, "calibrating bands", number, len(chosen))
-        errors = _errors(identified, runs, information, estimator, one)
+        whole = kind == "runs"
+        errors = _errors(identified, runs, information, estimator, one, whole, cutoff)
         found += [] if errors is None else [errors]
-    return _calibration(kind, found) if len(found) >= FEWEST else None
+    if len(found) < FEWEST:
+        return None
+    calibration = _calibration(kind, found)
+    rest_speed = np.max([run.rest_speed for run in runs], axis=0)
+    return replace(calibration, peaks=_peaks(calibration.edges, rest_speed, cutoff, found))
+
+
+def _peaks(
+    edges: Array, rest_speed: Array, cutoff: float, found: Sequence["_Errors"]
+) -> ResidualPeaks:
+    """Largest residuals of all left-out stretches, by joint and speed."""
+    meet = np.maximum(np.column_stack([rest_speed, edges]), rest_speed[:, None])
+    one, *others = (errors.trace.peaks(meet, cutoff) for errors in found)
+    return sum(others, one)
 
 
 def _shorter(
@@ -105,12 +121,14 @@ class _Errors:
         speed: Of each joint, shape `(n, N)`.
         moving: Whether it moves, shape `(n, N)`.
         worth: Independent samples per sample.
+        trace: Its residual; NaN where a joint could not be predicted.
     """
 
     sizes: Array
     speed: Array
     moving: NDArray[np.bool_]
     worth: float
+    trace: ResidualTrace
 
 
 def _errors(
@@ -119,22 +137,30 @@ def _errors(
     information: Information,
     estimator: Estimator[Information],
     one: LeftOut,
+    whole: bool,
+    cutoff: float,
 ) -> _Errors | None:
-    """How a fit to all else predicts a stretch; `None` where it cannot."""
-    run, cutoff = replace(runs[one.run], span=one.span), identified.cutoffs.score
+    """How a fit to all else predicts a stretch; `None` where it cannot.
+
+    Of a run that is left out `whole` the rests before and after the motion have residuals too.
+    """
+    run = replace(runs[one.run], span=one.span)
     try:
         estimate = estimator(information.of(one.fitted))
         other = replace(identified, estimate=estimate, calibration=None)
-        traces = score(other.valued, run, other.signals.gains, cutoff, bands=Bands.of(other)).traces
+        gains, band = other.signals.gains, identified.cutoffs.score
+        traces = score(other.valued, run, gains, band, bands=Bands.of(other)).traces
+        trace = residual_trace(other, run, cutoff, at_rest=whole)
     except (DataError, LogError):
         return None
     if traces.band is None or traces.speed is None:
         return None
     sizes = Z95 * np.abs(traces.measured - traces.predicted) / traces.band
-    sizes[:, _blind(identified.estimate, estimate, information)] = np.nan
+    blind = _blind(identified.estimate, estimate, information)
+    sizes[:, blind] = np.nan
     duration = one.span[1] - one.span[0]
-    worth = min(1.0, 2.0 * cutoff * duration / max(len(traces.t), 1))
-    return _Errors(sizes.T, traces.speed.T, traces.moving.T, worth)
+    worth = min(1.0, 2.0 * band * duration / max(len(traces.t), 1))
+    return _Errors(sizes.T, traces.speed.T, traces.moving.T, worth, trace.without(blind))
 
 
 def _blind(whole: Estimate, part: Estimate, information: Information) -> list[int]:

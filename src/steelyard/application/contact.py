@@ -1,0 +1,342 @@
+r"""Contact from residuals: events, the links that were touched, calibration runs without contact.
+
+A force on a link loads the joints between it and the base, and no joint beyond it: if the residual
+of a joint exceeds its threshold, the contact is on a link that this joint carries.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.errors import DataError, LogError
+from steelyard.estimation.identified import IdentifiedModel
+from steelyard.estimation.residual_peaks import FEWEST, ContactThresholds, ResidualPeaks
+from steelyard.motion import Motion
+from steelyard.robot.robot import Robot
+from steelyard.validation.residual_traces import ResidualTrace
+
+RELEASE = 0.5
+"""A contact ends where the residual falls below that share of the threshold that it exceeded."""
+
+APART = 0.5
+"""Least time between two events [s]."""
+
+SLID = 0.1
+"""Travel after which friction with memory slides, at least [rad; m]."""
+
+STRETCHES = 4
+"""Stretches that calibration runs are compared in, at least."""
+
+EXPECTED = 0.02
+"""Exceedances expected in all calibration runs together at the thresholds that tell contact."""
+
+MARGIN = 1.0
+"""Time beside a suspected contact that is left out with it [s]."""
+
+ABSENT = 0.6
+"""Share of a predicted part of the efforts that must be lacking for it to count as absent."""
+
+EXPLAINED = 0.5
+"""Share of the squared residual that its absence must explain."""
+
+MATTERS = 2.0
+"""Root mean square of the part in standard deviations of the residual from which on it matters."""
+
+
+CHECKED = ("gravity", "friction")
+"""Parts of a trace, by name."""
+
+FIXES = (
+    "the efforts seem to be gravity-compensated: log measured efforts instead, in the form that "
+    "the model was identified from",
+    "the efforts seem to be measured behind the gears: log them in the form that the model was "
+    "identified from, or identify a model from such logs",
+)
+"""What to do where efforts lack one of these parts."""
+
+
+@dataclass(frozen=True)
+class JointLoad:
+    """What one joint shows of a contact.
+
+    Attributes:
+        joint: Its name.
+        unit: Of its effort, `Nm` or `N`.
+        peak: Largest residual, measured minus predicted effort.
+        sigmas: Its size in standard deviations of the residual of the fit.
+        ratio: Largest ratio of residual to threshold.
+    """
+
+    joint: str
+    unit: str
+    peak: float
+    sigmas: float
+    ratio: float
+
+
+@dataclass(frozen=True)
+class ContactEvent:
+    """A stretch in which residuals exceed their thresholds.
+
+    Attributes:
+        start: When a threshold was exceeded first, from the log's start [s].
+        end: When the last joint was released [s].
+        joints: Joints that exceed their thresholds, the clearest first.
+        links: Links that the contact may be on: those that all these joints carry.
+    """
+
+    start: float
+    end: float
+    joints: tuple[JointLoad, ...]
+    links: tuple[str, ...]
+
+    @property
+    def place(self) -> str:
+        """Where the contact is, for people to read."""
+        if not self.links:
+            return "several branches"
+        return self.links[0] if len(self.links) == 1 else f"{self.links[0]} or beyond"
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values; `link` is known where only one is possible."""
+        return {
+            "start_s": self.start,
+            "end_s": self.end,
+            "joint": self.joints[0].joint,
+            "joints": [vars(joint) for joint in self.joints],
+            "link": self.links[0] if len(self.links) == 1 else None,
+            "links": list(self.links),
+        }
+
+
+def contacts_in(
+    trace: ResidualTrace, thresholds: ContactThresholds, robot: Robot, sigma: Array
+) -> tuple[ContactEvent, ...]:
+    """Stretches of a run in which residuals exceed their thresholds.
+
+    Args:
+        trace: Residuals behind the low-pass of the thresholds.
+        thresholds: Per joint and speed.
+        robot: The robot.
+        sigma: Standard deviation of the residual of the fit per joint, shape `(n,)` [Nm; N].
+    """
+    limits = thresholds.at(trace.ranges(thresholds.edges))
+    sizes = np.abs(trace.residual)
+    spans = sorted(
+        (start, stop, j)
+        for j in range(len(sizes))
+        for start, stop in _exceeded(sizes[j], limits[j], trace.t, trace.step)
+    )
+    groups: list[list[tuple[int, int, int]]] = []
+    latest = -np.inf
+    for span in spans:
+        if not groups or trace.t[span[0]] - latest > APART:
+            groups.append([])
+        groups[-1].append(span)
+        latest = max(latest, float(trace.t[span[1] - 1]))
+    return tuple(_event(group, trace, limits, robot, sigma) for group in groups)
+
+
+def _exceeded(size: Array, limit: Array, t: Array, step: float) -> list[tuple[int, int]]:
+    """First sample, and the one after the last, of every stretch of one joint; none over a gap."""
+    found, at = [], 0
+    above = np.flatnonzero(size > limit)
+    while (left := above[above >= at]).size:
+        start = int(left[0])
+        ends = (size[start:] < RELEASE * limit[start]) | (
+            np.diff(t[start:], prepend=t[start]) > 2.0 * step
+        )
+        at = start + int(np.argmax(ends)) if ends.any() else len(size)
+        found.append((start, at))
+    return found
+
+
+def _event(
+    spans: Sequence[tuple[int, int, int]],
+    trace: ResidualTrace,
+    limits: Array,
+    robot: Robot,
+    sigma: Array,
+) -> ContactEvent:
+    loads = []
+    for j in sorted({j for _, _, j in spans}):
+        at = np.concatenate([np.arange(a, b) for a, b, k in spans if k == j])
+        residual = trace.residual[j, at]
+        peak = float(residual[np.argmax(np.abs(residual))])
+        ratio = float(np.max(np.abs(residual) / limits[j, at]))
+        coordinate = robot.coordinates[j]
+        sigmas = abs(peak) / float(sigma[j])
+        loads.append(JointLoad(coordinate.name, coordinate.effort_unit, peak, sigmas, ratio))
+    joints = tuple(sorted(loads, key=lambda load: -load.ratio))
+    start, stop = min(a for a, _, _ in spans), max(b for _, b, _ in spans)
+    links = links_carried_by(robot, [j for _, _, j in spans])
+    return ContactEvent(float(trace.t[start]), float(trace.t[stop - 1]), joints, links)
+
+
+def links_carried_by(robot: Robot, joints: Sequence[int]) -> tuple[str, ...]:
+    """Links that all of some joints carry, parents before children."""
+    carried: list[set[int]] = []
+    for body in robot.bodies:
+        before = carried[body.parent] if body.parent >= 0 else set()
+        carried.append(before | {body.coordinate})
+    return tuple(
+        body.name
+        for body, by in zip(robot.bodies, carried, strict=True)
+        if by.issuperset(joints) and not body.massless
+    )
+
+
+@dataclass(frozen=True)
+class SuspectedContact:
+    """A stretch of a calibration run that other motion does not explain.
+
+    Attributes:
+        run: The run.
+        event: What its residuals show.
+    """
+
+    run: str
+    event: ContactEvent
+
+    @property
+    def text(self) -> str:
+        """For people to read."""
+        load = self.event.joints[0]
+        return (
+            f"{self.run} contains contact at {self.event.start:.1f} to {self.event.end:.1f} s "
+            f"({load.joint}: {abs(load.peak):.3g} {load.unit}, {load.ratio:.2g} times what the "
+            "other calibration motion explains): left out of the calibration"
+        )
+
+
+def without_contact(
+    traces: Sequence[ResidualTrace],
+    edges: Array,
+    cutoff: float,
+    robot: Robot,
+    sigma: Array,
+    known: ResidualPeaks | None = None,
+) -> tuple[ResidualPeaks, tuple[SuspectedContact, ...]]:
+    """Largest residuals of calibration runs, without stretches that contain contact.
+
+    Every stretch is compared with thresholds from all others, which all of them together exceed
+    with a probability of `EXPECTED`; the stretch that exceeds them most loses what exceeds them,
+    until none does.
+
+    Args:
+        traces: Residuals of the runs.
+        edges: Ranges of speed, see `ResidualPeaks`.
+        cutoff: Low-pass of the residuals [Hz].
+        robot: The robot.
+        sigma: Standard deviation of the residual of the fit per joint, shape `(n,)` [Nm; N].
+        known: What the model knows of its own left-out motion, to compare with.
+    """
+    parts = [part for trace in traces for part in _stretches(trace, len(traces))]
+    peaks = [part.peaks(edges, cutoff) for part in parts]
+    alike = known is not None and known.cutoff == cutoff and np.array_equal(known.edges, edges)
+    beside = [known] if known is not None and alike else []
+    suspected: list[SuspectedContact] = []
+    while len(peaks) + len(beside) > 1:
+        rate = EXPECTED * 3600.0 / sum(part.duration for part in parts)
+        found = [
+            contacts_in(
+                part, _sum([*peaks[:k], *peaks[k + 1 :], *beside]).thresholds(rate), robot, sigma
+            )
+            for k, part in enumerate(parts)
+        ]
+        worst = max(range(len(parts)), key=lambda k: _worst(found[k]))
+        if not found[worst]:
+            break
+        suspected += [SuspectedContact(parts[worst].run, event) for event in found[worst]]
+        parts[worst] = _outside(parts[worst], found[worst])
+        peaks[worst] = parts[worst].peaks(edges, cutoff)
+    return _sum(peaks), tuple(sorted(suspected, key=lambda one: (one.run, one.event.start)))
+
+
+def _worst(events: Sequence[ContactEvent]) -> float:
+    return max((event.joints[0].ratio for event in events), default=0.0)
+
+
+def _sum(peaks: Sequence[ResidualPeaks]) -> ResidualPeaks:
+    return sum(peaks[1:], peaks[0])
+
+
+def _stretches(trace: ResidualTrace, runs: int) -> list[ResidualTrace]:
+    """Parts of a run, so that there are at least `STRETCHES` of all runs."""
+    count = -(-STRETCHES // runs)
+    edges = np.linspace(0, len(trace.t), count + 1).astype(int)
+    return [trace.of(slice(a, b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+
+
+def _outside(trace: ResidualTrace, events: Sequence[ContactEvent]) -> ResidualTrace:
+    """The samples away from events."""
+    inside = np.zeros(len(trace.t), dtype=bool)
+    for event in events:
+        inside |= (trace.t >= event.start - MARGIN) & (trace.t <= event.end + MARGIN)
+    return trace.of(~inside)
+
+
+def sliding_friction(identified: IdentifiedModel, speed: Array) -> Array:
+    """Largest predicted friction of each joint at a low speed, shape `(n,)` [Nm; N].
+
+    Args:
+        identified: The model.
+        speed: Of each joint, shape `(n,)` [rad/s; m/s].
+    """
+    t = np.linspace(0.0, SLID / float(np.min(speed)), 400)
+    there = np.concatenate([t, t[::-1]])[:, None] * speed
+    dq = np.repeat([1.0, -1.0], len(t))[:, None] * speed
+    along = Motion(np.arange(len(there)) * t[1], there, dq, np.zeros_like(there))
+    return np.asarray(np.abs(identified.friction(along)).max(axis=0))
+
+
+def supported_rate(peaks: ResidualPeaks, wanted: float | None, usual: float = 1.0) -> float:
+    """False alarms per hour to use: those wanted, or the usual, or the least that is supported.
+
+    Raises:
+        DataError: Fewer are wanted than this much free motion supports.
+    """
+    least = peaks.lowest_rate
+    if not (peaks.visits >= FEWEST).any():
+        raise DataError(
+            f"{peaks.duration:.3g} s of free motion are too short to calibrate thresholds with",
+            where="calibration of contact thresholds",
+            fix="give longer logs of motion without contact with --calibrate",
+        )
+    if wanted is None:
+        return max(usual, least)
+    if wanted < least:
+        minutes = peaks.duration / 60.0
+        raise DataError(
+            f"{wanted:.3g} false alarms per hour cannot be claimed from {minutes:.1f} min of free "
+            f"motion: it supports {least:.2g} per hour or more",
+            where="--rate",
+            fix=f"ask for {least:.2g} or more, or calibrate with "
+            f"{minutes * least / wanted:.0f} min of free motion",
+        )
+    return wanted
+
+
+def refuse_without(trace: ResidualTrace, sigma: Array) -> None:
+    """Efforts must contain gravity and friction as the model has them.
+
+    Raises:
+        LogError: The residual is minus the predicted gravity, or minus the predicted friction.
+    """
+    whitened = trace.residual / sigma[:, None]
+    for part, name, fix in zip(trace.parts, CHECKED, FIXES, strict=True):
+        own = part / sigma[:, None]
+        size = float(np.sum(own * own))
+        if not size > MATTERS**2 * own.size:
+            continue
+        share = -float(np.sum(whitened * own)) / size
+        explained = share**2 * size / float(np.sum(whitened * whitened))
+        if share > ABSENT and explained > EXPLAINED:
+            raise LogError(
+                f"the efforts lack {100.0 * share:.0f} % of the {name} that the model predicts",
+                where=trace.run,
+                fix=fix,
+            )

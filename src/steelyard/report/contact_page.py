@@ -1,0 +1,275 @@
+"""The page of `steelyard contact`, and the same in the terminal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.metadata import version
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from steelyard.estimation.residual_peaks import RANGES
+from steelyard.report.figures import Figure, Group, Key, area, line
+from steelyard.report.html import fill
+from steelyard.report.page import Shown, page_of
+from steelyard.report.sections.tables import PlainTable, Row
+from steelyard.report.text.words import significant
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rich.console import Console
+    from rich.table import Table
+
+    from steelyard.application.contact import ContactEvent, SuspectedContact
+    from steelyard.arrays import Array
+    from steelyard.estimation.residual_peaks import ContactThresholds
+    from steelyard.validation.residual_traces import ResidualTrace
+
+DRAWN = 4000
+"""Points of a line, at most; every one is the largest of those that it stands for."""
+
+SHOWN = (1, 2, 3, 4, 5, 8)
+"""Columns of the table of events for which a terminal has room."""
+
+OFTEN = 0.5
+"""Share of the log from which on events tell that something lasting is wrong."""
+
+
+@dataclass(frozen=True, eq=False)
+class ContactContent:
+    """Everything that the page shows.
+
+    Attributes:
+        robot: The robot's name.
+        joints: Names of the joints.
+        units: Units of their efforts.
+        trace: Residuals of the log.
+        thresholds: What they were compared with.
+        events: Contacts.
+        sigma: Standard deviation of the residuals of the fit, shape `(n,)` [Nm; N].
+        source: What the thresholds were calibrated on.
+        suspected: Stretches of the calibration that contain contact.
+        wanted: False alarms per hour that were asked for; `None` if the default was used.
+        fitted: Whether the model was fitted to this log.
+        notes: What was left out of the calibration, and why.
+        details: How the log was processed.
+    """
+
+    robot: str
+    joints: Sequence[str]
+    units: Sequence[str]
+    trace: ResidualTrace
+    thresholds: ContactThresholds
+    events: tuple[ContactEvent, ...]
+    sigma: Array
+    source: str
+    suspected: tuple[SuspectedContact, ...]
+    wanted: float | None
+    fitted: bool
+    notes: tuple[str, ...]
+    details: tuple[str, ...]
+
+    @property
+    def headline(self) -> str:
+        """How many contacts there are."""
+        count, duration = len(self.events), self.trace.duration
+        many = {0: "No contact", 1: "1 contact"}.get(count, f"{count} contacts")
+        return f"{many} in {duration:.1f} s of {self.trace.run}"
+
+    @property
+    def claim(self) -> str:
+        """What the thresholds promise, and what that rests on."""
+        rate, minutes = self.thresholds.rate, self.thresholds.duration / 60.0
+        expected = rate * self.trace.duration / 3600.0
+        return (
+            f"Thresholds for {rate:.3g} false alarms per hour ({expected:.2g} expected in this "
+            f"log), from {minutes:.1f} min of free motion: {self.source}."
+        )
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What qualifies the result."""
+        found = list(self.notes)
+        if self.wanted is None and self.thresholds.rate > 1.0:
+            found.append(
+                "1 false alarm per hour is more than this calibration supports: for it, give "
+                f"{self.thresholds.duration / 60.0 * self.thresholds.rate:.0f} min of free motion "
+                "with --calibrate"
+            )
+        if self.fitted:
+            found.append("the model was fitted to this log: its residuals are too small")
+        busy = sum(event.end - event.start for event in self.events)
+        if busy > OFTEN * self.trace.duration:
+            found.append(
+                f"residuals exceed their thresholds in {100.0 * busy / self.trace.duration:.0f} % "
+                "of the log: a payload, another tool or other efforts than the model's are "
+                "likelier than contact; run steelyard check with this log"
+            )
+        unknown = [
+            joint
+            for joint, row in zip(self.joints, self.thresholds.limits, strict=True)
+            if np.isnan(row).all()
+        ]
+        if unknown:
+            found.append(f"no threshold, no free motion: {', '.join(unknown)}")
+        return tuple(found)
+
+
+def events_table(content: ContactContent) -> PlainTable:
+    """One row per event."""
+    rows = []
+    for number, event in enumerate(content.events, start=1):
+        load = event.joints[0]
+        others = ", ".join(other.joint for other in event.joints[1:]) or "–"
+        rows.append(
+            Row(
+                (
+                    f"{number}",
+                    f"{event.start:.2f}",
+                    f"{event.end - event.start:.2f}",
+                    load.joint,
+                    f"{load.peak:+.3g} {load.unit}",
+                    f"{load.sigmas:.0f} σ",
+                    f"{load.ratio:.2g}",
+                    others,
+                    event.place,
+                )
+            )
+        )
+    headings = (
+        "#",
+        "start [s]",
+        "length [s]",
+        "clearest at",
+        "residual",
+        "size",
+        "× threshold",
+        "also at",
+        "link",
+    )
+    return PlainTable("", "", headings, rows, (3, 7, 8))
+
+
+def thresholds_table(content: ContactContent) -> PlainTable:
+    """One row per joint."""
+    rows = []
+    for joint, unit, limits, own, sigma in zip(
+        content.joints,
+        content.units,
+        content.thresholds.limits,
+        content.thresholds.own,
+        content.sigma,
+        strict=True,
+    ):
+        cells = [
+            f"{significant(float(limit))} {limit / sigma:.0f}σ{'' if mine else ' *'}"
+            for limit, mine in zip(limits, own, strict=True)
+        ]
+        rows.append(Row((joint, unit, *cells)))
+    words = (
+        "A residual (measured minus predicted effort behind a first-order low-pass of "
+        f"{content.thresholds.cutoff:.3g} Hz) beyond its threshold is contact. At rest friction "
+        "lies anywhere in its dead zone; turning: the joint starts, stops or reverses. * too few "
+        "visits in the calibration: largest threshold of the joint, and its friction."
+    )
+    return PlainTable("Thresholds", words, ("joint", "unit", *RANGES), rows, (0, 1))
+
+
+def contact_lines(content: ContactContent, console: Console) -> None:
+    """Print the events and what the thresholds rest on."""
+    from rich.text import Text
+
+    console.print(Text(content.headline, style="bold"))
+    console.print(Text(content.claim))
+    for warning in content.warnings:
+        console.print(Text(f"! {warning}", style="yellow"))
+    if content.events:
+        console.print(_narrow(events_table(content), SHOWN))
+    if content.warnings or content.events:
+        console.print()
+    console.print(Text("Thresholds, and their size in standard deviations of the fit's residuals"))
+    console.print(_narrow(thresholds_table(content), (0, *range(1, 2 + len(RANGES)))))
+
+
+def _narrow(table: PlainTable, columns: Sequence[int]) -> Table:
+    """Some columns of a table, without lines between them."""
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+    from rich.text import Text
+
+    shown = Table(box=SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0))
+    for number in columns:
+        shown.add_column(
+            table.headings[number], justify="left" if number in table.text else "right"
+        )
+    for row in table.rows:
+        shown.add_row(*(Text(row.cells[number]) for number in columns))
+    return shown
+
+
+def render_contact(content: ContactContent) -> str:
+    """The page as HTML text, to be written as UTF-8."""
+    empty = {"words": "", "tables": (), "folded": "", "legend": (), "note": "", "groups": ()}
+    tables = [events_table(content)] if content.events else []
+    verdict = {
+        **empty,
+        "title": "Contacts",
+        "words": f"{content.headline}. {content.claim}",
+        "tables": tables,
+    }
+    figures = {
+        **empty,
+        "title": "Residuals",
+        "legend": [
+            Key("--measured", "residual"),
+            Key("--rest", "within the thresholds", "area"),
+            Key("--vermillion", "contact", "line"),
+        ],
+        "groups": [Group([_figure(content, j) for j in range(len(content.joints))], columns="one")],
+        "note": f"At most {DRAWN} points a line: the largest residual of each stretch.",
+    }
+    limits = {**empty, "title": "Thresholds", "tables": [thresholds_table(content)]}
+    sections = [Shown("contacts", "Contacts", fill("figures.html", verdict))]
+    if content.warnings:
+        notes = fill("notes.html", {"notes": content.warnings})
+        sections.append(Shown("notes", "Limits of this result", notes))
+    sections += [
+        Shown("residuals", "Residuals and thresholds over time", fill("figures.html", figures)),
+        Shown("thresholds", "Thresholds", fill("figures.html", limits)),
+        Shown("details", "Processing", fill("notes.html", {"notes": content.details}), folded=True),
+    ]
+    title = f"{content.robot}: contacts in {content.trace.run}"
+    return page_of(title, content.robot, "inspected", version("steelyard"), sections)
+
+
+def _figure(content: ContactContent, j: int) -> Figure:
+    trace, thresholds = content.trace, content.thresholds
+    limit = thresholds.at(trace.ranges(thresholds.edges))[j]
+    at = _largest(np.abs(trace.residual[j]), DRAWN)
+    t, residual, limit = trace.t[at], trace.residual[j, at], limit[at]
+    inside = np.zeros(len(t), dtype=bool)
+    for event in content.events:
+        if any(load.joint == content.joints[j] for load in event.joints):
+            inside |= (t >= event.start) & (t <= event.end)
+    touched = np.where(inside, residual, np.nan)
+    known = np.nan_to_num(limit, nan=0.0)
+    return Figure(
+        content.joints[j],
+        f"Residual of {content.joints[j]} over time, with thresholds",
+        "time [s]",
+        f"residual [{content.units[j]}]",
+        [
+            area("within the thresholds", t, -known, known, "--rest"),
+            line("residual", t, residual, "--measured", width=1.2),
+            line("contact", t, touched, "--vermillion", width=2.5),
+        ],
+        {"showlegend": False},
+    )
+
+
+def _largest(size: Array, most: int) -> Array:
+    """Indices of at most so many samples: the largest of each of as many stretches."""
+    step = max(1, -(-len(size) // most))
+    starts = np.arange(0, len(size), step)
+    return np.array([a + int(np.argmax(size[a : a + step])) for a in starts], dtype=np.intp)

@@ -1,0 +1,155 @@
+r"""The residual of a run as an observer sees it: behind a first-order low-pass, with the speeds.
+
+Measured minus predicted effort goes through $\dot r = 2\pi f\,(\tau - \hat\tau - r)$, the filter of
+a momentum observer [DeLuca2005]: no sample waits for later efforts. Motion comes from the log's
+processing. Where a joint rests, its friction lies anywhere in a dead zone: laws without memory then
+predict none, instead of one of either sign by the noise of the velocity.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.arrays import Array
+from steelyard.errors import LogError
+from steelyard.estimation.identified import IdentifiedModel
+from steelyard.estimation.residual_peaks import (
+    HOLD,
+    SETTLED,
+    ResidualPeaks,
+    peaks_of,
+    ranges_of,
+)
+from steelyard.measurement.run import Run
+from steelyard.regression.gather import along
+from steelyard.validation.friction.mixes import remembers
+from steelyard.validation.torque_parts import PARTS, TorqueSplit
+
+LEAST_RATE = 10.0
+"""Least sampling rate over the cut-off of the residual's low-pass."""
+
+GRAVITY, FRICTION = PARTS.index("gravity"), PARTS.index("friction")
+
+FORGOTTEN = 5.0
+"""Time constants of the low-pass after which it has forgotten its start."""
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualTrace:
+    """Residuals of a run; of a fast log every k-th sample, at `LEAST_RATE` cut-offs or more.
+
+    Attributes:
+        run: Name of the run.
+        t: Time, shape `(N,)` [s]; steps of more than twice `step` are gaps.
+        step: Time between samples [s].
+        residual: Measured minus predicted effort, low-passed, shape `(n, N)` [Nm; N].
+        slowest: Least speed of each joint in the last `HOLD` seconds, shape `(n, N)` [rad/s; m/s].
+        fastest: Greatest speed in the last `SETTLED` seconds, likewise.
+        parts: Predicted gravity and friction, low-passed likewise, shape `(2, n, N)` [Nm; N].
+    """
+
+    run: str
+    t: Array
+    step: float
+    residual: Array
+    slowest: Array
+    fastest: Array
+    parts: Array
+
+    @property
+    def duration(self) -> float:
+        """Time without gaps [s]."""
+        return len(self.t) * self.step
+
+    def of(self, chosen: NDArray[np.bool_] | slice) -> "ResidualTrace":
+        """Some of the samples."""
+        names = ("t", "residual", "slowest", "fastest", "parts")
+        return replace(self, **{name: getattr(self, name)[..., chosen] for name in names})
+
+    def without(self, joints: Sequence[int]) -> "ResidualTrace":
+        """The same with NaN as the residual of some joints."""
+        residual = self.residual.copy()
+        residual[list(joints)] = np.nan
+        return replace(self, residual=residual)
+
+    def peaks(self, edges: Array, cutoff: float) -> ResidualPeaks:
+        """Its largest residuals per visit to a range of speed; see `peaks_of`."""
+        return peaks_of(self.t, self.residual, self.ranges(edges), self.step, edges, cutoff)
+
+    def ranges(self, edges: Array) -> NDArray[np.intp]:
+        """Range of speed of every joint, shape `(n, N)`; see `ranges_of`."""
+        return ranges_of(self.slowest, self.fastest, edges)
+
+
+def residual_cutoff(identified: IdentifiedModel, runs: Sequence[Run]) -> float:
+    """Low-pass of the residual that all runs are sampled fast enough for [Hz]."""
+    return min(identified.cutoffs.score, *(run.rate / LEAST_RATE for run in runs))
+
+
+def residual_trace(
+    identified: IdentifiedModel, run: Run, cutoff: float, *, at_rest: bool = True
+) -> ResidualTrace:
+    """The residual of a run.
+
+    Args:
+        identified: The model.
+        run: Clean motion and effort.
+        cutoff: Of the low-pass [Hz].
+        at_rest: Whether to look at the rests before the first and after the last motion too.
+
+    Raises:
+        LogError: The run is sampled too slowly for the low-pass, or has no samples.
+    """
+    if run.rate < LEAST_RATE * cutoff * (1.0 - 1e-6):
+        raise LogError(
+            f"the log is sampled with {run.rate:.3g} Hz, less than {LEAST_RATE:g} times the "
+            f"residual's low-pass of {cutoff:.3g} Hz",
+            where=run.name,
+            fix=f"log with {LEAST_RATE * cutoff:.0f} Hz or more, or give a cut-off of "
+            f"{run.rate / LEAST_RATE:.2g} Hz or less",
+        )
+    whole = replace(run, span=(-np.inf, np.inf)) if at_rest else run
+    every = max(1, int(run.rate / (LEAST_RATE * cutoff)))
+    split, gains = TorqueSplit(identified.valued), identified.signals.gains[:, None]
+    found = []
+    for _, blocks in groupby(along(whole.blocks(), identified.model), key=lambda b: b.segment):
+        parts = []
+        for block in blocks:
+            predicted = split.block(block)
+            predicted[FRICTION] *= block.moving | remembers(identified.model.terms)
+            residual = gains * block.effort - predicted.sum(axis=0)
+            kept = np.stack([residual, predicted[GRAVITY], predicted[FRICTION]])
+            parts.append((block.t, kept, block.dq))
+        t, signals, dq = (np.concatenate(some, axis=-1) for some in zip(*parts, strict=True))
+        first = int(FORGOTTEN / (2.0 * np.pi * cutoff) * run.rate)
+        at = slice(first, None, every)
+        slowest = -_greatest(-np.abs(dq), round(HOLD * run.rate) + 1)[:, at]
+        fastest = _greatest(np.abs(dq), round(SETTLED * run.rate) + 1)[:, at]
+        low = _low_passed(signals, cutoff, run.rate)[..., at]
+        found.append((t[at], low, slowest, fastest))
+    if not sum(len(one[0]) for one in found):
+        raise LogError(
+            "no stretch of the log is long enough for the residual's low-pass",
+            where=run.name,
+            fix="log for longer, or give a higher cut-off",
+        )
+    t, low, slowest, fastest = (np.concatenate(some, axis=-1) for some in zip(*found, strict=True))
+    return ResidualTrace(run.name, t, every / run.rate, low[0], slowest, fastest, low[1:])
+
+
+def _low_passed(signals: Array, cutoff: float, rate: float) -> Array:
+    """First-order low-pass along the last axis, started from the first sample."""
+    from scipy.signal import lfilter
+
+    keep = np.exp(-2.0 * np.pi * cutoff / rate)
+    return np.asarray(lfilter([1.0 - keep], [1.0, -keep], signals, zi=keep * signals[..., :1])[0])
+
+
+def _greatest(values: Array, samples: int) -> Array:
+    """Greatest of this and the samples before it, `samples` in all."""
+    from scipy.ndimage import maximum_filter1d
+
+    return np.asarray(maximum_filter1d(values, samples, axis=1, origin=(samples - 1) // 2))
