@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from steelyard.identification.contact import contact as contact
     from steelyard.identification.design import design_excitation as design_excitation
     from steelyard.identification.feedforward import feedforward as feedforward
+    from steelyard.identification.health import health as health
     from steelyard.identification.identify import identify as identify
     from steelyard.identification.parts import export as export
     from steelyard.identification.parts import export_code as export_code
@@ -74,6 +75,7 @@ _HOMES = {
     "export": "identification.parts",
     "export_code": "identification.parts",
     "feedforward": "identification.feedforward",
+    "health": "identification.health",
     "identify": "identification.identify",
     "identify_payload": "identification.payload",
     "information": "identification.parts",

@@ -13,6 +13,7 @@ from steelyard.cli.doctor import doctor
 from steelyard.cli.excite import excite
 from steelyard.cli.export import export
 from steelyard.cli.feedforward import feedforward
+from steelyard.cli.health import health
 from steelyard.cli.identify import identify
 from steelyard.cli.init import init
 from steelyard.cli.log import log
@@ -42,6 +43,7 @@ for command in (
     reduce,
     payload,
     contact,
+    health,
     export,
     feedforward,
     simulate,

@@ -275,7 +275,7 @@ def peaks_of(
     found = [_visits(np.abs(r), k, gaps, step) for r, k in zip(residual, ranges, strict=True)]
     maxima = tuple(tuple(_largest(m) for m in row) for row in found)
     visits = frozen([[len(m) for m in row] for row in found])
-    known = np.isfinite(residual).all(axis=1)
+    known = np.asarray(np.isfinite(residual).all(axis=1))
     seconds = known[:, None] * [np.bincount(k, minlength=len(RANGES)) * step for k in ranges]
     return ResidualPeaks(edges, cutoff, maxima, visits, frozen(seconds))
 

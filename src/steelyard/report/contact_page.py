@@ -12,14 +12,13 @@ from steelyard.estimation.residual_peaks import RANGES
 from steelyard.report.figures import Figure, Group, Key, area, line
 from steelyard.report.html import fill
 from steelyard.report.page import Shown, page_of
-from steelyard.report.sections.tables import PlainTable, Row
+from steelyard.report.sections.tables import PlainTable, Row, narrow_table
 from steelyard.report.text.words import significant
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from rich.console import Console
-    from rich.table import Table
 
     from steelyard.application.contact import ContactEvent, SuspectedContact
     from steelyard.arrays import Array
@@ -29,7 +28,7 @@ if TYPE_CHECKING:
 DRAWN = 4000
 """Points of a line, at most; every one is the largest of those that it stands for."""
 
-SHOWN = (1, 2, 3, 4, 5, 8)
+SHOWN = (1, 2, 3, 4, 5, 6)
 """Columns of the table of events for which a terminal has room."""
 
 OFTEN = 0.5
@@ -131,9 +130,9 @@ def events_table(content: ContactContent) -> PlainTable:
                     load.joint,
                     f"{load.peak:+.3g} {load.unit}",
                     f"{load.sigmas:.0f} σ",
+                    event.place,
                     f"{load.ratio:.2g}",
                     others,
-                    event.place,
                 )
             )
         )
@@ -144,11 +143,11 @@ def events_table(content: ContactContent) -> PlainTable:
         "clearest at",
         "residual",
         "size",
+        "link",
         "× threshold",
         "also at",
-        "link",
     )
-    return PlainTable("", "", headings, rows, (3, 7, 8))
+    return PlainTable("", "", headings, rows, (3, 6, 8))
 
 
 def thresholds_table(content: ContactContent) -> PlainTable:
@@ -173,7 +172,7 @@ def thresholds_table(content: ContactContent) -> PlainTable:
         "lies anywhere in its dead zone; turning: the joint starts, stops or reverses. * too few "
         "visits in the calibration: largest threshold of the joint, and its friction."
     )
-    return PlainTable("Thresholds", words, ("joint", "unit", *RANGES), rows, (0, 1))
+    return PlainTable("", words, ("joint", "unit", *RANGES), rows, (0, 1))
 
 
 def contact_lines(content: ContactContent, console: Console) -> None:
@@ -185,27 +184,11 @@ def contact_lines(content: ContactContent, console: Console) -> None:
     for warning in content.warnings:
         console.print(Text(f"! {warning}", style="yellow"))
     if content.events:
-        console.print(_narrow(events_table(content), SHOWN))
+        console.print(narrow_table(events_table(content), SHOWN))
     if content.warnings or content.events:
         console.print()
     console.print(Text("Thresholds, and their size in standard deviations of the fit's residuals"))
-    console.print(_narrow(thresholds_table(content), (0, *range(1, 2 + len(RANGES)))))
-
-
-def _narrow(table: PlainTable, columns: Sequence[int]) -> Table:
-    """Some columns of a table, without lines between them."""
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
-    from rich.text import Text
-
-    shown = Table(box=SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0))
-    for number in columns:
-        shown.add_column(
-            table.headings[number], justify="left" if number in table.text else "right"
-        )
-    for row in table.rows:
-        shown.add_row(*(Text(row.cells[number]) for number in columns))
-    return shown
+    console.print(narrow_table(thresholds_table(content), (0, *range(1, 2 + len(RANGES)))))
 
 
 def render_contact(content: ContactContent) -> str:

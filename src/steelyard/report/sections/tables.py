@@ -73,3 +73,20 @@ def text_table(table: PlainTable, title: str) -> Table:
         cells = (Text(cell) for cell in row.cells)
         shown.add_row(*cells, style="bold" if row.marked or row.total else None)
     return shown
+
+
+def narrow_table(table: PlainTable, columns: Sequence[int] | None = None) -> Table:
+    """Some columns of a table for the terminal, or all, without lines between them."""
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+    from rich.text import Text
+
+    chosen = range(len(table.headings)) if columns is None else columns
+    shown = Table(box=SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0))
+    for number in chosen:
+        side: Literal["left", "right"] = "left" if number in table.text else "right"
+        shown.add_column(table.headings[number], justify=side, overflow="fold")
+    for row in table.rows:
+        cells = (Text(row.cells[number]) for number in chosen)
+        shown.add_row(*cells, style="bold" if row.marked or row.total else None)
+    return shown

@@ -1,0 +1,172 @@
+"""Contact on a real UR10e: false alarms on other days, pushes by hand, contact while calibrating.
+
+Thresholds come from the runs that were left out in turn when the model was identified (February
+2020); unseen motion is of four months before, pushes of January.
+"""
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from proofs.robots.scores import EXAMPLES, identified, ur10e_logs
+from proofs.support.claims import Claim, data_folder, main_of
+
+import steelyard
+from steelyard.estimation.identified import IdentifiedModel
+
+RATE = 6.0
+"""False alarms per hour: one in ten minutes."""
+
+DISPLACED, STRONG = 4e-4, 6e-4
+"""Displacement of a joint of the resting robot that is a push, and a strong one [rad]."""
+
+CURRENT = 0.5
+"""Change of a current with which a push begins [A]."""
+
+UNSEEN = (
+    "identification/ur-19_09_27-11_28_22",
+    "identification/ur-19_09_27-11_32_02",
+    "identification/ur-19_09_27-15_11_06",
+    "identification/ur-19_10_01-13_51_41",
+    "identification/ur-19_10_01-14_04_13",
+    "identification/ur-19_10_01-14_04_41",
+    "identification/ur-19_12_23_free",
+    "identification/ur-20_01_31-unload",
+    "validation/ur-20_01_17-ptp_10_points",
+    *(f"validation/ur-20_01_17-p{k}" for k in range(1, 6)),
+    *(f"jointwise_motion/ur-20_01_22-joint_{k}" for k in (1, 3, 4, 6)),
+)
+"""Motion without contact, of other days."""
+
+
+def _log(name: str) -> str:
+    return str(data_folder() / "ur10e" / f"{name}.parquet")
+
+
+def _pushes(path: str) -> list[tuple[float, float, float]]:
+    """When joints of the resting robot are displaced [s], and how far [rad], by positions alone."""
+    log = steelyard.open_log(path)
+    names = ["time_s", *(f"q{k}_rad" for k in range(1, 7))]
+    table = np.concatenate(list(log.parts(names, (0, None), 1 << 20)))
+    t, q = table[:, 0] - table[0, 0], table[:, 1:]
+    away = np.flatnonzero((np.abs(q - np.median(q, axis=0)) > DISPLACED).any(axis=1))
+    groups = np.split(away, np.flatnonzero(np.diff(t[away]) > 1.0) + 1)
+    sizes = np.abs(q - np.median(q, axis=0)).max(axis=1)
+    return [(float(t[k[0]]), float(t[k[-1]]), float(sizes[k].max())) for k in groups]
+
+
+def _false_alarms(model: IdentifiedModel) -> Claim:
+    found = [steelyard.contact(model, _log(name), rate=RATE) for name in UNSEEN]
+    count = sum(len(one.events) for one in found)
+    minutes = sum(one.content.trace.duration for one in found) / 60.0
+    return Claim(
+        "false alarms on unseen logs of other days, thresholds for one in 10 min",
+        f"{count} in {minutes:.1f} min",
+        "<= 1 in 10 min",
+        count <= max(1.0, minutes / 10.0),
+    )
+
+
+def _first_change(path: str, before: float) -> float:
+    """When a current first differs by `CURRENT` from that of the second before [s]."""
+    log = steelyard.open_log(path)
+    names = ["time_s", *(f"current{k}_A" for k in range(1, 7))]
+    table = np.concatenate(list(log.parts(names, (0, None), 1 << 20)))
+    t, current = table[:, 0] - table[0, 0], table[:, 1:]
+    near = (t > before - 1.0) & (t < before + 1.0)
+    usual = np.median(current[(t > before - 2.0) & (t < before - 1.0)], axis=0)
+    changed = (np.abs(current[near] - usual) > CURRENT).any(axis=1)
+    return float(t[near][np.argmax(changed)])
+
+
+def _found(model: IdentifiedModel) -> list[Claim]:
+    """Pushes, with the time from the first change of a current to the event."""
+    path = _log("collision/ur-20_01_22-push_pose_1")
+    events = steelyard.contact(model, path, rate=RATE).events
+    pushes = _pushes(path)
+    found = [[e for e in events if e.start < stop and e.end > start] for start, stop, _ in pushes]
+    strong = [one for one, push in zip(found, pushes, strict=True) if push[2] > STRONG]
+    weak = [one for one, push in zip(found, pushes, strict=True) if push[2] <= STRONG]
+    delays = [1e3 * (one[0].start - _first_change(path, one[0].start)) for one in strong if one]
+    sizes = [max(load.sigmas for load in one[0].joints) for one in found if one]
+    beside = [e for e in events if not any(e in one for one in found)]
+    return [
+        Claim(
+            f"pushes found that displace a joint by {1e3 * STRONG:.1f} mrad or more",
+            f"{sum(map(bool, strong))} of {len(strong)}, up to {max(sizes, default=0.0):.0f} σ "
+            f"(weaker ones, in the dead zone of friction: {sum(map(bool, weak))} of {len(weak)})",
+            "all, no other event",
+            all(strong) and bool(strong) and not beside,
+        ),
+        Claim(
+            f"delay from the first change of a current by {CURRENT:g} A",
+            ", ".join(f"{delay:.0f}" for delay in delays) + " ms",
+            "<= 1 s: a hand pushes ever harder",
+            bool(delays) and max(delays) <= 1000.0,
+        ),
+    ]
+
+
+def _soiled(model: IdentifiedModel) -> Claim:
+    """Calibration logs, one of which contains the pushes."""
+    pushed = _log("collision/ur-20_01_22-push_pose_1")
+    free = [_log(name) for name in UNSEEN[6:9]]
+    clean = steelyard.contact(model, pushed, calibrate=free, rate=RATE)
+    both = steelyard.contact(model, _log(UNSEEN[1]), calibrate=[*free, pushed], rate=RATE)
+    suspected = [one for one in both.content.suspected if "push" in one.run]
+    wrong = len(both.content.suspected) - len(suspected)
+    higher = float(np.nanmax(both.thresholds.limits[:, 0] / clean.thresholds.limits[:, 0]))
+    return Claim(
+        "pushes in a calibration log reported and left out",
+        f"{len(suspected)} stretches, {wrong} of other logs, thresholds at rest x {higher:.2f}",
+        ">= 2, 0 of other logs, <= x 1.5",
+        len(suspected) >= 2 and not wrong and higher <= 1.5,
+    )
+
+
+def _refused(model: IdentifiedModel, folder: Path) -> list[Claim]:
+    """Logs that cannot be compared with thresholds."""
+    (run,) = steelyard.load_runs(EXAMPLES / "ur10e.toml", _log(UNSEEN[6]))
+    data = run.whole()
+    q, gains = data.motion.q, model.signals.gains
+    compensated = data.effort - model.gravity(q) / gains
+    columns = {"time_s": data.motion.t}
+    for name, signal in (
+        ("q{}_rad", q),
+        ("dq{}_rad_s", data.motion.dq),
+        ("current{}_A", compensated),
+    ):
+        columns |= {name.format(k + 1): x for k, x in enumerate(signal.T)}
+    np.savez(folder / "compensated.npz", **columns)
+    np.savez(folder / "slow.npz", **{name: x[::2] for name, x in columns.items()})
+    return [
+        _refusal(model, folder / "compensated.npz", "% of the gravity that the model predicts"),
+        _refusal(model, folder / "slow.npz", "less than 10 times the residual's low-pass"),
+    ]
+
+
+def _refusal(model: IdentifiedModel, log: Path, words: str) -> Claim:
+    try:
+        steelyard.contact(model, log)
+    except steelyard.SteelyardError as error:
+        said = str(error).splitlines()[0]
+        return Claim(f"{log.stem} log refused", said, words, words in said)
+    return Claim(f"{log.stem} log refused", "not refused", words, False)
+
+
+def main() -> list[Claim]:
+    """All of the UR10e."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        identified("ur10e", ur10e_logs(), [], output=folder / "model")
+        model = steelyard.load_model(folder / "model")
+        return [
+            _false_alarms(model),
+            *_found(model),
+            _soiled(model),
+            *_refused(model, folder),
+        ]
+
+
+if __name__ == "__main__":
+    main_of(main)

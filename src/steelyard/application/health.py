@@ -1,0 +1,448 @@
+r"""Friction, offsets and effort scales over windows of normal operation: what drifted, and when.
+
+The rigid bodies of a robot stay what they are. Per joint $j$ and window the model's residual is
+explained by relative changes of its own parts,
+
+$$ \tau_j - \hat\tau_j = \delta_c\,\hat\tau_{c,j} + \delta_v\,\hat\tau_{v,j} + \delta_o
+   + \delta_s\,\hat\tau_{b,j} , $$
+
+dry friction, friction that grows with speed, offset and bodies (their scale is that of the efforts:
+a drive gain, or a payload). The sums of products of a window give all four with their deviations;
+what the model lacks shows as scatter between windows, which widens them.
+
+A quantity may settle within a log, $a + b\,e^{-t/T}$ as it does when the robot gets warm, or change
+at a time within it; its level may change from one log on, or steadily over the logs; or it differs
+from the model's. Every shape is tested against none, its free time counted, all joints, quantities
+and logs counted: $p$ times the number of tests must stay below `LEVEL`.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.estimation.estimate import Z95
+from steelyard.estimation.identified import IdentifiedModel
+from steelyard.model import Model
+from steelyard.regression.information import Information
+
+Quantity = Literal["dry friction", "viscous friction", "offset", "effort scale"]
+QUANTITIES: tuple[Quantity, ...] = (
+    "dry friction",
+    "viscous friction",
+    "offset",
+    "effort scale",
+)
+
+Shape = Literal["settles", "steps within", "steps", "drifts", "differs"]
+
+LEVEL = 0.01
+"""Probability of any false claim of drift in a robot without."""
+
+MATTERS = {"dry friction": 0.1, "viscous friction": 0.1, "offset": 0.1, "effort scale": 0.02}
+"""Least change that is called a drift: of friction and scale relative, of an offset relative to the
+joint's friction."""
+
+WINDOW = 10.0
+"""Least length of a window [s]."""
+
+MOST = 32
+"""Windows of a log at most."""
+
+FEWEST = 6
+"""Windows of a log that a change within it needs."""
+
+SETTLING = np.geomspace(0.05, 2.0, 12)
+"""Time constants that are compared, over the length of the log."""
+
+TIMES = 4.0
+"""Independent time constants among them: a fourfold penalty for choosing one."""
+
+ENOUGH = 4
+"""Logs whose scatter tells how far a model errs with other motions."""
+
+OTHER_MOTION = 0.5
+"""Share of a log's residual that parameters may take up with another motion, where fewer logs are
+given."""
+
+UNKNOWN = 4.0
+"""Scatter of windows over their variances that is assumed of few windows."""
+
+DETERMINED = 1e-8
+"""Least eigenvalue of a window's normal matrix, columns of unit length, that is used."""
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """A quantity of one joint over windows.
+
+    Attributes:
+        joint: The joint.
+        quantity: Which.
+        unit: `""` for a relative change, else `Nm` or `N`.
+        log: Number of the log of each window, rising, shape `(w,)`.
+        t: Middle of each window from the log's start, shape `(w,)` [s].
+        value: Change from the model, shape `(w,)`.
+        std: Its standard deviation by the window's residuals, shape `(w,)`.
+        single: The same from a single sample, shape `(w,)`: what residuals that another motion
+            explains may change.
+        scale: What a change is compared with in `MATTERS`.
+        known: Standard deviation of the model's own value.
+    """
+
+    joint: str
+    quantity: Quantity
+    unit: str
+    log: Array
+    t: Array
+    value: Array
+    std: Array
+    single: Array
+    scale: float
+    known: float
+
+
+@dataclass(frozen=True)
+class Change:
+    """A change of a quantity.
+
+    Attributes:
+        joint: The joint.
+        quantity: Which.
+        shape: `settles` and `steps within` a log, `steps` and `drifts` over logs, `differs` from
+            the model.
+        size: Change; relative, or in the unit of the effort.
+        half_width: Of its 95 % interval.
+        unit: `""` for a relative change, else `Nm` or `N`.
+        logs: Names of the first and last log that it concerns.
+        time: Time constant or time of the step within a log [s]; `None` over logs.
+        p: Probability that chance alone does that in any of the tests.
+        matters: Whether it is significant, and large enough to be called a drift.
+    """
+
+    joint: str
+    quantity: Quantity
+    shape: Shape
+    size: float
+    half_width: float
+    unit: str
+    logs: tuple[str, str]
+    time: float | None
+    p: float
+    matters: bool
+
+    @property
+    def when(self) -> str:
+        """When, for people to read."""
+        first, last = self.logs
+        if self.shape == "settles":
+            return f"settles within {first}, time constant {minutes(self.time)}"
+        if self.shape == "steps within":
+            return f"in {first} at {minutes(self.time)}"
+        if self.shape == "steps":
+            return f"between {first} and {last}"
+        return f"from {first} to {last}" if self.shape == "drifts" else f"model to {last}"
+
+    @property
+    def text(self) -> str:
+        """Size with its interval, for people to read."""
+        if self.unit:
+            return f"{self.size:+.3g} ± {self.half_width:.2g} {self.unit}"
+        return f"{round(100.0 * self.size):+d} ± {100.0 * self.half_width:.0f} %"
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values."""
+        return {**vars(self), "logs": list(self.logs), "when": self.when}
+
+
+def minutes(seconds: float | None) -> str:
+    """A time for people to read."""
+    if seconds is None:
+        return ""
+    return f"{seconds:.0f} s" if seconds < 120.0 else f"{seconds / 60.0:.0f} min"
+
+
+def windowed(information: Information, duration: float) -> Information:
+    """The information of one log in windows of `WINDOW` seconds or more, `MOST` at most."""
+    return information.merged(max(1, min(MOST, int(duration / WINDOW))))
+
+
+def series_of(identified: IdentifiedModel, logs: Sequence[Information]) -> tuple[Series, ...]:
+    """Changes from the model, per joint, quantity and window.
+
+    Args:
+        identified: The model.
+        logs: What the logs say about the columns of its base regressor, one by one, in the order of
+            time, efforts as logged.
+    """
+    gains, units = identified.signals.gains, identified.model.robot.effort_units
+    scaled = [log.scaled(gains, units) for log in logs]
+    return tuple(
+        series for row in range(len(units)) for series in _of_joint(identified, scaled, row)
+    )
+
+
+def _groups(model: Model) -> dict[str, Quantity]:
+    """The quantity that every parameter belongs to, by name; those of bodies are absent."""
+    found: dict[str, Quantity] = {}
+    for term in model.terms:
+        for parameter in term.parameters(model.robot):
+            if term.cause == "offset":
+                found[parameter.name] = "offset"
+            elif term.cause == "friction":
+                faster = "s" in parameter.unit
+                found[parameter.name] = "viscous friction" if faster else "dry friction"
+    return found
+
+
+def _of_joint(
+    identified: IdentifiedModel, logs: Sequence[Information], row: int
+) -> Iterator[Series]:
+    layout, estimate = logs[0].layout, identified.estimate
+    seen = [layout.columns[k] for k in layout.sees[row]]
+    known = estimate.parameters.as_dict()
+    values = np.array([known.get(name, 0.0) for name in seen])
+    groups = _groups(identified.model)
+    of = np.array([groups.get(name, "effort scale") for name in seen])
+    parts = np.array([np.where(of == q, 1.0 if q == "offset" else values, 0.0) for q in QUANTITIES])
+    transform = np.column_stack([*np.pad(parts, ((0, 0), (0, 1))), np.append(-values, 1.0)])
+    grams = np.concatenate([log.row_grams(row) for log in logs])
+    counts = np.concatenate([log.counts[:, row] for log in logs])
+    small = np.einsum("ki,wkl,lj->wij", transform, grams, transform)
+    total = small.sum(axis=0)
+    used = [k for k in range(len(QUANTITIES)) if total[k, k] > 0.0]
+    solved = [
+        _solved(gram[np.ix_([*used, -1], [*used, -1])], n)
+        for gram, n in zip(small, counts, strict=True)
+    ]
+    kept = [k for k, one in enumerate(solved) if one is not None]
+    if not kept:
+        return
+    found = [one for one in solved if one is not None]
+    log = np.concatenate([np.full(len(one.windows), k) for k, one in enumerate(logs)])[kept]
+    middle = [0.5 * (w.start + w.stop) for one in logs for w in one.windows]
+    t = np.array(middle)[kept]
+    coordinate = identified.model.robot.coordinates[row]
+    friction = float(np.sqrt(sum(total[k, k] for k in (0, 1)) / max(counts.sum(), 1.0)))
+    stds = _relative_std(identified, seen, parts)
+    for place, k in enumerate(used):
+        value = np.array([one[0][place] for one in found])
+        std = np.array([one[1][place] for one in found])
+        quantity = QUANTITIES[k]
+        offset = quantity == "offset"
+        unit, scale = (coordinate.effort_unit, friction) if offset else ("", 1.0)
+        single = std * np.sqrt(counts[kept])
+        yield Series(coordinate.name, quantity, unit, log, t, value, std, single, scale, stds[k])
+
+
+def _solved(gram: Array, count: float) -> tuple[Array, Array] | None:
+    """Changes and their standard deviations; `None` of a window that does not show them all."""
+    matrix, vector, square = gram[:-1, :-1], gram[:-1, -1], float(gram[-1, -1])
+    lengths = np.sqrt(np.diag(matrix))
+    if count <= len(lengths) + 1 or not np.all(lengths > 0.0):
+        return None
+    unit = matrix / lengths[:, None] / lengths
+    if np.linalg.eigvalsh(unit)[0] < DETERMINED:
+        return None
+    inverse = np.linalg.inv(unit) / lengths[:, None] / lengths
+    values = inverse @ vector
+    rest = max(square - float(values @ vector), 1e-12 * square)
+    return values, np.sqrt(np.diag(inverse) * rest / (count - len(lengths)))
+
+
+def _relative_std(identified: IdentifiedModel, seen: Sequence[str], parts: Array) -> list[float]:
+    """Standard deviation of the model's own value of each quantity, along its parameters."""
+    place = {name: k for k, name in enumerate(identified.estimate.parameters.names)}
+    mine = [k for k, name in enumerate(seen) if name in place]
+    at = [place[seen[k]] for k in mine]
+    covariance = identified.estimate.covariance[np.ix_(at, at)]
+    found = []
+    for part in parts[:, mine]:
+        size = float(part @ part)
+        found.append(float(np.sqrt(part @ covariance @ part)) / size if size else 0.0)
+    return found
+
+
+def changes_of(series: Sequence[Series], names: Sequence[str]) -> tuple[Change, ...]:
+    """What changed, the most certain first; of a quantity and place the best shape alone.
+
+    Args:
+        series: All quantities.
+        names: Names of the logs, in the order of time.
+    """
+    tests = max(1, len(series) * (len(names) + 2))
+    found = [change for one in series for change in _tested(one, names, tests)]
+    return tuple(sorted(found, key=lambda change: (not change.matters, change.p)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """Weighted least squares: coefficients, their covariance, and the sum of squares."""
+
+    values: Array
+    covariance: Array
+    square: float
+
+
+def _fit(columns: Array, y: Array, std: Array) -> _Fit:
+    design, target = columns / std[:, None], y / std
+    covariance = np.asarray(np.linalg.pinv(design.T @ design), dtype=np.float64)
+    values = covariance @ (design.T @ target)
+    return _Fit(values, covariance, float(np.sum(np.square(target - design @ values))))
+
+
+def _tested(one: Series, names: Sequence[str], tests: int) -> Iterator[Change]:
+    std = one.std * np.sqrt(_inflation(one))
+    levels: list[tuple[int, float, float]] = []
+    for log in np.unique(one.log):
+        mine = one.log == log
+        t, y, s = one.t[mine], one.value[mine], std[mine]
+        constant = _fit(np.ones((len(y), 1)), y, s)
+        level, spread = float(constant.values[0]), float(np.sqrt(constant.covariance[0, 0]))
+        if len(y) >= FEWEST:
+            best = _within(one, t, y, s, constant.square, names[int(log)], tests)
+            yield best
+            if best.p < LEVEL:
+                later = t > t[0] + 0.5 * (t[-1] - t[0])
+                settled = _fit(np.ones((int(later.sum()), 1)), y[later], s[later])
+                level, spread = float(settled.values[0]), float(np.sqrt(settled.covariance[0, 0]))
+        levels.append((int(log), level, spread))
+    apart = OTHER_MOTION * float(np.median(one.single)) if len(levels) < ENOUGH else 0.0
+    if len(levels) > 1:
+        change, apart = _over_logs(one, levels, apart, names, tests)
+        yield change
+    number, level, spread = levels[-1]
+    variance = spread**2 + one.known**2 + apart**2
+    chance = _chance(level**2 / variance, 1, len(one.t)) * tests
+    places = ("model", names[number])
+    yield _change(one, "differs", level, float(np.sqrt(variance)), places, None, chance)
+
+
+def _inflation(one: Series) -> float:
+    """By how much windows scatter more than their deviations say, neighbours alike included."""
+    residuals = []
+    for log in np.unique(one.log):
+        mine = one.log == log
+        t, y, s = one.t[mine], one.value[mine], one.std[mine]
+        if len(y) > 3:
+            shapes = [_settling(t, _constant(t, y, s)), _step(len(y), _best_cut(y, s))]
+            found = min(
+                (y - x @ _fit(x, y, s).values for x in shapes), key=lambda r: r / s @ (r / s)
+            )
+            residuals.append(found / s)
+    free = sum(len(own) - 3 for own in residuals)
+    if free < 3:
+        return UNKNOWN
+    square = sum(float(own @ own) for own in residuals)
+    neighbours = sum(float(own[1:] @ own[:-1]) for own in residuals)
+    alike = float(np.clip(neighbours / max(square, 1e-300), 0.0, 0.8))
+    return max(1.0, square / free) * (1.0 + alike) / (1.0 - alike)
+
+
+def _constant(t: Array, y: Array, s: Array) -> float:
+    """The time constant that a settling value fits best with."""
+    constants = SETTLING * float(t[-1] - t[0])
+    return float(min(constants, key=lambda tau: _fit(_settling(t, tau), y, s).square))
+
+
+def _settling(t: Array, tau: float) -> Array:
+    """Columns of the settled value and of what is left of the start, shape `(w, 2)`."""
+    return np.column_stack([np.ones(len(t)), np.exp(-(t - t[0]) / tau)])
+
+
+def _chance(statistic: float, parameters: int, count: int) -> float:
+    """Probability that chance alone makes a sum of squares fall that much."""
+    from scipy.stats import f
+
+    return float(f.sf(statistic / parameters, parameters, max(count - parameters - 1, 1)))
+
+
+def _within(
+    one: Series, t: Array, y: Array, s: Array, constant: float, name: str, tests: int
+) -> Change:
+    """The best change within a log."""
+    tau = _constant(t, y, s)
+    settling = _fit(_settling(t, tau), y, s)
+    ends = _settling(t, tau)[[0, -1]]
+    across = ends[1] - ends[0]
+    cut = _best_cut(y, s)
+    step = _fit(_step(len(t), cut), y, s)
+    p_settling = _chance(constant - settling.square, 1, len(t)) * TIMES
+    p_step = _chance(constant - step.square, 1, len(t)) * len(t)
+    if settling.square <= step.square or p_settling <= p_step:
+        size = float(across @ settling.values)
+        spread = float(np.sqrt(across @ settling.covariance @ across))
+        return _change(one, "settles", size, spread, (name, name), tau, p_settling * tests)
+    size, spread = float(step.values[1]), float(np.sqrt(step.covariance[1, 1]))
+    at = 0.5 * float(t[cut - 1] + t[cut])
+    return _change(one, "steps within", size, spread, (name, name), at, p_step * tests)
+
+
+def _best_cut(y: Array, s: Array) -> int:
+    """The sample from which on a changed value fits best; two or more are on either side."""
+    return min(range(2, len(y) - 1), key=lambda k: _fit(_step(len(y), k), y, s).square)
+
+
+def _step(count: int, at: int) -> Array:
+    """Columns of the value before, and of the change from sample `at` on, shape `(count, 2)`."""
+    return np.column_stack([np.ones(count), np.arange(count) >= at])
+
+
+def _over_logs(
+    one: Series,
+    levels: Sequence[tuple[int, float, float]],
+    apart: float,
+    names: Sequence[str],
+    tests: int,
+) -> tuple[Change, float]:
+    """The best change of the level over logs, and by how much logs scatter around it.
+
+    Every log may have a motion of its own, with which the model errs in its own way. Of `ENOUGH`
+    logs their scatter tells by how much, of fewer `apart` is assumed.
+    """
+    count, number = len(levels), [log for log, _, _ in levels]
+    y, s = (np.array([level[k] for level in levels]) for k in (1, 2))
+    s = np.hypot(s, apart)
+    constant = _fit(np.ones((count, 1)), y, s).square
+    cut = min(range(1, count), key=lambda k: _fit(_step(count, k), y, s).square)
+    step, looks = _fit(_step(count, cut), y, s), 2.0 * (count - 1)
+    shape: Shape = "steps"
+    logs = (names[number[cut - 1]], names[number[cut]])
+    best, free = step, max(count - 3, 1)
+    if count > 2:
+        trend = _fit(np.column_stack([np.ones(count), np.linspace(0.0, 1.0, count)]), y, s)
+        if trend.square < step.square:
+            best, shape, looks, free = trend, "drifts", 2.0, max(count - 2, 1)
+            logs = (names[number[0]], names[number[-1]])
+    known = count < ENOUGH
+    scatter = 1.0 if known else max(1.0, best.square / free)
+    p = _chance((constant - best.square) / scatter, 1, len(one.t) if known else free + 2)
+    size, spread = float(best.values[1]), float(np.sqrt(scatter * best.covariance[1, 1]))
+    found = _change(one, shape, size, spread, logs, None, p * looks * tests)
+    return found, apart if known else float(np.sqrt(scatter - 1.0) * np.median(s))
+
+
+def _change(
+    one: Series,
+    shape: Shape,
+    size: float,
+    spread: float,
+    logs: tuple[str, str],
+    time: float | None,
+    p: float,
+) -> Change:
+    large = abs(size) >= MATTERS[one.quantity] * one.scale
+    return Change(
+        joint=one.joint,
+        quantity=one.quantity,
+        shape=shape,
+        size=size,
+        half_width=Z95 * spread,
+        unit=one.unit,
+        logs=logs,
+        time=time,
+        p=min(p, 1.0),
+        matters=bool(large and p < LEVEL),
+    )

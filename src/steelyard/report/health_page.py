@@ -1,0 +1,191 @@
+"""The page of `steelyard health`, and the same in the terminal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.metadata import version
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from steelyard.application.health import LEVEL, MATTERS, QUANTITIES
+from steelyard.estimation.estimate import Z95
+from steelyard.report.figures import Figure, Group, Key, area, line
+from steelyard.report.html import fill
+from steelyard.report.page import Shown, page_of
+from steelyard.report.sections.tables import PlainTable, Row, narrow_table
+from steelyard.report.text.words import NONE
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rich.console import Console
+
+    from steelyard.application.health import Change, Series
+
+
+HEADINGS = ("dry", "viscous", "offset", "effort scale")
+"""The quantities, as short as columns need them."""
+
+
+@dataclass(frozen=True, eq=False)
+class HealthContent:
+    """Everything that the page shows.
+
+    Attributes:
+        robot: The robot's name.
+        joints: Names of the joints.
+        logs: Names of the logs, in the order of time.
+        series: Quantities over windows.
+        changes: All that was tested.
+        notes: How the logs were processed.
+    """
+
+    robot: str
+    joints: Sequence[str]
+    logs: tuple[str, ...]
+    series: tuple[Series, ...]
+    changes: tuple[Change, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def drifts(self) -> tuple[Change, ...]:
+        """What is significant and large enough."""
+        return tuple(change for change in self.changes if change.matters)
+
+    @property
+    def named(self) -> tuple[Change, ...]:
+        """The drifts; of a quantity that changed within or over logs, not that it differs too."""
+        timed = {(c.joint, c.quantity) for c in self.drifts if c.shape != "differs"}
+        return tuple(
+            c for c in self.drifts if c.shape != "differs" or (c.joint, c.quantity) not in timed
+        )
+
+    @property
+    def headline(self) -> str:
+        """How much drifted."""
+        joints = dict.fromkeys(change.joint for change in self.drifts)
+        count = len(self.logs)
+        logs = self.logs[0] if count == 1 else f"{count} logs"
+        if not joints:
+            return f"No drift in {logs}"
+        return f"{len(joints)} of {len(self.joints)} joints drifted in {logs}"
+
+    @property
+    def claim(self) -> str:
+        """What counts as a drift."""
+        return (
+            f"A drift is significant (probability of any false one {100.0 * LEVEL:.0f} %, "
+            f"{len(self.changes)} changes tested) and changes friction by "
+            f"{100.0 * MATTERS['dry friction']:.0f} %, the effort scale by "
+            f"{100.0 * MATTERS['effort scale']:.0f} % or an offset by "
+            f"{100.0 * MATTERS['offset']:.0f} % of the joint's friction, at least."
+        )
+
+
+def drifts_table(content: HealthContent) -> PlainTable:
+    """One row per drift."""
+    rows = [
+        Row((change.joint, change.quantity, change.text, change.when, chance(change.p)))
+        for change in content.named
+    ]
+    headings = ("joint", "what", "change ± 95 %", "when", "p")
+    return PlainTable("", "", headings, rows, (0, 1, 3))
+
+
+def chance(p: float) -> str:
+    """A probability for people to read."""
+    return "< 1e-6" if p < 1e-6 else f"{p:.1g}"
+
+
+def joints_table(content: HealthContent) -> PlainTable:
+    """One row per joint: the level in the last log against the model, marked where it drifted."""
+    last = {
+        (change.joint, change.quantity): change
+        for change in content.changes
+        if change.shape == "differs"
+    }
+    drifted = {(change.joint, change.quantity) for change in content.drifts}
+    rows = []
+    for joint in content.joints:
+        cells = []
+        for quantity in QUANTITIES:
+            change = last.get((joint, quantity))
+            mark = " !" if (joint, quantity) in drifted else ""
+            cells.append(NONE if change is None else f"{change.text}{mark}")
+        rows.append(Row((joint, *cells), marked=any(one[0] == joint for one in drifted)))
+    words = "Level in the last log against the model, with its 95 % interval; ! it drifted."
+    return PlainTable("", words, ("joint", *HEADINGS), rows)
+
+
+def health_lines(content: HealthContent, console: Console) -> None:
+    """Print what drifted, and one line per joint."""
+    from rich.text import Text
+
+    console.print(Text(content.headline, style="bold"))
+    console.print(Text(content.claim))
+    if content.drifts:
+        console.print(narrow_table(drifts_table(content)))
+    table = joints_table(content)
+    console.print(Text(f"\n{table.words}"))
+    console.print(narrow_table(table))
+
+
+def render_health(content: HealthContent) -> str:
+    """The page as HTML text, to be written as UTF-8."""
+    empty = {"words": "", "tables": (), "folded": "", "legend": (), "note": "", "groups": ()}
+    verdict = {
+        **empty,
+        "title": "Drift",
+        "words": f"{content.headline}. {content.claim}",
+        "tables": [drifts_table(content)] if content.drifts else [],
+    }
+    joints = {**empty, "title": "Joints", "tables": [joints_table(content)]}
+    figures = {
+        **empty,
+        "title": "Changes over time",
+        "legend": [Key("--measured", "windows"), Key("--rest", "95 % interval", "area")],
+        "groups": _groups(content),
+        "note": "Change from the model of every window; logs follow each other without the time "
+        "between them. Lines are interrupted between logs.",
+    }
+    sections = [
+        Shown("drift", "Drift", fill("figures.html", verdict)),
+        Shown("joints", "Joints", fill("figures.html", joints)),
+        Shown("windows", "Changes over time", fill("figures.html", figures)),
+        Shown("notes", "Processing", fill("notes.html", {"notes": content.notes}), folded=True),
+    ]
+    title = f"{content.robot}: health"
+    return page_of(title, content.robot, "inspected", version("steelyard"), sections)
+
+
+def _groups(content: HealthContent) -> list[Group]:
+    found = []
+    for joint in content.joints:
+        mine = [one for one in content.series if one.joint == joint]
+        drifts = [change for change in content.named if change.joint == joint]
+        words = "; ".join(f"{change.quantity} {change.text}" for change in drifts)
+        if mine:
+            found.append(Group([_figure(one) for one in mine], joint, words or "no drift"))
+    return found
+
+
+def _figure(one: Series) -> Figure:
+    """Windows of one quantity, the logs one after another."""
+    factor, unit = (1.0, one.unit) if one.unit else (100.0, "%")
+    logs = np.unique(one.log)
+    lengths = [float(one.t[one.log == log].max()) for log in logs]
+    starts = np.concatenate([[0.0], np.cumsum(lengths)])
+    traces = []
+    for log, start in zip(logs, starts, strict=False):
+        mine = one.log == log
+        t = (start + one.t[mine]) / 60.0
+        value, half = factor * one.value[mine], factor * Z95 * one.std[mine]
+        traces += [
+            area("95 %", t, value - half, value + half, "--rest"),
+            line("window", t, value, "--measured", mode="lines+markers", marker={"size": 4}),
+        ]
+    label = f"Change of the {one.quantity} of {one.joint} over time"
+    return Figure(
+        one.quantity, label, "time in logs [min]", f"change [{unit}]", traces, {"showlegend": False}
+    )

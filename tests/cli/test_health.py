@@ -1,0 +1,94 @@
+"""`steelyard health`: what it prints, writes and refuses."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import steelyard
+from cli.conftest import Command
+from cli.mistakes import leftovers
+from steelyard.application.health import QUANTITIES
+from steelyard.motion import Motion
+from steelyard.validation.torque_parts import only
+from steelyard.virtual.demo import write_demo_arm
+from steelyard.virtual.invent import random_truth
+
+WORN = 0.6
+"""Growth of the elbow's Coulomb friction."""
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with logs of the demo arm before and after wear, and its model."""
+    folder = tmp_path_factory.mktemp("worn")
+    loaded = write_demo_arm(folder)
+    truth = random_truth(loaded.robot, 0)
+    valued = truth.model.at(truth.values)
+    dry = only(valued, lambda term: term.law == "coulomb")
+    for number, (name, worn) in enumerate((("fit", 0.0), ("before", 0.0), ("after", WORN))):
+        rng = np.random.default_rng(number)
+        t = np.arange(0.0, 80.0, 0.02)
+        w = 2.0 * np.pi * np.array([0.07, 0.16, 0.31])[:, None]
+        phase = rng.uniform(0.0, 6.28, (loaded.robot.n, 3, 1))
+        angle = w * t + phase
+        derivatives = (np.sin(angle), w * np.cos(angle), -w * w * np.sin(angle))
+        q, dq, ddq = (np.sum(0.25 * x, axis=1).T for x in derivatives)
+        motion = Motion(t, q, dq, ddq)
+        effort = valued.torque(motion)
+        effort[:, 2] += worn * dry.torque(motion)[:, 2]
+        effort += 0.02 * effort.std(axis=0) * rng.standard_normal(effort.shape)
+        columns = {"time_s": t}
+        for label, signal in (("q{}_rad", q), ("dq{}_rad_s", dq), ("tau{}_Nm", effort)):
+            noise = 1e-5 * rng.standard_normal(signal.shape)
+            columns |= {label.format(k + 1): x for k, x in enumerate((signal + noise).T)}
+        np.savez(folder / f"{name}.npz", **columns)
+    found = steelyard.identify(folder / "demo_arm.toml", folder / "fit.npz", check=False)
+    found.save(folder / "model")
+    return folder
+
+
+def test_wear_is_named_and_nothing_else(arm: Path, command: Command, tmp_path: Path) -> None:
+    logs = [arm / "before.npz", arm / "after.npz"]
+    done = command("health", arm / "model", *logs, "--json", "-o", tmp_path / "out")
+    assert done.exit_code == 1, done.output
+    printed = json.loads(done.stdout)
+    assert printed == json.loads((tmp_path / "out" / "health.json").read_text())
+    joints = steelyard.load_model(arm / "model").joints
+    named = {(drift["joint"], drift["quantity"]) for drift in printed["drifts"]}
+    assert named == {(joints[2], "dry friction")}
+    (step,) = [drift for drift in printed["drifts"] if drift["shape"] == "steps"]
+    assert step["size"] == pytest.approx(WORN, abs=0.06) and step["logs"] == ["before", "after"]
+    assert len(printed["windows"]) == len(joints) * len(QUANTITIES)
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "1 of 6 joints drifted in 2 logs" in page and "between before and after" in page
+
+
+def test_one_line_per_joint(arm: Path, command: Command) -> None:
+    done = command("health", arm / "model", arm / "before.npz")
+    assert done.exit_code == 0, done.output
+    words = " ".join(done.stdout.split())
+    assert "No drift in before" in words and "changes tested" in words
+    for quantity in QUANTITIES:
+        assert quantity.split()[0] in words
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("../given/nothing.csv",), "no such log"),
+        (("{log}",), "is fitted twice"),
+        (("-o", "../given"), "exists already"),
+        (("{log}@0:0.8",), "error:"),
+    ],
+)
+def test_mistakes(
+    arguments: tuple[str, ...], words: str, arm: Path, command: Command, work: Path
+) -> None:
+    log = arm / "before.npz"
+    first = [] if "@" in arguments[0] else [log]
+    done = command("health", arm / "model", *first, *(a.format(log=log) for a in arguments))
+    assert done.exit_code == 2 and done.stdout == ""
+    assert words in done.stderr
+    assert leftovers(work) == []
