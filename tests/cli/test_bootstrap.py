@@ -51,7 +51,7 @@ def test_the_report_has_a_section_for_it(drawn: tuple[str, Path], identified: Pa
 
 
 def test_the_terminal_shows_it(command, given: Path, tmp_path: Path) -> None:
-    log, out = given / "identification.csv", tmp_path / "out"
+    log, out = f"{given / 'identification.csv'}@0:5", tmp_path / "out"
     arguments = ("identify", given / "demo_arm.toml", log, "--no-check", "-o", out)
     done = command(*arguments, "--bootstrap", DRAWS)
     assert done.exit_code == 0, done.output

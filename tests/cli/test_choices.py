@@ -25,7 +25,7 @@ def identified(given: Path, tmp_path: Path, command: Command) -> Identified:
     ) -> tuple[dict[str, Any], Path]:
         robot, out = edited(given, tmp_path, *changes), tmp_path / "out"
         logs = given / "identification.csv", "--validate", given / "validation.csv"
-        done = command("identify", robot, *logs, "-o", out, "--json", *options)
+        done = command("identify", robot, *logs, "--no-check", "-o", out, "--json", *options)
         assert done.exit_code in (0, 1), done.output
         return json.loads(done.stdout), out
 
@@ -36,7 +36,8 @@ def test_friction_is_chosen_and_reported(given: Path, tmp_path: Path, command: C
     terms = TERMS.replace('"coulomb", "viscous", ', "") + '\nfriction = "auto"'
     robot, out = edited(given, tmp_path, (TERMS, terms)), tmp_path / "out"
     longer = demo_runs(tmp_path / "longer", period=6.0)
-    done = command("identify", robot, longer.identification, longer.validation, "-o", out, "--json")
+    logs = longer.identification, longer.validation
+    done = command("identify", robot, *logs, "--no-check", "-o", out, "--json")
     assert done.exit_code == 0, done.output
     chosen = json.loads(done.stdout)
     table = chosen["friction"]["table"]
@@ -110,7 +111,7 @@ def test_friction_that_drives_is_named(
     done = command("identify", robot, log, "-o", tmp_path / "no")
     assert done.exit_code == 2 and "all efforts have the opposite sign" in done.stderr
     assert not (tmp_path / "no").exists()
-    driven, _ = identified(reversed_efforts, options=("--no-check",))
+    driven, _ = identified(reversed_efforts)
     (note,) = (note for note in driven["notes"] if "below the physical bound" in note)
     assert "viscous.elbow" in note and "coulomb.elbow" in note
 
