@@ -102,17 +102,17 @@ def test_knowledge_that_plain_least_squares_passes_over_is_checked_and_reported(
     assert done.exit_code == 2 and "'forarm'" in done.stderr
 
 
-def test_friction_that_drives_is_named(
-    identified: Identified, given: Path, tmp_path: Path, command: Command
-) -> None:
+def test_friction_that_drives_is_named(given: Path, tmp_path: Path, command: Command) -> None:
     reversed_efforts = ('unit = "Nm"', 'unit = "Nm"\ngain = -1.0')
     robot = edited(given, tmp_path, reversed_efforts)
     log = f"{given / 'identification.csv'}@0:5"
     done = command("identify", robot, log, "-o", tmp_path / "no")
     assert done.exit_code == 2 and "all efforts have the opposite sign" in done.stderr
     assert not (tmp_path / "no").exists()
-    driven, _ = identified(reversed_efforts)
-    (note,) = (note for note in driven["notes"] if "below the physical bound" in note)
+    driven = command("identify", robot, log, "--no-check", "-o", tmp_path / "out", "--json")
+    (note,) = (
+        note for note in json.loads(driven.stdout)["notes"] if "below the physical bound" in note
+    )
     assert "viscous.elbow" in note and "coulomb.elbow" in note
 
 
