@@ -7,11 +7,10 @@ from steelyard.application.health import (
     ENOUGH,
     MATTERS,
     Change,
-    Quantity,
-    Series,
     changes_of,
     minutes,
 )
+from steelyard.application.health_windows import Quantity, Series
 
 NAMES = ("mon", "tue", "wed", "thu", "fri")
 

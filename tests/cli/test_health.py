@@ -9,7 +9,7 @@ import pytest
 import steelyard
 from cli.conftest import Command
 from cli.mistakes import leftovers
-from steelyard.application.health import QUANTITIES
+from steelyard.application.health_windows import QUANTITIES
 from steelyard.motion import Motion
 from steelyard.validation.torque_parts import only
 from steelyard.virtual.demo import write_demo_arm

@@ -11,6 +11,7 @@ import pytest
 from browser import Tab, chromium, running
 from report.conftest import robot
 from report.designed import designed_for
+from report.inspected import contact_content, health_content
 from report.test_design import content as motion_content
 from report.test_findings import content as check_content
 from report.test_page import own_html
@@ -18,10 +19,21 @@ from report.test_tracking import tracking_content
 from steelyard.report import ReportContent, render
 from steelyard.report.check_page import render_check
 from steelyard.report.compare_page import render_comparison
+from steelyard.report.contact_page import render_contact
+from steelyard.report.health_page import render_health
 from steelyard.report.html import TEMPLATES
 from steelyard.report.track_page import render_tracking
 
-PAGES = ("identification", "strange names", "comparison", "check", "motion", "tracking")
+PAGES = (
+    "identification",
+    "strange names",
+    "comparison",
+    "check",
+    "motion",
+    "tracking",
+    "contact",
+    "health",
+)
 WIDTHS = (1400, 420)
 
 
@@ -34,6 +46,8 @@ def pages(usual: ReportContent, nasty: ReportContent) -> dict[str, str]:
         "check": render_check(check_content("arm")),
         "motion": render(motion_content(designed_for(robot()))),
         "tracking": render_tracking(tracking_content(robot())),
+        "contact": render_contact(contact_content()),
+        "health": render_health(health_content()),
     }
 
 

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from steelyard.application.contact import refuse_without
-from steelyard.application.health import Change, changes_of, series_of, windowed
+from steelyard.application.health import Change, changes_of
+from steelyard.application.health_windows import series_of, windowed
 from steelyard.arguments import checked
 from steelyard.errors import LogError
 from steelyard.estimation.identified import IdentifiedModel, load_model

@@ -220,7 +220,7 @@ def render_contact(content: ContactContent) -> str:
     sections += [
         Shown("residuals", "Residuals and thresholds over time", fill("figures.html", figures)),
         Shown("thresholds", "Thresholds", fill("figures.html", limits)),
-        Shown("details", "Processing", fill("notes.html", {"notes": content.details}), folded=True),
+        Shown("details", "Notes", fill("notes.html", {"notes": content.details}), folded=True),
     ]
     title = f"{content.robot}: contacts in {content.trace.run}"
     return page_of(title, content.robot, "inspected", version("steelyard"), sections)

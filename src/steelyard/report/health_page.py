@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from steelyard.application.health import LEVEL, MATTERS, QUANTITIES
+from steelyard.application.health import LEVEL, MATTERS
+from steelyard.application.health_windows import QUANTITIES
 from steelyard.estimation.estimate import Z95
 from steelyard.report.figures import Figure, Group, Key, area, line
 from steelyard.report.html import fill
@@ -21,7 +22,8 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from steelyard.application.health import Change, Series
+    from steelyard.application.health import Change
+    from steelyard.application.health_windows import Series
 
 
 HEADINGS = ("dry", "viscous", "offset", "effort scale")
@@ -153,7 +155,7 @@ def render_health(content: HealthContent) -> str:
         Shown("drift", "Drift", fill("figures.html", verdict)),
         Shown("joints", "Joints", fill("figures.html", joints)),
         Shown("windows", "Changes over time", fill("figures.html", figures)),
-        Shown("notes", "Processing", fill("notes.html", {"notes": content.notes}), folded=True),
+        Shown("notes", "Notes", fill("notes.html", {"notes": content.notes}), folded=True),
     ]
     title = f"{content.robot}: health"
     return page_of(title, content.robot, "inspected", version("steelyard"), sections)

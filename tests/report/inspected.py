@@ -1,0 +1,68 @@
+"""Contents of the pages of `contact` and `health`."""
+
+import numpy as np
+
+from steelyard.application.contact import ContactEvent, JointLoad
+from steelyard.application.health import changes_of
+from steelyard.application.health_windows import QUANTITIES, Series
+from steelyard.estimation.residual_peaks import RANGES, ContactThresholds
+from steelyard.report.contact_page import ContactContent
+from steelyard.report.health_page import HealthContent
+from steelyard.validation.residual_traces import ResidualTrace
+
+JOINTS = ("shoulder_lift_joint", "a_joint_with_a_name_that_is_rather_long")
+
+
+def contact_content() -> ContactContent:
+    """Two joints, one contact, one threshold that is not the range's own."""
+    t = np.arange(0.0, 20.0, 0.02)
+    push = np.where((t > 5.0) & (t < 6.0), 30.0, 0.0)
+    residual = np.stack([push + np.sin(9.0 * t), 0.1 * push + np.cos(7.0 * t)])
+    speed = np.abs(np.sin(np.stack([t, 0.7 * t])))
+    trace = ResidualTrace("shift", t, 0.02, residual, speed, speed, np.zeros((2, 2, len(t))))
+    limits = np.tile(np.arange(12.0, 7.0, -1.0), (2, 1))
+    own = tuple(tuple(k > 0 for k in range(len(RANGES))) for _ in JOINTS)
+    edges = np.tile([0.01, 0.2, 0.8], (2, 1))
+    load = JointLoad(JOINTS[0], "Nm", 31.0, 31.0, 2.6)
+    return ContactContent(
+        robot="arm",
+        joints=JOINTS,
+        units=("Nm", "N"),
+        trace=trace,
+        thresholds=ContactThresholds(edges, 8.0, 6.0, 600.0, limits, own),
+        events=(ContactEvent(5.0, 6.0, (load,), ("upper_arm", "forearm")),),
+        sigma=np.ones(2),
+        source="3 calibration logs",
+        suspected=(),
+        wanted=None,
+        fitted=True,
+        notes=("free3 was fitted: left out of the calibration",),
+        details=("cut-offs: motion 18 Hz, regression 6 Hz",),
+    )
+
+
+def health_content() -> HealthContent:
+    """Two joints over three logs; the dry friction of the first one grows."""
+    rng = np.random.default_rng(0)
+    log = np.repeat([0.0, 1.0, 2.0], 12)
+    t = np.tile(20.0 * np.arange(12) + 10.0, 3)
+    std = np.full(len(log), 0.02)
+    series = tuple(
+        Series(
+            joint,
+            quantity,
+            "Nm" if quantity == "offset" else "",
+            log,
+            t,
+            0.02 * rng.standard_normal(len(log)) + (0.5 * log if (k, q) == (0, 0) else 0.0),
+            std,
+            2.0 * std,
+            1.0,
+            0.01,
+        )
+        for k, joint in enumerate(JOINTS)
+        for q, quantity in enumerate(QUANTITIES)
+    )
+    names = ("monday", "tuesday", "friday_with_a_long_name")
+    changes = changes_of(series, names)
+    return HealthContent("arm", JOINTS, names, series, changes, ("cut-offs: motion 18 Hz",))
