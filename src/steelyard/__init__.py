@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from steelyard.identification.parts import model_of as model_of
     from steelyard.identification.parts import read_trajectory as read_trajectory
     from steelyard.identification.payload import identify_payload as identify_payload
+    from steelyard.identification.payload import payload_events as payload_events
     from steelyard.identification.reduce import reduce as reduce
     from steelyard.identification.reduction_loop import reduction_loop as reduction_loop
     from steelyard.identification.simulate import simulate as simulate
@@ -84,6 +85,7 @@ _HOMES = {
     "load_runs": "identification.parts",
     "model_of": "identification.parts",
     "open_log": "formats.register",
+    "payload_events": "identification.payload",
     "read_trajectory": "identification.parts",
     "reduce": "identification.reduce",
     "reduction_loop": "identification.reduction_loop",

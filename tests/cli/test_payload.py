@@ -173,3 +173,81 @@ def test_numbers_of_what_is_known_are_counted(identified: Path, loaded: Path) ->
     ):
         with pytest.raises(DataError, match=words):
             identify_payload(identified, loaded, **options)  # type: ignore[arg-type]
+
+
+PICK, RELEASE = 6.0, 17.0
+
+
+@pytest.fixture(scope="module")
+def picking(given: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The demo arm's log in which it carries the load for a while."""
+    robot = load_robot(given / "demo_arm.toml").robot
+    truth = random_truth(robot, 0)
+    carried = Payload(LOAD, robot.bodies[-1].name, PICK, RELEASE)
+    rig = VirtualRobot(robot, truth, customary_sensors(robot, truth), seed=4, payload=carried)
+    path = tmp_path_factory.mktemp("picking") / "picking.parquet"
+    run(rig, random_fourier(robot, seed=12, period=24.0, harmonics=10), path)
+    return path
+
+
+def test_when_a_load_is_picked_up_and_put_down(
+    picking: Path, identified: Path, command: Command, tmp_path: Path
+) -> None:
+    done = command("payload", identified, picking, "--when", "--json", "-o", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    printed = json.loads(done.stdout)
+    assert printed == json.loads((tmp_path / "out" / "payload.json").read_text())
+    kinds = [event["kind"] for event in printed["events"]]
+    assert kinds == ["picked up", "put down"]
+    for event, when in zip(printed["events"], (PICK, RELEASE), strict=True):
+        assert event["run"] == "picking"
+        assert abs(event["time"] - when) < 0.3
+        assert event["earliest"] - 0.1 <= when <= event["latest"] + 0.1
+        assert abs(event["mass"] - LOAD.mass) < 1.5 * event["mass_half_width"] < 0.3
+    (carried,) = printed["logs"][0]["carried"]
+    assert carried["payload"]["possible_body"] is True
+    words = " ".join(command("payload", identified, picking, "--when").stdout.split())
+    assert (
+        "picking: 2 changes of the payload" in words
+        and "picked up" in words
+        and "carried from" in words
+    )
+    assert "false events per hour" in words
+
+
+def test_what_is_carried_all_along_is_no_event(
+    picking: Path, identified: Path, command: Command
+) -> None:
+    """Of the log in which it is picked up, the time in which it is carried."""
+    span = f"{picking}@{PICK + 0.3}:{RELEASE - 0.3}"
+    done = command("payload", identified, span, "--when", "--json")
+    assert done.exit_code == 0, done.output
+    printed = json.loads(done.stdout)
+    assert printed["events"] == []
+    (carried,) = printed["logs"][0]["carried"]
+    assert abs(carried["payload"]["mass"] - LOAD.mass) < 0.15
+    words = command("payload", identified, span, "--when").stdout
+    assert "no change of payload" in words and "carried from" in words
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--unloaded", "../given/validation.csv"), "events are found with the model alone"),
+        (("--mass", "1.5"), "events are found with the model alone"),
+        (("--frame", "falnge"), "there is no frame 'falnge'"),
+    ],
+)
+def test_mistakes_with_when(
+    arguments: tuple[str, str], words: str, picking: Path, identified: Path, command: Command
+) -> None:
+    done = command("payload", identified, picking, "--when", *arguments)
+    assert done.exit_code == 2 and words in done.stderr
+
+
+def test_a_log_too_short_for_changes_is_refused(
+    picking: Path, identified: Path, command: Command
+) -> None:
+    done = command("payload", identified, f"{picking}@5:9", "--when")
+    assert done.exit_code == 2
+    assert "too short to find when a payload changes" in done.stderr

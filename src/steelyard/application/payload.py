@@ -46,7 +46,7 @@ def identify_payload(
         ModelError: There is no such frame, or it does not move.
         DataError: The runs were gathered with another model, or see nothing of the payload.
     """
-    share = _gain_share(identified, gain)
+    share = gain_share(identified, gain)
     _refuse_unanswerable(loaded, drift, share)
     refuse_foreign(identified.model, (*unloaded, *loaded))
     carries = carrier(identified.model.robot, frame)
@@ -66,7 +66,7 @@ def identify_payload(
     return weighed(identified, case, fit, case.payload, carries, bool(unloaded), drift, share, some)
 
 
-def _gain_share(identified: IdentifiedModel, stated: float | None) -> float:
+def gain_share(identified: IdentifiedModel, stated: float | None) -> float:
     """Relative standard deviation of each gain.
 
     Efforts of motors are currents times a constant, whatever their unit.
@@ -84,6 +84,15 @@ def _refuse_unanswerable(loaded: Sequence[Information], drift: float, gain: floa
             where="identification of a payload",
             fix="give at least one log of the loaded robot",
         )
+    refuse_uncertainties(drift, gain)
+
+
+def refuse_uncertainties(drift: float, gain: float) -> None:
+    """Relative uncertainties of friction and gains are not negative.
+
+    Raises:
+        DataError: One is, or is out of range.
+    """
     if not drift >= 0.0:
         raise DataError(
             f"the drift of friction is {drift:g}",

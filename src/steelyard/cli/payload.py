@@ -66,6 +66,12 @@ def payload(
         float | None,
         typer.Option(help="Prior of the inertia: a sphere, diameter in m.", metavar="D"),
     ] = None,
+    when: Annotated[
+        bool,
+        typer.Option(
+            "--when", help="Find when something is picked up and put down along each log."
+        ),
+    ] = False,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="Output folder for payload.json; none if unset."),
@@ -74,23 +80,27 @@ def payload(
 ) -> None:
     """Identify a payload: mass, centre and inertia of a body that can exist, with 95 % intervals.
 
+    With --when: times at which it is picked up and put down, each with a 95 % interval.
+
     Example: steelyard payload steelyard-ur10e loaded.csv --frame tool0 --box 0.2 0.1 0.1
     """
     from rich.console import Console
 
+    from steelyard.application.payload_events import events_dict
     from steelyard.cli import interrupt
     from steelyard.cli.show import progress_bar
+    from steelyard.estimation.payload.load import PayloadEstimate
     from steelyard.files import whole_folder, write_json
     from steelyard.identification.logs import new_folder
     from steelyard.identification.payload import known_of, payload_inputs
-    from steelyard.report.terminal.payload import payload_lines
+    from steelyard.report.terminal.payload import event_lines, payload_lines
 
     known = known_of(mass, com, box, cylinder, sphere)
     task = payload_inputs(model, logs, frame, unloaded or (), known)
     folder = None if output is None else new_folder(output, "")
     with progress_bar() as progress:
-        estimate = task.done(gain_uncertainty, progress)
-    result = estimate.to_dict()
+        found = (task.events if when else task.done)(gain_uncertainty, progress)
+    result = found.to_dict() if isinstance(found, PayloadEstimate) else events_dict(found)
     if folder is not None:
         with whole_folder(folder) as part:
             write_json(part / "payload.json", result)
@@ -98,6 +108,9 @@ def payload(
     if as_json:
         typer.echo(json.dumps(result, allow_nan=False))
         return
-    payload_lines(estimate, Console())
+    if isinstance(found, PayloadEstimate):
+        payload_lines(found, Console())
+    else:
+        event_lines(found, Console())
     if folder is not None:
         typer.echo(f"\npayload  {folder / 'payload.json'}")

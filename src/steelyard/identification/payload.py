@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from steelyard.application.payload import identify_payload as payload_of
+from steelyard.application.payload_events import PayloadEvents, find_payload_events
 from steelyard.arguments import checked
 from steelyard.errors import DataError
 from steelyard.estimation.identified import IdentifiedModel, load_model
@@ -25,6 +26,7 @@ from steelyard.identification.logs import (
 from steelyard.identification.result import paths_of
 from steelyard.progress import Progress, silent
 from steelyard.regression.gather import gather
+from steelyard.regression.gather_samples import gather_samples
 from steelyard.regression.regressor import base_regressor
 from steelyard.validation.friction.mixes import remembers
 
@@ -69,6 +71,34 @@ class PayloadTask:
         )
         notes = (*found.notes, *dropped(identified.model, runs), *self._fitted_before())
         return replace(found, notes=notes)
+
+    def events(
+        self, gain_uncertainty: float | None, progress: Progress
+    ) -> tuple[PayloadEvents, ...]:
+        """When the payload changes along each log with it.
+
+        Raises:
+            DataError: Logs without payload are given, or knowledge that no event uses.
+        """
+        if self.unloaded or self.known != PayloadKnowledge():
+            raise DataError(
+                "events are found with the model alone",
+                where="--unloaded" if self.unloaded else "--mass, --com, --box, ...",
+                fix="leave these out with --when, or weigh without --when",
+            )
+        identified = self.identified
+        recordings = [recording_of(log, identified.signals) for log in self.loaded]
+        regressor, threads = base_regressor(identified.model), os.cpu_count() or 1
+        rests = remembers(identified.model.terms)
+        return tuple(
+            find_payload_events(
+                identified,
+                gather_samples(regressor, run, rests=rests, threads=threads, progress=progress),
+                self.frame,
+                gain=gain_uncertainty,
+            )
+            for run in prepared(recordings, processing_of(identified), progress)
+        )
 
     def _fitted_before(self) -> tuple[str, ...]:
         """A log that the model was identified from weighs nothing against it."""
@@ -187,3 +217,33 @@ def identify_payload(
     """
     known = known_of(mass, com, box, cylinder, sphere)
     return payload_inputs(model, logs, frame, unloaded, known).done(gain_uncertainty, progress)
+
+
+@checked(gain_uncertainty=0.0)
+def payload_events(
+    model: str | Path | IdentifiedModel,
+    log: str | Path,
+    frame: str | None = None,
+    *,
+    gain_uncertainty: float | None = None,
+    progress: Progress = silent,
+) -> PayloadEvents:
+    """Find when a robot picks something up and puts it down, and how heavy it is.
+
+    Args:
+        model: The model, its `model.json`, or the folder that contains it.
+        log: A log in which the payload may change.
+        frame: Frame of the payloads; that of the last link if `None`.
+        gain_uncertainty: Relative standard deviation of each gain of the efforts, see
+            `identify_payload`.
+        progress: Receives events of progress; an exception from it stops the work.
+
+    Raises:
+        SteelyardError: A file cannot be used, the log is too short, or there is no such frame.
+
+    Example:
+        >>> payload_events("arm-model", "other.csv").events
+        ()
+    """
+    task = payload_inputs(model, log, frame, (), PayloadKnowledge())
+    return task.events(gain_uncertainty, progress)[0]

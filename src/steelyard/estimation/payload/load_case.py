@@ -155,30 +155,73 @@ def load_case(
         drifts: Whether friction and offset are each run's own.
         zero: Base parameters of the arm that are known to be zero; a payload adds to them too.
     """
-    runs = tuple(run.merged(WINDOWS) for run in (*unloaded, *loaded))
+    runs = (*unloaded, *loaded)
+    deviating = range(0 if first_deviates else 1, len(runs))
+    return combined(
+        model,
+        base,
+        frame,
+        runs,
+        [None] * len(unloaded) + [0] * len(loaded),
+        [deviating.index(k) if k in deviating else None for k in range(len(runs))],
+        drifts=drifts,
+        zero=zero,
+    )
+
+
+def combined(
+    model: Model,
+    base: BaseMap,
+    frame: Frame,
+    runs: Sequence[Information],
+    loads: Sequence[int | None],
+    days: Sequence[int | None],
+    *,
+    drifts: bool = True,
+    zero: Collection[str] = (),
+) -> LoadCase:
+    """Put runs, or parts of one, together.
+
+    Args:
+        model: The model.
+        base: Its base parameters.
+        frame: What carries the payloads.
+        runs: The runs.
+        loads: Number of the payload that each carries; `None` without.
+        days: Number of the deviations of friction and offset of each; `None` for those of the arm.
+        drifts: Whether there are such deviations.
+        zero: Base parameters of the arm that are known to be zero; a payload adds to them too.
+    """
+    runs = tuple(run.merged(WINDOWS) for run in runs)
     layout = runs[0].layout
     arm = [k for k, name in enumerate(layout.columns) if name not in zero]
     names, units = ([some[k] for k in arm] for some in (layout.columns, layout.units))
     n_arm, drift = len(arm), drifting(model, names) if drifts else ()
-    deviating = range(0 if first_deviates else 1, len(runs))
+    n_days, n_loads = (len({k for k in some if k is not None}) for some in (days, loads))
     place = {name: k for k, name in enumerate(base.base_names)}
     lift = payload_lift(model.robot, base, frame)[[place[name] for name in layout.columns]]
-    size = n_arm + len(drift) * len(deviating) + 10
+    start = n_arm + len(drift) * n_days
+    size = start + 10 * n_loads
     parts = []
-    for number, run in enumerate(runs):
+    for run, load, day in zip(runs, loads, days, strict=True):
         transform = np.zeros((len(layout.columns), size))
         transform[arm, range(n_arm)] = 1.0
-        if number in deviating:
-            start = n_arm + len(drift) * deviating.index(number)
-            transform[[arm[k] for k in drift], range(start, start + len(drift))] = 1.0
-        if number >= len(unloaded):
-            transform[:, -10:] = lift
+        if day is not None:
+            own = range(n_arm + len(drift) * day, n_arm + len(drift) * (day + 1))
+            transform[[arm[k] for k in drift], own] = 1.0
+        if load is not None:
+            transform[:, start + 10 * load : start + 10 * load + 10] = lift
         pieces = [run.of([k]) for k in range(len(run.windows))] or [run]
         parts += [Part(piece, transform) for piece in pieces]
-    own = [(f"{names[k]} of run {r + 1}", units[k]) for r in deviating for k in drift]
-    ten = zip((f"{name}.payload" for name in INERTIAL_NAMES), INERTIAL_UNITS, strict=True)
-    named = [*zip(names, units, strict=True), *own, *ten]
-    return LoadCase(joined(parts, [n for n, _ in named], [u for _, u in named]), n_arm, drift)
+    deviations = [(f"{names[k]} of run {r + 1}", units[k]) for r in range(n_days) for k in drift]
+    tens = [
+        (f"{name}.payload{k or ''}", unit)
+        for k in range(n_loads)
+        for name, unit in zip(INERTIAL_NAMES, INERTIAL_UNITS, strict=True)
+    ]
+    named = [*zip(names, units, strict=True), *deviations, *tens]
+    information = joined(parts, [n for n, _ in named], [u for _, u in named])
+    return LoadCase(information, n_arm, drift, n_loads)
 
 
 def refuse_foreign(model: Model, runs: Sequence[Information]) -> None:

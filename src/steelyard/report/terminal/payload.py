@@ -1,8 +1,8 @@
-"""A payload in a terminal: the mass in front, then the table and what limits it."""
+"""A payload in a terminal: the mass in front, then the table and what limits it; its changes."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from math import floor, isfinite, log10
 from typing import TYPE_CHECKING
 
@@ -11,6 +11,7 @@ from steelyard.report.sections.tables import light_table
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from steelyard.application.payload_events import PayloadEvents
     from steelyard.estimation.payload.load import PayloadEstimate
 
 Number = tuple[str, float, float, str]
@@ -36,6 +37,40 @@ def payload_lines(estimate: PayloadEstimate, console: Console) -> None:
     console.print(table)
     for line in (*estimate.remarks, *(f"note: {note}" for note in estimate.notes)):
         console.print(Text(line))
+
+
+def event_lines(found: Sequence[PayloadEvents], console: Console) -> None:
+    """Print when the payload changes along some logs.
+
+    Args:
+        found: The logs one by one.
+        console: Where to print.
+    """
+    from rich.text import Text
+
+    for one in found:
+        console.print(Text(f"{one.run}: {_counted(len(one.events))}", style="bold"))
+        for line in _happenings(one):
+            console.print(Text(line))
+    for note in dict.fromkeys(note for one in found for note in one.notes):
+        console.print(Text(f"note: {note}"))
+
+
+def _counted(count: int) -> str:
+    return f"{count} change{'s' * (count > 1)} of the payload" if count else "no change of payload"
+
+
+def _happenings(found: PayloadEvents) -> Iterator[str]:
+    """Changes, then what is carried."""
+    for event in found.events:
+        mass, half = rounded(event.mass, event.mass_half_width)
+        yield (
+            f"  {event.time:8.2f} s  ({event.earliest:.2f} to {event.latest:.2f} s)  "
+            f"{event.kind:9}  {mass} ± {half} kg"
+        )
+    for one in found.carried:
+        mass, half = rounded(one.payload.mass, float(one.payload.half_width[0]))
+        yield f"  carried from {one.start:.2f} to {one.stop:.2f} s: {mass} ± {half} kg"
 
 
 def headline(estimate: PayloadEstimate) -> str:
