@@ -13,8 +13,9 @@ from cli.mistakes import leftovers
 from steelyard.errors import DataError
 from steelyard.estimation.identified import load_model
 from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.identification.payload import identify_payload
+from steelyard.identification.payload import identify_payload, payload_events
 from steelyard.motion import run
+from steelyard.parameters import Parameters
 from steelyard.robot.inertia import Inertia
 from steelyard.robot_file.file import load_robot
 from steelyard.virtual.invent import random_truth
@@ -251,3 +252,26 @@ def test_a_log_too_short_for_changes_is_refused(
     done = command("payload", identified, f"{picking}@5:9", "--when")
     assert done.exit_code == 2
     assert "too short to find when a payload changes" in done.stderr
+
+
+def test_a_model_that_knows_nothing_of_the_bodies_weighs_nothing(
+    picking: Path, identified: Path
+) -> None:
+    """As one of a log in which the arm did not move enough to identify its links."""
+    model = load_model(identified)
+    estimate = model.estimate
+    names = estimate.parameters.names
+    laws = ("coulomb", "viscous", "offset")
+    kept = [k for k, name in enumerate(names) if name.split(".")[0] in laws]
+    poor = replace(
+        estimate,
+        parameters=Parameters(
+            tuple(names[k] for k in kept),
+            tuple(estimate.parameters.units[k] for k in kept),
+            estimate.parameters.values[kept],
+        ),
+        covariance=estimate.covariance[np.ix_(kept, kept)],
+    )
+    for weigh in (identify_payload, payload_events):
+        with pytest.raises(DataError, match="identifiable"):
+            weigh(replace(model, estimate=poor), picking)

@@ -32,7 +32,8 @@ def drawn(seed: int) -> Array:
 
 
 def found(free: Array, known: PayloadKnowledge = NOTHING, std: Array = STD) -> PossibleBody:
-    return possible_body(free, np.diag(std**-2.0), np.zeros((10, 10)), known)
+    by_data = np.diag(np.where(np.isinf(std), np.nan, std**2))
+    return possible_body(free, np.diag(std**-2.0), by_data, np.zeros((10, 10)), known)
 
 
 def test_a_possible_estimate_stays_what_it_is() -> None:
@@ -94,7 +95,8 @@ def test_errors_of_the_model_widen_what_is_not_known() -> None:
     """A common error of scale moves mass and moments together; a known mass removes it."""
     ten = TRUTH.ten
     widening = 0.05**2 * np.outer(ten, ten)
-    args = (1.03 * ten, np.diag((0.001 * STD) ** -2.0), widening)
+    variances = (0.001 * STD) ** 2
+    args = (1.03 * ten, np.diag(1.0 / variances), np.diag(variances) + widening, widening)
     free = possible_body(*args, NOTHING)
     weighed = possible_body(*args, PayloadKnowledge(mass=2.5))
     assert np.sqrt(free.covariance[0, 0]) == pytest.approx(0.05 * 2.5, rel=0.01)

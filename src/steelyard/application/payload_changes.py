@@ -14,8 +14,10 @@ most of which contains no change.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.regression.information import Information
@@ -35,6 +37,8 @@ log, and of what is left of it beside the changes that this gives beyond doubt."
 
 DOUBTLESS = 3.0
 """Squares over the threshold from which on a change is no residual of the model."""
+
+Places = NDArray[np.integer[Any]]
 
 LEAST = 3
 """Windows of the span that a log must have for a change to be sought."""
@@ -86,7 +90,7 @@ class PayloadWindows:
             square=self.square * weight,
         )
 
-    def gain(self, first: Array, last: Array) -> Array:
+    def gain(self, first: Places, last: Places) -> Array:
         """Squares that a payload of its own explains in windows `first` to `last`, excluded."""
         sums = self._sums
         matrix, vector = (s[last] - s[first] for s in sums)
@@ -302,7 +306,7 @@ def _neighbours(windows: PayloadWindows, places: list[int], k: int) -> tuple[int
     return ends[k], ends[k + 2]
 
 
-def _profile(windows: PayloadWindows, low: int, high: int) -> tuple[Array, Array]:
+def _profile(windows: PayloadWindows, low: int, high: int) -> tuple[Places, Array]:
     """Squares explained by two payloads that change at each window between two."""
     apart = round(SHORTEST / STEP)
     at = np.arange(low + apart, high - apart + 1)

@@ -209,7 +209,7 @@ def _change(one: PayloadEstimate | None, other: PayloadEstimate | None) -> tuple
     """Change of the mass and half-width of its 95 % interval; nothing weighs nothing."""
     masses = [0.0 if payload is None else payload.mass for payload in (one, other)]
     widths = [0.0 if payload is None else payload.half_width[0] for payload in (one, other)]
-    return masses[1] - masses[0], float(np.hypot(*widths))
+    return masses[1] - masses[0], float(np.linalg.norm(widths))
 
 
 def _event(

@@ -141,17 +141,17 @@ class PossibleBody:
 
 
 def possible_body(
-    free: Array, information: Array, widening: Array, known: PayloadKnowledge
+    free: Array, information: Array, by_data: Array, widening: Array, known: PayloadKnowledge
 ) -> PossibleBody:
     """The body that can exist and agrees best with an unconstrained estimate and what is known.
 
     Args:
         free: The unconstrained ten numbers, zero along what the data do not determine.
-        information: Inverse of their covariance by noise, shape `(10, 10)`.
-        widening: Covariance that model and gains add to it, shape `(10, 10)`.
+        information: What the data say of them, as if there was noise alone, shape `(10, 10)`.
+        by_data: Their covariance; rows of what the data do not see are not numbers.
+        widening: The part of it that model and gains add to noise, shape `(10, 10)`.
         known: What is known beside.
     """
-    by_data = covariance_of(information, range(10)) + widening
     mass, centre = _start(free, by_data, known)
     spread = _spread(free, mass, centre) if known.shape is None else np.diag(known.shape.moments)
     for _ in range(ROUNDS):
@@ -236,8 +236,8 @@ def _equations(
     The latter, which widen the covariance, are unknowns of unit variance behind those entries.
     """
     scaled = scale.T @ information @ scale
-    size = np.sqrt(np.diag(scaled))
-    size = np.maximum(size, UNSEEN * size.max())
+    size = np.sqrt(np.maximum(np.diag(scaled), 0.0))
+    size = np.maximum(size, max(UNSEEN * size.max(), 1e-300))
     values, vectors = np.linalg.eigh(scaled / size[:, None] / size)
     kept = values > SEEN
     root = np.sqrt(values[kept])[:, None] * vectors[:, kept].T * size

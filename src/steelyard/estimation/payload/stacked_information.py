@@ -117,6 +117,15 @@ def marginal(matrix: Array, chosen: Sequence[int]) -> Array:
     return np.asarray((left + left.T) / 2.0)
 
 
+def seen_information(matrix: Array, chosen: Sequence[int]) -> Array:
+    """The same without directions that the data do not see, which rounding leaves in it."""
+    mine = list(chosen)
+    size = np.sqrt(np.maximum(np.diag(matrix)[mine], 1e-300))
+    values, vectors = np.linalg.eigh(marginal(matrix, mine) / size[:, None] / size)
+    kept = vectors[:, values >= SEEN] * size[:, None]
+    return np.asarray((kept * values[values >= SEEN]) @ kept.T)
+
+
 def covariance_of(matrix: Array, chosen: Sequence[int]) -> Array:
     """Covariance of some parameters; rows of those that the data do not see are not numbers.
 

@@ -31,7 +31,11 @@ from steelyard.estimation.payload.possible_body import (
     possible_body,
     refuse_contradiction,
 )
-from steelyard.estimation.payload.stacked_information import covariance_of, inverse, marginal
+from steelyard.estimation.payload.stacked_information import (
+    covariance_of,
+    inverse,
+    seen_information,
+)
 from steelyard.regression.information import Information
 from steelyard.robot.robot import Frame
 
@@ -103,11 +107,11 @@ def weighed(
     of_scales = None if scales is None else moved @ scales.covariance @ moved.T
     if of_scales is not None:
         widening = widening + of_scales
-    information = marginal(fit.matrix, columns)
-    by_data = covariance_of(information, range(10)) + widening
+    by_data = covariance_of(fit.matrix, columns) + widening
     refuse_unseen(by_data, carries)
     refuse_contradiction(free, by_data, known)
-    body = possible_body(free, information, widening, known)
+    information = seen_information(fit.matrix, columns)
+    body = possible_body(free, information, by_data, widening, known)
     return payload_of(
         carries,
         identified.model.robot,
