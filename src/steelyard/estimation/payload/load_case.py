@@ -100,7 +100,7 @@ class LoadCase:
         information: About all of these.
         n_arm: How many parameters the arm has.
         drift: Columns of the arm that deviate per run.
-        n_loads: Number of payloads.
+        n_loads: Number of payloads; one at least, which may be carried by no run.
     """
 
     information: Information
@@ -187,7 +187,7 @@ def combined(
         base: Its base parameters.
         frame: What carries the payloads.
         runs: The runs.
-        loads: Number of the payload that each carries; `None` without.
+        loads: Number of the payload that each carries; `None` without. There is one at least.
         days: Number of the deviations of friction and offset of each; `None` for those of the arm.
         drifts: Whether there are such deviations.
         zero: Base parameters of the arm that are known to be zero; a payload adds to them too.
@@ -198,6 +198,7 @@ def combined(
     names, units = ([some[k] for k in arm] for some in (layout.columns, layout.units))
     n_arm, drift = len(arm), drifting(model, names) if drifts else ()
     n_days, n_loads = (len({k for k in some if k is not None}) for some in (days, loads))
+    n_loads = max(n_loads, 1)
     place = {name: k for k, name in enumerate(base.base_names)}
     lift = payload_lift(model.robot, base, frame)[[place[name] for name in layout.columns]]
     start = n_arm + len(drift) * n_days
