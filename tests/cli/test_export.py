@@ -122,6 +122,13 @@ def test_code_for_controllers(
     done = command("export", model, "-o", tmp_path / "arm.fmu")
     assert done.exit_code == 0 and "functions: torque" in done.output
     assert f"sources/{name}_fmi2.c" in " ".join(done.output.split())
+    done = command("export", model, "--to", "ros2")
+    assert done.exit_code == 0, done.output
+    assert "functions: torque, gravity, bias, friction, mass" in " ".join(done.output.split())
+    assert (tmp_path / f"{name}-ros2" / "src" / "solver.cpp").is_file()
+    done = command("export", model, "--to", "simulink", "-o", tmp_path / "block")
+    assert done.exit_code == 0 and "functions: torque" in done.output
+    assert (tmp_path / "block" / f"{name}_sfun.c").is_file()
 
 
 @pytest.mark.parametrize(
@@ -141,6 +148,10 @@ def test_code_for_controllers(
         (["-o", "a.xml", "--function", "mass"], "--function does not apply to MJCF"),
         (["-o", "a.fmu", "--precision", "float"], "precision cannot be chosen for an FMU"),
         (["-o", "a.fmu", "--frame", "tool"], "frames cannot be chosen for an FMU"),
+        (["--to", "ros2", "-o", "a.py"], "would be a ROS 2 package, but its name ends in '.py'"),
+        (["--to", "ros2", "--function", "mass"], "cannot be chosen for a ROS 2 package"),
+        (["--to", "simulink", "--precision", "float"], "cannot be chosen for Simulink"),
+        (["--to", "simulink", "--model", "a.urdf"], "--model does not apply to Simulink"),
         (["--to", "c", "--function", "masses"], "there is no function 'masses'"),
         (["--to", "c", "--frame", "claw"], "there is no frame 'claw'"),
     ],

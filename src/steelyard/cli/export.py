@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from steelyard.application.controller.export import Written
     from steelyard.application.export.export import Exported
 
-Kind = Literal["urdf", "mjcf", "c", "python", "fmu"]
+Kind = Literal["urdf", "mjcf", "c", "python", "fmu", "ros2", "simulink"]
 ENDINGS: dict[str, Kind] = {
     ".urdf": "urdf",
     ".mjcf": "mjcf",
@@ -27,6 +27,8 @@ NAMES: dict[Kind, str] = {
     "c": "C",
     "python": "Python",
     "fmu": "an FMU",
+    "ros2": "a ROS 2 package",
+    "simulink": "Simulink",
 }
 FEW = 0.5
 """Share of a link's mass from the data below which the terminal names the link."""
@@ -37,6 +39,8 @@ USUAL: dict[Kind, str] = {
     "c": "-c",
     "python": ".py",
     "fmu": ".fmu",
+    "ros2": "-ros2",
+    "simulink": "-simulink",
 }
 
 
@@ -63,8 +67,8 @@ def export(
         typer.Option(
             "--output",
             "-o",
-            help="Output file, of C a folder; must not exist. If unset, in the current folder and "
-            "named after the robot.",
+            help="Output file, of C, ROS 2 and Simulink a folder; must not exist. If unset, in the "
+            "current folder and named after the robot.",
         ),
     ] = None,
     precision: Annotated[
@@ -92,7 +96,9 @@ def export(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Write an identified model as URDF or MJCF, or as C, Python or FMU for controllers.
+    """Write an identified model as URDF or MJCF, or as code for controllers.
+
+    Code is C, Python, an FMU, a ROS 2 package or an S-function for Simulink.
 
     Of URDF and MJCF, terminal and file header list what the format cannot represent, and what
     comes from the prior instead of the data.
@@ -107,7 +113,7 @@ def export(
     form = _format(to, output)
     identified = load_model(model)
     path = _new_file(output, f"{identified.model.robot.name}{USUAL[form]}")
-    if form == "c" or form == "python" or form == "fmu":
+    if form != "urdf" and form != "mjcf":
         _refuse(form, {"--model": original})
         from steelyard.application.controller.export import write_code
 
@@ -150,15 +156,16 @@ def _format(to: Kind | None, output: Path | None) -> Kind:
         raise OutputError(
             "no format is named",
             where="--to" if output is None else str(output),
-            fix="give --to urdf, mjcf, c, python or fmu, or end the name of --output in .urdf, "
-            ".xml, .py or .fmu",
+            fix="give --to urdf, mjcf, c, python, fmu, ros2 or simulink, or end the name of "
+            "--output in .urdf, .xml, .py or .fmu",
         )
     if ending in (".urdf", ".mjcf", ".py", ".fmu") and ENDINGS[ending] != form:
+        usual = USUAL[form]
+        name = f"end its name in '{usual}'" if usual.startswith(".") else "name a folder"
         raise OutputError(
             f"the file would be {NAMES[form]}, but its name ends in '{ending}'",
             where=str(output),
-            fix=f"{'name a folder' if form == 'c' else f'end its name in {USUAL[form]!r}'}, or "
-            f"give --to {ENDINGS[ending]}",
+            fix=f"{name}, or give --to {ENDINGS[ending]}",
         )
     return form
 

@@ -1,6 +1,6 @@
 """An identified model as code for controllers, on disk."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -12,12 +12,34 @@ from steelyard.application.controller.functions import Controller
 from steelyard.application.controller.identifiers import identifier, identifiers
 from steelyard.application.controller.prepare import absent, controller_of, origin_of
 from steelyard.application.controller.python_code import python_code
+from steelyard.application.controller.ros2 import FUNCTIONS as OF_ROS2
+from steelyard.application.controller.ros2 import ros2_files
+from steelyard.application.controller.simulink import simulink_files
 from steelyard.errors import OutputError
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.files import whole_file, whole_folder
 from steelyard.kernel.native.c99 import Precision
 
-CodeFormat = Literal["c", "python", "fmu"]
+CodeFormat = Literal["c", "python", "fmu", "ros2", "simulink"]
+NAMES: dict[CodeFormat, str] = {
+    "c": "C",
+    "python": "Python",
+    "fmu": "an FMU",
+    "ros2": "a ROS 2 package",
+    "simulink": "Simulink",
+}
+FIXED: dict[CodeFormat, tuple[str, ...]] = {
+    "fmu": ("torque",),
+    "ros2": OF_ROS2,
+    "simulink": ("torque",),
+}
+"""Functions of formats that leave no choice."""
+FOLDERS: dict[CodeFormat, Callable[[CCode], dict[str, str]]] = {
+    "c": c_files,
+    "ros2": ros2_files,
+    "simulink": simulink_files,
+}
+"""Formats of several files: their texts by name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,8 +79,8 @@ def write_code(
 
     Args:
         identified: The model.
-        path: Folder (C) or file (Python, FMU) to make; it must not exist.
-        form: The language.
+        path: File (Python, FMU) or folder (others) to make; it must not exist.
+        form: The format.
         precision: Type of numbers in C.
         functions: Names of functions in C or Python; the usual ones if empty.
         frames: Names of frames whose pose and Jacobian are wanted there; those at the ends if
@@ -76,9 +98,8 @@ def write_code(
             fix="name another one, or remove it",
         )
     controller, origin = controller_of(identified, functions, frames), origin_of(identified)
-    if form == "fmu":
-        # one unit computes the efforts, with memory or without
-        controller = replace(controller, names=("torque",), frames=())
+    if form in FIXED:
+        controller = replace(controller, names=FIXED[form], frames=())
     renamed, lacking = _renamed(controller), absent(controller)
     if form == "python":
         with whole_file(path) as part:
@@ -88,11 +109,13 @@ def write_code(
     if form == "fmu":
         with whole_file(path) as part:
             return Written(controller, write_fmu(code, part), renamed, (), code.stack)
-    files = c_files(code)
+    files = FOLDERS[form](code)
     with whole_folder(path) as part:
         for name, text in files.items():
+            (part / name).parent.mkdir(exist_ok=True)
             (part / name).write_text(text, encoding="utf-8", newline="\n")
-    return Written(controller, tuple(files), renamed, lacking, code.stack)
+    # of formats without a choice nothing is absent: they step with memory
+    return Written(controller, tuple(files), renamed, () if form in FIXED else lacking, code.stack)
 
 
 def _refuse_needless(
@@ -105,12 +128,12 @@ def _refuse_needless(
     """
     given = {
         "precision": form != "c" and precision != "double",
-        "functions": form == "fmu" and bool(functions),
-        "frames": form == "fmu" and bool(frames),
+        "functions": form in FIXED and bool(functions),
+        "frames": form in FIXED and bool(frames),
     }
     for what in (name for name, needless in given.items() if needless):
         raise OutputError(
-            f"{what} cannot be chosen for {'an FMU' if form == 'fmu' else 'Python'}",
+            f"{what} cannot be chosen for {NAMES[form]}",
             where=f"export of code, {what}",
             fix="leave it out, or write C",
         )

@@ -84,11 +84,7 @@ def fmi2_code(code: CCode, guid: str, starts: Sequence[float]) -> str:
         starts: Values of all inputs at the start.
     """
     name, n = code.name, code.controller.model.robot.n
-    remembers, closed = bool(code.state.memory), bool(code.state.passive)
-    inputs, outputs = 3 * n, n + closed
-    between = f"    {name}_state state;\n" if remembers else ""
-    if closed and not remembers:
-        between = f"    double passive[{code.state.passive}];\n"
+    inputs, outputs = 3 * n, n + bool(code.state.passive)
     return f"""\
 /* FMI 2.0 co-simulation of {name}.c: inputs are positions, velocities and accelerations of all
    joints, outputs their efforts at the inputs of the last step. */
@@ -102,7 +98,7 @@ typedef struct {{
     double values[VALUES];
     int begun;
     fmi2CallbackFunctions call;
-{between}}} Instance;
+{fields(code)}}} Instance;
 
 static void set_starts(Instance *me)
 {{
@@ -116,7 +112,7 @@ static fmi2Status evaluate(Instance *me)
 {{
     const double *q = me->values, *dq = q + {n}, *ddq = dq + {n};
     double *tau = me->values + INPUTS;
-{_evaluation(code)}
+{evaluation(code)}
     me->begun = 1;
     return fmi2OK;
 }}
@@ -227,8 +223,15 @@ EXPORT fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2
 {_other_types()}{_not_offered()}"""
 
 
-def _evaluation(code: CCode) -> str:
-    """Efforts at the inputs; a first call starts what is remembered."""
+def fields(code: CCode) -> str:
+    """Fields of a struct for what `evaluation` keeps from sample to sample, beside `begun`."""
+    if code.state.memory:
+        return f"    {code.name}_state state;\n"
+    return f"    double passive[{code.state.passive}];\n" if code.state.passive else ""
+
+
+def evaluation(code: CCode) -> str:
+    """Efforts `tau` at `q`, `dq` and `ddq`, then the closure error; a first call starts `me`."""
     name, n = code.name, code.controller.model.robot.n
     gap = f"tau[{n}] = " if code.state.passive else ""
     if code.state.memory:
