@@ -143,6 +143,11 @@ def test_gains_in_the_terminal_have_intervals_or_an_origin(usual: ReportContent)
     assert usual.gains is not None
     lacking = replace(usual.gains, known=(False, False), assumed=(False, True))
     assert "elbow 9.83 Nm/A (assumed)" in printed(replace(usual, gains=lacking))
+    given = replace(usual, gains=replace(usual.gains, known=(True, True), assumed=(False, False)))
+    words = " ".join(printed(given).split())
+    assert "drive gains: shoulder 12.0 Nm/A (given), elbow 9.83 Nm/A (given)" in words
+    (table,) = DrivesSection().tables(given)
+    assert table.headings[2] == "Origin"
 
 
 def test_names_in_the_terminal_are_no_markup(usual: ReportContent) -> None:

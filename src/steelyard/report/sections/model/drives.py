@@ -32,7 +32,9 @@ class DrivesSection(TableSection):
         from rich.text import Text
 
         if content.gains is not None:
-            yield Text(f"drive gains (± 95 %): {', '.join(map(_words, content.gains.each))}")
+            each = content.gains.each
+            heading = "drive gains (± 95 %)" if any(map(_has_interval, each)) else "drive gains"
+            yield Text(f"{heading}: {', '.join(map(_words, each))}")
 
     def to_dict(self, content: ReportContent) -> dict[str, Any]:
         """The gains."""
@@ -40,20 +42,26 @@ class DrivesSection(TableSection):
 
 
 def _gains(gains: GainEstimate) -> PlainTable:
-    words = "Joint effort per logged unit, with 95 % intervals."
+    intervals = any(map(_has_interval, gains.each))
+    words = f"Joint effort per logged unit{', with 95 % intervals' if intervals else ''}."
     if gains.payload is not None:
         words += f" The payload of {significant(gains.payload.mass)} kg fixes their scale."
     rows = [
         Row((joint, significant(gain), _how(known, assumed, half), unit))
         for joint, gain, half, unit, known, assumed in gains.each
     ]
-    return PlainTable("", words, ("Joint", "Gain", "95 % interval", "Unit"), rows, (0, 3))
+    how = "95 % interval" if intervals else "Origin"
+    return PlainTable("", words, ("Joint", "Gain", how, "Unit"), rows, (0, 3))
+
+
+def _has_interval(gain: DriveGain) -> bool:
+    return not (gain.known or gain.assumed)
 
 
 def _words(gain: DriveGain) -> str:
     """Like `elbow 9.97 ± 0.17 Nm/A`, or where the gain is from instead of its interval."""
     value = f"{gain.joint} {significant(gain.gain)}"
-    if gain.known or gain.assumed:
+    if not _has_interval(gain):
         return f"{value} {gain.unit} ({'given' if gain.known else 'assumed'})"
     return f"{value} ± {significant(gain.half_width, 2)} {gain.unit}"
 
