@@ -5,7 +5,7 @@ import inspect
 from collections.abc import Callable, Iterable
 from numbers import Integral, Real
 from types import NoneType
-from typing import Any, ParamSpec, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, Literal, ParamSpec, TypeVar, get_args, get_origin, get_type_hints
 
 from steelyard.errors import DataError
 
@@ -51,6 +51,8 @@ def _fits(value: Any, hint: Any, lowest: float | None) -> bool:
     origin = get_origin(hint)
     if origin is None:
         return isinstance(value, hint)
+    if origin is Literal:
+        return value in get_args(hint)
     if origin is Callable:
         return callable(value)
     if origin is type:
@@ -79,6 +81,8 @@ def _words(hint: Any, bound: str = "") -> str:
     origin, kinds = get_origin(hint), get_args(hint)
     if origin is None:
         return WORDS.get(hint) or str(hint.__name__)
+    if origin is Literal:
+        return " or ".join(repr(choice) for choice in kinds)
     if origin is Callable:
         return "a function"
     if origin is type:

@@ -23,6 +23,18 @@ def remove_unfinished() -> None:
         _remove(part)
 
 
+def refuse_existing(path: Path) -> None:
+    """Refuse to replace a file.
+
+    Raises:
+        OutputError: It exists already.
+    """
+    if path.exists():
+        raise OutputError(
+            "the file exists already", where=str(path), fix="name another one, or remove it"
+        )
+
+
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """A temporary file beside `path` that takes its place when the block ends without an error."""

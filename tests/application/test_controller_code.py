@@ -155,6 +155,27 @@ def test_memory_on_a_closed_chain(tmp_path: Path) -> None:
     assert apart(found, torque_of(controller, shifted)) < 1e-12
 
 
+def test_a_sample_that_is_no_number_passes(tmp_path: Path) -> None:
+    robot = five_bar()
+    controller = controller_on(robot, REMEMBERING)
+    code, library = compiled(controller, tmp_path)
+    motion, size = wander(robot), 2 + controller.n_memory
+    q = motion.q + robot.assembly[:2]
+    broken = q.copy()
+    broken[20, 0] = np.nan
+    found = library.along(code.name, size, broken, motion.dq, motion.ddq)
+    assert np.isnan(found[20]).any() and np.isfinite(np.delete(found, 20, axis=0)).all()
+    whole = library.along(code.name, size, q, motion.dq, motion.ddq)
+    np.testing.assert_array_equal(found[:20], whole[:20])
+
+
+def test_friction_of_a_velocity_that_is_no_number_is_none(tmp_path: Path) -> None:
+    controller = controller_on(tree(), (RigidBody(), Coulomb()), names=("friction",))
+    code, library = compiled(controller, tmp_path)
+    found = library.call(f"{code.name}_friction", [np.zeros(4), np.full(4, np.nan)], [4])
+    assert np.isnan(found).all()
+
+
 @pytest.mark.parametrize("precision", PRECISIONS)
 @pytest.mark.parametrize("robot", [tree(), five_bar()], ids=lambda robot: robot.name)
 def test_compilers_and_sanitizers_find_nothing(

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import steelyard
 from closed_chains import five_bar
 from invented import tree
 from moving import cycles
@@ -65,6 +66,36 @@ def test_the_python_file_steps_with_memory_on_a_closed_chain(tmp_path: Path) -> 
     weight = names["gravity"](motion.q[5], passive)
     np.testing.assert_allclose(weight, model.gravity(motion.q[5]), rtol=1e-11)
     assert gap < 1e-12
+
+
+def test_the_python_file_keeps_its_state_at_a_sample_that_is_no_number(tmp_path: Path) -> None:
+    _, names = module(five_bar(), tmp_path / "arm.py", terms=REMEMBERING)
+    motion = wander(five_bar())
+    state = names["State"](motion.q[0], motion.dq[0])
+    assert np.isnan(state.step(np.full(2, np.nan), motion.dq[0], motion.ddq[0])).all()
+    assert np.isnan(state.gap)
+    assert np.isfinite(state.step(motion.q[1], motion.dq[1], motion.ddq[1])).all()
+
+
+def test_the_python_file_refuses_other_shapes(tmp_path: Path) -> None:
+    _, names = module(tree(), tmp_path / "arm.py")
+    with pytest.raises(ValueError, match=r"q of shape \(4,\) or \(N, 4\) expected, not \(6,\)"):
+        names["gravity"](np.zeros(6))
+
+
+def test_code_by_the_name_of_its_language(tmp_path: Path) -> None:
+    model = identified_of(tree())
+    found = steelyard.export_code(model, tmp_path / "c", to="c", precision="float")
+    assert "torque" in found
+    with pytest.raises(steelyard.SteelyardError, match="argument 'to' cannot be 'rust'") as caught:
+        steelyard.export_code(model, tmp_path / "r", to="rust")
+    assert "'c' or 'python'" in caught.value.fix
+
+
+def test_no_target_of_cmake_has_a_reserved_name(tmp_path: Path) -> None:
+    write_code(identified_of(replace(tree(), name="test")), tmp_path / "c", "c")
+    text = (tmp_path / "c" / "CMakeLists.txt").read_text()
+    assert "add_library(test_dynamics STATIC test.c)" in text
 
 
 def test_an_open_chain_shows_in_the_closure_error(tmp_path: Path) -> None:

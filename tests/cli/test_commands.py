@@ -53,6 +53,10 @@ def test_help_names_all_commands_and_the_first_success(command: Command) -> None
     assert " ".join(words).endswith("First try: steelyard demo")
 
 
+def test_without_a_command_there_is_help(command: Command) -> None:
+    assert "Usage:" in command().output
+
+
 def test_version(command: Command) -> None:
     assert command("--version").stdout == f"steelyard {steelyard.__version__}\n"
 

@@ -190,7 +190,7 @@ def test_the_terminal_counts_what_is_left(identified: Path, log: Path, command: 
     left = len(names) - 2
     assert f"{left - 1} of {left} parameters kept, 1 removed (2 more before)" in words
     assert f"{left - 1} base parameters: " in words
-    assert "; 3 removed, known to be zero" in words
+    assert "; 3 removed, taken as zero" in words
 
 
 def test_the_next_motion_is_of_the_smaller_model(

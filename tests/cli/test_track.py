@@ -93,6 +93,14 @@ def test_motions_that_lack_joints_are_refused(
     pl.DataFrame({"time_s": sampled.t, **columns}).write_csv(tmp_path / "less.csv")
     done = command("feedforward", identified, tmp_path / "less.csv")
     assert done.exit_code == 2 and f"no column for joint '{robot.joint_names[0]}'" in done.stderr
+    frame = pl.DataFrame({"time_ms": sampled.t})
+    frame.write_csv(tmp_path / "ms.csv")
+    done = command("feedforward", identified, tmp_path / "ms.csv")
+    assert done.exit_code == 2 and "convert other units" in " ".join(done.stderr.split())
+    (tmp_path / "kept.csv").write_text("kept")
+    done = command("feedforward", identified, motion, "-o", tmp_path / "kept.csv")
+    assert done.exit_code == 2 and "the file exists already" in done.stderr
+    assert (tmp_path / "kept.csv").read_text() == "kept"
     done = command("feedforward", identified, tmp_path / "none.json")
     assert done.exit_code == 2 and "cannot be read" in done.stderr
     with pytest.raises(steelyard.SteelyardError, match="together with a file"):
@@ -232,6 +240,8 @@ def test_a_log_with_commands_is_read_as_any_other(command: Command, tmp_path: Pa
         (("--control", "computed_torque"), "computes with a model"),
         (("--wrench-frame", "tool"), "add --wrench FILE"),
         (("--wrench", "none.csv"), "none.csv"),
+        (("--friction-drift", "inf"), "--friction-drift"),
+        (("--noise", "inf"), "--noise"),
     ],
 )
 def test_unusable_options_of_simulate(

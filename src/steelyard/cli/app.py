@@ -1,6 +1,7 @@
 """The commands together, one file each."""
 
 import re
+from itertools import pairwise
 from typing import Annotated
 
 import typer
@@ -99,7 +100,7 @@ def expanded(arguments: list[str]) -> list[str]:
     bare: list[str] = []
     current: str | None = None
     named = False
-    for argument, following in zip(arguments, [*arguments[1:], "-"], strict=True):
+    for argument, following in pairwise([*arguments, "-"]):
         if argument.startswith("-"):
             current = argument if argument in MANY else None
             if argument == "--fix" and not (named and following.endswith(".toml")):

@@ -193,15 +193,10 @@ def _new_file(output: Path | None, default: str) -> Path:
     Raises:
         OutputError: It is there already.
     """
-    from steelyard.errors import OutputError
+    from steelyard.files import refuse_existing
 
     path = Path(default.replace("/", "_")).absolute() if output is None else output
-    if path.exists():
-        raise OutputError(
-            "the file exists already",
-            where=str(path),
-            fix="name another one with --output, or remove it",
-        )
+    refuse_existing(path)
     return path
 
 

@@ -24,9 +24,7 @@ def feedforward(
     ],
     output: Annotated[
         Path,
-        typer.Option(
-            "--output", "-o", help="Table to write, .csv or .parquet; replaced if it exists."
-        ),
+        typer.Option("--output", "-o", help="Table to write, .csv or .parquet; must not exist."),
     ] = Path("feedforward.csv"),
     rate: Annotated[float, typer.Option(min=1.0, help="Rows per second.")] = 250.0,
     smoothing: Annotated[
@@ -51,9 +49,11 @@ def feedforward(
     from rich.table import Table
     from rich.text import Text
 
+    from steelyard.files import refuse_existing
     from steelyard.identification.feedforward import feedforward as along
     from steelyard.report.text.words import significant
 
+    refuse_existing(output)
     found = along(model, motion, rate=rate, smoothing=smoothing)
     found.write(output)
     if as_json:

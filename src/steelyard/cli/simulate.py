@@ -30,7 +30,8 @@ def simulate(
         ),
     ] = 1.0,
     noise: Annotated[
-        float, typer.Option(min=0.0, help="Sensor noise, relative to that of a typical arm.")
+        float,
+        typer.Option(min=0.0, max=1e3, help="Sensor noise, relative to that of a typical arm."),
     ] = 1.0,
     payload_mass: Annotated[
         float | None,
@@ -53,7 +54,7 @@ def simulate(
         ),
     ] = None,
     friction_drift: Annotated[
-        float, typer.Option(min=0.0, help="Factor on the true friction, such as 1.2.")
+        float, typer.Option(min=0.0, max=1e3, help="Factor on the true friction, such as 1.2.")
     ] = 1.0,
     rate: Annotated[
         float | None,

@@ -42,10 +42,11 @@ def track(
         ),
     ] = None,
     friction_drift: Annotated[
-        float, typer.Option(min=0.0, help="Factor on the true friction, such as 1.2.")
+        float, typer.Option(min=0.0, max=1e3, help="Factor on the true friction, such as 1.2.")
     ] = 1.0,
     lag: Annotated[
-        float, typer.Option(min=0.0, help="Time constant of the drives' torque in seconds.")
+        float,
+        typer.Option(min=0.0, max=1.0, help="Time constant of the drives' torque in seconds."),
     ] = 0.002,
     tool: Annotated[
         str | None,

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from steelyard.dynamics.equations import Equations
-from steelyard.errors import ModelError
+from steelyard.errors import DataError, ModelError
 from steelyard.kernel.equations.closed_chains import completed
 from steelyard.kernel.equations.dynamics import JointState, Scalar
 from steelyard.kernel.native.compiled import Code, compiled
@@ -228,7 +228,14 @@ def frame_quantity(robot: Robot, frame: str | Frame) -> Quantity:
 
     Raises:
         ModelError: The robot has no frame of that name.
+        DataError: It is neither a name nor a frame.
     """
+    if not isinstance(frame, str | Frame):
+        raise DataError(
+            f"a frame cannot be of type {type(frame).__name__}",
+            where=f"robot '{robot.name}'",
+            fix="give its name, or a Frame",
+        )
     chosen = frame_of(robot, frame) if isinstance(frame, str) else frame
 
     def build(part: Equations, given: Given) -> list[Scalar]:

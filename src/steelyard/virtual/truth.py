@@ -112,7 +112,17 @@ class Truth:
         return Truth(self.model, parameters, self.smoothing)
 
     def drifted(self, factor: float) -> "Truth":
-        """The same truth with the parameters of all friction laws times a factor."""
+        """The same truth with the parameters of all friction laws times a factor.
+
+        Raises:
+            ModelError: The factor is no finite number from zero on.
+        """
+        if not (np.isfinite(factor) and factor >= 0.0):
+            raise ModelError(
+                f"friction cannot become {factor:g} times as large",
+                where="drift of friction",
+                fix="give a factor such as 1.2",
+            )
         friction = {
             p.name
             for term in self.model.terms

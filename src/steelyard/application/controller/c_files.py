@@ -28,16 +28,16 @@ if(NOT CMAKE_BUILD_TYPE)
   set(CMAKE_BUILD_TYPE Release)
 endif()
 
-add_library({name} STATIC {name}.c)
-target_include_directories({name} PUBLIC ${{CMAKE_CURRENT_SOURCE_DIR}})
+add_library({name}_dynamics STATIC {name}.c)
+target_include_directories({name}_dynamics PUBLIC ${{CMAKE_CURRENT_SOURCE_DIR}})
 find_library(MATH_LIBRARY m)
 if(MATH_LIBRARY)
-  target_link_libraries({name} PUBLIC ${{MATH_LIBRARY}})
+  target_link_libraries({name}_dynamics PUBLIC ${{MATH_LIBRARY}})
 endif()
 
 enable_testing()
 add_executable({name}_test {name}_test.c)
-target_link_libraries({name}_test PRIVATE {name})
+target_link_libraries({name}_test PRIVATE {name}_dynamics)
 add_test(NAME {name}_test COMMAND {name}_test)
 """
 
@@ -80,8 +80,8 @@ mathematical libraries differ in theirs: compare with a tolerance, as the test d
 - Angles are in rad, prismatic positions in m, velocities and accelerations in the same units per s
   and s²; efforts in Nm and N. Matrices are stored row by row. Results must not overlap arguments.
 - Arguments are not checked. Beyond 1e5 rad sine and cosine lose digits where a library does not
-  reduce angles exactly; Python refuses such angles. A number that is not finite gives results that
-  are not finite.
+  reduce angles exactly; Python refuses such angles. Check that arguments are finite numbers:
+  results of others are not to be used.
 - Base parameters that are zero, removed or not identified, are left out; the header lists the
   others.
 - Feedforward takes friction from the desired velocity: friction of the measured velocity changes

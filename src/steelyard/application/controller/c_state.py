@@ -14,6 +14,12 @@ CONVERGED = {"double": 1e-8, "float": 1e-4}
 """A last Newton step [rad; m]: the error after it is of the order of its square."""
 
 
+GAP = """\
+ * Both return the closure error of the chains, see close; where it is NaN, step keeps the state.
+"""
+"""What start and step return for closed chains."""
+
+
 @dataclass(frozen=True, eq=False)
 class StateCode:
     """Texts of these functions, empty where the robot needs none.
@@ -67,7 +73,8 @@ class StateCode:
  * passive positions, those of the sample before: Newton's method, at most {ITERATIONS} steps.
  * follow goes straight from the reference configuration to q in {STRETCHES} stretches: for the
  * first sample. Both return the closure error [m]: the largest distance of two points that
- * ought to be one; the chains are open where it is not near zero.
+ * ought to be one; the chains are open where it is not near zero. It is NaN where an
+ * argument is.
  */
 {close};
 {follow};
@@ -95,7 +102,8 @@ class StateCode:
         {real} moved = {zero};
         {name}_newton(q, passive, nearer, gaps);
         for (i = 0; i < {p}; ++i) {{
-            moved = fmax{end}(moved, fabs{end}(nearer[i] - passive[i]));
+            const {real} step = fabs{end}(nearer[i] - passive[i]);
+            moved = step <= moved ? moved : step;
             passive[i] = nearer[i];
         }}
         if (moved < {self._number(CONVERGED[real])}) {{
@@ -104,7 +112,7 @@ class StateCode:
     }}
     {name}_newton(q, passive, nearer, gaps);
     for (i = 0; i < {loops}; ++i) {{
-        worst = fmax{end}(worst, gaps[i]);
+        worst = gaps[i] <= worst ? worst : gaps[i];
     }}
     return sqrt{end}(worst);
 }}
@@ -139,7 +147,7 @@ class StateCode:
             return []
         start, step = self._state_signatures()
         passive = f"    {self.precision} passive[{self.passive}];\n" if self.passive else ""
-        gap = " * Both return the closure error of the chains, see close.\n" if self.passive else ""
+        gap = GAP if self.passive else ""
         return [
             f"""\
 /*
@@ -163,11 +171,27 @@ typedef struct {{
         name, real, m = self.name, self.precision, self.memory
         start, step = self._state_signatures()
         passive = "state->passive, " if self.passive else ""
-        followed, closed = (
-            f"    const {real} gap = {name}_{what}(q, state->passive);\n" if self.passive else ""
-            for what in ("follow", "close")
-        )
+        followed = ""
+        if self.passive:
+            followed = f"    const {real} gap = {name}_follow(q, state->passive);\n"
         back = "    return gap;\n" if self.passive else ""
+        copied, stored, nearer = "    int i;\n", "", ""
+        if self.passive:
+            nearer = "passive, "
+            copied = f"""    {real} passive[{self.passive}], gap;
+    int i;
+    for (i = 0; i < {self.passive}; ++i) {{
+        passive[i] = state->passive[i];
+    }}
+    gap = {name}_close(q, passive);
+"""
+            stored = f"""    if (gap != gap) {{
+        return gap;
+    }}
+    for (i = 0; i < {self.passive}; ++i) {{
+        state->passive[i] = passive[i];
+    }}
+"""
         return [
             f"""\
 {start}
@@ -177,10 +201,9 @@ typedef struct {{
 
 {step}
 {{
-{closed}    {real} after[{m}];
-    int i;
-    {name}_stepped(q, {passive}dq, ddq, state->memory, tau, after);
-    for (i = 0; i < {m}; ++i) {{
+    {real} after[{m}];
+{copied}    {name}_stepped(q, {nearer}dq, ddq, state->memory, tau, after);
+{stored}    for (i = 0; i < {m}; ++i) {{
         state->memory[i] = after[i];
     }}
 {back}}}

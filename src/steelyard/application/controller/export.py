@@ -17,7 +17,7 @@ from steelyard.application.controller.ros2 import ros2_files
 from steelyard.application.controller.simulink import simulink_files
 from steelyard.errors import OutputError
 from steelyard.estimation.identified import IdentifiedModel
-from steelyard.files import whole_file, whole_folder
+from steelyard.files import refuse_existing, whole_file, whole_folder
 from steelyard.kernel.native.c99 import Precision
 
 CodeFormat = Literal["c", "python", "fmu", "ros2", "simulink"]
@@ -62,9 +62,11 @@ class Written:
 
     @property
     def functions(self) -> tuple[str, ...]:
-        """Names of the functions; `start` and `step` where friction has memory."""
-        names = (function.name for function in self.controller.functions if function.public)
-        return (*names, *(("start", "step") if self.controller.n_memory else ()))
+        """Names of the functions in the code; `start` and `step` where friction has memory."""
+        listed = self.controller.functions
+        names = identifiers([function.name for function in listed], "function")
+        public = (name for name, f in zip(names, listed, strict=True) if f.public)
+        return (*public, *(("start", "step") if self.controller.n_memory else ()))
 
 
 def write_code(
@@ -91,12 +93,7 @@ def write_code(
             frame, or the files cannot be written.
     """
     _refuse_needless(form, precision, functions, frames)
-    if path.exists():
-        raise OutputError(
-            "the file exists already",
-            where=str(path),
-            fix="name another one, or remove it",
-        )
+    refuse_existing(path)
     controller, origin = controller_of(identified, functions, frames), origin_of(identified)
     if form in FIXED:
         controller = replace(controller, names=FIXED[form], frames=())
@@ -143,4 +140,4 @@ def _renamed(controller: Controller) -> dict[str, str]:
     robot = controller.model.robot
     pairs = {robot.name: identifier(robot.name, "robot")}
     pairs |= dict(zip(robot.joint_names, identifiers(robot.joint_names, "joint"), strict=True))
-    return {name: plain for name, plain in pairs.items() if name.lower() != plain}
+    return {name: plain for name, plain in pairs.items() if name != plain}

@@ -28,6 +28,15 @@ SYNTAX = Syntax(
 )
 
 
+_COLUMNS = """\
+def _columns(name, values, size):
+    values = np.asarray(values, dtype=float)
+    if values.ndim not in (1, 2) or values.shape[-1] != size:
+        raise ValueError(f"{name} of shape ({size},) or (N, {size}) expected, not {values.shape}")
+    return np.moveaxis(values, -1, 0)"""
+"""A function of the file: an argument as its columns."""
+
+
 def python_code(controller: Controller, origin: tuple[str, ...]) -> str:
     """The file's text.
 
@@ -52,6 +61,7 @@ def python_code(controller: Controller, origin: tuple[str, ...]) -> str:
     parts = [
         '"""' + "\n".join(_spaced(line) for line in head).strip() + '\n"""',
         "import numpy as np",
+        _COLUMNS,
         f"JOINTS = {robot.joint_names!r}",
         *(_function(name, f) for name, f in zip(names, listed, strict=True)),
     ]
@@ -73,7 +83,8 @@ def _function(name: str, function: Function) -> str:
     places = [f"found[{k}]" for k in range(sum(sizes))]
     lines = source_of(function.program, places, SYNTAX).lines
     moved = "\n".join(
-        f"    {x} = np.moveaxis(np.asarray({x}, dtype=float), -1, 0)" for x in arguments
+        f"    {x.name} = _columns({x.name!r}, {x.name}, {x.entries})"
+        for x in function.program.inputs
     )
     results, first = [], 0
     for (_, shape), size in zip(function.outputs, sizes, strict=True):
@@ -128,10 +139,15 @@ def follow(q):
 def _state(controller: Controller) -> str:
     closed = bool(controller.model.robot.passive)
     passive = "self.passive, " if closed else ""
-    followed, nearer = (
-        f"        self.passive, self.gap = {call}\n" if closed else ""
-        for call in ("follow(q)", "close(q, self.passive)")
-    )
+    followed = nearer = ""
+    if closed:
+        followed = "        self.passive, self.gap = follow(q)\n"
+        nearer = """\
+        passive, self.gap = close(q, self.passive)
+        if self.gap != self.gap:
+            return np.full(len(JOINTS), np.nan)
+        self.passive = passive
+"""
     return f"""\
 class State:
     \"\"\"Efforts of the whole model [Nm; N] at consecutive samples: friction remembers the motion.

@@ -178,10 +178,13 @@ def _find(path: Path, what: str, choices: Sequence[str], names: Mapping[str, str
     for choice in choices:
         if choice.lower() in names:
             return names[choice.lower()]
+    stem, _, unit = choices[0].rpartition("_")
+    converted = f"a column '{choices[0]}' in {unit}" if stem else f"a column '{choices[0]}'"
     raise _refused(
         path,
         f"no column for {what}",
-        f"name it '{choices[0]}'; " + advice(choices[0], names.values(), "columns"),
+        f"the table needs {converted}; convert other units; "
+        + advice(choices[0], names.values(), "columns"),
     )
 
 

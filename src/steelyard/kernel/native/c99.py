@@ -57,7 +57,7 @@ def syntax_of(precision: Precision) -> Syntax:
             "mul": "{0} * {1}",
             "div": "{0} / {1}",
             "neg": "-{0}",
-            "sign": f"({precision})(({{0}} > {zero}) - ({{0}} < {zero}))",
+            "sign": f"{{0}} != {{0}} ? {{0}} : ({precision})(({{0}} > {zero}) - ({{0}} < {zero}))",
             "less": f"({precision})({{0}} < {{1}})",
             "less_equal": f"({precision})({{0}} <= {{1}})",
             "minimum": "{0} < {1} ? {0} : {1}",

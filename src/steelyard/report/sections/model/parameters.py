@@ -113,7 +113,7 @@ def usable(identified: IdentifiedModel) -> tuple[str, ...]:
     grades = [(words, sum(row.grade in of for row in table)) for words, of in GRADES]
     named = ", ".join(f"{number} {words}" for words, number in grades if number)
     removed = sum(row.grade == "removed" for row in table)
-    known = f"; {removed} removed, known to be zero" if removed else ""
+    known = f"; {removed} removed, taken as zero" if removed else ""
     all_good = all(row.grade in ("sure", "removed") for row in table)
     words = f"{count(len(table) - removed, 'base parameter')}: {named}{known}"
     return words, *(() if all_good else (ONE_BY_ONE,))
@@ -133,7 +133,7 @@ def _parameters(identified: IdentifiedModel) -> list[str]:
     left = count(len(table) - len(removed), "base parameter")
     lines = [f"{left}, normalised condition number {condition}"]
     if removed:
-        lines.append(f"{len(removed)} removed, known to be zero: {_some(removed)}")
+        lines.append(f"{len(removed)} removed, taken as zero: {_some(removed)}")
     weak = [row for row in table if row.grade in ("weak", "zero")]
     if weak:
         lines.append(f"{len(weak)} poorly identifiable: {_some(weak)}")
