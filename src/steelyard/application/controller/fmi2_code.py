@@ -4,10 +4,7 @@ from collections.abc import Sequence
 
 from steelyard.application.controller.c_code import CCode
 
-TYPES = """\
-#include <stddef.h>
-#include <string.h>
-
+EXPORT = """\
 #if defined _WIN32 || defined __CYGWIN__
 #define EXPORT __declspec(dllexport)
 #elif defined __GNUC__
@@ -15,6 +12,11 @@ TYPES = """\
 #else
 #define EXPORT
 #endif
+"""
+
+TYPES = """\
+#include <stddef.h>
+#include <string.h>
 
 /* Types of FMI 2.0. */
 typedef void *fmi2Component;
@@ -83,40 +85,15 @@ def fmi2_code(code: CCode, guid: str, starts: Sequence[float]) -> str:
         guid: As in the model description.
         starts: Values of all inputs at the start.
     """
-    name, n = code.name, code.controller.model.robot.n
-    inputs, outputs = 3 * n, n + bool(code.state.passive)
+    name = code.name
     return f"""\
 /* FMI 2.0 co-simulation of {name}.c: inputs are positions, velocities and accelerations of all
    joints, outputs their efforts at the inputs of the last step. */
 #include "{name}.h"
 
 {TYPES}
-#define INPUTS {inputs}
-#define VALUES {inputs + outputs}
-
-typedef struct {{
-    double values[VALUES];
-    int begun;
-    fmi2CallbackFunctions call;
-{fields(code)}}} Instance;
-
-static void set_starts(Instance *me)
-{{
-    static const double starts[INPUTS] = {{{", ".join(map(repr, starts))}}};
-    memset(me->values, 0, sizeof me->values);
-    memcpy(me->values, starts, sizeof starts);
-    me->begun = 0;
-}}
-
-static fmi2Status evaluate(Instance *me)
-{{
-    const double *q = me->values, *dq = q + {n}, *ddq = dq + {n};
-    double *tau = me->values + INPUTS;
-{evaluation(code)}
-    me->begun = 1;
-    return fmi2OK;
-}}
-
+{EXPORT}
+{instance_code(code, starts, "fmi2", "    fmi2CallbackFunctions call;")}
 EXPORT const char *fmi2GetTypesPlatform(void)
 {{
     return "default";
@@ -220,7 +197,47 @@ EXPORT fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2
     return evaluate((Instance *)c);
 }}
 
-{_other_types()}{_not_offered()}"""
+{_other_types()}{refusing("fmi2", NOT_OFFERED, "fmi2Error")}"""
+
+
+def instance_code(code: CCode, starts: Sequence[float], prefix: str, own: str) -> str:
+    """The struct `Instance` with `set_starts` and `evaluate`, for both versions of FMI.
+
+    Args:
+        code: The model in C.
+        starts: Values of all inputs at the start.
+        prefix: Prefix of the interface's names.
+        own: Fields of this version.
+    """
+    n = code.controller.model.robot.n
+    inputs, outputs = 3 * n, n + bool(code.state.passive)
+    return f"""\
+#define INPUTS {inputs}
+#define VALUES {inputs + outputs}
+
+typedef struct {{
+    double values[VALUES];
+    int begun;
+{own}
+{fields(code)}}} Instance;
+
+static void set_starts(Instance *me)
+{{
+    static const double starts[INPUTS] = {{{", ".join(map(repr, starts))}}};
+    memset(me->values, 0, sizeof me->values);
+    memcpy(me->values, starts, sizeof starts);
+    me->begun = 0;
+}}
+
+static {prefix}Status evaluate(Instance *me)
+{{
+    const double *q = me->values, *dq = q + {n}, *ddq = dq + {n};
+    double *tau = me->values + INPUTS;
+{evaluation(code)}
+    me->begun = 1;
+    return {prefix}OK;
+}}
+"""
 
 
 def fields(code: CCode) -> str:
@@ -264,13 +281,26 @@ EXPORT fmi2Status fmi2{way}{kind}(fmi2Component c, const fmi2ValueReference vr[]
     )
 
 
-def _not_offered() -> str:
+def refusing(
+    prefix: str,
+    functions: Sequence[tuple[str, str]],
+    result: str,
+    kind: str = "",
+) -> str:
+    """Functions that read none of their arguments.
+
+    Args:
+        prefix: Prefix of the interface's names.
+        functions: Names without the prefix, and arguments.
+        result: What they return.
+        kind: Type of the result; the status if empty.
+    """
     parts = []
-    for name, arguments in NOT_OFFERED:
+    for name, arguments in functions:
         names = (part.split()[-1].strip("*[]") for part in arguments.split(","))
         unread = ", ".join(f"(void){x}" for x in names)
         parts.append(
-            f"EXPORT fmi2Status fmi2{name}({arguments})\n"
-            f"{{\n    {unread};\n    return fmi2Error;\n}}\n"
+            f"EXPORT {kind or f'{prefix}Status'} {prefix}{name}({arguments})\n"
+            f"{{\n    {unread};\n    return {result};\n}}\n\n"
         )
-    return "\n".join(parts)
+    return "".join(parts)
