@@ -158,6 +158,16 @@ def test_friction_with_memory_is_noted(identified: Path) -> None:
     assert "begins relaxed" in note
 
 
+def test_a_random_true_robot_is_stated(command: Command, motion: Path, tmp_path: Path) -> None:
+    out = tmp_path / "tracked"
+    done = command("track", ROBOT, motion, "-o", out)
+    assert done.exit_code == 0, done.stderr
+    words = "random true parameters near the nominal ones; give the true ones with --truth"
+    assert words in " ".join(done.stdout.split())
+    told = json.loads((out / "tracking.json").read_text())
+    assert told["random_truth"] and words in told["headline"]
+
+
 def test_track_compares_with_and_without_the_model(
     command: Command, given: Path, identified: Path, motion: Path, tmp_path: Path
 ) -> None:
@@ -173,6 +183,7 @@ def test_track_compares_with_and_without_the_model(
     assert np.mean([joint["ratio"] for joint in model["joints"]]) < 0.6
     assert model["tool"]["rms"] < 0.6 * bare["tool"]["rms"] and bare["tool"]["frame"] == "tool"
     assert "Path of the tool" in (out / "tracking.html").read_text()
+    assert "random" not in told["headline"] and not told["random_truth"]
     done = command(*words, "--control", "pd,kp=400", "--tool", "forearm", "--lag", "0",
                    "--json", "-o", tmp_path / "second")  # fmt: skip
     assert done.exit_code == 0, done.stderr

@@ -3,9 +3,11 @@ import io
 import re
 from dataclasses import replace
 
+import numpy as np
 from rich.console import Console
 
-from steelyard.report import ReportContent, parameters_csv, summary
+from steelyard.estimation.known_scales import KnownScales
+from steelyard.report import ReportContent, parameters_csv, render, summary
 from steelyard.report.terminal.terminal import CSV_COLUMNS
 from steelyard.report.text.score_words import coverage_words
 from steelyard.report.text.verdict import verdict
@@ -37,6 +39,20 @@ def test_the_summary_says_what_matters(usual):
     assert "note: velocity: from positions" in text
     for detail in ("condition number", "offset.elbow", "below 8 Hz", "95 % bands", "Hampel"):
         assert detail not in text
+
+
+def test_scales_of_the_efforts_stand_under_the_table(usual):
+    line = "efforts divided by the estimated scale: shoulder 0.90, elbow 1.10"
+    assert "estimated scale" not in printed(usual) + render(usual)
+    known = KnownScales(np.array([0.9, 1.1]), 1e-4 * np.eye(2))
+    scaled = replace(usual, identified=replace(usual.identified, effort_scales=known))
+    for content in (
+        scaled,
+        replace(scaled, scores=scaled.scores[:1]),
+        replace(scaled, scores=(), only_errors=True),
+    ):
+        assert line in printed(content)
+        assert line[1:] in render(content)
 
 
 def test_the_details_are_printed_on_request(usual):

@@ -3,6 +3,7 @@
 import io
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -53,6 +54,21 @@ def test_one_controller_has_no_ratio() -> None:
     assert found is not None and headline(found) == "Tool: RMS 4.00 mm under pid"
     assert tables(found)[0].headings == ("Joint", "pid", "Unit")
     assert "In brackets" not in render_tracking(content)
+
+
+@pytest.mark.parametrize("names", [(), ("pid",)])
+def test_a_random_true_robot_is_in_the_headline(names: tuple[str, ...]) -> None:
+    content = tracking_content(robot(), *names)
+    assert content.tracking is not None
+    section = TrackingErrorsSection()
+    assert "random" not in headline(content.tracking)
+    content = replace(content, tracking=replace(content.tracking, random_truth=True))
+    line, numbers = headline(content.tracking), section.to_dict(content)
+    assert "random true parameters near the nominal ones" in line and "--truth" in line
+    assert ("the model was identified from other logs" in line) == (not names)
+    assert line in render_tracking(content).replace("\u00a0", " ")
+    assert str(next(iter(section.printed(content)))) == line
+    assert numbers["headline"] == line and numbers["random_truth"]
 
 
 def test_numbers_as_json() -> None:

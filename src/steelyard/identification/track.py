@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -123,6 +123,7 @@ def track(
         customary_drives(loaded.robot, lag),
         progress,
     )
+    found = replace(found, random_truth=truth is None)
     settings = (
         ("control", control),
         ("motion", str(motion)),

@@ -74,6 +74,7 @@ class Tracking:
         t: Time from the start of the motion, shape `(N,)` [s].
         desired: Desired positions of the tool, shape `(N, 3)` [m].
         runs: The runs; the first one without a model.
+        random_truth: Whether the robot has random true parameters near the nominal ones.
     """
 
     robot: Robot
@@ -81,6 +82,7 @@ class Tracking:
     t: Array
     desired: Array
     runs: tuple[TrackedRun, ...]
+    random_truth: bool = False
 
     @property
     def reference(self) -> TrackedRun:

@@ -12,6 +12,7 @@ from steelyard.report.text.words import count, percent, significant
 from steelyard.validation.headline import PooledError, pooled
 
 if TYPE_CHECKING:
+    from steelyard.estimation.identified import IdentifiedModel
     from steelyard.validation.score import JointScore, RunScore
 
 MOVING, WHOLE = "where they move", "whole log"
@@ -147,6 +148,15 @@ def coverage_words(inside: float, unseen: bool) -> str:
     """How much of a log lies in its 95 % bands [%], and whether that is less than they promise."""
     less = ": less than stated" if unseen and inside < PROMISED else ""
     return f"{percent(inside)} of this log inside{less}"
+
+
+def scale_words(identified: IdentifiedModel | None, scores: Sequence[RunScore]) -> str:
+    """By what measured efforts are divided before they are compared; empty without scales."""
+    if identified is None or identified.effort_scales is None or not scores:
+        return ""
+    values = zip(scores[0].joints, identified.effort_scales.values, strict=True)
+    listed = ", ".join(f"{joint.joint} {scale:.2f}" for joint, scale in values)
+    return f"efforts divided by the estimated scale: {listed}"
 
 
 def relative(joint: JointScore) -> float:

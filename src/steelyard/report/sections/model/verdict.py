@@ -18,6 +18,7 @@ from steelyard.report.text.score_words import (
     error_words,
     relative,
     relative_errors,
+    scale_words,
 )
 from steelyard.report.text.table import rows
 from steelyard.report.text.verdict import COLOURS, FAIR, GOOD, level_of, verdict
@@ -55,6 +56,7 @@ class VerdictSection(Section):
             "runs": [_run(score) for score in content.scores if not score.repeats],
             "repeated": [_run(score) for score in content.scores if score.repeats],
             "fitted": [_run(score) for score in content.fitted],
+            "scales": scale_words(content.identified, content.scores or content.fitted),
             "good": GOOD,
             "fair": FAIR,
             "most_others": MOST_OTHERS,
@@ -86,10 +88,15 @@ class VerdictSection(Section):
             *(Text(f"! {said}", style=COLOURS[level]) for said, level in judged.limitations),
         )
         scores = content.scores or content.fitted
-        if len(scores) > 1:
-            yield _runs_table(scores, bool(content.scores))
-        elif scores:
-            yield _joints_table(scores[0], bool(content.scores))
+        if not scores:
+            return
+        several, scales = len(scores) > 1, scale_words(content.identified, scores)
+        shown = (
+            _runs_table(scores, bool(content.scores))
+            if several
+            else _joints_table(scores[0], bool(content.scores))
+        )
+        yield Group(shown, Text(scales)) if scales else shown
 
     def detailed(self, content: ReportContent) -> Iterable[RenderableType]:
         """The errors of every joint in every run, in the fixed band and in that of the fit."""

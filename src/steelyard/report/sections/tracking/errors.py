@@ -42,12 +42,16 @@ class TrackingErrorsSection(Section):
         return fill("tracking.html", numbers)
 
     def to_dict(self, content: ReportContent) -> dict[str, Any]:
-        """Errors per controller, SI units."""
+        """The headline, and errors per controller, SI units."""
         found = content.tracking
         if found is None:
             return {"controllers": None}
         joints = found.robot.coordinates
-        return {"controllers": [_run(found, run, joints) for run in found.runs]}
+        return {
+            "headline": headline(found),
+            "random_truth": found.random_truth,
+            "controllers": [_run(found, run, joints) for run in found.runs],
+        }
 
     def printed(self, content: ReportContent) -> Iterable[RenderableType]:
         """The headline and the tables."""
@@ -59,15 +63,29 @@ class TrackingErrorsSection(Section):
 
 
 def headline(found: Tracking) -> str:
-    """The mean error of the joints of the last run, and its ratio to that without a model."""
+    """The mean error of the joints of the last run over that without a model, and the truth."""
     last = found.runs[-1]
     if last is found.reference:
-        return f"Tool: RMS {_mm(last.tool_rms)} mm under {last.name}"
+        return f"Tool: RMS {_mm(last.tool_rms)} mm under {last.name}{_random(found)}"
     ratios = found.ratios(last)
     mean = float(np.nanmean(ratios)) if np.isfinite(ratios).any() else float("nan")
     return (
         f"{last.name}: RMS error of the joints {significant(100.0 * mean)} % of that without a "
         f"model (mean), tool {_mm(last.tool_rms)} instead of {_mm(found.reference.tool_rms)} mm"
+        f"{_random(found)}"
+    )
+
+
+def _random(found: Tracking) -> str:
+    """That the simulated robot is not the one of the logs; empty if its truth is given."""
+    if not found.random_truth:
+        return ""
+    robot = ". The simulated robot has random true parameters near the nominal ones"
+    if len(found.runs) == 1:
+        return f"{robot}; give the true ones with --truth"
+    return (
+        f"{robot}, the model was identified from other logs: this does not judge the model; "
+        "give the true parameters with --truth"
     )
 
 
