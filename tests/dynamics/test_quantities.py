@@ -1,5 +1,7 @@
 """Quantities of trees against Pinocchio and MuJoCo, and of closed chains against MuJoCo."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pinocchio as pin
@@ -17,7 +19,7 @@ from steelyard.kernel.quantities.passive_joints import passive_positions
 from steelyard.model import Model, ValuedModel
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
-from steelyard.robot.robot import Frame, Robot
+from steelyard.robot.robot import Frame, Loop, Robot
 from steelyard.terms.errors.reading_errors import Misread
 from steelyard.terms.laws.coulomb import Coulomb
 from steelyard.terms.laws.offset import Offset
@@ -286,6 +288,19 @@ def test_frames_are_named() -> None:
         with pytest.raises(ModelError, match="no frame 'tipp'") as caught:
             model.pose(np.zeros(4), "tipp")
         assert "'tip'" in caught.value.fix
+
+
+def test_a_singular_chain_is_not_called_open() -> None:
+    bodies = tuple(
+        replace(body, position=(x, 0.0, 0.0))
+        for body, x in zip(CHAINS["five-bar"]().bodies, (-0.1, 0.3, 0.1, 0.3), strict=True)
+    )
+    tip = Loop("tip", (1, 3), [[0.4, 0.0, 0.0], [0.4, 0.0, 0.0]])
+    assembly = (2.4, 0.7, -1.79362145, 1.80640383)
+    robot = CHAINS["five-bar"]().changed(bodies=bodies, loops=(tip,), assembly=assembly)
+    with pytest.raises(DataError, match="loop 'tip' closes at this sample, but") as caught:
+        valued(robot).gravity([np.pi, 0.0])
+    assert "singular" in caught.value.fix
 
 
 def test_loops_that_cannot_close_are_named() -> None:

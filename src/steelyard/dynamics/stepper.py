@@ -26,7 +26,9 @@ class Stepper(Dynamics):
 
     Buffers are made once, and checks are few: a step of seven joints with friction takes some
     microseconds. Friction with memory and closed chains remember the steps before, of each quantity
-    on its own; a new motion needs a new stepper, and so does every thread.
+    on its own; a new motion needs a new stepper, and so does every thread. Passive joints of closed
+    chains must move by less than about 0.5 rad from step to step, or they can take another of the
+    positions that close the chain.
 
     Example:
         >>> model = load_model("arm-model")

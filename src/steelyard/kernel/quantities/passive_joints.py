@@ -29,6 +29,9 @@ HALVINGS = 6
 FASTEST = 20.0
 """Speed of a passive joint per speed of an independent one beyond which a dead point is near."""
 
+_CLOSED = 1e-9
+"""Distance of two points of a loop that is closed [m]."""
+
 _TOLERANCE = 1e-8
 """A last Newton step: the error after it is of the order of its square."""
 
@@ -120,6 +123,13 @@ def open_loop(
     first = int(np.argmin(closed))
     name, gap = follower.gap(q[:, first])
     when = "at this sample" if t is None else f"at t = {t[first]:.4f} s"
+    if gap < _CLOSED:
+        return DataError(
+            f"loop '{name}' closes {when}, but the position before does not lead there",
+            where=f"robot '{follower.robot.name}'",
+            fix="give samples between the two; where the chain is singular, its passive joints "
+            "have several positions or none",
+        )
     return DataError(
         f"loop '{name}' does not close {when}: closure error {gap:.3g} m",
         where=f"robot '{follower.robot.name}', measured positions",
