@@ -3,7 +3,7 @@
 import importlib
 import zipfile
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,8 +12,9 @@ from closed_chains import five_bar
 from in_c import STRICT, compiler, run_compiler
 from invented import tree
 from moving import cycles
-from steelyard.application.controller import fmi2_code, fmi3_code, fmu
+from steelyard.application.controller import fmu
 from steelyard.application.controller.export import write_code
+from steelyard.application.controller.fmi2_code import NOT_OFFERED
 from steelyard.errors import OutputError
 from steelyard.motion import Motion
 from steelyard.robot.robot import Robot
@@ -40,24 +41,20 @@ def wander(robot: Robot, count: int = 60) -> Motion:
     return Motion(0.01 * np.arange(count), q + robot.assembly[: robot.n], dq, ddq)
 
 
-@pytest.mark.parametrize("form", ["fmu", "fmu3"])
 @pytest.mark.parametrize("case", CASES)
-def test_the_unit_is_valid_and_computes_the_same(
-    case: str, form: Literal["fmu", "fmu3"], tmp_path: Path
-) -> None:
+def test_the_unit_is_valid_and_computes_the_same(case: str, tmp_path: Path) -> None:
     tool = fmpy()
     compiler("cc")
     make, terms = CASES[case]
     model, path = identified_of(make(), terms), tmp_path / "arm.fmu"
-    write_code(model, path, form)
+    write_code(model, path, "fmu")
     validation = importlib.import_module("fmpy.validation")
     assert validation.validate_fmu(str(path)) == []
     described = tool.read_model_description(str(path))
     robot, motion = model.model.robot, wander(make())
     names = [v.name for v in described.modelVariables]
     assert names[: robot.n] == [f"q_{joint}" for joint in robot.joint_names]
-    slave = tool.fmi2.FMU2Slave if form == "fmu" else tool.fmi3.FMU3Slave
-    unit = slave(
+    unit = tool.fmi2.FMU2Slave(
         guid=described.guid,
         unzipDirectory=tool.extract(str(path), str(tmp_path / "unit")),
         modelIdentifier=described.coSimulation.modelIdentifier,
@@ -65,56 +62,44 @@ def test_the_unit_is_valid_and_computes_the_same(
     )
     rows = np.concatenate([motion.q, motion.dq, motion.ddq], axis=1).tolist()
     inputs, outputs = list(range(3 * robot.n)), list(range(3 * robot.n, len(names)))
-    write, read = (
-        (unit.setReal, unit.getReal) if form == "fmu" else (unit.setFloat64, unit.getFloat64)
-    )
-    if form == "fmu3":
-        assert names.pop() == "time"
-        outputs.pop()
     unit.instantiate()
     for _ in range(2):  # the second time after a reset
-        if form == "fmu":
-            unit.setupExperiment(startTime=0.0)
+        unit.setupExperiment(startTime=0.0)
         unit.enterInitializationMode()
-        write(inputs, rows[0])
+        unit.setReal(inputs, rows[0])
         unit.exitInitializationMode()
         found = []
         for k, row in enumerate(rows):
-            write(inputs, row)
+            unit.setReal(inputs, row)
             unit.doStep(motion.t[k], 0.01)
-            found.append(read(outputs))
+            found.append(unit.getReal(outputs))
         np.testing.assert_allclose(
             np.array(found)[:, : robot.n], model.torque(motion), rtol=1e-9, atol=1e-9
         )
         if robot.passive:
             assert names[-1] == "closure_error" and np.abs(np.array(found)[:, -1]).max() < 1e-12
-        if form == "fmu3":
-            assert read([len(names)]) == [motion.t[-1] + 0.01], "the time"
         unit.reset()
-    with pytest.raises(Exception, match="fmi2SetReal|fmi3SetFloat64"):
-        write([outputs[0]], [1.0])
+    with pytest.raises(Exception, match="fmi2SetReal"):
+        unit.setReal([outputs[0]], [1.0])
     unit.freeInstance()
 
 
-@pytest.mark.parametrize("version", [2, 3])
 @pytest.mark.parametrize("case", CASES)
 def test_the_interface_compiles_without_warnings(
-    case: str, version: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    case: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     make, terms = CASES[case]
     monkeypatch.setattr(fmu, "compiler", lambda: None)
     path = tmp_path / "arm.fmu"
-    model = identified_of(make(), terms)
-    names = write_code(model, path, "fmu" if version == 2 else "fmu3").files
+    names = write_code(identified_of(make(), terms), path, "fmu").files
     assert not any(name.startswith("binaries") for name in names), "sources alone"
     with zipfile.ZipFile(path) as archive:
         archive.extractall(tmp_path)
-    (source,) = (tmp_path / "sources").glob(f"*_fmi{version}.c")
+    (source,) = (tmp_path / "sources").glob("*_fmi2.c")
     for command in ((compiler(), "-std=c99"), (compiler("g++"), "-x", "c++", "-std=c++11")):
         run_compiler(*command, *STRICT, "-c", source, "-o", tmp_path / "a.o")
     text = source.read_text()
-    offered = fmi2_code.NOT_OFFERED if version == 2 else fmi3_code.NOT_OFFERED
-    assert all(f"fmi{version}{name}(" in text for name, _ in offered)
+    assert all(f"fmi2{name}(" in text for name, _ in NOT_OFFERED)
 
 
 def test_the_same_model_is_the_same_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -122,8 +122,6 @@ def test_code_for_controllers(
     done = command("export", model, "-o", tmp_path / "arm.fmu")
     assert done.exit_code == 0 and "functions: torque" in done.output
     assert f"sources/{name}_fmi2.c" in " ".join(done.output.split())
-    done = command("export", model, "--to", "fmu3", "-o", tmp_path / "arm3.fmu")
-    assert done.exit_code == 0 and f"sources/{name}_fmi3.c" in " ".join(done.output.split())
     done = command("export", model, "--to", "ros2")
     assert done.exit_code == 0, done.output
     assert "functions: torque, gravity, bias, friction, mass" in " ".join(done.output.split())
@@ -150,8 +148,6 @@ def test_code_for_controllers(
         (["-o", "a.xml", "--function", "mass"], "--function does not apply to MJCF"),
         (["-o", "a.fmu", "--precision", "float"], "precision cannot be chosen for an FMU"),
         (["-o", "a.fmu", "--frame", "tool"], "frames cannot be chosen for an FMU"),
-        (["--to", "fmu3", "-o", "a.py"], "would be an FMU, but its name ends in '.py'"),
-        (["--to", "fmu3", "--function", "mass"], "cannot be chosen for an FMU"),
         (["--to", "ros2", "-o", "a.py"], "would be a ROS 2 package, but its name ends in '.py'"),
         (["--to", "ros2", "--function", "mass"], "cannot be chosen for a ROS 2 package"),
         (["--to", "simulink", "--precision", "float"], "cannot be chosen for Simulink"),

@@ -19,7 +19,7 @@ from steelyard.regression.regressor import base_regressor
 from steelyard.terms.laws.stribeck import Stribeck
 from steelyard.terms.register import DEFAULT_TERMS
 from steelyard.validation.bands import Bands
-from steelyard.validation.calibrate import calibrate, quantile
+from steelyard.validation.calibrate import calibrate, correlation_of, quantile
 from steelyard.validation.left_out import runs_left_out, stretches_left_out
 from steelyard.validation.score import score
 from steelyard.virtual.invent import random_truth
@@ -145,3 +145,14 @@ def test_the_calibration_is_kept_with_the_model(tmp_path):
     (tmp_path / "model.json").write_text(damaged, encoding="utf-8")
     with pytest.raises(ModelError, match="days"):
         load_model(tmp_path)
+
+
+def test_the_correlation_of_errors_between_joints_is_found() -> None:
+    true = np.array([[1.0, 0.6, 0.0], [0.6, 1.0, -0.3], [0.0, -0.3, 1.0]])
+    errors = np.linalg.cholesky(true) @ np.random.default_rng(0).standard_normal((3, 20_000))
+    worth = np.ones(20_000)
+    errors[0, ::3] = np.nan
+    assert np.allclose(correlation_of(errors, worth), true, atol=0.03)
+    few = correlation_of(errors[:, 1:3], worth[1:3])
+    assert np.all(np.linalg.eigvalsh(few) > 0.0) and np.allclose(np.diag(few), 1.0)
+    assert np.array_equal(correlation_of(np.nan * errors, worth), np.eye(3))

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from steelyard.application.controller.export import Written
     from steelyard.application.export.export import Exported
 
-Kind = Literal["urdf", "mjcf", "c", "python", "fmu", "fmu3", "ros2", "simulink"]
+Kind = Literal["urdf", "mjcf", "c", "python", "fmu", "ros2", "simulink"]
 ENDINGS: dict[str, Kind] = {
     ".urdf": "urdf",
     ".mjcf": "mjcf",
@@ -27,7 +27,6 @@ NAMES: dict[Kind, str] = {
     "c": "C",
     "python": "Python",
     "fmu": "an FMU",
-    "fmu3": "an FMU",
     "ros2": "a ROS 2 package",
     "simulink": "Simulink",
 }
@@ -40,7 +39,6 @@ USUAL: dict[Kind, str] = {
     "c": "-c",
     "python": ".py",
     "fmu": ".fmu",
-    "fmu3": ".fmu",
     "ros2": "-ros2",
     "simulink": "-simulink",
 }
@@ -158,11 +156,10 @@ def _format(to: Kind | None, output: Path | None) -> Kind:
         raise OutputError(
             "no format is named",
             where="--to" if output is None else str(output),
-            fix="give --to urdf, mjcf, c, python, fmu, fmu3, ros2 or simulink, or end the name of "
+            fix="give --to urdf, mjcf, c, python, fmu, ros2 or simulink, or end the name of "
             "--output in .urdf, .xml, .py or .fmu",
         )
-    typed = ending in (".urdf", ".mjcf", ".py", ".fmu") and ending != USUAL[form]
-    if typed and ENDINGS[ending] != form:
+    if ending in (".urdf", ".mjcf", ".py", ".fmu") and ENDINGS[ending] != form:
         usual = USUAL[form]
         name = f"end its name in '{usual}'" if usual.startswith(".") else "name a folder"
         raise OutputError(

@@ -38,6 +38,7 @@ class Calibration:
             with 1.96 at least.
         peaks: Largest residuals of the left-out motion, from which thresholds of contact follow;
             `None` in models of versions before there were any.
+        correlation: Of the left-out errors between joints, shape `(n, n)`; `None` if unknown.
     """
 
     kind: Kind
@@ -45,11 +46,14 @@ class Calibration:
     edges: Array
     factors: Array
     peaks: ResidualPeaks | None = None
+    correlation: Array | None = None
 
     def __post_init__(self) -> None:
         n = len(self.edges)
         object.__setattr__(self, "edges", frozen(self.edges, (n, len(EDGES))))
         object.__setattr__(self, "factors", frozen(self.factors, (n, BINS)))
+        if self.correlation is not None:
+            object.__setattr__(self, "correlation", frozen(self.correlation, (n, n)))
 
     @property
     def text(self) -> str:
@@ -75,6 +79,7 @@ class Calibration:
             "speed_edges": self.edges.tolist(),
             "factors": self.factors.tolist(),
             "peaks": None if self.peaks is None else self.peaks.to_dict(),
+            "correlation": None if self.correlation is None else self.correlation.tolist(),
         }
 
     @classmethod
@@ -85,13 +90,18 @@ class Calibration:
             raise ValueError("a factor of the band's calibration is not a number above zero")
         if data["left_out"] not in ("runs", "stretches"):
             raise ValueError(f"a band cannot be calibrated on left-out '{data['left_out']}'")
-        peaks = data.get("peaks")
+        peaks, correlation = data.get("peaks"), data.get("correlation")
+        if correlation is not None:
+            correlation = np.array(correlation, dtype=np.float64)
+            if not (np.linalg.eigvalsh(correlation) > 0.0).all():
+                raise ValueError("the correlation of left-out errors is not positive definite")
         return cls(
             data["left_out"],
             int(data["count"]),
             np.array(data["speed_edges"]),
             factors,
             None if peaks is None else ResidualPeaks.from_dict(peaks),
+            correlation,
         )
 
 

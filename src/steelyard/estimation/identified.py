@@ -3,10 +3,11 @@
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.arguments import checked
@@ -14,14 +15,23 @@ from steelyard.arrays import Array
 from steelyard.dynamics.dynamics import Dynamics
 from steelyard.dynamics.quantity import Quantity
 from steelyard.dynamics.stepper import Stepper
-from steelyard.errors import ModelError
+from steelyard.errors import DataError, ModelError
 from steelyard.estimation.calibration import Calibration
 from steelyard.estimation.estimate import Estimate
+from steelyard.estimation.external.momentum import NOISE, check_bandwidth
+from steelyard.estimation.external.observed import Axes, columns_quantity, moved_frame
+from steelyard.estimation.external.observer import Observer
+from steelyard.estimation.external.rest import dead_zone, rest_speed_of
+from steelyard.estimation.external.step_program import StepProgram
+from steelyard.estimation.external.uncertainty import EffortUncertainty, covariance_root
+from steelyard.estimation.external.wrench import FORCE, LEVER, Expected
 from steelyard.estimation.known_scales import KnownScales
+from steelyard.estimation.residual_peaks import ContactThresholds
 from steelyard.measurement.motion_samples import MotionSamples
 from steelyard.measurement.processing import Processing
 from steelyard.model import Model, ValuedModel
 from steelyard.regression.base import BaseMap
+from steelyard.regression.parallel_filter import noise_bandwidth
 from steelyard.robot.robot import Robot
 from steelyard.robot_file.signals import Signals, signals_from_dict, signals_to_dict
 
@@ -31,6 +41,13 @@ SCHEMA_VERSION = 4
 BAND = 5.0
 """Band of errors that are compared between models [Hz]: the motions of arms lie below it, their
 elastic modes mostly above."""
+
+
+UNKNOWN = 1e3
+"""Standard deviation of a joint without samples, over the largest of the others."""
+
+LEAST = 1e-6
+"""Least standard deviation of residuals, over the largest of all joints."""
 
 
 @dataclass(frozen=True)
@@ -146,6 +163,101 @@ class IdentifiedModel(Dynamics):
     def start(self) -> Stepper:
         """Begin to evaluate sample by sample: `start().step(q, dq, ddq)`."""
         return self.valued.start()
+
+    @cached_property
+    def base_covariance(self) -> Array:
+        """Covariance of all base parameters, shape `(b, b)`.
+
+        Without prior it is zero for parameters that the data do not identify.
+        """
+        estimate, base = self.estimate, self.base
+        if estimate.standard is not None:
+            return np.asarray(base.lift @ estimate.standard.covariance @ base.lift.T)
+        place = {name: k for k, name in enumerate(base.base_names)}
+        mine = [place[name] for name in estimate.parameters.names]
+        result = np.zeros((len(base), len(base)))
+        result[np.ix_(mine, mine)] = estimate.covariance
+        return result
+
+    def residual_std(self, bandwidth: float) -> Array:
+        """Standard deviation of residuals behind a low-pass, shape `(n,)` [Nm; N].
+
+        It is NaN for a joint without samples.
+
+        Args:
+            bandwidth: Of the low-pass, for white noise; one below that of the fit is not credited,
+                for what a model lacks is slow [Hz].
+        """
+        ratio = max(1.0, bandwidth / noise_bandwidth(self.cutoffs.matched))
+        known = self.estimate.n_samples > 0.0
+        return np.asarray(np.where(known, self.estimate.sigma, np.nan) * np.sqrt(ratio))
+
+    def observe(
+        self,
+        frame: str | None = None,
+        *,
+        bandwidth: float | None = None,
+        force: float = FORCE,
+        lever: float = LEVER,
+        axes: Axes = "frame",
+        thresholds: ContactThresholds | None = None,
+    ) -> Observer:
+        """Begin to observe external efforts and a wrench, sample by sample.
+
+        Args:
+            frame: Frame that the wrench acts on; that of the robot's end if `None`.
+            bandwidth: Of the observer [Hz]; if `None`, the cut-off of the model's scores.
+            force: Expected size of each component of the force [N].
+            lever: That of the moment, over `force` [m]; 0 for forces at the frame's origin.
+            axes: Whose axes the wrench is given along.
+            thresholds: Of contact, for `Observer.contact`; the bandwidth is then theirs.
+
+        Raises:
+            ModelError: There is no such frame, or no joint moves it.
+            DataError: The bandwidth or the force is not above zero, or not that of the thresholds.
+
+        Example:
+            >>> observer = load_model("arm-model").observe("lower", bandwidth=5.0)
+            >>> observer.step(0.0, [0.3, 0.5], [0.0, 0.0], [0.0, 0.0])
+            >>> observer.wrench.shape
+            (6,)
+        """
+        usual = self.cutoffs.score if thresholds is None else thresholds.cutoff
+        bandwidth = usual if bandwidth is None else bandwidth
+        check_bandwidth(bandwidth)
+        if thresholds is not None and bandwidth != usual:
+            raise DataError(
+                f"thresholds for {usual:g} Hz do not fit a bandwidth of {bandwidth:g} Hz",
+                where="observe()",
+                fix="leave the bandwidth out",
+            )
+        return Observer(
+            StepProgram.of(self.model, moved_frame(self.robot, frame), axes),
+            self.valued.values.values,
+            partial(self.start().evaluate, columns_quantity(self.base.independent)),
+            self.effort_uncertainty(NOISE * bandwidth),
+            rest_speed_of(self.robot.n, self.calibration, self.processing.rest_speed),
+            bandwidth,
+            Expected(force, lever),
+            thresholds,
+        )
+
+    def effort_uncertainty(self, bandwidth: float) -> EffortUncertainty:
+        """How far predicted efforts may be off.
+
+        Args:
+            bandwidth: Of the low-pass that they are compared behind, for white noise [Hz].
+        """
+        sigma = self.residual_std(bandwidth)
+        known = sigma[np.isfinite(sigma)]
+        largest = float(known.max()) if len(known) else 1.0
+        sigma = np.where(np.isfinite(sigma), sigma, UNKNOWN * largest)
+        return EffortUncertainty(
+            covariance_root(self.base_covariance),
+            np.maximum(sigma, LEAST * max(largest, LEAST)),
+            dead_zone(self.valued),
+            self.calibration,
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values; exact."""

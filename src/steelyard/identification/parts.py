@@ -178,9 +178,8 @@ def export_code(
     Args:
         model: The model, its `model.json`, or the folder that holds it.
         path: File (Python, FMU) or folder (others) to make; it must not exist.
-        to: `c`; `python`, a file that needs NumPy alone; `fmu` or `fmu3`, co-simulation by
-            FMI 2.0 or 3.0; `ros2`, a package with a plugin of `inverse_dynamics_solver`; or
-            `simulink`, an S-function.
+        to: `c`; `python`, a file that needs NumPy alone; `fmu`, co-simulation by FMI 2.0; `ros2`,
+            a package with a plugin of `inverse_dynamics_solver`; or `simulink`, an S-function.
         precision: Type of numbers in C.
         functions: Names of functions, such as `torque` and `mass`; the usual ones if empty.
         frames: Names of frames whose pose and Jacobian are wanted; those at the ends if empty.

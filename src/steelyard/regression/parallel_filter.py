@@ -13,6 +13,9 @@ from steelyard.arrays import Array, frozen
 SUPPRESSION = 60.0
 """Attenuation above twice the cut-off [dB]."""
 
+FINE = 40.0
+"""Sampling rate over cut-off at which the noise bandwidth is taken."""
+
 
 @dataclass(frozen=True, eq=False)
 class ParallelFilter:
@@ -61,3 +64,9 @@ class ParallelFilter:
     def description(self) -> str:
         """For fingerprints and reports."""
         return f"FIR low-pass {self.cutoff:g} Hz, {len(self.taps)} taps at {self.rate:g} Hz"
+
+
+def noise_bandwidth(cutoff: float) -> float:
+    """Bandwidth of an ideal low-pass that leaves as much of white noise as the filter [Hz]."""
+    filter_ = ParallelFilter.design(cutoff, FINE * cutoff)
+    return float(0.5 * FINE * cutoff * np.sum(np.square(filter_.taps)))

@@ -22,6 +22,7 @@ class Scan:
         robot: The robot.
         closed: Whether the robot's loops closed at each sample of the last call, shape `(N,)`.
         warm: Whether the start was forgotten, per independent joint, shape `(n, N)`.
+        warm_up: Travel of each joint after which it is, shape `(n_joints, 1)` [rad; m].
     """
 
     def __init__(
@@ -38,11 +39,12 @@ class Scan:
         self.robot = robot
         self.closed: NDArray[np.bool_] = np.ones(0, dtype=bool)
         self.warm: NDArray[np.bool_] = np.ones((robot.n, 0), dtype=bool)
+        self._begin = (robot, terms, rigid_torque, drop)
         self._drop, self._rigid_torque = drop, rigid_torque
         self._terms = [term for term in terms if isinstance(term, StatefulTerm)]
         self._follower = Follower(robot) if robot.passive else None
         warm = [term.warm_up(robot) for term in self._terms]
-        self._warm_up = np.max([np.zeros(robot.n_joints), *warm], axis=0)[:, None]
+        self.warm_up = np.max([np.zeros(robot.n_joints), *warm], axis=0)[:, None]
         self._forget()
 
     def __call__(self, q: Array, dq: Array, ddq: Array, t: Array | None = None) -> Array:
@@ -79,6 +81,10 @@ class Scan:
             self._forget()
         return np.concatenate((passive, found))
 
+    def again(self) -> "Scan":
+        """A scan of the same terms that remembers nothing."""
+        return Scan(*self._begin)
+
     def _forget(self) -> None:
         self._memories: list[Any] = [None] * len(self._terms)
         self._travelled = np.zeros((self.robot.n_joints, 1))
@@ -94,7 +100,7 @@ class Scan:
         steps = np.abs(np.diff(q, axis=1, prepend=q[:, :1] if self._last is None else self._last))
         travelled = self._travelled + np.cumsum(steps, axis=1)
         self._last, self._travelled = q[:, -1:].copy(), travelled[:, -1:]
-        warm, n = travelled >= self._warm_up, self.robot.n
+        warm, n = travelled >= self.warm_up, self.robot.n
         self.warm[:, place] = warm[:n] & warm[n:].all(axis=0)
         return np.ascontiguousarray(np.concatenate(found))
 

@@ -18,18 +18,12 @@ import numpy as np
 from steelyard.arrays import Array, frozen
 from steelyard.estimation.calibration import Calibration
 from steelyard.estimation.estimate import Z95
+from steelyard.estimation.external.uncertainty import covariance_root
 from steelyard.estimation.identified import IdentifiedModel
-from steelyard.measurement.methods.lowpass import butterworth
+from steelyard.measurement.methods.lowpass import noise_bandwidth as low_pass_bandwidth
 from steelyard.measurement.run import Block
-from steelyard.regression.parallel_filter import ParallelFilter
 from steelyard.regression.regressor import Regressor, base_regressor
 from steelyard.validation.model_std import ModelStd
-
-FINE = 40.0
-"""Sampling rate over cut-off at which noise bandwidths are compared."""
-
-FREQUENCIES = 4096
-"""Frequencies of the comparison."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,11 +47,10 @@ class Bands:
     def of(cls, identified: IdentifiedModel) -> "Bands":
         """The bands of an identified model, for scores with its own cut-off."""
         cutoffs = identified.cutoffs
-        ratio = max(1.0, _bandwidth_of_score(cutoffs.score) / _bandwidth_matched(cutoffs.matched))
         return cls(
             base_regressor(identified.model),
-            frozen(_root(_covariance(identified))),
-            frozen(_sigma(identified) * np.sqrt(ratio)),
+            frozen(covariance_root(identified.base_covariance)),
+            frozen(identified.residual_std(low_pass_bandwidth(cutoffs.score))),
             identified.calibration,
         )
 
@@ -99,42 +92,3 @@ class Bands:
             rate: Of the samples [Hz].
         """
         return ModelStd.behind(cutoff, rate, self.regressor.layout, self.factor)
-
-
-def _sigma(identified: IdentifiedModel) -> Array:
-    """Standard deviation of the fit's residuals; NaN where a joint had no samples."""
-    estimate = identified.estimate
-    return np.where(estimate.n_samples > 0.0, estimate.sigma, np.nan)
-
-
-def _covariance(identified: IdentifiedModel) -> Array:
-    """Covariance of all base parameters; without prior, of what data do not identify, zero."""
-    estimate, base = identified.estimate, identified.base
-    if estimate.standard is not None:
-        return np.asarray(base.lift @ estimate.standard.covariance @ base.lift.T)
-    place = {name: k for k, name in enumerate(base.base_names)}
-    mine = [place[name] for name in estimate.parameters.names]
-    result = np.zeros((len(base), len(base)))
-    result[np.ix_(mine, mine)] = estimate.covariance
-    return result
-
-
-def _root(covariance: Array) -> Array:
-    """A factor of a covariance that rounding may have made slightly indefinite."""
-    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    scale = np.where(std > 0.0, std, 1.0)
-    values, vectors = np.linalg.eigh(covariance / scale[:, None] / scale)
-    return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
-
-
-def _bandwidth_matched(cutoff: float) -> float:
-    """Noise bandwidth of the parallel filter [Hz]."""
-    filter_ = ParallelFilter.design(cutoff, FINE * cutoff)
-    return float(0.5 * FINE * cutoff * np.sum(np.square(filter_.taps)))
-
-
-def _bandwidth_of_score(cutoff: float) -> float:
-    """Noise bandwidth of the score's zero-phase low-pass [Hz]."""
-    omega = (np.arange(FREQUENCIES) + 0.5) * np.pi / FREQUENCIES
-    gain = butterworth(cutoff, FINE * cutoff)(omega)
-    return float(0.5 * FINE * cutoff * np.mean(np.square(gain)))

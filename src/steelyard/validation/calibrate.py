@@ -41,6 +41,9 @@ ENOUGH = 40.0
 MOST = 20
 """Runs that are left out at most."""
 
+LEAST_CORRELATION = 0.02
+"""Least eigenvalue of the correlation of errors between joints."""
+
 PER_STRETCH = 8.0
 """Windows per stretch."""
 
@@ -117,14 +120,14 @@ class _Errors:
     """Errors of a left-out stretch.
 
     Attributes:
-        sizes: In standard deviations, shape `(n, N)`; NaN where a joint could not be predicted.
+        errors: In standard deviations, shape `(n, N)`; NaN where a joint could not be predicted.
         speed: Of each joint, shape `(n, N)`.
         moving: Whether it moves, shape `(n, N)`.
         worth: Independent samples per sample.
         trace: Its residual; NaN where a joint could not be predicted.
     """
 
-    sizes: Array
+    errors: Array
     speed: Array
     moving: NDArray[np.bool_]
     worth: float
@@ -155,12 +158,13 @@ def _errors(
         return None
     if traces.band is None or traces.speed is None:
         return None
-    sizes = Z95 * np.abs(traces.measured - traces.predicted) / traces.band
+    errors = Z95 * (traces.measured - traces.predicted) / traces.band
+    errors *= np.sign(identified.signals.gains)
     blind = _blind(identified.estimate, estimate, information)
-    sizes[:, blind] = np.nan
+    errors[:, blind] = np.nan
     duration = one.span[1] - one.span[0]
     worth = min(1.0, 2.0 * band * duration / max(len(traces.t), 1))
-    return _Errors(sizes.T, traces.speed.T, traces.moving.T, worth, trace.without(blind))
+    return _Errors(errors.T, traces.speed.T, traces.moving.T, worth, trace.without(blind))
 
 
 def _blind(whole: Estimate, part: Estimate, information: Information) -> list[int]:
@@ -175,15 +179,34 @@ def _blind(whole: Estimate, part: Estimate, information: Information) -> list[in
 
 
 def _calibration(kind: Kind, found: Sequence[_Errors]) -> Calibration:
-    """Quantiles of the errors by joint and speed."""
-    sizes = np.concatenate([errors.sizes for errors in found], axis=1)
-    speed = np.concatenate([errors.speed for errors in found], axis=1)
-    moving = np.concatenate([errors.moving for errors in found], axis=1)
-    worth = np.concatenate([np.full(e.sizes.shape[1], e.worth) for e in found])
+    """Quantiles of the errors by joint and speed, and their correlation."""
+    errors = np.concatenate([part.errors for part in found], axis=1)
+    speed = np.concatenate([part.speed for part in found], axis=1)
+    moving = np.concatenate([part.moving for part in found], axis=1)
+    worth = np.concatenate([np.full(part.errors.shape[1], part.worth) for part in found])
     typical = np.sqrt(np.mean(np.square(speed), axis=1))
     edges = typical[:, None] * EDGES
-    factors = [_factors(*row, worth) for row in zip(sizes, bins(speed, moving, edges), strict=True)]
-    return Calibration(kind, len(found), edges, np.array(factors))
+    at = bins(speed, moving, edges)
+    factors = [_factors(*row, worth) for row in zip(np.abs(errors), at, strict=True)]
+    correlation = correlation_of(errors, worth)
+    return Calibration(kind, len(found), edges, np.array(factors), correlation=correlation)
+
+
+def correlation_of(errors: Array, worth: Array) -> Array:
+    """Correlation of errors between joints, `(n, n)`, towards none as samples are few."""
+    n = len(errors)
+    known = np.isfinite(errors)
+    pairs = (known * worth) @ known.T
+    sums = (np.where(known, errors, 0.0) * worth) @ np.where(known, errors, 0.0).T
+    squares = np.where(known, np.square(errors), 0.0) * worth @ known.T
+    scale = np.sqrt(squares * squares.T)
+    found = np.divide(sums, scale, out=np.zeros((n, n)), where=scale > 0.0)
+    found *= pairs / (pairs + n)
+    np.fill_diagonal(found, 1.0)
+    values, vectors = np.linalg.eigh(found)
+    found = vectors * np.maximum(values, LEAST_CORRELATION) @ vectors.T
+    scale = np.sqrt(np.diag(found))
+    return np.asarray(found / np.outer(scale, scale))
 
 
 def _factors(sizes: Array, at: NDArray[np.intp], worth: Array) -> Array:

@@ -20,18 +20,16 @@ from steelyard.estimation.identified import IdentifiedModel
 from steelyard.files import refuse_existing, whole_file, whole_folder
 from steelyard.kernel.native.c99 import Precision
 
-CodeFormat = Literal["c", "python", "fmu", "fmu3", "ros2", "simulink"]
+CodeFormat = Literal["c", "python", "fmu", "ros2", "simulink"]
 NAMES: dict[CodeFormat, str] = {
     "c": "C",
     "python": "Python",
     "fmu": "an FMU",
-    "fmu3": "an FMU",
     "ros2": "a ROS 2 package",
     "simulink": "Simulink",
 }
 FIXED: dict[CodeFormat, tuple[str, ...]] = {
     "fmu": ("torque",),
-    "fmu3": ("torque",),
     "ros2": OF_ROS2,
     "simulink": ("torque",),
 }
@@ -105,17 +103,16 @@ def write_code(
             part.write_text(python_code(controller, origin), encoding="utf-8")
         return Written(controller, (path.name,), renamed, lacking)
     code = CCode(controller, precision, origin)
-    if form == "fmu" or form == "fmu3":
+    if form == "fmu":
         with whole_file(path) as part:
-            files = write_fmu(code, part, 2 if form == "fmu" else 3)
-        return Written(controller, files, renamed, (), code.stack)
-    texts = FOLDERS[form](code)
+            return Written(controller, write_fmu(code, part), renamed, (), code.stack)
+    files = FOLDERS[form](code)
     with whole_folder(path) as part:
-        for name, text in texts.items():
+        for name, text in files.items():
             (part / name).parent.mkdir(exist_ok=True)
             (part / name).write_text(text, encoding="utf-8", newline="\n")
     # of formats without a choice nothing is absent: they step with memory
-    return Written(controller, tuple(texts), renamed, () if form in FIXED else lacking, code.stack)
+    return Written(controller, tuple(files), renamed, () if form in FIXED else lacking, code.stack)
 
 
 def _refuse_needless(

@@ -4,7 +4,10 @@ from collections.abc import Sequence
 
 from steelyard.application.controller.c_code import CCode
 
-EXPORT = """\
+TYPES = """\
+#include <stddef.h>
+#include <string.h>
+
 #if defined _WIN32 || defined __CYGWIN__
 #define EXPORT __declspec(dllexport)
 #elif defined __GNUC__
@@ -12,11 +15,6 @@ EXPORT = """\
 #else
 #define EXPORT
 #endif
-"""
-
-TYPES = """\
-#include <stddef.h>
-#include <string.h>
 
 /* Types of FMI 2.0. */
 typedef void *fmi2Component;
@@ -85,15 +83,40 @@ def fmi2_code(code: CCode, guid: str, starts: Sequence[float]) -> str:
         guid: As in the model description.
         starts: Values of all inputs at the start.
     """
-    name = code.name
+    name, n = code.name, code.controller.model.robot.n
+    inputs, outputs = 3 * n, n + bool(code.state.passive)
     return f"""\
 /* FMI 2.0 co-simulation of {name}.c: inputs are positions, velocities and accelerations of all
    joints, outputs their efforts at the inputs of the last step. */
 #include "{name}.h"
 
 {TYPES}
-{EXPORT}
-{instance_code(code, starts, "fmi2", "    fmi2CallbackFunctions call;")}
+#define INPUTS {inputs}
+#define VALUES {inputs + outputs}
+
+typedef struct {{
+    double values[VALUES];
+    int begun;
+    fmi2CallbackFunctions call;
+{fields(code)}}} Instance;
+
+static void set_starts(Instance *me)
+{{
+    static const double starts[INPUTS] = {{{", ".join(map(repr, starts))}}};
+    memset(me->values, 0, sizeof me->values);
+    memcpy(me->values, starts, sizeof starts);
+    me->begun = 0;
+}}
+
+static fmi2Status evaluate(Instance *me)
+{{
+    const double *q = me->values, *dq = q + {n}, *ddq = dq + {n};
+    double *tau = me->values + INPUTS;
+{evaluation(code)}
+    me->begun = 1;
+    return fmi2OK;
+}}
+
 EXPORT const char *fmi2GetTypesPlatform(void)
 {{
     return "default";
@@ -197,47 +220,7 @@ EXPORT fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2
     return evaluate((Instance *)c);
 }}
 
-{_other_types()}{refusing("fmi2", NOT_OFFERED, "fmi2Error")}"""
-
-
-def instance_code(code: CCode, starts: Sequence[float], prefix: str, own: str) -> str:
-    """The struct `Instance` with `set_starts` and `evaluate`, for both versions of FMI.
-
-    Args:
-        code: The model in C.
-        starts: Values of all inputs at the start.
-        prefix: Prefix of the interface's names.
-        own: Fields of this version.
-    """
-    n = code.controller.model.robot.n
-    inputs, outputs = 3 * n, n + bool(code.state.passive)
-    return f"""\
-#define INPUTS {inputs}
-#define VALUES {inputs + outputs}
-
-typedef struct {{
-    double values[VALUES];
-    int begun;
-{own}
-{fields(code)}}} Instance;
-
-static void set_starts(Instance *me)
-{{
-    static const double starts[INPUTS] = {{{", ".join(map(repr, starts))}}};
-    memset(me->values, 0, sizeof me->values);
-    memcpy(me->values, starts, sizeof starts);
-    me->begun = 0;
-}}
-
-static {prefix}Status evaluate(Instance *me)
-{{
-    const double *q = me->values, *dq = q + {n}, *ddq = dq + {n};
-    double *tau = me->values + INPUTS;
-{evaluation(code)}
-    me->begun = 1;
-    return {prefix}OK;
-}}
-"""
+{_other_types()}{_not_offered()}"""
 
 
 def fields(code: CCode) -> str:
@@ -281,26 +264,13 @@ EXPORT fmi2Status fmi2{way}{kind}(fmi2Component c, const fmi2ValueReference vr[]
     )
 
 
-def refusing(
-    prefix: str,
-    functions: Sequence[tuple[str, str]],
-    result: str,
-    kind: str = "",
-) -> str:
-    """Functions that read none of their arguments.
-
-    Args:
-        prefix: Prefix of the interface's names.
-        functions: Names without the prefix, and arguments.
-        result: What they return.
-        kind: Type of the result; the status if empty.
-    """
+def _not_offered() -> str:
     parts = []
-    for name, arguments in functions:
+    for name, arguments in NOT_OFFERED:
         names = (part.split()[-1].strip("*[]") for part in arguments.split(","))
         unread = ", ".join(f"(void){x}" for x in names)
         parts.append(
-            f"EXPORT {kind or f'{prefix}Status'} {prefix}{name}({arguments})\n"
-            f"{{\n    {unread};\n    return {result};\n}}\n\n"
+            f"EXPORT fmi2Status fmi2{name}({arguments})\n"
+            f"{{\n    {unread};\n    return fmi2Error;\n}}\n"
         )
-    return "".join(parts)
+    return "\n".join(parts)

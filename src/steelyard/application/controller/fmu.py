@@ -1,4 +1,4 @@
-"""A model as a functional mock-up unit: FMI 2.0 or 3.0 co-simulation, around the C code."""
+"""A model as a functional mock-up unit: FMI 2.0 co-simulation, around the C code."""
 
 import hashlib
 import platform
@@ -7,7 +7,7 @@ import subprocess
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 from xml.sax.saxutils import quoteattr
 from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
@@ -15,26 +15,15 @@ import numpy as np
 
 from steelyard.application.controller.c_code import CCode
 from steelyard.application.controller.fmi2_code import fmi2_code
-from steelyard.application.controller.fmi3_code import fmi3_code
 from steelyard.errors import OutputError
 from steelyard.robot.loop_equations import loop_equations
 
-FmiVersion = Literal[2, 3]
-PLATFORMS: dict[FmiVersion, dict[tuple[str, str], tuple[str, str]]] = {
-    2: {
-        ("Linux", "x86_64"): ("linux64", ".so"),
-        ("Darwin", "x86_64"): ("darwin64", ".dylib"),
-        ("Windows", "AMD64"): ("win64", ".dll"),
-    },
-    3: {
-        ("Linux", "x86_64"): ("x86_64-linux", ".so"),
-        ("Linux", "aarch64"): ("aarch64-linux", ".so"),
-        ("Darwin", "x86_64"): ("x86_64-darwin", ".dylib"),
-        ("Darwin", "arm64"): ("aarch64-darwin", ".dylib"),
-        ("Windows", "AMD64"): ("x86_64-windows", ".dll"),
-    },
+PLATFORMS = {
+    ("Linux", "x86_64"): ("linux64", ".so"),
+    ("Darwin", "x86_64"): ("darwin64", ".dylib"),
+    ("Windows", "AMD64"): ("win64", ".dll"),
 }
-"""Platforms that FMI has names for; other ones compile the sources."""
+"""Platforms that FMI 2.0 has names for; other ones compile the sources."""
 
 FMI_UNITS = {
     "rad": '<BaseUnit rad="1"/>',
@@ -89,7 +78,7 @@ def variables_of(code: CCode) -> list[Variable]:
 
 
 def model_description(code: CCode, guid: str) -> str:
-    """The content of `modelDescription.xml` of FMI 2.0."""
+    """The content of `modelDescription.xml`."""
     variables = variables_of(code)
     rows = []
     for k, v in enumerate(variables):
@@ -103,6 +92,11 @@ def model_description(code: CCode, guid: str) -> str:
         )
     outputs = [k + 1 for k, v in enumerate(variables) if v.start is None]
     unknowns = "\n".join(f'      <Unknown index="{k}"/>' for k in outputs)
+    units = "\n".join(
+        f'    <Unit name="{unit}">{base}</Unit>'
+        for unit, base in FMI_UNITS.items()
+        if any(v.unit == unit for v in variables)
+    )
     name = code.controller.model.robot.name
     files = "".join(f'<File name="{x}"/>' for x in (f"{code.name}.c", f"{code.name}_fmi2.c"))
     return f"""\
@@ -114,7 +108,7 @@ def model_description(code: CCode, guid: str) -> str:
     <SourceFiles>{files}</SourceFiles>
   </CoSimulation>
   <UnitDefinitions>
-{_units(variables)}
+{units}
   </UnitDefinitions>
   <ModelVariables>
 {chr(10).join(rows)}
@@ -131,76 +125,8 @@ def model_description(code: CCode, guid: str) -> str:
 """
 
 
-def model_description_3(code: CCode, token: str) -> str:
-    """The content of `modelDescription.xml` of FMI 3.0."""
-    variables = variables_of(code)
-    rows = []
-    for k, v in enumerate(variables):
-        causality = "output" if v.start is None else "input"
-        start = "" if v.start is None else f' start="{v.start!r}"'
-        rows.append(
-            f'    <Float64 name={quoteattr(v.name)} valueReference="{k}" causality="{causality}" '
-            f'variability="continuous" unit="{v.unit}"{start} '
-            f"description={quoteattr(v.meaning)}/>"
-        )
-    rows.append(
-        f'    <Float64 name="time" valueReference="{len(variables)}" causality="independent" '
-        'variability="continuous" description="time [s]"/>'
-    )
-    outputs = [k for k, v in enumerate(variables) if v.start is None]
-    structure = "\n".join(
-        f'    <{kind} valueReference="{k}"/>'
-        for kind in ("Output", "InitialUnknown")
-        for k in outputs
-    )
-    name = code.controller.model.robot.name
-    return f"""\
-<?xml version="1.0" encoding="UTF-8"?>
-<fmiModelDescription fmiVersion="3.0" modelName={quoteattr(name)} instantiationToken="{token}"
-    description="Joint efforts of an identified robot" generationTool="steelyard"
-    variableNamingConvention="flat">
-  <CoSimulation modelIdentifier="{code.name}" canHandleVariableCommunicationStepSize="true"/>
-  <UnitDefinitions>
-{_units(variables)}
-  </UnitDefinitions>
-  <ModelVariables>
-{chr(10).join(rows)}
-  </ModelVariables>
-  <ModelStructure>
-{structure}
-  </ModelStructure>
-</fmiModelDescription>
-"""
-
-
-def build_description(name: str, sources: Sequence[str]) -> str:
-    """The content of `sources/buildDescription.xml` of FMI 3.0."""
-    files = "".join(f'<SourceFile name="{x}"/>' for x in sources if x.endswith(".c"))
-    return f"""\
-<?xml version="1.0" encoding="UTF-8"?>
-<fmiBuildDescription fmiVersion="3.0">
-  <BuildConfiguration modelIdentifier="{name}">
-    <SourceFileSet language="C99">{files}</SourceFileSet>
-  </BuildConfiguration>
-</fmiBuildDescription>
-"""
-
-
-def _units(variables: Sequence[Variable]) -> str:
-    return "\n".join(
-        f'    <Unit name="{unit}">{base}</Unit>'
-        for unit, base in FMI_UNITS.items()
-        if any(v.unit == unit for v in variables)
-    )
-
-
-def write_fmu(code: CCode, path: Path, version: FmiVersion = 2) -> tuple[str, ...]:
+def write_fmu(code: CCode, path: Path) -> tuple[str, ...]:
     """Write the FMU, with a binary where a compiler and a name for the platform are.
-
-    Args:
-        code: The model in C, with a torque or with a state.
-        path: The file.
-        version: Of FMI.
 
     Returns:
         Names of the files in it.
@@ -214,16 +140,11 @@ def write_fmu(code: CCode, path: Path, version: FmiVersion = 2) -> tuple[str, ..
     sources = {
         f"{code.name}.h": code.header(),
         f"{code.name}.c": source,
-        f"{code.name}_fmi{version}.c": (fmi2_code if version == 2 else fmi3_code)(
-            code, guid, starts
-        ),
+        f"{code.name}_fmi2.c": fmi2_code(code, guid, starts),
     }
     files = {f"sources/{name}": text.encode() for name, text in sources.items()}
-    described = model_description if version == 2 else model_description_3
-    files["modelDescription.xml"] = described(code, guid).encode()
-    if version == 3:
-        files["sources/buildDescription.xml"] = build_description(code.name, [*sources]).encode()
-    files |= _binary(code.name, sources, version)
+    files["modelDescription.xml"] = model_description(code, guid).encode()
+    files |= _binary(code.name, sources)
     with ZipFile(path, "w", ZIP_DEFLATED) as archive:
         for name in sorted(files):
             # a fixed date: the same model is the same file
@@ -236,9 +157,9 @@ def compiler() -> str | None:
     return next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
 
 
-def _binary(name: str, sources: dict[str, str], version: FmiVersion) -> dict[str, bytes]:
+def _binary(name: str, sources: dict[str, str]) -> dict[str, bytes]:
     """The shared library for this platform by its place in the FMU; none without a compiler."""
-    known = PLATFORMS[version].get((platform.system(), platform.machine()))
+    known = PLATFORMS.get((platform.system(), platform.machine()))
     found = compiler()
     if known is None or found is None:
         return {}

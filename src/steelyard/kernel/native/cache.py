@@ -25,6 +25,7 @@ SOURCES = (
     "regression",
     "dynamics",
     "estimation/closed_loop",
+    "estimation/external",
     "virtual/laws.py",
     "model.py",
 )

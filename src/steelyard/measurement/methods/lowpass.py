@@ -16,6 +16,10 @@ from steelyard.measurement.convolve import Bank, Response
 ORDER = 4
 TAIL = 1e-12
 """What is left of the impulse response where it is cut off."""
+FINE = 40.0
+"""Sampling rate over cut-off at which the noise bandwidth is taken."""
+FREQUENCIES = 4096
+"""Frequencies that it is summed over."""
 
 
 def butterworth(cutoff: float, rate: float, order: int = ORDER) -> Response:
@@ -43,6 +47,13 @@ def settling(cutoff: float, rate: float, order: int = ORDER, tail: float = TAIL)
     poles = np.tan(np.pi * cutoff / rate) * np.exp(0.5j * np.pi * (2 * k + order + 1) / order)
     slowest = np.abs((1.0 + poles) / (1.0 - poles)).max()
     return int(np.ceil(np.log(tail) / np.log(slowest))) + 1
+
+
+def noise_bandwidth(cutoff: float) -> float:
+    """Bandwidth of an ideal low-pass that leaves as much of white noise as `butterworth` [Hz]."""
+    omega = (np.arange(FREQUENCIES) + 0.5) * np.pi / FREQUENCIES
+    gain = butterworth(cutoff, FINE * cutoff)(omega)
+    return float(0.5 * FINE * cutoff * np.mean(np.square(gain)))
 
 
 def low_pass(cutoff: float, rate: float, order: int = ORDER, tail: float = TAIL) -> Bank:

@@ -1,0 +1,1 @@
+"""External torque and wrench: what pushes a robot, from the torque that its model leaves over."""

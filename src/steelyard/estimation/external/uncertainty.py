@@ -1,0 +1,82 @@
+r"""How far predicted efforts may be off, with the correlation between joints.
+
+$$S = Y C Y^T + D R D$$
+
+with the regressor $Y$ and the covariance $C$ of its parameters, residuals of the standard
+deviations $D$ by joint and speed, as left-out motions have them, and their correlation $R$. A
+joint at rest has friction anywhere in its dead zone.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.arrays import Array
+from steelyard.estimation.calibration import Calibration
+from steelyard.estimation.estimate import Z95
+
+
+@dataclass(frozen=True, eq=False)
+class EffortUncertainty:
+    """Uncertainty of the efforts that a model predicts.
+
+    Attributes:
+        factor: `F`, with `F @ F.T` the covariance of the columns' parameters, shape `(c, k)`.
+        sigma: Standard deviation of residuals behind the observer, shape `(n,)` [Nm; N].
+        dead_zone: Half of the friction's dead zone at rest, shape `(n,)` [Nm; N].
+        calibration: How much wider residuals of left-out motions are, and their correlation.
+    """
+
+    factor: Array
+    sigma: Array
+    dead_zone: Array
+    calibration: Calibration | None
+
+    def factor_of(self, speed: Array, moving: NDArray[np.bool_]) -> Array:
+        """How much wider residuals of left-out motions are than those of the fit, `(n, B)`.
+
+        Args:
+            speed: Velocities, shape `(n, B)` [rad/s; m/s].
+            moving: Whether each joint moves, likewise.
+        """
+        if self.calibration is None:
+            return np.ones(speed.shape)
+        return np.asarray(self.calibration.factor(speed, moving) / Z95)
+
+    def covariance(self, columns: Array, speed: Array, moving: NDArray[np.bool_]) -> Array:
+        """Covariance of the efforts that the model predicts wrongly, shape `(B, n, n)`.
+
+        As in prediction bands, factors below 1 do not make parameters surer.
+
+        Args:
+            columns: Regressor entries, shape `(B, n, c)`.
+            speed: Velocities, shape `(n, B)` [rad/s; m/s].
+            moving: Whether each joint moves, likewise.
+        """
+        factor = self.factor_of(speed, moving)
+        noise = factor * self.sigma[:, None]
+        noise = np.where(moving, noise, np.maximum(noise, self.at_rest[:, None])).T
+        spread = np.maximum(factor, 1.0).T[:, :, None] * (columns @ self.factor)
+        noise_part = noise[:, :, None] * self.correlation * noise[:, None, :]
+        return np.asarray(spread @ spread.swapaxes(1, 2) + noise_part)
+
+    @cached_property
+    def at_rest(self) -> Array:
+        """Standard deviation of a joint that rests in the dead zone of its friction, `(n,)`."""
+        return np.asarray(np.hypot(self.sigma, self.dead_zone / np.sqrt(3.0)))
+
+    @cached_property
+    def correlation(self) -> Array:
+        """Correlation of residuals between joints, shape `(n, n)`; none if nothing is known."""
+        known = None if self.calibration is None else self.calibration.correlation
+        return np.eye(len(self.sigma)) if known is None else known
+
+
+def covariance_root(covariance: Array) -> Array:
+    """A factor of a covariance that rounding may have made slightly indefinite."""
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    scale = np.where(std > 0.0, std, 1.0)
+    values, vectors = np.linalg.eigh(covariance / scale[:, None] / scale)
+    return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
