@@ -93,6 +93,32 @@ def test_a_robot_mounted_sideways_is_found(
     )
 
 
+def test_a_wrong_transmission_leaves_the_robot_file_undecided(
+    tmp_path: Path, command: Command
+) -> None:
+    data = os.environ.get("STEELYARD_DATA")
+    if not data:
+        pytest.skip("STEELYARD_DATA names no folder with the robots' data")
+    log = Path(data) / "tx40" / "tx40_run1.parquet"
+    right = Path(__file__).parents[2] / "examples" / "tx40.toml"
+    done = command("check", right, log, "--quick")
+    assert done.exit_code == 0 and "Undecided" not in done.stdout
+    text = right.read_text("utf-8").replace("-48.0", "48.0").partition("  # Rotor")[0]
+    _, _, signals = right.read_text("utf-8").partition("\n[signals]")
+    kept = (x for x in (f"{text}]\n\n[signals]{signals}").split("\n") if "position_off" not in x)
+    wrong = tmp_path / "tx40.toml"
+    wrong.write_text("\n".join(x for x in kept if not x.startswith("coupling")), "utf-8")
+    done = command("check", wrong, log, "--quick")
+    words = " ".join(done.stdout.split())
+    assert done.exit_code == 1 and "questions are open; the robot file may be wrong" in words
+    assert "next compare signs, gear ratios, couplings, position_offset" in words
+    assert "steelyard identify" not in words
+    done = command("identify", wrong, log, "-o", tmp_path / "model")
+    words = " ".join(done.stdout.split())
+    assert "! check of the logs: " in words and "questions are open; the robot file may" in words
+    assert f"next steelyard check {wrong} {log}" in words and "--to urdf" not in words
+
+
 def test_the_document_lists_every_suspicion() -> None:
     document = Path(__file__).parents[2] / "docs" / "check.md"
     listed = re.findall(r"^\| (\w[\w ]*?)(?: ²)? \|", document.read_text("utf-8"), re.M)

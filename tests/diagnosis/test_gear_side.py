@@ -7,14 +7,17 @@ import pytest
 
 from diagnosis.fitted import case as fitted_case
 from diagnosis.fitted import demo_arm, log
-from steelyard.diagnosis import Case, Severity
+from steelyard.cli.check import hints
+from steelyard.diagnosis import Case, Diagnosis, Severity
 from steelyard.diagnosis.fitted.fitted_case import FittedCase
 from steelyard.diagnosis.fitted.rotors_at_zero import RotorsAtZero
 from steelyard.diagnosis.gear_side import GearSide, rotors_of
+from steelyard.identification.check import CheckResult
 from steelyard.identification.check_case import Subject, case_of
 from steelyard.identification.logs import log_files
 from steelyard.parameters import Parameters
 from steelyard.progress import silent
+from steelyard.report.check_page import CheckContent
 from steelyard.robot_file.file import load_robot
 from steelyard.virtual.invent import random_truth
 
@@ -38,7 +41,7 @@ def case(folder: Path, rotors: float, *changes: tuple[str, str]) -> Case:
 
 def test_rotors_in_the_torques_decide(tmp_path: Path) -> None:
     (finding,) = GearSide()(case(tmp_path, 1.0))
-    assert finding.answered and finding.severity == Severity.OK
+    assert finding.answered and finding.severity == Severity.OK and finding.fix is None
     assert finding.says == (
         "torques contain those of the rotors: 4 of 4 rotor inertias are significantly positive"
     )
@@ -49,6 +52,12 @@ def test_without_them_the_question_is_open(tmp_path: Path) -> None:
     assert not finding.answered and finding.severity == Severity.OK
     assert finding.figure == "0 of 4 rotor inertias are significantly positive"
     assert 'kind = "link_torque" without rotor_inertia' in finding.says
+    content = CheckContent("arm", "arm.toml", ("run.csv",), None, Diagnosis((finding,)), {})
+    assert hints(CheckResult(content), None, ["arm.toml", "run.csv"])[1:] == [
+        'next        kind = "link_torque" in arm.toml, no rotor_inertia in terms'
+        "  if sensors are behind the gears",
+        "            steelyard identify arm.toml run.csv",
+    ]
 
 
 @pytest.mark.parametrize("kind", ["joint_torque", "link_torque"])

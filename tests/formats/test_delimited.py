@@ -48,6 +48,38 @@ def test_dialects(tmp_path: Path, content: str | bytes) -> None:
     )
 
 
+@pytest.mark.parametrize(
+    "content",
+    [
+        "what is all of this and all that\nis text, and no table\nof 3 numbers\n",
+        "all that is all\n",
+        "a, b, a\nsome text\n# 1, 2, 3\n",
+    ],
+)
+def test_text_that_is_no_table_is_refused(tmp_path: Path, content: str) -> None:
+    with pytest.raises(LogError, match="does not look like a table"):
+        read(tmp_path / "bad.csv", content)
+
+
+@pytest.mark.parametrize(
+    ("content", "columns"),
+    [
+        ("t,a,b\n", ("t", "a", "b")),
+        ("t a b\n", ("t", "a", "b")),
+        ("t,a,b\n0,left,right\n", ("t", "a", "b")),
+        ("t,a,b\n,,\n", ("t", "a", "b")),
+        ("t,a,b\nnothing here\n", ("t", "a", "b")),
+        ("t a b\n0 left right\n", ("t", "a", "b")),
+    ],
+)
+def test_tables_with_few_numbers_are_read(
+    tmp_path: Path, content: str, columns: tuple[str, ...]
+) -> None:
+    path = tmp_path / "few.csv"
+    path.write_text(content)
+    assert open_log(path).columns == columns
+
+
 def test_broken_cells_are_nan_and_no_row_is_lost(tmp_path: Path) -> None:
     content = (
         b"t,a,b\n0,1,2\n1,oops,2\n2,,2\n3,1e293,inf\n4,1\n5,1,2,9,9\n\n"

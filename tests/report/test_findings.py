@@ -94,6 +94,44 @@ def test_words_of_the_verdict() -> None:
     assert [group.severity for group in groups(diagnosis())] == [0, 0, 1, 2]
 
 
+def opened(checks: str, misfit: float) -> Diagnosis:
+    """Checks that a misfit leaves open, beside one that is ok."""
+    declared = ComparedHypothesis("as declared", misfit, 0.0, declared=True)
+    findings = [
+        Finding(name, "run", Severity.OK, "?", "", hypotheses=(declared,), answered=False)
+        for name in checks.split(", ")
+    ]
+    return Diagnosis((*findings, *many(Severity.OK, 1).findings))
+
+
+BASIC = "joint order, effort unit, mounting"
+
+
+@pytest.mark.parametrize(
+    ("checks", "misfit", "words"),
+    [
+        (BASIC, 15.0, "Undecided: 3 of 4 questions are open; the robot file may be wrong"),
+        (f"{BASIC}, gain", 15.0, "Undecided: 4 of 5 questions are open; "),
+        (BASIC, 10.0, "Ok, but 3 questions could not be decided"),
+        ("joint order, gain, payload", 15.0, "Ok, but 3 questions could not be decided"),
+    ],
+)
+def test_basic_questions_that_a_misfit_leaves_open_are_doubtful(
+    checks: str, misfit: float, words: str
+) -> None:
+    said = opened(checks, misfit)
+    assert headline(said).startswith(words)
+    assert said.undecided == words.startswith("Undecided")
+    assert said.severity == (Severity.DOUBTFUL if said.undecided else Severity.OK)
+    assert words.split(";")[0] in printed(said) and not said.edits
+    assert diagnosis_dict(said)["severity"] == said.severity.word
+
+
+def test_a_finding_comes_before_open_questions() -> None:
+    wrong = Diagnosis((*opened(BASIC, 15.0).findings, *many(Severity.WRONG, 1).findings))
+    assert not wrong.undecided and headline(wrong) == "Wrong: clock"
+
+
 def test_json_has_stable_keys_and_no_infinity() -> None:
     told = json.loads(json.dumps(diagnosis_dict(diagnosis()), allow_nan=False))
     assert list(told) == ["severity", "findings", "edits"]

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from steelyard.diagnosis import Finding, Fix, Severity
+from steelyard.diagnosis import Diagnosis, Finding, Fix, Severity
+from steelyard.diagnosis.finding import ComparedHypothesis
 from steelyard.diagnosis.fitted.rotors_at_zero import RotorsAtZero
 from steelyard.report import ReportContent
 from steelyard.report.text.next_steps import fixing, next_steps, robot_file, step_lines
@@ -41,9 +42,11 @@ def test_friction_is_to_be_chosen_where_residuals_are_no_noise_and_it_was_not(us
 
 
 def test_rotor_inertias_at_zero_propose_sensors_behind_the_gears(usual):
-    zero = Finding(RotorsAtZero.name, "", Severity.OK, "rotors", "", headline=True)
+    fix = Fix("if so, other sensors")
+    zero = Finding(RotorsAtZero.name, "", Severity.OK, "rotors", "", fix=fix, headline=True)
     steps = commands(replace(usual, limitations=(zero,)))
     assert steps[0] == 'kind = "link_torque" in arm.toml, no rotor_inertia in terms'
+    assert steps[1:] == commands(replace(usual, limitations=(replace(zero, fix=None),)))
 
 
 def test_what_is_wrong_with_a_log_comes_first_with_its_path(usual):
@@ -68,10 +71,23 @@ def test_a_poor_error_without_a_reason_is_to_be_checked(usual):
     assert commands(content) == ["steelyard check arm.toml run1.csv points.csv"]
 
 
+def test_an_undecided_robot_file_is_to_be_checked_first(usual):
+    declared = ComparedHypothesis("as declared", 15.0, 0.0, declared=True)
+    names = ("joint order", "effort unit", "mounting")
+    findings = [
+        Finding(name, "", Severity.OK, "?", "", hypotheses=(declared,), answered=False)
+        for name in names
+    ]
+    logs = {"run1": "run1.csv", "points": "points.csv"}
+    content = replace(usual, diagnosis=Diagnosis(tuple(findings)), logs=logs)
+    assert commands(content)[0] == "steelyard check arm.toml run1.csv points.csv"
+
+
 def test_steps_stand_below_each_other():
-    assert step_lines((("one", "first"), ("another", ""))) == [
+    assert step_lines((("one", "first"), ("another", "then"), ("a long command", ""))) == [
         "next    one      first",
-        "        another",
+        "        another  then",
+        "        a long command",
     ]
     assert step_lines(()) == []
 

@@ -15,6 +15,13 @@ if TYPE_CHECKING:
     from steelyard.identification.check import CheckResult
 
 
+COMPARE = (
+    "compare signs, gear ratios, couplings, position_offset and units in the robot file with the "
+    "data sheet, or give --model"
+)
+"""What to do where the logs do not decide whether the robot file is right."""
+
+
 @guarded
 def check(
     robot: RobotArgument,
@@ -102,7 +109,7 @@ def hints(found: "CheckResult", folder: Path | None, named: Sequence[str]) -> li
         folder: Of the page, if there is one.
         named: Robot file and logs as they were given, to be identified from; else empty.
     """
-    from steelyard.report.text.next_steps import identifying
+    from steelyard.report.text.next_steps import gear_side_steps, identifying, step_lines
 
     lines, used = [""], list(named)
     if found.fixed is not None and found.fixed.changes:
@@ -114,6 +121,10 @@ def hints(found: "CheckResult", folder: Path | None, named: Sequence[str]) -> li
         lines.append("--fix       writes a new robot file with these lines, and checks again")
     if folder is None and found.content.diagnosis.severity:
         lines.append("-o FOLDER   writes a page with the plots")
+    steps = gear_side_steps(found.last.findings, used[0] if used else found.content.file)
+    if found.last.undecided:
+        steps.insert(0, (COMPARE, ""))
     if named and not found.last.severity:
-        lines.append(f"next        {identifying(used[0], used[1:])}")
+        steps.append((identifying(used[0], used[1:]), ""))
+    lines += step_lines(tuple(steps), 12)
     return lines if len(lines) > 1 else []

@@ -5,10 +5,25 @@ from dataclasses import dataclass
 
 from steelyard.diagnosis.case import Case
 from steelyard.diagnosis.check import Check
+from steelyard.diagnosis.decision.checks import (
+    EFFORT_KIND,
+    EFFORT_SIGN,
+    EFFORT_UNIT,
+    JOINT_ORDER,
+    MOUNTING,
+    POSITION_SIGN,
+)
+from steelyard.diagnosis.decision.verdict import CLEAN
 from steelyard.diagnosis.finding import Edit, Finding, Severity
 from steelyard.diagnosis.register import CHECKS
 from steelyard.diagnosis.together import together
 from steelyard.progress import tell
+
+BASIC = (JOINT_ORDER, POSITION_SIGN, EFFORT_SIGN, EFFORT_UNIT, EFFORT_KIND, MOUNTING)
+"""Checks without whose answers nobody knows whether the robot file describes the log."""
+
+SEVERAL = 3
+"""Basic questions from which on a large misfit that leaves them open is doubtful."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,8 +38,21 @@ class Diagnosis:
 
     @property
     def severity(self) -> Severity:
-        """The worst of all."""
-        return max((f.severity for f in self.findings), default=Severity.OK)
+        """The worst of all; doubtful where no finding is, but the robot file is undecided."""
+        worst = max((f.severity for f in self.findings), default=Severity.OK)
+        return Severity.DOUBTFUL if self.undecided else worst
+
+    @property
+    def open_checks(self) -> tuple[str, ...]:
+        """The checks that could not be answered, on one log at least."""
+        return tuple(dict.fromkeys(f.check for f in self.findings if not f.answered))
+
+    @property
+    def undecided(self) -> bool:
+        """Whether nothing is suspicious, but a large misfit leaves several basic checks open."""
+        names = {check.name for check in BASIC}
+        hidden = {f.check for f in self.findings if not f.answered and _misfit(f) > CLEAN}
+        return len(names & hidden) >= SEVERAL and not any(f.severity for f in self.findings)
 
     @property
     def edits(self) -> tuple[Edit, ...]:
@@ -39,6 +67,11 @@ class Diagnosis:
                 for edit in finding.fix.edits:
                     chosen.setdefault(edit.path, edit)
         return tuple(chosen.values())
+
+
+def _misfit(finding: Finding) -> float:
+    """Of what the robot file declares [%]; zero where no hypotheses were compared."""
+    return next((one.misfit for one in finding.hypotheses if one.declared), 0.0)
 
 
 def examine(case: Case, *, quick: bool = False, checks: Sequence[Check] | None = None) -> Diagnosis:

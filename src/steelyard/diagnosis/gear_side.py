@@ -7,7 +7,7 @@ inertias that are significantly positive say that it is contained.
 from typing import ClassVar
 
 from steelyard.diagnosis.case import Case
-from steelyard.diagnosis.finding import Finding, Severity
+from steelyard.diagnosis.finding import Finding, Fix, Severity
 from steelyard.diagnosis.identifiability import customary_model, longest_run
 from steelyard.errors import SteelyardError
 from steelyard.estimation.estimate import Estimate
@@ -65,4 +65,5 @@ def _finding(name: str, estimate: Estimate) -> Finding:
     says = (
         f"undecided: {figure}; if the sensors are behind the gears, use {INSTEAD} in [model] terms"
     )
-    return Finding(name, "", Severity.OK, says, figure, answered=False)
+    fix = None if sure or not rotors else Fix(f"if sensors are behind the gears, use {INSTEAD}")
+    return Finding(name, "", Severity.OK, says, figure, fix=fix, answered=False)

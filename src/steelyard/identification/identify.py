@@ -42,6 +42,7 @@ from steelyard.parameters import Parameters
 from steelyard.progress import Progress, silent
 from steelyard.report import ReportContent, parameters_csv, render, summary
 from steelyard.report.sections.register import SECTIONS
+from steelyard.report.text.findings import open_words
 from steelyard.report.text.table import rows
 from steelyard.report.text.verdict import Verdict, verdict
 from steelyard.robot_file.file import load_robot
@@ -199,7 +200,7 @@ def identify(
     content = replace(content, diagnosis=found_out)
     limits = _limitations(found, unseen, content, progress)
     limits += of_base(file, () if found_out is None else found_out.findings)
-    content = replace(content, limitations=limits)
+    content = replace(content, limitations=(*_undecided(found_out), *limits))
     if sensitivity:
         content = varied(content, found, (known, unknown), cores, progress)
     if bootstrap is not None:
@@ -249,6 +250,16 @@ def _limitations(
         fit.scales,
     )
     return examine_fit(case, progress)
+
+
+def _undecided(diagnosis: Diagnosis | None) -> tuple[Finding, ...]:
+    """That the check before could not decide whether the robot file describes the logs."""
+    if diagnosis is None or not diagnosis.undecided:
+        return ()
+    says = f"check of the logs: {open_words(diagnosis)}"
+    return (
+        Finding("open questions", "", Severity.DOUBTFUL, says, ", ".join(diagnosis.open_checks)),
+    )
 
 
 def _unresolved(diagnosis: Diagnosis | None, fitted: Sequence[Run]) -> tuple[Finding, ...]:

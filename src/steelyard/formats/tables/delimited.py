@@ -11,7 +11,7 @@ from steelyard.arrays import Array
 from steelyard.errors import LogError
 from steelyard.extras import available
 from steelyard.formats.log import PART, Rows, require_columns, require_file
-from steelyard.formats.tables.header import read_header
+from steelyard.formats.tables.header import is_table, read_header
 
 CHUNK = 1 << 22
 """Bytes read at a time."""
@@ -74,6 +74,12 @@ class DelimitedLog:
             )
         _require_text(path, b"".join(lines[: header.body]))
         _require_width(path, header.columns)
+        if not is_table(text, header):
+            raise LogError(
+                "the file does not look like a table: its lines hold no rows of numbers",
+                where=str(path),
+                fix="give a log: a header, and one row of numbers per sample",
+            )
         body = sum(len(line) + 1 for line in lines[: header.body])
         return cls(path, header.columns, header.separator, header.decimal_comma, body)
 

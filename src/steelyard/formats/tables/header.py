@@ -46,6 +46,25 @@ def read_header(lines: Sequence[str]) -> Header | None:
     return max(found, key=lambda view: view[0])[1] if found else None
 
 
+def is_table(lines: Sequence[str], header: Header) -> bool:
+    """Whether some row below a header has numbers; without, whether the header is one of a table.
+
+    Words divided by blanks, with other words below them, are no names of columns; nor are names
+    that repeat.
+    """
+    rows = [
+        cells_of(line, header.separator)
+        for line in lines[header.body :]
+        if line.strip() and not line.startswith(COMMENT)
+    ]
+    names = header.columns
+    if any(
+        _is_row(row, ()) or (len(row) == len(names) and not all(map(_is_word, row))) for row in rows
+    ):
+        return True
+    return len(set(names)) == len(names) and not (rows and header.separator == " ")
+
+
 def _seen(
     lines: Sequence[str], separator: str
 ) -> tuple[tuple[bool, bool, int, int, int], Header] | None:

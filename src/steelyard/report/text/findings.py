@@ -65,6 +65,8 @@ def headline(diagnosis: Diagnosis) -> str:
     worst = diagnosis.severity
     if not diagnosis.findings:
         return "No check applies"
+    if diagnosis.undecided:
+        return f"Undecided: {open_words(diagnosis)}"
     if worst == 0:
         open_ones = sum(not finding.answered for finding in diagnosis.findings)
         told = "Ok: no error was found"
@@ -75,6 +77,12 @@ def headline(diagnosis: Diagnosis) -> str:
         return "; ".join((told, *beside))
     names = [f.check for f in diagnosis.findings if f.severity == worst]
     return f"{worst.word.capitalize()}: {', '.join(dict.fromkeys(names))}"
+
+
+def open_words(diagnosis: Diagnosis) -> str:
+    """How many questions are open, where that makes the robot file doubtful."""
+    asked = count(len({finding.check for finding in diagnosis.findings}), "question")
+    return f"{len(diagnosis.open_checks)} of {asked} are open; the robot file may be wrong"
 
 
 def tally(diagnosis: Diagnosis) -> str:

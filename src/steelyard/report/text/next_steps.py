@@ -11,6 +11,7 @@ from steelyard.report.text.table import rows
 from steelyard.report.text.verdict import verdict
 
 if TYPE_CHECKING:
+    from steelyard.diagnosis import Finding
     from steelyard.report.content import ReportContent
 
 MODEL_ERROR = "model error"
@@ -35,24 +36,31 @@ def next_steps(content: ReportContent, robot: str, model: Path) -> tuple[Step, .
         model: The folder with the model.
     """
     steps = list(fixing(content, str(model), robot))
+    logs = " ".join(content.logs.values())
+    if content.diagnosis is not None and content.diagnosis.undecided:
+        steps.insert(0, (f"steelyard check {robot} {logs}", "open questions about the robot file"))
     if not content.scores:
         steps.append((f"steelyard validate {model} OTHER_LOG", "error on another motion"))
     elif verdict(content).level == "poor" and not steps:
-        logs = " ".join(content.logs.values())
         steps.append((f"steelyard check {robot} {logs}", "errors in the logs or the robot file"))
     if content.friction is None and any(
         found.check == MODEL_ERROR and not found.severity for found in content.limitations
     ):
         steps.append((f'friction = "auto" in {robot}, [model]', "laws chosen from the logs"))
-    if any(found.check == GEAR_SIDE for found in content.limitations):
-        edit = f'kind = "link_torque" in {robot}, no rotor_inertia in terms'
-        steps.append((edit, "if sensors are behind the gears"))
+    steps += gear_side_steps(content.limitations, robot)
     if content.identified is not None and _weak(content) > MANY:
         command = f"steelyard excite {robot} --earlier {model} --still-unknown"
         steps.append((command, "a motion for the rest"))
     if verdict(content).level == "good":
         steps.append((f"steelyard export {model} --to urdf", "use the model elsewhere"))
     return tuple(steps)
+
+
+def gear_side_steps(findings: Sequence[Finding], robot: str) -> list[Step]:
+    """The edit for sensors behind the gears, where a finding proposes it."""
+    edit = f'kind = "link_torque" in {robot}, no rotor_inertia in terms'
+    proposed = any(found.check == GEAR_SIDE and found.fix is not None for found in findings)
+    return [(edit, "if sensors are behind the gears")] if proposed else []
 
 
 def identifying(robot: str, logs: Sequence[str]) -> str:
@@ -83,12 +91,12 @@ def robot_file(content: ReportContent) -> str:
     )
 
 
-def step_lines(steps: tuple[Step, ...]) -> list[str]:
-    """The steps as lines of a terminal, none without."""
-    width = max((len(step) for step, _ in steps), default=0)
-    heads = ("next    ", *["        "] * (len(steps) - 1))
+def step_lines(steps: tuple[Step, ...], indent: int = 8) -> list[str]:
+    """The steps as lines of a terminal, `indent` columns of each for the heading; none without."""
+    width = max((len(step) for step, purpose in steps if purpose), default=0)
+    heads = ("next", *[""] * (len(steps) - 1))
     return [
-        f"{head}{step:{width}}  {purpose}".rstrip()
+        f"{head:{indent}}{step:{width}}  {purpose}".rstrip()
         for head, (step, purpose) in zip(heads, steps, strict=False)
     ]
 
