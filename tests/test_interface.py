@@ -4,6 +4,7 @@ import doctest
 import operator
 import re
 import types
+from dataclasses import replace
 from pathlib import Path
 from shutil import copyfile
 
@@ -129,6 +130,11 @@ def test_results_print_save_and_tabulate(folder: Path, tmp_path: Path) -> None:
     assert "joint1" in str(found) and found.verdict.headline[:60] in str(found)
     assert found.scores["joint"].to_list() == ["joint1", "joint2"] * 2
     assert set(found.parameters["name"]) >= set(found.model.estimate.parameters.names)
+    level = found.verdict.level.upper()
+    assert repr(found).startswith(f"Identification({found.content.robot}: {level}, ")
+    assert repr(found).endswith(" % of the rated effort)") and "\n" not in repr(found)
+    untested = replace(found, content=replace(found.content, scores=()))
+    assert repr(untested) == f"Identification({found.content.robot}: no verdict)"
     assert "<strong>" in found._repr_html_() and "joint2" in found._repr_html_()
     assert found.report().startswith("<!doctype html>")
     saved = found.save(tmp_path / "out")
