@@ -4,6 +4,7 @@ import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import ClassVar
 from xml.etree import ElementTree
 
 import numpy as np
@@ -151,6 +152,8 @@ def test_the_description_of_the_package_names_the_plugin(tmp_path: Path) -> None
 @dataclass(frozen=True)
 class Positional(Viscous):
     """Friction that grows with the position as well."""
+
+    law: ClassVar[str] = "positional"  # machine code is cached by the names of laws
 
     def columns(self, robot: Robot, state: JointState) -> Columns:
         return spread(self.axes(robot), lambda _, axis: axis.of(state.dq) * axis.of(state.q))

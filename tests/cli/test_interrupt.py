@@ -172,10 +172,7 @@ def test_ctrl_c_from_outside_while_it_works(work: Path) -> None:
 
 
 SWALLOWED = """
-import os, signal, sys
-from identification.test_method import ARM
-from steelyard.cli import interrupt
-from steelyard.cli.app import app
+import os, signal
 from steelyard.cli.main import main
 from steelyard.cli import app as commands
 
