@@ -15,6 +15,9 @@ from steelyard.report.sections.model.friction import FrictionSection
 from steelyard.report.sections.model.per_run import PerRunSection
 from steelyard.report.sections.section import Section
 from steelyard.report.sections.tables import PlainTable
+from steelyard.terms.laws.presliding import Dahl
+from steelyard.terms.laws.viscous import Viscous
+from steelyard.validation.friction.friction import MixScore
 
 NEW: tuple[Section, ...] = (FrictionSection(), DrivesSection(), PerRunSection())
 
@@ -135,6 +138,40 @@ def test_the_terminal_has_the_same_tables(usual: ReportContent) -> None:
     text = printed(replace(usual, gains=lacking))
     lines = [[c.strip() for c in line.split("│")[1:-1]] for line in text.splitlines()]
     assert ["elbow", "9.83", "assumed: not identifiable, mean of the others", "Nm/A"] in lines
+
+
+def test_laws_without_memory_are_named_beside_laws_with_memory(usual: ReportContent) -> None:
+    choice, section = usual.friction, FrictionSection()
+    assert choice is not None and choice.without_memory is None
+    assert "without memory" not in printed(usual)
+    dahl = (Dahl(length=1e-3), Viscous())
+    score = MixScore("dahl (length 0.001) + viscous", dahl, 8.1, 30.0, 1.0, True)
+    table = (*(replace(mix, chosen=False) for mix in choice.table), score)
+    choice = replace(choice, terms=dahl, table=table)
+    content = replace(usual, friction=choice)
+    words = (
+        "or controllers without state choose laws without memory: coulomb (smoothing 0.02) + "
+        "viscous (error on motion left out 9.87 %)"
+    )
+    assert words in " ".join(str(part) for part in section.printed(content))
+    assert words in section.tables(content)[0].words
+    given = section.to_dict(content)["friction"]
+    assert given["without_memory"] == "coulomb (smoothing 0.02) + viscous"
+    assert replace(choice, table=(score,)).without_memory is None
+
+
+def test_given_laws_with_memory_are_a_detail(usual: ReportContent) -> None:
+    assert usual.identified is not None
+    given, section = replace(usual, friction=None), FrictionSection()
+    usual_parts = len(list(section.detailed(given)))
+    model = usual.identified.model
+    model = replace(model, terms=(*model.terms, Dahl(length=1e-3)))
+    content = replace(given, identified=replace(usual.identified, model=model))
+    *tables, line = section.detailed(content)
+    assert len(tables) == usual_parts
+    assert str(line).startswith("friction laws with memory (dahl): for controllers without state")
+    chosen = section.detailed(replace(content, friction=usual.friction))
+    assert not any("with memory" in str(part) for part in chosen)
 
 
 def test_gains_in_the_terminal_have_intervals_or_an_origin(usual: ReportContent) -> None:

@@ -29,7 +29,14 @@ from steelyard.terms.term import Term
 from steelyard.validation.cross import LEAST, folding, per_fold
 from steelyard.validation.friction.candidates import Candidates
 from steelyard.validation.friction.mix_errors import ConsistentOf, FrictionMixErrors
-from steelyard.validation.friction.mixes import DIRECTION, LOAD, SPEED, mix_name, stages_of
+from steelyard.validation.friction.mixes import (
+    DIRECTION,
+    LOAD,
+    SPEED,
+    mix_name,
+    remembers,
+    stages_of,
+)
 
 SURE, SURE_OF_ANY = 0.9, 0.95
 """Probability with which a loss over the parts must be one, by Student's distribution; and that to
@@ -80,10 +87,20 @@ class FrictionChoice:
         """The laws that were chosen."""
         return mix_name(self.terms)
 
+    @property
+    def without_memory(self) -> MixScore | None:
+        """The best mix without memory, where the chosen one has some."""
+        others = [mix for mix in self.table if not remembers(mix.terms)]
+        if not remembers(self.terms) or not others:
+            return None
+        return min(others, key=lambda mix: mix.error)
+
     def to_dict(self) -> dict[str, Any]:
         """As JSON values."""
+        other = self.without_memory
         return {
             "chosen": self.name,
+            "without_memory": None if other is None else other.name,
             "left_out": self.left_out,
             "table": [
                 {

@@ -10,6 +10,7 @@ from steelyard.report.content import ReportContent
 from steelyard.report.sections.section import TableSection
 from steelyard.report.sections.tables import PlainTable, Row
 from steelyard.report.text.words import count, significant
+from steelyard.terms.term import StatefulTerm
 from steelyard.validation.friction.friction import FrictionChoice
 
 if TYPE_CHECKING:
@@ -39,7 +40,22 @@ class FrictionSection(TableSection):
         from rich.text import Text
 
         if content.friction is not None:
-            yield Text(_chosen(content.friction))
+            other = without_memory(content.friction)
+            yield Text("\n".join(filter(None, (_chosen(content.friction), other))))
+
+    def detailed(self, content: ReportContent) -> Iterable[RenderableType]:
+        """The tables; that laws with memory need a state, where none were compared."""
+        from rich.text import Text
+
+        yield from super().detailed(content)
+        if content.friction is None and content.identified is not None:
+            terms = content.identified.model.terms
+            laws = [term.law for term in terms if isinstance(term, StatefulTerm)]
+            if laws:
+                yield Text(
+                    f"friction laws with memory ({', '.join(laws)}): for controllers without "
+                    'state choose laws without; friction = "auto" compares them'
+                )
 
     def to_dict(self, content: ReportContent) -> dict[str, Any]:
         """The choice of laws, and the fields."""
@@ -61,6 +77,17 @@ def _chosen(choice: FrictionChoice) -> str:
     )
 
 
+def without_memory(choice: FrictionChoice) -> str:
+    """The laws for a controller that keeps no state; empty if the chosen ones need none."""
+    other = choice.without_memory
+    if other is None:
+        return ""
+    return (
+        "for controllers without state choose laws without memory: "
+        f"{other.name} (error on motion left out {other.error:.2f} %)"
+    )
+
+
 def _mixes(choice: FrictionChoice) -> PlainTable:
     rows = [
         Row(
@@ -75,12 +102,14 @@ def _mixes(choice: FrictionChoice) -> PlainTable:
         )
         for mix in choice.table
     ]
+    other = without_memory(choice)
     return PlainTable(
         "Friction laws compared",
         f"Error on one {choice.left_out} from a fit to all others, each {choice.left_out} in turn: "
         f"{ERROR}; "
         "gain relative to the first row, with its standard error. A simpler combination is "
-        "preferred unless the gain of a better one is significant.",
+        "preferred unless the gain of a better one is significant."
+        + (f" {other[0].upper()}{other[1:]}." if other else ""),
         ("Friction laws", "Error", "Gain", "Spread", ""),
         rows,
         (0, 4),
