@@ -2,6 +2,8 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -18,6 +20,7 @@ from diagnosis.test_model_based import (
     wrong,
 )
 from steelyard.diagnosis import Edit, Severity
+from steelyard.diagnosis.decision import decidable
 from steelyard.diagnosis.decision import support as support
 from steelyard.diagnosis.decision.ranking import ranking
 from steelyard.diagnosis.decision.verdict import verdict
@@ -290,3 +293,31 @@ def test_a_mounting_that_leans_is_proposed_as_it_is(arm, lean):
         np.testing.assert_array_equal(found, [0.0, 0.0, -9.81])
     else:
         np.testing.assert_allclose(found, true, atol=0.02)
+
+
+@pytest.mark.parametrize(
+    ("misfit", "free", "identified", "hides"),
+    [
+        (15.0, 8.0, False, True),
+        (15.0, 2.0, False, False),
+        (15.0, 2.0, True, True),
+        (15.0, None, False, True),
+        (10.0, 8.0, False, False),
+    ],
+)
+def test_a_misfit_hides_faults_unless_other_link_inertias_explain_it(
+    misfit: float,
+    free: float | None,
+    identified: bool,
+    hides: bool,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    bodies = None if free is None else SimpleNamespace(percent=free)
+    monkeypatch.setattr(decidable, "possible", lambda *_: bodies)
+    likelihood = SimpleNamespace(
+        knowledge=SimpleNamespace(identified=identified),
+        score=lambda _: SimpleNamespace(percent=np.array([misfit])),
+    )
+    ranking = SimpleNamespace(likelihood=likelihood, declared=SimpleNamespace(interpretation=None))
+    decision = cast(Any, SimpleNamespace(ranking=ranking, winners=()))
+    assert decidable.misfit_hides(decision) == hides

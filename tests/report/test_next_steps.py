@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from steelyard.diagnosis import Diagnosis, Finding, Fix, Severity
-from steelyard.diagnosis.finding import ComparedHypothesis
 from steelyard.diagnosis.fitted.rotors_at_zero import RotorsAtZero
 from steelyard.report import ReportContent
 from steelyard.report.text.next_steps import fixing, next_steps, robot_file, step_lines
@@ -72,11 +71,9 @@ def test_a_poor_error_without_a_reason_is_to_be_checked(usual):
 
 
 def test_an_undecided_robot_file_is_to_be_checked_first(usual):
-    declared = ComparedHypothesis("as declared", 15.0, 0.0, declared=True)
     names = ("joint order", "effort unit", "mounting")
     findings = [
-        Finding(name, "", Severity.OK, "?", "", hypotheses=(declared,), answered=False)
-        for name in names
+        Finding(name, "", Severity.OK, "?", "", answered=False, hidden=True) for name in names
     ]
     logs = {"run1": "run1.csv", "points": "points.csv"}
     content = replace(usual, diagnosis=Diagnosis(tuple(findings)), logs=logs)

@@ -13,7 +13,6 @@ from steelyard.diagnosis.decision.checks import (
     MOUNTING,
     POSITION_SIGN,
 )
-from steelyard.diagnosis.decision.verdict import CLEAN
 from steelyard.diagnosis.finding import Edit, Finding, Severity
 from steelyard.diagnosis.register import CHECKS
 from steelyard.diagnosis.together import together
@@ -51,7 +50,7 @@ class Diagnosis:
     def undecided(self) -> bool:
         """Whether nothing is suspicious, but a large misfit leaves several basic checks open."""
         names = {check.name for check in BASIC}
-        hidden = {f.check for f in self.findings if not f.answered and _misfit(f) > CLEAN}
+        hidden = {f.check for f in self.findings if f.hidden}
         return len(names & hidden) >= SEVERAL and not any(f.severity for f in self.findings)
 
     @property
@@ -67,11 +66,6 @@ class Diagnosis:
                 for edit in finding.fix.edits:
                     chosen.setdefault(edit.path, edit)
         return tuple(chosen.values())
-
-
-def _misfit(finding: Finding) -> float:
-    """Of what the robot file declares [%]; zero where no hypotheses were compared."""
-    return next((one.misfit for one in finding.hypotheses if one.declared), 0.0)
 
 
 def examine(case: Case, *, quick: bool = False, checks: Sequence[Check] | None = None) -> Diagnosis:

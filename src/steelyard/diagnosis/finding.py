@@ -111,6 +111,7 @@ class Finding:
         hypotheses: Explanations that were compared, the likeliest first.
         nominal: Whether they were compared with the masses of a model file, not of a reference.
         answered: Whether the question could be answered; what is open is not suspicious.
+        hidden: Whether it is open because of a large misfit that other link inertias leave too.
         headline: Whether it stands beside the headline though it is ok.
     """
 
@@ -125,4 +126,5 @@ class Finding:
     hypotheses: tuple[ComparedHypothesis, ...] = ()
     nominal: bool = False
     answered: bool = True
+    hidden: bool = False
     headline: bool = False

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.diagnosis.decision.ranking import DECISIVE
-from steelyard.diagnosis.decision.support import HEAVIEST, LATE
+from steelyard.diagnosis.decision.support import FAIR, HEAVIEST, LATE
 from steelyard.diagnosis.decision.verdict import (
+    CLEAN,
     LEAST_DELAY,
     LEAST_MASS,
     LEAST_SHARE,
@@ -66,6 +67,15 @@ def undecided(decision: Verdict, cause: str) -> str:
         near = _near(likelihood, last.interpretation, score, cause)
     listed = ", ".join(near[:SHOWN]) + ", ..." * (len(near) > SHOWN)
     return f"undecided: {misfit}, but fits about as well with {listed}" if near else ""
+
+
+def misfit_hides(decision: Verdict) -> bool:
+    """Whether the misfit is large, and not one of the model file's link inertias alone."""
+    likelihood, last = decision.ranking.likelihood, last_of(decision).interpretation
+    if float(likelihood.score(last).percent[0]) <= CLEAN:
+        return False
+    bodies = None if likelihood.knowledge.identified else possible(likelihood, last)
+    return bodies is None or float(bodies.percent) > FAIR
 
 
 def _hidden(

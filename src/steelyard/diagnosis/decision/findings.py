@@ -6,7 +6,7 @@ import numpy as np
 
 from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.decision.confirm import confirmed
-from steelyard.diagnosis.decision.decidable import undecided
+from steelyard.diagnosis.decision.decidable import misfit_hides, undecided
 from steelyard.diagnosis.decision.fixes import edits_of
 from steelyard.diagnosis.decision.ranking import HOPELESS, known_of
 from steelyard.diagnosis.decision.support import no_bodies, other_bodies
@@ -101,6 +101,7 @@ def _of_log(
     if not mine:
         unexplained = cause == UNEXPLAINED and hopeless(decision)
         unclear = undecided(decision, cause) if has_finding(decision) else ""
+        answered = has_finding(decision) and not unclear
         yield Finding(
             cause,
             evidence.name,
@@ -110,7 +111,8 @@ def _of_log(
             fix=Fix(NO_HYPOTHESIS) if unexplained else None,
             hypotheses=shown,
             nominal=nominal,
-            answered=has_finding(decision) and not unclear,
+            answered=answered,
+            hidden=not answered and misfit_hides(decision),
         )
         return
     number, (hypothesis, severity) = mine[-1]
