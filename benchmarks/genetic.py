@@ -28,7 +28,7 @@ from steelyard.terms.laws.coulomb import Coulomb
 from steelyard.terms.laws.stribeck import Stribeck
 from steelyard.terms.laws.viscous import Viscous
 from steelyard.terms.open_fields import Find
-from steelyard.terms.term import Columns
+from steelyard.terms.term import Cause, Columns, Dissipation, Term
 
 RATE, REACHES, REACH_TIME, NOISE = 50.0, 16, 1.2, 0.02
 RANGES = np.deg2rad([[-20.0, 80.0], [80.0, 190.0]])
@@ -40,10 +40,12 @@ UPPER = np.array([0.5, 0.5, 0.5, *np.full(6, 1.0)])
 
 
 @dataclass(frozen=True)
-class Parallelogram:
+class Parallelogram(Term):
     """Inertia of a parallelogram five-bar whose two motors share an axis (their eq. 13)."""
 
     law: ClassVar[str] = "parallelogram"
+    dissipation: ClassVar[Dissipation] = "none"
+    cause: ClassVar[Cause] = "inertia"
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """Inertia of each motor's side, and their coupling."""
