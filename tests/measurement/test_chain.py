@@ -26,6 +26,9 @@ CHAINS = {
     "smoothed efforts": Processing(
         12.0, 4.0, motion=method_of("savitzky_golay", ""), effort=Butterworth(), effort_cutoff=9.0
     ),
+    "repeated passes": Processing(
+        12.0, 4.0, motion=MovingAverage(5, passes=2), effort=MovingAverage(9, passes=3)
+    ),
     "fir": Processing(12.0, 4.0, motion=method_of("fir", ""), outliers=None),
 }
 

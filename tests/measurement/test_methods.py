@@ -5,6 +5,7 @@ import pytest
 from scipy.signal import butter, savgol_filter, sosfiltfilt
 
 from steelyard.errors import LogError, ModelError
+from steelyard.measurement.chunks import apply
 from steelyard.measurement.methods.butterworth import Butterworth
 from steelyard.measurement.methods.fir import FIR
 from steelyard.measurement.methods.moving_average import (
@@ -152,6 +153,52 @@ def test_moving_average_ends_as_matlabs_smooth() -> None:
 
 
 @pytest.mark.parametrize("name", SMOOTHERS)
+def test_passes_are_the_smoother_applied_repeatedly(name: str) -> None:
+    """Ends included, and whatever the parts a segment comes in."""
+    once = smoother_of({"method": name}, "here").smooth(CUTOFF, RATE)
+    thrice = smoother_of({"method": name, "passes": 3}, "here").smooth(CUTOFF, RATE)
+    assert thrice.halo == 3 * (once.halo or 0)
+    x = walk(samples=3000)
+    expected = x
+    for _ in range(3):
+        expected = np.concatenate(list(apply(once, [expected])), axis=1)
+    parts = np.concatenate(list(apply(thrice, np.split(x, [7, 400, 900], axis=1), 50)), axis=1)
+    np.testing.assert_allclose(parts, expected, atol=1e-5 * np.abs(x).max())
+    assert np.abs(expected - np.concatenate(list(apply(once, [x])), axis=1)).max() > 0.1
+
+
+@pytest.mark.parametrize("name", ["butterworth", "fir", "savitzky_golay"])
+def test_passes_of_a_low_pass_of_motion_smooth_before_it(name: str) -> None:
+    """Two passes are one pass of positions that were smoothed by the same filter."""
+    smooth = smoother_of(name, "here").smooth(CUTOFF, RATE)
+    once = method_of(name, "here").designed(CUTOFF, RATE)
+    twice = method_of({"method": name, "passes": 2}, "here").designed(CUTOFF, RATE)
+    assert once.halo is not None and twice.halo == 2 * once.halo
+    x = walk(samples=4000)
+    for velocity in (None, walk(1, 4000)):
+        found = twice(x, velocity)
+        before = None if velocity is None else smooth(velocity)
+        expected = once(smooth(x), before)
+        spare = (expected.shape[2] - found.shape[2]) // 2
+        assert found.shape[2] > 500
+        inner = expected[:, :, spare : expected.shape[2] - spare]
+        for order in range(3):
+            scale = np.abs(inner[order]).max()
+            np.testing.assert_allclose(found[order], inner[order], atol=2e-4 * scale)
+
+
+def test_passes_of_the_moving_average_are_of_accelerations() -> None:
+    x = walk(samples=200)
+    once = MovingAverage(1).designed(CUTOFF, RATE)(x, None)
+    found = MovingAverage(5, passes=2).designed(CUTOFF, RATE)(x, None)
+    triangle = np.array([1, 2, 3, 4, 5, 4, 3, 2, 1]) / 25.0
+    for joint in range(2):
+        expected = np.convolve(once[2, joint], triangle, mode="valid")
+        np.testing.assert_allclose(found[2, joint], expected, atol=1e-8 * RATE**2)
+        np.testing.assert_array_equal(found[:2, joint], once[:2, joint, 4:-4])
+
+
+@pytest.mark.parametrize("name", SMOOTHERS)
 def test_smoothers_keep_a_constant(name: str) -> None:
     smoother: Smoother = smoother_of(name, "here")
     smooth = smoother.smooth(CUTOFF, RATE)
@@ -175,6 +222,9 @@ def test_settings_are_kept() -> None:
     assert method == SavitzkyGolay(21, 3)
     assert method_of(description_of(method), "here") == method
     assert in_words(method) == "savitzky golay, window 21, degree 3"
+    twice = smoother_of({"method": "moving_average", "span": 9, "passes": 2}, "here")
+    assert twice == MovingAverage(9, 2) and smoother_of(description_of(twice), "here") == twice
+    assert in_words(twice) == "moving average, span 9, passes 2"
 
 
 @pytest.mark.parametrize(
@@ -193,6 +243,11 @@ def test_settings_are_kept() -> None:
         ({"method": "moving_average", "span": 4}, "has no middle", "odd number"),
         ({"method": "moving_average", "span": -1}, "is not valid", "odd number"),
         ({"method": "fir", "suppression": 500.0}, "500 dB", "20 to 120 dB"),
+        ({"method": "moving_average", "passes": 0}, "applied 0 times", "from 1 to 20"),
+        ({"method": "butterworth", "passes": 21}, "applied 21 times", "from 1 to 20"),
+        ({"method": "savitzky_golay", "passes": 0}, "applied 0 times", "from 1 to 20"),
+        ({"method": "fir", "passes": -1}, "applied -1 times", "from 1 to 20"),
+        ({"method": "fir", "passes": 2.0}, "2.0 cannot be used for 'passes'", "integer"),
         ({"method": "fir", "transition": 0.0}, "a transition of 0", "up to 2"),
     ],
 )

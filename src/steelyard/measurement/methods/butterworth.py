@@ -10,6 +10,11 @@ from steelyard.errors import ModelError
 from steelyard.measurement.convolve import Bank, Response, Single
 from steelyard.measurement.methods.derivative import differentiated
 from steelyard.measurement.methods.lowpass import ORDER, butterworth, settling
+from steelyard.measurement.methods.passes import (
+    check_passes,
+    repeated_response,
+    repeated_smoother,
+)
 from steelyard.measurement.methods.protocols import Designed
 
 HIGHEST_ORDER = 12
@@ -22,12 +27,15 @@ class Butterworth:
 
     Attributes:
         order: Order of the filter that is run forward and backward.
+        passes: How often that is done.
     """
 
     name: ClassVar[str] = "butterworth"
     order: int = ORDER
+    passes: int = 1
 
     def __post_init__(self) -> None:
+        check_passes(self.passes, self.name)
         if not 1 < self.order <= HIGHEST_ORDER:
             raise ModelError(
                 f"a Butterworth low-pass of order {self.order} cannot be differentiated twice"
@@ -39,13 +47,15 @@ class Butterworth:
 
     def designed(self, cutoff: float, rate: float) -> Designed:
         """The filter and its derivatives for a cut-off [Hz] and a rate [Hz]."""
-        halo = settling(cutoff, rate, self.order)
-        return Differentiating(butterworth(cutoff, rate, self.order), halo, rate)
+        halo = self.passes * settling(cutoff, rate, self.order)
+        response = repeated_response(butterworth(cutoff, rate, self.order), self.passes)
+        return Differentiating(response, halo, rate)
 
     def smooth(self, cutoff: float, rate: float) -> Single:
         """The filter alone, for efforts."""
         halo = settling(cutoff, rate, self.order)
-        return Single(Bank([butterworth(cutoff, rate, self.order)], halo))
+        bank = Bank([butterworth(cutoff, rate, self.order)], halo)
+        return repeated_smoother(bank, self.passes)
 
 
 class Differentiating:

@@ -9,6 +9,11 @@ from steelyard.arrays import Array
 from steelyard.errors import LogError, ModelError
 from steelyard.measurement.convolve import Bank, Single
 from steelyard.measurement.methods.butterworth import Differentiating
+from steelyard.measurement.methods.passes import (
+    check_passes,
+    repeated_response,
+    repeated_smoother,
+)
 
 RINGING = 2
 """Halo over that of the filter itself: its derivatives ring on at the level of its suppression."""
@@ -24,13 +29,16 @@ class FIR:
         suppression: How far down the filter is behind its transition [dB].
         transition: Width of the transition from passing to stopping, around the cut-off at which
             half of an amplitude passes, over the cut-off.
+        passes: How often the filter is applied.
     """
 
     name: ClassVar[str] = "fir"
     suppression: float = 80.0
     transition: float = 1.0
+    passes: int = 1
 
     def __post_init__(self) -> None:
+        check_passes(self.passes, self.name)
         low, high = SUPPRESSIONS
         if not low <= self.suppression <= high:
             raise ModelError(
@@ -50,17 +58,18 @@ class FIR:
         from scipy.signal import freqz
 
         taps = self.taps(cutoff, rate)
-        halo = len(taps) // 2
+        middle = len(taps) // 2
 
         def response(omega: Array) -> Array:
-            gain: Array = (freqz(taps, worN=omega)[1] * np.exp(1j * omega * halo)).real
+            gain: Array = (freqz(taps, worN=omega)[1] * np.exp(1j * omega * middle)).real
             return np.where(omega < np.pi * (1.0 - 1e-12), gain, 0.0)
 
-        return Differentiating(response, RINGING * halo, rate)
+        every = repeated_response(response, self.passes)
+        return Differentiating(every, RINGING * middle * self.passes, rate)
 
     def smooth(self, cutoff: float, rate: float) -> Single:
         """The filter alone, for efforts."""
-        return Single(Bank.of(self.taps(cutoff, rate)[None]))
+        return repeated_smoother(Bank.of(self.taps(cutoff, rate)[None]), self.passes)
 
     def taps(self, cutoff: float, rate: float) -> Array:
         """The filter's coefficients, odd in number, their sum 1.

@@ -13,6 +13,7 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.errors import ModelError
 from steelyard.measurement.convolve import Bank, Single
+from steelyard.measurement.methods.passes import check_passes, repeated_smoother
 
 LONGEST_SPAN = 20_001
 """Samples."""
@@ -24,12 +25,15 @@ class MovingAverage:
 
     Attributes:
         span: Number of samples, odd.
+        passes: How often the mean is taken, of means from the second pass on.
     """
 
     name: ClassVar[str] = "moving_average"
     span: int = 5
+    passes: int = 1
 
     def __post_init__(self) -> None:
+        check_passes(self.passes, self.name)
         if self.span % 2 == 0 or not 1 <= self.span <= LONGEST_SPAN:
             raise ModelError(
                 f"a moving average over {self.span} samples has no middle"
@@ -41,11 +45,11 @@ class MovingAverage:
 
     def designed(self, cutoff: float, rate: float) -> "CentralDifferences":
         """The differences at a rate [Hz]; the cut-off says nothing here."""
-        return CentralDifferences(self.span, rate)
+        return CentralDifferences(self.span, rate, self.passes)
 
     def smooth(self, cutoff: float, rate: float) -> Single:
         """The average alone, for efforts."""
-        return Single(Bank.of(np.full((1, self.span), 1.0 / self.span)))
+        return repeated_smoother(Bank.of(np.full((1, self.span), 1.0 / self.span)), self.passes)
 
 
 class CentralDifferences:
@@ -54,17 +58,20 @@ class CentralDifferences:
     Args:
         span: Samples over which accelerations are averaged.
         rate: [Hz].
+        passes: How often they are averaged.
     """
 
-    def __init__(self, span: int, rate: float) -> None:
-        self._half, self._rate = span // 2, rate
-        self.halo = 2 + self._half
+    def __init__(self, span: int, rate: float, passes: int = 1) -> None:
+        self._span, self._passes, self._rate = span, passes, rate
+        self.halo = 2 + passes * (span // 2)
 
     def __call__(self, q: Array, dq: Array | None) -> Array:
         """Positions, and velocities if logged, to motion; see `Designed`."""
         velocity = _difference(q, self._rate) if dq is None else dq[:, 1:-1]
-        acceleration = _mean(_difference(velocity, self._rate), 2 * self._half + 1)
-        middle = velocity[:, self._half + 1 : velocity.shape[1] - self._half - 1]
+        acceleration = _difference(velocity, self._rate)
+        for _ in range(self._passes):
+            acceleration = _mean(acceleration, self._span)
+        middle = velocity[:, self.halo - 1 : velocity.shape[1] - self.halo + 1]
         return np.stack((q[:, self.halo : q.shape[1] - self.halo], middle, acceleration))
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.errors import LogError, ModelError
 from steelyard.measurement.convolve import Bank, Single
+from steelyard.measurement.methods.passes import check_passes, convolved, repeated_smoother
 
 HIGHEST_DEGREE = 10
 """Beyond it the fit is as bad as its conditioning."""
@@ -28,13 +29,16 @@ class SavitzkyGolay:
     Attributes:
         window: Number of samples, odd; chosen for the cut-off if not given.
         degree: Of the polynomial.
+        passes: How often the samples are smoothed; derivatives are those of the last pass.
     """
 
     name: ClassVar[str] = "savitzky_golay"
     window: int | None = None
     degree: int = 4
+    passes: int = 1
 
     def __post_init__(self) -> None:
+        check_passes(self.passes, self.name)
         if not 2 <= self.degree <= HIGHEST_DEGREE:
             raise ModelError(
                 f"a polynomial of degree {self.degree} cannot be used",
@@ -55,12 +59,13 @@ class SavitzkyGolay:
     def designed(self, cutoff: float, rate: float) -> "DesignedSavitzkyGolay":
         """The filters for a cut-off [Hz], which chooses the window if it is not given."""
         window = self.window_for(cutoff, rate)
-        return DesignedSavitzkyGolay(taps(window, self.degree, rate))
+        rows = taps(window, self.degree, rate)
+        return DesignedSavitzkyGolay(convolved(rows, rows[0], self.passes - 1))
 
     def smooth(self, cutoff: float, rate: float) -> Single:
         """The smoothing alone, for efforts."""
         window = self.window_for(cutoff, rate)
-        return Single(Bank.of(taps(window, self.degree, rate)[:1]))
+        return repeated_smoother(Bank.of(taps(window, self.degree, rate)[:1]), self.passes)
 
     def window_for(self, cutoff: float, rate: float) -> int:
         """The window, or the one that passes half of an amplitude at the cut-off.
@@ -95,7 +100,7 @@ class DesignedSavitzkyGolay:
     """The three convolutions; logged velocities are smoothed and differentiated once.
 
     Args:
-        rows: Coefficients of value, first and second derivative, shape `(3, window)`.
+        rows: Coefficients of value, first and second derivative, shape `(3, odd)`.
     """
 
     def __init__(self, rows: Array) -> None:

@@ -24,7 +24,7 @@ SETTINGS = """\
 # motion = "butterworth"
 # motion_cutoff = 25.0
 # Low-pass of efforts; as logged if left out.
-# effort = {method = "moving_average", span = 9}
+# effort = {method = "moving_average", span = 9, passes = 2}
 # Low-pass of regressor and effort alike [Hz], and the speed up to which a joint rests [rad/s; m/s].
 # matched_cutoff = 8.0
 # rest_speed = 0.01
