@@ -40,11 +40,7 @@ from steelyard.regression.gather import accumulate, cut  # noqa: E402
 from steelyard.regression.information import Information, Signature, Window  # noqa: E402
 from steelyard.regression.parallel_filter import ParallelFilter  # noqa: E402
 from steelyard.regression.regressor import Regressor, base_regressor  # noqa: E402
-from steelyard.robot.from_mechanism import reduced  # noqa: E402
 from steelyard.robot.inertia import INERTIAL_NAMES  # noqa: E402
-from steelyard.robot.model_files.dh import DHRow, dh_mechanism  # noqa: E402
-from steelyard.robot.robot import Body, Coordinate, Robot  # noqa: E402
-from steelyard.robot_file.file import load_robot  # noqa: E402
 from steelyard.terms.laws.coulomb import Coulomb  # noqa: E402
 from steelyard.terms.laws.rigid_body import RigidBody  # noqa: E402
 from steelyard.terms.laws.viscous import Viscous  # noqa: E402
@@ -53,24 +49,13 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 from controller_code import controller_code  # noqa: E402
 from design import designs  # noqa: E402
 from quantities import quantities  # noqa: E402
+from robots import limbs, seven_joints  # noqa: E402
 
 from cvxpy_oracle import cvxpy_problem, solved  # noqa: E402
 from oracles import pinocchio_model  # noqa: E402
 
 ROOT = Path(__file__).parent.parent
 Row = tuple[str, str, str, bool]
-
-
-def seven_joints() -> Model:
-    """Rigid bodies, Coulomb and viscous friction of an arm with seven joints."""
-    if os.environ.get("STEELYARD_DATA"):
-        robot = load_robot(ROOT / "examples" / "panda.toml").robot
-    else:
-        twists = (0.0, -np.pi / 2, np.pi / 2, np.pi / 2, -np.pi / 2, np.pi / 2, np.pi / 2)
-        offsets = (0.3, 0.0, 0.35, 0.0, 0.4, 0.0, 0.1)
-        rows = [DHRow(alpha=a, d=d) for a, d in zip(twists, offsets, strict=True)]
-        robot = reduced(dh_mechanism(rows, "modified", "seven joints"))[0]
-    return Model(robot, (RigidBody(), Coulomb(), Viscous()))
 
 
 def best(work: Callable[[], object], repeats: int = 5) -> float:
@@ -140,22 +125,6 @@ def cold_rows() -> list[Row]:
         name = f"{n} joints, traced and compiled"
         rows.append((name, f"{seconds:.2f} s", f"<= {bound} s", seconds <= bound))
     return rows
-
-
-def limbs(n: int) -> Robot:
-    """A trunk with limbs of seven joints each."""
-    rng = np.random.default_rng(0)
-    bodies = [
-        Body(
-            name=f"body{k}", joint=f"joint{k}", kind="revolute",
-            parent=0 if k % 7 == 1 else k - 1,
-            rotation=np.roll(np.eye(3), int(rng.integers(3)), axis=0), position=[0.1, 0.0, 0.3],
-            axis=[0.0, 0.0, 1.0], coordinate=k,
-        )
-        for k in range(n)
-    ]  # fmt: skip
-    joints = tuple(Coordinate(body.joint, body.kind) for body in bodies)
-    return Robot(f"{n} joints", tuple(bodies), joints)
 
 
 def solution_rows(found: Regressor, count: int) -> list[Row]:

@@ -23,7 +23,7 @@ AUDIT = Path(__file__).with_name("audit.js")
 
 
 @dataclass(frozen=True)
-class SampledInformation:
+class Rendered:
     """What the browser had after it ran a page."""
 
     dom: str
@@ -46,7 +46,7 @@ def chromium() -> str | None:
     return next((found for name in NAMES if (found := shutil.which(name))), None)
 
 
-def look(program: str, file: Path, folder: Path) -> SampledInformation:
+def look(program: str, file: Path, folder: Path) -> Rendered:
     """Open a page; the profile goes to `folder`."""
     done = subprocess.run(
         [program, *chromium_flags(folder), "--dump-dom", file.resolve().as_uri()],
@@ -55,9 +55,9 @@ def look(program: str, file: Path, folder: Path) -> SampledInformation:
         timeout=120,
         check=True,
     )
-    said = (line for line in done.stderr.splitlines() if ":CONSOLE" in line)
-    lines = tuple(line for line in said if not OF_THE_BROWSER.search(line))
-    return SampledInformation(done.stdout, lines)
+    printed = (line for line in done.stderr.splitlines() if ":CONSOLE" in line)
+    lines = tuple(line for line in printed if not OF_THE_BROWSER.search(line))
+    return Rendered(done.stdout, lines)
 
 
 def chromium_flags(folder: Path) -> list[str]:

@@ -13,3 +13,13 @@ def test_the_parallelogram_of_the_genetic_algorithm(monkeypatch: pytest.MonkeyPa
     from genetic import model_with
 
     assert len(model_with(0.1).parameters) == 9
+
+
+def test_seven_joints_without_measured_data_can_exist(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "path", [*sys.path, str(BENCHMARKS)])
+    monkeypatch.delenv("STEELYARD_DATA", raising=False)
+    from robots import seven_joints
+
+    robot = seven_joints().robot
+    assert robot.n == 7
+    assert all(body.inertia.mass > 0.0 for body in robot.bodies)

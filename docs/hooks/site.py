@@ -130,9 +130,9 @@ def keys_page() -> str:
             chosen = f", kind = {_type(kind.annotation)}" if kind and len(sections) > 1 else ""
             lines += [f"## {path}{chosen}", "", _escaped(about.split("\n\nAttributes:")[0]), ""]
             lines += ["| key | value | default | meaning |", "|---|---|---|---|"]
-            said = dict(re.findall(r"^    (\w+): (.+(?:\n {8}.+)*)", about, re.M))
+            attributes = dict(re.findall(r"^    (\w+): (.+(?:\n {8}.+)*)", about, re.M))
             for name, field in section.model_fields.items():
-                meaning = " ".join(said[name].split())
+                meaning = " ".join(attributes[name].split())
                 lines.append(
                     f"| `{name}` | {_value(field)} | {_default(field)} | {_cell(meaning)} |"
                 )

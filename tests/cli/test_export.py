@@ -48,7 +48,7 @@ def test_json_and_the_usual_name(
     assert done.exit_code == 0, done.output
     printed = json.loads(done.stdout)
     assert printed["format"] == "urdf" and printed["file"].endswith(".urdf")
-    assert any("(offset)" in sentence for sentence in printed["unheld"])
+    assert any("(offset)" in sentence for sentence in printed["unsupported"])
     assert Path(printed["file"]).is_absolute() and printed["not_seen"] == []
     assert (
         set(printed["mass_from_data"].values()) == {1.0} and printed["impossible_in_original"] == []

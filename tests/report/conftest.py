@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from browser import SampledInformation, chromium, look
+from browser import Rendered, chromium, look
 from steelyard.diagnosis import Diagnosis, Edit, Fix, Severity
 from steelyard.diagnosis import Finding as SaidFinding
 from steelyard.diagnosis.finding import ComparedHypothesis, Picture, Trace
@@ -425,13 +425,13 @@ def nasty(usual: ReportContent) -> ReportContent:
 
 
 @pytest.fixture(scope="session")
-def browse(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], SampledInformation]:
+def browse(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Rendered]:
     """Open a page in headless Chromium."""
     program = chromium()
     if program is None:
         pytest.skip("no Chromium (chromium, chromium-browser or google-chrome) on the path")
 
-    def open_page(page: str) -> SampledInformation:
+    def open_page(page: str) -> Rendered:
         folder = tmp_path_factory.mktemp("browser")
         file = folder / "report.html"
         file.write_text(page, encoding="utf-8")

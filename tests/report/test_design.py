@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from browser import SampledInformation
+from browser import Rendered
 from report.conftest import EVIL, identified, robot
 from report.designed import REACH, designed_for, renamed
 from report.test_page import own_html
@@ -356,7 +356,7 @@ def test_the_page_of_a_motion_is_about_nothing_else(designed: Designed) -> None:
 
 @pytest.mark.parametrize("which", ["plain", "evil"])
 def test_the_browser_draws_every_picture(
-    designed: Designed, browse: Callable[[str], SampledInformation], which: str
+    designed: Designed, browse: Callable[[str], Rendered], which: str
 ) -> None:
     shown = designed if which == "plain" else renamed(designed, EVIL)
     seen = browse(render(content(shown)))

@@ -167,7 +167,7 @@ def drawn(dom: str) -> int:
 def test_the_browser_draws_the_page_without_an_error(name: str, browse) -> None:
     seen = browse(render_check(content(name)))
     assert seen.console == () and seen.errors == []
-    for section in ("verdict", "mends", "evidence"):
+    for section in ("verdict", "fixes", "evidence"):
         assert f'<section id="{section}"' in seen.dom
     assert drawn(seen.dom) == 1
     assert seen.dom.index("1 doubtful") < seen.dom.index("a thousand times")

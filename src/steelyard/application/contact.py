@@ -31,7 +31,7 @@ STRETCHES = 4
 """Stretches that calibration runs are compared in, at least."""
 
 EXPECTED = 0.02
-"""Exceedances expected in all calibration runs together at the thresholds that tell contact."""
+"""Exceedances expected in all calibration runs together at the thresholds of contact."""
 
 MARGIN = 1.0
 """Time beside a suspected contact that is left out with it [s]."""

@@ -35,7 +35,7 @@ TIMES = 4.0
 """Independent time constants among them: a fourfold penalty for choosing one."""
 
 ENOUGH = 4
-"""Logs whose scatter tells how far a model errs with other motions."""
+"""Logs whose scatter shows how far a model errs with other motions."""
 
 OTHER_MOTION = 0.5
 """Share of a log's residual that parameters may take up with another motion, where fewer logs are
@@ -240,7 +240,7 @@ def _over_logs(
     """The best change of the level over logs, and by how much logs scatter around it.
 
     Every log may have a motion of its own, with which the model errs in its own way. Of `ENOUGH`
-    logs their scatter tells by how much, of fewer `apart` is assumed.
+    logs their scatter shows by how much, of fewer `apart` is assumed.
     """
     count, number = len(levels), [log for log, _, _ in levels]
     y, s = (np.array([level[k] for level in levels]) for k in (1, 2))

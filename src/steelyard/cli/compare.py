@@ -76,8 +76,8 @@ def compare(
             found.write(parts.enter_context(whole_folder(folder)))
             interrupt.too_late()
     if as_json:
-        told = {**found.to_dict(), "output": folder and str(folder)}
-        typer.echo(json.dumps(told, allow_nan=False))
+        content = {**found.to_dict(), "output": folder and str(folder)}
+        typer.echo(json.dumps(content, allow_nan=False))
     else:
         found.show(Console(), verbose)
         if folder is not None:

@@ -65,8 +65,8 @@ def demo(
         interrupt.too_late()
     if as_json:
         motion = found[0].to_dict() | {"output": str(folder / "motion")}
-        told = {"output": str(folder / "results"), **identified.to_dict(), "motion": motion}
-        typer.echo(json.dumps(told, allow_nan=False))
+        content = {"output": str(folder / "results"), **identified.to_dict(), "motion": motion}
+        typer.echo(json.dumps(content, allow_nan=False))
         return
     console = Console()
     if verbose:

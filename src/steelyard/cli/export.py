@@ -120,7 +120,7 @@ def export(
         written = write_code(
             identified, path, form, precision or "double", functions or (), frames or ()
         )
-        _tell_code(path, form, written, as_json)
+        _print_code(path, form, written, as_json)
         return
     _refuse(form, {"--precision": precision, "--function": functions, "--frame": frames})
     made = exported(identified, form, original)
@@ -129,17 +129,17 @@ def export(
         refuse_changed(part, made)
         interrupt.too_late()
     if as_json:
-        told = {
+        printed = {
             "file": str(path),
             "format": form,
-            "unheld": list(made.unsupported),
+            "unsupported": list(made.unsupported),
             "mass_from_data": made.mass_shares,
             "not_seen": list(made.unseen),
             "impossible_in_original": list(made.impossible),
         }
-        typer.echo(json.dumps(told))
+        typer.echo(json.dumps(printed))
         return
-    _tell(path, made)
+    _print_export(path, made)
 
 
 def _format(to: Kind | None, output: Path | None) -> Kind:
@@ -200,7 +200,7 @@ def _new_file(output: Path | None, default: str) -> Path:
     return path
 
 
-def _tell(path: Path, made: "Exported") -> None:
+def _print_export(path: Path, made: "Exported") -> None:
     """What was written, and what was not."""
     from rich.console import Console
     from rich.text import Text
@@ -227,13 +227,13 @@ def _tell(path: Path, made: "Exported") -> None:
             console.print(Text(line))
 
 
-def _tell_code(path: Path, form: Kind, written: "Written", as_json: bool) -> None:
+def _print_code(path: Path, form: Kind, written: "Written", as_json: bool) -> None:
     """What was written, names that became others, and functions that there cannot be."""
     from rich.console import Console
     from rich.text import Text
 
     if as_json:
-        told = {
+        printed = {
             "file": str(path),
             "format": form,
             "files": list(written.files),
@@ -242,7 +242,7 @@ def _tell_code(path: Path, form: Kind, written: "Written", as_json: bool) -> Non
             "identifiers": written.renamed,
             "stack_bytes": written.stack,
         }
-        typer.echo(json.dumps(told))
+        typer.echo(json.dumps(printed))
         return
     lines = [f"{path}: {', '.join(written.files)}", f"functions: {', '.join(written.functions)}"]
     if written.stack is not None:

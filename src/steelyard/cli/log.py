@@ -122,8 +122,8 @@ def show(content: "LogContent", console: "Console") -> None:
     console.print(content.path, style="bold", highlight=False, markup=False)
     console.print(", ".join(facts), highlight=False)
     if content.time is not None:
-        said = f"time is '{content.time.name}' in {content.time.unit}"
-        console.print(said, highlight=False, markup=False)
+        line = f"time is '{content.time.name}' in {content.time.unit}"
+        console.print(line, highlight=False, markup=False)
     for remark in content.remarks:
         console.print(f"note  {remark}", highlight=False, markup=False)
     console.print(_columns(content))

@@ -52,8 +52,8 @@ def render_check(content: CheckContent) -> str:
     if content.notes:
         notes = fill("notes.html", {"notes": content.notes})
         sections.append(Shown("notes", "Notes", notes, folded=True))
-    if found["mends"]:
-        sections.insert(1, Shown("mends", "What to do", fill("check_mends.html", numbers)))
+    if found["fixes"]:
+        sections.insert(1, Shown("fixes", "What to do", fill("check_fixes.html", numbers)))
     return page_of(
         f"{content.robot}: check of the logs",
         content.robot,

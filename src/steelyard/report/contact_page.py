@@ -32,7 +32,7 @@ SHOWN = (1, 2, 3, 4, 5, 6)
 """Columns of the table of events for which a terminal has room."""
 
 OFTEN = 0.5
-"""Share of the log from which on events tell that something lasting is wrong."""
+"""Share of the log from which on events mean that something lasting is wrong."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -56,7 +56,7 @@ class ReportContent:
         design: A motion, if one was designed.
         tracking: A motion run under several controllers, if it was.
         truth: All standard parameters of a simulated robot; `None` of a real one.
-        workspace: Where its tool may be, drawn with its path; `None` if nobody said.
+        workspace: Where its tool may be, drawn with its path; `None` if none is given.
         logs: The log of each run, as it was given.
         files: What was written beside the page, and the files' names.
         only_errors: Whether the model's errors on logs are reported, and not its fit.

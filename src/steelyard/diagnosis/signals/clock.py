@@ -80,7 +80,7 @@ class Clock:
         """One log's finding."""
         overview, units = look(case, evidence), reading(case, evidence)
         if overview.step == 0.0:
-            return _stands(evidence)
+            return _differs(evidence)
         steps = _Steps(
             overview.step * units.second, np.diff(overview.stamps) * units.second, overview.jitter
         )
@@ -130,7 +130,7 @@ def _leaps(evidence: Evidence, found: Leaps, step: float) -> Finding:
     )
 
 
-def _stands(evidence: Evidence) -> Finding:
+def _differs(evidence: Evidence) -> Finding:
     column = evidence.recording.signals.time
     return Finding(
         Clock.name,

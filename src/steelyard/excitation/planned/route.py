@@ -106,7 +106,7 @@ class Planner:
                 made.append(walk.run(first))
             except Astray as error:
                 failed.append(error)
-            if made and not _held_up(made[-1]):
+            if made and not _pauses(made[-1]):
                 break
         if not made:
             raise max(failed, key=lambda error: error.progress)
@@ -256,7 +256,7 @@ def _duration(motion: ProcessMotion) -> float:
     return motion.trajectory.duration
 
 
-def _held_up(motion: ProcessMotion) -> bool:
+def _pauses(motion: ProcessMotion) -> bool:
     """Whether a move takes so much longer than most that another posture may do it sooner."""
     times = [pace.duration for pace in motion.paces]
     return max(times) > _HELD_UP * float(np.median(times))

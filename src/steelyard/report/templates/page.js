@@ -155,11 +155,11 @@ function drawPlots() {
     plot.dataset.run = menu.value;
     const figure = JSON.parse(source.textContent);
     const caption = plot.parentElement.querySelector(".caption");
-    caption.textContent = figure.caption + (figure.held ? " · " : "");
-    const held = document.createElement("span");
-    held.className = figure.few ? "few" : "";
-    held.textContent = figure.held;
-    caption.append(held);
+    caption.textContent = figure.caption + (figure.covered ? " · " : "");
+    const covered = document.createElement("span");
+    covered.className = figure.few ? "few" : "";
+    covered.textContent = figure.covered;
+    caption.append(covered);
     Plotly.react(plot, themed([...areas(figure), ...lines(figure)]), themed(layout(figure)), CONFIG);
   }
 

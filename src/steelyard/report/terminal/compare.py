@@ -30,7 +30,7 @@ CONDITION = 6
 """The column that is shown where the condition numbers differ."""
 
 USUAL = 0.8
-"""Share of the rows with one condition number from which on it tells nothing."""
+"""Share of the rows with one condition number from which on it distinguishes nothing."""
 
 ABOUT = {
     "Condition": "condition number of the whitened regressor, columns of unit length",
@@ -96,8 +96,8 @@ def _advice(comparison: Comparison) -> list[str]:
 
 
 def _columns(shown: PlainTable) -> tuple[int, ...]:
-    """Those for which there is room, and the condition where it tells estimators apart."""
-    told = [row.cells[CONDITION] for row in shown.rows if row.cells[CONDITION] != NONE]
-    same = max((told.count(cell) for cell in told), default=0)
-    differ = same < USUAL * len(told)
+    """Those for which there is room, and the condition number where it differs."""
+    known = [row.cells[CONDITION] for row in shown.rows if row.cells[CONDITION] != NONE]
+    same = max((known.count(cell) for cell in known), default=0)
+    differ = same < USUAL * len(known)
     return tuple(sorted((*SHOWN, CONDITION))) if differ else SHOWN

@@ -64,17 +64,17 @@ def show(
 
 def notes(diagnosis: Diagnosis) -> tuple[str, ...]:
     """The findings that are not ok, one sentence per check."""
-    said = []
+    sentences = []
     for group in groups(diagnosis):
         if group.severity:
             first = group.findings[0]
             more = _others(group, 1)
             where = f"{place(first)}: " if place(first) else ""
-            said.append(
+            sentences.append(
                 f"check, {group.check}: {where}{first.says} ({first.figure})"
                 + (f"; {more}" if more else "")
             )
-    return tuple(said)
+    return tuple(sentences)
 
 
 def _table(shown: Sequence[Group], verbose: bool) -> Table:

@@ -38,7 +38,7 @@ KINDS = {
 """What kinds of motion are called."""
 
 MILLIMETRES = 0.1
-"""Lengths below this [m] are told in millimetres."""
+"""Lengths below this [m] are printed in millimetres."""
 
 NAMED = 3
 """Most parameters that a line of advice names."""
@@ -56,12 +56,12 @@ USED = "Share of the limit used"
 """Heading of a column."""
 
 ALIKE = 0.02
-"""Shares of deviations that differ by less are told as one."""
+"""Shares of deviations that differ by less are printed as one."""
 
 
 @dataclass(frozen=True)
 class Expected:
-    """What a motion will tell of one parameter.
+    """What a motion will show of one parameter.
 
     Attributes:
         name: The base parameter.
@@ -182,9 +182,9 @@ def tightest(designed: Designed) -> list[str]:
     ]
     for proof in designed.certificate.proofs:
         near = sorted((one for one in margins_of(proof) if one.used >= TIGHT), key=rank)
-        said = [f"{one.name}, {margin(one.left, one.unit)} left" for one in near[:NAMED]]
-        said += [f"{len(near) - NAMED} more"] if len(near) > NAMED else []
-        lines += [(near[0].used, f"{proof.name}: {'; '.join(said)}")] if said else []
+        near_ones = [f"{one.name}, {margin(one.left, one.unit)} left" for one in near[:NAMED]]
+        near_ones += [f"{len(near) - NAMED} more"] if len(near) > NAMED else []
+        lines += [(near[0].used, f"{proof.name}: {'; '.join(near_ones)}")] if near_ones else []
     return [line for _, line in sorted(lines, key=lambda pair: -pair[0])]
 
 

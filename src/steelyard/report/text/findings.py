@@ -69,12 +69,12 @@ def headline(diagnosis: Diagnosis) -> str:
         return f"Undecided: {open_words(diagnosis)}"
     if worst == 0:
         open_ones = sum(not finding.answered for finding in diagnosis.findings)
-        told = "Ok: no error was found"
+        verdict = "Ok: no error was found"
         if open_ones:
             asked = count(open_ones, "question")
-            told = f"Ok, but {asked} could not be decided"
+            verdict = f"Ok, but {asked} could not be decided"
         beside = dict.fromkeys(f.says for f in diagnosis.findings if f.headline)
-        return "; ".join((told, *beside))
+        return "; ".join((verdict, *beside))
     names = [f.check for f in diagnosis.findings if f.severity == worst]
     return f"{worst.word.capitalize()}: {', '.join(dict.fromkeys(names))}"
 

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 WEAK = 20.0
 """Relative standard deviation [%] above which a parameter is called weak."""
 
-HELD = 0.01
-"""Distance from a bound, in standard deviations, that is taken for rounding of a value held there.
+AT_BOUND = 0.01
+"""Distance from a bound, in standard deviations, that is taken for rounding of a value there.
 """
 
 LEARNED = 20.0
@@ -83,7 +83,7 @@ def rows(identified: IdentifiedModel) -> tuple[Row, ...]:
     }
     bounds = {p.name: (p.lower, p.upper) for p in identified.model.parameters}
     for name in estimate.at_bound:
-        seen[name] = _held(seen[name], bounds.get(seen[name].group, ()))
+        seen[name] = _at_bound(seen[name], bounds.get(seen[name].group, ()))
     blind = {b.name: _blind(b, groups, units, nominal.get(b.name)) for b in estimate.blind}
     removed = {
         r.name: replace(
@@ -148,10 +148,10 @@ def _seen(
     )
 
 
-def _held(row: Row, bounds: Sequence[float]) -> Row:
+def _at_bound(row: Row, bounds: Sequence[float]) -> Row:
     """A row whose value a bound holds, at the model's bound where only rounding lies between."""
     value, std = row.value or 0.0, row.std or 0.0
-    near = [bound for bound in bounds if abs(value - bound) <= HELD * std]
+    near = [bound for bound in bounds if abs(value - bound) <= AT_BOUND * std]
     return replace(
         row,
         value=near[0] if near else value,

@@ -10,7 +10,7 @@ LEAST_SHARE = 0.1
 """Share [%] below which it is called none."""
 
 MOST_RELATIVE = 1000.0
-"""Relative standard deviation [%] beyond which it is not told."""
+"""Relative standard deviation [%] beyond which it is not printed."""
 
 UNIT = re.compile(
     r"(?<=\d) (?=(?:%|°|Hz|kHz|bit|s|ms|µs|min|h|N|Nm|kN|A|mA|V|W|kg|g|m|mm|rad|N ?m)(?![\w]))"

@@ -1,4 +1,4 @@
-"""What is said where columns cannot be assigned, and names of columns in words."""
+"""What is printed where columns cannot be assigned, and names of columns in words."""
 
 from collections.abc import Sequence
 from typing import NoReturn

@@ -64,11 +64,11 @@ def guess_signals(
     Args:
         robot: The robot; the log must cover all its joints.
         columns: Names of the log's columns.
-        sample: Some values of columns, for units that names do not tell.
+        sample: Some values of columns, for units that names do not state.
 
     Raises:
-        LogError: The columns cannot be told, or do not cover the joints.
-        ModelError: The columns hold motor current: gains are needed, which a log cannot tell.
+        LogError: The columns cannot be assigned, or do not cover the joints.
+        ModelError: The columns hold motor current: gains are needed, which a log cannot give.
     """
     guess = guess_columns(robot.coordinates, columns, sample)
     refuse_motors(guess, columns)
@@ -100,7 +100,7 @@ def guess_columns(
     worth it.
 
     Raises:
-        LogError: They cannot be told.
+        LogError: They cannot be assigned.
     """
     values = {name: finite(values) for name, values in (sample or {}).items()}
     kinds: dict[Quantity, list[Column]] = {}
@@ -231,7 +231,7 @@ def _matched(
     columns: Sequence[str],
     values: Mapping[str, Array],
 ) -> tuple[list[Coordinate], list[Column], list[Column], str]:
-    """Joints, their position and effort columns, and how they were told."""
+    """Joints, their position and effort columns, and how they were assigned."""
     position, effort = kinds.get("position", ()), kinds.get("effort", ())
     named_q, named_tau = by_name(coordinates, position), by_name(coordinates, effort)
     if joints := [c for c in coordinates if c.name in named_q and c.name in named_tau]:

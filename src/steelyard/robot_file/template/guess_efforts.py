@@ -76,8 +76,8 @@ def beyond_effort(
     for column, joint in zip(columns, joints, strict=True):
         far, limit = reach(column.name, values), joint.limits.effort
         if np.isfinite(limit) and limit > 0.0 and far > BEYOND * limit:
-            said = f"{far:.0f} for {joint.name} ({column.name}) with {limit:g} {joint.effort_unit}"
-            found.append((far / limit, said))
+            line = f"{far:.0f} for {joint.name} ({column.name}) with {limit:g} {joint.effort_unit}"
+            found.append((far / limit, line))
     if not found:
         return ()
     more = f" (and {len(found) - 1} more joints)" * (len(found) > 1)

@@ -82,7 +82,7 @@ def guess_positions(
 
 
 def _motor_unit(columns: Sequence[Column]) -> tuple[str | None, str]:
-    """The unit of motor positions: ranges do not tell it."""
+    """The unit of motor positions: ranges do not determine it."""
     degrees = all(column.has("deg", "degs", "degree", "degrees") for column in columns)
     named = degrees or all(column.has("rad", "rads") for column in columns)
     unit = "deg" if degrees else "rad"

@@ -31,13 +31,13 @@ def clock_of(
 ) -> tuple[dict[str, Any], str]:
     """What the robot file says of time, and why."""
     if rate is not None:
-        said = f"time is the number of the row at the {rate:g} Hz that were given"
+        reason_given = f"time is the number of the row at the {rate:g} Hz that were given"
         beside = f", not {listed(candidates)}" if candidates else ""
-        return {"rate": rate}, said + beside
+        return {"rate": rate}, reason_given + beside
     time = _time(candidates, columns, values)
     unit, reason = _time_unit(time, values)
-    said = f"time is '{time.name}' in {unit}, {reason}"
-    return {"time": time.name, "time_unit": unit}, said
+    reason_given = f"time is '{time.name}' in {unit}, {reason}"
+    return {"time": time.name, "time_unit": unit}, reason_given
 
 
 def _time(

@@ -94,9 +94,9 @@ def _spring_lines(springs: Mapping[str, JointSpring]) -> list[str]:
         f"{name} {s.stiffness:g}{'' if s.linear else ' and higher powers'}"
         for name, s in springs.items()
     )
-    told = f"Springs of the model file, their stiffness there [Nm/rad; N/m]: {', '.join(each)}."
+    about = f"Springs of the model file, their stiffness there [Nm/rad; N/m]: {', '.join(each)}."
     term = f'{{law = "spring", joints = {toml_text([*springs])}, free = {toml_text(free)}}}'
-    return [comment(told, "  # "), f"  {term},"]
+    return [comment(about, "  # "), f"  {term},"]
 
 
 def _motor_lines(guess: Guess | None, gears: Gears | None) -> list[str]:

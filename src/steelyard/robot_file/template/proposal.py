@@ -100,17 +100,17 @@ def _all_locked(
     mechanism: Mechanism, base: str | None, reasons: dict[str, str], hands: list[list[str]]
 ) -> ModelError | None:
     """The refusal of a hand alone; `None` if joints are left beside what is locked."""
-    said = dict.fromkeys((name for group in hands for name in group), _HAND) | reasons
+    locked = dict.fromkeys((name for group in hands for name in group), _HAND) | reasons
     beyond = mechanism.from_link(mechanism.root if base is None else base)
-    left = {drive_of(mechanism, j).master for j in beyond if j.movable} - {*said}
-    if left or not said:
+    left = {drive_of(mechanism, j).master for j in beyond if j.movable} - {*locked}
+    if left or not locked:
         return None
     return ModelError(
-        "every joint would have to be locked: " + "; ".join(_by_reason(said)),
+        "every joint would have to be locked: " + "; ".join(_by_reason(locked)),
         where=mechanism.where,
         fix="give the robot that carries this hand; or write a robot file by hand, with the "
         "joints that are logged under joints and those that loops determine under passive"
-        if {*said.values()} != {_BALL}
+        if {*locked.values()} != {_BALL}
         else "give a model with a joint of one degree of freedom",
     )
 
@@ -136,8 +136,8 @@ def _base(mechanism: Mechanism) -> tuple[str | None, str]:
     others |= {link: n for link, n in counts.items() if link != best}
     if not others:
         return best, "the one link that floats and has joints beyond it"
-    told = ", ".join(f"{n} beyond {link}" for link, n in others.items())
-    return best, f"{counts[best]} joints move beyond it, and {told}"
+    other_counts = ", ".join(f"{n} beyond {link}" for link, n in others.items())
+    return best, f"{counts[best]} joints move beyond it, and {other_counts}"
 
 
 def _tied(mechanism: Mechanism, base: str | None) -> tuple[dict[str, float], dict[str, str]]:

@@ -203,14 +203,14 @@ def notes_beside(bare: LoadedRobot, written: LoadedRobot) -> tuple[str, ...]:
     A robot file repeats gravity and limits of the model, and so hides what they rest on. Of a
     statement with a list, the robot file's holds: it moves fewer joints.
     """
-    told = {**bare.ignored, **written.ignored}
+    ignored = {**bare.ignored, **written.ignored}
     assumed = {
         note.statement if isinstance(note, Listed) else note: note
         for loaded in (bare, written)
         for note in loaded.notes
         if note not in loaded.ignored.values()
     }
-    return tuple(dict.fromkeys((*assumed.values(), *told.values())))
+    return tuple(dict.fromkeys((*assumed.values(), *ignored.values())))
 
 
 def _hands(robot: Robot) -> set[str]:

@@ -91,7 +91,7 @@ def findings_of(diagnosis: Diagnosis, budget: int = BUDGET, *, fine: bool = True
         "tally": tally(diagnosis),
         "bad": [one for one in shown if one["level"] != "good"],
         "fine": [one for one in shown if one["level"] == "good"],
-        "mends": [
+        "fixes": [
             (fix.says, lines(fix.edits), ", ".join(dict.fromkeys(f.check for f in asking)))
             for fix, asking in fixes(diagnosis).values()
         ],
@@ -117,8 +117,8 @@ def _still_ok(finding: Finding, diagnosis: Diagnosis) -> str:
     """Why a finding is ok although an explanation beats the declared reading; else empty."""
     rivals = finding.hypotheses
     declared = next((one for one in rivals if one.declared), None)
-    told = any(f.log == finding.log and f.severity and f.hypotheses for f in diagnosis.findings)
-    if finding.severity or not finding.answered or told or not declared or rivals[0] is declared:
+    others = any(f.log == finding.log and f.severity and f.hypotheses for f in diagnosis.findings)
+    if finding.severity or not finding.answered or others or not declared or rivals[0] is declared:
         return ""
     misfit = (
         "Ok although another row fits better: the misfit as declared is only "

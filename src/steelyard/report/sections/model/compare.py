@@ -153,9 +153,9 @@ def failure_words(failures: Sequence[Failure], parts: int) -> list[tuple[str, st
     for (reason, fix), left in found.items():
         names = [name for name in left if name is not None]
         shown = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
-        told = ["fitted to all data"] if None in left else []
-        told += [f"without {shown}"] if names else []
-        words.append(("every fit" if len(left) > parts else "; ".join(told), reason, fix))
+        when = ["fitted to all data"] if None in left else []
+        when += [f"without {shown}"] if names else []
+        words.append(("every fit" if len(left) > parts else "; ".join(when), reason, fix))
     return words
 
 

@@ -1,4 +1,4 @@
-"""How well the data tell the parameters apart."""
+"""How well the data distinguish the parameters."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ALIKE = 0.9
 
 
 class ConditioningSection(Section):
-    """Condition numbers, noise per joint, parameters that are told apart badly."""
+    """Condition numbers, noise per joint, parameters that are hardly distinguished."""
 
     name: ClassVar[str] = "conditioning"
     title: ClassVar[str] = "Conditioning"
@@ -84,8 +84,8 @@ def _pairs(estimate: Estimate) -> list[tuple[str, str, float]]:
         correlation = np.tril(estimate.covariance / std[:, None] / std, -1)
     strength = np.where(np.isfinite(correlation), np.abs(correlation), 0.0)
     names = estimate.parameters.names
-    held = [names.index(name) for name in estimate.at_bound]
-    strength[held], strength[:, held] = 0.0, 0.0
+    at_bound = [names.index(name) for name in estimate.at_bound]
+    strength[at_bound], strength[:, at_bound] = 0.0, 0.0
     order = np.argsort(strength, axis=None)[::-1][:PAIRS]
     places = [divmod(int(place), len(names)) for place in order]
     return [

@@ -94,11 +94,11 @@ def _figure(score: RunScore, joint: int, points: int) -> dict[str, Any]:
     origin = float(traces.t[0]) if len(traces.t) and abs(traces.t[-1]) > 1e5 else 0.0
     t = traces.t - origin
     measured, predicted = traces.measured[:, joint], traces.predicted[:, joint]
-    held = _held(traces, joint)
+    covered = _covered(traces, joint)
     return {
         "caption": _caption(score, joint),
-        "held": "" if held is None else f"{percent(held)} in the band",
-        "few": held is not None and held < FEW,
+        "covered": "" if covered is None else f"{percent(covered)} in the band",
+        "few": covered is not None and covered < FEW,
         "unit": numbers.unit,
         "time": f"time from {origin:.3f} s [s]" if origin else "time [s]",
         "lines": [
@@ -120,7 +120,7 @@ def _caption(score: RunScore, joint: int) -> str:
     return f"{size}: {share}{where}, below {score.errors.cutoff:g} Hz"
 
 
-def _held(traces: Traces, joint: int) -> float | None:
+def _covered(traces: Traces, joint: int) -> float | None:
     """The share of the measured effort that lies in the band [%]."""
     if not _banded(traces, joint) or traces.coverage is None:
         return None

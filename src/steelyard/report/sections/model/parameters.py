@@ -137,9 +137,9 @@ def _parameters(identified: IdentifiedModel) -> list[str]:
     weak = [row for row in table if row.grade in ("weak", "zero")]
     if weak:
         lines.append(f"{len(weak)} poorly identifiable: {_some(weak)}")
-    held = [row for row in table if row.grade == "bound"]
-    if held:
-        lines.append(f"{len(held)} at a bound: {_some(held)}")
+    at_bound = [row for row in table if row.grade == "bound"]
+    if at_bound:
+        lines.append(f"{len(at_bound)} at a bound: {_some(at_bound)}")
     prior = [row for row in table if row.grade == "prior"]
     if prior:
         lines.append(f"{len(prior)} mostly from the prior: {_some(prior)}")

@@ -16,7 +16,7 @@ from steelyard.validation.sensitivity import Sensitivity
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-SAID = 3
+NAMED = 3
 """Parameters that the terminal names."""
 
 NAMED = 10
@@ -47,7 +47,7 @@ class SensitivitySection(TableSection):
         from rich.text import Text
 
         yield text_table(fits_table(found), self.title)
-        order = np.argsort(-found.spread)[:SAID]
+        order = np.argsort(-found.spread)[:NAMED]
         most = ", ".join(f"{found.parameters.names[k]} {found.spread[k]:.1f}" for k in order)
         yield Text(f"largest parameter shifts, in standard deviations: {most}")
 

@@ -85,7 +85,7 @@ class VerdictSection(Section):
         yield Group(
             Text(judged.line, style=f"bold {COLOURS[judged.level]}"),
             *([Text(judged.detail)] if judged.detail else []),
-            *(Text(f"! {said}", style=COLOURS[level]) for said, level in judged.limitations),
+            *(Text(f"! {text}", style=COLOURS[level]) for text, level in judged.limitations),
         )
         scores = content.scores or content.fitted
         if not scores:
