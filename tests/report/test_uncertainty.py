@@ -49,7 +49,7 @@ def test_bands_lie_around_the_prediction(usual):
     inside = np.abs(traces.measured - traces.predicted) <= traces.band
     share = 100.0 * inside[:, 0].mean()
     first = EffortSection().numbers(usual)["figures"][0]
-    assert first["held"] == f"{share:.1f}\u00a0% in the band" and not first["few"]
+    assert first["covered"] == f"{share:.1f}\u00a0% in the band" and not first["few"]
 
 
 def test_a_score_without_bands_is_drawn_without(usual):
@@ -231,7 +231,7 @@ def test_a_joint_without_samples_has_no_band(browse, usual):
     content = with_estimate(usual, sigma=sigma, n_samples=np.array([0.0, 4200.0]))
     content = replace(content, scores=(replace(score, traces=traces),), fitted=(), diagnosis=None)
     still, moved = EffortSection().numbers(content)["figures"]
-    assert still["bands"] == [] and still["held"] == "" and not still["few"]
-    assert len(moved["bands"]) == 3 and moved["held"]
+    assert still["bands"] == [] and still["covered"] == "" and not still["few"]
+    assert len(moved["bands"]) == 3 and moved["covered"]
     seen = browse(render(replace(content, comparison=None)))
     assert seen.errors == [] and seen.drawn == 2
