@@ -1,46 +1,72 @@
-"""Replaces the copy of plotly.js in the package by another version: `make plotly VERSION=4.1.1`.
+"""Builds the copy of plotly.js in the package from another version: `make plotly VERSION=4.1.1`.
 
-The package `plotly.js-dist-min` comes from the npm registry, which states the hash of its archive.
-`plotly.min.js`, its licence, and `source.json` with version, address and SHA-256 are written.
+npm installs `plotly.js` and esbuild, and compares them with the hashes that its registry states;
+esbuild bundles the parts that `plotly_entry.js` names. The bundle, compressed, the licence, and
+`source.json` with versions, npm's hash of the package and SHA-256 are written. Needs npm.
 """
 
-import base64
+import gzip
 import hashlib
-import io
 import json
+import shutil
+import subprocess
 import sys
-import tarfile
+import tempfile
 from pathlib import Path
-from urllib.request import urlopen
 
-REGISTRY = "https://registry.npmjs.org/plotly.js-dist-min"
+ENTRY = Path(__file__).with_name("plotly_entry.js")
 FOLDER = Path(__file__).parents[1] / "src" / "steelyard" / "report" / "plotly"
-FILES = ("plotly.min.js", "LICENSE")
+ESBUILD = "0.25.0"
+OPTIONS = (
+    "--bundle",
+    "--minify",
+    "--format=iife",
+    "--global-name=Plotly",
+    "--define:global=window",
+    "--define:define.amd=false",
+    "--target=es2020",
+    "--log-level=warning",
+)
 
 
 def main(version: str) -> None:
-    """Download one version, compare its hash, write its files."""
-    with urlopen(f"{REGISTRY}/{version}") as answer:
-        archive = json.load(answer)["dist"]
-    with urlopen(archive["tarball"]) as answer:
-        content = answer.read()
-    if hash_of(content) != archive["integrity"]:
-        sys.exit(f"{archive['tarball']} does not have the hash that the registry states")
-    with tarfile.open(fileobj=io.BytesIO(content)) as members:
-        texts = {name: members.extractfile(f"package/{name}").read() for name in FILES}
-    for name, text in texts.items():
-        (FOLDER / name).write_bytes(text)
+    """Install, bundle, and write the files of one version."""
+    npm = shutil.which("npm")
+    if npm is None:
+        sys.exit("npm is missing: install Node.js")
+    with tempfile.TemporaryDirectory() as name:
+        there = Path(name)
+        (there / "package.json").write_text("{}", encoding="utf-8")
+        packages = (f"plotly.js@{version}", f"esbuild@{ESBUILD}")
+        quiet = ("--ignore-scripts", "--no-audit", "--no-fund", "--save-exact")
+        subprocess.run([npm, "install", *quiet, *packages], cwd=there, check=True)
+        lock = json.loads((there / "package-lock.json").read_text(encoding="utf-8"))
+        integrity = lock["packages"]["node_modules/plotly.js"]["integrity"]
+        write(version, integrity, bundle(there), there / "node_modules" / "plotly.js" / "LICENSE")
+
+
+def bundle(there: Path) -> bytes:
+    """The script that defines `Plotly`."""
+    shutil.copy(ENTRY, there)
+    program = there / "node_modules" / ".bin" / "esbuild"
+    out = there / "plotly.min.js"
+    subprocess.run([program, ENTRY.name, *OPTIONS, f"--outfile={out}"], cwd=there, check=True)
+    return out.read_bytes()
+
+
+def write(version: str, integrity: str, script: bytes, licence: Path) -> None:
+    """The files of the package."""
+    (FOLDER / "plotly.min.js.gz").write_bytes(gzip.compress(script, 9, mtime=0))
+    shutil.copyfile(licence, FOLDER / "LICENSE")
+    texts = {"plotly.min.js": script, "LICENSE": licence.read_bytes()}
     source = {
         "version": version,
-        "address": archive["tarball"],
+        "package": f"plotly.js@{version}",
+        "integrity": integrity,
+        "esbuild": ESBUILD,
         "sha256": {name: hashlib.sha256(text).hexdigest() for name, text in texts.items()},
     }
     (FOLDER / "source.json").write_text(json.dumps(source, indent=2) + "\n", encoding="utf-8")
-
-
-def hash_of(content: bytes) -> str:
-    """The hash in the form of the registry."""
-    return "sha512-" + base64.b64encode(hashlib.sha512(content).digest()).decode()
 
 
 if __name__ == "__main__":

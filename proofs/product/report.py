@@ -59,7 +59,7 @@ def main() -> list[Claim]:
         Claim("console errors", f"{len(seen.console) + len(seen.errors)}", "0", quiet),
         Claim("sections", f"{there} of {len(SECTIONS)}", "all", there == len(SECTIONS)),
         Claim("plots drawn, one a joint", f"{seen.drawn}", "6", seen.drawn == 6),
-        Claim("size of the page", f"{size:.2f} MB", "<= 8 MB", size <= 8.0),
+        Claim("size of the page", f"{size:.2f} MB", "<= 4 MB", size <= 4.0),
         Claim("links to the network", f"{network}", "0", network == 0),
     ]
 

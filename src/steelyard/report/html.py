@@ -1,4 +1,4 @@
-"""Jinja2, imported when a page is made, and the copy of plotly.js, which pages contain."""
+"""Jinja2, imported when a page is made, and the copy of plotly.js in pages."""
 
 import base64
 import json
@@ -16,8 +16,9 @@ if TYPE_CHECKING:
     from jinja2 import Environment
 
 TEMPLATES = Path(__file__).parent / "templates"
-PLOTLY = Path(__file__).parent / "plotly" / "plotly.min.js"
-"""The version is in `source.json` beside it; `tools/update_plotly.py` replaces it."""
+PLOTLY = Path(__file__).parent / "plotly" / "plotly.min.js.gz"
+"""The parts that pages use, compressed. The version is in `source.json` beside it;
+`tools/update_plotly.py` replaces it."""
 
 
 @cache
@@ -66,11 +67,9 @@ def verbatim(name: str) -> str:
     return Markup((TEMPLATES / name).read_text(encoding="utf-8"))
 
 
-def plotly_script() -> str:
-    """The whole of plotly.js, harmless inside a script element."""
-    from markupsafe import Markup
-
-    return Markup(PLOTLY.read_text(encoding="utf-8").replace("</script", "<\\/script"))
+def plotly_archive() -> str:
+    """plotly.js, compressed by gzip, in base64."""
+    return base64.b64encode(PLOTLY.read_bytes()).decode()
 
 
 def script_json(value: object) -> str:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from importlib.metadata import version as package_version
 
 from steelyard.report.content import ReportContent
-from steelyard.report.html import fill, plotly_script, verbatim
+from steelyard.report.html import fill, plotly_archive, verbatim
 from steelyard.report.sections.model.check import PICTURE
 from steelyard.report.sections.register import sections_of
 from steelyard.report.sections.section import Numbers, Section
@@ -63,7 +63,7 @@ def page_of(
             "plots": any('class="plot"' in one.body or PICTURE in one.body for one in sections),
             "style": verbatim("style.css"),
             "script": verbatim("page.js"),
-            "plotly": plotly_script,
+            "plotly": plotly_archive,
         },
     )
     return str(page)

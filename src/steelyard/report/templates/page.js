@@ -3,6 +3,9 @@
 window.addEventListener("error", (event) => {
   document.body.dataset.errors = (document.body.dataset.errors || "") + event.message + "\n";
 });
+window.addEventListener("unhandledrejection", (event) => {
+  document.body.dataset.errors = (document.body.dataset.errors || "") + event.reason + "\n";
+});
 window.addEventListener("beforeprint", () => {
   document.querySelectorAll("details").forEach((one) => { one.open = true; });
 });
@@ -243,7 +246,33 @@ function drawPictures() {
   drawAll();
 }
 
+// plotly.js stands compressed in the page, and figures are drawn when it is unpacked.
+async function unpackPlotly(archive) {
+  const packed = Uint8Array.from(atob(archive), (one) => one.charCodeAt(0));
+  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
+  const script = document.createElement("script");
+  script.textContent = await new Response(stream).text();
+  document.head.append(script);
+}
+
+async function drawFigures() {
+  const archive = document.getElementById("plotly");
+  if (!archive) return;
+  if (window.DecompressionStream) {
+    await unpackPlotly(archive.textContent);
+    drawPlots();
+    drawPictures();
+    return;
+  }
+  const words = document.createElement("p");
+  words.className = "few";
+  words.textContent = "This browser is too old to draw the figures of this page: open it with Chrome or "
+    + "Edge 80, Firefox 113, Safari 16.4, or newer.";
+  document.getElementById("content").prepend(words);
+}
+
 chooseTheme();
 document.querySelectorAll("main table").forEach(makeSortable);
 window.addEventListener("hashchange", openTarget);
 openTarget();
+drawFigures();
