@@ -26,12 +26,16 @@ from steelyard.estimation.least_squares.bounded import BoundedLeastSquares
 from steelyard.estimation.least_squares.box import base_bounds
 from steelyard.estimation.least_squares.least_squares import OrdinaryLeastSquares
 from steelyard.estimation.prior.prior import default_knowledge
+from steelyard.excitation.limits import MotionLimits
+from steelyard.excitation.planned.along_path import along_path
+from steelyard.excitation.planned.tool_paths import Reaches, on_circle, out_and_back
 from steelyard.excitation.search.genetic import evolved
 from steelyard.model import Model
 from steelyard.regression.accumulate import Accumulator, Stretch
 from steelyard.regression.information import Information, Signature, Window
 from steelyard.regression.regressor import Regressor, base_regressor, standard_regressor
 from steelyard.robot.inertia import Inertia
+from steelyard.robot.robot import Frame
 from steelyard.terms.laws.coulomb import Coulomb
 from steelyard.terms.laws.directional import DirectionalCoulomb, DirectionalViscous
 from steelyard.terms.laws.rigid_body import RigidBody
@@ -47,6 +51,8 @@ L1, L2, CENTRE, RADIUS = 0.3, 0.4, 0.4, 0.2
 RATE, REACH_TIME, PERIODS = 50.0, 1.2, 8
 NOISE = np.array([0.03, 0.09])
 """White torque noise [Nm]."""
+
+TIP = Frame("tip", 2, np.eye(3), np.array([L1, 0.0, 0.0]))
 
 FRICTION = {
     "directional_viscous_forward": (0.2202, 0.4776),
@@ -81,30 +87,15 @@ def arm(terms: tuple[Term, ...]) -> Model:
 
 def reaches(targets: range) -> tuple[Array, Array, Array]:
     """Reaches there and back: positions, velocities and accelerations, each `(2, N)`."""
-    x = np.arange(int(REACH_TIME * RATE)) / (REACH_TIME * RATE)
-    way = 10 * x**3 - 15 * x**4 + 6 * x**5
-    speed = (30 * x**2 - 60 * x**3 + 30 * x**4) / REACH_TIME
-    push = (60 * x - 180 * x**2 + 120 * x**3) / REACH_TIME**2
-    there_and_back = np.array([[*way, *(1.0 - way)], [*speed, *-speed], [*push, *-push]])
-    sides = [2.0 * np.pi * target / 8.0 for target in targets]
-    rays = [RADIUS * np.array([np.cos(side), np.sin(side)]) for side in sides]
-    place, velocity, acceleration = np.tile(
-        np.concatenate([ray[:, None] * there_and_back[:, None] for ray in rays], axis=2), PERIODS
-    )
-    return followed(place + np.array([[0.0], [CENTRE]]), velocity, acceleration)
-
-
-def followed(place: Array, velocity: Array, acceleration: Array) -> tuple[Array, Array, Array]:
-    """The joints' motion for one of the tip, each `(2, N)`."""
-    apart = np.arccos((np.sum(place**2, axis=0) - L1**2 - L2**2) / (2.0 * L1 * L2))
-    first = np.arctan2(place[1], place[0]) - np.arctan2(L2 * np.sin(apart), L1 + L2 * np.cos(apart))
-    q = np.array([first, first + apart])
-    bars = np.array([[L1], [L2]])
-    along = bars * np.array([np.cos(q), np.sin(q)])
-    across = np.moveaxis(bars * np.array([-np.sin(q), np.cos(q)]), 2, 0)
-    dq = np.linalg.solve(across, velocity.T[:, :, None])[:, :, 0].T
-    rest = acceleration + np.sum(along * dq**2, axis=1)
-    return q, dq, np.linalg.solve(across, rest.T[:, :, None])[:, :, 0].T
+    home, up = np.array([0.0, CENTRE, 0.0]), np.array([0.0, 0.0, 1.0])
+    places = on_circle(home, RADIUS, 8, up, 0.0)[np.array(targets) % 8]
+    path = Reaches(out_and_back(home, places, 1), REACH_TIME, 0.0)
+    robot = arm(MODELS[7]).robot
+    limits = MotionLimits([-0.5, 1.4], [1.4, 3.3], [3.0, 3.0], [20.0, 20.0])
+    t = np.arange(round(path.knots[-1] * RATE)) / RATE
+    motion = along_path(robot, limits, TIP, path).trajectory.sample(t)
+    q, dq, ddq = (np.tile(x.T, PERIODS) for x in (motion.q, motion.dq, motion.ddq))
+    return q, dq, ddq
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,17 +7,51 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from excitation.tabled import OPEN, arm, designed, problem_of
+from excitation.colliding import joint, link, urdf
+from excitation.tabled import OPEN, arm, designed, model_of, problem_of
 from oracles import body_positions, pinocchio_model
 from steelyard.arrays import Array
+from steelyard.errors import DataError
 from steelyard.excitation.bases.families import FAMILIES
+from steelyard.excitation.design import design
 from steelyard.excitation.from_tables import limits_of
 from steelyard.excitation.planned.plans import PLANS, planned
+from steelyard.excitation.search.parallel_search import SearchBudget
 from steelyard.excitation.trajectories.exact import ExactTrajectory
 from steelyard.excitation.trajectories.files import read_motion
 from steelyard.files import write_json
 from steelyard.kernel.quantities.kinematics import frame_of
+from steelyard.robot_file.file import load_robot
 from steelyard.robot_file.motion_sections import KINDS
+
+FIVE_BAR = urdf(
+    link("base"),
+    *(link(f"l{k}") for k in range(1, 5)),
+    link("tip"),
+    joint("base", "l1", "0 0 0", "0 0 1"),
+    joint("base", "l2", "0 0 0", "0 0 1", rpy="0 0 2"),
+    joint("l2", "l3", "0.4 0 0", "0 0 1"),
+    joint("l1", "l4", "0.3 0 0", "0 0 1"),
+    joint("l4", "tip", "0.4 0 0", kind="fixed"),
+)
+FIVE_BAR_TABLES = """[robot]
+urdf = "five_bar.urdf"
+joints = ["l1_joint", "l2_joint"]
+[[robot.loops]]
+links = ["l3", "l4"]
+points = [[0.3, 0.0, 0.0], [0.4, 0.0, 0.0]]
+[robot.assembly]
+l1_joint = 0.3
+l2_joint = 0.0
+l3_joint = -1.7
+l4_joint = 1.7
+[model]
+terms = ["rigid_body", "viscous"]
+[excitation.workspace]
+frame = "tip"
+[excitation.limits]
+effort = "any"
+"""
 
 ANY = f'{OPEN}[excitation.limits]\neffort = "any"\n'
 ALONE = "[excitation.motion]\n"
@@ -231,15 +265,118 @@ def test_waypoints(tmp_path: Path) -> None:
     assert plan(tmp_path, OPEN + table("waypoints", **keys, speed=0.1)).duration > motion.duration
 
 
+CIRCLE = {"centre": [0.45, 0.1, 0.35], "radius": 0.06}
+REACHING = {"home": [0.45, 0.1, 0.35], "radius": 0.06, "targets": 4}
+
+
+def tool_at(folder: Path, motion: ExactTrajectory, t: float) -> Array:
+    """Where the tool is at a time, shape `(3,)` [m]."""
+    places = path_of(folder, motion)
+    return np.asarray(places[round(t / motion.duration * (len(places) - 1))])
+
+
+def test_circle(tmp_path: Path) -> None:
+    motion = plan(tmp_path, OPEN + table("circle", **CIRCLE, period=4.0, laps=1, ramp=2.0))
+    assert motion.duration == pytest.approx(6.0)
+    box = corners(path_of(tmp_path, motion))
+    np.testing.assert_allclose(box, [[0.39, 0.04, 0.35], [0.51, 0.16, 0.35]], atol=2e-5)
+    np.testing.assert_allclose(tool_at(tmp_path, motion, 0.0), [0.51, 0.1, 0.35], atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("change", "duration"),
+    [
+        ({"period": 6.0}, 13.0),
+        ({"laps": 3}, 16.0),
+        ({"ramp": 4.0}, 14.0),
+        ({"radius": 0.03}, 11.0),
+        ({"normal": [1.0, 0.0, 0.0]}, 11.0),
+        ({"angle": 1.0}, 11.0),
+        ({"start": [0.2, -1.0, 2.0]}, 11.0),
+        ({"start": [0.2, 1.0, -2.0]}, 11.0),
+        ({"tool_axis": [0.0, 0.0, 1.0]}, None),
+    ],
+)
+def test_keys_of_a_circle(tmp_path: Path, change: dict[str, Any], duration: float | None) -> None:
+    if duration is None:
+        with pytest.raises(DataError, match="start of the path is out of reach"):
+            plan(tmp_path, OPEN + table("circle", **CIRCLE | change))
+        return
+    plain = plan(tmp_path, OPEN + table("circle", **CIRCLE, start=[0.2, -1.0, 2.0]))
+    assert plain.duration == pytest.approx(11.0)
+    other = plan(tmp_path, OPEN + table("circle", **CIRCLE | change))
+    assert other.duration == pytest.approx({"period": 13.0}.get(next(iter(change)), duration))
+    t = np.linspace(0.0, 11.0, 40)
+    same = np.allclose(other.derivative(t, 0), plain.derivative(t, 0), atol=1e-6)
+    assert same == (change.get("start") == [0.2, -1.0, 2.0])
+
+
+def test_cartesian_reaching(tmp_path: Path) -> None:
+    keys = {"move": 0.8, "dwell": 0.2, "cycles": 2, "angle": 0.5}
+    motion = plan(tmp_path, OPEN + table("cartesian_reaching", **REACHING, **keys))
+    assert motion.duration == pytest.approx(2 * 4 * 2 * 1.0)
+    for cycle in range(2):
+        for k in range(4):
+            angle = 0.5 + 0.5 * np.pi * k
+            target = [0.45 + 0.06 * np.cos(angle), 0.1 + 0.06 * np.sin(angle), 0.35]
+            at = 8.0 * cycle + 2.0 * k
+            np.testing.assert_allclose(tool_at(tmp_path, motion, at + 0.9), target, atol=1e-6)
+            back = tool_at(tmp_path, motion, at + 1.9)
+            np.testing.assert_allclose(back, REACHING["home"], atol=1e-6)
+    given = [[0.5, 0.1, 0.4], [0.45, 0.2, 0.3]]
+    listed = {"home": REACHING["home"], "targets": given, "move": 0.8, "dwell": 0.2}
+    motion = plan(tmp_path, OPEN + table("cartesian_reaching", **listed))
+    assert motion.duration == pytest.approx(4.0)
+    np.testing.assert_allclose(tool_at(tmp_path, motion, 2.9), given[1], atol=1e-6)
+    tilted = table("cartesian_reaching", **REACHING, normal=[0.0, 1.0, 0.0], move=0.8, dwell=0.2)
+    at = tool_at(tmp_path, plan(tmp_path, OPEN + tilted), 2.9)
+    np.testing.assert_allclose(at, [0.45, 0.1, 0.29], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"radius": None}, "4 targets without a radius"),
+        ({"targets": [[0.5, 0.1, 0.4]]}, "have no effect where the targets are positions"),
+        ({"targets": [[0.45, 0.1, 0.35]], "radius": None}, "differs from the one before"),
+        ({"normal": [0.0, 0.0, 0.0]}, "has no direction"),
+    ],
+)
+def test_reaches_that_cannot_be(tmp_path: Path, change: dict[str, Any], words: str) -> None:
+    keys = {name: value for name, value in (REACHING | change).items() if value is not None}
+    with pytest.raises(DataError, match=words):
+        plan(tmp_path, OPEN + table("cartesian_reaching", **keys))
+
+
+def test_a_circle_that_is_too_fast_is_written_but_not_proven(tmp_path: Path) -> None:
+    found = designed(tmp_path, ANY + table("circle", **CIRCLE, period=0.5, ramp=0.5))
+    assert not found.certificate.holds
+    (note,) = (note for note in found.notes if "exceeds its limit" in note)
+    factor = float(note.split(" times the time")[0].split()[-1])
+    slow = table("circle", **CIRCLE, period=0.501 * factor, ramp=0.501 * factor)
+    assert designed(tmp_path, ANY + slow).certificate.holds
+
+
+def test_a_five_bar_is_designed_for_from_its_robot_file(tmp_path: Path) -> None:
+    (tmp_path / "five_bar.urdf").write_text(FIVE_BAR, encoding="utf-8")
+    motion = table("circle", centre=[0.0, 0.4, 0.0], radius=0.2, period=7.2, ramp=7.2)
+    text = FIVE_BAR_TABLES + motion
+    (tmp_path / "robot.toml").write_text(text, encoding="utf-8")
+    loaded = load_robot(tmp_path / "robot.toml")
+    found = design(loaded, model_of(loaded), SearchBudget(60.0, searches=1, processes=1))
+    assert found.certificate.holds and found.trajectory.duration == pytest.approx(21.6)
+    assert any("loop closure is checked at samples" in note for note in found.notes)
+
+
 def test_sweeps(tmp_path: Path) -> None:
     motion = plan(tmp_path, OPEN + table("sweeps", speeds=2, slowest=0.5, start=AT))
     t = np.linspace(0.0, motion.duration, 20001)
     speeds = motion.derivative(t, 1)
     assert np.count_nonzero(np.abs(speeds) > 1e-6, axis=1).max() == 1
     np.testing.assert_allclose(motion.derivative([0.0], 0)[0], [0.0, 0.4, 0.0], atol=1e-12)
-    for joint in range(3):
-        steady = np.abs(motion.derivative(t, 2)[:, joint]) < 1e-9
-        found = np.unique(np.round(np.abs(speeds[steady, joint]), 6))
+    for k in range(3):
+        steady = np.abs(motion.derivative(t, 2)[:, k]) < 1e-9
+        found = np.unique(np.round(np.abs(speeds[steady, k]), 6))
         found = found[found > 1e-6]
         assert len(found) == 2 and found[0] == pytest.approx(0.5 * found[1], rel=1e-5)
     more = plan(tmp_path, OPEN + table("sweeps", speeds=4, slowest=0.5))

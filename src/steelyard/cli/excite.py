@@ -34,8 +34,9 @@ def excite(
         str | None,
         typer.Option(
             help="Kind of motion: fourier, raw_fourier, blended_fourier, ramped_fourier, spline "
-            "or reaching are optimised; pick_and_place, square, waypoints, sweeps, postures and "
-            "replay are planned. If unset, the robot file's, or fourier.",
+            "or reaching are optimised; pick_and_place, square, waypoints, circle, "
+            "cartesian_reaching, sweeps, postures and replay are planned. If unset, the robot "
+            "file's, or fourier.",
             metavar="KIND",
         ),
     ] = None,

@@ -61,6 +61,8 @@ def constraints_of(
         notes.append(
             "loads have no effect: neither torque nor workspace is limited, no criterion relative"
         )
+    if loaded.robot.passive:
+        notes.append(Gap("loop closure is checked at samples, not proven between them"))
     return tuple(found), tuple(notes)
 
 

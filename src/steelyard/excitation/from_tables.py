@@ -22,7 +22,7 @@ from steelyard.excitation.objective import Case
 from steelyard.excitation.point_load import load_numbers
 from steelyard.excitation.previous_model import Earlier
 from steelyard.excitation.problem import Problem
-from steelyard.excitation.uncovered import Declined, Gap
+from steelyard.excitation.uncovered import Declined
 from steelyard.model import Model
 from steelyard.regression.base import FAINT, BaseMap, base_parameters, clear_map
 from steelyard.regression.information_gradient import InformationEvaluator
@@ -102,8 +102,6 @@ def build(loaded: LoadedRobot, model: Model, earlier: Earlier | None = None) -> 
     limits = limits_of(loaded.robot, section.limits)
     constraints, more = constraints_of(loaded, model, earlier)
     model, notes = memoryless(model)
-    if loaded.robot.passive:
-        more += (Gap("loop closure is checked at samples, not proven between them"),)
     return Problem(
         loaded.robot,
         basis,

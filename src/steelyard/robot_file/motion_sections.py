@@ -215,6 +215,64 @@ class WaypointsSection(Section):
     tool_axis: Vector | None = None
 
 
+class CircleSection(Section):
+    """A circle of the tool at a constant speed, started and stopped smoothly.
+
+    Attributes:
+        kind: Kind of motion.
+        centre: Centre in the base frame [m].
+        radius: Radius [m].
+        period: Time of a lap at full speed [s].
+        laps: Number of whole turns, ramps included.
+        ramp: Time in which the speed rises, and in which it falls [s].
+        normal: Axis of the turn, right-handed, in the base frame; against gravity if left out.
+        angle: Where it starts [rad], from the base's x axis in its plane.
+        tool_axis: Direction of the tool's z axis in the base frame; free if left out.
+        start: Configuration near which it starts, a list or by joint [rad; m].
+    """
+
+    kind: Literal["circle"]
+    centre: Vector
+    radius: Positive
+    period: Positive = 5.0
+    laps: Count = 2
+    ramp: Positive = 1.0
+    normal: Vector | None = None
+    angle: float = 0.0
+    tool_axis: Vector | None = None
+    start: Posture | None = None
+
+
+class CartesianReachingSection(Section):
+    """Straight minimum-jerk reaches of the tool from a home to targets and back.
+
+    Attributes:
+        kind: Kind of motion.
+        home: Where every reach begins and returns to, in the base frame [m].
+        targets: Number of targets on a circle about the home, or their positions [m].
+        radius: Radius of that circle [m].
+        normal: Normal of its plane, in the base frame; against gravity if left out.
+        angle: Direction of the first of them [rad], from the base's x axis in that plane.
+        move: Time of each reach, out or back [s].
+        dwell: Standstill after each reach [s].
+        cycles: How often all targets are visited.
+        tool_axis: Direction of the tool's z axis in the base frame; free if left out.
+        start: Configuration near which it starts, a list or by joint [rad; m].
+    """
+
+    kind: Literal["cartesian_reaching"]
+    home: Vector
+    targets: Count | Annotated[tuple[Vector, ...], Field(strict=False, min_length=1)] = 8
+    radius: Positive | None = None
+    normal: Vector | None = None
+    angle: float = 0.0
+    move: Positive = 1.0
+    dwell: Annotated[float, Field(ge=0.0)] = 0.2
+    cycles: Count = 1
+    tool_axis: Vector | None = None
+    start: Posture | None = None
+
+
 class SweepsSection(Section):
     """One joint after another, back and forth at several constant speeds.
 
@@ -274,6 +332,8 @@ MotionSection = Annotated[
     | PickAndPlaceSection
     | SquareSection
     | WaypointsSection
+    | CircleSection
+    | CartesianReachingSection
     | SweepsSection
     | PosturesSection
     | ReplaySection,

@@ -14,13 +14,14 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from steelyard.arrays import Array, frozen
-from steelyard.errors import ModelError
+from steelyard.errors import DataError, ModelError
 from steelyard.excitation.limits import MotionLimits
 from steelyard.excitation.planned.attitudes import AnyAttitude, Attitude
 from steelyard.kernel.quantities.kinematics import frame_kinematics, refuse_passive
-from steelyard.robot.robot import Robot
+from steelyard.robot.robot import Frame, Robot
 
 REACHED = 1e-8
 """A place is reached when it is missed by less than this [m; rad]."""
@@ -91,12 +92,7 @@ class InverseKinematics:
         """
         kinematics = frame_kinematics(robot, frame)
         refuse_passive(robot, kinematics.frame.body, frame)
-        if kinematics.frame.body < 0:
-            raise ModelError(
-                f"frame '{frame}' does not move: it is fixed to the base",
-                where=f"robot '{robot.name}'",
-                fix=f"name a frame of a moving link, such as '{robot.bodies[-1].name}'",
-            )
+        refuse_fixed(robot, kinematics.frame)
         return cls(
             kinematics,
             limits.lower,
@@ -157,15 +153,37 @@ class InverseKinematics:
         """
         rng = np.random.default_rng(seed)
         starts = rng.uniform(self.lower, self.upper, (restarts, len(self.lower)))
-        starts = np.vstack([seed_posture, starts])
+        return self.nearest(target, np.vstack([seed_posture, starts]))
+
+    def nearest(self, target: Array, starts: Array) -> Postures:
+        """All postures found for one target from given starts, nearest to the first one first.
+
+        Those that reach it come first; where none does, the one that comes nearest.
+
+        Args:
+            target: Shape `(3,)` [m].
+            starts: Shape `(k, n)` [rad; m].
+        """
         found = self.solve(np.tile(target, (len(starts), 1)), starts)
-        far = np.linalg.norm(found.q - seed_posture, axis=1)
+        far = np.linalg.norm(found.q - starts[0], axis=1)
         if found.reached.any():
             order = np.argsort(np.where(found.reached, far, np.inf), kind="stable")
             order = order[: int(found.reached.sum())]
         else:
             order = np.argsort(np.hypot(found.missed, _LENGTH * found.turned), kind="stable")
         return Postures(found.q[order], found.missed[order], found.turned[order])
+
+    def agile_first(self, q: Array) -> Array:
+        """Postures `(N, n)` in another order: first those that can move best.
+
+        How well a posture can move is the least singular value of its Jacobian times its room to
+        the nearest end of a range, relative to half the range.
+        """
+        half = 0.5 * (self.upper - self.lower)
+        room = np.min(np.minimum(q - self.lower, self.upper - q) / half, axis=1)
+        agility = np.linalg.svd(self.rates(q), compute_uv=False)[:, -1]
+        ordered: Array = q[np.argsort(-agility * room, kind="stable")]
+        return ordered
 
     def drawn(self, target: Array, q: Array, towards: Array, share: float = 0.2) -> Array:
         """A posture `(n,)` that keeps the target, its spare joints drawn towards another posture.
@@ -198,7 +216,7 @@ class InverseKinematics:
         return weighed
 
     def _weights(self) -> Array:
-        return np.array([1.0] * 3 + [_LENGTH] * self.attitude.rows)
+        return weights_of(self.attitude)
 
     def _step(self, q: Array, rest: Array, damping: Array) -> Array:
         """One damped step, shape `(N, n)`; joints that would leave their range stand still."""
@@ -213,6 +231,47 @@ class InverseKinematics:
             "nij,ni->nj", free, np.linalg.solve(square, rest[:, :, None])[:, :, 0]
         )
         return step
+
+
+def weights_of(attitude: Attitude) -> Array:
+    """Weights of a place's coordinates and of an attitude's turns, shape `(3 + k,)`."""
+    return np.array([1.0] * 3 + [_LENGTH] * attitude.rows)
+
+
+def refuse_fixed(robot: Robot, frame: Frame) -> None:
+    """A frame that is to be led moves.
+
+    Raises:
+        ModelError: It is fixed to the base.
+    """
+    if frame.body < 0:
+        raise ModelError(
+            f"frame '{frame.name}' does not move: it is fixed to the base",
+            where=f"robot '{robot.name}'",
+            fix=f"name a frame of a moving link, such as '{robot.bodies[-1].name}'",
+        )
+
+
+def start_posture(robot: Robot, limits: MotionLimits, start: ArrayLike) -> Array:
+    """The start posture, refused with its worst joint if a range does not hold it."""
+    posture = np.atleast_1d(np.asarray(start, dtype=np.float64))
+    if posture.shape != (robot.n,) or not np.isfinite(posture).all():
+        raise DataError(
+            f"the start posture has {posture.size} values, or one that is no number",
+            where=f"robot '{robot.name}'",
+            fix=f"give one finite position for each of its {robot.n} joints",
+        )
+    past = np.maximum(limits.lower - posture, posture - limits.upper)
+    j = int(np.argmax(past))
+    if past[j] > 0.0:
+        joint = robot.coordinates[j]
+        raise DataError(
+            f"the start posture is outside the range of joint '{joint.name}' by {past[j]:.3g} "
+            f"{joint.unit}",
+            where=f"robot '{robot.name}'",
+            fix=f"choose it from {limits.lower[j]:.4g} to {limits.upper[j]:.4g} {joint.unit}",
+        )
+    return frozen(posture)
 
 
 def within(limits: MotionLimits, margin: float = 1e-3) -> MotionLimits:

@@ -6,14 +6,30 @@ from typing import Any
 
 import numpy as np
 
+from steelyard.arrays import Array
 from steelyard.errors import DataError
 from steelyard.excitation.bases.families import posture_of
 from steelyard.excitation.constraints.markers import Marker
 from steelyard.excitation.limits import MotionLimits
-from steelyard.excitation.planned.attitudes import AnyAttitude, Pointing
+from steelyard.excitation.planned.along_path import along_path
+from steelyard.excitation.planned.attitudes import AnyAttitude, Attitude, Pointing
 from steelyard.excitation.planned.moves import ToolLimits
-from steelyard.excitation.planned.process import Box, PickAndPlace, Process, Square, Waypoints
+from steelyard.excitation.planned.process import (
+    Box,
+    PickAndPlace,
+    Process,
+    Square,
+    Waypoints,
+    upwards,
+)
 from steelyard.excitation.planned.sweeps import friction_sweeps, static_postures
+from steelyard.excitation.planned.tool_paths import (
+    Circle,
+    Reaches,
+    ToolPath,
+    on_circle,
+    out_and_back,
+)
 from steelyard.excitation.planned.tour import Manner
 from steelyard.excitation.trajectories.exact import ExactTrajectory
 from steelyard.excitation.trajectories.files import read_motion
@@ -49,11 +65,14 @@ def with_tool_point(robot: Robot, tool: Marker) -> tuple[Robot, str]:
     return robot.changed(frames=(*robot.frames, point)), tool.title
 
 
+def _attitude(s: Any) -> Attitude:
+    return AnyAttitude() if s.tool_axis is None else Pointing(s.tool_axis)
+
+
 def _manner(s: Any, path: str) -> Manner:
-    attitude = AnyAttitude() if s.tool_axis is None else Pointing(s.tool_axis)
     return Manner(
         path="joint" if path == "joint" else "line",
-        attitude=attitude,
+        attitude=_attitude(s),
         tool=ToolLimits(s.speed, s.acceleration),
         dwell=s.dwell,
     )
@@ -94,6 +113,61 @@ def _waypoints(s: Any, loaded: LoadedRobot, limits: MotionLimits, seed: int) -> 
     return _process(Waypoints(s.points, manner=_manner(s, s.path)), loaded, limits, seed)
 
 
+def _along(path: ToolPath, s: Any, loaded: LoadedRobot, limits: MotionLimits, seed: int) -> Planned:
+    """The motion that leads the tool along a path, and notes on what it lacks."""
+    robot, frame = with_tool_point(loaded.robot, tool_of(loaded.excitation.workspace, loaded.robot))
+    start = posture_of(s.start, robot, "start")
+    motion = along_path(robot, limits, frame, path, _attitude(s), start=start, seed=seed)
+    notes = list[str]()
+    if motion.still:
+        notes.append(f"joints that the path does not need stand still: {', '.join(motion.still)}")
+    if motion.excess > 1.0 + 1e-9:
+        notes.append(
+            f"the {motion.limited} exceeds its limit: the path can be followed in "
+            f"{motion.excess:.3g} times the time"
+        )
+    return motion.trajectory, tuple(notes)
+
+
+def _circle(s: Any, loaded: LoadedRobot, limits: MotionLimits, seed: int) -> Planned:
+    normal = upwards(loaded.robot) if s.normal is None else np.array(s.normal)
+    path = Circle(s.centre, s.radius, s.period, s.laps, s.ramp, normal, s.angle)
+    motion, notes = _along(path, s, loaded, limits, seed)
+    return motion, (f"{s.laps} laps of {s.period:g} s at full speed", *notes)
+
+
+def _cartesian_reaching(s: Any, loaded: LoadedRobot, limits: MotionLimits, seed: int) -> Planned:
+    path = Reaches(out_and_back(np.array(s.home), _targets(s, loaded), s.cycles), s.move, s.dwell)
+    motion, notes = _along(path, s, loaded, limits, seed)
+    reaches = len(path.places) - 1
+    return motion, (f"{reaches} reaches of {s.move:g} s, {s.dwell:g} s of rest after each", *notes)
+
+
+def _targets(s: Any, loaded: LoadedRobot) -> Array:
+    """Targets of reaches, shape `(k, 3)` [m].
+
+    Raises:
+        DataError: A number of them is given without the radius of their circle, or the reverse.
+    """
+    where = f"{WHERE} targets"
+    if isinstance(s.targets, int):
+        if s.radius is None:
+            raise DataError(
+                f"{s.targets} targets without a radius",
+                where=where,
+                fix="give the radius of their circle [m], or targets = [[x, y, z], ...]",
+            )
+        normal = upwards(loaded.robot) if s.normal is None else np.array(s.normal)
+        return on_circle(np.array(s.home), s.radius, s.targets, normal, s.angle)
+    if s.radius is not None or s.normal is not None or s.angle != 0.0:
+        raise DataError(
+            "radius, normal and angle have no effect where the targets are positions",
+            where=where,
+            fix="leave them out, or give the number of targets",
+        )
+    return np.array(s.targets)
+
+
 def _sweeps(s: Any, loaded: LoadedRobot, limits: MotionLimits, seed: int) -> Planned:
     posture = posture_of(s.start, loaded.robot, "start")
     motion = friction_sweeps(limits, posture, speeds=s.speeds, slowest=s.slowest, fraction=1.0)
@@ -115,6 +189,8 @@ PLANS: Mapping[str, Plan] = MappingProxyType(
         "pick_and_place": _pick_and_place,
         "square": _square,
         "waypoints": _waypoints,
+        "circle": _circle,
+        "cartesian_reaching": _cartesian_reaching,
         "sweeps": _sweeps,
         "postures": _postures,
         "replay": _replay,

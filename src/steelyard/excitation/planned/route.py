@@ -10,7 +10,7 @@ from steelyard.errors import DataError
 from steelyard.excitation.constraints.tool_way import ToolWay
 from steelyard.excitation.limits import MotionLimits
 from steelyard.excitation.planned.follow import Astray, astray, follow
-from steelyard.excitation.planned.inverse_kinematics import InverseKinematics, within
+from steelyard.excitation.planned.inverse_kinematics import InverseKinematics, start_posture, within
 from steelyard.excitation.planned.moves import Move, Pace, joint_move, line_move, pace
 from steelyard.excitation.planned.reachable import demand_reach, postures_at
 from steelyard.excitation.planned.tour import Manner, ProcessMotion, Tour
@@ -67,7 +67,7 @@ class Planner:
             DataError: The start posture is none of the robot's, or outside its ranges.
         """
         solver = InverseKinematics.of(robot, frame, within(limits), manner.attitude)
-        posture = None if start is None else _start(robot, limits, start)
+        posture = None if start is None else start_posture(robot, limits, start)
         return cls(robot, limits, frame, manner, solver, seed, posture)
 
     def demand(self, places: Array, what: str, which: str) -> None:
@@ -126,21 +126,13 @@ class Planner:
         return middle
 
     def _branches(self, place: Array) -> Array:
-        """Postures to begin in, `(B, n)`: the nearest first, or those that can move best.
-
-        How well a posture can move is the least singular value of its Jacobian times its room to
-        the nearest end of a range, relative to half the range.
-        """
+        """Postures to begin in, `(B, n)`: the nearest first, or those that can move best."""
         solver = self.solver
         found = solver.reach(place, self._near, self.seed, restarts=_STARTS)
         q: Array = found.q[found.reached]
         if self.start is not None:
             return q[:_BRANCHES]
-        half = 0.5 * (solver.upper - solver.lower)
-        room = np.min(np.minimum(q - solver.lower, solver.upper - q) / half, axis=1)
-        agility = np.linalg.svd(solver.rates(q), compute_uv=False)[:, -1]
-        best: Array = q[np.argsort(-agility * room, kind="stable")[:_BRANCHES]]
-        return best
+        return solver.agile_first(q)[:_BRANCHES]
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,25 +252,3 @@ def _pauses(motion: ProcessMotion) -> bool:
     """Whether a move takes so much longer than most that another posture may do it sooner."""
     times = [pace.duration for pace in motion.paces]
     return max(times) > _HELD_UP * float(np.median(times))
-
-
-def _start(robot: Robot, limits: MotionLimits, start: ArrayLike) -> Array:
-    """The start posture, refused with its worst joint if a range does not hold it."""
-    posture = np.atleast_1d(np.asarray(start, dtype=np.float64))
-    if posture.shape != (robot.n,) or not np.isfinite(posture).all():
-        raise DataError(
-            f"the start posture has {posture.size} values, or one that is no number",
-            where=f"robot '{robot.name}'",
-            fix=f"give one finite position for each of its {robot.n} joints",
-        )
-    past = np.maximum(limits.lower - posture, posture - limits.upper)
-    j = int(np.argmax(past))
-    if past[j] > 0.0:
-        joint = robot.coordinates[j]
-        raise DataError(
-            f"the start posture is outside the range of joint '{joint.name}' by {past[j]:.3g} "
-            f"{joint.unit}",
-            where=f"robot '{robot.name}'",
-            fix=f"choose it from {limits.lower[j]:.4g} to {limits.upper[j]:.4g} {joint.unit}",
-        )
-    return frozen(posture)

@@ -31,6 +31,8 @@ KINDS = {
     "pick_and_place": "pick-and-place cycles",
     "square": "edges of a square",
     "waypoints": "moves from point to point",
+    "circle": "circle of the tool",
+    "cartesian_reaching": "straight minimum-jerk reaches of the tool",
     "sweeps": "one joint after another at several speeds",
     "postures": "static postures",
     "replay": "motion from a file",
