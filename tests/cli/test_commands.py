@@ -20,7 +20,14 @@ from steelyard.virtual import demo as demonstration
 URDF = "../given/demo_arm.urdf"
 OTHER = "../given/validation.csv"
 JOINTS = ["shoulder_turn", "shoulder_lift", "elbow", "forearm_roll", "wrist_bend", "flange_roll"]
-FIGURES = ("relative_percent", "relative_percent_moving", "rmse", "predict_zero", "prior_rmse")
+FIGURES = (
+    "relative_percent",
+    "relative_percent_moving",
+    "rmse",
+    "mae",
+    "predict_zero",
+    "prior_rmse",
+)
 
 
 def strict(text: str) -> Any:

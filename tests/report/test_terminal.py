@@ -67,6 +67,7 @@ def test_the_details_are_printed_on_request(usual):
         "10.0\u00a0%",
         "12.5\u00a0%",
         "0.200",
+        "0.150",
         "3.00",
         "2.00",
         "A",

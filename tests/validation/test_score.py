@@ -31,6 +31,9 @@ def test_figures_are_those_of_the_definition() -> None:
     error = found.traces.measured - found.traces.predicted
     assert joint.rmse == pytest.approx(np.sqrt(np.mean(error**2)))
     assert joint.rmse == pytest.approx(0.3, rel=0.02)
+    assert joint.mae == pytest.approx(np.mean(np.abs(error)))
+    moved = np.abs(error)[found.traces.moving[:, 0], 0]
+    assert joint.mae_moving == pytest.approx(np.mean(moved))
     zero = np.sqrt(np.mean(found.traces.measured**2))
     assert joint.predict_zero == pytest.approx(zero)
     assert joint.relative_percent == pytest.approx(100.0 * joint.rmse / zero)
@@ -55,6 +58,8 @@ def test_rests_do_not_count_where_the_joint_moves() -> None:
     moving = found.traces.moving[:, 0]
     error = (found.traces.measured - found.traces.predicted)[moving, 0]
     assert joint.rmse_moving == pytest.approx(np.sqrt(np.mean(error**2)))
+    assert joint.mae_moving == pytest.approx(np.mean(np.abs(error)))
+    assert joint.mae > 2.0 * joint.mae_moving
     resting = ~moving
     assert 2.0 < resting.sum() / RATE < 3.2
 
@@ -85,6 +90,7 @@ def test_traces_of_long_runs_are_evenly_spaced(monkeypatch: pytest.MonkeyPatch) 
     for name in ("t", "measured", "predicted", "moving"):
         assert np.allclose(getattr(few.traces, name), getattr(full.traces, name)[::step])
     assert few.joints[0].rmse == pytest.approx(full.joints[0].rmse, rel=1e-9)
+    assert few.joints[0].mae == pytest.approx(full.joints[0].mae, rel=1e-9)
     assert few.pooled_percent_moving == pytest.approx(full.pooled_percent_moving, rel=1e-9)
 
 

@@ -38,6 +38,8 @@ class JointScore:
         relative_percent_moving: The same where the joint moves; `None` if it never does.
         rmse: Root mean square error, all samples.
         rmse_moving: The same where the joint moves; `None` if it never does.
+        mae: Mean absolute error, all samples.
+        mae_moving: The same where the joint moves; `None` if it never does.
         predict_zero: RMSE of predicting zero: the measured effort's own root mean square.
         prior_rmse: RMSE of the nominal model of the robot's file; `None` if there is none.
     """
@@ -48,6 +50,8 @@ class JointScore:
     relative_percent_moving: float | None
     rmse: float
     rmse_moving: float | None
+    mae: float
+    mae_moving: float | None
     predict_zero: float
     prior_rmse: float | None
 
@@ -262,21 +266,25 @@ class _Squares:
     Attributes:
         all: Over all samples, shape `(3, n)`; two rows without a nominal model.
         moving: Where the joint moves.
+        sizes: Sums of the absolute error, of all samples and where the joint moves, shape `(2, n)`.
         samples: Number of samples.
         samples_moving: The same where each joint moves, shape `(n,)`.
     """
 
     def __init__(self) -> None:
         self.all, self.moving = np.zeros((2, 1)), np.zeros((2, 1))
+        self.sizes = np.zeros((2, 1))
         self.samples, self.samples_moving = 0, np.zeros(1)
 
     def add(self, efforts: Array, moving: Mask) -> None:
         measured, predicted = efforts[0], efforts[1]
+        size = np.abs(measured - predicted)
         parts = np.square([measured - predicted, measured, *(measured - efforts[2:])])
         if not self.samples:
             self.all = self.moving = np.zeros(parts.shape[:2])
         self.all = self.all + parts.sum(axis=2)
         self.moving = self.moving + np.where(moving, parts, 0.0).sum(axis=2)
+        self.sizes = self.sizes + [size.sum(axis=1), np.where(moving, size, 0.0).sum(axis=1)]
         self.samples += moving.shape[1]
         self.samples_moving = self.samples_moving + moving.sum(axis=1)
 
@@ -293,6 +301,10 @@ class _Squares:
             rmse=float(root[0]),
             rmse_moving=(
                 sqrt(self.moving[0, j] / self.samples_moving[j]) if self.samples_moving[j] else None
+            ),
+            mae=float(self.sizes[0, j] / self.samples),
+            mae_moving=(
+                float(self.sizes[1, j] / self.samples_moving[j]) if self.samples_moving[j] else None
             ),
             predict_zero=float(root[1]),
             prior_rmse=float(root[2]) if len(root) > 2 else None,

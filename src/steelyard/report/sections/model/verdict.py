@@ -33,7 +33,8 @@ if TYPE_CHECKING:
 
 CAPTION = (
     "moving, all: relative error where the joint moves, and of the whole log; pooled: norms over "
-    "all joints together; zero, nominal: RMSE of predicting zero, and of the nominal model"
+    "all joints together; MAE: mean absolute error; zero, nominal: RMSE of predicting zero, and of "
+    "the nominal model"
 )
 
 
@@ -247,7 +248,7 @@ def _fit_table(score: RunScore) -> Table:
         caption_justify="left",
     )
     table.add_column("joint", overflow="fold")
-    for heading in ("moving", "all", "RMSE", "zero", "nominal"):
+    for heading in ("moving", "all", "RMSE", "MAE", "zero", "nominal"):
         table.add_column(heading, justify="right")
     table.add_column("unit")
     for joint in score.joints:
@@ -257,6 +258,7 @@ def _fit_table(score: RunScore) -> Table:
             Text(percent(joint.relative_percent_moving), style=style),
             percent(joint.relative_percent),
             significant(joint.rmse),
+            significant(joint.mae),
             significant(joint.predict_zero),
             significant(joint.prior_rmse),
             Text(joint.unit),
