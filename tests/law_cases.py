@@ -148,6 +148,10 @@ CASES: tuple[LawCase, ...] = (
         left_out="their mean",
     ),
     LawCase(
+        "directional_coulomb", {"smoothing": [0.05, 0.3], "shape": "arctan", "joints": CHOSEN},
+        odd=False, left_out="their mean",
+    ),
+    LawCase(
         "directional_coulomb", {"smoothing": 0.05}, odd=False, left_out="their mean",
         found={"smoothing": (0.02, 0.05, 0.01)}, replaces=("coulomb", "offset"),
     ),
@@ -171,6 +175,15 @@ CASES: tuple[LawCase, ...] = (
         beside=(TURN, "viscous"),
     ),
     LawCase(
+        "stribeck", {"speed": 0.2, "smoothing": 0.02, "shape": "arctan"}, left_out=FIT,
+        simulated="recovered", beside=({**TURN, "shape": "arctan"}, "viscous"),
+        found={"speed": SPEEDS, "smoothing": (0.02, 0.05, 0.01)},
+    ),
+    LawCase(
+        "stribeck", {"smoothing": [0.05, 0.3], "shape": "logistic", "joints": CHOSEN},
+        left_out=FIT,
+    ),
+    LawCase(
         "stribeck", {"speed": [30.0, 50.0], "exponent": 2, "smoothing": 8.0, "motors": LAST},
         left_out=FIT,
     ),
@@ -186,6 +199,10 @@ CASES: tuple[LawCase, ...] = (
         "directional_stribeck", {"speed": 0.2, "smoothing": 0.02}, odd=False,
         left_out="their mean", simulated="recovered",
         beside=({"law": "directional_coulomb", "smoothing": 0.02}, "viscous"),
+    ),
+    LawCase(
+        "directional_stribeck", {"speed": 0.2, "smoothing": 0.02, "shape": "arctan"}, odd=False,
+        left_out="their mean", found={"smoothing": (0.02, 0.05, 0.01)},
     ),
     LawCase(
         "directional_stribeck",

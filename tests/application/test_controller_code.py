@@ -73,8 +73,8 @@ def laws(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     """Every law on the robot with gears: its controllers, and one library of their code."""
     robot, folder = geared(), tmp_path_factory.mktemp("laws")
     controllers = {
-        name: controller_on(robot.changed(name=name), (case.on(robot),), ["torque"], seed=k)
-        for k, (name, case) in enumerate(LAWS.items())
+        name: controller_on(robot.changed(name=name), (case.on(robot),), ["torque"])
+        for name, case in LAWS.items()
     }
     sources = [written(code_of(c, request.param), folder) for c in controllers.values()]
     return controllers, Library(sources, folder, request.param), PRECISIONS[request.param]

@@ -139,6 +139,21 @@ def test_two_fields_of_one_term_are_found_together() -> None:
         assert values[name].interval[0] < true < values[name].interval[1]
 
 
+def test_speed_and_arctan_smoothing_of_stribeck_are_found_together() -> None:
+    """As in p3, with the Coulomb friction beside turning within a speed of its own to be found."""
+    coulomb = Coulomb(smoothing=0.03, shape="arctan")
+    find = Coulomb(smoothing=Find(1e-3, 1.0), shape="arctan")
+    truth = Stribeck(speed=0.2, smoothing=0.03, shape="arctan")
+    wanted = Stribeck(speed=Find(1e-3, 1.0), smoothing=Find(1e-3, 1.0), shape="arctan")
+    information_of, _ = data((*BARE, coulomb), truth, 0.02)
+    result = find_fields(Model(ROBOT, (*BARE, find, wanted)), information_of)
+    values = {(f.term, f.field): f for f in result.findings}
+    trues = {("coulomb", "smoothing"): 0.03, ("stribeck", "smoothing"): 0.03}
+    for name, true in {**trues, ("stribeck", "speed"): 0.2}.items():
+        assert values[name].value == pytest.approx(true, rel=2e-2)
+        assert values[name].interval[0] < true < values[name].interval[1]
+
+
 def test_intervals_hold_the_truth() -> None:
     values, inside, total = (0.03, 0.06, 0.1), 0, 0
     for seed in range(20):
@@ -327,7 +342,7 @@ def test_a_robot_file_asks_for_a_search(tmp_path: Any) -> None:
         ({"law": "viscous", "joints": "find"}, "'joints' of term 'viscous' cannot be estimated"),
         (
             {"law": "stribeck", "exponent": "find"},
-            "give 'exponent' a value; 'speed' can be estimated",
+            "give 'exponent' a value; 'speed' and 'smoothing' can be estimated",
         ),
         ({"law": "lugre", "breakaway": "find"}, "'length' and 'speed' can be estimated"),
         ({"law": "dahl", "lenth": "find"}, "does not understand 'lenth'"),
@@ -344,8 +359,8 @@ def test_wrong_requests_are_explained(description: Any, words: str) -> None:
 
 
 def test_a_field_that_cannot_be_found_is_refused_in_a_model() -> None:
-    term = Stribeck(smoothing=Find(1e-3, 1.0))
-    with pytest.raises(ModelError, match="'smoothing' of term 'stribeck' cannot be estimated"):
+    term = Coulomb(threshold=Find(1e-3, 1.0))
+    with pytest.raises(ModelError, match="'threshold' of term 'coulomb' cannot be estimated"):
         unknowns_of(Model(ROBOT, (term,)))
 
 

@@ -16,6 +16,7 @@ from steelyard.model import Model
 from steelyard.terms.laws.coulomb import Coulomb
 from steelyard.terms.laws.coupled import Coupled
 from steelyard.terms.laws.directional import DirectionalCoulomb, DirectionalViscous
+from steelyard.terms.laws.directional_stribeck import DirectionalStribeck
 from steelyard.terms.laws.powers import Cubic, Quadratic, Root
 from steelyard.terms.laws.presliding import Dahl, LuGre, MaxwellSlip
 from steelyard.terms.laws.stribeck import Stribeck
@@ -25,6 +26,11 @@ from steelyard.terms.term import Term
 
 SPEEDS = np.array([0.0, 0.05, -0.1, 2.0])
 TINY, HUGE = 1e-300, 1e6
+SMOOTH: dict[str, Any] = {
+    "tanh": np.tanh,
+    "arctan": lambda x: 2.0 / np.pi * np.arctan(x),
+    "logistic": lambda x: 2.0 / (1.0 + np.exp(-x)) - 1.0,
+}
 
 
 def at(term: Term, dq: Any = SPEEDS, values: Any = 1.0) -> np.ndarray:
@@ -44,14 +50,7 @@ def test_the_threshold_is_a_dead_zone() -> None:
     assert at(each, [0.2, 0.02, 0.2, -3.1]).tolist() == [1.0, 1.0, 0.0, -1.0]
 
 
-@pytest.mark.parametrize(
-    ("shape", "law"),
-    [
-        ("tanh", np.tanh),
-        ("arctan", lambda x: 2.0 / np.pi * np.arctan(x)),
-        ("logistic", lambda x: 2.0 / (1.0 + np.exp(-x)) - 1.0),
-    ],
-)
+@pytest.mark.parametrize(("shape", "law"), SMOOTH.items())
 def test_smooth_coulomb_friction(shape: str, law: Any) -> None:
     assert close(at(Coulomb(smoothing=0.05, shape=shape)), law(SPEEDS / 0.05))
     widths = np.array([0.05, 0.1, 0.2, 4.0])
@@ -107,6 +106,19 @@ def test_stribeck_is_the_excess_over_coulomb(exponent: int) -> None:
     each = np.array([0.1, 0.2, 0.3, 4.0])
     found = at(Stribeck(speed=tuple(each), exponent=exponent))
     assert close(found, sign * np.exp(-(np.abs(SPEEDS / each) ** exponent)))
+
+
+@pytest.mark.parametrize("shape", SMOOTH)
+def test_stribeck_turns_by_any_shape(shape: str) -> None:
+    """Beside `coulomb` and `viscous` with `arctan`: eqs 5 and 6 of p3."""
+    smooth, fading = SMOOTH[shape](SPEEDS / 0.05), np.exp(-np.abs(SPEEDS / 0.2))
+    given: dict[str, Any] = {"smoothing": 0.05, "shape": shape}
+    assert close(at(Stribeck(speed=0.2, **given)), smooth * fading)
+    values = np.arange(1.0, 9.0)
+    sides = np.where(SPEEDS >= 0.0, values[:4], values[4:])
+    assert close(at(DirectionalCoulomb(**given), SPEEDS, values), smooth * sides)
+    stribeck = DirectionalStribeck(speed=0.2, **given)
+    assert close(at(stribeck, SPEEDS, values), smooth * fading * sides)
 
 
 def test_a_motor_behind_a_differential_brakes_both_joints() -> None:
@@ -187,6 +199,10 @@ def test_lists_fit_the_pairs() -> None:
         ({"law": "coulomb", "smoothing": [0.1, -0.1]}, "smoothing = -0.1"),
         ({"law": "coulomb", "smoothing": 0.1, "shape": "sine"}, "'tanh', 'arctan', 'logistic'"),
         ({"law": "directional_coulomb", "smoothing": -1.0}, "smoothing = -1.0"),
+        ({"law": "coulomb", "shape": "arctan"}, "give `smoothing`"),
+        ({"law": "directional_coulomb", "shape": "arctan"}, "give `smoothing`"),
+        ({"law": "stribeck", "shape": "logistic"}, "give `smoothing`"),
+        ({"law": "stribeck", "smoothing": 0.1, "shape": "sine"}, "'tanh', 'arctan', 'logistic'"),
         ({"law": "stribeck", "exponent": 3}, "exponent = 3"),
         ({"law": "stribeck", "speed": -0.1}, "speed = -0.1"),
         ({"law": "stribeck", "speed": "fast"}, "speed = 'fast'"),

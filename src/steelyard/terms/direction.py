@@ -18,6 +18,8 @@ SHAPES: dict[str, Callable[[Scalar], Scalar]] = {
 }
 """Smooth laws over the velocity in units of the smoothing speed; from -1 to 1, odd."""
 
+DEFAULT_SHAPE = "tanh"
+
 Field = float | tuple[float, ...]
 """One value for all coordinates of a term, or one per coordinate."""
 
@@ -27,7 +29,7 @@ def directions(
     dq: Sequence[Scalar],
     smoothing: Field,
     law: str,
-    shape: str = "tanh",
+    shape: str = DEFAULT_SHAPE,
 ) -> list[Scalar]:
     r"""Direction of motion along every axis, from -1 to 1.
 
@@ -48,6 +50,21 @@ def directions(
 def is_zero(value: Any) -> bool:
     """Whether a field is the number zero, which switches it off."""
     return isinstance(value, float | int) and value == 0.0
+
+
+def refuse_shape(law: str, shape: str, smoothing: Field) -> None:
+    """The name of a smooth law goes with a speed within which it turns.
+
+    Raises:
+        ModelError: There is no such law, or no such speed.
+    """
+    refuse_unknown(law, "shape", shape, tuple(SHAPES))
+    if is_zero(smoothing) and shape != DEFAULT_SHAPE:
+        raise ModelError(
+            f"term '{law}' has shape = {shape!r}, but its direction is the plain sign",
+            where="list of terms",
+            fix="give `smoothing`, the speed within which it turns, or leave out `shape`",
+        )
 
 
 def refuse_negative(law: str, **fields: Any) -> None:

@@ -13,12 +13,12 @@ from steelyard.robot.robot import Robot
 from steelyard.terms.acting import ActsOnAxes
 from steelyard.terms.axes import each, per_axis, spread
 from steelyard.terms.direction import (
-    SHAPES,
+    DEFAULT_SHAPE,
     Field,
     directions,
     is_zero,
     refuse_negative,
-    refuse_unknown,
+    refuse_shape,
 )
 from steelyard.terms.model_files import Placed, Values, under
 from steelyard.terms.term import Cause, Columns, Dissipation, Role
@@ -46,11 +46,11 @@ class Coulomb(ActsOnAxes):
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"smoothing": (1e-3, 1.0)}
     threshold: Field = 0.0
     smoothing: Field = 0.0
-    shape: str = "tanh"
+    shape: str = DEFAULT_SHAPE
 
     def __post_init__(self) -> None:
-        refuse_unknown(self.law, "shape", self.shape, tuple(SHAPES))
         refuse_negative(self.law, threshold=self.threshold, smoothing=self.smoothing)
+        refuse_shape(self.law, self.shape, self.smoothing)
         if not is_zero(self.threshold) and not is_zero(self.smoothing):
             raise ModelError(
                 f"Coulomb friction with threshold {self.threshold} and smoothing {self.smoothing}",

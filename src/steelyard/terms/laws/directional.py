@@ -11,7 +11,13 @@ from steelyard.parameters import Parameter
 from steelyard.robot.robot import Robot
 from steelyard.terms.acting import ActsOnAxes
 from steelyard.terms.axes import each, spread
-from steelyard.terms.direction import Field, directions, refuse_negative
+from steelyard.terms.direction import (
+    DEFAULT_SHAPE,
+    Field,
+    directions,
+    refuse_negative,
+    refuse_shape,
+)
 from steelyard.terms.model_files import Place, mean_of_directions
 from steelyard.terms.term import Cause, Columns, Dissipation
 
@@ -20,12 +26,13 @@ from steelyard.terms.term import Cause, Columns, Dissipation
 class DirectionalCoulomb(ActsOnAxes):
     r"""Coulomb friction of its own in each direction, $f = f_+ s_+(v) + f_- s_-(v)$.
 
-    $s_\pm = (s \pm |s|)/2$ with the sign $s$ of the velocity, or $\tanh(v/w)$ with `smoothing`.
+    $s_\pm = (s \pm |s|)/2$ with the sign $s$ of the velocity, or a smooth $s$ as of `Coulomb`.
     Without smoothing it says what `coulomb` and `offset` say together: use it in their place.
 
     Attributes:
         smoothing: Speed $w$ of the smooth law, one for all or one per coordinate [rad/s; m/s];
             zero for the sign.
+        shape: Which smooth law: `tanh`, `arctan` or `logistic`.
     """
 
     law: ClassVar[str] = "directional_coulomb"
@@ -35,9 +42,11 @@ class DirectionalCoulomb(ActsOnAxes):
     in_model_files: ClassVar[Place] = mean_of_directions("dry")
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"smoothing": (1e-3, 1.0)}
     smoothing: Field = 0.0
+    shape: str = DEFAULT_SHAPE
 
     def __post_init__(self) -> None:
         refuse_negative(self.law, smoothing=self.smoothing)
+        refuse_shape(self.law, self.shape, self.smoothing)
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """Forward and backward per coordinate, not negative."""
@@ -50,7 +59,7 @@ class DirectionalCoulomb(ActsOnAxes):
     def columns(self, robot: Robot, state: JointState) -> Columns:
         """The direction of motion, its positive and its negative part."""
         axes = self.axes(robot)
-        sense = directions(axes, state.dq, self.smoothing, self.law)
+        sense = directions(axes, state.dq, self.smoothing, self.law, self.shape)
         return {
             **spread(axes, lambda k, _: 0.5 * (sense[k] + np.abs(sense[k]))),
             **spread(axes, lambda k, _: 0.5 * (sense[k] - np.abs(sense[k])), len(axes)),

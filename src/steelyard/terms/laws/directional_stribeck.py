@@ -39,7 +39,7 @@ class DirectionalStribeck(Stribeck):
     def columns(self, robot: Robot, state: JointState) -> Columns:
         """The direction of motion, its positive and its negative part, fading with speed."""
         axes = self.axes(robot)
-        sense = directions(axes, state.dq, self.smoothing, self.law)
+        sense = directions(axes, state.dq, self.smoothing, self.law, self.shape)
         scales = per_axis(self.speed, axes, self.law)
         fading: list[Scalar] = []
         for axis, scale in zip(axes, scales, strict=True):

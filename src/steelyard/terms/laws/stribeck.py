@@ -12,10 +12,12 @@ from steelyard.robot.robot import Robot
 from steelyard.terms.acting import ActsOnAxes
 from steelyard.terms.axes import each, per_axis, spread
 from steelyard.terms.direction import (
+    DEFAULT_SHAPE,
     Field,
     directions,
     refuse_negative,
     refuse_not_positive,
+    refuse_shape,
     refuse_unknown,
 )
 from steelyard.terms.model_files import Place, curve_over_speed
@@ -33,8 +35,9 @@ class Stribeck(ActsOnAxes):
     Attributes:
         speed: Stribeck speed $v_s$, one for all or one per coordinate [rad/s; m/s].
         exponent: $\beta$, 1 or 2.
-        smoothing: Speed $w$ of $s = \tanh(v/w)$, one for all or one per coordinate [rad/s; m/s];
-            zero for the sign.
+        smoothing: Speed $w$ of a smooth $s$ as of `Coulomb`, one for all or one per coordinate
+            [rad/s; m/s]; zero for the sign.
+        shape: Which smooth $s$: `tanh`, `arctan` (p3, eq 6) or `logistic`.
     """
 
     law: ClassVar[str] = "stribeck"
@@ -42,15 +45,20 @@ class Stribeck(ActsOnAxes):
     cause: ClassVar[Cause] = "friction"
     shown_by: ClassVar[str] = "slow motion in both directions of"
     in_model_files: ClassVar[Place] = curve_over_speed("excess of friction at breakaway")
-    bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"speed": (1e-3, 1.0)}
+    bounds: ClassVar[Mapping[str, tuple[float, float]]] = {
+        "speed": (1e-3, 1.0),
+        "smoothing": (1e-3, 1.0),
+    }
     speed: Field = 0.1
     exponent: int = 1
     smoothing: Field = 0.0
+    shape: str = DEFAULT_SHAPE
 
     def __post_init__(self) -> None:
         refuse_unknown(self.law, "exponent", self.exponent, (1, 2))
         refuse_not_positive(self.law, speed=self.speed)
         refuse_negative(self.law, smoothing=self.smoothing)
+        refuse_shape(self.law, self.shape, self.smoothing)
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """The excess per coordinate, not negative."""
@@ -59,7 +67,7 @@ class Stribeck(ActsOnAxes):
     def columns(self, robot: Robot, state: JointState) -> Columns:
         """The direction of motion, fading with speed."""
         axes = self.axes(robot)
-        sense = directions(axes, state.dq, self.smoothing, self.law)
+        sense = directions(axes, state.dq, self.smoothing, self.law, self.shape)
         scales = per_axis(self.speed, axes, self.law)
 
         def value(k: int, relative: Scalar) -> Scalar:
