@@ -1,5 +1,7 @@
 """Contact from residuals: events, links, and calibration runs that contain contact."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -45,14 +47,14 @@ def pushed(
 
 def limits(value: float) -> ContactThresholds:
     own = ((True,) * 5,) * N
-    return ContactThresholds(EDGES, 8.0, 1.0, 60.0, np.full((N, 5), value), own)
+    return ContactThresholds(EDGES, 8.0, 1.0, 60.0, np.full((N, 5), value), own, np.full(N, np.nan))
 
 
 def silent(seconds: float = 10.0) -> ResidualTrace:
     count = int(seconds / STEP)
     zero = np.zeros((N, count))
     return ResidualTrace(
-        "run", np.arange(count) * STEP, STEP, zero, zero, zero, np.zeros((2, N, count))
+        "run", np.arange(count) * STEP, STEP, zero.copy(), zero, zero, np.zeros((2, N, count))
     )
 
 
@@ -84,6 +86,27 @@ def test_a_gap_in_the_log_ends_an_event() -> None:
         2.98,
         5.98,
     ]
+
+
+def test_a_push_within_the_dead_zone_is_a_change_at_rest() -> None:
+    run = pushed(silent(), 0.0, 10.0, 0, 20.0)
+    run = pushed(run, 4.0, 4.6, 0, 3.0)
+    within = replace(limits(30.0), changes=np.full(N, 2.0))
+    (event,) = contacts_in(run, within, ROBOT, SIGMA)
+    assert (event.start, event.known) == (pytest.approx(4.0), pytest.approx(4.2))
+    (load,) = event.joints
+    assert load.change and load.peak == pytest.approx(3.0, rel=0.02)
+    assert load.ratio == pytest.approx(1.5, rel=0.02)
+    assert contacts_in(run, limits(30.0), ROBOT, SIGMA) == ()
+
+
+def test_the_test_that_is_exceeded_more_gives_the_size() -> None:
+    run = pushed(silent(), 0.0, 10.0, 0, 4.0)
+    run = pushed(run, 4.0, 4.6, 0, 3.0)
+    both = replace(limits(5.0), changes=np.full(N, 2.5))
+    (event,) = contacts_in(run, both, ROBOT, SIGMA)
+    assert not event.joints[0].change and event.joints[0].peak == pytest.approx(7.0)
+    assert event.known == event.start == pytest.approx(4.0)
 
 
 def test_links_are_those_that_all_loaded_joints_carry() -> None:

@@ -179,7 +179,7 @@ def test_contact_is_told_by_thresholds() -> None:
     limits[1] = np.nan
     edges = np.tile([0.01, 0.1, 0.4], (n, 1))
     own = tuple((True,) * 5 for _ in range(n))
-    thresholds = ContactThresholds(edges, 5.0, 1.0, 60.0, limits, own)
+    thresholds = ContactThresholds(edges, 5.0, 1.0, 60.0, limits, own, np.full(n, np.nan))
     observer = model().observe(FRAME, thresholds=thresholds)
     assert observer.bandwidth == 5.0
     free, push = model().torque(q, q, q), np.array([3.0, 9.0, 1.0, -3.0, *np.zeros(n - 4)])
@@ -188,6 +188,21 @@ def test_contact_is_told_by_thresholds() -> None:
     assert observer.contact.tolist() == [True, False, False, True, *(n - 4) * [False]]
     with pytest.raises(DataError, match="do not fit a bandwidth"):
         model().observe(FRAME, thresholds=thresholds, bandwidth=3.0)
+
+
+def test_contact_of_a_resting_robot_is_told_by_changes() -> None:
+    n, q = ROBOT.n, np.zeros(ROBOT.n)
+    edges = np.tile([0.01, 0.1, 0.4], (n, 1))
+    changes = np.array([2.0, np.nan, *np.full(n - 2, 2.0)])
+    own = tuple((True,) * 5 for _ in range(n))
+    thresholds = ContactThresholds(edges, 5.0, 1.0, 60.0, np.full((n, 5), 99.0), own, changes)
+    observer, free = model().observe(FRAME, thresholds=thresholds), model().torque(q, q, q)
+    push, found = np.array([3.0, 9.0, 1.0, -3.0, *np.zeros(n - 4)]), []
+    for k in range(1000):
+        observer.step(0.005 * k, q, q, free - 5.0 - push * (k >= 600))
+        found.append(observer.contact)
+    assert not np.any(found[:640])
+    assert found[699].tolist() == [True, False, False, True, *(n - 4) * [False]]
 
 
 def test_a_gap_begins_anew_and_slow_samples_are_refused() -> None:

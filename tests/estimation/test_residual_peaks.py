@@ -98,7 +98,7 @@ def test_visits_end_at_gaps_and_changes_of_range() -> None:
     residual = np.array([[*range(10), *range(10, 0, -1)]], dtype=float)
     ranges = np.array([[2] * 5 + [0] * 5 + [0] * 10])
     peaks = peaks_of(t, residual, ranges, STEP, EDGES[:1], 8.0)
-    assert [row.tolist() for row in peaks.maxima[0]] == [[10.0, 9.0], [], [4.0], [], []]
+    assert [row.tolist() for row in peaks.maxima[0]] == [[10.0, 9.0], [], [4.0], [], [], []]
     assert peaks.seconds[0, 0] == pytest.approx(15 * STEP)
 
 
@@ -108,7 +108,7 @@ def test_samples_one_by_one_are_those_of_blocks() -> None:
     speed = 1.2 * np.sin(np.outer([0.5, 0.3], t)) * (np.sin(np.outer([0.2, 0.11], t)) > 0)
     limits = np.cumsum(rng.uniform(1.0, 2.0, (2, len(RANGES))), axis=1)
     own = ((True,) * len(RANGES),) * 2
-    thresholds = ContactThresholds(EDGES, 8.0, 1.0, 60.0, limits, own)
+    thresholds = ContactThresholds(EDGES, 8.0, 1.0, 60.0, limits, own, np.ones(2))
     size = np.abs(speed)
     slowest = np.array([size[:, max(0, k - 15) : k + 1].min(axis=1) for k in range(len(t))]).T
     fastest = np.array([size[:, max(0, k - 50) : k + 1].max(axis=1) for k in range(len(t))]).T

@@ -23,14 +23,14 @@ def contact_content() -> ContactContent:
     limits = np.tile(np.arange(12.0, 7.0, -1.0), (2, 1))
     own = tuple(tuple(k > 0 for k in range(len(RANGES))) for _ in JOINTS)
     edges = np.tile([0.01, 0.2, 0.8], (2, 1))
-    load = JointLoad(JOINTS[0], "Nm", 31.0, 31.0, 2.6)
+    load = JointLoad(JOINTS[0], "Nm", 31.0, 31.0, 2.6, True)
     return ContactContent(
         robot="arm",
         joints=JOINTS,
         units=("Nm", "N"),
         trace=trace,
-        thresholds=ContactThresholds(edges, 8.0, 6.0, 600.0, limits, own),
-        events=(ContactEvent(5.0, 6.0, (load,), ("upper_arm", "forearm")),),
+        thresholds=ContactThresholds(edges, 8.0, 6.0, 600.0, limits, own, np.array([9.0, np.nan])),
+        events=(ContactEvent(5.0, 6.0, 5.2, (load,), ("upper_arm", "forearm")),),
         sigma=np.ones(2),
         source="3 calibration logs",
         suspected=(),

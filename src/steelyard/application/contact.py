@@ -6,7 +6,7 @@ of a joint exceeds its threshold, the contact is on a link that this joint carri
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from steelyard.arrays import Array
 from steelyard.errors import DataError, LogError
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.estimation.residual_peaks import FEWEST, ContactThresholds, ResidualPeaks
+from steelyard.estimation.rest_changes import ONSET
 from steelyard.motion import Motion
 from steelyard.robot.robot import Robot
 from steelyard.validation.residual_traces import ResidualTrace
@@ -65,9 +66,11 @@ class JointLoad:
     Attributes:
         joint: Its name.
         unit: Of its effort, `Nm` or `N`.
-        peak: Largest residual, measured minus predicted effort.
+        peak: Largest residual, measured minus predicted effort, or largest change of it at rest:
+            that which exceeds its threshold more.
         sigmas: Its size in standard deviations of the residual of the fit.
-        ratio: Largest ratio of residual to threshold.
+        ratio: Of its size to the threshold.
+        change: Whether it is a change at rest.
     """
 
     joint: str
@@ -75,6 +78,7 @@ class JointLoad:
     peak: float
     sigmas: float
     ratio: float
+    change: bool
 
 
 @dataclass(frozen=True)
@@ -84,12 +88,14 @@ class ContactEvent:
     Attributes:
         start: When a threshold was exceeded first, from the log's start [s].
         end: When the last joint was released [s].
+        known: When it can be known [s]: changes at rest are decided a little later than they begin.
         joints: Joints that exceed their thresholds, the clearest first.
         links: Links that the contact may be on: those that all these joints carry.
     """
 
     start: float
     end: float
+    known: float
     joints: tuple[JointLoad, ...]
     links: tuple[str, ...]
 
@@ -105,6 +111,7 @@ class ContactEvent:
         return {
             "start_s": self.start,
             "end_s": self.end,
+            "known_s": self.known,
             "joint": self.joints[0].joint,
             "joints": [vars(joint) for joint in self.joints],
             "link": self.links[0] if len(self.links) == 1 else None,
@@ -123,21 +130,44 @@ def contacts_in(
         robot: The robot.
         sigma: Standard deviation of the residual of the fit per joint, shape `(n,)` [Nm; N].
     """
-    limits = thresholds.at(trace.ranges(thresholds.edges))
-    sizes = np.abs(trace.residual)
+    tests = _tests(trace, thresholds)
     spans = sorted(
-        (start, stop, j)
-        for j in range(len(sizes))
-        for start, stop in _exceeded(sizes[j], limits[j], trace.t, trace.step)
+        _Span(start, stop, j, k)
+        for k, (signal, limits) in enumerate(tests)
+        for j in range(len(signal))
+        for start, stop in _exceeded(np.abs(signal[j]), limits[j], trace.t, trace.step)
     )
-    groups: list[list[tuple[int, int, int]]] = []
+    groups: list[list[_Span]] = []
     latest = -np.inf
     for span in spans:
-        if not groups or trace.t[span[0]] - latest > APART:
+        if not groups or trace.t[span.start] - latest > APART:
             groups.append([])
         groups[-1].append(span)
-        latest = max(latest, float(trace.t[span[1] - 1]))
-    return tuple(_event(group, trace, limits, robot, sigma) for group in groups)
+        latest = max(latest, float(trace.t[span.stop - 1]))
+    return tuple(_event(group, trace, tests, robot, sigma) for group in groups)
+
+
+class _Span(NamedTuple):
+    """Samples in which a joint exceeds the thresholds of a test."""
+
+    start: int
+    stop: int
+    joint: int
+    test: int
+
+
+CHANGES = 1
+"""Number of the test of changes at rest."""
+
+_Tests = tuple[tuple[Array, Array], tuple[Array, Array]]
+"""Residuals and their thresholds, changes at rest and theirs, shapes `(n, N)`."""
+
+
+def _tests(trace: ResidualTrace, thresholds: ContactThresholds) -> _Tests:
+    changes = trace.changes(thresholds.edges)
+    levels = thresholds.at(trace.ranges(thresholds.edges))
+    limits = np.broadcast_to(thresholds.changes[:, None], changes.shape)
+    return (trace.residual, levels), (changes, limits)
 
 
 def _exceeded(size: Array, limit: Array, t: Array, step: float) -> list[tuple[int, int]]:
@@ -146,7 +176,7 @@ def _exceeded(size: Array, limit: Array, t: Array, step: float) -> list[tuple[in
     above = np.flatnonzero(size > limit)
     while (left := above[above >= at]).size:
         start = int(left[0])
-        ends = (size[start:] < RELEASE * limit[start]) | (
+        ends = ~(size[start:] >= RELEASE * limit[start]) | (
             np.diff(t[start:], prepend=t[start]) > 2.0 * step
         )
         at = start + int(np.argmax(ends)) if ends.any() else len(size)
@@ -155,25 +185,33 @@ def _exceeded(size: Array, limit: Array, t: Array, step: float) -> list[tuple[in
 
 
 def _event(
-    spans: Sequence[tuple[int, int, int]],
-    trace: ResidualTrace,
-    limits: Array,
-    robot: Robot,
-    sigma: Array,
+    spans: Sequence[_Span], trace: ResidualTrace, tests: _Tests, robot: Robot, sigma: Array
 ) -> ContactEvent:
-    loads = []
-    for j in sorted({j for _, _, j in spans}):
-        at = np.concatenate([np.arange(a, b) for a, b, k in spans if k == j])
-        residual = trace.residual[j, at]
-        peak = float(residual[np.argmax(np.abs(residual))])
-        ratio = float(np.max(np.abs(residual) / limits[j, at]))
-        coordinate = robot.coordinates[j]
-        sigmas = abs(peak) / float(sigma[j])
-        loads.append(JointLoad(coordinate.name, coordinate.effort_unit, peak, sigmas, ratio))
-    joints = tuple(sorted(loads, key=lambda load: -load.ratio))
-    start, stop = min(a for a, _, _ in spans), max(b for _, b, _ in spans)
-    links = links_carried_by(robot, [j for _, _, j in spans])
-    return ContactEvent(float(trace.t[start]), float(trace.t[stop - 1]), joints, links)
+    joints = sorted({span.joint for span in spans})
+    loads = [
+        _load([span for span in spans if span.joint == j], tests, robot, sigma) for j in joints
+    ]
+    return ContactEvent(
+        float(trace.t[min(span.start for span in spans)]),
+        float(trace.t[max(span.stop for span in spans) - 1]),
+        min(float(trace.t[span.start]) + ONSET * (span.test == CHANGES) for span in spans),
+        tuple(sorted(loads, key=lambda load: -load.ratio)),
+        links_carried_by(robot, joints),
+    )
+
+
+def _load(spans: Sequence[_Span], tests: _Tests, robot: Robot, sigma: Array) -> JointLoad:
+    """What one joint shows in its spans: the sample that exceeds its threshold most."""
+    j, found = spans[0].joint, []
+    for start, stop, _, k in spans:
+        signal, limits = (x[j, start:stop] for x in tests[k])
+        ratios = np.abs(signal) / limits
+        most = int(np.argmax(ratios))
+        found.append((float(ratios[most]), float(signal[most]), k == CHANGES))
+    ratio, peak, change = max(found)
+    coordinate = robot.coordinates[j]
+    sigmas = abs(peak) / float(sigma[j])
+    return JointLoad(coordinate.name, coordinate.effort_unit, peak, sigmas, ratio, change)
 
 
 def links_carried_by(robot: Robot, joints: Sequence[int]) -> tuple[str, ...]:

@@ -11,7 +11,8 @@ $$ P(\max|r| > x) = \frac{k}{n} \iint \left(1 + \xi \frac{x - u}{s}\right)^{-1/\
    p(\xi, s \mid \text{maxima})\, ds\, d\xi . $$
 
 All joints share the shape of a range, each has a scale of its own. Few maxima make this tail
-heavier: what is uncertain raises the threshold.
+heavier: what is uncertain raises the threshold. Changes of the residual at rest (`rest_changes`)
+have maxima and thresholds of their own; both tests at rest share the false alarms allowed there.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,9 +24,16 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array, frozen
 from steelyard.estimation.pareto_tail import LOG_PRIOR, Tail
+from steelyard.estimation.rest_changes import changes_at_rest
 
 RANGES = ("rest", "turning", "slow", "medium", "fast")
 """Ranges of a joint's speed; it is turning where it starts, stops or reverses."""
+
+CHANGE = len(RANGES)
+"""Column of the maxima of changes at rest, after those of the ranges."""
+
+TESTS = np.array([0.5, 1.0, 1.0, 1.0, 1.0, 0.5])
+"""Share of the false alarms of each column: two of them test a joint at rest."""
 
 LONGEST_VISIT = 1.0
 """Longest visit to a range in which a joint moves [s]; longer stays count several times."""
@@ -54,13 +62,15 @@ EXTRAPOLATION = 10.0
 class ResidualPeaks:
     """Largest residuals of visits to ranges of speed, in motion without contact.
 
+    The last column is that of changes at rest.
+
     Attributes:
         edges: Speeds at which ranges meet, rest and turning at the first, shape `(n, 3)`
             [rad/s; m/s].
         cutoff: Of the low-pass behind which the residuals were taken [Hz].
         maxima: Per joint and range the largest maxima, falling, at most `MOST_KEPT` [Nm; N].
-        visits: Visits, shape `(n, 5)`.
-        seconds: Time spent, shape `(n, 5)` [s].
+        visits: Visits, shape `(n, 6)`.
+        seconds: Time spent, shape `(n, 6)` [s].
     """
 
     edges: Array
@@ -86,7 +96,7 @@ class ResidualPeaks:
     @property
     def duration(self) -> float:
         """Time that the residuals were taken from [s]."""
-        return float(self.seconds.sum(axis=1).max(initial=0.0))
+        return float(self.seconds[:, :CHANGE].sum(axis=1).max(initial=0.0))
 
     @property
     def lowest_rate(self) -> float:
@@ -97,20 +107,24 @@ class ResidualPeaks:
         """Thresholds that free motion exceeds at a rate.
 
         Every joint may cause its share of the false alarms. A range that was visited less than
-        `FEWEST` times takes the largest threshold of its joint, increased by friction.
+        `FEWEST` times takes the largest threshold of its joint, increased by friction; changes at
+        rest are then not tested.
 
         Args:
             rate: False alarms per hour of all joints together.
             friction: What that friction is, shape `(n,)` [Nm; N].
         """
         limits = np.full(self.visits.shape, np.nan)
-        for k in range(len(RANGES)):
+        for k, test in enumerate(TESTS):
             joints = [int(j) for j in np.flatnonzero(self.visits[:, k] >= FEWEST)]
             tails = [self._tail(j, k) for j in joints]
             shape = sum((tail.log_shape for tail in tails), start=LOG_PRIOR)
             for j, tail in zip(joints, tails, strict=True):
                 per_hour = 3600.0 * (len(tail.excesses) + 0.5) / float(self.seconds[j, k])
-                limits[j, k] = tail.size(rate / len(limits) / per_hour, shape - tail.log_shape)
+                limits[j, k] = tail.size(
+                    test * rate / len(limits) / per_hour, shape - tail.log_shape
+                )
+        limits, changes = limits[:, :CHANGE], limits[:, CHANGE]
         own = np.isfinite(limits)
         known = own.any(axis=1)
         greatest = np.max(limits, axis=1, where=own, initial=-np.inf) + friction
@@ -122,6 +136,7 @@ class ResidualPeaks:
             self.duration,
             frozen(limits),
             tuple(map(tuple, own.tolist())),
+            frozen(changes),
         )
 
     def _tail(self, j: int, k: int) -> Tail:
@@ -147,7 +162,7 @@ class ResidualPeaks:
     def from_dict(cls, data: Mapping[str, Any]) -> "ResidualPeaks":
         """The peaks that `to_dict` wrote."""
         edges = np.array(data["speed_edges"], dtype=np.float64)
-        shape = (len(edges), len(RANGES))
+        shape = (len(edges), len(TESTS))
         maxima = tuple(tuple(frozen(row) for row in rows) for rows in data["maxima"])
         visits, seconds = (frozen(data[name], shape) for name in ("visits", "seconds"))
         return cls(frozen(edges), float(data["cutoff_hz"]), maxima, visits, seconds)
@@ -166,6 +181,7 @@ class ContactThresholds:
         limits: Shape `(n, 5)`; NaN of a joint that no free motion could test [Nm; N].
         own: Whether the range of the joint was visited often enough for a threshold of its own,
             shape `(n, 5)`; others take the largest of the joint and its friction.
+        changes: Of changes at rest, shape `(n,)`; NaN where they are not tested [Nm; N].
     """
 
     edges: Array
@@ -174,6 +190,7 @@ class ContactThresholds:
     duration: float
     limits: Array
     own: tuple[tuple[bool, ...], ...]
+    changes: Array
 
     def at(self, ranges: NDArray[np.intp]) -> Array:
         """Thresholds of ranges `(n, B)`, its shape [Nm; N]."""
@@ -185,7 +202,7 @@ class ContactThresholds:
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values; `None` for a threshold that is not known."""
-        limits = [[None if np.isnan(x) else float(x) for x in row] for row in self.limits]
+        limits, changes = (_known(x) for x in (self.limits, self.changes[None]))
         return {
             "false_alarms_per_hour": self.rate,
             "free_motion_s": self.duration,
@@ -194,20 +211,30 @@ class ContactThresholds:
             "speed_edges": self.edges.tolist(),
             "thresholds": limits,
             "own": [list(row) for row in self.own],
+            "changes_at_rest": changes[0],
         }
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "ContactThresholds":
         """The thresholds that `to_dict` wrote."""
-        limits = [[np.nan if x is None else float(x) for x in row] for row in data["thresholds"]]
+        limits, changes = (
+            frozen([[np.nan if x is None else float(x) for x in row] for row in rows])
+            for rows in (data["thresholds"], [data["changes_at_rest"]])
+        )
         return cls(
             frozen(data["speed_edges"]),
             float(data["cutoff_hz"]),
             float(data["false_alarms_per_hour"]),
             float(data["free_motion_s"]),
-            frozen(limits),
+            limits,
             tuple(tuple(bool(x) for x in row) for row in data["own"]),
+            changes[0],
         )
+
+
+def _known(rows: Array) -> list[list[float | None]]:
+    """Numbers as JSON values, `None` for NaN."""
+    return [[None if np.isnan(x) else float(x) for x in row] for row in rows]
 
 
 class ThresholdStepper:
@@ -215,6 +242,9 @@ class ThresholdStepper:
 
     A joint is in the slowest range of the last `HOLD` seconds, at rest only `SETTLED` seconds after
     its last motion.
+
+    Attributes:
+        resting: Whether all joints were at rest at the last sample.
     """
 
     def __init__(self, thresholds: ContactThresholds) -> None:
@@ -223,6 +253,7 @@ class ThresholdStepper:
         self._last = np.full((len(self._edges), 1 + self._edges.shape[1]), -np.inf)
         self._moved = np.full(len(thresholds.limits), -np.inf)
         self._joints = np.arange(len(self._edges))
+        self.resting = False
 
     def step(self, t: float, speed: Array | Sequence[float]) -> Array:
         """Thresholds at a sample.
@@ -239,6 +270,7 @@ class ThresholdStepper:
         self._moved[now > 0] = t
         held = np.argmax(self._last >= t - HOLD, axis=1)
         held = held + ((held > 0) | (t - self._moved <= SETTLED))
+        self.resting = not held.any()
         return np.asarray(self._limits[self._joints, held])
 
 
@@ -268,21 +300,32 @@ def peaks_of(
         edges: See `ResidualPeaks`.
         cutoff: Likewise [Hz].
     """
-    gaps = np.asarray(np.diff(t) > 2.0 * step)
-    found = [_visits(np.abs(r), k, gaps, step) for r, k in zip(residual, ranges, strict=True)]
+    found = [_visits(np.abs(r), k, t, step) for r, k in zip(residual, ranges, strict=True)]
+    tested, found_there = _changes(t, residual, ranges, step)
+    found = [[*own, change] for own, change in zip(found, found_there, strict=True)]
     maxima = tuple(tuple(_largest(m) for m in row) for row in found)
     visits = frozen([[len(m) for m in row] for row in found])
     known = np.asarray(np.isfinite(residual).all(axis=1))
-    seconds = known[:, None] * [np.bincount(k, minlength=len(RANGES)) * step for k in ranges]
+    spent = [[*np.bincount(k, minlength=len(RANGES)), tested] for k in ranges]
+    seconds = known[:, None] * np.array(spent, dtype=np.float64) * step
     return ResidualPeaks(edges, cutoff, maxima, visits, frozen(seconds))
 
 
-def _visits(
-    size: Array, ranges: NDArray[np.intp], gaps: NDArray[np.bool_], step: float
-) -> list[Array]:
+def _changes(
+    t: Array, residual: Array, ranges: NDArray[np.intp], step: float
+) -> tuple[int, list[Array]]:
+    """Samples at which changes at rest are tested, and the largest of every visit per joint."""
+    change = changes_at_rest(t, residual, ranges, step)
+    tested = np.isfinite(change).any(axis=0)
+    cut = np.ones(int(tested.sum()), dtype=np.intp)  # as visits to a range in which joints move
+    return len(cut), [_visits(x, cut, t[tested], step)[1] for x in np.abs(change[:, tested])]
+
+
+def _visits(size: Array, ranges: NDArray[np.intp], t: Array, step: float) -> list[Array]:
     """Maxima of one joint's visits, per range."""
     if not len(size) or not np.isfinite(size).all():
         return [np.empty(0)] * len(RANGES)
+    gaps = np.diff(t) > 2.0 * step
     starts = np.flatnonzero(np.concatenate(([True], (np.diff(ranges) != 0) | gaps)))
     ends = np.append(starts[1:], len(size))
     most = max(1, round(LONGEST_VISIT / step))

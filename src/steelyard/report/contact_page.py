@@ -13,7 +13,7 @@ from steelyard.report.figures import Figure, Group, Key, area, line
 from steelyard.report.html import fill
 from steelyard.report.page import Shown, page_of
 from steelyard.report.sections.tables import PlainTable, Row, narrow_table
-from steelyard.report.text.words import significant
+from steelyard.report.text.words import NONE, significant
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -28,8 +28,11 @@ if TYPE_CHECKING:
 DRAWN = 4000
 """Points of a line, at most; every one is the largest of those that it stands for."""
 
-SHOWN = (1, 2, 3, 4, 5, 6)
+SHOWN = (0, 1, 2, 3, 4, 5)
 """Columns of the table of events for which a terminal has room."""
+
+HEADINGS = ("joint", "unit", RANGES[0], "change", *RANGES[1:])
+"""Columns of the table of thresholds."""
 
 OFTEN = 0.5
 """Share of the log from which on events mean that something lasting is wrong."""
@@ -118,26 +121,23 @@ class ContactContent:
 def events_table(content: ContactContent) -> PlainTable:
     """One row per event."""
     rows = []
-    for number, event in enumerate(content.events, start=1):
+    for event in content.events:
         load = event.joints[0]
-        others = ", ".join(other.joint for other in event.joints[1:]) or "–"
         rows.append(
             Row(
                 (
-                    f"{number}",
                     f"{event.start:.2f}",
                     f"{event.end - event.start:.2f}",
                     load.joint,
-                    f"{load.peak:+.3g} {load.unit}",
+                    f"{load.peak:+.3g} {load.unit}{' *' if load.change else ''}",
                     f"{load.sigmas:.0f} σ",
                     event.place,
                     f"{load.ratio:.2g}",
-                    others,
+                    f"{len(event.joints)}",
                 )
             )
         )
     headings = (
-        "#",
         "start [s]",
         "length [s]",
         "clearest at",
@@ -145,34 +145,45 @@ def events_table(content: ContactContent) -> PlainTable:
         "size",
         "link",
         "× threshold",
-        "also at",
+        "joints",
     )
-    return PlainTable("", "", headings, rows, (3, 6, 8))
+    changed = any(event.joints[0].change for event in content.events)
+    words = "* change of the residual while the robot rests" if changed else ""
+    return PlainTable("", words, headings, rows, (2, 5))
 
 
-def thresholds_table(content: ContactContent) -> PlainTable:
-    """One row per joint."""
+def thresholds_table(content: ContactContent, *, relative: bool) -> PlainTable:
+    """One row per joint; thresholds in standard deviations of the fit's residuals too."""
+
+    def cell(limit: float, sigma: float) -> str:
+        shown = f"{significant(limit)} {limit / sigma:.0f}σ" if relative else significant(limit)
+        return shown if np.isfinite(limit) else NONE
+
     rows = []
-    for joint, unit, limits, own, sigma in zip(
+    thresholds = content.thresholds
+    for joint, unit, limits, own, change, sigma in zip(
         content.joints,
         content.units,
-        content.thresholds.limits,
-        content.thresholds.own,
+        thresholds.limits,
+        thresholds.own,
+        thresholds.changes,
         content.sigma,
         strict=True,
     ):
         cells = [
-            f"{significant(float(limit))} {limit / sigma:.0f}σ{'' if mine else ' *'}"
+            f"{cell(float(limit), float(sigma))}{'' if mine else ' *'}"
             for limit, mine in zip(limits, own, strict=True)
         ]
+        cells.insert(1, cell(float(change), float(sigma)))
         rows.append(Row((joint, unit, *cells)))
     words = (
         "A residual (measured minus predicted effort behind a first-order low-pass of "
         f"{content.thresholds.cutoff:.3g} Hz) beyond its threshold is contact. At rest friction "
-        "lies anywhere in its dead zone; turning: the joint starts, stops or reverses. * too few "
+        "lies anywhere in its dead zone; change: of the residual while all joints rest, against "
+        "its mean of the last seconds; turning: the joint starts, stops or reverses. * too few "
         "visits in the calibration: largest threshold of the joint, and its friction."
     )
-    return PlainTable("", words, ("joint", "unit", *RANGES), rows, (0, 1))
+    return PlainTable("", words, HEADINGS, rows, (0, 1))
 
 
 def contact_lines(content: ContactContent, console: Console) -> None:
@@ -184,11 +195,14 @@ def contact_lines(content: ContactContent, console: Console) -> None:
     for warning in content.warnings:
         console.print(Text(f"! {warning}", style="yellow"))
     if content.events:
-        console.print(narrow_table(events_table(content), SHOWN))
+        events = events_table(content)
+        console.print(narrow_table(events, SHOWN))
+        if events.words:
+            console.print(Text(events.words))
     if content.warnings or content.events:
         console.print()
-    console.print(Text("Thresholds, and their size in standard deviations of the fit's residuals"))
-    console.print(narrow_table(thresholds_table(content), (0, *range(1, 2 + len(RANGES)))))
+    console.print(Text("Thresholds"))
+    console.print(narrow_table(thresholds_table(content, relative=False)))
 
 
 def render_contact(content: ContactContent) -> str:
@@ -212,7 +226,7 @@ def render_contact(content: ContactContent) -> str:
         "groups": [Group([_figure(content, j) for j in range(len(content.joints))], columns="one")],
         "note": f"At most {DRAWN} points a line: the largest residual of each stretch.",
     }
-    limits = {**empty, "title": "Thresholds", "tables": [thresholds_table(content)]}
+    limits = {**empty, "title": "Thresholds", "tables": [thresholds_table(content, relative=True)]}
     sections = [Shown("contacts", "Contacts", fill("figures.html", verdict))]
     if content.warnings:
         notes = fill("notes.html", {"notes": content.warnings})
@@ -227,28 +241,36 @@ def render_contact(content: ContactContent) -> str:
 
 
 def _figure(content: ContactContent, j: int) -> Figure:
-    trace, thresholds = content.trace, content.thresholds
-    limit = thresholds.at(trace.ranges(thresholds.edges))[j]
+    trace = content.trace
     at = _largest(np.abs(trace.residual[j]), DRAWN)
-    t, residual, limit = trace.t[at], trace.residual[j, at], limit[at]
+    t, residual = trace.t[at], trace.residual[j, at]
+    low, high = (bound[at] for bound in _allowed(content, j))
     inside = np.zeros(len(t), dtype=bool)
     for event in content.events:
         if any(load.joint == content.joints[j] for load in event.joints):
             inside |= (t >= event.start) & (t <= event.end)
     touched = np.where(inside, residual, np.nan)
-    known = np.nan_to_num(limit, nan=0.0)
     return Figure(
         content.joints[j],
         f"Residual of {content.joints[j]} over time, with thresholds",
         "time [s]",
         f"residual [{content.units[j]}]",
         [
-            area("within the thresholds", t, -known, known, "--rest"),
+            area("within the thresholds", t, low, high, "--rest"),
             line("residual", t, residual, "--measured", width=1.2),
             line("contact", t, touched, "--vermillion", width=2.5),
         ],
         {"showlegend": False},
     )
+
+
+def _allowed(content: ContactContent, j: int) -> tuple[Array, Array]:
+    """Residuals of a joint that are no contact, least and greatest; zero where none is known."""
+    trace, thresholds = content.trace, content.thresholds
+    level = np.nan_to_num(thresholds.at(trace.ranges(thresholds.edges))[j])
+    mean = trace.residual[j] - trace.changes(thresholds.edges)[j]
+    change = thresholds.changes[j]
+    return np.fmax(-level, mean - change), np.fmin(level, mean + change)
 
 
 def _largest(size: Array, most: int) -> Array:

@@ -23,6 +23,7 @@ from steelyard.estimation.residual_peaks import (
     peaks_of,
     ranges_of,
 )
+from steelyard.estimation.rest_changes import changes_at_rest, low_passed
 from steelyard.measurement.run import Run
 from steelyard.regression.gather import along
 from steelyard.validation.friction.mixes import remembers
@@ -83,6 +84,10 @@ class ResidualTrace:
         """Range of speed of every joint, shape `(n, N)`; see `ranges_of`."""
         return ranges_of(self.slowest, self.fastest, edges)
 
+    def changes(self, edges: Array) -> Array:
+        """Change of the residual where all joints rest, shape `(n, N)`; see `changes_at_rest`."""
+        return changes_at_rest(self.t, self.residual, self.ranges(edges), self.step)
+
 
 def residual_cutoff(identified: IdentifiedModel, runs: Sequence[Run]) -> float:
     """Low-pass of the residual that all runs are sampled fast enough for [Hz]."""
@@ -128,7 +133,7 @@ def residual_trace(
         at = slice(first, None, every)
         slowest = -_greatest(-np.abs(dq), round(HOLD * run.rate) + 1)[:, at]
         fastest = _greatest(np.abs(dq), round(SETTLED * run.rate) + 1)[:, at]
-        low = _low_passed(signals, cutoff, run.rate)[..., at]
+        low = low_passed(signals, cutoff, run.rate)[..., at]
         found.append((t[at], low, slowest, fastest))
     if not sum(len(one[0]) for one in found):
         raise LogError(
@@ -138,14 +143,6 @@ def residual_trace(
         )
     t, low, slowest, fastest = (np.concatenate(some, axis=-1) for some in zip(*found, strict=True))
     return ResidualTrace(run.name, t, every / run.rate, low[0], slowest, fastest, low[1:])
-
-
-def _low_passed(signals: Array, cutoff: float, rate: float) -> Array:
-    """First-order low-pass along the last axis, started from the first sample."""
-    from scipy.signal import lfilter
-
-    keep = np.exp(-2.0 * np.pi * cutoff / rate)
-    return np.asarray(lfilter([1.0 - keep], [1.0, -keep], signals, zi=keep * signals[..., :1])[0])
 
 
 def _greatest(values: Array, samples: int) -> Array:

@@ -15,6 +15,7 @@ from steelyard.estimation.external.step_program import STATES, StepProgram
 from steelyard.estimation.external.uncertainty import EffortUncertainty
 from steelyard.estimation.external.wrench import Expected
 from steelyard.estimation.residual_peaks import ContactThresholds
+from steelyard.estimation.rest_changes import ChangeStepper
 from steelyard.kernel.native.vector_ir import MAX_ANGLE
 from steelyard.motion import numbers
 from steelyard.terms.scan import Scan
@@ -79,7 +80,8 @@ class Observer:
         self._n, self._columns, self._code = n, columns, code
         self._noise = _Noise(uncertainty, rest_speed)
         self._thresholds = None if thresholds is None else thresholds.start()
-        self._limits = np.full(n, np.nan)
+        self._changes = None if thresholds is None else ChangeStepper(thresholds.changes)
+        self._limits, self._changed = np.full(n, np.nan), np.zeros(n, dtype=bool)
         self._rate = 2.0 * pi * bandwidth
         self._longest = GAP / (PER_PERIOD * bandwidth)
         self._hold = 1.0 / (PER_PERIOD_COVARIANCE * bandwidth)
@@ -143,8 +145,10 @@ class Observer:
             self._check()
         self._state[:] = self._next
         self._t = t
-        if self._thresholds is not None:
+        if self._thresholds is not None and self._changes is not None:
             self._limits = self._thresholds.step(t, self._dq)
+            resting, external = self._thresholds.resting, self._state[3 * self._n :]
+            self._changed = self._changes.step(t, resting, external)
         self.steps += 1
         if gap:
             self._count()
@@ -171,7 +175,10 @@ class Observer:
 
     @property
     def contact(self) -> NDArray[np.bool_]:
-        """Whether each joint's external effort exceeds its threshold, shape `(n,)`.
+        """Whether each joint's external effort, or its change at rest, exceeds its threshold.
+
+        Returns:
+            Shape `(n,)`.
 
         Raises:
             DataError: The observer has no thresholds.
@@ -182,13 +189,15 @@ class Observer:
                 where="contact of an observer",
                 fix="give thresholds to observe(), such as those of steelyard.contact(...)",
             )
-        return np.abs(self._state[3 * self._n :]) > self._limits
+        return (np.abs(self._state[3 * self._n :]) > self._limits) | self._changed
 
     def _begin(self) -> None:
         """Forget what was before."""
         n = self._n
         self._state[2 * n : 3 * n], self._state[3 * n :] = self._dq, 0.0
         self._due = -inf
+        if self._changes is not None:
+            self._changes.begin()
         if self._scan is not None:
             self._scan = self._scan.again()
 
