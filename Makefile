@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
-.PHONY: demo test check bench prove docs plotly clean
+.PHONY: demo test check bench prove studies docs plotly clean
 
 demo: $(VENV)/.base
 	$(BIN)/steelyard demo -o $$(mktemp -d)/demo
@@ -22,6 +22,11 @@ bench: $(VENV)/.test
 
 prove: $(VENV)/.test
 	$(BIN)/python -m proofs.run
+
+studies: $(VENV)/.base
+	@for study in studies/p[0-9]_*.py; do \
+		name=$$(basename $$study | cut -d_ -f1); \
+		$(BIN)/python $$study -o results/$$name || exit 1; done
 
 docs: $(VENV)/.docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build -q -d site

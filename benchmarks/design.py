@@ -57,7 +57,7 @@ SHARES = (1.0, 0.999, 0.997, 0.99, 0.97, 0.9, 0.7, 0.4)
 """Of a motion about its start, until its box is proven."""
 
 TICK, SEED = 0.1, 0
-PROBLEMS = Path(__file__).parent.parent / "proofs" / "problems"
+ROOT = Path(__file__).parent.parent
 Course = list[tuple[float, float]]
 """Time [s] and figure of every improvement."""
 
@@ -249,8 +249,11 @@ def cells(course: Course, seconds: float) -> str:
 
 def designs() -> list[tuple[str, str, str, bool]]:
     """Rows for the benchmark's table."""
-    name = "panda" if os.environ.get("STEELYARD_DATA") else "srs_arm"
-    loaded = load_robot(PROBLEMS / f"{name}.toml")
+    data = os.environ.get("STEELYARD_DATA")
+    loaded = load_robot(
+        ROOT / ("proofs/problems/panda.toml" if data else "studies/robots/p4_arm.toml")
+    )
+    name = loaded.robot.name
     problem = build(loaded, Model(loaded.robot, (RigidBody(), Viscous(), Coulomb())))
     ways: dict[str, Method] = {
         "steelyard": Gradient(),

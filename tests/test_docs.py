@@ -37,7 +37,8 @@ def test_every_citation_is_in_the_references() -> None:
     )
     cited = {
         key
-        for path in (ROOT / "src").rglob("*.py")
+        for folder in ("src", "studies")
+        for path in (ROOT / folder).rglob("*.py")
         for key in re.findall(r"\[([A-Z][A-Za-z]+\d{4})", path.read_text("utf-8"))
     }
     assert cited == known

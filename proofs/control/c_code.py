@@ -71,7 +71,7 @@ FILES = {
     "TX40": "examples/tx40.toml",
     "leg (p1)": "proofs/problems/leg.toml",
     "welder (p2)": "proofs/problems/welder_full.toml",
-    "7R arm (p4)": "proofs/problems/srs_arm.toml",
+    "7R arm (p4)": "studies/robots/p4_arm.toml",
 }
 
 

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from steelyard.identification.design import design_excitation as design_excitation
     from steelyard.identification.feedforward import feedforward as feedforward
     from steelyard.identification.health import health as health
+    from steelyard.identification.identify import Identification as Identification
     from steelyard.identification.identify import identify as identify
     from steelyard.identification.parts import export as export
     from steelyard.identification.parts import export_code as export_code
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
     from steelyard.measurement.run import Run as Run
     from steelyard.model import Model as Model
     from steelyard.motion import Motion as Motion
+    from steelyard.motion import Trajectory as Trajectory
     from steelyard.regression.base import base_parameters as base_parameters
     from steelyard.regression.information import Information as Information
     from steelyard.robot.robot import Robot as Robot
@@ -59,6 +61,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "Dynamics": "dynamics.dynamics",
     "Estimate": "estimation.estimate",
+    "Identification": "identification.identify",
     "IdentifiedModel": "estimation.identified",
     "Information": "regression.information",
     "LoadedRobot": "robot_file.loaded",
@@ -67,6 +70,7 @@ _HOMES = {
     "Robot": "robot.robot",
     "Run": "measurement.run",
     "Stepper": "dynamics.stepper",
+    "Trajectory": "motion",
     "base_parameters": "regression.base",
     "check": "identification.check",
     "compare": "identification.compare",

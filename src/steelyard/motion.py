@@ -118,7 +118,13 @@ def sample_times(t: ArrayLike) -> Array:
 
 
 class Trajectory(Protocol):
-    """A motion that is known at every time."""
+    """A motion that is known at every time.
+
+    Example:
+        >>> motion = read_trajectory("fit/trajectory.json", "arm.toml")
+        >>> motion.sample([0.0, motion.duration]).q.shape
+        (2, 2)
+    """
 
     @property
     def duration(self) -> float:

@@ -60,6 +60,12 @@ class Identification(Result):
     Attributes:
         model: The identified model.
         content: All that the report shows.
+
+    Example:
+        >>> found = identify("arm.toml", "fit.csv", validate="other.csv")
+        >>> (unseen,) = found.to_dict()["validation"]
+        >>> [joint["joint"] for joint in unseen["headline"]["joints"]]
+        ['joint1', 'joint2']
     """
 
     model: IdentifiedModel
