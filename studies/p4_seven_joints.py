@@ -255,7 +255,7 @@ def sizes(robots: Sequence[Path], motion: steelyard.Trajectory) -> tuple[int, in
 
 
 def closed_form(joints: int, parallel: int) -> int:
-    """Number of base inertial parameters of an arm with joints parallel or perpendicular [Mayeda1990].
+    """Base inertial parameters of an arm with axes parallel or perpendicular [Mayeda1990].
 
     Args:
         joints: Revolute joints; the first one turns about the vertical.
@@ -428,7 +428,7 @@ def sizes_table(first: Found) -> Table:
         (
             ("inertial, by structure", missing, "", f"{structure}"),
             ("inertial, rank of the regressor along the motion", missing, "", f"{rank}"),
-            ("inertial, closed form 7·7 − 4·1 − 2 [Mayeda1990]", missing, "", f"{closed_form(7, 1)}"),
+            ("inertial, closed form 7·7 − 4·1 − 2", missing, "", f"{closed_form(7, 1)}"),
             ("with Coulomb and viscous friction (eq. 11)", missing, f"{eq11}", f"{eq11}"),
             ("with rotor inertias", "left out", "left out", f"{rotors}"),
         ),
