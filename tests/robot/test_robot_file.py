@@ -1,4 +1,5 @@
 import hashlib
+import json
 import os
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import pytest
 
 from steelyard.errors import ModelError
 from steelyard.robot_file.file import load_robot, load_robot_file, read_mechanism
+from steelyard.robot_file.signals import signals_from_dict, signals_to_dict
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DATA = os.environ.get("STEELYARD_DATA")
@@ -66,6 +68,9 @@ position = "pos_{joint}"
 position_unit = ["mm", "deg"]
 velocity = ["v1", "v2"]
 velocity_unit = ["mm/s", "rpm"]
+velocity_delay = 0.01
+commanded_position = "goal_{joint}"
+commanded_velocity = ["g1", "g2"]
 [signals.effort]
 columns = ["i1", "i2"]
 kind = "motor_current"
@@ -92,6 +97,13 @@ cutoff = 4
     assert signals.time_scale == 1e-3 and signals.n == 2
     assert np.allclose(signals.position_scale, [1e-3, np.pi / 180])
     assert np.allclose(signals.velocity_scale, [1e-3, np.pi / 30])
+    commanded = signals.of_commanded()
+    assert commanded.columns == ("stamp", "goal_lift", "goal_elbow", "g1", "g2", "i1", "i2")
+    assert np.allclose(commanded.velocity_scale, [1e-3, np.pi / 30])
+    assert (signals.velocity_delay, commanded.velocity_delay) == (0.01, 0.0)
+    again = signals_from_dict(json.loads(json.dumps(signals_to_dict(signals)))).of_commanded()
+    assert again.columns == commanded.columns
+    assert np.array_equal(again.velocity_scale, commanded.velocity_scale)
     assert np.allclose(signals.effort_scale, [1e-3, 1e-3])
     assert signals.effort_units == ("A", "A") and np.array_equal(signals.gains, [100, -5.5])
     assert [t.description for t in loaded.terms] == [
@@ -257,6 +269,13 @@ ERRORS = {
     "twice": (signals('"q{}"', '["i1", "q"]'), "column 'i1' is used twice", "[signals]", "own"),
     "velocity unit": (signals('time = "t"', 'time = "t"\nvelocity_unit = "rad/s"'),
                       "velocity_unit is given, but no velocity columns", "line 5", "remove"),
+    "commanded velocity": (signals('time = "t"', 'time = "t"\ncommanded_velocity = "v{}"'),
+                           "commanded_velocity is given, but no commanded_position", "line 5",
+                           "remove"),
+    "commanded count": (signals('time = "t"', 'time = "t"\ncommanded_position = ["g"]'),
+                        "1 columns (g) are given for 2", "line 5", "one per joint"),
+    "commanded twice": (signals('time = "t"', 'time = "t"\ncommanded_position = ["i1", "g"]'),
+                        "column 'i1' is used twice", "[signals]", "own"),
     "units count": (signals('["Nm", "N"]', '["Nm"]'), "1 units are given for 2", "unit", "one per"),
     "unit unfit": (signals('time = "t"', 'time = "t"\nposition_unit = ["m", "m"]'),
                    "unit 'm' does not fit joint 'elbow', which is revolute", "line 5", "rad, deg"),

@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from steelyard.cli.guard import guarded
-from steelyard.cli.options import LOG_HELP, Details, FixedBase, Json, Output, RobotArgument, Threads
+from steelyard.cli.options import (
+    LOG_HELP,
+    Commanded,
+    Details,
+    FixedBase,
+    Json,
+    Output,
+    RobotArgument,
+    Threads,
+)
 
 if TYPE_CHECKING:
     from steelyard.identification.identify import Identification
@@ -41,6 +50,7 @@ def identify(
         bool,
         typer.Option("--no-check", help="Skip the check of the logs; see `steelyard check`."),
     ] = False,
+    commanded: Commanded = False,
     sensitivity: Annotated[
         bool,
         typer.Option(
@@ -88,6 +98,7 @@ def identify(
             payload_mass=payload_mass,
             payload_frame=payload_frame,
             check=not no_check,
+            commanded=commanded,
             sensitivity=sensitivity,
             bootstrap=bootstrap,
             method=method,

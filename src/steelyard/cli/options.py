@@ -21,6 +21,14 @@ Output = Annotated[
     Path | None,
     typer.Option("--output", "-o", help="Output folder; must not exist."),
 ]
+Commanded = Annotated[
+    bool,
+    typer.Option(
+        "--commanded",
+        help="Predict the efforts of validation logs from the commanded motion "
+        "(commanded_position in the robot file), as feedforward would.",
+    ),
+]
 ARGUMENTS = "Arguments of a xacro file follow it: arm.urdf.xacro name:=left."
 RobotArgument = Annotated[
     str,

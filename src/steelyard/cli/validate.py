@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from steelyard.cli.guard import guarded
-from steelyard.cli.options import LOG_HELP, Details, Json
+from steelyard.cli.options import LOG_HELP, Commanded, Details, Json
 
 
 @guarded
@@ -29,6 +29,7 @@ def validate(
             metavar="PERCENT",
         ),
     ] = None,
+    commanded: Commanded = False,
     verbose: Details = False,
     as_json: Json = False,
 ) -> None:
@@ -51,7 +52,7 @@ def validate(
 
     folder = None if output is None else new_folder(output, "")
     with progress_bar() as progress, ExitStack() as parts:
-        found = validated(model, logs, progress=progress)
+        found = validated(model, logs, commanded=commanded, progress=progress)
         if folder is not None:
             found.write(parts.enter_context(whole_folder(folder)))
             interrupt.too_late()

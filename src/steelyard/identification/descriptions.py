@@ -9,6 +9,7 @@ from steelyard.measurement import Run
 from steelyard.measurement.closure_failures import open_stretches
 from steelyard.model import Model
 from steelyard.robot_file.file import LoadedRobot
+from steelyard.validation.score import RunScore
 
 
 def provenance(
@@ -52,6 +53,17 @@ def settings(identified: IdentifiedModel) -> tuple[tuple[str, str], ...]:
 def dropped_rows(runs: Sequence[Run]) -> tuple[str, ...]:
     """One line for each run with invalid rows."""
     return tuple(f"{run.name}: {words}" for run in runs if (words := run.quality.dropped_rows))
+
+
+def commanded_note(identified: IdentifiedModel, scores: Sequence[RunScore]) -> tuple[str, ...]:
+    """That efforts are predicted from the commanded motion, if so."""
+    columns = identified.signals.commanded_position
+    if columns is None or not any(score.predicted_from == "commanded" for score in scores):
+        return ()
+    return (
+        f"efforts are predicted from the commanded motion ({', '.join(columns)}), as feedforward "
+        "would: the errors include those of tracking",
+    )
 
 
 def notes_of(runs: Sequence[Run]) -> tuple[str, ...]:

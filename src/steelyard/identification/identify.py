@@ -14,9 +14,11 @@ from steelyard.diagnosis import Diagnosis, Finding, Severity
 from steelyard.diagnosis.fitted.absurd import refuse_absurd
 from steelyard.diagnosis.fitted.post_fit import FittedCase, examine_fit
 from steelyard.diagnosis.signals.moving_base import of_base
+from steelyard.errors import LogError
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.identification.bootstrap import drawn_again
 from steelyard.identification.descriptions import (
+    commanded_note,
     dropped,
     dropped_rows,
     notes_of,
@@ -25,11 +27,13 @@ from steelyard.identification.descriptions import (
 )
 from steelyard.identification.fitting import Fit, Payload, calibrated, fit
 from steelyard.identification.logs import (
+    LogArgument,
     log_files,
     model_of,
     refuse_overlaps,
     runs_of,
     scored,
+    scored_from_commanded,
     signals_of,
 )
 from steelyard.identification.method import method_of
@@ -48,6 +52,7 @@ from steelyard.report.text.table import rows
 from steelyard.report.text.verdict import Verdict, verdict
 from steelyard.robot_file.file import load_robot
 from steelyard.robot_file.loaded import LoadedRobot
+from steelyard.robot_file.signals import Signals
 
 if TYPE_CHECKING:
     from polars import DataFrame
@@ -135,6 +140,7 @@ def identify(
     payload_mass: float | None = None,
     payload_frame: str | None = None,
     check: bool = True,
+    commanded: bool = False,
     sensitivity: bool = False,
     bootstrap: int | None = None,
     method: str | None = None,
@@ -152,6 +158,8 @@ def identify(
         payload_mass: Mass of that payload [kg].
         payload_frame: Frame of the payload; that of the last link if `None`.
         check: Whether the logs are checked before the fit; a wrong finding stops it.
+        commanded: Whether efforts of the logs in `validate` are predicted from their commanded
+            motion, as feedforward would, instead of the measured one.
         sensitivity: Whether to repeat the fit with other cut-off frequencies.
         bootstrap: Number of bootstrap estimates from resampled time windows; `None` for none.
         method: Name of an estimator (see `estimators`), or `least_squares`; that of the robot file
@@ -183,6 +191,8 @@ def identify(
     )
     refuse_overlaps([*known, *carrying], unknown)
     signals, reasons = signals_of(file, known[0])
+    if commanded:
+        _refuse_uncommanded(signals, unknown)
     model = model_of(file)
     found_out = None
     if check:
@@ -203,7 +213,8 @@ def identify(
     unseen = tuple(found.alike(run) for run in unseen)
     details = (*notes_of((*clean, *unseen)), *found.notes, *dropped(model, (*clean, *unseen)))
     notes = (*file.notes, *reasons, *lost, *found.ignored, *unresolved)
-    content = _content(found, unseen, (*clean, *unseen), progress)
+    content = _content(found, unseen, (*clean, *unseen), unknown if commanded else (), progress)
+    notes += commanded_note(found.identified, content.scores)
     files = [*known, *carrying, *unknown]
     content = replace(
         content,
@@ -212,26 +223,48 @@ def identify(
         logs={run.name: log.text for run, log in zip((*clean, *unseen), files, strict=True)},
     )
     content = replace(content, diagnosis=found_out)
-    limits = _limitations(found, unseen, content, progress)
+    limits = _limitations(found, () if commanded else unseen, content, progress)
     limits += of_base(file, () if found_out is None else found_out.findings)
     content = replace(content, limitations=(*_undecided(found_out), *limits))
     if sensitivity:
-        content = varied(content, found, (known, unknown), cores, progress)
+        content = varied(content, found, (known, unknown), cores, progress, commanded=commanded)
     if bootstrap is not None:
         content = drawn_again(content, found, bootstrap, progress)
     return Identification(found.identified, content)
+
+
+def _refuse_uncommanded(signals: Signals, unseen: Sequence[LogArgument]) -> None:
+    """Scores from commanded motion need its columns, and logs to be predicted.
+
+    Raises:
+        SteelyardError: One is missing.
+    """
+    signals.of_commanded()
+    if not unseen:
+        raise LogError(
+            "there is no log to be predicted from its commanded motion",
+            where="options of the identification",
+            fix="name logs to validate, or leave out 'commanded'",
+        )
 
 
 def _content(
     fit: Fit,
     unseen: Sequence[Run],
     logs: Sequence[Run],
+    commanded: Sequence[LogArgument],
     progress: Progress,
 ) -> ReportContent:
-    """Score the model on all runs; what the report shows."""
+    """Score the model on all runs; what the report shows.
+
+    Unseen runs are predicted from the commanded motion of their logs, if those are given.
+    """
     identified, fitted = fit.identified, fit.runs
     name = identified.model.robot.name
-    scores = scored(identified, (*fitted, *unseen), progress)
+    scores = scored(identified, fitted if commanded else (*fitted, *unseen), progress)
+    if commanded:
+        names = [run.name for run in unseen]
+        scores += scored_from_commanded(identified, commanded, names, progress)
     fresh = marked_repeats(identified, unseen, scores[len(fitted) :])
     return ReportContent(
         title=f"{name}: identified dynamics",
@@ -258,7 +291,7 @@ def _limitations(
         tuple(fit.runs),
         tuple(unseen),
         content.fitted,
-        content.scores,
+        content.scores if unseen else (),
         fit.information,
         _unresolved(content.diagnosis, fit.runs),
         fit.scales,

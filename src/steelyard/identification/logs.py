@@ -279,6 +279,33 @@ def scored(
     return tuple(scores)
 
 
+def scored_from_commanded(
+    identified: IdentifiedModel,
+    logs: Sequence[LogArgument],
+    names: Sequence[str],
+    progress: Progress,
+) -> tuple[RunScore, ...]:
+    """Scores of a model whose efforts are predicted from the commanded motion of logs.
+
+    Args:
+        identified: The model.
+        logs: The logs.
+        names: Names of their runs.
+        progress: Told about every log.
+
+    Raises:
+        ModelError: The columns of the commanded motion are not known.
+        LogError: A log has no such columns.
+    """
+    signals = identified.signals.of_commanded()
+    recordings = [recording_of(log, signals) for log in logs]
+    runs = prepared(recordings, processing_of(identified), progress, at_rest=True)
+    named = [replace(run, name=name) for run, name in zip(runs, names, strict=True)]
+    return tuple(
+        replace(score, predicted_from="commanded") for score in scored(identified, named, progress)
+    )
+
+
 def new_folder(output: Path | None, default: str) -> Path:
     """The folder to make.
 

@@ -70,7 +70,7 @@ def scores_frame(content: ReportContent) -> "DataFrame":
     scored = [(True, score) for score in content.fitted]
     scored += [(False, score) for score in content.scores]
     joints = [
-        {"run": score.run, "fitted": fitted, **joint}
+        {"run": score.run, "fitted": fitted, "predicted_from": score.predicted_from, **joint}
         for fitted, score in scored
         for joint in score.to_dict()["joints"]
     ]

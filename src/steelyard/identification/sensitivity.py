@@ -13,6 +13,7 @@ from steelyard.progress import Progress
 from steelyard.regression.regressor import base_regressor
 from steelyard.report import ReportContent
 from steelyard.report.text.score_words import relative_errors
+from steelyard.robot_file.signals import Signals
 from steelyard.validation.friction.mixes import remembers
 from steelyard.validation.score import RunScore
 from steelyard.validation.sensitivity import FACTORS, Sensitivity, Variation
@@ -24,16 +25,23 @@ def varied(
     logs: tuple[Sequence[LogArgument], Sequence[LogArgument]],
     threads: int,
     progress: Progress,
+    *,
+    commanded: bool = False,
 ) -> ReportContent:
-    """What the report shows, with the fits beside it; `logs` are those fitted and those not."""
-    scores = content.fitted, content.scores
-    return replace(content, sensitivity=sensitivity(fit, *logs, scores, threads, progress))
+    """What the report shows, with the fits beside it; `logs` are those fitted and those not.
+
+    The latter are predicted from their commanded motion if `commanded`.
+    """
+    scores, signals = (content.fitted, content.scores), fit.identified.signals
+    unseen = signals.of_commanded() if commanded else signals
+    return replace(content, sensitivity=sensitivity(fit, *logs, unseen, scores, threads, progress))
 
 
 def sensitivity(
     fit: Fit,
     fitted: Sequence[LogArgument],
     unseen: Sequence[LogArgument],
+    signals: Signals,
     scores: tuple[Sequence[RunScore], Sequence[RunScore]],
     threads: int,
     progress: Progress,
@@ -46,6 +54,7 @@ def sensitivity(
         fit: The result.
         fitted: Logs that were fitted.
         unseen: Logs that were not.
+        signals: Columns of the latter.
         scores: The result's, on both.
         threads: Native threads.
         progress: Told about every pass.
@@ -66,7 +75,7 @@ def sensitivity(
             again = _refitted(fit, fitted, same, threads, progress)
             runs = [
                 *again.runs,
-                *(prepare(recording_of(log, identified.signals), other) for log in unseen),
+                *(prepare(recording_of(log, signals), other) for log in unseen),
             ]
             of_runs = scored(again.identified, runs, progress)
         except LogError as error:

@@ -11,7 +11,13 @@ from steelyard.arguments import checked
 from steelyard.diagnosis import Finding
 from steelyard.diagnosis.fitted.post_fit import FittedCase, examine_fit
 from steelyard.estimation.identified import IdentifiedModel, load_model
-from steelyard.identification.descriptions import dropped, dropped_rows, notes_of, settings
+from steelyard.identification.descriptions import (
+    commanded_note,
+    dropped,
+    dropped_rows,
+    notes_of,
+    settings,
+)
 from steelyard.identification.logs import (
     fitted_before,
     log_files,
@@ -19,6 +25,7 @@ from steelyard.identification.logs import (
     processing_of,
     recording_of,
     scored,
+    scored_from_commanded,
 )
 from steelyard.identification.repeated_rows import holds_fitted_rows, marked_repeats
 from steelyard.identification.result import Result, paths_of, scores_frame
@@ -93,6 +100,7 @@ def validate(
     model: str | Path | IdentifiedModel,
     logs: str | Path | Iterable[str | Path],
     *,
+    commanded: bool = False,
     progress: Progress = silent,
 ) -> Validation:
     """Score an identified model on logs that it was not fitted to.
@@ -100,6 +108,8 @@ def validate(
     Args:
         model: The model, its `model.json`, or the folder that contains it.
         logs: The logs; `run.csv@5:20` is a window in seconds.
+        commanded: Whether efforts are predicted from the commanded motion, as feedforward would,
+            instead of the measured one.
         progress: Receives events of progress; an exception from it stops the work.
 
     Raises:
@@ -114,7 +124,13 @@ def validate(
     files = log_files(paths_of(logs, least=1))
     recordings = [recording_of(log, identified.signals) for log in files]
     runs = prepared(recordings, processing_of(identified), progress, at_rest=True)
-    scores = marked_repeats(identified, runs, scored(identified, runs, progress))
+    names = [run.name for run in runs]
+    scores = (
+        scored_from_commanded(identified, files, names, progress)
+        if commanded
+        else scored(identified, runs, progress)
+    )
+    scores = marked_repeats(identified, runs, scores)
     known = [
         fitted_before(identified, log) or holds_fitted_rows(identified, run)
         for log, run in zip(files, runs, strict=True)
@@ -143,6 +159,7 @@ def _content(
         qualities=tuple((run.name, run.quality.rows_of_text) for run in runs),
         notes=(
             *dropped_rows(runs),
+            *commanded_note(identified, scores),
             *(f"{score.run} was fitted: its score does not validate the model" for score in again),
         ),
         details=(*notes_of(runs), *dropped(identified.model, runs)),
@@ -157,7 +174,14 @@ def _limitations(
     scores: Sequence[RunScore],
     known: Sequence[bool],
 ) -> tuple[Finding, ...]:
-    """What checks of the model on runs that it was not fitted to find."""
-    fresh = [(run, score) for run, score, old in zip(runs, scores, known, strict=True) if not old]
+    """What checks of the model on runs that it was not fitted to find.
+
+    They compare with the measured motion, so that scores from a commanded one are left out.
+    """
+    fresh = [
+        (run, score)
+        for run, score, old in zip(runs, scores, known, strict=True)
+        if not old and score.predicted_from == "measured"
+    ]
     unseen, unseen_scores = tuple(run for run, _ in fresh), tuple(score for _, score in fresh)
     return examine_fit(FittedCase(identified, unseen=unseen, unseen_scores=unseen_scores))

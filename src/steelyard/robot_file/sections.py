@@ -254,6 +254,10 @@ class SignalsSection(Section):
         velocity_unit: Unit, one for all columns or one each.
         velocity_sign: -1 for columns that count in the opposite direction.
         velocity_delay: Delay of velocities relative to positions [s]; it is corrected.
+        commanded_position: Columns of the commanded (desired) positions, in the unit, with the
+            signs and of the side of `position`; for scores from commanded motion.
+        commanded_velocity: Columns of the commanded velocities, likewise; commanded positions are
+            differentiated if left out.
         effort: Columns of efforts.
     """
 
@@ -275,6 +279,8 @@ class SignalsSection(Section):
     ) = None
     velocity_sign: Annotated[tuple[Sign, ...], Field(strict=False)] | None = None
     velocity_delay: Delay = 0.0
+    commanded_position: Name | Names | None = None
+    commanded_velocity: Name | Names | None = None
     effort: EffortSection
 
 

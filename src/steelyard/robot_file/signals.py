@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import pi
 from typing import TYPE_CHECKING, Any
 
@@ -68,6 +68,10 @@ class Signals:
             and `gains` count; `None` if efforts stay as logged.
         velocity_delay: How late velocities are logged, against positions [s].
         effort_delay: How late efforts are logged, against positions [s].
+        commanded_position: Columns of commanded positions, scaled like the positions; `None` if
+            none are known. They are read by the signals `of_commanded` only.
+        commanded_velocity: Columns of commanded velocities; `None` to differentiate positions.
+        commanded_velocity_scale: rad/s or m/s per logged unit of them, shape `(n,)`.
     """
 
     time: str
@@ -88,6 +92,30 @@ class Signals:
     velocity_delay: float = 0.0
     effort_delay: float = 0.0
     unknown_offsets: tuple[bool, ...] = ()
+    commanded_position: tuple[str, ...] | None = None
+    commanded_velocity: tuple[str, ...] | None = None
+    commanded_velocity_scale: Array | None = None
+
+    def of_commanded(self) -> Signals:
+        """The same efforts beside the commanded motion instead of the measured one.
+
+        Raises:
+            ModelError: The columns of the commanded motion are not known.
+        """
+        if self.commanded_position is None:
+            raise ModelError(
+                "the columns of the commanded motion are not known",
+                where="[signals] of the robot file",
+                fix='add commanded_position = "...", and commanded_velocity = "..." if it is '
+                "logged; a model keeps those of the robot file that it was identified with",
+            )
+        return replace(
+            self,
+            position=self.commanded_position,
+            velocity=self.commanded_velocity,
+            velocity_scale=self.commanded_velocity_scale,
+            velocity_delay=0.0,
+        )
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -128,10 +156,14 @@ def build_signals(
     velocity = None
     if section.velocity is not None:
         velocity = _columns(section.velocity, coordinates, locate("signals", "velocity"))
-    else:
+    elif section.commanded_velocity is None:
         _refuse_without_velocity(section, locate)
+    commanded = _commanded(section, coordinates, locate)
     time, time_scale = _clock(section, locate)
     _check_distinct((time, *position, *(velocity or ()), *effort), locate("signals"))
+    _check_distinct(
+        (time, *(commanded[0] or ()), *(commanded[1] or ()), *effort), locate("signals")
+    )
     position_scale, velocity_scale = _motion_scales(section, coordinates, locate)
     units, effort_scale = effort_units_of(section.effort, coordinates, locate)
     gains, unknown = gains_of(section.effort, effort, units, coordinates, locate)
@@ -164,7 +196,34 @@ def build_signals(
         velocity_delay=section.velocity_delay,
         effort_delay=section.effort.delay,
         unknown_offsets=unknown_offsets,
+        commanded_position=commanded[0],
+        commanded_velocity=commanded[1],
+        commanded_velocity_scale=None if commanded[1] is None else velocity_scale,
     )
+
+
+def _commanded(
+    section: SignalsSection, coordinates: Sequence[Coordinate], locate: Locate
+) -> tuple[tuple[str, ...] | None, tuple[str, ...] | None]:
+    """Columns of commanded positions and velocities, as far as they are declared.
+
+    Raises:
+        ModelError: There are velocities without positions, or columns do not fit the joints.
+    """
+    if section.commanded_position is None and section.commanded_velocity is not None:
+        raise ModelError(
+            "commanded_velocity is given, but no commanded_position",
+            where=locate("signals", "commanded_velocity"),
+            fix="add commanded_position = ..., or remove commanded_velocity",
+        )
+    position, velocity = (
+        None if given is None else _columns(given, coordinates, locate("signals", key))
+        for key, given in (
+            ("commanded_position", section.commanded_position),
+            ("commanded_velocity", section.commanded_velocity),
+        )
+    )
+    return position, velocity
 
 
 def _clock(section: SignalsSection, locate: Locate) -> tuple[str, float]:
@@ -319,6 +378,9 @@ def signals_from_dict(data: Mapping[str, Any]) -> Signals:
     fields = dict(data)
     for name in ("position", "velocity", "effort", "effort_units"):
         fields[name] = None if fields[name] is None else tuple(fields[name])
+    for name in ("commanded_position", "commanded_velocity"):
+        fields[name] = None if fields.get(name) is None else tuple(fields[name])
+    fields.setdefault("commanded_velocity_scale", None)
     fields["unknown_gains"] = tuple(fields["unknown_gains"])
     fields["unknown_offsets"] = tuple(fields.get("unknown_offsets", ()))
     n = len(fields["position"])
@@ -328,7 +390,8 @@ def signals_from_dict(data: Mapping[str, Any]) -> Signals:
         ("effort_map", (n, n)),
     ):
         fields[name] = None if fields[name] is None else frozen(fields[name], shape)
-    for name in ("position_scale", "velocity_scale", "effort_scale", "gains"):
+    scales = ("position_scale", "velocity_scale", "effort_scale", "gains")
+    for name in (*scales, "commanded_velocity_scale"):
         fields[name] = None if fields[name] is None else frozen(fields[name], (n,))
         if fields[name] is not None and not (np.isfinite(fields[name]) & (fields[name] != 0)).all():
             raise ValueError(f"'{name}' of the signals holds a value that cannot be used")

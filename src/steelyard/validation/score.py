@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby, tee, zip_longest
 from math import isfinite, sqrt
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -70,6 +70,7 @@ class RunScore:
         traces: The compared signals.
         repeats: The fitted run whose motion it repeats; empty if its motion is another one.
         parts: Efforts by their causes, if they were wanted.
+        predicted_from: `measured` or `commanded`: the motion from which efforts were predicted.
     """
 
     run: str
@@ -81,6 +82,7 @@ class RunScore:
     traces: Traces
     repeats: str = ""
     parts: TorqueParts | None = None
+    predicted_from: Literal["measured", "commanded"] = "measured"
 
     @property
     def mean_percent(self) -> float:
@@ -107,6 +109,7 @@ class RunScore:
             "run": self.run,
             "motion": "repeated" if self.repeats else "unseen",
             "repeats": self.repeats or None,
+            "predicted_from": self.predicted_from,
             "cutoff": self.cutoff,
             "mean_percent": self.mean_percent,
             "mean_percent_moving": self.mean_percent_moving,

@@ -158,10 +158,11 @@ def _of_scores(content: ReportContent) -> Verdict:
 
 
 def _motion(scores: Sequence[RunScore]) -> str:
-    """What was predicted."""
-    if scores[0].repeats:
-        return "repeated motion"
-    return "unseen postures" if all(run.errors.at_rest for run in scores) else "unseen motion"
+    """What was predicted, and from what if that is not the measured motion."""
+    motion = "unseen postures" if all(run.errors.at_rest for run in scores) else "unseen motion"
+    motion = "repeated motion" if scores[0].repeats else motion
+    commanded = any(run.predicted_from == "commanded" for run in scores)
+    return f"efforts of {motion} from the commanded motion" if commanded else motion
 
 
 def _untested(content: ReportContent) -> Verdict:
