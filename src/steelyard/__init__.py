@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from steelyard.identification.simulate import simulate as simulate
     from steelyard.identification.track import track as track
     from steelyard.identification.validate import validate as validate
+    from steelyard.identification.wrench import external_wrench as external_wrench
     from steelyard.measurement.run import Run as Run
     from steelyard.model import Model as Model
     from steelyard.motion import Motion as Motion
@@ -79,6 +80,7 @@ _HOMES = {
     "estimators": "estimation.register",
     "export": "identification.parts",
     "export_code": "identification.parts",
+    "external_wrench": "identification.wrench",
     "feedforward": "identification.feedforward",
     "health": "identification.health",
     "identify": "identification.identify",

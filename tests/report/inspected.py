@@ -1,13 +1,16 @@
-"""Contents of the pages of `contact` and `health`."""
+"""Contents of the pages of `contact`, `wrench` and `health`."""
 
 import numpy as np
 
 from steelyard.application.contact import ContactEvent, JointLoad
 from steelyard.application.health import changes_of
 from steelyard.application.health_windows import QUANTITIES, Series
+from steelyard.application.wrench.wrench import WrenchEstimate
+from steelyard.estimation.external.wrench import Expected
 from steelyard.estimation.residual_peaks import RANGES, ContactThresholds
 from steelyard.report.contact_page import ContactContent
 from steelyard.report.health_page import HealthContent
+from steelyard.report.wrench_page import WrenchContent
 from steelyard.validation.residual_traces import ResidualTrace
 
 JOINTS = ("shoulder_lift_joint", "a_joint_with_a_name_that_is_rather_long")
@@ -66,3 +69,34 @@ def health_content() -> HealthContent:
     names = ("monday", "tuesday", "friday_with_a_long_name")
     changes = changes_of(series, names)
     return HealthContent("arm", JOINTS, names, series, changes, ("cut-offs: motion 18 Hz",))
+
+
+def wrench_content(frame: str = "tool0") -> WrenchContent:
+    """Two joints, which show two of six directions; one push."""
+    t = np.arange(0.0, 20.0, 0.06)
+    push = np.where((t > 5.0) & (t < 6.0), 30.0, 0.0)
+    wrench = np.outer(push, [1.0, -0.5, 0.0, 0.0, 0.0, 0.1])
+    half = np.tile([2.0, 2.0, 59.0, 5.9, 5.9, 0.3], (len(t), 1))
+    torque = np.stack([push, 0.2 * push], axis=1)
+    learned = np.diag([0.99, 0.99, 0.0, 0.1, 0.0, 0.9])
+    estimate = WrenchEstimate(
+        run="shift",
+        frame=frame,
+        axes="frame",
+        residual="momentum",
+        method="smoothed",
+        expected=Expected(),
+        bandwidth=5.0,
+        joints=JOINTS,
+        units=("Nm", "N"),
+        t=t,
+        wrench=wrench,
+        half_width=half,
+        torque=torque,
+        torque_half_width=np.ones_like(torque),
+        least_seen=np.zeros(len(t)),
+        seen=np.tile(np.diag(learned), (len(t), 1)),
+        learned=learned,
+        condition=np.full(len(t), np.inf),
+    )
+    return WrenchContent("arm", estimate, 8.0, True, ("cut-offs: motion 18 Hz",))

@@ -11,7 +11,7 @@ import pytest
 from browser import Tab, chromium, running
 from report.conftest import robot
 from report.designed import designed_for
-from report.inspected import contact_content, health_content
+from report.inspected import contact_content, health_content, wrench_content
 from report.test_design import content as motion_content
 from report.test_findings import content as check_content
 from report.test_page import own_html
@@ -23,6 +23,7 @@ from steelyard.report.contact_page import render_contact
 from steelyard.report.health_page import render_health
 from steelyard.report.html import TEMPLATES
 from steelyard.report.track_page import render_tracking
+from steelyard.report.wrench_page import render_wrench
 
 PAGES = (
     "identification",
@@ -32,6 +33,7 @@ PAGES = (
     "motion",
     "tracking",
     "contact",
+    "wrench",
     "health",
 )
 WIDTHS = (1400, 420)
@@ -47,6 +49,7 @@ def pages(usual: ReportContent, nasty: ReportContent) -> dict[str, str]:
         "motion": render(motion_content(designed_for(robot()))),
         "tracking": render_tracking(tracking_content(robot())),
         "contact": render_contact(contact_content()),
+        "wrench": render_wrench(wrench_content()),
         "health": render_health(health_content()),
     }
 

@@ -24,6 +24,7 @@ from steelyard.cli.replay import replay
 from steelyard.cli.simulate import simulate
 from steelyard.cli.track import track
 from steelyard.cli.validate import validate
+from steelyard.cli.wrench import wrench
 
 app = typer.Typer(
     name="steelyard",
@@ -44,6 +45,7 @@ for command in (
     reduce,
     payload,
     contact,
+    wrench,
     health,
     export,
     feedforward,

@@ -8,6 +8,7 @@ $a = e^{-2 \pi b \Delta t}$.
 
 import numpy as np
 
+from steelyard.arrays import Array
 from steelyard.errors import DataError
 
 PER_PERIOD = 10.0
@@ -29,3 +30,19 @@ def check_bandwidth(bandwidth: float) -> None:
             where="observer of external efforts",
             fix="give a frequency above zero, such as 8 Hz",
         )
+
+
+def momentum_residual(momentum: Array, effort: Array, rate: float) -> Array:
+    r"""External efforts along one segment, not low-passed, shape `(N, n)` [Nm; N].
+
+    That of a sample is the mean of $s$ before and after it.
+
+    Args:
+        momentum: Shape `(N, n)`.
+        effort: Joint efforts and what else drives the momentum, $\tau + u$, shape `(N, n)`.
+        rate: Of the samples [Hz].
+    """
+    between = rate * np.diff(momentum, axis=0) - 0.5 * (effort[1:] + effort[:-1])
+    return np.asarray(
+        0.5 * (between[[0, *range(len(between))]] + between[[*range(len(between)), -1]])
+    )

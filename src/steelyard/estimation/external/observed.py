@@ -6,10 +6,12 @@ efforts $\tau$ and a wrench $F$ on a frame.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
+from steelyard.arrays import Array
 from steelyard.dynamics.equations import Equations
 from steelyard.dynamics.quantity import MOMENTUM, MOMENTUM_RATE, MOTION, TORQUE, Given, Quantity
 from steelyard.errors import ModelError
@@ -20,6 +22,30 @@ from steelyard.terms.term import Term, channels_of
 
 Axes = Literal["frame", "base"]
 """Whose axes a wrench is given along."""
+
+
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """The parts of what the program computes at samples.
+
+    Attributes:
+        momentum: Shape `(..., n)` [kg m²/s; kg m/s].
+        drive: $u$, shape `(..., n)` [Nm; N].
+        jacobian: Of the frame's origin, then of its rotation, shape `(..., 6, n)`.
+        columns: Regressor entries of the chosen parameters, shape `(..., n, c)`.
+    """
+
+    momentum: Array
+    drive: Array
+    jacobian: Array
+    columns: Array
+
+    @classmethod
+    def of(cls, entries: Array, n: int) -> "Observed":
+        """The parts of the outputs, shape `(..., 2 n + 6 n + n c)`; views."""
+        columns = entries[..., 8 * n :].reshape(*entries.shape[:-1], n, -1)
+        jacobian = entries[..., 2 * n : 8 * n].reshape(*entries.shape[:-1], 6, n)
+        return cls(entries[..., :n], entries[..., n : 2 * n], jacobian, columns)
 
 
 def moved_frame(robot: Robot, name: str | None) -> Frame:
@@ -36,6 +62,31 @@ def moved_frame(robot: Robot, name: str | None) -> Frame:
             fix=f"name a frame on a moving link, such as '{last_frame(robot)}'",
         )
     return frame
+
+
+def observed_quantity(frame: Frame, axes: Axes, columns: tuple[int, ...]) -> Quantity:
+    """Momentum, drive, Jacobian and regressor columns of a model at a sample.
+
+    Args:
+        frame: The frame that the wrench acts on.
+        axes: Whose axes the wrench is given along.
+        columns: Indices of standard parameters of the model.
+    """
+
+    def build(equations: Equations, given: Given) -> list[Scalar]:
+        momentum, drive = momentum_and_drive(equations, given)
+        jacobian = jacobian_of(equations, frame, axes, given)
+        return [*momentum, *drive, *jacobian.ravel(), *_regressor(equations, given, columns)]
+
+    key = (axes, list(columns), frame.body, frame.rotation.tolist(), frame.position.tolist())
+    return Quantity(
+        "observed efforts",
+        MOTION,
+        lambda _: True,
+        build,
+        lambda part: (part.robot.n * (8 + len(columns)),),
+        key,
+    )
 
 
 def columns_quantity(columns: tuple[int, ...]) -> Quantity:

@@ -48,6 +48,18 @@ class EffortUncertainty:
     def covariance(self, columns: Array, speed: Array, moving: NDArray[np.bool_]) -> Array:
         """Covariance of the efforts that the model predicts wrongly, shape `(B, n, n)`.
 
+        Args:
+            columns: Regressor entries, shape `(B, n, c)`.
+            speed: Velocities, shape `(n, B)` [rad/s; m/s].
+            moving: Whether each joint moves, likewise.
+        """
+        spread, noise = self.spread(columns, speed, moving), self.noise(speed, moving)
+        noise_part = noise[:, :, None] * self.correlation * noise[:, None, :]
+        return np.asarray(spread @ spread.swapaxes(1, 2) + noise_part)
+
+    def spread(self, columns: Array, speed: Array, moving: NDArray[np.bool_]) -> Array:
+        """Efforts per standard deviation of independent combinations of parameters, `(B, n, k)`.
+
         As in prediction bands, factors below 1 do not make parameters surer.
 
         Args:
@@ -55,12 +67,18 @@ class EffortUncertainty:
             speed: Velocities, shape `(n, B)` [rad/s; m/s].
             moving: Whether each joint moves, likewise.
         """
-        factor = self.factor_of(speed, moving)
-        noise = factor * self.sigma[:, None]
-        noise = np.where(moving, noise, np.maximum(noise, self.at_rest[:, None])).T
-        spread = np.maximum(factor, 1.0).T[:, :, None] * (columns @ self.factor)
-        noise_part = noise[:, :, None] * self.correlation * noise[:, None, :]
-        return np.asarray(spread @ spread.swapaxes(1, 2) + noise_part)
+        factor = np.maximum(self.factor_of(speed, moving), 1.0)
+        return np.asarray(factor.T[:, :, None] * (columns @ self.factor))
+
+    def noise(self, speed: Array, moving: NDArray[np.bool_]) -> Array:
+        """Standard deviations of residuals, shape `(B, n)` [Nm; N].
+
+        Args:
+            speed: Velocities, shape `(n, B)` [rad/s; m/s].
+            moving: Whether each joint moves, likewise.
+        """
+        noise = self.factor_of(speed, moving) * self.sigma[:, None]
+        return np.asarray(np.where(moving, noise, np.maximum(noise, self.at_rest[:, None])).T)
 
     @cached_property
     def at_rest(self) -> Array:

@@ -1,0 +1,157 @@
+"""Simulated six-joint arms that are pushed while they move, and models that are slightly off.
+
+Geometry, masses and limits are those of `proofs/problems`, bodies and friction are invented near
+them. The arm is simulated by MuJoCo under its joint controller, with sensors as good as usual.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.estimation.estimate import Estimate, StandardEstimate
+from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
+from steelyard.excitation.trajectories.random_fourier import random_fourier
+from steelyard.identification.logs import (
+    log_files,
+    model_of,
+    prepared,
+    processing_of,
+    recording_of,
+)
+from steelyard.kernel.quantities.kinematics import last_frame
+from steelyard.measurement import Run
+from steelyard.motion import run
+from steelyard.parameters import Parameters
+from steelyard.progress import silent
+from steelyard.regression.base import base_parameters
+from steelyard.regression.parallel_filter import noise_bandwidth
+from steelyard.robot_file.file import load_robot
+from steelyard.robot_file.signals import Signals
+from steelyard.virtual.invent import random_truth
+from steelyard.virtual.robot import VirtualRobot
+from steelyard.virtual.simulate import customary_sensors
+from steelyard.virtual.truth import Truth
+from steelyard.virtual.wrench import AppliedWrench
+
+PROBLEMS = Path(__file__).parents[1] / "problems"
+
+MATCHED = 8.0
+"""Cut-off of the fit that the models seem to come from [Hz]."""
+
+OFF = 0.02
+"""Relative standard deviation of every parameter of the model."""
+
+PUSH, EVERY, LASTS, RAMP = 30.0, 4.0, 2.0, 0.5
+"""Size of pushes [N], time from one to the next, duration, and time of rise and fall [s]."""
+
+LEVER = 0.1
+"""Distance of pushes from the frame's origin [m]."""
+
+RATE = 250.0
+"""Rows a second of the logs."""
+
+DURATION, TICK = 20.0, 1e-3
+"""Of the motions, and of the controller [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Arm:
+    """A simulated robot.
+
+    Attributes:
+        truth: What it really is.
+        signals: Columns of its logs.
+        frame: The frame that is pushed.
+    """
+
+    truth: Truth
+    signals: Signals
+    frame: str
+
+    @property
+    def noise(self) -> Array:
+        """Standard deviation of the torque's noise as it is logged, shape `(n,)` [Nm]."""
+        sensors = customary_sensors(self.truth.robot, self.truth)
+        return np.broadcast_to(sensors.torque_noise, (self.truth.robot.n,))
+
+
+def arm_of(problem: str, seed: int) -> Arm:
+    """The arm of a problem, such as `ur10`, with invented bodies and friction."""
+    loaded = load_robot(PROBLEMS / f"{problem}.toml")
+    truth = random_truth(loaded.robot, seed, terms=model_of(loaded).terms)
+    n = loaded.robot.n
+    q, dq, tau = ([f"{kind}_{j + 1}" for j in range(n)] for kind in ("q", "dq", "tau"))
+    ones = np.ones(n)
+    signals = Signals(
+        "t", 1.0, tuple(q), ones, tuple(dq), ones, tuple(tau), ones, "joint_torque", ("Nm",) * n,
+        ones,
+    )  # fmt: skip
+    return Arm(truth, signals, last_frame(loaded.robot))
+
+
+def model_off(arm: Arm, seed: int) -> IdentifiedModel:
+    """A model whose parameters are off by `OFF` each, and that knows it.
+
+    Args:
+        arm: The arm.
+        seed: Same seed, same errors.
+    """
+    model, true = arm.truth.model, arm.truth.values.values
+    std = OFF * np.abs(true)
+    guess = true + std * np.random.default_rng(seed).standard_normal(len(true))
+    known = Parameters(model.names, model.units, guess)
+    sigma = arm.noise * np.sqrt(2.0 * noise_bandwidth(MATCHED) / RATE)
+    estimate = Estimate(
+        "off", Parameters((), (), ()), np.zeros((0, 0)), (), sigma, np.full(len(sigma), 1e4), 10.0,
+        2.0, standard=StandardEstimate(known, np.diag(np.square(std)), np.ones(len(true))),
+    )  # fmt: skip
+    return IdentifiedModel(
+        model,
+        base_parameters(model),
+        estimate,
+        (),
+        arm.signals,
+        Cutoffs(20.0, MATCHED, MATCHED),
+        Provenance("0", {}, (), ()),
+    )
+
+
+def pushes(duration: float, seed: int) -> Array:
+    """Force and moment at the ticks of a log, shape `(ticks, 6)`.
+
+    Forces rise, stay and fall; they act at points near the frame's origin.
+    """
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, duration, TICK)
+    wrench = np.zeros((len(t), 6))
+    for start in np.arange(2.0, t[-1] - LASTS - 1.0, EVERY):
+        phase = np.minimum(t - start, start + LASTS - t) / RAMP
+        size = 0.5 - 0.5 * np.cos(np.pi * np.clip(phase, 0.0, 1.0))
+        force, point = rng.standard_normal((2, 3))
+        force *= PUSH / np.linalg.norm(force)
+        moment = np.cross(LEVER * point / np.linalg.norm(point), force)
+        wrench += size[:, None] * np.concatenate([force, moment])
+    return wrench
+
+
+def pushed_log(arm: Arm, seed: int, path: Path) -> AppliedWrench:
+    """Write a log of a random motion with pushes on the last frame; the pushes, in base axes."""
+    robot = arm.truth.robot
+    motion = random_fourier(robot, seed=seed, period=DURATION)
+    wrench = pushes(DURATION + 2.0, seed)
+    applied = AppliedWrench(arm.frame, np.arange(len(wrench)) * TICK, wrench, "base")
+    rig = VirtualRobot(
+        robot, arm.truth, customary_sensors(robot, arm.truth), seed=seed, signals=arm.signals,
+        wrench=applied,
+    )  # fmt: skip
+    run(rig, motion, path)
+    return applied
+
+
+def read(model: IdentifiedModel, log: Path) -> Run:
+    """A log as `steelyard wrench` reads it."""
+    (found,) = log_files([str(log)])
+    recording = recording_of(found, model.signals)
+    return prepared([recording], processing_of(model), silent, at_rest=True)[0]

@@ -1,0 +1,211 @@
+"""External wrench along a log, without a force sensor: what `steelyard wrench` does."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from steelyard.application.wrench.directions import COMPONENTS, name_of
+from steelyard.application.wrench.efforts import ResidualKind
+from steelyard.application.wrench.wrench import WrenchEstimate, estimated_wrench
+from steelyard.arguments import checked
+from steelyard.arrays import Array
+from steelyard.control.usable import refuse_unknown_gains
+from steelyard.estimation.external.observed import Axes, moved_frame
+from steelyard.estimation.external.smoothing import DURATION, Smoothed
+from steelyard.estimation.external.wrench import (
+    FORCE,
+    LEVER,
+    Expected,
+    InverseJacobian,
+    Weighted,
+    WrenchMethod,
+)
+from steelyard.estimation.identified import IdentifiedModel, load_model
+from steelyard.files import write_json, write_table
+from steelyard.identification.descriptions import notes_of
+from steelyard.identification.logs import (
+    fitted_before,
+    log_files,
+    prepared,
+    processing_of,
+    recording_of,
+)
+from steelyard.identification.repeated_rows import holds_fitted_rows
+from steelyard.identification.result import Result
+from steelyard.progress import Progress, silent
+from steelyard.report.wrench_page import (
+    WrenchContent,
+    render_wrench,
+    wrench_lines,
+)
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+MethodName = Literal["smoothed", "weighted", "inverse"]
+
+COLUMNS = ("fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm")
+"""Force and moment in tables; `steelyard simulate --wrench` reads the same names."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ExternalWrench(Result):
+    """External wrench along a log.
+
+    Attributes:
+        content: All that the page shows.
+    """
+
+    content: WrenchContent
+
+    @property
+    def estimate(self) -> WrenchEstimate:
+        """All arrays."""
+        return self.content.estimate
+
+    @property
+    def t(self) -> Array:
+        """Time from the log's start, shape `(N,)` [s]."""
+        return self.estimate.t
+
+    @property
+    def wrench(self) -> Array:
+        """Force [N] and moment [Nm] on the robot, shape `(N, 6)`."""
+        return self.estimate.wrench
+
+    @property
+    def half_width(self) -> Array:
+        """Half-width of the 95 % intervals of `wrench`, shape `(N, 6)`."""
+        return self.estimate.half_width
+
+    @property
+    def unseen(self) -> tuple[str, ...]:
+        """Directions that the joints do not show in this log."""
+        return tuple(name_of(direction) for direction in self.estimate.unseen)
+
+    def report(self) -> str:
+        """The report as one self-contained HTML page."""
+        return render_wrench(self.content)
+
+    def to_dict(self) -> dict[str, Any]:
+        """What was estimated as JSON values, without the samples."""
+        found = self.estimate
+        return {
+            "log": found.run,
+            "frame": found.frame,
+            "axes": found.axes,
+            "residual": found.residual,
+            "method": found.method,
+            "bandwidth_hz": found.bandwidth,
+            "expected": {"force_N": found.expected.force, "lever_m": found.expected.lever},
+            "samples": len(found.t),
+            "start_s": float(found.t[0]),
+            "end_s": float(found.t[-1]),
+            "components": [vars(row) for row in self.content.components],
+            "unseen": [
+                {"name": name_of(one), **dict(zip(COMPONENTS, one.tolist(), strict=True))}
+                for one in found.unseen
+            ],
+            "partly_unseen_share": found.partly_unseen,
+            "warnings": list(self.content.warnings),
+            "notes": list(self.content.details),
+        }
+
+    def table(self) -> dict[str, Array]:
+        """Columns of `wrench.csv`: time, wrench, half-widths, external efforts, what is seen."""
+        found = self.estimate
+        columns = {"time_s": found.t}
+        for name, own in zip(COLUMNS, found.wrench.T, strict=True):
+            columns[name] = own
+        for name, own in zip(COLUMNS, found.half_width.T, strict=True):
+            columns[f"half_width_{name}"] = own
+        for joint, unit, own in zip(found.joints, found.units, found.torque.T, strict=True):
+            columns[f"external_{joint}_{unit}"] = own
+        columns["least_seen_share"] = found.least_seen
+        return columns
+
+    def write(self, folder: Path) -> None:
+        """Write `report.html`, `wrench.csv` and `wrench.json`."""
+        (folder / "report.html").write_text(self.report(), encoding="utf-8")
+        write_table(folder / "wrench.csv", self.table())
+        write_json(folder / "wrench.json", self.to_dict())
+
+    def show(self, console: "Console") -> None:
+        """Print the components and what qualifies them."""
+        wrench_lines(self.content, console)
+
+
+@checked()
+def external_wrench(
+    model: str | Path | IdentifiedModel,
+    log: str | Path,
+    frame: str | None = None,
+    *,
+    residual: ResidualKind = "momentum",
+    method: MethodName = "smoothed",
+    bandwidth: float | None = None,
+    force: float = FORCE,
+    lever: float = LEVER,
+    duration: float = DURATION,
+    axes: Axes = "frame",
+    progress: Progress = silent,
+) -> ExternalWrench:
+    """Estimate the wrench that acts on a frame along a log, with 95 % intervals.
+
+    Args:
+        model: The model, its `model.json`, or the folder that contains it.
+        log: The log; `run.csv@5:20` is a window in seconds.
+        frame: Frame that the wrench acts on; that of the robot's end if `None`.
+        residual: Whether external torques are what the momentum or what the torque leaves over;
+            the momentum needs no accelerations.
+        method: `smoothed` over time, with errors of the model estimated from the same log;
+            `weighted`, each sample by itself; `inverse`, by the transposed Jacobian's inverse.
+        bandwidth: Of the external torques [Hz]; if `None`, the cut-off of the model's scores, or a
+            tenth of the log's rate if that is less.
+        force: Expected size of each component of the force [N].
+        lever: That of the moment, over `force` [m]; 0 for forces at the frame's origin.
+        duration: How long a push lasts, usually [s]; for `smoothed`.
+        axes: Whether components are along the axes of the frame or of the base.
+        progress: Receives events of progress; an exception from it stops the work.
+
+    Raises:
+        SteelyardError: A file cannot be used, the frame is fixed to the base, the log is too slow
+            for the bandwidth, or its efforts lack gravity or friction that the model predicts.
+
+    Example:
+        >>> found = external_wrench("arm-model", "other.csv", "lower")
+        >>> found.wrench.shape == found.half_width.shape == (len(found.t), 6)
+        True
+    """
+    identified = load_model(model)
+    refuse_unknown_gains(identified)
+    moved_frame(identified.robot, frame)
+    chosen = _method(method, Expected(force, lever), duration)
+    (file,) = log_files([str(log)])
+    recording = recording_of(file, identified.signals)
+    (run,) = prepared([recording], processing_of(identified), progress, at_rest=True)
+    estimate = estimated_wrench(
+        identified,
+        run,
+        frame,
+        residual=residual,
+        method=chosen,
+        bandwidth=bandwidth,
+        axes=axes,
+        progress=progress,
+    )
+    content = WrenchContent(
+        robot=identified.robot.name,
+        estimate=estimate,
+        usual_bandwidth=identified.cutoffs.score,
+        fitted=fitted_before(identified, file) or holds_fitted_rows(identified, run),
+        details=notes_of([run]),
+    )
+    return ExternalWrench(content)
+
+
+def _method(name: MethodName, expected: Expected, duration: float) -> WrenchMethod:
+    """The method of a name."""
+    if name == "smoothed":
+        return Smoothed(expected, duration)
+    return Weighted(expected) if name == "weighted" else InverseJacobian(expected)

@@ -1,0 +1,304 @@
+"""The page of `steelyard wrench`, and the same in the terminal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.metadata import version
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from steelyard.application.wrench.directions import COMPONENTS, name_of
+from steelyard.estimation.external.smoothing import SEEN
+from steelyard.report.figures import Figure, Group, Key, Traced, area, evenly, line
+from steelyard.report.html import fill
+from steelyard.report.page import Shown, page_of
+from steelyard.report.sections.tables import PlainTable, Row, narrow_table
+from steelyard.report.text.words import significant
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from steelyard.application.wrench.wrench import WrenchEstimate
+    from steelyard.arrays import Array
+
+DRAWN = 3000
+"""Points of a line, at most."""
+
+OFTEN = 0.8
+"""Share of the log in which the force differs from zero from which on something lasting is
+likelier than a push."""
+
+UNITS = ("N", "N", "N", "Nm", "Nm", "Nm")
+
+SOURCES = {
+    "momentum": "generalised momentum, without accelerations",
+    "torque": "measured minus predicted torque",
+}
+
+METHODS = {
+    "smoothed": "smoothed over time, errors of the model's parameters estimated from the same log",
+    "weighted": "each sample by itself, weighted by the model's uncertainty and the expected size",
+    "inverse": "inverse of the transposed Jacobian: large near singular postures",
+}
+
+
+@dataclass(frozen=True)
+class ComponentSummary:
+    """One component of the wrench over a log; values are in its unit.
+
+    Attributes:
+        component: Its name.
+        unit: `N` or `Nm`.
+        rms: Root mean square.
+        peak: The largest value, with its sign.
+        peak_half_width: Half-width of its 95 % interval.
+        peak_time_s: When it was.
+        median_half_width: Of the intervals of all samples.
+        nonzero_share: Share of the samples whose interval leaves zero out.
+        seen_share: Share of the expected variance that the log decides, on average.
+    """
+
+    component: str
+    unit: str
+    rms: float
+    peak: float
+    peak_half_width: float
+    peak_time_s: float
+    median_half_width: float
+    nonzero_share: float
+    seen_share: float
+
+    @property
+    def row(self) -> Row:
+        """For people to read."""
+        return Row(
+            (
+                f"{self.component} [{self.unit}]",
+                significant(self.rms),
+                f"{significant(self.peak)} ± {significant(self.peak_half_width, 2)}",
+                f"{self.peak_time_s:.2f}",
+                f"± {significant(self.median_half_width, 2)}",
+                f"{100.0 * self.nonzero_share:.0f} %",
+                f"{100.0 * self.seen_share:.0f} %",
+            )
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class WrenchContent:
+    """Everything that the page shows.
+
+    Attributes:
+        robot: The robot's name.
+        estimate: The wrench along the log.
+        usual_bandwidth: Cut-off of the model's scores [Hz].
+        fitted: Whether the model was fitted to this log.
+        details: How the log was processed.
+    """
+
+    robot: str
+    estimate: WrenchEstimate
+    usual_bandwidth: float
+    fitted: bool
+    details: tuple[str, ...]
+
+    @property
+    def headline(self) -> str:
+        """The largest force."""
+        found = self.estimate
+        force = np.linalg.norm(found.wrench[:, :3], axis=1)
+        at = int(np.argmax(force))
+        return (
+            f"Largest force on {found.frame}: {significant(float(force[at]))} N at "
+            f"{found.t[at]:.2f} s of {found.run} ({found.t[-1] - found.t[0]:.1f} s)"
+        )
+
+    @property
+    def claim(self) -> str:
+        """What was estimated, and how."""
+        found = self.estimate
+        axes = f"axes of {found.frame}" if found.axes == "frame" else "axes of the base"
+        return (
+            f"Wrench on the robot, moments about the origin of {found.frame}, {axes}. External "
+            f"torques: {SOURCES[found.residual]}, low-pass {found.bandwidth:.3g} Hz. Wrench: "
+            f"{METHODS[found.method]}. Intervals: 95 %."
+        )
+
+    @property
+    def components(self) -> tuple[ComponentSummary, ...]:
+        """Figures of the six components."""
+        found, nonzero = self.estimate, _nonzero(self.estimate)
+        rows = []
+        for k, (name, unit) in enumerate(zip(COMPONENTS, UNITS, strict=True)):
+            own, half = found.wrench[:, k], found.half_width[:, k]
+            at = int(np.argmax(np.abs(own)))
+            rows.append(
+                ComponentSummary(
+                    component=name,
+                    unit=unit,
+                    rms=float(np.sqrt(np.mean(np.square(own)))),
+                    peak=float(own[at]),
+                    peak_half_width=float(half[at]),
+                    peak_time_s=float(found.t[at]),
+                    median_half_width=float(np.median(half)),
+                    nonzero_share=float(np.mean(nonzero[:, k])),
+                    seen_share=float(np.mean(found.seen[:, k])),
+                )
+            )
+        return tuple(rows)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What qualifies the result."""
+        found, warnings = self.estimate, []
+        if found.unseen:
+            names = "; ".join(name_of(direction) for direction in found.unseen)
+            warnings.append(
+                f"not seen by the joints in this log: {names}. There the estimate is zero, and the "
+                "interval the expected size"
+            )
+        elif found.partly_unseen > 0.0:
+            at = found.least_seen < SEEN
+            worst = COMPONENTS[int(np.argmin(found.seen[at].mean(axis=0)))]
+            warnings.append(
+                f"one direction or more is not seen in {100.0 * found.partly_unseen:.2g} % of the "
+                f"log, near singular postures (mostly {worst}): intervals there are wide"
+            )
+        if found.bandwidth < self.usual_bandwidth:
+            warnings.append(
+                f"the low-pass of {found.bandwidth:.3g} Hz hides pushes shorter than "
+                f"{0.5 / found.bandwidth:.2g} s (usual for this model: {self.usual_bandwidth:.3g} "
+                "Hz, for logs of at least ten times that rate)"
+            )
+        if self.fitted:
+            warnings.append("the model was fitted to this log: its residuals are too small")
+        lasting = float(np.mean((_nonzero(found)[:, :3]).any(axis=1)))
+        if lasting > OFTEN:
+            warnings.append(
+                f"the force differs from zero in {100.0 * lasting:.0f} % of the log: a payload, "
+                "another tool or other efforts than the model's are likelier than pushes; see "
+                "steelyard payload and steelyard check"
+            )
+        return tuple(warnings)
+
+
+def _nonzero(found: WrenchEstimate) -> Array:
+    """Whether the interval of a component leaves zero out, shape `(N, 6)`."""
+    return np.asarray(np.abs(found.wrench) > found.half_width)
+
+
+def components_table(content: WrenchContent) -> PlainTable:
+    """One row per component."""
+    words = (
+        "Seen: share of the expected variance (standard deviation "
+        f"{content.estimate.expected.force:.3g} N, moments {content.estimate.expected.lever:.2g} m "
+        "times that) that the log decides, on average over time."
+    )
+    headings = ("", "RMS", "largest", "at [s]", "± (median)", "not zero", "seen")
+    return PlainTable("", words, headings, [one.row for one in content.components])
+
+
+def wrench_lines(content: WrenchContent, console: Console) -> None:
+    """Print the components and what qualifies them."""
+    from rich.text import Text
+
+    console.print(Text(content.headline, style="bold"))
+    console.print(Text(content.claim))
+    for warning in content.warnings:
+        console.print(Text(f"! {warning}", style="yellow"))
+    console.print(narrow_table(components_table(content)))
+
+
+def render_wrench(content: WrenchContent) -> str:
+    """The page as HTML text, to be written as UTF-8."""
+    found = content.estimate
+    empty = {
+        "title": "",
+        "words": "",
+        "tables": (),
+        "folded": "",
+        "legend": (),
+        "note": "",
+        "groups": (),
+    }
+    verdict = {
+        **empty,
+        "title": "Wrench",
+        "words": f"{content.headline}. {content.claim}",
+        "tables": [components_table(content)],
+    }
+    over_time = {
+        **empty,
+        "legend": [Key("--measured", "estimate"), Key("--rest", "95 % interval", "area")],
+        "groups": [
+            Group([_component(found, k) for k in range(3)], columns="one"),
+            Group([_component(found, k) for k in range(3, 6)], columns="one"),
+        ],
+    }
+    seen = {
+        **empty,
+        "words": "Share of the expected variance that the log decides of the direction that the "
+        f"joints show least; below {SEEN:g} that direction counts as not seen.",
+        "groups": [Group([_least_seen(found)], columns="one")],
+    }
+    torques = {
+        **empty,
+        "legend": [
+            Key("--measured", "external torque"),
+            Key("--rest", "95 % of what the model errs in", "area"),
+        ],
+        "groups": [Group([_torque(found, j) for j in range(len(found.joints))], columns="one")],
+    }
+    sections = [Shown("wrench", "Wrench", fill("figures.html", verdict))]
+    if content.warnings:
+        notes = fill("notes.html", {"notes": content.warnings})
+        sections.append(Shown("notes", "Limits of this result", notes))
+    sections += [
+        Shown("over-time", "Wrench over time", fill("figures.html", over_time)),
+        Shown("seen", "What the joints show", fill("figures.html", seen)),
+        Shown("torques", "External torques", fill("figures.html", torques)),
+        Shown("details", "Notes", fill("notes.html", {"notes": content.details}), folded=True),
+    ]
+    title = f"{content.robot}: wrench in {found.run}"
+    return page_of(title, content.robot, "inspected", version("steelyard"), sections)
+
+
+def _component(found: WrenchEstimate, k: int) -> Figure:
+    own, half, unit = found.wrench[:, k], found.half_width[:, k], UNITS[k]
+    at = evenly(len(found.t), DRAWN)
+    t, own, half = found.t[at], own[at], half[at]
+    kind = COMPONENTS[k].split()[0]
+    return _figure(
+        COMPONENTS[k].capitalize(),
+        f"{kind} [{unit}]",
+        [
+            area("95 % interval", t, own - half, own + half, "--rest"),
+            line("estimate", t, own, "--measured", width=1.5),
+        ],
+    )
+
+
+def _least_seen(found: WrenchEstimate) -> Figure:
+    at = evenly(len(found.t), DRAWN)
+    t = found.t[at]
+    limit = line("limit", t, np.full(len(t), SEEN), "--vermillion", width=1, dash="dash")
+    own = line("share", t, found.least_seen[at], "--measured", width=1.5)
+    return _figure("Least visible direction", "share", [own, limit], {"range": [0, 1]})
+
+
+def _torque(found: WrenchEstimate, j: int) -> Figure:
+    at = evenly(len(found.t), DRAWN)
+    t, half = found.t[at], found.torque_half_width[at, j]
+    traces = [
+        area("95 % of what the model errs in", t, -half, half, "--rest"),
+        line("external torque", t, found.torque[at, j], "--measured", width=1.2),
+    ]
+    return _figure(found.joints[j], f"effort [{found.units[j]}]", traces)
+
+
+def _figure(
+    title: str, y: str, traces: list[Traced], yaxis: dict[str, list[int]] | None = None
+) -> Figure:
+    layout = {"showlegend": False, **({} if yaxis is None else {"yaxis": yaxis})}
+    return Figure(title, f"{title} over time", "time [s]", y, traces, layout, height=220)
