@@ -91,16 +91,17 @@ def arm_of(problem: str, seed: int) -> Arm:
     return Arm(truth, signals, last_frame(loaded.robot))
 
 
-def model_off(arm: Arm, seed: int) -> IdentifiedModel:
-    """A model whose parameters are off by `OFF` each, and that knows it.
+def model_off(arm: Arm, seed: int, off: float = OFF) -> IdentifiedModel:
+    """A model whose parameters have standard deviations of `OFF` each.
 
     Args:
         arm: The arm.
         seed: Same seed, same errors.
+        off: Standard deviation that its errors really have; 0 for the true parameters.
     """
     model, true = arm.truth.model, arm.truth.values.values
     std = OFF * np.abs(true)
-    guess = true + std * np.random.default_rng(seed).standard_normal(len(true))
+    guess = true + off / OFF * std * np.random.default_rng(seed).standard_normal(len(true))
     known = Parameters(model.names, model.units, guess)
     sigma = arm.noise * np.sqrt(2.0 * noise_bandwidth(MATCHED) / RATE)
     estimate = Estimate(

@@ -86,7 +86,7 @@ def _arm_claims(problem: str, name: str, folder: Path) -> list[Claim]:
         ("momentum", "smoothed"),
     )  # fmt: skip
     parts: list[list[Errors]] = [[] for _ in methods]
-    largest = 0.0
+    exact, largest = [], 0.0
     for seed in SEEDS:
         arm, log = arm_of(problem, seed), folder / f"{problem}{seed}.csv"
         true, model = pushed_log(arm, seed, log), model_off(arm, 100 + seed)
@@ -96,9 +96,11 @@ def _arm_claims(problem: str, name: str, folder: Path) -> list[Claim]:
                 model, log, arm.frame, residual=residual, method=method, axes="base"
             )
             own.append(_errors(found, true, run.span))
+        known = steelyard.external_wrench(model_off(arm, 0, 0.0), log, arm.frame, axes="base")
+        exact.append(_errors(known, true, run.span))
         largest = max(largest, float(np.abs(found.wrench[:, :3]).max()))
-    by_torque, by_momentum, weighted, smoothed = map(_joined, parts)
-    return _claims(name, by_torque, by_momentum, weighted, smoothed, largest)
+    by_torque, by_momentum, weighted, smoothed, known = map(_joined, [*parts, exact])
+    return _claims(name, by_torque, by_momentum, weighted, smoothed, known, largest)
 
 
 def _claims(
@@ -107,6 +109,7 @@ def _claims(
     by_momentum: Errors,
     weighted: Errors,
     smoothed: Errors,
+    exact: Errors,
     largest: float,
 ) -> list[Claim]:
     held = float(smoothed.inside.mean())
@@ -138,6 +141,12 @@ def _claims(
             force <= 2.0,
         ),
         *ratios,
+        Claim(
+            f"{name}: force error over that with the true parameters in the model",
+            f"{force / exact.rms(FORCE):.3f}",
+            "<= 1.1",
+            force <= 1.1 * exact.rms(FORCE),
+        ),
         Claim(
             f"{name}: 95 % intervals hold", f"{100.0 * held:.1f} %", "90 to 98 %",
             0.90 <= held <= 0.98,
