@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from steelyard.identification.payload import payload_events as payload_events
     from steelyard.identification.reduce import reduce as reduce
     from steelyard.identification.reduction_loop import reduction_loop as reduction_loop
+    from steelyard.identification.repeated import repeated as repeated
     from steelyard.identification.simulate import simulate as simulate
     from steelyard.identification.track import track as track
     from steelyard.identification.validate import validate as validate
@@ -95,6 +96,7 @@ _HOMES = {
     "read_trajectory": "identification.parts",
     "reduce": "identification.reduce",
     "reduction_loop": "identification.reduction_loop",
+    "repeated": "identification.repeated",
     "simulate": "identification.simulate",
     "terms": "",
     "track": "identification.track",

@@ -63,6 +63,14 @@ def identify(
             min=20, help="Number of bootstrap estimates, from resampled time windows.", metavar="N"
         ),
     ] = None,
+    each: Annotated[
+        bool,
+        typer.Option(
+            "--each",
+            help="Also estimate from each log alone: mean and standard deviation of every "
+            "parameter over the logs.",
+        ),
+    ] = False,
     method: Annotated[
         str | None,
         typer.Option(
@@ -101,6 +109,7 @@ def identify(
             commanded=commanded,
             sensitivity=sensitivity,
             bootstrap=bootstrap,
+            each=each,
             method=method,
             fixed_base=fixed_base,
             threads=threads,

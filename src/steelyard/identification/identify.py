@@ -38,6 +38,7 @@ from steelyard.identification.logs import (
 )
 from steelyard.identification.method import method_of
 from steelyard.identification.precheck import passed, prechecked
+from steelyard.identification.repeated import Repeated, of_each_log
 from steelyard.identification.repeated_rows import marked_repeats, refuse_same_rows
 from steelyard.identification.result import Result, frame, paths_of, scores_frame
 from steelyard.identification.sensitivity import varied
@@ -87,6 +88,12 @@ class Identification(Result):
         return frame([vars(row) for row in rows(self.model)], "parameters")
 
     @property
+    def repeated(self) -> Repeated | None:
+        """Mean and scatter of the estimates from each log alone, if they were asked for."""
+        found = self.content.repeated
+        return None if found is None else Repeated(found)
+
+    @property
     def scores(self) -> "DataFrame":
         """Errors of predicted efforts, one row per joint of each log, fitted or not."""
         return scores_frame(self.content)
@@ -100,10 +107,12 @@ class Identification(Result):
         return replace(self, content=replace(self.content, truth=truth))
 
     def write(self, folder: Path) -> None:
-        """Write `model.json`, `parameters.csv` and `report.html`."""
+        """Write `model.json`, `parameters.csv`, `report.html`; with `each` also `repeated.csv`."""
         (folder / "model.json").write_text(self.model.text(), encoding="utf-8")
         (folder / "parameters.csv").write_text(parameters_csv(self.model), encoding="utf-8")
         (folder / "report.html").write_text(self.report(), encoding="utf-8")
+        if self.repeated is not None:
+            (folder / "repeated.csv").write_text(self.repeated.csv(), encoding="utf-8")
 
     def show(self, console: Console, verbose: bool = False) -> None:
         """Print the verdict and the errors of every joint; with `verbose` all details."""
@@ -143,6 +152,7 @@ def identify(
     commanded: bool = False,
     sensitivity: bool = False,
     bootstrap: int | None = None,
+    each: bool = False,
     method: str | None = None,
     fixed_base: str | None = None,
     threads: int | None = None,
@@ -162,6 +172,8 @@ def identify(
             motion, as feedforward would, instead of the measured one.
         sensitivity: Whether to repeat the fit with other cut-off frequencies.
         bootstrap: Number of bootstrap estimates from resampled time windows; `None` for none.
+        each: Whether to estimate from each log alone too: mean and standard deviation of every
+            parameter over the logs (`repeated`).
         method: Name of an estimator (see `estimators`), or `least_squares`; that of the robot file
             if `None`.
         fixed_base: Link to fix to the world, for a model file; `None` for its root.
@@ -230,6 +242,8 @@ def identify(
         content = varied(content, found, (known, unknown), cores, progress, commanded=commanded)
     if bootstrap is not None:
         content = drawn_again(content, found, bootstrap, progress)
+    if each:
+        content = of_each_log(content, found, progress)
     return Identification(found.identified, content)
 
 

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from steelyard.estimation.least_squares.bootstrap import Bootstrap
     from steelyard.estimation.payload.gains import GainEstimate
     from steelyard.estimation.reduction.reduce import Reduction
+    from steelyard.estimation.repeated import RepeatedEstimates
     from steelyard.estimation.zero_offset import ZeroOffsets
     from steelyard.excitation.result import Designed
     from steelyard.parameters import Parameters
@@ -51,6 +52,7 @@ class ReportContent:
         limitations: What checks of the fitted model found; they qualify the headline.
         sensitivity: Fits with other cut-offs, if they were asked for.
         bootstrap: Estimates of windows drawn again, if they were asked for.
+        repeated: Estimates from each log alone, if they were asked for.
         comparison: Estimators beside each other, if they were compared.
         reduction: How a model was made smaller, if it was.
         design: A motion, if one was designed.
@@ -80,6 +82,7 @@ class ReportContent:
     limitations: tuple[Finding, ...] = ()
     sensitivity: Sensitivity | None = None
     bootstrap: Bootstrap | None = None
+    repeated: RepeatedEstimates | None = None
     comparison: Comparison | None = None
     reduction: Reduction | None = None
     design: Designed | None = None

@@ -18,6 +18,7 @@ from steelyard.report.sections.model.parameters import ParametersSection
 from steelyard.report.sections.model.per_run import PerRunSection
 from steelyard.report.sections.model.quality import QualitySection
 from steelyard.report.sections.model.reduction import ReductionSection, RemovalsSection
+from steelyard.report.sections.model.repeated import RepeatedSection
 from steelyard.report.sections.model.residuals import ResidualsSection
 from steelyard.report.sections.model.sensitivity import SensitivitySection
 from steelyard.report.sections.model.settings import SettingsSection
@@ -58,6 +59,7 @@ SECTIONS: tuple[Section, ...] = (
     ConditioningSection(),
     CorrelationsSection(),
     BootstrapSection(),
+    RepeatedSection(),
     SensitivitySection(),
     CompareSection(),
     CheckSection(),
