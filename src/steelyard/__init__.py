@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from steelyard.formats.register import open_log as open_log
     from steelyard.identification.check import check as check
     from steelyard.identification.compare import compare as compare
+    from steelyard.identification.compare_models import compare_models as compare_models
     from steelyard.identification.contact import contact as contact
     from steelyard.identification.design import design_excitation as design_excitation
     from steelyard.identification.feedforward import feedforward as feedforward
@@ -76,6 +77,7 @@ _HOMES = {
     "base_parameters": "regression.base",
     "check": "identification.check",
     "compare": "identification.compare",
+    "compare_models": "identification.compare_models",
     "contact": "identification.contact",
     "design_excitation": "identification.design",
     "estimators": "estimation.register",

@@ -14,6 +14,7 @@ from report.designed import designed_for
 from report.inspected import contact_content, health_content, wrench_content
 from report.test_design import content as motion_content
 from report.test_findings import content as check_content
+from report.test_models import models_content
 from report.test_page import own_html
 from report.test_tracking import tracking_content
 from steelyard.report import ReportContent, render
@@ -22,6 +23,7 @@ from steelyard.report.compare_page import render_comparison
 from steelyard.report.contact_page import render_contact
 from steelyard.report.health_page import render_health
 from steelyard.report.html import TEMPLATES
+from steelyard.report.models_page import render_models
 from steelyard.report.track_page import render_tracking
 from steelyard.report.wrench_page import render_wrench
 
@@ -29,6 +31,7 @@ PAGES = (
     "identification",
     "strange names",
     "comparison",
+    "models",
     "check",
     "motion",
     "tracking",
@@ -45,6 +48,7 @@ def pages(usual: ReportContent, nasty: ReportContent) -> dict[str, str]:
         "identification": render(usual),
         "strange names": render(replace(nasty, fitted=nasty.fitted[:2])),
         "comparison": render_comparison(usual),
+        "models": render_models(models_content("full", "better excitation", "reduced")),
         "check": render_check(check_content("arm")),
         "motion": render(motion_content(designed_for(robot()))),
         "tracking": render_tracking(tracking_content(robot())),

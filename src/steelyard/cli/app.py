@@ -8,6 +8,7 @@ import typer
 
 from steelyard.cli.check import check
 from steelyard.cli.compare import compare
+from steelyard.cli.compare_models import compare_models
 from steelyard.cli.contact import contact
 from steelyard.cli.demo import demo
 from steelyard.cli.doctor import doctor
@@ -42,6 +43,7 @@ for command in (
     identify,
     validate,
     compare,
+    compare_models,
     reduce,
     payload,
     contact,
@@ -67,6 +69,7 @@ MANY = (
     "--columns",
     "--calibrate",
     "--estimators",
+    "--on",
     "--keep",
     "--drop",
 )

@@ -10,8 +10,9 @@ from rich.console import Console
 
 from steelyard.arguments import checked
 from steelyard.control.usable import refuse_other_robot, refuse_unknown_gains, remarks
-from steelyard.estimation.identified import IdentifiedModel, load_model
+from steelyard.estimation.identified import IdentifiedModel
 from steelyard.excitation.trajectories.files import read_motion
+from steelyard.identification.named_models import named_models
 from steelyard.identification.result import Result
 from steelyard.identification.simulate import true_robot
 from steelyard.kernel.quantities.kinematics import frame_of, last_frame
@@ -106,19 +107,19 @@ def track(
     """
     loaded = load_robot(robot, base=fixed_base)
     models = [model] if isinstance(model, str | Path | IdentifiedModel) else list(model)
-    given, labels = [load_model(each) for each in models], _labels(models)
-    for each in given:
+    named = named_models(models)
+    for each in named.values():
         refuse_unknown_gains(each)
         refuse_other_robot(each, loaded.robot)
     frame = frame_of(loaded.robot, last_frame(loaded.robot) if tool is None else tool)
     trajectory = read_motion(Path(motion), loaded.robot)
     real, _ = true_robot(loaded, truth, friction_drift, seed)
-    named = [(label, each.valued) for label, each in zip(labels, given, strict=True)]
+    valued = [(label, each.valued) for label, each in named.items()]
     found = tracking(
         loaded.robot,
         real,
         trajectory,
-        controllers_of(control, named),
+        controllers_of(control, valued),
         frame,
         customary_drives(loaded.robot, lag),
         progress,
@@ -127,12 +128,12 @@ def track(
     settings = (
         ("control", control),
         ("motion", str(motion)),
-        ("models", ", ".join(labels) or "none"),
+        ("models", ", ".join(named) or "none"),
         ("true robot", f"seed {seed}" if truth is None else str(truth)),
         ("factor on true friction", f"{friction_drift:g}"),
         ("lag of the drives' torque", f"{1e3 * lag:g} ms"),
     )
-    notes = tuple(dict.fromkeys(note for each in given for note in remarks(each)))
+    notes = tuple(dict.fromkeys(note for each in named.values() for note in remarks(each)))
     content = ReportContent(
         title=f"Tracking of {loaded.robot.name}",
         robot=loaded.robot.name,
@@ -141,16 +142,3 @@ def track(
         settings=settings,
     )
     return TrackingComparison(content, found)
-
-
-def _labels(models: Sequence[str | Path | IdentifiedModel]) -> list[str]:
-    """A name for each model: that of its file or folder."""
-    names = []
-    for number, model in enumerate(models, start=1):
-        if isinstance(model, IdentifiedModel):
-            names.append(f"model {number}")
-        else:
-            path = Path(model)
-            names.append(path.parent.name if path.name == "model.json" else path.stem)
-    alike = len(set(names)) < len(names)
-    return [f"{name} ({k})" for k, name in enumerate(names, 1)] if alike else names

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from steelyard.validation.comparison import Comparison
     from steelyard.validation.effort_scales import EffortScales
     from steelyard.validation.friction.friction import FrictionChoice
+    from steelyard.validation.model_comparison import ModelComparison
     from steelyard.validation.score import RunScore
     from steelyard.validation.sensitivity import Sensitivity
     from steelyard.virtual.tracking import Tracking
@@ -54,6 +55,7 @@ class ReportContent:
         bootstrap: Estimates of windows drawn again, if they were asked for.
         repeated: Estimates from each log alone, if they were asked for.
         comparison: Estimators beside each other, if they were compared.
+        models: Identified models side by side, if they were compared.
         reduction: How a model was made smaller, if it was.
         design: A motion, if one was designed.
         tracking: A motion run under several controllers, if it was.
@@ -84,6 +86,7 @@ class ReportContent:
     bootstrap: Bootstrap | None = None
     repeated: RepeatedEstimates | None = None
     comparison: Comparison | None = None
+    models: ModelComparison | None = None
     reduction: Reduction | None = None
     design: Designed | None = None
     tracking: Tracking | None = None

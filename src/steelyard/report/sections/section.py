@@ -78,7 +78,9 @@ class TableSection(Section):
 class FigureSection(Section):
     """A section that is figures, with words and tables."""
 
+    template: ClassVar[str] = "figures.html"
+
     def show(self, numbers: Numbers) -> str:
         """The figures as safe HTML; numbers that the section does not have are empty."""
         empty = {"words": "", "tables": (), "folded": "", "legend": (), "note": ""}
-        return fill("figures.html", {"title": self.title, **empty, **numbers})
+        return fill(self.template, {"title": self.title, **empty, **numbers})

@@ -1,0 +1,225 @@
+"""Identified models side by side on the same logs: what `steelyard compare-models` does."""
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+
+from steelyard.arguments import checked
+from steelyard.errors import ModelError
+from steelyard.estimation.identified import IdentifiedModel
+from steelyard.identification.descriptions import dropped_rows, notes_of
+from steelyard.identification.logs import (
+    LogArgument,
+    fitted_before,
+    log_files,
+    prepared,
+    processing_of,
+    recording_of,
+)
+from steelyard.identification.named_models import named_models
+from steelyard.identification.repeated_rows import holds_fitted_rows
+from steelyard.identification.result import Result, frame, paths_of
+from steelyard.measurement import Run
+from steelyard.progress import Progress, silent, tell
+from steelyard.report import ReportContent
+from steelyard.report.models_page import SECTIONS, render_models
+from steelyard.robot_file.signals import signals_to_dict
+from steelyard.validation.model_comparison import (
+    ComparedModel,
+    ModelComparison,
+    model_errors,
+    refuse_different,
+    same_efforts,
+)
+
+if TYPE_CHECKING:
+    from polars import DataFrame
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ComparedModels(Result):
+    """Models side by side.
+
+    Attributes:
+        content: What the page shows.
+        comparison: Errors, efforts over time and parameters.
+    """
+
+    content: ReportContent
+    comparison: ModelComparison
+
+    @property
+    def errors(self) -> "DataFrame":
+        """Errors of predicted efforts, one row per model, log and joint."""
+        return frame(self.to_dict()["errors"], "errors")
+
+    @property
+    def parameters(self) -> "DataFrame":
+        """One row per base parameter and model."""
+        return frame(self.to_dict()["parameters"], "parameters")
+
+    @property
+    def bodies(self) -> "DataFrame":
+        """Masses and centres, one row per link and model; none of models without link inertias."""
+        return frame(self.to_dict()["bodies"], "bodies")
+
+    @property
+    def efforts(self) -> "DataFrame":
+        """Low-passed efforts over time, one row per model, log, joint and sample."""
+        return frame(
+            [
+                {"run": run.run, "model": model.name, "joint": joint, "t": t, **efforts}
+                for model in self.comparison.models
+                for run in model.runs
+                for j, joint in enumerate(self.comparison.joints)
+                for t, *values in zip(
+                    run.t.tolist(),
+                    run.measured[:, j].tolist(),
+                    run.predicted[:, j].tolist(),
+                    strict=True,
+                )
+                for efforts in [dict(zip(("measured", "predicted"), values, strict=True))]
+            ],
+            "efforts",
+        )
+
+    def report(self) -> str:
+        """The report as one self-contained HTML page."""
+        return render_models(self.content)
+
+    def write(self, folder: Path) -> None:
+        """Write `models.html` and `models.json`."""
+        (folder / "models.html").write_text(self.report(), encoding="utf-8")
+        text = json.dumps(self.to_dict(), indent=1, allow_nan=False)
+        (folder / "models.json").write_text(f"{text}\n", encoding="utf-8")
+
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers as JSON values, as `steelyard compare-models --json` prints them."""
+        found: dict[str, Any] = {"robot": self.content.robot}
+        for section in SECTIONS:
+            found |= section.to_dict(self.content)
+        return {**found, "notes": [*self.content.notes, *self.content.details]}
+
+    def show(self, console: Console, verbose: bool = False) -> None:
+        """Print the errors and the models; with `verbose` every log, parameters and notes."""
+        for section in SECTIONS:
+            parts = [*section.printed(self.content)]
+            parts += section.detailed(self.content) if verbose else ()
+            for part in parts:
+                console.print(part)
+            if parts:
+                console.print()
+        for note in (*self.content.notes, *(self.content.details if verbose else ())):
+            console.print(f"note: {note}", markup=False)
+
+
+@checked()
+def compare_models(
+    models: Sequence[str | Path | IdentifiedModel] | Mapping[str, str | Path | IdentifiedModel],
+    logs: str | Path | Iterable[str | Path],
+    *,
+    progress: Progress = silent,
+) -> ComparedModels:
+    """Compare identified models of one robot on logs that they were not identified from.
+
+    Every log is processed as for the first model, so that all models predict the same effort;
+    columns, delays and zero offsets are read as each model was identified.
+
+    Args:
+        models: At least two models, their `model.json`, or the folders that contain them; a
+            mapping gives them names.
+        logs: The logs; `run.csv@5:20` is a window in seconds.
+        progress: Receives events of progress; an exception from it stops the work.
+
+    Raises:
+        SteelyardError: A file cannot be used, or the models are of different robots.
+
+    Example:
+        >>> full = identify("arm.toml", "fit.csv")
+        >>> small = reduce(full.model, "fit.csv")
+        >>> found = compare_models({"full": full.model, "reduced": small.model}, "other.csv")
+        >>> sorted(set(found.errors["model"]))
+        ['full', 'reduced']
+    """
+    named = named_models(models)
+    if len(named) < 2:
+        raise ModelError(
+            f"{len(named)} model is given" if named else "no model is given",
+            where="models to compare",
+            fix="give at least two; `steelyard validate` scores a single one",
+        )
+    (first_name, first), *others = named.items()
+    for name, other in others:
+        refuse_different(first, other, (f"'{first_name}'", f"'{name}'"))
+    files = log_files(paths_of(logs, least=1))
+    runs = _runs(named, files, progress)
+    found = []
+    for number, (name, identified) in enumerate(named.items()):
+        tell(progress, "comparing models", number, len(named))
+        scored = tuple(
+            model_errors(
+                identified,
+                run,
+                first,
+                fitted_before(identified, log) or holds_fitted_rows(identified, run),
+            )
+            for log, run in zip(files, runs[name], strict=True)
+        )
+        found.append(ComparedModel(name, identified, scored))
+    comparison = ModelComparison(tuple(found))
+    content = ReportContent(
+        title=f"{first.robot.name}: models compared",
+        robot=first.robot.name,
+        qualities=tuple((run.name, run.quality.rows_of_text) for run in runs[first_name]),
+        models=comparison,
+        notes=_notes(named, comparison, runs[first_name]),
+        details=notes_of(runs[first_name]),
+        settings=(
+            ("models", ", ".join(named)),
+            ("logs", ", ".join(file.text for file in files)),
+        ),
+    )
+    return ComparedModels(content, comparison)
+
+
+def _runs(
+    named: Mapping[str, IdentifiedModel], files: Sequence[LogArgument], progress: Progress
+) -> dict[str, tuple[Run, ...]]:
+    """The logs as each model reads them, in the processing of the first; read once if alike."""
+    wanted = processing_of(next(iter(named.values())))
+    known: dict[str, tuple[Run, ...]] = {}
+    found = {}
+    for name, identified in named.items():
+        values = signals_to_dict(identified.signals)
+        key = json.dumps({k: v for k, v in values.items() if k not in ("gains", "unknown_gains")})
+        if key not in known:
+            recordings = [recording_of(log, identified.signals) for log in files]
+            known[key] = prepared(recordings, wanted, progress, at_rest=True)
+        found[name] = known[key]
+    return found
+
+
+def _notes(
+    named: Mapping[str, IdentifiedModel], comparison: ModelComparison, runs: Sequence[Run]
+) -> tuple[str, ...]:
+    """What limits the comparison."""
+    (first_name, first), *others = named.items()
+    notes = [
+        f"{run.run} was used to identify {model.name}: its error there does not validate it"
+        for model in comparison.models
+        for run in model.runs
+        if run.fitted
+    ]
+    for name, other in others:
+        if other.processing.to_dict() != first.processing.to_dict():
+            notes.append(
+                f"logs are processed as for {first_name}; {name} was identified with other "
+                "[processing]"
+            )
+        if not same_efforts(other, first) or other.signals.effort_kind != first.signals.effort_kind:
+            notes.append(f"{name} predicts other effort columns than {first_name}")
+    return (*notes, *dropped_rows(runs))

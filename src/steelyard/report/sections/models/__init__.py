@@ -1,0 +1,1 @@
+"""Sections about several identified models side by side."""

@@ -1,0 +1,217 @@
+"""Errors of several models on the same logs, joint by joint."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from steelyard.report.content import ReportContent
+from steelyard.report.figures import Figure, Group, dots, row_height
+from steelyard.report.sections.models.colours import colour, legend, symbol
+from steelyard.report.sections.section import FigureSection, Numbers
+from steelyard.report.sections.tables import PlainTable, Row, narrow_table
+from steelyard.report.text.words import NONE, percent, significant
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from steelyard.validation.headline import JointError, PooledError
+    from steelyard.validation.model_comparison import ModelComparison
+
+FITTED = " *"
+"""Behind errors on logs that the model was identified from."""
+
+
+class ModelErrorsSection(FigureSection):
+    """A table per log, one of all logs, and a picture of the shares."""
+
+    name: ClassVar[str] = "model-errors"
+    title: ClassVar[str] = "Errors of predicted efforts"
+    template: ClassVar[str] = "models.html"
+
+    def numbers(self, content: ReportContent) -> Numbers | None:
+        """Tables and the picture, if models were compared."""
+        found = content.models
+        if found is None:
+            return None
+        return {
+            "headline": headline(found),
+            "tables": tables(found),
+            "groups": [Group([_figure(found)], columns="one")],
+            "legend": legend([model.name for model in found.models], "point"),
+        }
+
+    def to_dict(self, content: ReportContent) -> dict[str, Any]:
+        """Errors of every model, log and joint, and those of all joints together."""
+        found = content.models
+        if found is None:
+            return {}
+        return {
+            "errors": [
+                {
+                    "run": run.run,
+                    "model": model.name,
+                    "fitted": run.fitted,
+                    "mae": mae,
+                    **{("rmse" if k == "error" else k): v for k, v in joint.to_dict().items()},
+                }
+                for model in found.models
+                for run in model.runs
+                for joint, mae in zip(run.errors.joints, run.mae.tolist(), strict=True)
+            ],
+            "all_joints": [
+                {
+                    "model": model.name,
+                    **{("rmse" if k == "error" else k): v for k, v in one.to_dict().items()},
+                }
+                for model in found.models
+                for one in model.all_joints
+            ],
+        }
+
+    def printed(self, content: ReportContent) -> Iterable[RenderableType]:
+        """The headline and the errors in all logs together."""
+        from rich.text import Text
+
+        if content.models is not None:
+            yield Text(headline(content.models), style="bold")
+            first, *_ = tables(content.models)
+            yield from _printed([first])
+            yield Text(first.note)
+
+    def detailed(self, content: ReportContent) -> Iterable[RenderableType]:
+        """The errors in every log, if there are several."""
+        if content.models is not None:
+            yield from _printed(tables(content.models)[1:])
+
+
+def _printed(given: Sequence[PlainTable]) -> Iterable[RenderableType]:
+    """Tables for the terminal, under their captions."""
+    from rich.text import Text
+
+    for table in given:
+        yield Text(table.caption)
+        yield narrow_table(table)
+
+
+def headline(found: ModelComparison) -> str:
+    """The errors of all joints together, one model after the other."""
+    each = (
+        f"{model.name} {' and '.join(_with_unit(one) for one in model.all_joints)}"
+        for model in found.models
+    )
+    return f"RMS error of all joints: {', '.join(each)}"
+
+
+def tables(found: ModelComparison) -> list[PlainTable]:
+    """All logs together, then one by one if there are several."""
+    if len(found.runs) == 1:
+        return [_of_run(found, 0)]
+    each = [replace(_of_run(found, k), words="") for k in range(len(found.runs))]
+    return [_of_all(found), *each]
+
+
+def _of_run(found: ModelComparison, k: int) -> PlainTable:
+    rows = []
+    for j, name in enumerate(found.joints):
+        joints = [model.runs[k].errors.joints[j] for model in found.models]
+        cells = [
+            _cell(joint) + _mark(model.runs[k].fitted)
+            for model, joint in zip(found.models, joints, strict=True)
+        ]
+        rows.append(Row((name, significant(joints[0].reference), *cells, joints[0].unit)))
+    return _table(found, found.runs[k], rows)
+
+
+def _of_all(found: ModelComparison) -> PlainTable:
+    rows = []
+    for j, name in enumerate(found.joints):
+        joints = [model.joint(j) for model in found.models]
+        unit = found.models[0].runs[0].errors.joints[j].unit
+        rows.append(_pooled_row(found, name, joints, unit))
+    for k, one in enumerate(found.models[0].all_joints):
+        every = [model.all_joints[k] for model in found.models]
+        rows.append(_pooled_row(found, "all joints", every, one.unit, total=True))
+    return _table(found, f"All {len(found.runs)} logs", rows)
+
+
+def _pooled_row(
+    found: ModelComparison,
+    name: str,
+    joints: Sequence[PooledError | None],
+    unit: str,
+    *,
+    total: bool = False,
+) -> Row:
+    marks = [_mark(any(run.fitted for run in model.runs)) for model in found.models]
+    cells = [
+        (NONE if one is None else _size(one)) + mark
+        for one, mark in zip(joints, marks, strict=True)
+    ]
+    first = joints[0]
+    used = NONE if first is None else significant(first.reference)
+    return Row((name, used, *cells, unit), total=total)
+
+
+def _table(found: ModelComparison, caption: str, rows: Sequence[Row]) -> PlainTable:
+    cutoff = found.models[0].runs[0].errors.cutoff
+    words = (
+        f"RMS of measured minus predicted effort below {cutoff:g} Hz where the joint moves; in "
+        "brackets: share of the effort used (RMS, at least a quarter of that in the fitted runs)."
+    )
+    if any(run.fitted for model in found.models for run in model.runs):
+        words += " * identified from this log: no validation."
+    headings = ("Joint", "Effort used", *(model.name for model in found.models), "Unit")
+    return PlainTable(caption, words, headings, rows, (0, len(headings) - 1), words)
+
+
+def _cell(joint: JointError) -> str:
+    size = significant(joint.error)
+    return f"{size} ({_share(joint.percent_of_used)})" if joint.counted else f"{size} (at rest)"
+
+
+def _size(one: PooledError) -> str:
+    return f"{significant(one.error)} ({_share(one.percent_of_used)})"
+
+
+def _share(value: float) -> str:
+    return f"{significant(value, 2)}\u00a0%"
+
+
+def _with_unit(one: PooledError) -> str:
+    return f"{significant(one.error)} {one.unit} ({percent(one.percent_of_used)})"
+
+
+def _mark(fitted: bool) -> str:
+    return FITTED if fitted else ""
+
+
+def _figure(found: ModelComparison) -> Figure:
+    """Shares of the effort used, all logs together: a row per joint."""
+    traces = []
+    for k, model in enumerate(found.models):
+        known = [(j, one) for j in range(len(found.joints)) if (one := model.joint(j)) is not None]
+        traces.append(
+            dots(
+                model.name,
+                [one.percent_of_used for _, one in known],
+                [found.joints[j] for j, _ in known],
+                colour(k),
+                symbol=symbol(k),
+                size=9,
+            )
+        )
+    layout = {
+        "showlegend": False,
+        "xaxis": {"rangemode": "tozero"},
+        "yaxis": {
+            "type": "category",
+            "categoryorder": "array",
+            "categoryarray": list(found.joints)[::-1],
+            "dtick": 1,
+        },
+    }
+    label = "Error of every model and joint as a share of the effort used"
+    height = row_height(len(found.joints), 30)
+    return Figure("", label, "share of the effort used [%]", "", traces, layout, height=height)
