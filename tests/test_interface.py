@@ -146,9 +146,10 @@ def test_results_print_save_and_tabulate(folder: Path, tmp_path: Path) -> None:
     with pytest.raises(steelyard.SteelyardError, match="exists already"):
         found.save(saved)
     again = steelyard.validate(saved, folder / "other.csv")
-    assert again.scores["relative_percent"].to_list() == pytest.approx(
-        [j.relative_percent for j in found.content.scores[0].joints]
-    )
+    errors = found.content.scores[0].errors
+    assert again.scores["error"].to_list() == pytest.approx([j.error for j in errors.joints])
+    assert again.scores["unit"].to_list() == ["Nm", "Nm"]
+    assert again.scores["band_hz"].to_list() == [errors.cutoff] * 2
 
 
 def test_a_file_of_another_name_is_not_written_over(folder: Path, tmp_path: Path) -> None:

@@ -55,7 +55,7 @@ def test_without_them_the_question_is_open(tmp_path: Path) -> None:
     content = CheckContent("arm", "arm.toml", ("run.csv",), None, Diagnosis((finding,)), {})
     assert hints(CheckResult(content), None, ["arm.toml", "run.csv"])[1:] == [
         'next        kind = "link_torque" in arm.toml, no rotor_inertia in terms'
-        "  if sensors are behind the gears",
+        "  if sensors are behind the gears; then identify again",
         "            steelyard identify arm.toml run.csv",
     ]
 

@@ -59,7 +59,7 @@ def test_a_model_comes_of_every_estimator(folder: Path, offer, tmp_path: Path) -
     result = found(folder, method=offer.name)
     estimate = result.model.estimate
     assert (estimate.standard is not None) == (offer.name in BODIES)
-    assert result.scores["relative_percent"].max() < 2.0
+    assert result.scores["percent_of_used"].max() < 2.0
     details = result.content.details
     notes = [note for note in details if note.startswith("estimated by")]
     if offer.name == "consistent":

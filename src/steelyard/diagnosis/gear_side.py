@@ -63,7 +63,8 @@ def _finding(name: str, estimate: Estimate) -> Finding:
         says = f"torques contain those of the rotors: {figure}"
         return Finding(name, "", Severity.OK, says, figure)
     says = (
-        f"undecided: {figure}; if the sensors are behind the gears, use {INSTEAD} in [model] terms"
+        f"undecided: {figure}; if the sensors are behind the gears (Franka, KUKA iiwa, Kinova "
+        f"Gen3), use {INSTEAD} in [model] terms"
     )
     fix = None if sure or not rotors else Fix(f"if sensors are behind the gears, use {INSTEAD}")
     return Finding(name, "", Severity.OK, says, figure, fix=fix, answered=False)

@@ -26,6 +26,7 @@ from steelyard.diagnosis.signals.repeats import Repeats
 from steelyard.diagnosis.signals.rests import Rests
 from steelyard.diagnosis.signals.rows import Rows
 from steelyard.diagnosis.signals.saturation import Saturation
+from steelyard.diagnosis.signals.set_points import SetPoints
 from steelyard.diagnosis.signals.velocity import Velocity
 
 CHECKS: tuple[Check, ...] = (
@@ -33,6 +34,7 @@ CHECKS: tuple[Check, ...] = (
     Rows(),
     Repeats(),
     Noise(),
+    SetPoints(),
     ComputedEfforts(),
     Saturation(),
     Rests(),

@@ -224,6 +224,7 @@ def reduce(
         ),
     )
     content = _content(smaller, found, runs, unseen, progress)
+    content = replace(content, before=scored(identified, unseen, progress))
     return ReducedModel(smaller, found, content)
 
 

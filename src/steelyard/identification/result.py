@@ -66,13 +66,24 @@ class Result(ABC):
 
 
 def scores_frame(content: ReportContent) -> "DataFrame":
-    """Errors of predicted efforts, one row per joint of each log, fitted or not."""
+    """Errors as the terminal prints them, one row per joint of each log, fitted or not.
+
+    `error`, `used` and `rated` are in `unit`, below `band_hz`; the other errors (`rmse`, `mae` ...)
+    are in `logged_unit`, in the band of the fit.
+    """
     scored = [(True, score) for score in content.fitted]
     scored += [(False, score) for score in content.scores]
     joints = [
-        {"run": score.run, "fitted": fitted, "predicted_from": score.predicted_from, **joint}
+        {
+            "run": score.run,
+            "fitted": fitted,
+            "predicted_from": score.predicted_from,
+            "band_hz": score.errors.cutoff,
+            **printed.to_dict(),
+            **{"logged_unit" if key == "unit" else key: value for key, value in other.items()},
+        }
         for fitted, score in scored
-        for joint in score.to_dict()["joints"]
+        for printed, other in zip(score.errors.joints, score.to_dict()["joints"], strict=True)
     ]
     return frame(joints, "scores")
 

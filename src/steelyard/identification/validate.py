@@ -117,7 +117,7 @@ def validate(
 
     Example:
         >>> scored = validate("arm-model", "other.csv")
-        >>> scored.scores["relative_percent"].max() < 10.0
+        >>> scored.scores["percent_of_used"].max() < 10.0
         True
     """
     identified = load_model(model)

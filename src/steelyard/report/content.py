@@ -57,6 +57,7 @@ class ReportContent:
         comparison: Estimators beside each other, if they were compared.
         models: Identified models side by side, if they were compared.
         reduction: How a model was made smaller, if it was.
+        before: Scores of the model that was made smaller, on the runs that were not fitted.
         design: A motion, if one was designed.
         tracking: A motion run under several controllers, if it was.
         truth: All standard parameters of a simulated robot; `None` of a real one.
@@ -88,6 +89,7 @@ class ReportContent:
     comparison: Comparison | None = None
     models: ModelComparison | None = None
     reduction: Reduction | None = None
+    before: tuple[RunScore, ...] = ()
     design: Designed | None = None
     tracking: Tracking | None = None
     truth: Parameters | None = None

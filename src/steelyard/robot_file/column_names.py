@@ -21,9 +21,12 @@ _QUANTITIES: dict[Quantity, frozenset[str]] = {
         "forces".split()
     ),
 }
-_AVOIDED = frozenset(
-    "des desired d target ref reference cmd command commanded setpoint goal error err ext external "
-    "tcp temp temperature temperatures voltage".split()
+_TARGETS = frozenset(
+    "des desired d target targets ref reference references cmd command commands commanded set "
+    "setpoint setpoints sp goal goals demand demanded planned".split()
+)
+_AVOIDED = _TARGETS | frozenset(
+    "error err ext external tcp temp temperature temperatures voltage".split()
 )
 _MOTION_UNITS = frozenset("rad rads deg degs m mm s rpm".split())
 _UNITS_OF: dict[JointKind, frozenset[str]] = {
@@ -89,6 +92,11 @@ class Column:
     def of_motor(self) -> bool:
         """Whether the name says that it is of the motors' side of the gears."""
         return bool(MOTORS & set(self.words))
+
+    @property
+    def of_target(self) -> bool:
+        """Whether the name says that it is a set-point of the controller."""
+        return bool(_TARGETS & set(self.words))
 
     @property
     def stem(self) -> tuple[str, ...]:

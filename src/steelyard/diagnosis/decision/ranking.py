@@ -114,14 +114,18 @@ def _gains(case: Case, evidence: Evidence) -> Array | None:
 
 
 def _scales(case: Case, evidence: Evidence) -> Array | float:
-    """Logged effort over what the gains say, as the reference found it of sensors of this kind."""
+    """Logged effort over what the gains say, as the reference found it of sensors of this kind.
+
+    1 where the gains are those of the reference, which contain its scales.
+    """
     reference, signals = case.reference, evidence.recording.signals
     if reference is None or reference.effort_scales is None:
         return 1.0
     kinds = (reference.signals.effort_kind, reference.signals.effort_units)
     same = kinds == (signals.effort_kind, signals.effort_units)
     alike = same and reference.model.robot.joint_names == case.joints
-    values = reference.effort_scales.values
+    included = alike and np.allclose(signals.gains, reference.signals.gains, equal_nan=True)
+    values = 1.0 if included else reference.effort_scales.values
     # gains that are to be identified are the reference's, which count its scales
     return np.where(signals.unknown_gains or False, 1.0, values) if alike else 1.0
 

@@ -151,7 +151,11 @@ def _remark(ranked: Ranked) -> Finding:
         says += ", which the intervals do not cover, or the noise varies slowly"
     else:
         says += ", which the intervals do not cover"
-        named = (f"{cause.says} {100.0 * cause.share:.0f} %" for cause in likely)
+        named = (
+            f"{cause.says} {100.0 * cause.share:.0f} % by {cause.columns} parameter"
+            + "s" * (cause.columns != 1)
+            for cause in likely
+        )
         says += f"; share explained by each candidate alone (not additive): {', '.join(named)}"
     return Finding(ModelError.name, "", Severity.OK, says, "", headline=True)
 

@@ -53,7 +53,7 @@ class ComputedEfforts:
 
 
 def _found(case: Case, evidence: Evidence) -> Finding:
-    effort, position = _noise(case, evidence)
+    effort, position = noise_shares(case, evidence)
     if not np.isfinite(effort).any():
         says = "the noise of efforts is below their resolution, or nothing moves for long enough"
         return Finding(ComputedEfforts.name, evidence.name, Severity.OK, says, "", answered=False)
@@ -117,7 +117,7 @@ def _percent(share: float) -> str:
     return f"{100.0 * share:.2g} %"
 
 
-def _noise(case: Case, evidence: Evidence) -> tuple[Array, Array]:
+def noise_shares(case: Case, evidence: Evidence) -> tuple[Array, Array]:
     """Noise of efforts and positions over their variation, NaN where unknown, each `(n,)`."""
     overview = look(case, evidence)
     t, q, effort = overview.t[:ROWS], overview.q[:ROWS], overview.effort[:ROWS]

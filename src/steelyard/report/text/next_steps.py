@@ -39,6 +39,7 @@ def next_steps(content: ReportContent, robot: str, model: Path) -> tuple[Step, .
     logs = " ".join(content.logs.values())
     if content.diagnosis is not None and content.diagnosis.undecided:
         steps.insert(0, (f"steelyard check {robot} {logs}", "open questions about the robot file"))
+    steps += gear_side_steps(content.limitations, robot)
     if not content.scores:
         steps.append((f"steelyard validate {model} OTHER_LOG", "error on another motion"))
     elif verdict(content).level == "poor" and not steps:
@@ -47,7 +48,6 @@ def next_steps(content: ReportContent, robot: str, model: Path) -> tuple[Step, .
         found.check == MODEL_ERROR and not found.severity for found in content.limitations
     ):
         steps.append((f'friction = "auto" in {robot}, [model]', "laws chosen from the logs"))
-    steps += gear_side_steps(content.limitations, robot)
     if content.identified is not None and _weak(content) > MANY:
         command = f"steelyard excite {robot} --earlier {model} --still-unknown"
         steps.append((command, "a motion for the rest"))
@@ -60,7 +60,8 @@ def gear_side_steps(findings: Sequence[Finding], robot: str) -> list[Step]:
     """The edit for sensors behind the gears, where a finding proposes it."""
     edit = f'kind = "link_torque" in {robot}, no rotor_inertia in terms'
     proposed = any(found.check == GEAR_SIDE and found.fix is not None for found in findings)
-    return [(edit, "if sensors are behind the gears")] if proposed else []
+    why = "if sensors are behind the gears; then identify again"
+    return [(edit, why)] if proposed else []
 
 
 def identifying(robot: str, logs: Sequence[str]) -> str:

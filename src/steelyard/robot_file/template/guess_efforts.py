@@ -10,8 +10,8 @@ from steelyard.robot_file.column_names import CURRENTS, TORQUES, Column
 
 TORQUE = (
     "torque by their names, which do not state the side of the gears: assumed joint torque "
-    'including rotor inertia; for sensors behind the gears set kind = "link_torque" and remove '
-    "rotor_inertia from [model] terms"
+    "including rotor inertia; for sensors behind the gears (Franka, KUKA iiwa, Kinova Gen3, Rokae "
+    'xMate) set kind = "link_torque" and remove rotor_inertia from [model] terms'
 )
 BEYOND = 3.0
 """Reach of torques over the joint's limit from which on their unit is another one."""

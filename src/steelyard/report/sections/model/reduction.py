@@ -15,6 +15,7 @@ from steelyard.report.text.score_words import MOVING, WHOLE
 from steelyard.report.text.words import count, significant
 from steelyard.terms.register import law_of
 from steelyard.terms.term import StatefulTerm
+from steelyard.validation.headline import pooled
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -40,11 +41,12 @@ class ReductionSection(FigureSection):
         if found is None:
             return None
         return {
-            "words": _summary(found),
+            "words": _summary(content, found),
             "legend": [key for key, there in _keys(found) if there],
             "groups": [Group([_errors(found), _conditions(found)])],
-            "note": "Left-out data are predicted by models that were reduced without them. The "
-            "standard error is that of the difference to the best number of parameters. "
+            "note": f"Errors are {measure_of(found)}; that of the headline is pooled over joints "
+            "in a fixed band. Left-out data are predicted by models that were made without them. "
+            "The standard error is that of the difference to the best number of parameters. "
             + HOLDS_ONLY,
         }
 
@@ -74,7 +76,7 @@ class ReductionSection(FigureSection):
             return
         from rich.text import Text
 
-        yield Text(_summary(content.reduction))
+        yield Text(_summary(content, content.reduction))
 
 
 class RemovalsSection(TableSection):
@@ -91,24 +93,53 @@ class RemovalsSection(TableSection):
         return _removals(found), _ranges(identified)
 
 
-def _summary(found: Reduction) -> str:
+def _summary(content: ReportContent, found: Reduction) -> str:
     """What was removed, and what it changes."""
     full, first, state = found.path.full, found.path.states[0], found.state
-    size, place = len(state.active), found.chosen
+    size = len(state.active)
     removed = len(full.names) - size
     earlier = len(found.estimate.removed) - removed
-    sentences = [
+    kept = (
         f"{size} of {count(len(full.names), 'parameter')} kept, {removed} removed"
         + (f" ({earlier} more before)" if earlier > 0 else "")
-        + f": condition number {significant(first.condition)} to {significant(state.condition)}"
-    ]
-    left, most = _by_size(found), len(first.active)
+        + f": condition number {significant(first.condition)} to {significant(state.condition)}."
+    )
+    return " ".join(filter(None, (kept, _headline(content), _along_path(found))))
+
+
+def _headline(content: ReportContent) -> str:
+    """Errors on unseen motion before and after, in the measure of the headline."""
+    before, after = (
+        pooled(run.errors for run in scores) for scores in (content.before, content.scores)
+    )
+    if not before or not after:
+        return ""
+    changes = (
+        f"{_fine(old.percent_of_used)} to {_fine(new.percent_of_used)} of the effort used"
+        for old, new in zip(before, after, strict=True)
+    )
+    return f"Error on unseen motion, as in the first line: {'; '.join(changes)}."
+
+
+def _along_path(found: Reduction) -> str:
+    """Errors of the first and of the chosen model of the path."""
+    size, most = len(found.state.active), len(found.path.states[0].active)
+    parts, left = [], _by_size(found)
     if size in left and most in left:
-        sentences.append(f"error on left-out data {_fine(left[most])} to {_fine(left[size])}")
+        parts.append(f"left-out data {_fine(left[most])} to {_fine(left[size])}")
     if found.unseen is not None:
-        before, after = (float(found.unseen[k].mean()) for k in (0, place))
-        sentences.append(f"on unseen motion {_fine(before)} to {_fine(after)}")
-    return f"{'; '.join(sentences)} (mean over joints, {samples_of(found)})."
+        before, after = (float(found.unseen[k].mean()) for k in (0, found.chosen))
+        parts.append(f"unseen motion {_fine(before)} to {_fine(after)}")
+    return (
+        f"The choice is by another measure, {measure_of(found)}: {', '.join(parts)}."
+        if parts
+        else ""
+    )
+
+
+def measure_of(found: Reduction) -> str:
+    """The relative error that models of a path are compared by."""
+    return f"the mean of the joints' relative errors in the band of the fit, {samples_of(found)}"
 
 
 def samples_of(found: Reduction) -> str:
