@@ -21,6 +21,9 @@ COMPARE = (
 )
 """What to do where the logs do not decide whether the robot file is right."""
 
+GEARS = "compare signs of ratios and couplings in [robot.transmission] with the data sheet"
+"""What to do where the logs do not decide whether the gears are right."""
+
 
 @guarded
 def check(
@@ -124,6 +127,8 @@ def hints(found: "CheckResult", folder: Path | None, named: Sequence[str]) -> li
     steps = gear_side_steps(found.last.findings, used[0] if used else found.content.file)
     if found.last.undecided:
         steps.insert(0, (COMPARE, ""))
+    elif "transmission" in found.last.open_checks:
+        steps.insert(0, (GEARS, ""))
     if named and not found.last.severity:
         steps.append((identifying(used[0], used[1:]), ""))
     lines += step_lines(tuple(steps), 12)

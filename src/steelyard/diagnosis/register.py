@@ -12,6 +12,7 @@ from steelyard.diagnosis.decision.checks import (
     PAYLOAD,
     POSITION_SIGN,
 )
+from steelyard.diagnosis.decision.transmission import TransmissionCheck
 from steelyard.diagnosis.drift import Drift
 from steelyard.diagnosis.gear_side import GearSide
 from steelyard.diagnosis.identifiability import Identifiability
@@ -46,6 +47,7 @@ CHECKS: tuple[Check, ...] = (
     EFFORT_SIGN,
     EFFORT_UNIT,
     EFFORT_KIND,
+    TransmissionCheck(),
     GearSide(),
     GAIN,
     EFFORT_DELAY,

@@ -22,7 +22,7 @@ of the joints' largest on seven real robots, two resampled logs aside: 1e-5."""
 class SetPoints:
     """Columns whose names speak of set-points, and positions without noise beside noisy efforts."""
 
-    name: ClassVar[str] = "set-points"
+    name: ClassVar[str] = "set points"
     question: ClassVar[str] = "Are signals measured, or set-points of the controller?"
     quick: ClassVar[bool] = True
 

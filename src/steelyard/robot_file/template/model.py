@@ -22,7 +22,7 @@ def gears_part(gears: Gears | None, moving: Sequence[Coordinate]) -> str:
         f"direction: {motors}."
     )
     of_joint = names[-2] if len(names) > 1 else names[-1]
-    example = f'{{motor = "motor_{len(names)}", joint = {toml_text(of_joint)}, ratio = 32.0}}'
+    example = f'{{motor = "motor_{len(names)}", joint = {toml_text(of_joint)}, ratio = ?}}'
     coupled = comment(
         "Where a motor turns with a second joint (differential wrist), add it; its rotor and "
         "friction act on both joints: see terms below."

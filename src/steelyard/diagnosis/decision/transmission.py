@@ -1,0 +1,131 @@
+"""Do the signs of gear ratios and the couplings of motors agree with a log?
+
+A ratio of the wrong sign turns position and effort of a joint together, and friction with them:
+only masses tell it from the right one, by a mirrored motion. A coupling changes the speed of a
+joint and the effort of the one before it.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.diagnosis.case import Case, Evidence
+from steelyard.diagnosis.decision.ranking import DECISIVE
+from steelyard.diagnosis.decision.verdict import last_of, verdict
+from steelyard.diagnosis.finding import Finding, Fix, Severity
+from steelyard.diagnosis.likelihood.likelihood import Likelihood
+from steelyard.robot.robot import Transmission
+from steelyard.robot_file.efforts import MOTOR_KINDS
+
+ADVICE = Fix("compare ratios, their signs and coupling in [robot.transmission] with the data sheet")
+
+
+class TransmissionCheck:
+    """Gears with one sign or one coupling changed, compared with those declared."""
+
+    name: ClassVar[str] = "transmission"
+    question: ClassVar[str] = "Do gear signs and couplings agree with the log?"
+    quick: ClassVar[bool] = True
+
+    def __call__(self, case: Case) -> tuple[Finding, ...]:
+        """One finding per log with positions of motors."""
+        found = (_finding(case, evidence) for evidence in case.logs)
+        return tuple(finding for finding in found if finding is not None)
+
+
+@dataclass(frozen=True, eq=False)
+class OtherGears:
+    """Gears with one change.
+
+    Attributes:
+        motor: Whose.
+        coupling: Whether its coupling with the joint before is changed, or else its sign.
+        says: The change, in words.
+        matrix: Motor positions per joint position.
+    """
+
+    motor: str
+    coupling: bool
+    says: str
+    matrix: Array
+
+
+def _finding(case: Case, evidence: Evidence) -> Finding | None:
+    decision = verdict(case, evidence)
+    if decision is None or decision.alien:
+        return None
+    likelihood, last = decision.ranking.likelihood, last_of(decision).interpretation
+    if likelihood.gears is None or likelihood.signals.position_map is None:
+        return None
+    now = with_gears(likelihood, likelihood.gears.matrix).score(last)
+    others = list(alternatives(likelihood.gears, (now.counts[0] > 0.0).tolist()))
+    scores = (with_gears(likelihood, other.matrix).score(last) for other in others)
+    rises = [float(score.log_likelihood[0] - now.log_likelihood[0]) for score in scores]
+    best = max(rises, default=-np.inf)
+    near = [o for o, rise in zip(others, rises, strict=True) if rise > -DECISIVE]
+    figure = f"log-likelihood of the best other gears {best:+.0f}, bound {-DECISIVE:g}"
+    name, misfit = TransmissionCheck.name, f"{float(now.percent[0]):.1f} %"
+    if best > DECISIVE:
+        says = f"{others[int(np.argmax(rises))].says} fits clearly better (misfit now {misfit})"
+        return Finding(name, evidence.name, Severity.DOUBTFUL, says, figure, fix=ADVICE)
+    if near:
+        says = f"undecided: misfit {misfit}, but about as well fit {_listed(near)}"
+        return Finding(name, evidence.name, Severity.OK, says, figure, fix=ADVICE, answered=False)
+    says = "other signs of gear ratios and other couplings fit worse"
+    return Finding(name, evidence.name, Severity.OK, says, figure)
+
+
+def _listed(near: Sequence[OtherGears]) -> str:
+    """Motors with other signs, and those with other couplings, in words."""
+    signs, couplings = (
+        ", ".join(dict.fromkeys(o.motor for o in near if o.coupling == coupling))
+        for coupling in (False, True)
+    )
+    words = [f"opposite signs of the ratios of {signs}"] if signs else []
+    words += [f"other couplings of {couplings} with the joint before"] if couplings else []
+    return ", and ".join(words)
+
+
+def alternatives(gears: Transmission, moving: Sequence[bool]) -> Iterator[OtherGears]:
+    """Gears with another sign, or another coupling of a motor with the joint before its own.
+
+    Args:
+        gears: As declared; row and column k are motor and joint k.
+        moving: Whether each joint moves.
+    """
+    for k, motor in enumerate(gears.motors):
+        own = float(gears.matrix[k, k])
+        if not moving[k]:
+            continue
+        says = f"the opposite sign of the ratio of {motor}"
+        yield OtherGears(motor, False, says, _changed(gears.matrix, k, k, -own))
+        if k == 0 or not moving[k - 1]:
+            continue
+        now = float(gears.matrix[k, k - 1])
+        named = {"no": 0.0, "the opposite": -now} if now else {"a": own, "an opposite": -own}
+        for article, value in named.items():
+            says = f"{article} coupling of {motor} with the joint before"
+            yield OtherGears(motor, True, says, _changed(gears.matrix, k, k - 1, value))
+
+
+def _changed(matrix: Array, row: int, column: int, value: float) -> Array:
+    changed = np.array(matrix)
+    changed[row, column] = value
+    return changed
+
+
+def with_gears(likelihood: Likelihood, matrix: Array) -> Likelihood:
+    """The log read with other gears; efforts of motors likewise."""
+    signals, gears = likelihood.signals, likelihood.gears
+    if gears is None:
+        raise ValueError("the robot has no gears")
+    own = signals.effort_map
+    if own is None and likelihood.declared.kind in MOTOR_KINDS:
+        own = np.diag(likelihood.gains)
+    if own is not None:
+        own = matrix.T @ np.linalg.solve(gears.matrix.T, own)
+    changed = replace(signals, effort_map=own)
+    return replace(likelihood, signals=changed, gears=Transmission(gears.motors, matrix))

@@ -1,0 +1,100 @@
+"""Signs of gear ratios and couplings, of simulated logs of motors."""
+
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from diagnosis.fitted import demo_arm, log
+from steelyard.arrays import Array
+from steelyard.cli.check import GEARS, hints
+from steelyard.diagnosis import Case, Diagnosis, Finding, Severity, examine
+from steelyard.diagnosis.decision.transmission import TransmissionCheck, alternatives
+from steelyard.identification.check import CheckResult
+from steelyard.identification.check_case import case_of, subject_of
+from steelyard.identification.logs import log_files
+from steelyard.progress import silent
+from steelyard.report.check_page import CheckContent
+from steelyard.robot.robot import Transmission
+from steelyard.virtual.invent import random_truth
+
+RATIOS = (100.0, -100.0, 80.0, 50.0, 50.0, 40.0)
+COUPLING = '\ncoupling = [{motor = "motor_5", joint = "forearm_roll", ratio = 50.0}]'
+TRUE = np.diag(RATIOS)
+TRUE[4, 3] = 50.0
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The demo arm as its model file has it, logged at its motors."""
+    there = tmp_path_factory.mktemp("motors")
+    log(there / "joints.parquet", random_truth(demo_arm(there).robot, 1, spread=0.0), 1)
+    table = pl.read_parquet(there / "joints.parquet")
+    columns = {"time_s": table["time_s"].to_numpy()}
+    for name, unit, matrix in (("q", "rad", TRUE), ("tau", "Nm", np.linalg.inv(TRUE.T))):
+        joints = table.select([f"{name}{k}_{unit}" for k in range(1, 7)]).to_numpy()
+        columns |= {f"{name}{k}": x for k, x in enumerate((joints @ matrix.T).T, 1)}
+    pl.DataFrame(columns).write_parquet(there / "motors.parquet")
+    return there
+
+
+def case_with(folder: Path, ratios: tuple[float, ...], coupling: str) -> Case:
+    """The log with these gears in the robot file."""
+    text = f"""[robot]
+urdf = "demo_arm.urdf"
+[robot.transmission]
+ratios = {list(ratios)}{coupling}
+[signals]
+time = "time_s"
+position = "q{{}}"
+coordinates = "motor"
+[signals.effort]
+columns = "tau{{}}"
+kind = "motor_torque"
+side = "motor"
+unit = "Nm"
+"""
+    (folder / "motors.toml").write_text(text)
+    logs = log_files([str(folder / "motors.parquet")])
+    return case_of(subject_of(str(folder / "motors.toml"), logs[0]), logs, None, silent)[0]
+
+
+def test_the_gears_of_the_log_are_not_doubted(folder: Path) -> None:
+    (finding,) = TransmissionCheck()(case_with(folder, RATIOS, COUPLING))
+    assert finding.severity == Severity.OK and finding.answered, finding
+
+
+def test_a_wrong_sign_is_found_as_one_of_positions_and_efforts(folder: Path) -> None:
+    ratios = (100.0, -100.0, -80.0, 50.0, 50.0, 40.0)
+    diagnosis = examine(case_with(folder, ratios, COUPLING), quick=True)
+    doubted = {finding.check for finding in diagnosis.findings if finding.severity}
+    assert doubted == {"position sign", "effort sign"}
+
+
+def test_a_missing_coupling_is_found(folder: Path) -> None:
+    (finding,) = TransmissionCheck()(case_with(folder, RATIOS, ""))
+    assert finding.severity == Severity.DOUBTFUL, finding
+    assert finding.says.startswith("a coupling of motor_5 with the joint before")
+
+
+def test_an_open_question_is_to_be_compared_with_the_data_sheet() -> None:
+    finding = Finding("transmission", "run", Severity.OK, "undecided", "", answered=False)
+    content = CheckContent("arm", "arm.toml", ("run.csv",), None, Diagnosis((finding,)), {})
+    lines = hints(CheckResult(content), None, ["arm.toml", "run.csv"])
+    assert lines[1] == f"next        {GEARS}"
+    assert lines[2].endswith("steelyard identify arm.toml run.csv")
+
+
+def test_alternatives_leave_resting_joints_and_declared_gears_out() -> None:
+    gears = Transmission(("a", "b", "c"), np.array([[2.0, 0, 0], [3.0, 4.0, 0], [0, 0, 5.0]]))
+    listed = {one.says: one.matrix for one in alternatives(gears, [True, True, False])}
+    assert not any(np.array_equal(matrix, gears.matrix) for matrix in listed.values())
+    assert set(listed) == {
+        "the opposite sign of the ratio of a",
+        "the opposite sign of the ratio of b",
+        "no coupling of b with the joint before",
+        "the opposite coupling of b with the joint before",
+    }
+    changed: Array = listed["the opposite coupling of b with the joint before"]
+    assert changed[1, 0] == -3.0
