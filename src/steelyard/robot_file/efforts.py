@@ -39,8 +39,9 @@ def check_sides(section: SignalsSection, gears: Transmission | None, locate: Loc
             raise ModelError(
                 "signals are those of the motors, but the robot has no transmission",
                 where=locate(*keys),
-                fix="give [robot.transmission] ratios = [...], or a matrix (in a file of `steelyard init`: "
-                "fill in ratios, and remove the # before it and before [robot.transmission])",
+                fix="give [robot.transmission] ratios = [...], or a matrix (in a file of "
+                "`steelyard init`: fill in ratios, and remove the # before it and before "
+                "[robot.transmission])",
             )
     if section.effort.side == "motor" and section.effort.kind not in MOTOR_KINDS:
         raise ModelError(
