@@ -208,6 +208,7 @@ def test_the_momentums_residual_is_the_external_effort() -> None:
     found = momentum_residual(momentum, applied, 1e3)
     assert np.allclose(found[1:-1], external[1:-1], atol=1e-4)
     assert np.allclose(found, external, atol=0.05)
+    assert np.array_equal(momentum_residual(momentum[:1], applied[:1], 1e3), [[0.0]])
 
 
 def test_what_is_no_duration_or_size_is_refused() -> None:

@@ -74,7 +74,7 @@ class ComponentSummary:
         """For people to read."""
         return Row(
             (
-                f"{self.component} [{self.unit}]",
+                f"{self.component.replace(' along', '').replace(' about', '')} [{self.unit}]",
                 significant(self.rms),
                 f"{significant(self.peak)} ± {significant(self.peak_half_width, 2)}",
                 f"{self.peak_time_s:.2f}",
@@ -126,6 +126,16 @@ class WrenchContent:
         )
 
     @property
+    def settings(self) -> str:
+        """The same in short."""
+        found = self.estimate
+        axes = found.frame if found.axes == "frame" else "the base"
+        return (
+            f"On the robot, moments about the frame's origin, axes of {axes}; 95 % intervals; "
+            f"{found.method}, by the {found.residual}, low-pass {found.bandwidth:.3g} Hz"
+        )
+
+    @property
     def components(self) -> tuple[ComponentSummary, ...]:
         """Figures of the six components."""
         found, nonzero = self.estimate, _nonzero(self.estimate)
@@ -155,8 +165,8 @@ class WrenchContent:
         if found.unseen:
             names = "; ".join(name_of(direction) for direction in found.unseen)
             warnings.append(
-                f"not seen by the joints in this log: {names}. There the estimate is zero, and the "
-                "interval the expected size"
+                f"not seen by the joints in this log: {names}. There the estimate stays near zero, "
+                "with an interval about as wide as the expected size"
             )
         elif found.partly_unseen > 0.0:
             at = found.least_seen < SEEN
@@ -204,7 +214,7 @@ def wrench_lines(content: WrenchContent, console: Console) -> None:
     from rich.text import Text
 
     console.print(Text(content.headline, style="bold"))
-    console.print(Text(content.claim))
+    console.print(Text(content.settings))
     for warning in content.warnings:
         console.print(Text(f"! {warning}", style="yellow"))
     console.print(narrow_table(components_table(content)))

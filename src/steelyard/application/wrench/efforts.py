@@ -6,7 +6,7 @@ its friction lies anywhere in a dead zone: laws without memory then predict none
 that uncertain for as long as the low-pass sees the rest.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import groupby
 from typing import Literal
@@ -73,14 +73,14 @@ class EffortSource:
         every = max(1, int(run.rate / (2.0 * self.bandwidth)))
         blocks = along(run.blocks(), self.identified.model)
         for _, of_segment in groupby(blocks, key=lambda block: block.segment):
-            whole = self._segment(list(of_segment), run.rate, every, uncertainty)
+            whole = self._segment(of_segment, run.rate, every, uncertainty)
             count = -(-len(whole.t) * every // int(STRETCH * run.rate + 1))
             for at in np.array_split(np.arange(len(whole.t)), count):
                 inside = slice(int(at[0]), int(at[-1]) + 1)
                 yield Stretch(whole.t[inside], whole.efforts.part(inside))
 
     def _segment(
-        self, blocks: list[Block], rate: float, every: int, uncertainty: EffortUncertainty
+        self, blocks: Iterable[Block], rate: float, every: int, uncertainty: EffortUncertainty
     ) -> Stretch:
         split = TorqueSplit(self.identified.valued)
         full, kept, start = [], [], 0
@@ -90,7 +90,7 @@ class EffortSource:
             full.append((*self._parts(block, observed, split), noise))
             at = slice(-start % every, None, every)
             spread = uncertainty.spread(observed.columns[at], speed[:, at], block.moving[:, at])
-            kept.append((block.t[at], observed.jacobian[at], spread))
+            kept.append((block.t[at], observed.jacobian[at].copy(), spread))
             start += len(block.t)
         first, driven, noise = (np.concatenate(some) for some in zip(*full, strict=True))
         raw = first - driven
@@ -117,7 +117,7 @@ class EffortSource:
         effort = (block.effort * self.identified.signals.gains[:, None] + at_rest).T
         if self.residual == "torque":
             return predicted.sum(axis=0).T, effort
-        return observed.momentum, effort + observed.drive
+        return observed.momentum.copy(), effort + observed.drive
 
     def _observed(self, block: Block) -> Observed:
         model, values = self.identified.model, self.identified.valued.values.values

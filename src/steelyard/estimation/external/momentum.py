@@ -35,13 +35,15 @@ def check_bandwidth(bandwidth: float) -> None:
 def momentum_residual(momentum: Array, effort: Array, rate: float) -> Array:
     r"""External efforts along one segment, not low-passed, shape `(N, n)` [Nm; N].
 
-    That of a sample is the mean of $s$ before and after it.
+    That of a sample is the mean of $s$ before and after it; zero where there is one sample alone.
 
     Args:
         momentum: Shape `(N, n)`.
         effort: Joint efforts and what else drives the momentum, $\tau + u$, shape `(N, n)`.
         rate: Of the samples [Hz].
     """
+    if len(momentum) < 2:
+        return np.zeros_like(momentum)
     between = rate * np.diff(momentum, axis=0) - 0.5 * (effort[1:] + effort[:-1])
     return np.asarray(
         0.5 * (between[[0, *range(len(between))]] + between[[*range(len(between)), -1]])
