@@ -122,6 +122,8 @@ class Estimate:
         notes: What was decided on the way, for people to read.
         removed: Parameters that the model was reduced by, in the order of their removal; they are
             zero, and in none of the other lists.
+        known: Those of `parameters` that were not estimated, as prior constraints give their value;
+            they have no uncertainty.
 
     Example:
         >>> estimate = load_model("arm-model").estimate
@@ -143,6 +145,7 @@ class Estimate:
     at_bound: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     removed: tuple[Removed, ...] = ()
+    known: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"Estimate({self.estimator}: {len(self.parameters)} parameters)"
@@ -190,6 +193,7 @@ class Estimate:
             "at_bound": list(self.at_bound),
             "notes": list(self.notes),
             "removed": [vars(removed) for removed in self.removed],
+            "known": list(self.known),
         }
 
     @classmethod
@@ -225,6 +229,7 @@ class Estimate:
                 Removed(str(r["name"]), int(r["step"]), float(r["cost"]))
                 for r in data.get("removed", ())
             ),
+            known=tuple(data.get("known", ())),
         )
 
 

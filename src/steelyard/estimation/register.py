@@ -9,11 +9,13 @@ from steelyard.estimation.consistent.consistency_penalties import Free, Pullback
 from steelyard.estimation.consistent.consistent import Consistent
 from steelyard.estimation.estimate import Estimator
 from steelyard.estimation.knowledge import Knowledge
+from steelyard.estimation.least_squares.known_values import WithKnownValues, fixed_values
 from steelyard.estimation.least_squares.least_squares import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
 )
 from steelyard.progress import Progress, silent
+from steelyard.regression.information import Information
 from steelyard.regression.regressor import Regressor
 from steelyard.suggest import advice
 
@@ -66,6 +68,12 @@ PRIOR, KNOWLEDGE = "[prior]", "[[knowledge]]"
 
 WEIGHTS = "[estimation] weights"
 """How joints weigh, for estimators that are to be had either way."""
+
+
+def _with_known(estimator: Estimator[Information], context: Context) -> Estimator[Information]:
+    """The estimator without the columns whose values prior constraints give."""
+    fixed = fixed_values(context.regressor.base, context.knowledge).values
+    return WithKnownValues(estimator, fixed) if fixed else estimator
 
 
 def _consistent(context: Context) -> Consistent:
@@ -175,13 +183,13 @@ ESTIMATORS: tuple[Offer, ...] = (
         "OLS",
         "ordinary least squares",
         "information",
-        lambda c: OrdinaryLeastSquares(per_run=c.per_run),
+        lambda c: _with_known(OrdinaryLeastSquares(per_run=c.per_run), c),
     ),
     Offer(
         "WLS",
         "least squares, joints weighted by their noise",
         "information",
-        lambda c: WeightedLeastSquares(per_run=c.per_run),
+        lambda c: _with_known(WeightedLeastSquares(per_run=c.per_run), c),
     ),
     Offer(
         "consistent",

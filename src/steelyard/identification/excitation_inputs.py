@@ -63,7 +63,7 @@ def earlier_of(identified: IdentifiedModel) -> Earlier:
         estimate.parameters.values,
         estimate.covariance,
         estimate.values.as_dict(),
-        tuple(one.name for one in estimate.removed),
+        (*(one.name for one in estimate.removed), *estimate.known),
     )
 
 

@@ -13,12 +13,13 @@ from steelyard.estimation.estimate import Z95, Estimate, Estimator
 from steelyard.estimation.fields.fields import Finding
 from steelyard.estimation.identified import BAND, Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimation.knowledge import Knowledge, Row
+from steelyard.estimation.least_squares.known_values import fixed_values
 from steelyard.estimation.least_squares.least_squares import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
 )
 from steelyard.estimation.payload.gains import GainEstimate
-from steelyard.estimation.register import KNOWLEDGE, PRIOR, WEIGHTS, Offer, offer_of
+from steelyard.estimation.register import KNOWLEDGE, PRIOR, WEIGHTS, Context, Offer, offer_of
 from steelyard.estimation.zero_offset import ZeroOffsets
 from steelyard.identification.logs import wanted_by
 from steelyard.identification.method import (
@@ -123,6 +124,8 @@ def fit(
     information = ground.information_of(regressor)
     method, why = _method(loaded_robot, plain, ground.gains)
     context = context_of(loaded_robot, regressor, runs, progress)
+    if ground.gains is not None and ground.gains.relative:
+        context = _without_scale(context)
 
     def from_runs(of: Sequence[Run], pooled: Information) -> Estimator[Information]:
         return on_information(method, context, Sources(regressor, of, pooled, threads, progress))
@@ -138,8 +141,9 @@ def fit(
         information = information.scaled(1.0 / scales.found.values, information.signature.effort)
         estimating = partial(_with_scales, scales)
     estimate = estimating(runs, information)(information)
-    reference = _of_runs(LEAST[other if method.name == plain else plain], model)(information)
-    ignored = (*_unused(loaded_robot, method, why), *_in_vain(loaded_robot, unscaled))
+    beside = offer_of(other, "").make(context) if method.name == plain else least_squares
+    reference = beside(information)
+    ignored = (*_unused(loaded_robot, method, why, context), *_in_vain(loaded_robot, unscaled))
     notes = (
         *ground.notes,
         *_chosen(method, why, estimate),
@@ -274,10 +278,22 @@ def _chosen(method: Offer, why: str, estimate: Estimate) -> tuple[str, ...]:
     return (f"estimated by {method.name} ({method.about}), {why}{bodies}",)
 
 
-def _unused(loaded: LoadedRobot, method: Offer, why: str) -> tuple[str, ...]:
+def _without_scale(context: Context) -> Context:
+    """Of the prior constraints what holds in any scale: parameters that are zero."""
+    known = context.knowledge
+    rows = tuple(row for row in known.rows if row.lower == row.upper == 0.0)
+    return replace(context, knowledge=replace(known, rows=rows))
+
+
+def _unused(loaded: LoadedRobot, method: Offer, why: str, context: Context) -> tuple[str, ...]:
     """A note on what an estimator that is not the default one does not use."""
     if not why:
         return ()
+    if method.name in LEAST and loaded.knowledge:
+        unused = fixed_values(context.regressor.base, context.knowledge).unused
+        only = f"{method.name} uses of [[knowledge]] only values of whole base parameters"
+        notes = (f"{only}, not: {'; '.join(unused)}",) if unused else ()
+        return (*notes, *_unused(replace(loaded, knowledge=()), method, why, context))
     given = {
         PRIOR: loaded.prior != PriorSection(),
         KNOWLEDGE: bool(loaded.knowledge),

@@ -162,6 +162,7 @@ def reduce(
     """
     identified = load_model(model)
     refuse_own(identified)
+    refuse_known(identified)
     measure, rule = criterion_of(criterion), rule_of(stop)
     known, unknown = log_files(paths_of(logs, least=1)), log_files(paths_of(validate))
     refuse_overlaps(known, unknown)
@@ -262,6 +263,21 @@ def refuse_own(identified: IdentifiedModel) -> None:
             f"every run has a '{own[0]}' of its own, which cannot be removed",
             where=identified.model.robot.name,
             fix="identify without per_run = true, and reduce that model",
+        )
+
+
+def refuse_known(identified: IdentifiedModel) -> None:
+    """Refuse a model with parameters that were not estimated.
+
+    Raises:
+        ModelError: It has some.
+    """
+    if known := identified.estimate.known:
+        raise ModelError(
+            f"parameters with a value from [[knowledge]] were not estimated: {', '.join(known)}",
+            where=identified.model.robot.name,
+            fix="identify without these values and reduce that model; to remove parameters that "
+            "are zero, name them with --drop",
         )
 
 

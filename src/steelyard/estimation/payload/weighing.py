@@ -45,6 +45,9 @@ FREEDOM = 2.0
 ROUND_OFF = float(np.finfo(np.float64).eps)
 """Variance of residuals over the greatest mean square of efforts that sums of squares resolve."""
 
+KNOWN = 1e-6
+"""Standard deviation of an arm's parameter that was not estimated, of its size or of 1 SI unit."""
+
 ROUNDS = 50
 TOLERANCE = 1e-6
 """Relative change of the rows' variances at which they have converged."""
@@ -194,7 +197,11 @@ def _knowledge(identified: IdentifiedModel, case: LoadCase) -> tuple[Array, Arra
     theirs = [place[columns[k]] for k in mine]
     values, precision = np.zeros(case.n_arm), np.zeros((case.n_arm, case.n_arm))
     values[mine] = estimate.parameters.values[theirs]
-    precision[np.ix_(mine, mine)] = inverse(estimate.covariance[np.ix_(theirs, theirs)])
+    covariance = np.array(estimate.covariance[np.ix_(theirs, theirs)])
+    given = [k for k, column in enumerate(mine) if columns[column] in estimate.known]
+    sizes = np.maximum(np.abs(values[mine])[given], 1.0)
+    covariance[given, given] = np.square(KNOWN * sizes)
+    precision[np.ix_(mine, mine)] = inverse(covariance)
     return values, precision
 
 

@@ -23,7 +23,7 @@ AT_BOUND = 0.01
 LEARNED = 20.0
 """Share from data [%] below which a parameter is called known from the prior."""
 
-Grade = Literal["sure", "weak", "zero", "prior", "bound", "unseen", "removed"]
+Grade = Literal["sure", "weak", "zero", "prior", "bound", "unseen", "removed", "known"]
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,8 @@ class Row:
         nominal: Value in the robot's file; `None` if unknown.
         grade: `sure`, `weak` (relative standard deviation above 20 %), `zero` (the interval holds
             zero), `prior` (less than 20 % of it are from the data), `bound` (a bound holds it, so
-            that it has no interval), `unseen`, or `removed` (the model was reduced by it: zero).
+            that it has no interval), `unseen`, `removed` (the model was reduced by it: zero), or
+            `known` (a prior constraint gives its value, it was not estimated).
         status: The same in words.
         learned_percent: Share that comes from the data [%]; `None` without a prior.
     """
@@ -84,6 +85,8 @@ def rows(identified: IdentifiedModel) -> tuple[Row, ...]:
     bounds = {p.name: (p.lower, p.upper) for p in identified.model.parameters}
     for name in estimate.at_bound:
         seen[name] = _at_bound(seen[name], bounds.get(seen[name].group, ()))
+    for name in estimate.known:
+        seen[name] = _known(seen[name])
     blind = {b.name: _blind(b, groups, units, nominal.get(b.name)) for b in estimate.blind}
     removed = {
         r.name: replace(
@@ -163,6 +166,11 @@ def _at_bound(row: Row, bounds: Sequence[float]) -> Row:
         grade="bound",
         status="at its bound",
     )
+
+
+def _known(row: Row) -> Row:
+    """A row whose value was not estimated."""
+    return replace(_at_bound(row, ()), std=0.0, grade="known", status="known")
 
 
 def _blind(

@@ -84,7 +84,7 @@ def _pairs(estimate: Estimate) -> list[tuple[str, str, float]]:
         correlation = np.tril(estimate.covariance / std[:, None] / std, -1)
     strength = np.where(np.isfinite(correlation), np.abs(correlation), 0.0)
     names = estimate.parameters.names
-    at_bound = [names.index(name) for name in estimate.at_bound]
+    at_bound = [names.index(name) for name in (*estimate.at_bound, *estimate.known)]
     strength[at_bound], strength[:, at_bound] = 0.0, 0.0
     order = np.argsort(strength, axis=None)[::-1][:PAIRS]
     places = [divmod(int(place), len(names)) for place in order]

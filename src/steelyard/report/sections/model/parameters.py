@@ -23,6 +23,7 @@ GRADES: tuple[tuple[str, tuple[Grade, ...]], ...] = (
     ("well identified", ("sure",)),
     ("poorly identifiable", ("weak", "zero")),
     ("at a bound", ("bound",)),
+    ("known", ("known",)),
     ("mostly from the prior", ("prior",)),
     ("not identifiable from these data", ("unseen",)),
 )
@@ -63,6 +64,7 @@ class ParametersSection(Section):
             "learned": any(row.learned_percent is not None for row in table),
             "prior": sum(row.grade == "prior" for row in table),
             "bound": sum(row.grade == "bound" for row in table),
+            "known": sum(row.grade == "known" for row in table),
             "weak": WEAK,
             "little": LEARNED,
         }
@@ -86,6 +88,7 @@ class ParametersSection(Section):
             "terms": [description_of(term) for term in content.identified.model.terms],
             "not_seen": [blind.name for blind in estimate.blind],
             "removed": [vars(one) for one in estimate.removed],
+            "known": list(estimate.known),
             "condition": estimate.condition,
             "condition_normalised": estimate.condition_normalised,
         }
@@ -113,9 +116,9 @@ def usable(identified: IdentifiedModel) -> tuple[str, ...]:
     grades = [(words, sum(row.grade in of for row in table)) for words, of in GRADES]
     named = ", ".join(f"{number} {words}" for words, number in grades if number)
     removed = sum(row.grade == "removed" for row in table)
-    known = f"; {removed} removed, taken as zero" if removed else ""
-    all_good = all(row.grade in ("sure", "removed") for row in table)
-    words = f"{count(len(table) - removed, 'base parameter')}: {named}{known}"
+    taken = f"; {removed} removed, taken as zero" if removed else ""
+    all_good = all(row.grade in ("sure", "removed", "known") for row in table)
+    words = f"{count(len(table) - removed, 'base parameter')}: {named}{taken}"
     return words, *(() if all_good else (ONE_BY_ONE,))
 
 
@@ -140,6 +143,9 @@ def _parameters(identified: IdentifiedModel) -> list[str]:
     at_bound = [row for row in table if row.grade == "bound"]
     if at_bound:
         lines.append(f"{len(at_bound)} at a bound: {_some(at_bound)}")
+    known = [row for row in table if row.grade == "known"]
+    if known:
+        lines.append(f"{len(known)} known, not estimated: {_some(known)}")
     prior = [row for row in table if row.grade == "prior"]
     if prior:
         lines.append(f"{len(prior)} mostly from the prior: {_some(prior)}")

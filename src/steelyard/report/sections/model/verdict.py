@@ -145,7 +145,7 @@ def _facts(content: ReportContent) -> list[tuple[str, str]]:
         table = rows(content.identified)
         sure = sum(row.grade == "sure" for row in table)
         condition = significant(content.identified.estimate.condition_normalised, 2)
-        left = sum(row.grade != "removed" for row in table)
+        left = sum(row.grade not in ("removed", "known") for row in table)
         facts.append((f"{left}", f"base parameters, {sure} of them well identified"))
         facts.append((condition, "normalised condition number"))
     return facts
