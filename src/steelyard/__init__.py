@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from steelyard.identification.track import track as track
     from steelyard.identification.validate import validate as validate
     from steelyard.identification.wrench import external_wrench as external_wrench
+    from steelyard.measurement.kalman_filter import KalmanFilter as KalmanFilter
     from steelyard.measurement.run import Run as Run
     from steelyard.model import Model as Model
     from steelyard.motion import Motion as Motion
@@ -67,6 +68,7 @@ _HOMES = {
     "Identification": "identification.identify",
     "IdentifiedModel": "estimation.identified",
     "Information": "regression.information",
+    "KalmanFilter": "measurement.kalman_filter",
     "LoadedRobot": "robot_file.loaded",
     "Model": "model",
     "Motion": "motion",

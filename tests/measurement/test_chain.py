@@ -9,6 +9,8 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 from steelyard.errors import LogError, ModelError
 from steelyard.measurement import Processing, Recording, prepare
 from steelyard.measurement.methods.butterworth import Butterworth
+from steelyard.measurement.methods.kalman import KalmanSmoother
+from steelyard.measurement.methods.kalman_filter import CausalKalman
 from steelyard.measurement.methods.moving_average import MovingAverage
 from steelyard.measurement.methods.register import METHODS, method_of
 from steelyard.measurement.processing import requested_processing
@@ -16,6 +18,7 @@ from steelyard.measurement.rows.interpolation import CUBIC, INTERPOLATIONS, Wors
 from steelyard.measurement.rows.resample import Lane, Thinning, sample_count, uniform
 from steelyard.robot_file.sections import ProcessingSection
 
+WHOLE = [n for n, method in METHODS.items() if method().designed(8.0, 100.0).halo is None]
 CHAINS = {
     "default": Processing(),
     "linear": Processing(12.0, 4.0, resampling="linear"),
@@ -29,6 +32,7 @@ CHAINS = {
     "repeated passes": Processing(
         12.0, 4.0, motion=MovingAverage(5, passes=2), effort=MovingAverage(9, passes=3)
     ),
+    "efforts by kalman": Processing(12.0, 4.0, effort=KalmanSmoother(choose="cutoff")),
     "fir": Processing(12.0, 4.0, motion=method_of("fir", ""), outliers=None),
 }
 
@@ -74,9 +78,7 @@ def test_any_split_gives_the_same(recording, sines, monkeypatch, name: str, velo
         np.testing.assert_array_equal(parts.weights, data.weights)
 
 
-@pytest.mark.parametrize(
-    "name", [n for n in METHODS if METHODS[n]().designed(8.0, 100.0).halo is None]
-)
+@pytest.mark.parametrize("name", [n for n in WHOLE if n != CausalKalman.name])
 def test_methods_of_whole_segments_work_in_a_run(recording, sines, name: str) -> None:
     t = np.arange(4000) * 0.01
     motion = sines(t)
@@ -214,7 +216,7 @@ def test_the_robot_files_table_becomes_the_chain() -> None:
     ("table", "wrong"),
     [
         ({"effort": {"method": "butterworth", "cutoff": -1}}, "cutoff is -1"),
-        ({"effort": {"method": "kalman"}}, "is no method for effort"),
+        ({"effort": {"method": "spline"}}, "is no method for effort"),
         ({"motion": {"method": "fir", "tap": 3}}, "does not understand 'tap'"),
     ],
 )

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from steelyard.errors import LogError
-from steelyard.measurement.methods.kalman import Kalman, kalman_smoothed, likeliest_ratio
+from steelyard.measurement import Processing, prepare
+from steelyard.measurement.methods.kalman import (
+    Kalman,
+    KalmanSmoother,
+    kalman_smoothed,
+    likeliest_ratio,
+)
+from steelyard.measurement.methods.register import smoother_of
 
 
 def wandering(seed: int, count: int, jerk: float, step: np.ndarray) -> np.ndarray:
@@ -109,6 +116,42 @@ def test_the_cutoff_can_choose() -> None:
     found = Kalman(choose="cutoff").designed(10.0, 100.0)(x, None)
     wanted = kalman_smoothed(np.arange(3000) / 100.0, x.T, 10.0)
     np.testing.assert_array_equal(found[0], wanted.value.T)
+
+
+@pytest.mark.parametrize("order", [2, 3])
+def test_efforts_are_smoothed_by_the_same_smoother(order: int) -> None:
+    rng, rate = np.random.default_rng(6), 200.0
+    t = np.arange(3000) / rate
+    clean = np.stack(
+        (8.0 * np.sin(3.0 * t) + 2.0 * np.sign(np.cos(3.0 * t)), 5.0 * np.cos(2.0 * t))
+    )
+    noisy = clean + 0.5 * rng.standard_normal(clean.shape)
+    found = smoother_of({"method": "kalman", "order": order}, "here").smooth(20.0, rate)
+    assert found.halo is None
+    expected = kalman_smoothed(t, noisy.T, order=order).value.T
+    np.testing.assert_array_equal(found(noisy), expected)
+    error = np.sqrt(np.mean(np.square(found(noisy) - clean), axis=1))
+    assert error[0] < 0.4 and error[1] < 0.1
+    fixed = KalmanSmoother("cutoff", order).smooth(6.0, rate)  # type: ignore[arg-type]
+    wanted = kalman_smoothed(t, noisy.T, 6.0, order).value.T
+    np.testing.assert_array_equal(fixed(noisy), wanted)
+
+
+def test_a_run_has_efforts_by_kalman(recording, sines) -> None:
+    t = np.arange(4000) * 0.01
+    motion = sines(t)
+    noisy = motion["effort"] + 0.1 * np.random.default_rng(1).normal(size=motion["effort"].shape)
+    log = recording(t, motion["q"], noisy)
+    for processing in (
+        Processing(8.0, 4.0, effort=KalmanSmoother()),
+        Processing(8.0, 4.0, effort=KalmanSmoother("cutoff"), effort_cutoff=4.0),
+    ):
+        run = prepare(log, processing)
+        data = run.whole()
+        truth = sines(data.t)["effort"]
+        inner = slice(100, -100)
+        assert np.std((data.effort - truth)[inner]) < 0.04
+        assert "efforts by kalman" in run.chain.words
 
 
 @pytest.mark.parametrize("t", [np.arange(3.0), np.array([0.0, 1, 2, 2, 3, 4, 5])])

@@ -10,7 +10,7 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.measurement.chunks import apply, continued
 from steelyard.measurement.methods.auto import Auto
-from steelyard.measurement.methods.protocols import Designed, Smooth
+from steelyard.measurement.methods.protocols import Causal, Designed, Smooth
 from steelyard.measurement.processing import Processing
 from steelyard.measurement.recording import Channels, Recording
 from steelyard.measurement.rows.clock import Clock, Piece, Scan
@@ -101,7 +101,11 @@ class Chain:
         motion, at = self.processing.motion, f"{self.motion_cutoff:g} Hz"
         if motion == Auto():
             return f"by butterworth ({at}; auto found the noise not white)"
-        return f"by {self.processing.motion_words} ({at})"
+        late = ""
+        if isinstance(motion, Causal):
+            delay = 1e3 * motion.lateness(self.motion_cutoff)
+            late = f"; causal: slow accelerations {delay:.2g} ms late"
+        return f"by {self.processing.motion_words} ({at}{late})"
 
     def operation(self, channels: Channels) -> "ToMotion":
         """The local part of the chain, on the uniform clock."""

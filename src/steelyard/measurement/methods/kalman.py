@@ -203,3 +203,48 @@ class DesignedKalman:
             return np.stack((position.value.T, position.rate.T, position.acceleration.T))
         velocity = kalman_smoothed(t, dq.T, self.cutoff, order=2)
         return np.stack((position.value.T, velocity.value.T, velocity.rate.T))
+
+
+@dataclass(frozen=True)
+class KalmanSmoother:
+    """Efforts by the Kalman smoother.
+
+    Attributes:
+        choose: Whether the noises are found by maximum `"likelihood"`, joint by joint, or their
+            ratio by the `"cutoff"`.
+        order: Derivative of the effort that is white noise: 2, for the low-pass of fourth order
+            that is nearer to the steps of dry friction, or 3.
+    """
+
+    name: ClassVar[str] = "kalman"
+    choose: Literal["likelihood", "cutoff"] = "likelihood"
+    order: Literal[2, 3] = 2
+
+    def smooth(self, cutoff: float, rate: float) -> "DesignedSmoother":
+        """The smoother for a cut-off [Hz] and a rate [Hz]."""
+        return DesignedSmoother(cutoff if self.choose == "cutoff" else None, rate, self.order)
+
+
+@dataclass(frozen=True)
+class DesignedSmoother:
+    """The smoother of efforts for one rate; it needs the whole segment.
+
+    Attributes:
+        cutoff: Half-amplitude frequency [Hz]; `None`: by likelihood.
+        rate: [Hz].
+        order: Derivative that is white noise.
+    """
+
+    cutoff: float | None
+    rate: float
+    order: int
+
+    @property
+    def halo(self) -> None:
+        """None: a sample depends on all others."""
+        return
+
+    def __call__(self, extended: Array) -> Array:
+        """Efforts `(n, N)` to smoothed ones."""
+        t = np.arange(extended.shape[1]) / self.rate
+        return kalman_smoothed(t, extended.T, self.cutoff, self.order).value.T

@@ -81,6 +81,19 @@ class Choosing(Method, Protocol):
 
 
 @runtime_checkable
+class Causal(Method, Protocol):
+    """A method that looks at no later sample: its motion is late."""
+
+    def lateness(self, cutoff: float) -> float:
+        """How late slow accelerations are at most [s].
+
+        Args:
+            cutoff: Of the motion [Hz].
+        """
+        ...
+
+
+@runtime_checkable
 class Smoother(Protocol):
     """A way to smooth efforts: `effort = ...` under `[processing]`; frozen dataclass."""
 

@@ -8,7 +8,8 @@ from steelyard.measurement.methods.auto import Auto
 from steelyard.measurement.methods.butterworth import Butterworth
 from steelyard.measurement.methods.fir import FIR
 from steelyard.measurement.methods.fourier import Fourier
-from steelyard.measurement.methods.kalman import Kalman
+from steelyard.measurement.methods.kalman import Kalman, KalmanSmoother
+from steelyard.measurement.methods.kalman_filter import CausalKalman
 from steelyard.measurement.methods.moving_average import MovingAverage
 from steelyard.measurement.methods.protocols import Method, Smoother
 from steelyard.measurement.methods.savitzky_golay import SavitzkyGolay
@@ -25,13 +26,15 @@ METHODS: dict[str, type[Any]] = {
         MovingAverage,
         Fourier,
         Kalman,
+        CausalKalman,
         SmoothingSpline,
     )
 }
 """Ways from positions to motion, for `motion = ...`."""
 
 SMOOTHERS: dict[str, type[Any]] = {
-    method.name: method for method in (Butterworth, FIR, SavitzkyGolay, MovingAverage)
+    method.name: method
+    for method in (Butterworth, FIR, SavitzkyGolay, MovingAverage, KalmanSmoother)
 }
 """Ways to smooth efforts, for `effort = ...`."""
 
