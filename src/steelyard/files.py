@@ -39,7 +39,7 @@ def refuse_existing(path: Path) -> None:
 def whole_file(path: Path) -> Iterator[Path]:
     """A temporary file beside `path` that takes its place when the block ends without an error."""
     part = _beside(path)
-    with _explained(path):
+    with explained(path):
         try:
             yield part
             part.replace(path)
@@ -55,7 +55,7 @@ def whole_folder(path: Path) -> Iterator[Path]:
         OutputError: `path` is there and not an empty folder, or cannot be written.
     """
     part = _beside(path)
-    with _explained(path):
+    with explained(path):
         if path.exists() and (not path.is_dir() or any(path.iterdir())):
             raise OutputError(
                 f"'{path}' exists already",
@@ -124,7 +124,7 @@ def _remove(part: Path) -> None:
 
 
 @contextmanager
-def _explained(path: Path) -> Iterator[None]:
+def explained(path: Path) -> Iterator[None]:
     """Turn the system's refusals into ours."""
     try:
         yield

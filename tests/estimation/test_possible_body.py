@@ -43,6 +43,16 @@ def test_a_possible_estimate_stays_what_it_is() -> None:
     assert body.chi_squared == 0.0
 
 
+@pytest.mark.parametrize("size", [1e4, 1e8, 1e12])
+def test_an_inertia_that_the_data_leave_anywhere_is_no_obstacle(size: float) -> None:
+    free = drawn(0)
+    free[4:] = size * np.array([1.0, 1e-8, 2.0, -3.0, 1e-6, 5.0])
+    std = np.array([*STD[:4], *(10.0 * size,) * 6])
+    body = found(free, std=std)
+    assert Inertia.from_ten(body.ten).flaw() is None
+    assert body.ten[:4] == pytest.approx(free[:4], abs=1e-3)
+
+
 def test_an_impossible_estimate_becomes_a_body_near_it() -> None:
     impossible, inside = 0, np.zeros(10)
     for seed in range(40):

@@ -102,9 +102,7 @@ class ContactEvent:
     @property
     def place(self) -> str:
         """Where the contact is, for people to read."""
-        if not self.links:
-            return "several branches"
-        return self.links[0] if len(self.links) == 1 else f"{self.links[0]} or beyond"
+        return place_of(self.links)
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values; `link` is known where only one is possible."""
@@ -117,6 +115,13 @@ class ContactEvent:
             "link": self.links[0] if len(self.links) == 1 else None,
             "links": list(self.links),
         }
+
+
+def place_of(links: Sequence[str]) -> str:
+    """Where a contact on one of some links is, for people to read."""
+    if not links:
+        return "several branches"
+    return links[0] if len(links) == 1 else f"{links[0]} or beyond"
 
 
 def contacts_in(

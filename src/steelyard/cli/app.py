@@ -25,6 +25,7 @@ from steelyard.cli.replay import replay
 from steelyard.cli.simulate import simulate
 from steelyard.cli.track import track
 from steelyard.cli.validate import validate
+from steelyard.cli.watch import watch
 from steelyard.cli.wrench import wrench
 
 app = typer.Typer(
@@ -49,6 +50,7 @@ for command in (
     contact,
     wrench,
     health,
+    watch,
     export,
     feedforward,
     simulate,

@@ -156,7 +156,7 @@ def contact(
         peaks, suspected = _calibrated(identified, unseen, traces, cutoff, own)
         source = f"{len(unseen)} calibration {'log' if len(unseen) == 1 else 'logs'}"
     else:
-        peaks, source = _own(own, identified), _left_out(identified)
+        peaks, source = _own(own, identified), left_out_words(identified)
     friction = sliding_friction(identified, peaks.edges[:, 1])
     thresholds = peaks.thresholds(supported_rate(peaks, rate), friction)
     trace = residual_trace(identified, run, cutoff)
@@ -197,7 +197,8 @@ def _own(peaks: ResidualPeaks | None, identified: IdentifiedModel) -> ResidualPe
     return peaks
 
 
-def _left_out(identified: IdentifiedModel) -> str:
+def left_out_words(identified: IdentifiedModel) -> str:
+    """What the residuals of left-out motion in a model are of."""
     calibration = identified.calibration
     if calibration is None:
         return ""
@@ -223,14 +224,19 @@ def _calibrated(
             where="--calibrate",
             fix="give logs of other motion without contact, or leave --calibrate out",
         )
-    edges = _edges(runs, traces) if own is None else own.edges
+    rest = np.max([run.rest_speed for run in runs], axis=0)
+    edges = edges_of(rest, traces) if own is None else own.edges
     robot, sigma = identified.model.robot, np.asarray(identified.estimate.sigma)
     return without_contact(traces, edges, cutoff, robot, sigma, own)
 
 
-def _edges(runs: Sequence[Run], traces: Sequence[ResidualTrace]) -> Array:
-    """Ranges of speed of runs, where the model has none."""
-    rest = np.max([run.rest_speed for run in runs], axis=0)
+def edges_of(rest: Array, traces: Sequence[ResidualTrace]) -> Array:
+    """Ranges of speed of runs, where the model has none.
+
+    Args:
+        rest: Speed up to which each joint rests, shape `(n,)` [rad/s; m/s].
+        traces: Residuals of the runs.
+    """
     speeds = np.concatenate([trace.slowest for trace in traces], axis=1)
     typical = np.sqrt(np.mean(np.square(speeds), axis=1))
     edges = np.column_stack([rest, np.outer(typical, EDGES)])

@@ -131,8 +131,8 @@ def residual_trace(
         t, signals, dq = (np.concatenate(some, axis=-1) for some in zip(*parts, strict=True))
         first = int(FORGOTTEN / (2.0 * np.pi * cutoff) * run.rate)
         at = slice(first, None, every)
-        slowest = -_greatest(-np.abs(dq), round(HOLD * run.rate) + 1)[:, at]
-        fastest = _greatest(np.abs(dq), round(SETTLED * run.rate) + 1)[:, at]
+        slowest = -greatest(-np.abs(dq), round(HOLD * run.rate) + 1)[:, at]
+        fastest = greatest(np.abs(dq), round(SETTLED * run.rate) + 1)[:, at]
         low = low_passed(signals, cutoff, run.rate)[..., at]
         found.append((t[at], low, slowest, fastest))
     if not sum(len(one[0]) for one in found):
@@ -145,7 +145,7 @@ def residual_trace(
     return ResidualTrace(run.name, t, every / run.rate, low[0], slowest, fastest, low[1:])
 
 
-def _greatest(values: Array, samples: int) -> Array:
+def greatest(values: Array, samples: int) -> Array:
     """Greatest of this and the samples before it, `samples` in all."""
     from scipy.ndimage import maximum_filter1d
 

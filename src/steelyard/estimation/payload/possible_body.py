@@ -28,6 +28,9 @@ from steelyard.robot.inertia import Inertia
 DENSITY = 1000.0
 """Of the ball whose second moments stand in for smaller ones where no body fits [kg/m³]."""
 
+LARGEST = 25.0
+"""Largest second moment per mass that stands in for a shape [m²]: that of a rod of 17 m."""
+
 LOOSE = 0.05
 """Weight of what stands in: moments 20 times as large cost as much as one standard deviation."""
 
@@ -214,12 +217,13 @@ def _start(free: Array, by_data: Array, known: PayloadKnowledge) -> tuple[float,
 def _spread(free: Array, mass: float, centre: Array) -> Array:
     """Second moments per mass that stand in for a shape, shape `(3, 3)` [m²].
 
-    They are those of the unconstrained estimate, along every axis at least those of a ball.
+    They are those of the unconstrained estimate, along every axis at least those of a ball and at
+    most `LARGEST`: data that see little of the inertia leave it anywhere.
     """
     about = Inertia.from_ten(free).moved(np.eye(3), -centre).pseudo[:3, :3] / mass
     radius = np.cbrt(0.75 * mass / (np.pi * DENSITY))
     values, vectors = np.linalg.eigh(about)
-    return np.asarray((vectors * np.maximum(values, radius**2 / 5.0)) @ vectors.T)
+    return np.asarray((vectors * np.clip(values, radius**2 / 5.0, LARGEST)) @ vectors.T)
 
 
 def _scaled(mass: float, centre: Array, spread: Array) -> Array:

@@ -1,7 +1,8 @@
 """Bytes of strangers' files, packed or not, read in bounded pieces."""
 
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -82,6 +83,41 @@ class FileBytes:
         data = self._file.read(length)
         self.at += len(data)
         return data
+
+
+class GrowingBytes(FileBytes):
+    """A file that is still being written: waits for bytes that are not there yet.
+
+    Args:
+        path: Where it is.
+        waiting: Called while bytes are missing; they count as the end when it returns `False`.
+    """
+
+    def __init__(self, path: Path, waiting: Callable[[], bool]) -> None:
+        super().__init__(path)
+        self._path, self._waiting = path, waiting
+
+    def take(self, length: int) -> bytes:
+        """The next bytes, exactly so many, as soon as they are there."""
+        self._reach(length)
+        return super().take(length)
+
+    def skip(self, length: int) -> None:
+        """Pass over bytes, as soon as they are there."""
+        self._reach(length)
+        super().skip(length)
+
+    def upto(self, length: int) -> bytes:
+        """The next bytes, fewer at the end."""
+        with suppress(EndOfBytes):
+            self._reach(length)
+        return super().upto(length)
+
+    def _reach(self, length: int) -> None:
+        while length > self.size - self.at:
+            self.size = self._path.stat().st_size
+            if length > self.size - self.at and not self._waiting():
+                raise EndOfBytes
 
 
 @dataclass

@@ -19,6 +19,7 @@ from steelyard.formats.messages.byte_streams import (
     Damaged,
     EndOfBytes,
     FileBytes,
+    GrowingBytes,
     UnpackedBytes,
 )
 from steelyard.formats.messages.messages import LARGEST, Channel, Message
@@ -41,10 +42,13 @@ class McapFile:
     Attributes:
         path: Where it is.
         complete: Whether its end is there.
+        waiting: If the file is still being written, called while bytes are missing; see
+            `GrowingBytes`.
     """
 
     path: Path
     complete: bool
+    waiting: Callable[[], bool] | None = None
 
     @classmethod
     def open(cls, path: Path) -> "McapFile":
@@ -94,7 +98,7 @@ class McapFile:
         walk = _Walk(topics)
         at = 0
         try:
-            with FileBytes(self.path) as file:
+            with self._bytes() as file:
                 file.skip(len(MAGIC))
                 while not walk.ended:
                     at = file.at
@@ -106,6 +110,11 @@ class McapFile:
                 raise damaged(self.path, at, "it claims to be longer than it is") from None
         except Damaged as error:
             raise damaged(self.path, at, str(error)) from error
+
+    def _bytes(self) -> FileBytes:
+        if self.waiting is None:
+            return FileBytes(self.path)
+        return GrowingBytes(self.path, self.waiting)
 
 
 class _Walk:
@@ -152,7 +161,6 @@ class _Walk:
         (stored,) = struct.unpack("<Q", file.take(8))
         if file.at - start + stored > length:
             raise Damaged("its content is longer than itself")
-        whole = start + length <= file.size
         content = UnpackedBytes(file, stored, packing, size, self._budget)
         try:
             while not content.ended:
@@ -160,7 +168,7 @@ class _Walk:
                 if message := self._small(content, code, inner):
                     yield message
         except EndOfBytes:
-            if whole:
+            if start + length <= file.size:
                 raise Damaged("its content ends early") from None
             raise
         if checksum and content.checksum != checksum:

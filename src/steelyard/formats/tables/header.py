@@ -52,17 +52,25 @@ def is_table(lines: Sequence[str], header: Header) -> bool:
     Words divided by blanks, with other words below them, are no names of columns; nor are names
     that repeat.
     """
-    rows = [
-        cells_of(line, header.separator)
-        for line in lines[header.body :]
-        if line.strip() and not line.startswith(COMMENT)
-    ]
-    names = header.columns
+    rows, names = _rows_below(lines, header), header.columns
     if any(
         _is_row(row, ()) or (len(row) == len(names) and not all(map(_is_word, row))) for row in rows
     ):
         return True
     return len(set(names)) == len(names) and not (rows and header.separator == " ")
+
+
+def rows_of_numbers(lines: Sequence[str], header: Header) -> int:
+    """How many lines below a header are mostly numbers."""
+    return sum(_is_row(row, ()) for row in _rows_below(lines, header))
+
+
+def _rows_below(lines: Sequence[str], header: Header) -> list[list[str]]:
+    return [
+        cells_of(line, header.separator)
+        for line in lines[header.body :]
+        if line.strip() and not line.startswith(COMMENT)
+    ]
 
 
 def _seen(

@@ -1,0 +1,1 @@
+"""External torque, contact and payload on samples as they arrive."""

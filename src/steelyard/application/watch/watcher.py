@@ -1,0 +1,212 @@
+"""External torque, contacts, payload and wrench on rows as they arrive."""
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from steelyard.application.contact import ContactEvent
+from steelyard.application.payload_events import PayloadEvent
+from steelyard.application.watch.contact_stream import ContactStart, ContactStream
+from steelyard.application.watch.payload_stream import PayloadStream
+from steelyard.arrays import Array
+from steelyard.estimation.external.observer import Observer
+from steelyard.estimation.identified import IdentifiedModel
+from steelyard.estimation.residual_peaks import ContactThresholds
+from steelyard.measurement.sample_stream import SampleStream, StreamSample
+
+
+@dataclass(frozen=True, eq=False)
+class StreamEstimate:
+    """External efforts at a sample.
+
+    Attributes:
+        time: When [s].
+        torque: Of each joint, shape `(n,)` [Nm; N].
+        half_width: Half-widths of the 95 % intervals, likewise.
+        wrench: Force [N] and moment [Nm] on the frame, shape `(6,)`; `None` without a frame.
+        wrench_half_width: Likewise.
+    """
+
+    time: float
+    torque: Array
+    half_width: Array
+    wrench: Array | None
+    wrench_half_width: Array | None
+
+
+@dataclass(frozen=True)
+class StreamNote:
+    """Something about the samples that whoever reads the results should know.
+
+    Attributes:
+        time: When [s].
+        text: In a sentence.
+    """
+
+    time: float
+    text: str
+
+
+Happening = ContactStart | ContactEvent | PayloadEvent | StreamEstimate | StreamNote
+"""What a stream reports, in the order in which it becomes known."""
+
+
+@dataclass(frozen=True)
+class StreamSummary:
+    """What was seen of a stream.
+
+    Attributes:
+        duration: Time from the first to the last sample [s].
+        samples: Samples that were used.
+        dropped: Rows that were left out, and why.
+        gaps: Pauses after which the observer began anew.
+        contacts: Number of contacts.
+        payload_changes: Number of changes of the payload.
+        largest: Largest external effort of each joint by size [Nm; N].
+        payload: Why changes of the payload were not sought at last; empty if they were.
+    """
+
+    duration: float
+    samples: int
+    dropped: dict[str, int]
+    gaps: int
+    contacts: int
+    payload_changes: int
+    largest: tuple[float, ...]
+    payload: str
+
+
+class Watcher:
+    """Takes rows, reports what happens.
+
+    Attributes:
+        frame: Frame of the wrench; `None` without.
+        thresholds: Of contact; `None` if it is not sought.
+        samples: What makes samples of the rows.
+        observer: External efforts at the last sample.
+        payload: What seeks changes of the payload; `None` if nothing does.
+        time: Of the last sample, from the first one [s].
+        ratio: Largest residual over its threshold there; NaN without thresholds.
+    """
+
+    def __init__(
+        self,
+        identified: IdentifiedModel,
+        observer: Observer,
+        frame: str | None = None,
+        thresholds: ContactThresholds | None = None,
+        payload: PayloadStream | None = None,
+        every: float | None = None,
+    ) -> None:
+        """Begin.
+
+        Args:
+            identified: The model.
+            observer: A new one, with the cut-off of the thresholds as bandwidth.
+            frame: Its frame, if the wrench is wanted.
+            thresholds: Of contact.
+            payload: What seeks changes of the payload.
+            every: Time between two estimates that are reported [s]; of every sample if `None`.
+        """
+        robot = identified.model.robot
+        self.frame, self.thresholds, self.observer = frame, thresholds, observer
+        self.payload = payload
+        self.samples = SampleStream(identified.signals, robot)
+        self.time, self.ratio = 0.0, np.nan
+        self._gains = identified.signals.gains
+        self._stepper = None if thresholds is None else thresholds.start()
+        self._contact = ContactStream(robot, np.asarray(identified.estimate.sigma))
+        self._every, self._due = 0.0 if every is None else every, -np.inf
+        self._largest = np.zeros(robot.n)
+        self._counts: Counter[str] = Counter()
+        self._noted: set[object] = set()
+
+    def take(self, rows: Array) -> Iterator[Happening]:
+        """Take consecutive rows of the columns `samples.columns`.
+
+        Raises:
+            DataError: Samples come less than ten times per period of the bandwidth.
+        """
+        for sample in self.samples.samples(rows):
+            yield from self._sample(sample)
+        yield from self._rows_noted()
+
+    def end(self) -> Iterator[Happening]:
+        """What is left to report at the end of the stream: a contact that lasts."""
+        if self._contact.active:
+            yield self._counted(self._contact.ended())
+
+    @property
+    def summary(self) -> StreamSummary:
+        """What was seen so far."""
+        failed = "" if self.payload is None else self.payload.failed
+        if self.payload is not None and not self.payload.searches:
+            failed = failed or "too few samples"
+        return StreamSummary(
+            self.time,
+            self.observer.steps,
+            {verdict.reason: count for verdict, count in self.samples.dropped.items()},
+            max(self.observer.gaps - 1, 0),
+            self._counts["contact"],
+            self._counts["payload"],
+            tuple(self._largest.tolist()),
+            failed,
+        )
+
+    def _sample(self, sample: StreamSample) -> Iterator[Happening]:
+        observer, since, gaps = self.observer, sample.t - self.time, self.observer.gaps
+        observer.step(sample.t, sample.q, sample.dq, self._gains * sample.effort)
+        self.time = sample.t
+        torque = observer.torque
+        self._largest = np.maximum(self._largest, np.abs(torque))
+        gap = observer.gaps > gaps
+        if gap and gaps:
+            yield from self._once(
+                "gap",
+                f"no samples for {since:.2g} s: the observer begins anew there, as after every "
+                "such pause",
+            )
+        if self._stepper is not None:
+            limits = self._stepper.step(sample.t, sample.dq)
+            self.ratio = float(np.nanmax(np.abs(torque) / limits, initial=0.0))
+            for event in self._contact.step(sample.t, -torque, limits, gap):
+                yield self._counted(event)
+        if self.payload is not None:
+            for change in self.payload.step(sample.t, sample.row):
+                self._counts["payload"] += 1
+                yield change
+        if sample.t >= self._due:
+            self._due = sample.t + self._every
+            yield self._estimate(torque)
+
+    def _counted(self, event: ContactStart | ContactEvent) -> ContactStart | ContactEvent:
+        self._counts["contact"] += isinstance(event, ContactStart)
+        return event
+
+    def _estimate(self, torque: Array) -> StreamEstimate:
+        observer, on = self.observer, self.frame is not None
+        return StreamEstimate(
+            self.time,
+            torque,
+            observer.torque_half_width,
+            observer.wrench if on else None,
+            observer.half_width if on else None,
+        )
+
+    def _rows_noted(self) -> Iterator[StreamNote]:
+        for verdict in self.samples.dropped:
+            yield from self._once(
+                verdict, f"a row has {verdict.reason}: it is left out, as all such rows"
+            )
+        yield from self._once(
+            ("restart", self.samples.restarts),
+            "the clock was set back: times go on one second later",
+            self.samples.restarts > 0,
+        )
+
+    def _once(self, key: object, text: str, holds: bool = True) -> Iterator[StreamNote]:
+        if holds and key not in self._noted:
+            self._noted.add(key)
+            yield StreamNote(self.time, text)

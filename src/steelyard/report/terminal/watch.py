@@ -1,0 +1,107 @@
+"""A stream in a terminal: one line for each event, a line of state, a summary."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from math import isnan
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from steelyard.application.contact import ContactEvent
+from steelyard.application.payload_events import PayloadEvent
+from steelyard.application.watch.contact_stream import ContactStart
+from steelyard.application.watch.watcher import StreamNote
+from steelyard.report.terminal.payload import rounded
+
+if TYPE_CHECKING:
+    from steelyard.application.watch.watcher import (
+        Happening,
+        StreamEstimate,
+        StreamSummary,
+        Watcher,
+    )
+
+
+def happening_line(happening: Happening) -> str:
+    """One line."""
+    if isinstance(happening, ContactStart):
+        load = happening.joint
+        return _line(
+            happening.time,
+            "contact",
+            f"{load.joint} {load.peak:+.3g} {load.unit}, {load.ratio:.2f} × threshold, "
+            f"{happening.place}",
+        )
+    if isinstance(happening, ContactEvent):
+        load = happening.joints[0]
+        return _line(
+            happening.end,
+            "released",
+            f"after {happening.end - happening.start:.2f} s; largest {load.joint} "
+            f"{load.peak:+.3g} {load.unit}, {load.ratio:.2f} × threshold, {happening.place}",
+        )
+    if isinstance(happening, PayloadEvent):
+        mass, half = rounded(happening.mass, happening.mass_half_width)
+        return _line(
+            happening.time,
+            happening.kind,
+            f"{mass} ± {half} kg (between {happening.earliest:.2f} and {happening.latest:.2f} s)",
+        )
+    if isinstance(happening, StreamNote):
+        return _line(happening.time, "note", happening.text)
+    return _line(happening.time, "estimate", _numbers(happening))
+
+
+def _line(time: float, what: str, text: str) -> str:
+    return f"{time:9.2f} s  {what:9}  {text}"
+
+
+def _numbers(estimate: StreamEstimate) -> str:
+    parts = [f"torque {' '.join(f'{x:.3g}' for x in estimate.torque)}"]
+    if estimate.wrench is not None:
+        parts.append(f"wrench {' '.join(f'{x:.3g}' for x in estimate.wrench)}")
+    return "; ".join(parts)
+
+
+def state_line(watcher: Watcher) -> str:
+    """What a watcher sees now, for a line that is written again and again."""
+    if not watcher.observer.steps:
+        return "waiting for samples"
+    parts = [f"{watcher.time:.1f} s"]
+    if not isnan(watcher.ratio):
+        parts.append(f"largest residual {watcher.ratio:.2f} × threshold")
+    if watcher.frame is not None:
+        force, half = watcher.observer.wrench[:3], watcher.observer.half_width[:3]
+        parts.append(f"force {np.linalg.norm(force):.0f} ± {np.linalg.norm(half):.0f} N")
+    payload = watcher.payload
+    if payload is not None and payload.state is not None:
+        mass, half_width = rounded(payload.state.mass, payload.state.half_width)
+        carried = f"{mass} ± {half_width} kg" if half_width else "none"
+        parts.append(f"payload {carried}")
+    return "   ".join(parts)
+
+
+def summary_lines(
+    summary: StreamSummary, joints: Sequence[str], units: Sequence[str]
+) -> Iterator[str]:
+    """The end of a stream."""
+    rate = summary.samples / summary.duration if summary.duration else 0.0
+    yield (
+        f"{summary.duration:.1f} s, {summary.samples} samples ({rate:.0f} a second): "
+        f"{_counted(summary.contacts, 'contact')}, "
+        f"{_counted(summary.payload_changes, 'change')} of the payload"
+    )
+    largest = zip(joints, summary.largest, units, strict=True)
+    yield f"largest external torque: {', '.join(f'{j} {x:.3g} {u}' for j, x, u in largest)}"
+    if summary.dropped:
+        rows = ", ".join(f"{count} for {why}" for why, count in summary.dropped.items())
+        yield f"rows left out: {rows}"
+    if summary.gaps:
+        yield f"pauses after which the observer began anew: {summary.gaps}"
+    if summary.payload:
+        yield f"changes of the payload were not sought at last: {summary.payload}"
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count or 'no'} {what}{'s' * (count != 1)}"

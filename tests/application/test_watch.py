@@ -1,0 +1,103 @@
+"""Contacts and changes of a payload as samples arrive."""
+
+import numpy as np
+import pytest
+
+from application.test_contact import EDGES, ROBOT, SIGMA, STEP, N, pushed, silent, trace
+from steelyard.application.contact import ContactEvent, contacts_in
+from steelyard.application.payload_events import Kind, PayloadEvent, PayloadEvents
+from steelyard.application.watch.contact_stream import ContactStart, ContactStream
+from steelyard.application.watch.payload_stream import FIRST, PERIOD, SPAN, PayloadStream
+from steelyard.arrays import Array
+from steelyard.errors import DataError
+from steelyard.estimation.residual_peaks import ContactThresholds
+from steelyard.validation.residual_traces import ResidualTrace
+
+
+def streamed(run: ResidualTrace, limits: Array) -> list[ContactStart | ContactEvent]:
+    stream = ContactStream(ROBOT, SIGMA)
+    found = [
+        event
+        for k, t in enumerate(run.t)
+        for event in stream.step(
+            float(t), run.residual[:, k], limits[:, k], k > 0 and t - run.t[k - 1] > 2.0 * STEP
+        )
+    ]
+    return [*found, stream.ended()] if stream.active else found
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("gaps", [False, True])
+def test_contacts_of_a_stream_are_those_of_the_whole_log(seed: int, gaps: bool) -> None:
+    run = trace("run", 60.0, seed)
+    run = pushed(run, 20.0, 21.0, 1, 60.0)
+    if gaps:
+        run = run.of((run.t % 7.0) > 0.3)
+    values = np.array([4.0, 5.0, 6.0, 8.0, 7.0]) * np.ones((N, 5))
+    values[0] = np.nan
+    thresholds = ContactThresholds(EDGES, 8.0, 1.0, 60.0, values, ((True,) * 5,) * N)
+    wanted = contacts_in(run, thresholds, ROBOT, SIGMA)
+    found = streamed(run, thresholds.at(run.ranges(EDGES)))
+    ends = [event for event in found if isinstance(event, ContactEvent)]
+    assert len(wanted) > 2 and len(found) == 2 * len(ends)
+    assert [e.to_dict() for e in ends] == [e.to_dict() for e in wanted]
+    starts = [event for event in found if isinstance(event, ContactStart)]
+    assert [s.time for s in starts] == [e.start for e in wanted]
+
+
+def test_a_contact_at_the_end_of_a_stream_is_ended() -> None:
+    run = pushed(silent(), 9.0, 11.0, 1, -4.0)
+    first, last = streamed(run, np.ones((N, len(run.t))))
+    assert isinstance(first, ContactStart) and first.joint.peak == -4.0
+    assert isinstance(last, ContactEvent) and last.start == first.time
+    assert first.place == last.place
+
+
+KINDS: dict[float, Kind] = {13.0: "picked up", 54.0: "put down"}
+"""Changes of a payload by their times [s]."""
+
+
+class Search:
+    """Finds the changes that have motion on both sides in the rows; some searches fail."""
+
+    def __init__(self, *fails: int) -> None:
+        self.fails = fails
+        self.lengths: list[float] = []
+
+    def __call__(self, rows: Array) -> PayloadEvents:
+        start, stop = float(rows[0, 0]), float(rows[-1, 0])
+        self.lengths.append(stop - start)
+        if len(self.lengths) in self.fails:
+            raise DataError("too little motion", where="stream", fix="move")
+        events = tuple(
+            PayloadEvent(kind, t - start, t - start - 0.1, t - start + 0.1, 2.0, 0.1, 5.0)
+            for t, kind in KINDS.items()
+            if start + 3.0 < t < stop - 3.0
+        )
+        return PayloadEvents("stream", "tool", "link", events, (), 0.1, 1.0, ())
+
+
+def run_of(stream: PayloadStream, seconds: float) -> list[tuple[float, PayloadEvent]]:
+    times = np.arange(0.0, seconds, 0.05)
+    return [(float(t), e) for t in times for e in stream.step(float(t), np.array([t, 1.0]))]
+
+
+def test_a_change_is_reported_once_when_it_is_found_twice() -> None:
+    search = Search()
+    reported = run_of(PayloadStream(search), 120.0)
+    assert {round(e.time, 6): e.kind for _, e in reported} == KINDS and len(reported) == 2
+    delays = [at - e.time for at, e in reported]
+    assert all(3.0 + PERIOD <= delay <= 3.0 + 2.0 * PERIOD + 0.1 for delay in delays)
+    assert search.lengths[0] == pytest.approx(FIRST)
+    assert max(search.lengths) <= SPAN + 1e-9
+
+
+def test_a_search_that_fails_is_no_change_and_is_said() -> None:
+    stream = PayloadStream(Search(1, 2))
+    assert stream.state is None
+    run_of(stream, 13.0)
+    assert stream.failed == "too little motion" and stream.searches == 0
+    stream = PayloadStream(Search(1))
+    assert run_of(stream, 12.5) == []
+    assert stream.failed == "" and stream.searches == 1
+    assert stream.state is not None and stream.state.mass == 0.0
