@@ -6,23 +6,30 @@ import pytest
 from application.test_contact import EDGES, ROBOT, SIGMA, STEP, N, pushed, silent, trace
 from steelyard.application.contact import ContactEvent, contacts_in
 from steelyard.application.payload_events import Kind, PayloadEvent, PayloadEvents
-from steelyard.application.watch.contact_stream import ContactStart, ContactStream
+from steelyard.application.watch.contact_stream import ContactStart, ContactStream, ContactTest
 from steelyard.application.watch.payload_stream import FIRST, PERIOD, SPAN, PayloadStream
 from steelyard.arrays import Array
 from steelyard.errors import DataError
 from steelyard.estimation.residual_peaks import ContactThresholds
+from steelyard.estimation.rest_changes import ONSET
 from steelyard.validation.residual_traces import ResidualTrace
 
 
-def streamed(run: ResidualTrace, limits: Array) -> list[ContactStart | ContactEvent]:
-    stream = ContactStream(ROBOT, SIGMA)
-    found = [
-        event
-        for k, t in enumerate(run.t)
-        for event in stream.step(
-            float(t), run.residual[:, k], limits[:, k], k > 0 and t - run.t[k - 1] > 2.0 * STEP
-        )
-    ]
+def streamed(
+    run: ResidualTrace, limits: Array, changes: Array | None = None
+) -> list[ContactStart | ContactEvent]:
+    """All that a stream of a trace reports; a change is decided `ONSET` later."""
+    stream, late = ContactStream(ROBOT, SIGMA), round(ONSET / STEP)
+    some = np.full((N, len(run.t)), np.nan) if changes is None else run.changes(EDGES)
+    nothing = np.full((N, late), np.nan)
+    some = np.concatenate([nothing, some], axis=1)
+    known = np.full(N, np.nan) if changes is None else changes
+    found = []
+    for k, t in enumerate(run.t):
+        level = ContactTest(float(t), run.residual[:, k], limits[:, k])
+        change = ContactTest(float(run.t[max(k - late, 0)]), some[:, k], known)
+        gap = bool(k > 0 and t - run.t[k - 1] > 2.0 * STEP)
+        found += list(stream.step(float(t), level, change, gap))
     return [*found, stream.ended()] if stream.active else found
 
 
@@ -35,7 +42,8 @@ def test_contacts_of_a_stream_are_those_of_the_whole_log(seed: int, gaps: bool) 
         run = run.of((run.t % 7.0) > 0.3)
     values = np.array([4.0, 5.0, 6.0, 8.0, 7.0]) * np.ones((N, 5))
     values[0] = np.nan
-    thresholds = ContactThresholds(EDGES, 8.0, 1.0, 60.0, values, ((True,) * 5,) * N)
+    never = np.full(N, np.nan)
+    thresholds = ContactThresholds(EDGES, 8.0, 1.0, 60.0, values, ((True,) * 5,) * N, never)
     wanted = contacts_in(run, thresholds, ROBOT, SIGMA)
     found = streamed(run, thresholds.at(run.ranges(EDGES)))
     ends = [event for event in found if isinstance(event, ContactEvent)]
@@ -43,6 +51,23 @@ def test_contacts_of_a_stream_are_those_of_the_whole_log(seed: int, gaps: bool) 
     assert [e.to_dict() for e in ends] == [e.to_dict() for e in wanted]
     starts = [event for event in found if isinstance(event, ContactStart)]
     assert [s.time for s in starts] == [e.start for e in wanted]
+
+
+def test_changes_at_rest_are_those_of_the_whole_log() -> None:
+    run = pushed(pushed(silent(), 5.0, 5.6, 1, -2.0), 7.5, 8.0, 0, 3.0)
+    changes = np.ones(N)
+    thresholds = ContactThresholds(
+        EDGES, 8.0, 1.0, 60.0, np.full((N, 5), 9.0), ((True,) * 5,) * N, changes
+    )
+    wanted = contacts_in(run, thresholds, ROBOT, SIGMA)
+    found = streamed(run, thresholds.at(run.ranges(EDGES)), changes)
+    ends = [event for event in found if isinstance(event, ContactEvent)]
+    starts = [event for event in found if isinstance(event, ContactStart)]
+    assert len(wanted) == 2 and all(event.joints[0].change for event in wanted)
+    for one, other, start in zip(ends, wanted, starts, strict=True):
+        assert one.joints == other.joints and one.links == other.links
+        assert (one.start, one.end) == (other.start, other.end) and start.time == other.start
+        assert one.known == pytest.approx(other.known) == start.known
 
 
 def test_a_contact_at_the_end_of_a_stream_is_ended() -> None:

@@ -79,7 +79,12 @@ def _slow_mean(signals: Array, step: float) -> Array:
 
 
 class ChangeStepper:
-    """Changes at rest sample by sample, each decided `ONSET` later."""
+    """Changes at rest sample by sample, each decided `ONSET` later.
+
+    Attributes:
+        time: Of the sample that was decided last [s]; NaN before the first.
+        change: Change of each joint there, shape `(n,)` [Nm; N]; NaN where none is tested.
+    """
 
     def __init__(self, limits: Array) -> None:
         """Begin.
@@ -94,8 +99,8 @@ class ChangeStepper:
         """Forget what was before, as after a gap."""
         self._start = self._t = np.inf
         self._count = 0
-        self._later = deque[tuple[float, NDArray[np.bool_]]]()
-        self._none = self._decided = np.zeros(len(self._limits), dtype=bool)
+        self._later = deque[tuple[float, Array]]()
+        self.time, self.change = np.nan, np.full(len(self._limits), np.nan)
 
     def step(self, t: float, resting: bool, residual: Array) -> NDArray[np.bool_]:
         """Whether the change of each joint exceeded its threshold `ONSET` ago, shape `(n,)`.
@@ -107,7 +112,7 @@ class ChangeStepper:
         """
         if not resting:
             self.begin()
-            return self._decided
+            return np.zeros(len(self._limits), dtype=bool)
         if not self._count:
             self._start, self._slow = t, residual.copy()
         self._count += 1
@@ -115,7 +120,7 @@ class ChangeStepper:
         self._slow += gain * (residual - self._slow)
         self._t = t
         if t - self._start >= QUIET:
-            self._later.append((t, np.abs(residual - self._slow) > self._limits))
+            self._later.append((t, residual - self._slow))
             while self._later and t - self._later[0][0] >= ONSET:
-                self._decided = self._later.popleft()[1]
-        return self._decided
+                self.time, self.change = self._later.popleft()
+        return np.asarray(np.abs(self.change) > self._limits)

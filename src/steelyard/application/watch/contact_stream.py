@@ -1,6 +1,6 @@
 """Contacts as their samples arrive: the events of `contacts_in`, each at its start and its end."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,9 @@ from steelyard.application.contact import (
 from steelyard.arrays import Array
 from steelyard.robot.robot import Robot
 
+LEVEL, CHANGE = 0, 1
+"""Tests of a residual: its size, and its change at rest."""
+
 
 @dataclass(frozen=True)
 class ContactStart:
@@ -23,11 +26,13 @@ class ContactStart:
 
     Attributes:
         time: When [s].
+        known: When that is known [s]: a change at rest is decided a little later.
         joint: What the joint with the largest ratio shows.
         links: Links that the contact may be on.
     """
 
     time: float
+    known: float
     joint: JointLoad
     links: tuple[str, ...]
 
@@ -35,6 +40,21 @@ class ContactStart:
     def place(self) -> str:
         """Where the contact is, for people to read."""
         return place_of(self.links)
+
+
+@dataclass(frozen=True, eq=False)
+class ContactTest:
+    """A test of all joints.
+
+    Attributes:
+        time: Of the sample that is tested [s].
+        signal: What is compared with thresholds, shape `(n,)` [Nm; N]; NaN where nothing is.
+        limits: Thresholds, likewise; NaN of a joint without.
+    """
+
+    time: float
+    signal: Array
+    limits: Array
 
 
 class ContactStream:
@@ -48,9 +68,9 @@ class ContactStream:
             sigma: Standard deviation of the residual of the fit per joint, shape `(n,)` [Nm; N].
         """
         self._robot, self._sigma = robot, sigma
-        self._released = np.full(robot.n, np.nan)
+        self._released = np.full((2, robot.n), np.nan)
         self._loads: dict[int, JointLoad] = {}
-        self._start = self._end = -np.inf
+        self._start = self._end = self._known = -np.inf
 
     @property
     def active(self) -> bool:
@@ -58,33 +78,37 @@ class ContactStream:
         return bool(self._loads)
 
     def step(
-        self, t: float, residual: Array, limits: Array, gap: bool
+        self, t: float, level: ContactTest, change: ContactTest, gap: bool
     ) -> Iterator[ContactStart | ContactEvent]:
         """Take the next sample.
 
         Args:
             t: Time [s].
-            residual: Measured minus predicted effort, shape `(n,)` [Nm; N].
-            limits: Thresholds, likewise; NaN of a joint without.
+            level: The residual, measured minus predicted effort, at this sample.
+            change: Its change at rest, at the sample that is decided now.
             gap: Whether samples are missing before this one.
         """
-        size = np.abs(residual)
-        held = ~np.isnan(self._released) & ~(size < self._released) & (not gap)
+        tests = level, change
+        size = np.abs([test.signal for test in tests])
+        limits = np.array([test.limits for test in tests])
+        held = (size >= self._released) & (not gap)
         exceeds = size > limits
-        touched = held | exceeds
         if self._loads and not held.any() and t - self._end > APART:
             yield self.ended()
         self._released = np.where(held, self._released, np.where(exceeds, RELEASE * limits, np.nan))
+        touched = held | exceeds
         if not touched.any():
             return
         begins = not self._loads
-        for j in np.flatnonzero(touched):
-            self._add(int(j), float(residual[j]), float(size[j] / limits[j]))
-        self._end = t
+        for k, j in np.argwhere(touched):
+            ratio = float(size[k, j] / limits[k, j])
+            self._add(int(j), float(tests[k].signal[j]), ratio, bool(k == CHANGE))
+        times = [test.time for test, some in zip(tests, touched.any(axis=1), strict=True) if some]
+        self._end = max(times) if begins else max(self._end, *times)
         if begins:
-            self._start = t
+            self._start, self._known = min(times), t
             event = self._event()
-            yield ContactStart(t, event.joints[0], event.links)
+            yield ContactStart(event.start, t, event.joints[0], event.links)
 
     def ended(self) -> ContactEvent:
         """The contact that ends, now or with the stream; there must be one."""
@@ -93,16 +117,16 @@ class ContactStream:
         self._released[:] = np.nan
         return event
 
-    def _add(self, j: int, residual: float, ratio: float) -> None:
-        coordinate, known = self._robot.coordinates[j], self._loads.get(j)
-        peak = residual
-        if known is not None:
-            peak = max(residual, known.peak, key=abs)
-            ratio = max(ratio, known.ratio)
-        sigmas = abs(peak) / float(self._sigma[j])
-        self._loads[j] = JointLoad(coordinate.name, coordinate.effort_unit, peak, sigmas, ratio)
+    def _add(self, j: int, signal: float, ratio: float, change: bool) -> None:
+        known = self._loads.get(j)
+        if known is not None and known.ratio >= ratio:
+            return
+        coordinate, sigmas = self._robot.coordinates[j], abs(signal) / float(self._sigma[j])
+        self._loads[j] = JointLoad(
+            coordinate.name, coordinate.effort_unit, signal, sigmas, ratio, change
+        )
 
     def _event(self) -> ContactEvent:
         links = links_carried_by(self._robot, list(self._loads))
-        joints: Sequence[JointLoad] = sorted(self._loads.values(), key=lambda load: -load.ratio)
-        return ContactEvent(self._start, self._end, tuple(joints), links)
+        joints = sorted(self._loads.values(), key=lambda load: -load.ratio)
+        return ContactEvent(self._start, self._end, self._known, tuple(joints), links)

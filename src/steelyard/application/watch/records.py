@@ -37,6 +37,7 @@ def record_of(happening: Happening) -> dict[str, Any]:
         return {
             "event": "contact",
             "time_s": happening.time,
+            "known_s": happening.known,
             **vars(load),
             "links": list(happening.links),
         }

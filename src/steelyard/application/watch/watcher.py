@@ -8,12 +8,13 @@ import numpy as np
 
 from steelyard.application.contact import ContactEvent
 from steelyard.application.payload_events import PayloadEvent
-from steelyard.application.watch.contact_stream import ContactStart, ContactStream
+from steelyard.application.watch.contact_stream import ContactStart, ContactStream, ContactTest
 from steelyard.application.watch.payload_stream import PayloadStream
 from steelyard.arrays import Array
 from steelyard.estimation.external.observer import Observer
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.estimation.residual_peaks import ContactThresholds
+from steelyard.estimation.rest_changes import ChangeStepper
 from steelyard.measurement.sample_stream import SampleStream, StreamSample
 
 
@@ -117,6 +118,7 @@ class Watcher:
         self.time, self.ratio = 0.0, np.nan
         self._gains = identified.signals.gains
         self._stepper = None if thresholds is None else thresholds.start()
+        self._changes = None if thresholds is None else ChangeStepper(thresholds.changes)
         self._contact = ContactStream(robot, np.asarray(identified.estimate.sigma))
         self._every, self._due = 0.0 if every is None else every, -np.inf
         self._largest = np.zeros(robot.n)
@@ -169,9 +171,7 @@ class Watcher:
                 "such pause",
             )
         if self._stepper is not None:
-            limits = self._stepper.step(sample.t, sample.dq)
-            self.ratio = float(np.nanmax(np.abs(torque) / limits, initial=0.0))
-            for event in self._contact.step(sample.t, -torque, limits, gap):
+            for event in self._touched(sample, -torque, gap):
                 yield self._counted(event)
         if self.payload is not None:
             for change in self.payload.step(sample.t, sample.row):
@@ -180,6 +180,22 @@ class Watcher:
         if sample.t >= self._due:
             self._due = sample.t + self._every
             yield self._estimate(torque)
+
+    def _touched(
+        self, sample: StreamSample, residual: Array, gap: bool
+    ) -> Iterator[ContactStart | ContactEvent]:
+        """Contacts that begin or end at a sample."""
+        stepper, changes, thresholds = self._stepper, self._changes, self.thresholds
+        assert stepper is not None and changes is not None and thresholds is not None
+        limits = stepper.step(sample.t, sample.dq)
+        if gap:
+            changes.begin()
+        changes.step(sample.t, stepper.resting, residual)
+        level = ContactTest(sample.t, residual, limits)
+        change = ContactTest(changes.time, changes.change, thresholds.changes)
+        sizes = np.abs([residual / limits, changes.change / thresholds.changes])
+        self.ratio = float(np.nanmax(sizes, initial=0.0))
+        yield from self._contact.step(sample.t, level, change, gap)
 
     def _counted(self, event: ContactStart | ContactEvent) -> ContactStart | ContactEvent:
         self._counts["contact"] += isinstance(event, ContactStart)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from steelyard.application.contact import ContactEvent
+from steelyard.application.contact import ContactEvent, JointLoad
 from steelyard.application.payload_events import PayloadEvent
 from steelyard.application.watch.contact_stream import ContactStart
 from steelyard.application.watch.watcher import StreamNote
@@ -30,16 +30,15 @@ def happening_line(happening: Happening) -> str:
         return _line(
             happening.time,
             "contact",
-            f"{load.joint} {load.peak:+.3g} {load.unit}, {load.ratio:.2f} × threshold, "
-            f"{happening.place}",
+            f"{_load(load)}, {happening.place}",
         )
     if isinstance(happening, ContactEvent):
         load = happening.joints[0]
         return _line(
             happening.end,
             "released",
-            f"after {happening.end - happening.start:.2f} s; largest {load.joint} "
-            f"{load.peak:+.3g} {load.unit}, {load.ratio:.2f} × threshold, {happening.place}",
+            f"after {happening.end - happening.start:.2f} s; largest {_load(load)}, "
+            f"{happening.place}",
         )
     if isinstance(happening, PayloadEvent):
         mass, half = rounded(happening.mass, happening.mass_half_width)
@@ -51,6 +50,12 @@ def happening_line(happening: Happening) -> str:
     if isinstance(happening, StreamNote):
         return _line(happening.time, "note", happening.text)
     return _line(happening.time, "estimate", _numbers(happening))
+
+
+def _load(load: JointLoad) -> str:
+    """What a joint shows."""
+    change = " change" if load.change else ""
+    return f"{load.joint} {load.peak:+.3g} {load.unit}{change}, {load.ratio:.2f} × threshold"
 
 
 def _line(time: float, what: str, text: str) -> str:
