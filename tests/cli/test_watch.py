@@ -87,7 +87,7 @@ def test_standard_input_gives_the_same_as_the_file(
         assert done.exit_code == 0, done.output
         assert done.stdout == wanted
     assert "1 contact, no changes of the payload" in " ".join(wanted.split())
-    assert "calibrate with logs of the stream" in wanted
+    assert "calibrate with logs that were recorded like the stream" in wanted
 
 
 def test_estimates_are_printed_on_request(pushed: Path, identified: Path, command: Command) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from steelyard.application.contact import sliding_friction, supported_rate, without_contact
 from steelyard.application.payload_events import PayloadEvents, find_payload_events
 from steelyard.application.watch.payload_stream import Detect, PayloadStream
-from steelyard.application.watch.watcher import Watcher
+from steelyard.application.watch.watcher import Watcher, rests_of, velocity_of
 from steelyard.arrays import Array
 from steelyard.errors import DataError, LogError
 from steelyard.estimation.external.momentum import PER_PERIOD
@@ -103,8 +103,8 @@ def start_watch(
         thresholds = _thresholds(identified, own, rate)
         notes = [
             _claim(thresholds, left_out_words(identified)),
-            "these residuals are of logs that were smoothed; abrupt stops give larger ones in a "
-            "stream: calibrate with logs of the stream (--calibrate)",
+            "these residuals are of smoothed logs, those of a stream are larger: calibrate with "
+            "logs that were recorded like the stream (--calibrate)",
         ]
     elif rate is not None:
         raise DataError(
@@ -226,11 +226,12 @@ def stream_trace(identified: IdentifiedModel, log: LogArgument, cutoff: float) -
     """
     path, cut = parse_log_argument(log.text)
     signals, observer = identified.signals, identified.observe(bandwidth=cutoff)
-    stream = SampleStream(signals, identified.robot)
+    stream, rest = SampleStream(signals, identified.robot), rests_of(identified)
     t, residual, speed = [], [], []
     for rows in windowed(open_log(path), stream.columns, cut):
         for sample in stream.samples(rows):
-            observer.step(sample.t, sample.q, sample.dq, signals.gains * sample.effort)
+            moving = velocity_of(sample.dq, rest)
+            observer.step(sample.t, sample.q, moving, signals.gains * sample.effort)
             t.append(sample.t)
             residual.append(-observer.torque)
             speed.append(np.abs(sample.dq))

@@ -103,7 +103,7 @@ class ContactStream:
         for k, j in np.argwhere(touched):
             ratio = float(size[k, j] / limits[k, j])
             self._add(int(j), float(tests[k].signal[j]), ratio, bool(k == CHANGE))
-        times = [test.time for test, some in zip(tests, touched.any(axis=1), strict=True) if some]
+        times = [tests[k].time for k in (LEVEL, CHANGE) if touched[k].any()]
         self._end = max(times) if begins else max(self._end, *times)
         if begins:
             self._start, self._known = min(times), t

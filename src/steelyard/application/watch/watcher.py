@@ -12,10 +12,12 @@ from steelyard.application.watch.contact_stream import ContactStart, ContactStre
 from steelyard.application.watch.payload_stream import PayloadStream
 from steelyard.arrays import Array
 from steelyard.estimation.external.observer import Observer
+from steelyard.estimation.external.rest import rest_speed_of
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.estimation.residual_peaks import ContactThresholds
 from steelyard.estimation.rest_changes import ChangeStepper
 from steelyard.measurement.sample_stream import SampleStream, StreamSample
+from steelyard.validation.friction.mixes import remembers
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +81,22 @@ class StreamSummary:
     payload: str
 
 
+def rests_of(identified: IdentifiedModel) -> Array:
+    """Speed up to which friction of each joint is anywhere in its dead zone, `(n,)` [rad/s; m/s].
+
+    Friction with memory predicts where, so that it is zero.
+    """
+    n = identified.robot.n
+    if remembers(identified.model.terms):
+        return np.zeros(n)
+    return rest_speed_of(n, identified.calibration, identified.processing.rest_speed)
+
+
+def velocity_of(dq: Array, rest: Array) -> Array:
+    """Velocities, zero where joints rest: friction of either sign by noise is none there."""
+    return np.where(np.abs(dq) > rest, dq, 0.0)
+
+
 class Watcher:
     """Takes rows, reports what happens.
 
@@ -116,7 +134,7 @@ class Watcher:
         self.payload = payload
         self.samples = SampleStream(identified.signals, robot)
         self.time, self.ratio = 0.0, np.nan
-        self._gains = identified.signals.gains
+        self._gains, self._rest = identified.signals.gains, rests_of(identified)
         self._stepper = None if thresholds is None else thresholds.start()
         self._changes = None if thresholds is None else ChangeStepper(thresholds.changes)
         self._contact = ContactStream(robot, np.asarray(identified.estimate.sigma))
@@ -159,7 +177,8 @@ class Watcher:
 
     def _sample(self, sample: StreamSample) -> Iterator[Happening]:
         observer, since, gaps = self.observer, sample.t - self.time, self.observer.gaps
-        observer.step(sample.t, sample.q, sample.dq, self._gains * sample.effort)
+        velocity = velocity_of(sample.dq, self._rest)
+        observer.step(sample.t, sample.q, velocity, self._gains * sample.effort)
         self.time = sample.t
         torque = observer.torque
         self._largest = np.maximum(self._largest, np.abs(torque))
