@@ -24,15 +24,22 @@ from steelyard.identification.watch import start_watch, stream_trace
 
 AT_ONCE = ("--timeout", "0")
 
+LENGTH = 2.5
+"""Of the log [s]."""
+
 
 @pytest.fixture(scope="module")
 def pushed(given: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The validation log with a push on the second of its links: joints 1 and 2 feel it."""
+    """The start of the validation log, a push on the second link: joints 1 and 2 feel it."""
     log = given / "validation.csv"
     t, efforts = columns(log)
     push = 25.0 * ((t > PUSH[0]) & (t < PUSH[1]))
-    path = tmp_path_factory.mktemp("watched") / "pushed.csv"
-    return changed(log, path, {efforts[0]: 0.8 * push, efforts[1]: push})
+    folder = tmp_path_factory.mktemp("watched")
+    whole = changed(log, folder / "whole.csv", {efforts[0]: 0.8 * push, efforts[1]: push})
+    head = whole.read_text().splitlines()[: 1 + int(np.searchsorted(t, LENGTH))]
+    path = folder / "pushed.csv"
+    path.write_text("\n".join(head) + "\n")
+    return path
 
 
 def printed(output: str, event: str) -> list[dict[str, Any]]:
