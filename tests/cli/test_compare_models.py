@@ -64,14 +64,18 @@ def test_all_models_predict_the_same_effort(
         np.testing.assert_allclose(other.predicted, 0.5 * one.predicted, atol=1e-9)
     rows = found.errors.filter(found.errors["run"] == "identification")
     assert rows["fitted"].all() and len(found.errors) == 3 * 2 * full.identified.robot.n
-    assert "identification was used to identify small" in " ".join(found.to_dict()["notes"])
+    assert "identification was used to identify full, small, doubled: no validation" in str(found)
+    assert found.comparison.pooled_runs == (0,)
     efforts = found.efforts
     first = efforts.filter((efforts["model"] == "full") & (efforts["run"] == "validation"))
     assert len(first) == full.runs[0].predicted.size
     assert set(first["joint"]) == set(full.identified.joints)
     assert set(found.bodies["model"]) == {"full", "doubled"}
     assert set(found.parameters["model"]) == set(models)
-    assert "All 2 logs" in str(found) and len(str(found).splitlines()) < 25
+    assert (
+        "1 log that no model was identified from" in str(found)
+        and len(str(found).splitlines()) < 25
+    )
 
 
 def test_other_processing_is_noted(given: Path, models: dict[str, IdentifiedModel]) -> None:
@@ -80,7 +84,9 @@ def test_other_processing_is_noted(given: Path, models: dict[str, IdentifiedMode
     smooth = IdentifiedModel.from_dict(data)
     found = steelyard.compare_models([smooth, models["full"]], given / "validation.csv")
     (note,) = found.content.notes
-    assert "processed as for model 1; model 2 was identified with other [processing]" in note
+    assert note == (
+        "logs are processed as for model 1; model 2: identified with other [processing]"
+    )
     again = steelyard.compare_models([models["full"], models["full"]], given / "validation.csv")
     assert not again.content.notes
     one, other = (x.comparison.models[0].runs[0].measured for x in (found, again))

@@ -36,15 +36,20 @@ def errors(run: str, error: float, fitted: bool, seed: int) -> ModelErrors:
     return ModelErrors(run, fitted, score.errors, np.array([0.7, 0.5]), traces.t, *efforts)
 
 
-def models_content(*names: str, runs: tuple[str, ...] = ("points", "circle")) -> ReportContent:
-    """Models with errors of 10 and 15 % at most, 20 and 30 %, ..., the last one reduced."""
+def models_content(
+    *names: str, runs: tuple[str, ...] = ("points", "circle"), used: tuple[int, ...] = (1,)
+) -> ReportContent:
+    """Models with errors of 10 %, 20 %, ..., the last one reduced; the second knows `used` logs."""
     full = identified(robot())
     given = names or ("full", "reduced")
     models = [
         ComparedModel(
             name,
             reduced(full) if k == len(given) - 1 else full,
-            tuple(errors(run, 0.1 * (k + 1), k == r == 1, r) for r, run in enumerate(runs)),
+            tuple(
+                errors(run, 0.1 * (k + 1) * (1 + r), k == 1 and r in used, r)
+                for r, run in enumerate(runs)
+            ),
         )
         for k, name in enumerate(given)
     ]
@@ -58,19 +63,36 @@ def test_tables_have_errors_and_their_share_of_the_effort() -> None:
     assert found is not None
     every, points, circle = tables(found)
     assert every.headings == ("Joint", "Effort used", "full", "reduced", "Unit")
-    assert points.rows[0].cells == (
-        "shoulder",
-        "20.0",
-        "2.00 (10\u00a0%)",
-        "4.00 (20\u00a0%)",
-        "Nm",
-    )
-    assert circle.rows[1].cells[3] == "6.00 (20\u00a0%) *" and "no validation" in every.words
-    pooled = np.sqrt((2.0**2 + 3.0**2) / 2.0)
-    assert every.rows[-1].total and every.rows[-1].cells[2].startswith(f"{pooled:.2f} (10")
-    assert f"full {pooled:.2f} Nm (10.0" in headline(found)
+    assert points.rows[0].cells[:2] == ("shoulder", "20.0")
+    assert points.rows[0].cells[2:] == ("2.00 (10\u00a0%)", "4.00 (20\u00a0%)", "Nm")
+    assert circle.rows[1].cells[3] == "12.0 (40\u00a0%)*" and "no validation" in every.words
     (single,) = tables(models_content(runs=("points",)).models)  # type: ignore[arg-type]
     assert single.caption == "points" and "*" not in single.words
+
+
+@pytest.mark.parametrize(
+    ("used", "caption", "factor", "mark"),
+    [
+        ((), "All 2 logs", np.sqrt(2.5), ""),
+        ((1,), "1 log that no model was identified from", 1.0, ""),
+        ((0, 1), "All 2 logs", np.sqrt(2.5), "*"),
+    ],
+)
+def test_errors_are_pooled_over_logs_that_no_model_knows(
+    used: tuple[int, ...], caption: str, factor: float, mark: str
+) -> None:
+    """The second log has errors twice as large."""
+    found = models_content(used=used).models
+    assert found is not None
+    every = tables(found)[0]
+    pooled = factor * np.sqrt((2.0**2 + 3.0**2) / 2.0)
+    assert every.caption == caption
+    assert every.rows[0].cells[2].startswith(f"{2.0 * factor:.2f} (")
+    assert every.rows[-1].total and every.rows[-1].cells[2].startswith(f"{pooled:.2f} (")
+    assert every.rows[-1].cells[3].endswith(f"){mark}")
+    assert ("no validation" in every.note) == bool(mark)
+    assert ("no validation" in every.words) == bool(used)
+    assert f"full {pooled:.2f} Nm (1" in headline(found)
 
 
 def test_a_joint_at_rest_has_no_share() -> None:
@@ -83,6 +105,7 @@ def test_a_joint_at_rest_has_no_share() -> None:
     found = ModelComparison((replace(model, runs=(run,)), content.models.models[1]))
     assert tables(found)[0].rows[0].cells[2] == "2.00 (at rest)"
     twice = ModelComparison(tuple(replace(x, runs=x.runs * 2) for x in found.models))
+    assert twice.pooled_runs == (0, 1)
     assert tables(twice)[0].rows[0].cells[1:3] == ("–", "–")
 
 
@@ -99,6 +122,7 @@ def test_parameters_stand_in_one_set() -> None:
     (models,) = ModelsSection().tables(content)
     assert models.rows[0].cells[3:5] == ("0", "all valid")
     assert models.rows[1].cells[3:5] == ("1", "not estimated")
+    assert models.rows[0].cells[6] == "rotor_inertia + coulomb + viscous + offset"
 
 
 def test_masses_are_of_models_that_know_them() -> None:
@@ -125,9 +149,12 @@ def test_numbers_as_json() -> None:
     assert first["rmse"] == pytest.approx(2.0) and first["mae"] == 0.7 and not first["fitted"]
     assert [x["fitted"] for x in told["errors"]].count(True) == 2
     assert [x["model"] for x in told["all_joints"]] == ["full", "reduced"]
+    assert told["pooled_runs"] == ["points"]
     removed = [x for x in told["parameters"] if x["status"] == "removed"]
     assert len(removed) == 1 and removed[0]["value"] == 0.0 and removed[0]["std"] is None
     assert {x["model"] for x in told["bodies"]} == {"full"}
+    laws = [term["law"] for term in told["models"][0]["terms"]]
+    assert laws[0] == "rigid_body" and "coulomb" in laws
     assert told["models"][1]["removed"] == [removed[0]["parameter"]]
 
 

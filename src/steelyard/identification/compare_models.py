@@ -208,18 +208,23 @@ def _notes(
 ) -> tuple[str, ...]:
     """What limits the comparison."""
     (first_name, first), *others = named.items()
-    notes = [
-        f"{run.run} was used to identify {model.name}: its error there does not validate it"
-        for model in comparison.models
-        for run in model.runs
-        if run.fitted
-    ]
-    for name, other in others:
-        if other.processing.to_dict() != first.processing.to_dict():
-            notes.append(
-                f"logs are processed as for {first_name}; {name} was identified with other "
-                "[processing]"
-            )
-        if not same_efforts(other, first) or other.signals.effort_kind != first.signals.effort_kind:
-            notes.append(f"{name} predicts other effort columns than {first_name}")
+    notes = []
+    for k, run in enumerate(comparison.runs):
+        used = [model.name for model in comparison.models if model.runs[k].fitted]
+        if used:
+            notes.append(f"{run} was used to identify {', '.join(used)}: no validation")
+    own = first.processing.to_dict()
+    if processed := [name for name, other in others if other.processing.to_dict() != own]:
+        notes.append(
+            f"logs are processed as for {first_name}; {', '.join(processed)}: identified with "
+            "other [processing]"
+        )
+    if efforts := [name for name, other in others if _other_efforts(other, first)]:
+        notes.append(f"{', '.join(efforts)}: other effort columns than {first_name}")
     return (*notes, *dropped_rows(runs))
+
+
+def _other_efforts(one: IdentifiedModel, other: IdentifiedModel) -> bool:
+    """Whether two models predict different measurements."""
+    kinds = one.signals.effort_kind, other.signals.effort_kind
+    return not same_efforts(one, other) or kinds[0] != kinds[1]

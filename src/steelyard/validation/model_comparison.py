@@ -70,16 +70,6 @@ class ComparedModel:
     identified: IdentifiedModel
     runs: tuple[ModelErrors, ...]
 
-    @property
-    def all_joints(self) -> tuple[PooledError, ...]:
-        """Errors of all joints and logs together, one per unit of effort."""
-        return pooled(run.errors for run in self.runs)
-
-    def joint(self, number: int) -> PooledError | None:
-        """The error of a joint in all logs together; `None` if it moves in none."""
-        own = (replace(r.errors, joints=(r.errors.joints[number],)) for r in self.runs)
-        return next(iter(pooled(own)), None)
-
 
 @dataclass(frozen=True)
 class ParameterValue:
@@ -132,6 +122,26 @@ class ModelComparison:
     def joints(self) -> tuple[str, ...]:
         """Names of the joints."""
         return tuple(joint.joint for joint in self.models[0].runs[0].errors.joints)
+
+    @cached_property
+    def pooled_runs(self) -> tuple[int, ...]:
+        """Numbers of the logs that errors are pooled over: those that no model was identified from.
+
+        All, if every log was used for one of the models.
+        """
+        every = range(len(self.runs))
+        unseen = [k for k in every if not any(model.runs[k].fitted for model in self.models)]
+        return tuple(unseen or every)
+
+    def all_joints(self, model: ComparedModel) -> tuple[PooledError, ...]:
+        """Errors of a model over all joints and pooled logs, one per unit of effort."""
+        return pooled(model.runs[k].errors for k in self.pooled_runs)
+
+    def joint(self, model: ComparedModel, number: int) -> PooledError | None:
+        """The error of a joint over all pooled logs; `None` if it moves in none."""
+        own = (model.runs[k].errors for k in self.pooled_runs)
+        alone = (replace(errors, joints=(errors.joints[number],)) for errors in own)
+        return next(iter(pooled(alone)), None)
 
     @cached_property
     def parameters(self) -> tuple[CommonParameter, ...]:

@@ -11,7 +11,7 @@ from steelyard.report.figures import Figure, Group, dots, row_height
 from steelyard.report.sections.models.colours import colour, legend, symbol
 from steelyard.report.sections.section import FigureSection, Numbers
 from steelyard.report.sections.tables import PlainTable, Row, narrow_table
-from steelyard.report.text.words import NONE, percent, significant
+from steelyard.report.text.words import NONE, count, percent, significant
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -19,8 +19,11 @@ if TYPE_CHECKING:
     from steelyard.validation.headline import JointError, PooledError
     from steelyard.validation.model_comparison import ModelComparison
 
-FITTED = " *"
+FITTED = "*"
 """Behind errors on logs that the model was identified from."""
+
+WIDE = 6
+"""Columns of a table that the terminal has room for."""
 
 
 class ModelErrorsSection(FigureSection):
@@ -66,8 +69,9 @@ class ModelErrorsSection(FigureSection):
                     **{("rmse" if k == "error" else k): v for k, v in one.to_dict().items()},
                 }
                 for model in found.models
-                for one in model.all_joints
+                for one in found.all_joints(model)
             ],
+            "pooled_runs": [found.runs[k] for k in found.pooled_runs],
         }
 
     def printed(self, content: ReportContent) -> Iterable[RenderableType]:
@@ -87,18 +91,19 @@ class ModelErrorsSection(FigureSection):
 
 
 def _printed(given: Sequence[PlainTable]) -> Iterable[RenderableType]:
-    """Tables for the terminal, under their captions."""
+    """Tables for the terminal, under their captions; wide ones without the effort used."""
     from rich.text import Text
 
     for table in given:
         yield Text(table.caption)
-        yield narrow_table(table)
+        columns = range(len(table.headings))
+        yield narrow_table(table, columns if len(columns) <= WIDE else [0, *columns[2:]])
 
 
 def headline(found: ModelComparison) -> str:
     """The errors of all joints together, one model after the other."""
     each = (
-        f"{model.name} {' and '.join(_with_unit(one) for one in model.all_joints)}"
+        f"{model.name} {' and '.join(_with_unit(one) for one in found.all_joints(model))}"
         for model in found.models
     )
     return f"RMS error of all joints: {', '.join(each)}"
@@ -127,13 +132,15 @@ def _of_run(found: ModelComparison, k: int) -> PlainTable:
 def _of_all(found: ModelComparison) -> PlainTable:
     rows = []
     for j, name in enumerate(found.joints):
-        joints = [model.joint(j) for model in found.models]
+        joints = [found.joint(model, j) for model in found.models]
         unit = found.models[0].runs[0].errors.joints[j].unit
         rows.append(_pooled_row(found, name, joints, unit))
-    for k, one in enumerate(found.models[0].all_joints):
-        every = [model.all_joints[k] for model in found.models]
+    for k, one in enumerate(found.all_joints(found.models[0])):
+        every = [found.all_joints(model)[k] for model in found.models]
         rows.append(_pooled_row(found, "all joints", every, one.unit, total=True))
-    return _table(found, f"All {len(found.runs)} logs", rows)
+    logs, total = len(found.pooled_runs), len(found.runs)
+    unseen = f"{count(logs, 'log')} that no model was identified from"
+    return _table(found, f"All {total} logs" if logs == total else unseen.capitalize(), rows)
 
 
 def _pooled_row(
@@ -144,7 +151,7 @@ def _pooled_row(
     *,
     total: bool = False,
 ) -> Row:
-    marks = [_mark(any(run.fitted for run in model.runs)) for model in found.models]
+    marks = [_mark(any(model.runs[k].fitted for k in found.pooled_runs)) for model in found.models]
     cells = [
         (NONE if one is None else _size(one)) + mark
         for one, mark in zip(joints, marks, strict=True)
@@ -160,10 +167,13 @@ def _table(found: ModelComparison, caption: str, rows: Sequence[Row]) -> PlainTa
         f"RMS of measured minus predicted effort below {cutoff:g} Hz where the joint moves; in "
         "brackets: share of the effort used (RMS, at least a quarter of that in the fitted runs)."
     )
+    marked = " * identified from this log: no validation."
+    stars = any(FITTED in cell for row in rows for cell in row.cells[2:])
+    note = words + (marked if stars else "")
     if any(run.fitted for model in found.models for run in model.runs):
-        words += " * identified from this log: no validation."
+        words += marked
     headings = ("Joint", "Effort used", *(model.name for model in found.models), "Unit")
-    return PlainTable(caption, words, headings, rows, (0, len(headings) - 1), words)
+    return PlainTable(caption, words, headings, rows, (0, len(headings) - 1), note)
 
 
 def _cell(joint: JointError) -> str:
@@ -191,7 +201,7 @@ def _figure(found: ModelComparison) -> Figure:
     """Shares of the effort used, all logs together: a row per joint."""
     traces = []
     for k, model in enumerate(found.models):
-        known = [(j, one) for j in range(len(found.joints)) if (one := model.joint(j)) is not None]
+        known = [(j, one) for j in range(len(found.joints)) if (one := found.joint(model, j))]
         traces.append(
             dots(
                 model.name,

@@ -11,6 +11,8 @@ from steelyard.report.sections.model.bodies import solids
 from steelyard.report.sections.section import TableSection
 from steelyard.report.sections.tables import PlainTable, Row, narrow_table
 from steelyard.report.text.words import NONE, alike, count, significant
+from steelyard.terms.register import description_of
+from steelyard.validation.friction.mixes import mix_name
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -50,10 +52,11 @@ class ModelsSection(TableSection):
             "Removed",
             "Link inertias",
             "Condition",
+            "Terms beside the links",
             "Identified from",
         )
         rows = [Row(_cells(model)) for model in content.models.models]
-        return (PlainTable("", "", headings, rows, (0, 1, 4, 6)),)
+        return (PlainTable("", "", headings, rows, (0, 1, 4, 6, 7)),)
 
     def to_dict(self, content: ReportContent) -> dict[str, Any]:
         """The models."""
@@ -108,6 +111,7 @@ def _cells(model: ComparedModel) -> tuple[str, ...]:
         str(len(estimate.removed)),
         _bodies(model),
         significant(estimate.condition_normalised),
+        mix_name([term for term in model.identified.model.terms if term.role != "body"]),
         ", ".join(model.identified.provenance.runs),
     )
 
@@ -137,6 +141,7 @@ def _model_dict(model: ComparedModel) -> dict[str, Any]:
     return {
         "model": model.name,
         "estimator": estimate.estimator,
+        "terms": [description_of(term) for term in identified.model.terms],
         "parameters": len(estimate.parameters),
         "removed": [removed.name for removed in estimate.removed],
         "bodies_valid": all(x.margin > 0.0 for x in solids(identified)) if standard else None,
