@@ -13,6 +13,7 @@ from steelyard.arrays import Array
 from steelyard.estimation.estimate import Estimate, StandardEstimate
 from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
 from steelyard.excitation.trajectories.random_fourier import random_fourier
+from steelyard.files import write_table
 from steelyard.identification.logs import (
     log_files,
     model_of,
@@ -119,13 +120,10 @@ def model_off(arm: Arm, seed: int, off: float = OFF) -> IdentifiedModel:
     )
 
 
-def pushes(duration: float, seed: int) -> Array:
-    """Force and moment at the ticks of a log, shape `(ticks, 6)`.
-
-    Forces rise, stay and fall; they act at points near the frame's origin.
-    """
+def applied(arm: Arm, seed: int) -> AppliedWrench:
+    """Pushes on the last frame in base axes; forces rise, stay and fall, near its origin."""
     rng = np.random.default_rng(seed)
-    t = np.arange(0.0, duration, TICK)
+    t = np.arange(0.0, DURATION + 2.0, TICK)
     wrench = np.zeros((len(t), 6))
     for start in np.arange(2.0, t[-1] - LASTS - 1.0, EVERY):
         phase = np.minimum(t - start, start + LASTS - t) / RAMP
@@ -134,21 +132,55 @@ def pushes(duration: float, seed: int) -> Array:
         force *= PUSH / np.linalg.norm(force)
         moment = np.cross(LEVER * point / np.linalg.norm(point), force)
         wrench += size[:, None] * np.concatenate([force, moment])
-    return wrench
+    return AppliedWrench(arm.frame, t, wrench, "base")
 
 
 def pushed_log(arm: Arm, seed: int, path: Path) -> AppliedWrench:
-    """Write a log of a random motion with pushes on the last frame; the pushes, in base axes."""
-    robot = arm.truth.robot
+    """Write a log of a random motion with pushes, see `applied`; the pushes."""
+    robot, wrench = arm.truth.robot, applied(arm, seed)
     motion = random_fourier(robot, seed=seed, period=DURATION)
-    wrench = pushes(DURATION + 2.0, seed)
-    applied = AppliedWrench(arm.frame, np.arange(len(wrench)) * TICK, wrench, "base")
     rig = VirtualRobot(
         robot, arm.truth, customary_sensors(robot, arm.truth), seed=seed, signals=arm.signals,
-        wrench=applied,
+        wrench=wrench,
     )  # fmt: skip
     run(rig, motion, path)
-    return applied
+    return wrench
+
+
+def sudden(arm: Arm, size: float, lasts: float, every: float, seed: int) -> AppliedWrench:
+    """Pushes that begin and end at once, in base axes, from the start of a log.
+
+    Args:
+        arm: The arm.
+        size: Of their forces [N].
+        lasts: Duration of each [s].
+        every: From the start of one to that of the next [s].
+        seed: Same seed, same directions.
+    """
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, DURATION + 2.0, TICK)
+    wrench = np.zeros((len(t), 6))
+    for start in np.arange(0.0, t[-1], every):
+        force, point = rng.standard_normal((2, 3))
+        force *= size / np.linalg.norm(force)
+        moment = np.cross(LEVER * point / np.linalg.norm(point), force)
+        wrench[(t >= start) & (t < start + lasts)] = np.concatenate([force, moment])
+    return AppliedWrench(arm.frame, t, wrench, "base")
+
+
+def with_other_pushes(
+    arm: Arm, log: Path, before: AppliedWrench, after: AppliedWrench, path: Path
+) -> None:
+    """Write the log of an arm that follows the same motion under other pushes."""
+    names = log.read_text().partition("\n")[0].split(",")
+    table = np.loadtxt(log, delimiter=",", skiprows=1)
+    t = table[:, names.index(arm.signals.time)]
+    q = table[:, [names.index(name) for name in arm.signals.position]]
+    jacobian = arm.truth.model.at(arm.truth.values).jacobian(q, arm.frame)
+    change = after.at(t - t[0]) - before.at(t - t[0])
+    efforts = [names.index(name) for name in arm.signals.effort]
+    table[:, efforts] -= np.einsum("tij,ti->tj", jacobian, change)
+    write_table(path, dict(zip(names, table.T, strict=True)))
 
 
 def read(model: IdentifiedModel, log: Path) -> Run:

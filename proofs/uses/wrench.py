@@ -15,7 +15,16 @@ from pathlib import Path
 import numpy as np
 from proofs.robots.scores import identified, ur10e_logs
 from proofs.support.claims import Claim, data_folder, main_of
-from proofs.support.pushed_arms import Arm, arm_of, model_off, pushed_log, read
+from proofs.support.pushed_arms import (
+    Arm,
+    applied,
+    arm_of,
+    model_off,
+    pushed_log,
+    read,
+    sudden,
+    with_other_pushes,
+)
 
 import steelyard
 from steelyard.arrays import Array
@@ -37,6 +46,15 @@ FREE = (
     "validation/ur-20_01_17-ptp_10_points",
 )
 """Logs of the UR10e without contact, of other days than its model's."""
+
+
+OTHERS = (
+    ("sudden pushes of 30 N for 0.3 s", 30.0, 0.3, 2.5),
+    ("sudden pushes of 30 N for 6 s", 30.0, 6.0, 9.0),
+    ("sudden pushes of 100 N for 1 s, 30 N expected", 100.0, 1.0, 5.0),
+    ("20 N all the time", 20.0, 99.0, 99.0),
+)
+"""What, size [N], duration and time between [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +119,31 @@ def _arm_claims(problem: str, name: str, folder: Path) -> list[Claim]:
         largest = max(largest, float(np.abs(found.wrench[:, :3]).max()))
     by_torque, by_momentum, weighted, smoothed, known = map(_joined, [*parts, exact])
     return _claims(name, by_torque, by_momentum, weighted, smoothed, known, largest)
+
+
+def _other_pushes(problem: str, name: str, folder: Path) -> list[Claim]:
+    """The same motions under pushes that are unlike those that the smoother expects."""
+    claims = []
+    for words, size, lasts, every in OTHERS:
+        parts = []
+        for seed in SEEDS:
+            arm, log = arm_of(problem, seed), folder / f"{problem}{seed}.csv"
+            model, other = model_off(arm, 100 + seed), folder / "other.csv"
+            true = sudden(arm, size, lasts, every, seed)
+            with_other_pushes(arm, log, applied(arm, seed), true, other)
+            found = steelyard.external_wrench(model, other, arm.frame, axes="base")
+            parts.append(_errors(found, true, read(model, other).span))
+        errors = _joined(parts)
+        force, held, bound = errors.rms(FORCE), float(errors.inside.mean()), max(3.5, 0.1 * size)
+        claims.append(
+            Claim(
+                f"{name}: RMS force error, {words}; 95 % intervals hold",
+                f"{force:.2f} N; {100.0 * held:.1f} %",
+                f"<= {bound:g} N; >= 85 %",
+                force <= bound and held >= 0.85,
+            )
+        )
+    return claims
 
 
 def _claims(
@@ -227,6 +270,8 @@ def main() -> list[Claim]:
         folder = Path(name)
         claims = _arm_claims("ur10", "UR10", folder)
         claims += _arm_claims("rx160", "RX-160", folder)
+        claims += _other_pushes("ur10", "UR10", folder)
+        claims += _other_pushes("rx160", "RX-160", folder)
         claims += _refused(folder)
         identified("ur10e", ur10e_logs(), [], output=folder / "model")
         return [*claims, *_free(steelyard.load_model(folder / "model"))]
