@@ -23,7 +23,7 @@ from steelyard.parameters import Parameters
 from steelyard.regression.base import base_parameters, full_regressor
 from steelyard.regression.regressor import standard_regressor
 from steelyard.robot.loop_equations import gaps, loop_equations
-from steelyard.robot.robot import Loop, Robot
+from steelyard.robot.robot import Coordinate, Limits, Loop, Robot
 from steelyard.terms.laws.rigid_body import RigidBody
 from steelyard.terms.laws.viscous import Viscous
 
@@ -215,6 +215,20 @@ def test_random_positions_close_within_the_limits(name: str) -> None:
     for x, c, s in zip(q, robot.coordinates, start, strict=True):
         assert min(c.limits.lower, s[0]) <= x.min() and x.max() <= max(c.limits.upper, s[0])
     assert np.ptp(q, axis=1).min() > 0.1
+
+
+def test_a_random_walk_of_a_parallelogram_stays_one() -> None:
+    """Its ranges hold postures with all bars in one line, beyond which it could be crossed."""
+    robot = parallelogram(tuple(ball(k) for k in range(4)), 0.3, 0.4)  # type: ignore[arg-type]
+    wide = (Limits(-0.6, 1.4, 3.0, 20.0), Limits(1.4, 3.3, 3.0, 20.0))
+    joints = tuple(
+        Coordinate(c.name, c.kind, limits)
+        for c, limits in zip(robot.coordinates, wide, strict=True)
+    )
+    robot = robot.changed(coordinates=joints, assembly=(0.3, 2.0, -1.7, 1.7))
+    q, passive = random_positions(robot, 60, np.random.default_rng(0))
+    np.testing.assert_allclose(passive[0], q[0] - q[1], atol=1e-9)
+    assert len(base_parameters(Model(robot, (RigidBody(),)))) == 4
 
 
 @pytest.mark.parametrize("name", CHAINS)

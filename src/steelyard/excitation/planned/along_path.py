@@ -145,7 +145,7 @@ class _Poses:
     def _at(self, q: Array) -> tuple[Array, Array, Array]:
         robot, follower = self.motion.robot, self._follower
         assembly = loop_equations(robot).assembly
-        follower.closed = (assembly[: robot.n], assembly[robot.n :])
+        follower.restart((assembly[: robot.n], assembly[robot.n :]))
         if not follower.step(q):
             return np.full(3, np.nan), np.full((3, 3), np.nan), np.zeros((6, robot.n))
         return self.motion(q, follower.closed[1], np.zeros(robot.n))[:3]
@@ -221,7 +221,7 @@ class _Walk:
         """
         if self.robot.passive:
             assembly = loop_equations(self.robot).assembly
-            self.loops.closed = (assembly[: self.robot.n], assembly[self.robot.n :])
+            self.loops.restart((assembly[: self.robot.n], assembly[self.robot.n :]))
         free = self._free(first)
         knots, pieces = list[_Knot](), list[Array]()
         for knot in self._knots(first, free):
@@ -317,6 +317,7 @@ class _Walk:
         """Positions of the passive joints; `None` where a loop does not close."""
         if not self.robot.passive:
             return np.empty(0)
+        self.loops.restart(self.loops.closed)
         return self.loops.closed[1] if self.loops.step(np.array(q)) else None
 
     def _rows(self, rates: Array) -> Array:

@@ -14,7 +14,7 @@ from steelyard.kernel.native.compiled import Code, compiled
 from steelyard.kernel.program.program import Array as Input
 from steelyard.kernel.program.program import Program
 from steelyard.robot.json import robot_to_dict
-from steelyard.robot.loop_equations import CLOSED, closest, gaps, loop_equations
+from steelyard.robot.loop_equations import CLOSED, closest, gaps, loop_equations, residual
 from steelyard.robot.robot import Robot
 
 ITERATIONS = 12
@@ -28,6 +28,13 @@ HALVINGS = 6
 
 FASTEST = 20.0
 """Speed of a passive joint per speed of an independent one beyond which a dead point is near."""
+
+WAY = 0.1
+"""Independent joints of a random walk move by this at once [rad; m]."""
+
+REGULAR = 0.1
+"""Least over greatest singular value of the loops' derivative by the passive joints below which a
+random walk turns back: beyond a singular posture the mechanism may be assembled in another way."""
 
 _CLOSED = 1e-9
 """Distance of two points of a loop that is closed [m]."""
@@ -88,6 +95,10 @@ class Follower:
         self._drift = found - last
         self.closed = (q, found)
         return True
+
+    def restart(self, closed: tuple[Array, Array]) -> None:
+        """Go on from independent and passive positions where the loops are closed."""
+        self.closed, self._drift = closed, np.zeros(len(self.robot.passive))
 
     def gap(self, q: Array) -> tuple[str, float]:
         """Which loop stays open at a sample, shape `(n,)`, and its points' distance [m]."""
@@ -180,7 +191,9 @@ def all_joints(
 def random_positions(robot: Robot, n_samples: int, rng: np.random.Generator) -> tuple[Array, Array]:
     """Positions anywhere; where there are loops, a walk from the assembly on which they close.
 
-    The walk keeps to the limits of the independent joints and away from dead points.
+    The walk keeps to the limits of the independent joints, away from dead points, and passes no
+    singular posture, so that the mechanism stays assembled as it is: a parallelogram whose bars lie
+    in one line could go on as an antiparallelogram.
 
     Returns:
         Independent joints, shape `(n, N)`, and passive ones, shape `(n_passive, N)`.
@@ -197,14 +210,15 @@ def random_positions(robot: Robot, n_samples: int, rng: np.random.Generator) -> 
     upper = np.maximum(start, np.where(np.isfinite(upper), upper, start + np.pi))
     found: list[tuple[Array, Array]] = []
     reach, fastest = 1.0, max(FASTEST, 2.0 * _speed(robot, *follower.closed))
+    least = min(REGULAR, 0.5 * _regularity(robot, *follower.closed))
     while len(found) < n_samples:
         here = follower.closed
         aim = here[0] + reach * (rng.uniform(lower, upper) - here[0])
-        if follower.step(aim) and _speed(robot, *follower.closed) <= fastest:
+        if _walked(follower, aim, least) and _speed(robot, *follower.closed) <= fastest:
             found.append(follower.closed)
             reach = 1.0
         else:
-            follower.closed = here
+            follower.restart(here)
             reach *= 0.5
     q, passive = (np.array(x).T for x in zip(*found, strict=True))
     return q, passive
@@ -215,6 +229,25 @@ def _speed(robot: Robot, q: Array, passive: Array) -> float:
     still = [0.0] * robot.n
     _, torque_map = completed(robot, JointState([*q], still, still, [*passive]))
     return float(np.abs([g for row in torque_map for g in row if g is not None]).max(initial=0.0))
+
+
+def _walked(follower: Follower, aim: Array, least: float) -> bool:
+    """Follow the loops to an aim in short steps; whether they close and are regular all along."""
+    follower.restart(follower.closed)
+    start = follower.closed[0]
+    steps = max(1, int(np.ceil(np.abs(aim - start).max() / WAY)))
+    return all(
+        follower.step(start + share * (aim - start))
+        and _regularity(follower.robot, *follower.closed) >= least
+        for share in np.arange(1, steps + 1) / steps
+    )
+
+
+def _regularity(robot: Robot, q: Array, passive: Array) -> float:
+    """Least over greatest singular value of the loops' derivative by the passive joints."""
+    slopes = residual(robot, np.concatenate([q, passive]))[1][:, robot.n :]
+    sizes = np.linalg.svd(slopes, compute_uv=False)
+    return float(sizes[-1] / sizes[0])
 
 
 class _Newton:
