@@ -90,6 +90,16 @@ def test_several_missing_columns_are_counted(log: Log) -> None:
     assert caught.value.wrong == "the log has no column 'a' (nor 2 others of 4)"
 
 
+def test_columns_that_are_used_already_are_not_proposed(log: Log) -> None:
+    used = tuple(log.columns[:-1])
+    with pytest.raises(LogError) as caught:
+        list(log.parts((*used, "q9_rad")))
+    assert not any(f"'{name}'" in caught.value.fix for name in used)
+    with pytest.raises(LogError) as caught:
+        list(log.parts((*log.columns, "q9_rad")))
+    assert caught.value.fix.startswith("all columns of the log are used: log this one too")
+
+
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_what_cannot_be_read_is_reported(tmp_path: Path, suffix: str) -> None:
     missing = tmp_path / f"runn{suffix}"
@@ -98,6 +108,9 @@ def test_what_cannot_be_read_is_reported(tmp_path: Path, suffix: str) -> None:
     with pytest.raises(LogError, match="no such log file") as caught:
         open_log(missing)
     assert f"run{suffix}" in caught.value.fix
+    with pytest.raises(LogError, match="no such log file") as caught:
+        open_log(tmp_path / f"run{suffix}[0:10]")
+    assert "LOG@START:STOP" in caught.value.fix
     (tmp_path / "model.urdf").write_text("no log")
     with pytest.raises(LogError) as caught:
         open_log(tmp_path / f"2026-11-23_17-05-42{suffix}")

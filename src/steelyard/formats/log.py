@@ -49,6 +49,8 @@ def require_columns(path: Path, known: Sequence[str], wanted: Sequence[str]) -> 
     """
     fix = "name the columns of the log under [signals] of the robot file"
     missing = [column for column in dict.fromkeys(wanted) if column not in known]
+    free = [column for column in known if column not in wanted]
+    used = "all columns of the log are used: log this one too, or leave its joint out"
     for column in wanted:
         count = list(known).count(column)
         if count == 0:
@@ -56,7 +58,7 @@ def require_columns(path: Path, known: Sequence[str], wanted: Sequence[str]) -> 
             raise LogError(
                 f"the log has no column '{column}'{others}",
                 where=str(path),
-                fix=f"{advice(column, known, 'columns')}; {fix}",
+                fix=f"{advice(column, free, 'other columns')}; {fix}" if free else used,
             )
         if count > 1:
             raise LogError(
@@ -86,6 +88,8 @@ def _beside(path: Path) -> str:
     """Files beside a missing one that may be meant: of a similar name, or of the same kind."""
     if not path.parent.is_dir():
         return f"check the path: there is no folder '{path.parent}'"
+    if "[" in path.name:
+        return "cut a log with LOG@START:STOP (seconds from its start) or LOG#START:STOP (rows)"
     names = sorted(one.name for one in path.parent.iterdir())
     alike = [name for name in names if Path(name).suffix.lower() == path.suffix.lower()]
     if nearest(path.name, names) or alike:

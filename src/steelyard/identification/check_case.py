@@ -31,6 +31,7 @@ from steelyard.robot_file.template.guess_columns import (
 from steelyard.robot_file.template.proposal import proposed
 from steelyard.robot_file.template.template import assigned, drafted, notes_beside
 from steelyard.robot_file.toml_reader import tomllib
+from steelyard.terms.register import term_of
 
 READING = "log"
 """What a log that cannot be read is suspected of."""
@@ -83,6 +84,8 @@ def subject_of(robot: str, log: LogArgument, base: str | None = None) -> Subject
     if path.suffix.lower() == ".toml":
         text = robot_text(path)
         loaded = load_robot(path, base=base)
+        for term in loaded.terms or ():
+            term_of(term.description, term.where)
         if loaded.signals is not None:
             return Subject(path, text, loaded, loaded.notes)
         reasons = signals_of(loaded, log)[1]
@@ -121,7 +124,9 @@ def case_of(
         try:
             one = Evidence(recording_of(file, signals), wanted, name)
             if len(one.rows[0]) == 0:
-                raise LogError("no rows", where=file.text, fix="widen the window")
+                cut = parse_log_argument(file.text)[1].text
+                fix = "widen the window" if cut else "record or copy it again"
+                raise LogError("the log has no rows", where=file.text, fix=fix)
             evidence.append(one)
         except LogError as error:
             unread.append(_unreadable(name, error))

@@ -152,7 +152,7 @@ def read_xml(path: Path) -> Element:
         raise ModelError(
             f"the file is not valid XML: {error}",
             where=f"{path}, line {builder.expat.CurrentLineNumber}",
-            fix="give a URDF or an MJCF; if it is one, correct the XML there",
+            fix="give a URDF or an MJCF, before the logs; if it is one, correct the XML there",
         ) from None
     if root is None:
         raise ModelError(

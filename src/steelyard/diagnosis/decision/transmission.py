@@ -78,6 +78,17 @@ def _finding(case: Case, evidence: Evidence) -> Finding | None:
     return Finding(name, evidence.name, Severity.OK, says, figure)
 
 
+def open_gears(findings: Sequence[Finding]) -> tuple[Finding, ...]:
+    """A remark beside the headline of a fit where a check before left its gears open."""
+    open_ones = [f for f in findings if f.check == TransmissionCheck.name and not f.answered]
+    return tuple(
+        replace(
+            one, log="", says=f"gear signs or couplings are {one.says}", figure="", headline=True
+        )
+        for one in open_ones[:1]
+    )
+
+
 def _listed(near: Sequence[OtherGears]) -> str:
     """Motors with other signs, and those with other couplings, in words."""
     signs, couplings = (

@@ -1,11 +1,15 @@
 """What to do where a number is poorly identifiable from a log: where to take it from, in order."""
 
+import numpy as np
+
 from steelyard.diagnosis.case import Case
 from steelyard.diagnosis.finding import Edit, Fix
 from steelyard.diagnosis.hypotheses.controller_gains import ControllerGains, controller_gains
 from steelyard.diagnosis.hypotheses.hypothesis import Hypothesis
 
 GO_ON = ". If the masses of the model file are wrong, continue: the efforts are then as declared"
+NEAR = 3.0
+"""How far a factor may be from a thousandth, as masses of model files are off, for mNm."""
 FACTORS = ("gain", "effort kind", "effort unit")
 """Causes that are a factor on efforts."""
 
@@ -34,7 +38,20 @@ def ways(case: Case, hypothesis: Hypothesis, *, sure: bool) -> Fix:
             "cannot decide; examine both, or give a model from clean runs (--model)"
         )
     gains = controller_gains(case) if hypothesis.cause == "gain" else None
-    return Fix(_listed(case, sure=sure)) if gains is None else _of_controller(case, gains)
+    if gains is not None:
+        return _of_controller(case, gains)
+    return Fix(_of_thousandths(case, hypothesis) + _listed(case, sure=sure))
+
+
+def _of_thousandths(case: Case, hypothesis: Hypothesis) -> str:
+    """The line for torques in mNm, where the factor on all efforts is near a thousandth."""
+    signals = case.loaded.signals
+    if signals is None or "A" in signals.effort_units:
+        return ""
+    factors = hypothesis.interpretation.effort_scale / signals.effort_scale
+    if np.any((factors < 1e-3 / NEAR) | (factors > 1e-3 * NEAR)):
+        return ""
+    return "if efforts are in mNm, write gain = 0.001 under [signals.effort]; otherwise "
 
 
 def _of_controller(case: Case, gains: ControllerGains) -> Fix:
